@@ -1,0 +1,3 @@
+"""The physics: one module, one model, one FMU."""
+
+CATALOGUE = ("drive_motor", "crank_conveyor")

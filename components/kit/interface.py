@@ -1,0 +1,102 @@
+"""The FMI variables of a component, in the order that is both XML index and value reference."""
+
+from __future__ import annotations
+
+from enum import IntEnum
+from types import ModuleType
+from typing import Any, NamedTuple
+
+from .record import Declaration, declarations, discrete
+
+
+class InputHold(IntEnum):
+    """What an input does between two communication points."""
+
+    zero = 0
+    extrapolate = 1
+    interpolate = 2
+
+
+INPUT_HOLD: Declaration = discrete(
+    InputHold.zero,
+    "Course of the inputs over a communication step: held as set (0), "
+    "on the line through the last two (1), from the one before to the one just set (2)",
+)
+
+
+class Experiment(NamedTuple):
+    """Default experiment: stop time and preferred communication step, in s."""
+
+    stop: float
+    step: float
+
+
+class Variable(NamedTuple):
+    """One FMI variable: its declaration and its role."""
+
+    name: str
+    reference: int
+    causality: str
+    variability: str
+    initial: str
+    declaration: Declaration
+
+    @property
+    def settable_before_start(self) -> bool:
+        """Inputs, parameters and exact outputs may be set until initialisation ends."""
+        return self.initial == "exact" or self.causality == "input"
+
+    @property
+    def unit(self) -> str:
+        """Unit, or an empty string for what has none."""
+        return self.declaration.quantity.unit if self.declaration.quantity else ""
+
+
+class Interface:
+    """All variables of a component and where each kind starts in the list of values."""
+
+    def __init__(self, model: ModuleType) -> None:
+        self.model = model
+        self.variables: list[Variable] = []
+        self.parameters = self._add(model.Parameters, "parameter", "exact")
+        self.input_hold = len(self.variables)
+        self._append("input_hold", "parameter", "exact", INPUT_HOLD)
+        self.inputs = self._add(model.Inputs, "input", "")
+        self.states = self._add(model.State, "output", "exact")
+        self.outputs = self._add(model.Outputs, "output", "calculated")
+        self.by_name = {v.name: v for v in self.variables}
+        if len(self.by_name) != len(self.variables):
+            raise ValueError(f"{model.__name__} declares a name twice")
+
+    def _add(self, cls: Any, causality: str, initial: str) -> slice:
+        first = len(self.variables)
+        for name, declaration in declarations(cls):
+            self._append(name, causality, initial, declaration)
+        return slice(first, len(self.variables))
+
+    def _append(self, name: str, causality: str, initial: str, declaration: Declaration) -> None:
+        variability = "fixed" if causality == "parameter" else "discrete"
+        if causality != "parameter" and declaration.kind == "Real":
+            variability = "continuous"
+        self.variables.append(
+            Variable(name, len(self.variables), causality, variability, initial, declaration)
+        )
+
+    def of_type(self, *types: str) -> frozenset[int]:
+        """The value references of the variables of these FMI types."""
+        return frozenset(v.reference for v in self.variables if v.declaration.kind in types)
+
+    def feedthrough(self, variable: Variable) -> list[Variable]:
+        """The inputs that act on an output without delay, in index order."""
+        names = variable.declaration.feedthrough
+        return [v for v in self.variables[self.inputs] if v.name in names]
+
+
+def title(model: ModuleType) -> str:
+    """The first line of a component's docstring."""
+    return (model.__doc__ or "").strip().splitlines()[0].rstrip(".")
+
+
+def class_name(model: ModuleType) -> str:
+    """drive_motor -> DriveMotor, the FMU's name."""
+    return "".join(word.capitalize() for word in model.__name__.rpartition(".")[2].split("_"))

@@ -1,0 +1,89 @@
+"""Integrate x' = f(s, x) over one communication step with the pair of Dormand and Prince, 5(4).
+
+Every call starts from the whole interval and refines it only as far as the error asks, so that
+nothing but x is remembered between calls and a repeated step repeats every bit.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+
+Vector = Sequence[float]
+RightHandSide = Callable[[float, Vector], Vector]
+
+SAFETY, SHRINK, GROW = 0.9, 0.2, 5.0
+
+
+def integrate(f: RightHandSide, x: Vector, h: float, tolerance: Vector) -> Vector:
+    """Carry x from s = 0 to s = h; per sub-step the error over the tolerance has norm < 1.
+
+    Raises ArithmeticError if the right-hand side is not finite or no sub-step is small enough.
+    """
+    s, try_h = 0.0, h
+    slope = f(0.0, x)
+    while True:
+        last = s + try_h >= h
+        if last:
+            try_h = h - s
+        try:
+            candidate, end_slope, error = attempt(f, s, x, slope, try_h, tolerance)
+        except (ArithmeticError, ValueError):
+            candidate, end_slope, error = x, slope, math.inf
+        if error <= 1.0:
+            if last:
+                return candidate
+            s, x, slope = s + try_h, candidate, end_slope
+        elif not try_h > 1e-9 * h:
+            raise ArithmeticError(f"no sub-step is small enough at {s!r} s of the step of {h!r} s")
+        change = SAFETY * error**-0.2 if error > 0.0 else GROW
+        try_h *= min(GROW, max(SHRINK, change)) if math.isfinite(error) else SHRINK
+
+
+def attempt(
+    f: RightHandSide, s: float, x: Vector, k1: Vector, h: float, tolerance: Vector
+) -> tuple[Vector, Vector, float]:
+    """One step of order 5: the new x, its slope, and the error of order 4 over the tolerance."""
+    k2 = f(s + h / 5, [y + h * a / 5 for y, a in zip(x, k1)])
+    k3 = f(
+        s + h * 3 / 10,
+        [y + h * (3 / 40 * a + 9 / 40 * b) for y, a, b in zip(x, k1, k2)],
+    )
+    k4 = f(
+        s + h * 4 / 5,
+        [y + h * (44 / 45 * a - 56 / 15 * b + 32 / 9 * c) for y, a, b, c in zip(x, k1, k2, k3)],
+    )
+    k5 = f(
+        s + h * 8 / 9,
+        [
+            y + h * (19372 / 6561 * a - 25360 / 2187 * b + 64448 / 6561 * c - 212 / 729 * d)
+            for y, a, b, c, d in zip(x, k1, k2, k3, k4)
+        ],
+    )
+    k6 = f(
+        s + h,
+        [
+            y
+            + h
+            * (9017 / 3168 * a - 355 / 33 * b + 46732 / 5247 * c + 49 / 176 * d - 5103 / 18656 * e)
+            for y, a, b, c, d, e in zip(x, k1, k2, k3, k4, k5)
+        ],
+    )
+    new = [
+        y + h * (35 / 384 * a + 500 / 1113 * c + 125 / 192 * d - 2187 / 6784 * e + 11 / 84 * g)
+        for y, a, c, d, e, g in zip(x, k1, k3, k4, k5, k6)
+    ]
+    k7 = f(s + h, new)
+    error = 0.0
+    for a, c, d, e, g, i, allowed in zip(k1, k3, k4, k5, k6, k7, tolerance):
+        defect = h * (
+            71 / 57600 * a
+            - 71 / 16695 * c
+            + 71 / 1920 * d
+            - 17253 / 339200 * e
+            + 22 / 525 * g
+            - i / 40
+        )
+        share = defect / allowed
+        error += share * share
+    return new, k7, math.sqrt(error)

@@ -1,0 +1,379 @@
+"""The FMI shell: pythonfmu's slave over one list of values that is also the whole FMU state.
+
+pythonfmu's C wrapper turns any exception into fmi2Fatal and then drops its references to the
+class, the instance and the log queue once too often; `Failure` gives them back, so that after a
+failure the instance can still be reset, rolled back and freed.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import functools
+import json
+import math
+import sys
+import threading
+from collections.abc import Callable, Sequence
+from types import ModuleType
+from typing import Any, ClassVar, NamedTuple, NoReturn, TypeVar
+from xml.etree.ElementTree import Element
+
+from pythonfmu import Fmi2Slave
+
+from . import checks, motion
+from .description import to_xml
+from .interface import Interface, Variable, class_name
+from .record import Value, fill
+
+INSTANTIATED, INITIALIZING, STEPPING, TERMINATED, FAILED = range(5)
+PHASES = (
+    "before initialisation",
+    "in initialisation mode",
+    "after initialisation",
+    "after terminate",
+    "after a failure (reset the instance first)",
+)
+HIDDEN = ("time", "past", "stale", "phase", "guid")
+WARNING = 1
+
+_adopted = threading.local()
+
+
+class Message(NamedTuple):
+    """A log message as pythonfmu's wrapper reads it."""
+
+    status: int
+    category: str
+    msg: str
+
+
+class Failure(Exception):
+    """Why an FMI call failed; its repr is the text that the wrapper logs."""
+
+    def __repr__(self) -> str:
+        return printable(str(self))
+
+
+def printable(text: str) -> str:
+    """FMI loggers take the message as a printf format."""
+    return text.replace("%", "%%")
+
+
+def adopt_thread() -> None:
+    """Keep the Python thread state of a host's thread alive from now on.
+
+    Without it CPython makes and destroys one at every FMI call from a thread it does not know.
+    """
+    ctypes.pythonapi.PyGILState_Ensure()
+    _adopted.done = True
+
+
+def forget_path(resources: str) -> None:
+    """Take off sys.path what pythonfmu's wrapper, not its builder, puts there per instance."""
+    while resources in sys.path:
+        sys.path.remove(resources)
+
+
+Method = TypeVar("Method", bound=Callable[..., Any])
+
+
+def guarded(method: Method) -> Method:
+    """No exception leaves a callback but a Failure that the wrapper survives."""
+
+    @functools.wraps(method)
+    def call(self: ModelSlave, *args: Any) -> Any:
+        try:
+            return method(self, *args)
+        except BaseException as error:  # noqa: BLE001
+            self.fail(error)
+
+    return call  # type: ignore[return-value]
+
+
+class ModelSlave(Fmi2Slave):  # type: ignore[misc]
+    """FMI 2.0 co-simulation slave of the component `interface.model`.
+
+    `values` holds every FMI variable at the index of its value reference, then the inputs set
+    before the last step, the inputs at its end, and the HIDDEN bookkeeping.
+    """
+
+    interface: ClassVar[Interface]
+    guid: ClassVar[str]
+    references: ClassVar[dict[str, frozenset[int]]]
+    settable: ClassVar[dict[str, tuple[frozenset[int], ...]]]
+    held_reals: ClassVar[frozenset[int]]
+
+    def __init__(self, **kwargs: Any) -> None:
+        self.instance_name = kwargs["instance_name"]
+        self.modelName = type(self).__name__
+        self.log_queue: list[Message] = []
+        if "logger" in kwargs:
+            forget_path(kwargs["resources"])
+
+        interface = self.interface
+        count, inputs = len(interface.variables), interface.inputs
+        width = inputs.stop - inputs.start
+        self.values: list[Any] = [v.declaration.start for v in interface.variables]
+        self.values += 2 * self.values[inputs]
+        self.values += [0.0, 0.0, True, INSTANTIATED, self.guid]
+        self.before = slice(count, count + width)
+        self.end = slice(count + width, count + 2 * width)
+        self.time, self.past, self.stale, self.phase, _ = range(len(self.values))[-len(HIDDEN) :]
+        self.parameters: Any = None
+
+    def to_xml(self, model_options: dict[str, str] | None = None) -> Element:
+        """The model description, which pythonfmu's builder asks for."""
+        return to_xml(self.interface, self.guid)
+
+    def _get_log_queue(self) -> list[Message]:
+        return self.log_queue
+
+    def fail(self, error: BaseException) -> NoReturn:
+        """End in FAILED, outputs NaN, and raise what the wrapper can report."""
+        reason = str(error) or type(error).__name__
+        if not isinstance(error, ValueError | ArithmeticError):
+            reason = f"{type(error).__name__}: {reason}"
+        reasons = [*(message.msg.replace("%%", "%") for message in self.log_queue), reason]
+        self.log_queue.clear()
+        if self.values[self.phase] in (INITIALIZING, STEPPING):
+            for v in self.interface.variables:
+                if v.causality == "output" and v.declaration.kind == "Real":
+                    self.values[v.reference] = math.nan
+            self.values[self.stale] = False
+        self.values[self.phase] = FAILED
+        for owner in (type(self), self, self.log_queue):
+            ctypes.pythonapi.Py_IncRef(ctypes.py_object(owner))
+        if isinstance(error, KeyboardInterrupt):
+            import _thread
+
+            _thread.interrupt_main()
+        raise Failure(f"{self.instance_name}: {'; '.join(reasons)}") from None
+
+    def warn(self, sentence: str) -> None:
+        """Queue a warning for the host's log; never once per step, the wrapper leaks on it."""
+        text = printable(f"{self.instance_name}: {sentence}")
+        self.log_queue.append(Message(WARNING, "logStatusWarning", text))
+
+    @guarded
+    def setup_experiment(self, start: float, stop: float | None, tolerance: float | None) -> None:
+        self.require("setupExperiment", INSTANTIATED)
+        if not math.isfinite(start):
+            raise ValueError(f"start time = {start!r} s must be a finite number")
+        self.values[self.time] = start
+
+    @guarded
+    def enter_initialization_mode(self) -> None:
+        self.require("enterInitializationMode", INSTANTIATED)
+        self.values[self.phase] = INITIALIZING
+
+    @guarded
+    def exit_initialization_mode(self) -> None:
+        self.require("exitInitializationMode", INITIALIZING)
+        self.refresh()
+        for sentence in self.check():
+            self.warn(sentence)
+        self.values[self.before] = self.values[self.interface.inputs]
+        self.values[self.phase] = STEPPING
+
+    @guarded
+    def terminate(self) -> None:
+        self.require("terminate", STEPPING)
+        self.values[self.phase] = TERMINATED
+
+    @guarded
+    def do_step(self, t: float, h: float) -> bool:
+        v, interface = self.values, self.interface
+        if not hasattr(_adopted, "done"):
+            adopt_thread()
+        self.require("doStep", STEPPING)
+        if not 0.0 < h < math.inf:
+            raise ValueError(f"communication step = {h!r} s must be a finite number above 0")
+        if not abs(t - v[self.time]) <= 1e-3 * h + 1e-9 * abs(t):
+            raise ValueError(f"communication point = {t!r} s must be {v[self.time]!r} s, no jump")
+
+        model = interface.model
+        p = self.parameters or self.read_parameters()
+        x = model.State._make(v[interface.states])
+        now = model.Inputs._make(v[interface.inputs])
+        before = model.Inputs._make(v[self.before])
+        u0, u1 = motion.course(v[interface.input_hold], before, now, v[self.past], h)
+        try:
+            end = motion.advance(model, p, t, x, u0, u1, h)
+        except (ArithmeticError, ValueError) as error:
+            raise ArithmeticError(
+                f"step from t = {t!r} s: {error}; {named(x)}; {named(now)}"
+            ) from None
+        for state, value in zip(interface.variables[interface.states], end):
+            checks.finite(state, value)
+
+        v[interface.states] = end
+        v[self.before], v[self.end] = now, u1
+        v[self.time], v[self.past], v[self.stale] = t + h, h, True
+        return True
+
+    def require(self, call: str, phase: int) -> None:
+        """Refuse a call out of order."""
+        if self.values[self.phase] != phase:
+            raise ValueError(
+                f"{call} is not allowed {PHASES[self.values[self.phase]]}, only {PHASES[phase]}"
+            )
+
+    def read_parameters(self) -> Any:
+        """The record of the parameters as they stand in the list."""
+        self.parameters = fill(
+            self.interface.model.Parameters, self.values[self.interface.parameters]
+        )
+        return self.parameters
+
+    def check(self) -> list[str]:
+        """Warnings about the start values; raises ValueError for the impossible."""
+        return list(checks.start_values(self.interface, self.read_parameters(), self.values))
+
+    def refresh(self) -> None:
+        """Calculate the outputs from the state and the inputs at the end of the last step."""
+        v, interface = self.values, self.interface
+        model = interface.model
+        if v[self.phase] == INITIALIZING:
+            self.check()
+            v[self.end] = v[interface.inputs]
+        p = self.parameters or self.read_parameters()
+        x, u = model.State._make(v[interface.states]), model.Inputs._make(v[self.end])
+        outputs = model.outputs(p, v[self.time], x, u)
+        for output, value in zip(interface.variables[interface.outputs], outputs):
+            checks.finite(output, value)
+        v[interface.outputs] = outputs
+        v[self.stale] = False
+
+    @guarded
+    def get_real(self, vrs: list[int]) -> list[float]:
+        values = self.values
+        if not self.held_reals.issuperset(vrs):
+            self.prepare("Real", vrs)
+        return [values[i] for i in vrs]
+
+    @guarded
+    def get_integer(self, vrs: list[int]) -> list[int]:
+        self.prepare("Integer", vrs)
+        return [int(self.values[i]) for i in vrs]
+
+    @guarded
+    def get_boolean(self, vrs: list[int]) -> list[bool]:
+        self.prepare("Boolean", vrs)
+        return [self.values[i] for i in vrs]
+
+    @guarded
+    def get_string(self, vrs: list[int]) -> list[str]:
+        self.prepare("String", vrs)
+        return [self.values[i] for i in vrs]
+
+    def prepare(self, kind: str, vrs: Sequence[int]) -> None:
+        """Refuse references that are not of this type; bring the outputs up to date."""
+        if not self.references[kind].issuperset(vrs):
+            for i in vrs:
+                self.variable(kind, i)
+        if self.values[self.stale] and self.values[self.phase] != INSTANTIATED:
+            self.refresh()
+
+    def variable(self, kind: str, reference: int) -> Variable:
+        """The variable of this reference; refuses what is unknown or of another type."""
+        if not 0 <= reference < len(self.interface.variables):
+            raise ValueError(f"value reference {reference} is unknown")
+        variable = self.interface.variables[reference]
+        if reference not in self.references[kind]:
+            raise ValueError(f"{variable.name} is of type {variable.declaration.kind}, not {kind}")
+        return variable
+
+    @guarded
+    def set_real(self, vrs: list[int], values: list[float]) -> None:
+        v = self.values
+        settable = self.settable["Real"][v[self.phase]]
+        for i, value in zip(vrs, values):
+            if i not in settable or value - value != 0.0:
+                self.refuse("Real", i, value)
+            v[i] = value
+        if v[self.phase] != STEPPING:
+            v[self.stale] = True
+
+    @guarded
+    def set_integer(self, vrs: list[int], values: list[int]) -> None:
+        self.set_discrete("Integer", vrs, values)
+
+    @guarded
+    def set_boolean(self, vrs: list[int], values: list[bool]) -> None:
+        self.set_discrete("Boolean", vrs, values)
+
+    @guarded
+    def set_string(self, vrs: list[int], values: list[str]) -> None:
+        self.set_discrete("String", vrs, values)
+
+    def set_discrete(self, kind: str, vrs: list[int], values: Sequence[Value]) -> None:
+        """Store values that are not Real; enumerations are checked when initialisation ends."""
+        v = self.values
+        settable = self.settable[kind][v[self.phase]]
+        for i, value in zip(vrs, values):
+            if i not in settable:
+                self.refuse(kind, i, value)
+            v[i] = value
+        if v[self.phase] != STEPPING:
+            v[self.stale] = True
+
+    def refuse(self, kind: str, reference: int, value: Value) -> NoReturn:
+        """Raise ValueError with the reason why this variable cannot take this value now."""
+        variable = self.variable(kind, reference)
+        checks.finite(variable, value)
+        raise ValueError(
+            f"{variable.name} = {checks.number(value, variable.unit)} cannot be set: "
+            f"{variable.variability} {variable.causality}, {PHASES[self.values[self.phase]]}"
+        )
+
+    @guarded
+    def _get_fmu_state(self) -> tuple[Any, ...]:
+        return tuple(self.values)
+
+    @guarded
+    def _set_fmu_state(self, state: Any) -> None:
+        if not isinstance(state, tuple) or state[-1:] != (self.guid,):
+            raise ValueError(f"FMU state is not of this build {self.guid}: {state!r:.80}")
+        self.values[:] = state
+        self.parameters = None
+
+    @staticmethod
+    def _fmu_state_to_bytes(state: Any) -> bytes:
+        return json.dumps(state).encode()
+
+    @staticmethod
+    def _fmu_state_from_bytes(state: bytes) -> Any:
+        """The state of these bytes; anything else comes back as it is, for setFMUstate to refuse."""
+        try:
+            return tuple(json.loads(state))
+        except (ValueError, TypeError):
+            return state
+
+
+def named(record: Any) -> str:
+    """A record of reals as text: phi = 0.1, w = 40.0."""
+    return ", ".join(f"{name} = {value!r}" for name, value in zip(record._fields, record))
+
+
+def slave_class(model: ModuleType, guid: str) -> type[ModelSlave]:
+    """The class that pythonfmu's wrapper instantiates for a component."""
+    interface = Interface(model)
+    references = {
+        "Real": interface.of_type("Real"),
+        "Integer": interface.of_type("Integer", "Enumeration"),
+        "Boolean": interface.of_type("Boolean"),
+        "String": interface.of_type("String"),
+    }
+    everything = range(len(interface.variables))
+    early = {v.reference for v in interface.variables if v.settable_before_start}
+    phases = (early, early, set(everything[interface.inputs]), set[int](), set[int]())
+    body = {
+        "interface": interface,
+        "guid": guid,
+        "references": references,
+        "settable": {
+            kind: tuple(of_kind & phase for phase in phases) for kind, of_kind in references.items()
+        },
+        "held_reals": references["Real"] - set(everything[interface.outputs]),
+    }
+    return type(class_name(model), (ModelSlave,), body)

@@ -1,0 +1,1 @@
+"""Component in, FMU out: pages, packing and the checks no public tool makes."""

@@ -1,0 +1,133 @@
+"""Pack a component with pythonfmu: same source, same bytes.
+
+The component and `kit` travel as a private package named by its content, so that two FMUs, two
+versions of one, or the host's own modules of the same name never meet in `sys.modules`.
+"""
+
+import hashlib
+import importlib
+import importlib.metadata
+import os
+import sys
+import tempfile
+import uuid
+import zipfile
+from pathlib import Path
+from types import ModuleType
+from typing import NamedTuple
+
+import pythonfmu
+from fmpy.model_description import read_model_description
+from pythonfmu import FmuBuilder
+
+from ..kit.interface import Interface, class_name
+from . import page
+
+ROOT = Path(__file__).resolve().parents[2]
+WRAPPERS = Path(pythonfmu.__file__).parent / "resources" / "binaries"
+EPOCH = (1980, 1, 1, 0, 0, 0)
+
+
+class Build(NamedTuple):
+    """A component ready to pack: its files by path in the private package, and their hash."""
+
+    model: ModuleType
+    files: dict[str, bytes]
+    digest: str
+
+    @property
+    def name(self) -> str:
+        return class_name(self.model)
+
+    @property
+    def guid(self) -> str:
+        return f"{{{uuid.uuid5(uuid.NAMESPACE_OID, self.digest)}}}"
+
+    @property
+    def package(self) -> str:
+        return f"{self.model.__name__.rpartition('.')[2]}_{self.digest[:12]}"
+
+
+def collect(component: str) -> Build:
+    """Read a component of the catalogue and everything that its FMU is made from."""
+    model = importlib.import_module(f"components.{component}")
+    folder = ROOT / "components"
+    files = {"__init__.py": b"", f"{component}.py": (folder / f"{component}.py").read_bytes()}
+    for source in sorted((folder / "kit").glob("*.py")):
+        files[f"kit/{source.name}"] = source.read_bytes()
+    digest = hashlib.sha256(importlib.metadata.version("pythonfmu").encode())
+    makers = [*sorted(Path(__file__).parent.glob("*.py")), ROOT / "LICENSE"]
+    for maker in (*makers, *sorted(WRAPPERS.rglob("*.*"))):
+        digest.update(hashlib.sha256(maker.read_bytes()).digest())
+    for name, content in files.items():
+        digest.update(name.encode() + b"\0" + hashlib.sha256(content).digest())
+    digest.update(os.environ.get("SOURCE_DATE_EPOCH", "").encode())
+    return Build(model, files, digest.hexdigest())
+
+
+def is_current(build: Build, fmu: Path) -> bool:
+    """Whether this file is already what the build would make."""
+    if not zipfile.is_zipfile(fmu):
+        return False
+    return bool(read_model_description(str(fmu), validate=False).guid == build.guid)
+
+
+def pack(build: Build, fmu: Path) -> None:
+    """Write the FMU."""
+    with tempfile.TemporaryDirectory(prefix="fmu_") as temporary:
+        folder = Path(temporary)
+        stub = _write_sources(build, folder)
+        _write_documentation(build, folder / "documentation")
+        raw = folder / "raw.fmu"
+        sys.dont_write_bytecode = True
+        FmuBuilder.build_FMU(
+            stub,
+            dest=raw,
+            project_files=[folder / build.package],
+            documentation_folder=folder / "documentation",
+        )
+        _repack(raw, fmu)
+
+
+def _write_sources(build: Build, folder: Path) -> Path:
+    component = build.model.__name__.rpartition(".")[2]
+    entry = (
+        f"from . import {component}\n"
+        f"from .kit.slave import slave_class\n\n"
+        f'{build.name} = slave_class({component}, "{build.guid}")\n'
+    )
+    for name, content in {**build.files, "fmu.py": entry.encode()}.items():
+        target = folder / build.package / name
+        target.parent.mkdir(parents=True, exist_ok=True)
+        target.write_bytes(content)
+    stub = folder / f"{build.package}_fmu.py"
+    stub.write_text(
+        "# pythonfmu 0.7.0 runs this file once per instance and then releases a reference\n"
+        "# to its namespace that it does not own: give one back each time.\n"
+        "import ctypes\n\n"
+        f"from {build.package}.fmu import {build.name}\n\n"
+        "ctypes.pythonapi.Py_IncRef(ctypes.py_object(globals()))\n"
+    )
+    return stub
+
+
+def _write_documentation(build: Build, folder: Path) -> None:
+    (folder / "licenses").mkdir(parents=True)
+    (folder / "index.html").write_text(page.html(Interface(build.model)), encoding="utf-8")
+    (folder / "externalDependencies.txt").write_text(page.EXTERNAL_DEPENDENCIES, encoding="utf-8")
+    metadata = importlib.metadata.distribution("pythonfmu")
+    licence = next(f for f in metadata.files or () if f.name == "LICENSE")
+    (folder / "licenses" / "license.txt").write_text(
+        f"{(ROOT / 'LICENSE').read_text()}\n"
+        f"The FMI wrapper and resources/pythonfmu are PythonFMU's:\n\n{licence.read_text()}",
+        encoding="utf-8",
+    )
+
+
+def _repack(raw: Path, clean: Path) -> None:
+    with zipfile.ZipFile(raw) as source, zipfile.ZipFile(clean, "w") as target:
+        for name in sorted(source.namelist()):
+            entry = zipfile.ZipInfo(name, EPOCH)
+            entry.compress_type = zipfile.ZIP_DEFLATED
+            entry.create_system, entry.external_attr = 3, 0o644 << 16
+            target.writestr(entry, source.read(name))

@@ -1,0 +1,82 @@
+"""Is this FMU valid? fmpy's checks, and the rules of FMI 2.0 that no public checker reports."""
+
+import math
+import re
+import zipfile
+from collections.abc import Iterator
+from pathlib import Path
+
+from fmpy.model_description import ModelDescription, ScalarVariable, read_model_description
+from fmpy.validation import validate_fmu
+
+DISPLAY_FACTORS = {("rad", "deg"): 180 / math.pi, ("rad/s", "rpm"): 30 / math.pi}
+BINARIES = {"linux64": "so", "win64": "dll"}
+DOCUMENTS = ("index.html", "externalDependencies.txt", "licenses/license.txt")
+
+
+def problems(fmu: Path) -> list[str]:
+    """All that is wrong with an FMU; empty if it is valid."""
+    found: list[str] = validate_fmu(str(fmu))
+    if found:
+        return found
+    description = read_model_description(str(fmu))
+    return [*_files(fmu, description), *_description(description)]
+
+
+def _files(fmu: Path, description: ModelDescription) -> Iterator[str]:
+    with zipfile.ZipFile(fmu) as archive:
+        names = set(archive.namelist())
+    identifier = description.coSimulation.modelIdentifier
+    wanted = [f"binaries/{folder}/{identifier}.{end}" for folder, end in BINARIES.items()]
+    wanted += [f"documentation/{name}" for name in DOCUMENTS]
+    yield from (f"{name} is missing" for name in wanted if name not in names)
+
+
+def _description(description: ModelDescription) -> Iterator[str]:
+    slave = description.coSimulation
+    if not re.fullmatch(r"[A-Za-z_]\w*", slave.modelIdentifier, re.ASCII):
+        yield f"modelIdentifier {slave.modelIdentifier} is not a C identifier"
+    if slave.canSerializeFMUstate and not slave.canGetAndSetFMUstate:
+        yield "canSerializeFMUstate needs canGetAndSetFMUstate"
+    experiment = description.defaultExperiment
+    if experiment is None or None in (
+        experiment.startTime,
+        experiment.stopTime,
+        experiment.stepSize,
+    ):
+        yield "DefaultExperiment lacks startTime, stopTime or stepSize"
+    for unit in description.unitDefinitions:
+        for display in unit.displayUnits:
+            factor = DISPLAY_FACTORS.get((unit.name, display.name))
+            if factor != display.factor:
+                yield f"display unit {display.name} of {unit.name} has factor {display.factor}"
+    for variable in description.modelVariables:
+        yield from _variable(variable)
+    for unknown in [*description.outputs, *description.initialUnknowns]:
+        order = [description.modelVariables.index(v) for v in unknown.dependencies or ()]
+        if order != sorted(set(order)):
+            yield f"dependencies of {unknown.variable.name} are not in order"
+        if unknown.variable in (unknown.dependencies or ()):
+            yield f"{unknown.variable.name} depends on itself"
+
+
+def _variable(variable: ScalarVariable) -> Iterator[str]:
+    if variable.type == "Boolean":
+        return
+    limits = {
+        name: float(text)
+        for name in ("min", "max", "start", "nominal")
+        if (text := getattr(variable, name)) is not None
+    }
+    yield from (
+        f"{name} of {variable.name} is not finite"
+        for name, value in limits.items()
+        if not math.isfinite(value)
+    )
+    if limits.get("nominal") == 0.0:
+        yield f"nominal of {variable.name} is 0"
+    low, high = limits.get("min", -math.inf), limits.get("max", math.inf)
+    if low > high:
+        yield f"min {low} of {variable.name} is above max {high}"
+    if not low <= limits.get("start", low if low > -math.inf else min(high, 0.0)) <= high:
+        yield f"start {limits['start']} of {variable.name} is outside {low} .. {high}"
