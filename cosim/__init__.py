@@ -1,0 +1,17 @@
+"""Couple FMI 2.0 co-simulation FMUs: a system of parts and wires, run with a fixed step."""
+
+from .errors import Interrupted, SetupError, SimulationError
+from .master import ALGORITHMS, run, versions
+from .result import Result
+from .system import System
+
+__all__ = [
+    "ALGORITHMS",
+    "Interrupted",
+    "Result",
+    "SetupError",
+    "SimulationError",
+    "System",
+    "run",
+    "versions",
+]

@@ -1,0 +1,179 @@
+"""A system is a value: parts, wires, start values. Connecting it checks every name and unit."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from fmpy.model_description import ModelDescription, ScalarVariable, read_model_description
+
+from .errors import SetupError
+
+Value = float | int | bool | str
+NUMERIC = {"Real": float, "Integer": int, "Enumeration": int, "Boolean": int}
+
+
+@dataclass(frozen=True)
+class System:
+    """FMU files by part name, wires as "motor.tau -> conveyor.tau", start values by variable."""
+
+    parts: Mapping[str, Path]
+    wires: Sequence[str] = ()
+    start: Mapping[str, Value] = field(default_factory=dict)
+
+
+class Port(NamedTuple):
+    """A variable of a part."""
+
+    part: str
+    variable: ScalarVariable
+
+    @property
+    def name(self) -> str:
+        return f"{self.part}.{self.variable.name}"
+
+    @property
+    def type(self) -> str:
+        return str(self.variable.type)
+
+    @property
+    def unit(self) -> str:
+        declared = self.variable.declaredType
+        return self.variable.unit or (declared.unit if declared else None) or ""
+
+    def __str__(self) -> str:
+        return f"{self.name} [{self.unit}]" if self.unit else self.name
+
+
+class Wire(NamedTuple):
+    """From an output to an input."""
+
+    source: Port
+    target: Port
+
+
+class Network(NamedTuple):
+    """A system whose names, directions, units and start values have been checked."""
+
+    system: System
+    descriptions: dict[str, ModelDescription]
+    wires: list[Wire]
+    start: list[tuple[Port, Value]]
+
+    def port(self, name: str) -> Port:
+        """The port of a dotted name; raises SetupError if there is none."""
+        return _port(self.descriptions, name)
+
+
+def connect(system: System) -> Network:
+    """Check a system against the model descriptions of its FMUs.
+
+    Raises SetupError for a file that is no FMI 2.0 co-simulation FMU, an unknown part or variable,
+    a wire of wrong direction, type or unit, an input driven twice or not at all, and a start value
+    that is not finite, out of bounds or cannot be set.
+    """
+    descriptions = {name: _describe(name, Path(path)) for name, path in system.parts.items()}
+    wires = [_wire(descriptions, text) for text in system.wires]
+    start = [_start(descriptions, name, value) for name, value in system.start.items()]
+    driven: dict[str, Wire] = {}
+    for wire in wires:
+        if wire.target.name in driven:
+            first = driven[wire.target.name].source
+            raise SetupError(f"{wire.target} is driven twice, by {first} and by {wire.source}")
+        driven[wire.target.name] = wire
+    given = {port.name for port, _ in start}
+    for name, description in descriptions.items():
+        for variable in description.modelVariables:
+            port = Port(name, variable)
+            if variable.causality == "input" and port.name not in driven.keys() | given:
+                raise SetupError(f"input {port} is not connected: wire it or give it a start value")
+    return Network(system, descriptions, wires, start)
+
+
+def _describe(name: str, path: Path) -> ModelDescription:
+    if not name.isidentifier():
+        raise SetupError(f"part name {name!r} must be letters, digits and underscores")
+    if not path.is_file():
+        raise SetupError(f"part {name}: there is no file {path}")
+    try:
+        description = read_model_description(str(path))
+    except Exception as error:
+        raise SetupError(f"part {name}: {path} is not a valid FMU: {error}") from error
+    if description.fmiVersion != "2.0" or description.coSimulation is None:
+        raise SetupError(f"part {name}: {path} is not an FMI 2.0 co-simulation FMU")
+    return description
+
+
+def _port(descriptions: Mapping[str, ModelDescription], name: str) -> Port:
+    part, _, variable = name.strip().partition(".")
+    if part not in descriptions:
+        known = ", ".join(descriptions)
+        raise SetupError(f"{name.strip()}: there is no part {part!r}, only {known}")
+    for candidate in descriptions[part].modelVariables:
+        if candidate.name == variable:
+            return Port(part, candidate)
+    names = [v.name for v in descriptions[part].modelVariables]
+    raise SetupError(f"{part} has no variable {variable!r}, only {', '.join(names)}")
+
+
+def _wire(descriptions: Mapping[str, ModelDescription], text: str) -> Wire:
+    ends = text.split("->")
+    if len(ends) != 2:
+        raise SetupError(f"wire {text!r} must read 'part.output -> part.input'")
+    source, target = (_port(descriptions, end) for end in ends)
+    if source.variable.causality != "output":
+        raise SetupError(f"wire {text!r}: {source} is {source.variable.causality}, not an output")
+    if target.variable.causality != "input":
+        raise SetupError(f"wire {text!r}: {target} is {target.variable.causality}, not an input")
+    if source.type != target.type or source.type not in NUMERIC:
+        raise SetupError(f"wire {text!r}: {source.type} cannot drive {target.type}")
+    if source.unit and target.unit and source.unit != target.unit:
+        units = (_base(descriptions, source), _base(descriptions, target))
+        if None in units or units[0] != units[1]:
+            raise SetupError(f"{source} cannot drive {target}")
+    return Wire(source, target)
+
+
+def _base(descriptions: Mapping[str, ModelDescription], port: Port) -> Any:
+    for unit in descriptions[port.part].unitDefinitions:
+        if unit.name == port.unit:
+            return unit.baseUnit
+    return None
+
+
+def _start(
+    descriptions: Mapping[str, ModelDescription], name: str, value: Value
+) -> tuple[Port, Value]:
+    port = _port(descriptions, name)
+    variable = port.variable
+    if variable.causality not in ("parameter", "input") and variable.initial != "exact":
+        raise SetupError(f"{port} is {variable.causality} and cannot be given a start value")
+    if port.type == "String":
+        return port, str(value)
+    try:
+        number = NUMERIC[port.type](value)
+    except (TypeError, ValueError):
+        raise SetupError(f"{port} = {value!r} must be of type {port.type}") from None
+    if isinstance(value, str) or number != value:
+        given = "a finite number" if port.type == "Real" else f"of type {port.type}"
+        raise SetupError(f"{port} = {value!r} must be {given}")
+    if not math.isfinite(number):
+        raise SetupError(f"{port} = {value!r} must be a finite number")
+    for limit, allowed in _limits(port):
+        if not allowed(number):
+            raise SetupError(f"{port} = {value!r} must be {limit} {port.unit}".rstrip())
+    return port, number
+
+
+def _limits(port: Port) -> Iterator[tuple[str, Any]]:
+    if port.type == "Boolean":
+        return
+    if port.variable.min is not None:
+        low = float(port.variable.min)
+        yield f"at least {low!r}", lambda number: number >= low
+    if port.variable.max is not None:
+        high = float(port.variable.max)
+        yield f"at most {high!r}", lambda number: number <= high

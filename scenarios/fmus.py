@@ -1,0 +1,44 @@
+"""The FMUs a scenario needs, built on the way if they are missing or out of date."""
+
+import subprocess
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+
+from fmpy.model_description import read_model_description
+
+from cosim import SetupError, System
+
+ROOT = Path(__file__).resolve().parents[1]
+DRIVE = {"motor": "drive_motor", "conveyor": "crank_conveyor"}
+WIRES = ("motor.tau -> conveyor.tau", "conveyor.w -> motor.w")
+
+
+def build(*components: str) -> None:
+    """Run build_fmus.py for these components; raises SetupError with its reason."""
+    command = [sys.executable, str(ROOT / "build_fmus.py"), *components]
+    done = subprocess.run(command, check=False, capture_output=True, text=True)
+    if done.returncode:
+        raise SetupError(f"the FMUs could not be built: {done.stderr.strip()}")
+    for line in done.stdout.splitlines():
+        if "up to date" not in line:
+            print(line)
+
+
+def fmu(component: str) -> Path:
+    """drive_motor -> fmus/DriveMotor.fmu."""
+    return ROOT / "fmus" / f"{component.title().replace('_', '')}.fmu"
+
+
+def guids() -> dict[str, str]:
+    """The guid of each FMU of the drive."""
+    return {
+        part: read_model_description(str(fmu(component)), validate=False).guid
+        for part, component in DRIVE.items()
+    }
+
+
+def conveyor_drive(start: Mapping[str, float]) -> System:
+    """Motor and conveyor, coupled by torque and speed."""
+    parts = {part: fmu(component) for part, component in DRIVE.items()}
+    return System(parts, WIRES, start)

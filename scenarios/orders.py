@@ -1,0 +1,34 @@
+"""Order tracking: harmonics over the crank angle by least squares on the raw samples."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+
+Samples = NDArray[np.float64]
+HIGHEST = 8
+
+
+def last_revolutions(phi: Samples, count: int) -> NDArray[np.bool_]:
+    """The samples of the last `count` whole revolutions."""
+    return np.asarray(phi >= phi[-1] - 2 * math.pi * count)
+
+
+def order(phi: Samples, x: Samples, k: int) -> complex:
+    """Complex amplitude of order k, X = Im(X_hat exp(i k phi)), fitted with orders 0..HIGHEST.
+
+    phi [rad] and x have shape (n,); needs more than 2 HIGHEST samples per revolution.
+    """
+    orders = np.arange(1, HIGHEST + 1)
+    angles = np.outer(phi, orders)
+    design = np.hstack([np.ones((len(phi), 1)), np.sin(angles), np.cos(angles)])
+    fit = np.linalg.lstsq(design, x, rcond=None)[0]
+    return complex(fit[k], fit[HIGHEST + k])
+
+
+def mean_speed(t: Samples, phi: Samples, count: int) -> float:
+    """Time mean of the speed over the last `count` whole revolutions [rad/s]."""
+    angle = 2 * math.pi * count
+    began = float(CubicSpline(phi, t)(phi[-1] - angle))
+    return float(angle / (t[-1] - began))

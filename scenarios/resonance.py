@@ -1,0 +1,340 @@
+"""Does the operating speed sit on the electromechanical resonance of the drive?
+
+Motor and conveyor are coupled at each speed of a sweep until their orbit is steady; the ripple of
+order 2 of speed and torque is compared with first-order theory, and the speed where the torque
+ripple lags 90 degrees behind the load ripple with formula (22).
+"""
+
+from __future__ import annotations
+
+import cmath
+import csv
+import math
+import time
+from collections.abc import Callable, Sequence
+from itertools import pairwise
+from pathlib import Path
+from typing import Annotated, Literal, NamedTuple
+
+import numpy as np
+import typer
+from numpy.polynomial import Chebyshev
+from numpy.polynomial.chebyshev import chebpts1
+from scipy.optimize import brentq, minimize_scalar
+
+import cosim
+from cosim.result import partial, write_json
+
+from . import fmus, plots, pool
+from .orders import HIGHEST, last_revolutions, mean_speed, order
+from .theory import SETS, Machine, longest_step
+
+SKIP, EVALUATE = 16, 8
+NODES = 7
+SPEEDS = {
+    "A": "20,24,28,30,32,33,34,35,36,36.5,37,37.5,38,38.5,39,39.5,40,40.5,41,41.5,42,43,44,45,46,"
+    "48,50,54,57,60,66",
+    "B": "6,8,10,12,14,16,17,18,19,20,21,22,23,24,25,26,27,28,29,30,31,32,33,34,36,38,40,43,46,50,"
+    "55,60,66",
+}
+RECORD = ("motor.tau", "conveyor.phi", "conveyor.w", "conveyor.f_rod")
+NAMES = ("nu_90", "nu_peak_tau", "nu_peak_w")
+CONVERGENCE = {"jacobi": 1, "gauss-seidel": 1, "strang": 2}
+
+
+class Case(NamedTuple):
+    """One run: machine, nominal mean speed nu [rad/s], steps per revolution, algorithm."""
+
+    machine: Machine
+    nu: float
+    steps_per_rev: int
+    algorithm: str
+
+
+class Point(NamedTuple):
+    """One speed of the sweep: SI units, phases and lag in degrees."""
+
+    nu: float
+    w2: float
+    w2_phase: float
+    tau2: float
+    tau2_phase: float
+    w2_theory: float
+    w2_phase_theory: float
+    tau2_theory: float
+    tau2_phase_theory: float
+    lag: float
+    w_mean: float
+    f_rod_peak: float
+
+
+class Found(NamedTuple):
+    """A speed between the points of the sweep [rad/s] and the curve's value there.
+
+    The errors say what the coupling did to them; None where no coarser run is stable.
+    """
+
+    nu: float
+    value: float
+    nu_error: float | None
+    value_error: float | None
+
+
+def simulate(case: Case) -> Point:
+    """Run one speed until the orbit is steady and evaluate its last revolutions."""
+    machine, nu, steps_per_rev, algorithm = case
+    h = 2 * math.pi / (nu * steps_per_rev)
+    steps = (SKIP + EVALUATE) * steps_per_rev
+    system = fmus.conveyor_drive(machine.start(nu))
+    result = cosim.run(system, stop=steps * h, step=h, algorithm=algorithm, record=RECORD)
+    t, tau, phi, w, f_rod = result.data.T
+    late = last_revolutions(phi, EVALUATE)
+    speed, torque = (order(phi[late], x[late], 2) for x in (w, tau))
+    return Point(
+        nu,
+        *polar(speed),
+        *polar(torque),
+        *polar(machine.speed_ripple(nu)),
+        *polar(machine.torque_ripple(nu)),
+        lag=polar(machine.load_ripple(nu) / torque)[1] % 360.0,
+        w_mean=mean_speed(t, phi, EVALUATE),
+        f_rod_peak=float(np.abs(f_rod[late]).max()),
+    )
+
+
+def polar(z: complex) -> tuple[float, float]:
+    """Amplitude, and phase in degrees."""
+    return abs(z), math.degrees(cmath.phase(z))
+
+
+def speeds(text: str) -> list[float]:
+    """ "20:66:24" (from, to, number) or "20,30,40" as ascending speeds [rad/s].
+
+    Raises SetupError for what is neither, and for speeds that are not above 0.
+    """
+    try:
+        if ":" in text:
+            first, last, number = text.split(":")
+            values = np.linspace(float(first), float(last), int(number)).tolist()
+        else:
+            values = [float(value) for value in text.split(",")]
+    except ValueError:
+        raise cosim.SetupError(f"speeds {text!r} must read from:to:number or a,b,c") from None
+    for value in values:
+        if not 0.0 < value < math.inf:
+            raise cosim.SetupError(f"speed {value!r} rad/s must be a finite number above 0")
+    if not values:
+        raise cosim.SetupError(f"speeds {text!r} name no speed")
+    return sorted(set(values))
+
+
+def check_steps(machine: Machine, algorithm: str, steps_per_rev: int, nu: float) -> None:
+    """Raise SetupError for too few steps per revolution to fit orders or to stay stable at nu."""
+    if algorithm not in CONVERGENCE:
+        raise cosim.SetupError(f"algorithm {algorithm!r} must be one of {', '.join(CONVERGENCE)}")
+    if steps_per_rev <= 2 * HIGHEST:
+        raise cosim.SetupError(
+            f"{steps_per_rev} steps per revolution must be more than {2 * HIGHEST}, "
+            f"to tell orders up to {HIGHEST}"
+        )
+    limit = 2 * math.pi / (nu * longest_step(machine, algorithm))
+    if steps_per_rev <= limit:
+        raise cosim.SetupError(
+            f"{steps_per_rev} steps per revolution are unstable with {algorithm} at {nu:g} rad/s: "
+            f"its limit there is {limit:.2f} (a step of {longest_step(machine, algorithm):.3g} s)"
+        )
+
+
+def sweep(cases: Sequence[Case], jobs: int, csv_path: Path) -> list[Point]:
+    """Run the cases; rows go to NAME.partial.csv one by one, which becomes NAME.csv at the end."""
+    csv_path.parent.mkdir(parents=True, exist_ok=True)
+    points: list[Point] = []
+    with partial(csv_path).open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(Point._fields)
+        for point in pool.each(simulate, cases, jobs, "sweep"):
+            writer.writerow(point)
+            file.flush()
+            points.append(point)
+    return points
+
+
+class Feature(NamedTuple):
+    """What to look for: the interval of the sweep that holds it, and how a curve tells it."""
+
+    name: str
+    interval: tuple[float, float]
+    value: Callable[[Point], float]
+    locate: Callable[[Chebyshev], float]
+
+
+def features(points: Sequence[Point]) -> list[Feature]:
+    """The 90 degree crossing and the two amplitude peaks, as far as the sweep holds them."""
+    found: list[Feature] = []
+    for left, right in pairwise(points):
+        if left.lag < 90.0 <= right.lag:
+            interval = (left.nu, right.nu)
+            found.append(Feature("nu_90", interval, lambda p: p.lag, crossing))
+            break
+    for name, value in (
+        ("nu_peak_tau", lambda p: p.tau2),
+        ("nu_peak_w", lambda p: p.w2),
+    ):
+        top = max(range(len(points)), key=lambda i: value(points[i]))
+        if 0 < top < len(points) - 1:
+            interval = (points[top - 1].nu, points[top + 1].nu)
+            found.append(Feature(name, interval, value, peak))
+    return found
+
+
+def crossing(curve: Chebyshev) -> float:
+    """Where the lag passes 90 degrees."""
+    low, high = (float(end) for end in curve.domain)
+    return float(brentq(lambda nu: float(curve(nu)) - 90.0, low, high))
+
+
+def peak(curve: Chebyshev) -> float:
+    """Where the amplitude is largest."""
+    low, high = (float(end) for end in curve.domain)
+    top = minimize_scalar(
+        lambda nu: -float(curve(nu)), bounds=(low, high), method="bounded", options={"xatol": 1e-9}
+    )
+    return float(top.x)
+
+
+def chebyshev_nodes(low: float, high: float) -> list[float]:
+    """NODES speeds inside the interval, placed for a polynomial through them."""
+    places: list[float] = chebpts1(NODES).tolist()  # type: ignore[no-untyped-call]
+    return [(low + high) / 2 + (high - low) / 2 * place for place in places]
+
+
+def refine(
+    wanted: Sequence[Feature], machine: Machine, algorithm: str, steps_per_rev: int, jobs: int
+) -> dict[str, Found]:
+    """Locate each feature on a polynomial through further runs, at N and at N/2 steps.
+
+    The distance of the two, over 2^p - 1 for a scheme of order p, is the coupling error.
+    """
+    coarse = steps_per_rev // 2
+    try:
+        check_steps(machine, algorithm, coarse, min((f.interval[0] for f in wanted), default=1e9))
+        numbers = [steps_per_rev, coarse]
+    except cosim.SetupError:
+        numbers = [steps_per_rev]
+    nodes = {f.name: chebyshev_nodes(*f.interval) for f in wanted}
+    cases = [
+        Case(machine, nu, n, algorithm) for n in numbers for f in wanted for nu in nodes[f.name]
+    ]
+    points = iter(list(pool.each(simulate, cases, jobs, "refine")))
+    located: dict[str, list[tuple[float, float]]] = {f.name: [] for f in wanted}
+    for _ in numbers:
+        for f in wanted:
+            values = [f.value(next(points)) for _ in range(NODES)]
+            curve = Chebyshev.fit(nodes[f.name], values, NODES - 1, domain=list(f.interval))
+            nu = f.locate(curve)
+            located[f.name].append((nu, float(curve(nu))))
+    share = 2 ** CONVERGENCE[algorithm] - 1
+    found = {}
+    for name, ((nu, value), *coarser) in located.items():
+        errors = [(abs(nu - a) / share, abs(value - b) / share) for a, b in coarser]
+        found[name] = Found(nu, value, *(errors[0] if errors else (None, None)))
+    return found
+
+
+def verdict(machine: Machine, points: Sequence[Point], found: dict[str, Found]) -> str:
+    """The answer in plain words."""
+    lines = []
+    lines.append(
+        f"Formula (22) puts the resonance at {machine.nu_res:.3f} rad/s "
+        f"({machine.nu_res * 30 / math.pi:.0f} rpm), damping ratio {machine.zeta:.4g}."
+    )
+    if "nu_90" in found:
+        at = found["nu_90"]
+        away = at.nu / machine.nu_res - 1
+        lines.append(
+            f"There the torque ripple lags the load ripple by 90 degrees: found at "
+            f"{number(at.nu, at.nu_error)} rad/s, {away:+.3%} from the formula."
+        )
+    else:
+        lines.append("The sweep holds no speed where the torque ripple lags by 90 degrees.")
+    for name, what, unit in (
+        ("nu_peak_tau", "torque", "N.m"),
+        ("nu_peak_w", "speed", "rad/s"),
+    ):
+        if name in found:
+            at = found[name]
+            lines.append(
+                f"The {what} ripple is largest at {number(at.nu, at.nu_error)} rad/s "
+                f"({at.nu / machine.nu_res - 1:+.1%}): {number(at.value, at.value_error)} {unit}."
+            )
+        else:
+            lines.append(f"The {what} ripple has no peak inside the sweep.")
+    lines.append(
+        "These speeds differ because (22) marks a phase, which neither damping nor the load "
+        "moves; the amplitudes peak where the drive's gain times the load ripple, which falls "
+        f"towards sqrt(c/m) = {math.sqrt(machine.c / machine.m):.1f} rad/s, is largest."
+    )
+    near = min(points, key=lambda p: abs(p.nu - machine.nu_res))
+    hardest = max(points, key=lambda p: p.f_rod_peak)
+    lines.append(
+        f"At {near.nu:g} rad/s the torque swings by {near.tau2:.4g} N.m to either side and the rod "
+        f"carries up to {near.f_rod_peak:.4g} N; over the sweep the rod carries at most "
+        f"{hardest.f_rod_peak:.4g} N, at {hardest.nu:g} rad/s."
+    )
+    lines.append("The errors stated are those of the coupling, from runs with half the steps.")
+    return "\n".join(lines)
+
+
+def number(value: float, error: float | None) -> str:
+    """A figure with its error, to the digits the error leaves."""
+    if error is None:
+        return f"{value:.5g} (error unknown: half the steps would be unstable)"
+    digits = min(6, max(0, 1 - math.floor(math.log10(max(error, 1e-6)))))
+    return f"{value:.{digits}f} +- {max(error, 10.0**-digits):.{digits}f}"
+
+
+def run(
+    set_: Annotated[Literal["A", "B"], typer.Option("--set", help="Parameter set")] = "A",
+    algorithm: Annotated[str, typer.Option(help="jacobi, gauss-seidel or strang")] = "strang",
+    steps_per_rev: Annotated[int, typer.Option(help="Communication steps per revolution")] = 512,
+    speeds_: Annotated[
+        str | None, typer.Option("--speeds", help="from:to:number or a,b,c [rad/s]")
+    ] = None,
+    jobs: Annotated[int | None, typer.Option(min=1, help="Parallel processes")] = None,
+    out: Annotated[Path | None, typer.Option(help="Folder of the results")] = None,
+) -> None:
+    """Does the operating speed sit on the electromechanical resonance of the drive?"""
+    began = time.perf_counter()
+    machine = SETS[set_]
+    nus = speeds(speeds_ or SPEEDS[set_])
+    check_steps(machine, algorithm, steps_per_rev, nus[0])
+    folder = out or Path("results") / "resonance" / set_
+    jobs = jobs or pool.available_cores()
+    fmus.build(*fmus.DRIVE.values())
+
+    table = folder / "resonance.csv"
+    points = sweep([Case(machine, nu, steps_per_rev, algorithm) for nu in nus], jobs, table)
+    found = refine(features(points), machine, algorithm, steps_per_rev, jobs)
+    plots.resonance(folder / "resonance.png", set_, machine, points, found)
+    write_json(
+        folder / "resonance.json",
+        {
+            "nu_res": machine.nu_res,
+            **{name: found[name].nu if name in found else None for name in NAMES},
+            "coupling_error": {name: at.nu_error for name, at in found.items()},
+            "peak": {name: at.value for name, at in found.items() if name != "nu_90"},
+            "set": set_,
+            "parameters": machine.start(machine.nu_res),
+            "algorithm": algorithm,
+            "steps_per_rev": steps_per_rev,
+            "revolutions": {"skipped": SKIP, "evaluated": EVALUATE},
+            "fmus": fmus.guids(),
+            "versions": cosim.versions(),
+            "wall_time": time.perf_counter() - began,
+        },
+    )
+    partial(table).replace(table)
+    print(verdict(machine, points, found))
+    print(
+        f"{table}, resonance.json and resonance.png written in {time.perf_counter() - began:.0f} s"
+    )

@@ -1,0 +1,70 @@
+"""Components as one system without any FMI, and components in symbols: the independent references."""
+
+from __future__ import annotations
+
+import importlib.util
+import math
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import sympy
+from scipy.integrate import solve_ivp
+
+from components import crank_conveyor, drive_motor
+from components.kit.record import start
+
+SYMBOLIC = {"sin": sympy.sin, "cos": sympy.cos, "sqrt": sympy.sqrt, "exp": sympy.exp}
+
+
+def load_copy(model: ModuleType, functions: dict[str, Any]) -> ModuleType:
+    """A copy of a component that computes with other mathematical functions."""
+    spec = importlib.util.spec_from_file_location(model.__name__, model.__file__)
+    assert spec is not None and spec.loader is not None
+    copy = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(copy)
+    for name, function in functions.items():
+        if hasattr(copy, name):
+            setattr(copy, name, function)
+    return copy
+
+
+def symbolic(model: ModuleType) -> ModuleType:
+    """A copy of a component whose mathematics is SymPy's."""
+    return load_copy(model, SYMBOLIC)
+
+
+def split(values: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Start values "motor.A", "conveyor.crank.r" by part."""
+    parts: dict[str, dict[str, Any]] = {"motor": {}, "conveyor": {}}
+    for name, value in values.items():
+        part, _, variable = name.partition(".")
+        parts[part][variable] = value
+    return parts["motor"], parts["conveyor"]
+
+
+def monolithic(values: dict[str, Any], stop: float, t_eval: Any = None, **options: Any) -> Any:
+    """Motor and conveyor integrated as one system: rows phi, w, tau, motor work, damper loss.
+
+    `values` are start values as a co-simulated system takes them, with phi, w and tau.
+    """
+    motor, conveyor = split(values)
+    state = [conveyor.pop("phi"), conveyor.pop("w"), motor.pop("tau"), 0.0, 0.0]
+    p_motor = start(drive_motor.Parameters, **motor)
+    p_conveyor = start(crank_conveyor.Parameters, **conveyor)
+
+    def rhs(t: float, y: Any) -> list[float]:
+        phi, w, tau = y[:3]
+        x, u = crank_conveyor.State(phi, w), crank_conveyor.Inputs(tau)
+        dphi, dw = crank_conveyor.derivatives(p_conveyor, t, x, u)
+        (dtau,) = drive_motor.derivatives(p_motor, t, drive_motor.State(tau), drive_motor.Inputs(w))
+        loss = crank_conveyor.outputs(p_conveyor, t, x, u).P_loss
+        return [dphi, dw, dtau, tau * w, loss]
+
+    settings = {"method": "DOP853", "rtol": 1e-12, "atol": 1e-12} | options
+    return solve_ivp(rhs, (0.0, stop), state, t_eval=t_eval, **settings)
+
+
+def revolution_samples(nu: float, revolutions: int, per_revolution: int) -> Any:
+    """Times of `per_revolution` samples per nominal revolution."""
+    return np.arange(revolutions * per_revolution + 1) * (2 * math.pi / nu / per_revolution)
