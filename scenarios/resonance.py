@@ -19,7 +19,6 @@ from typing import Annotated, Literal, NamedTuple
 import numpy as np
 import typer
 from numpy.polynomial import Chebyshev
-from numpy.polynomial.chebyshev import chebpts1
 from scipy.optimize import brentq, minimize_scalar
 
 import cosim
@@ -168,6 +167,12 @@ class Feature(NamedTuple):
     locate: Callable[[Chebyshev], float]
 
 
+AMPLITUDES: dict[str, Callable[[Point], float]] = {
+    "nu_peak_tau": lambda point: point.tau2,
+    "nu_peak_w": lambda point: point.w2,
+}
+
+
 def features(points: Sequence[Point]) -> list[Feature]:
     """The 90 degree crossing and the two amplitude peaks, as far as the sweep holds them."""
     found: list[Feature] = []
@@ -176,10 +181,7 @@ def features(points: Sequence[Point]) -> list[Feature]:
             interval = (left.nu, right.nu)
             found.append(Feature("nu_90", interval, lambda p: p.lag, crossing))
             break
-    for name, value in (
-        ("nu_peak_tau", lambda p: p.tau2),
-        ("nu_peak_w", lambda p: p.w2),
-    ):
+    for name, value in AMPLITUDES.items():
         top = max(range(len(points)), key=lambda i: value(points[i]))
         if 0 < top < len(points) - 1:
             interval = (points[top - 1].nu, points[top + 1].nu)
@@ -204,7 +206,7 @@ def peak(curve: Chebyshev) -> float:
 
 def chebyshev_nodes(low: float, high: float) -> list[float]:
     """NODES speeds inside the interval, placed for a polynomial through them."""
-    places: list[float] = chebpts1(NODES).tolist()  # type: ignore[no-untyped-call]
+    places: list[float] = np.cos(np.pi * (np.arange(NODES) + 0.5) / NODES).tolist()
     return [(low + high) / 2 + (high - low) / 2 * place for place in places]
 
 

@@ -146,7 +146,7 @@ def test_conveyor_keeps_its_energy_when_left_alone(changes: dict[str, Any], h: f
     x = crank_conveyor.State(0.3, 90.0)
     before = energy(p, x)
     while x.phi < 0.3 + 200 * math.pi:
-        x = motion.advance(crank_conveyor, p, 0.0, x, u, u, h)
+        x = motion.advance(crank_conveyor, p, 0.0, x, motion.Course(u, u, h))
     assert energy(p, x) == pytest.approx(before, rel=1e-9)
 
 
@@ -192,7 +192,7 @@ def test_kloss_characteristic_has_its_breakdown_torque_at_the_breakdown_slip() -
 def test_kloss_motor_follows_the_lag_equation() -> None:
     p = start(drive_motor.Parameters, characteristic=drive_motor.Characteristic.kloss)
     u0, u1, h = drive_motor.Inputs(20.0), drive_motor.Inputs(62.0), 0.2
-    got = motion.advance(drive_motor, p, 0.0, drive_motor.State(5.0), u0, u1, h)
+    got = motion.advance(drive_motor, p, 0.0, drive_motor.State(5.0), motion.Course(u0, u1, h))
 
     def slope(t: float, y: Any) -> Any:
         u = drive_motor.Inputs(20.0 + 42.0 * t / h)

@@ -76,7 +76,7 @@ class Interface:
 
     def _append(self, name: str, causality: str, initial: str, declaration: Declaration) -> None:
         variability = "fixed" if causality == "parameter" else "discrete"
-        if causality != "parameter" and declaration.kind == "Real":
+        if causality != "parameter" and declaration.kind == "Real" and not declaration.held:
             variability = "continuous"
         self.variables.append(
             Variable(name, len(self.variables), causality, variability, initial, declaration)

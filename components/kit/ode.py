@@ -7,7 +7,8 @@ nothing but x is remembered between calls and a repeated step repeats every bit.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from typing import NamedTuple
 
 Vector = Sequence[float]
 RightHandSide = Callable[[float, Vector], Vector]
@@ -15,29 +16,47 @@ RightHandSide = Callable[[float, Vector], Vector]
 SAFETY, SHRINK, GROW = 0.9, 0.2, 5.0
 
 
+class SubStep(NamedTuple):
+    """An accepted sub-step: from x with this slope at s, over h seconds, to `end`."""
+
+    s: float
+    x: Vector
+    slope: Vector
+    h: float
+    end: Vector
+
+
 def integrate(f: RightHandSide, x: Vector, h: float, tolerance: Vector) -> Vector:
-    """Carry x from s = 0 to s = h; per sub-step the error over the tolerance has norm < 1.
+    """Carry x from s = 0 to s = h; raises what `walk` raises."""
+    for step in walk(f, 0.0, x, h, tolerance):
+        x = step.end
+    return x
+
+
+def walk(
+    f: RightHandSide, s: float, x: Vector, stop: float, tolerance: Vector, longest: float = math.inf
+) -> Iterator[SubStep]:
+    """Carry x from s to `stop` in sub-steps whose error over the tolerance has a norm below 1.
 
     Raises ArithmeticError if the right-hand side is not finite or no sub-step is small enough.
     """
-    s, try_h = 0.0, h
-    slope = f(0.0, x)
-    while True:
-        last = s + try_h >= h
+    size, slope, whole = min(stop - s, longest), f(s, x), stop - s
+    while s < stop:
+        last = s + size >= stop
         if last:
-            try_h = h - s
+            size = stop - s
         try:
-            candidate, end_slope, error = attempt(f, s, x, slope, try_h, tolerance)
+            end, end_slope, error = attempt(f, s, x, slope, size, tolerance)
         except (ArithmeticError, ValueError):
-            candidate, end_slope, error = x, slope, math.inf
+            end, end_slope, error = x, slope, math.inf
         if error <= 1.0:
-            if last:
-                return candidate
-            s, x, slope = s + try_h, candidate, end_slope
-        elif not try_h > 1e-9 * h:
-            raise ArithmeticError(f"no sub-step is small enough at {s!r} s of the step of {h!r} s")
+            yield SubStep(s, x, slope, size, end)
+            s, x, slope = stop if last else s + size, end, end_slope
+        elif not size > 1e-9 * whole:
+            raise ArithmeticError(f"no sub-step is small enough at {s!r} s of the step")
         change = SAFETY * error**-0.2 if error > 0.0 else GROW
-        try_h *= min(GROW, max(SHRINK, change)) if math.isfinite(error) else SHRINK
+        size *= min(GROW, max(SHRINK, change)) if math.isfinite(error) else SHRINK
+        size = min(size, longest)
 
 
 def attempt(

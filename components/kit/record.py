@@ -29,6 +29,7 @@ class Declaration(NamedTuple):
     max: float | None = None
     nominal: float | None = None
     feedthrough: tuple[str, ...] = ()
+    held: bool = False
     quantity: Quantity | None = None
 
     @property
@@ -53,9 +54,14 @@ def real(
     max: float | None = None,
     nominal: float | None = None,
     feedthrough: tuple[str, ...] = (),
+    held: bool = False,
 ) -> Any:
-    """Declare a Real; `feedthrough` names the inputs that act on an output without delay."""
-    return Declaration(float(start), meaning, min, max, nominal, feedthrough)
+    """Declare a Real.
+
+    `feedthrough` names the inputs that act on an output without delay; a `held` one is part of a
+    State and changes only at events.
+    """
+    return Declaration(float(start), meaning, min, max, nominal, feedthrough, held)
 
 
 def discrete(start: int | bool | str, meaning: str, feedthrough: tuple[str, ...] = ()) -> Any:

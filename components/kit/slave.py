@@ -13,6 +13,8 @@ import json
 import math
 import sys
 import threading
+import zlib
+from collections import deque
 from collections.abc import Callable, Sequence
 from types import ModuleType
 from typing import Any, ClassVar, NamedTuple, NoReturn, TypeVar
@@ -37,6 +39,7 @@ HIDDEN = ("time", "past", "stale", "phase", "guid")
 WARNING = 1
 
 _adopted = threading.local()
+_stepped: deque[int] = deque(maxlen=64)
 
 
 class Message(NamedTuple):
@@ -60,12 +63,16 @@ def printable(text: str) -> str:
 
 
 def adopt_thread() -> None:
-    """Keep the Python thread state of a host's thread alive from now on.
+    """Keep the Python thread state of a host's thread alive from its second step on.
 
-    Without it CPython makes and destroys one at every FMI call from a thread it does not know.
+    Without it CPython makes and destroys one at every FMI call from a thread it does not know;
+    with it at the first step, a host that starts a thread per step would pile them up.
     """
-    ctypes.pythonapi.PyGILState_Ensure()
-    _adopted.done = True
+    thread = threading.get_native_id()
+    if thread in _stepped:
+        ctypes.pythonapi.PyGILState_Ensure()
+        _adopted.done = True
+    _stepped.append(thread)
 
 
 def forget_path(resources: str) -> None:
@@ -135,18 +142,13 @@ class ModelSlave(Fmi2Slave):  # type: ignore[misc]
             reason = f"{type(error).__name__}: {reason}"
         reasons = [*(message.msg.replace("%%", "%") for message in self.log_queue), reason]
         self.log_queue.clear()
-        if self.values[self.phase] in (INITIALIZING, STEPPING):
-            for v in self.interface.variables:
-                if v.causality == "output" and v.declaration.kind == "Real":
-                    self.values[v.reference] = math.nan
-            self.values[self.stale] = False
+        for v in self.interface.variables:
+            if v.causality == "output" and v.declaration.kind == "Real":
+                self.values[v.reference] = math.nan
+        self.values[self.stale] = False
         self.values[self.phase] = FAILED
         for owner in (type(self), self, self.log_queue):
             ctypes.pythonapi.Py_IncRef(ctypes.py_object(owner))
-        if isinstance(error, KeyboardInterrupt):
-            import _thread
-
-            _thread.interrupt_main()
         raise Failure(f"{self.instance_name}: {'; '.join(reasons)}") from None
 
     def warn(self, sentence: str) -> None:
@@ -188,7 +190,7 @@ class ModelSlave(Fmi2Slave):  # type: ignore[misc]
         self.require("doStep", STEPPING)
         if not 0.0 < h < math.inf:
             raise ValueError(f"communication step = {h!r} s must be a finite number above 0")
-        if not abs(t - v[self.time]) <= 1e-3 * h + 1e-9 * abs(t):
+        if not abs(t - v[self.time]) <= 1e-3 * h + 1e-9 * abs(v[self.time]):
             raise ValueError(f"communication point = {t!r} s must be {v[self.time]!r} s, no jump")
 
         model = interface.model
@@ -196,18 +198,22 @@ class ModelSlave(Fmi2Slave):  # type: ignore[misc]
         x = model.State._make(v[interface.states])
         now = model.Inputs._make(v[interface.inputs])
         before = model.Inputs._make(v[self.before])
-        u0, u1 = motion.course(v[interface.input_hold], before, now, v[self.past], h)
+        inputs = motion.course(v[interface.input_hold], before, now, v[self.past], h)
         try:
-            end = motion.advance(model, p, t, x, u0, u1, h)
+            x = motion.sample(
+                model, p, t, x, before if v[self.past] > 0.0 else None, now, self.warn
+            )
+            end = motion.advance(model, p, t, x, inputs, self.warn)
+            for state, value in zip(interface.variables[interface.states], end):
+                checks.finite(state, value)
         except (ArithmeticError, ValueError) as error:
+            known = interface.variables[interface.inputs] + interface.variables[interface.states]
             raise ArithmeticError(
-                f"step from t = {t!r} s: {error}; {named(x)}; {named(now)}"
+                f"step from t = {t!r} s: {error}; {named(known, (*now, *x))}"
             ) from None
-        for state, value in zip(interface.variables[interface.states], end):
-            checks.finite(state, value)
 
         v[interface.states] = end
-        v[self.before], v[self.end] = now, u1
+        v[self.before], v[self.end] = now, inputs.end
         v[self.time], v[self.past], v[self.stale] = t + h, h, True
         return True
 
@@ -277,7 +283,7 @@ class ModelSlave(Fmi2Slave):  # type: ignore[misc]
     def variable(self, kind: str, reference: int) -> Variable:
         """The variable of this reference; refuses what is unknown or of another type."""
         if not 0 <= reference < len(self.interface.variables):
-            raise ValueError(f"value reference {reference} is unknown")
+            raise ValueError(f"value reference {reference % 2**32} is unknown")
         variable = self.interface.variables[reference]
         if reference not in self.references[kind]:
             raise ValueError(f"{variable.name} is of type {variable.declaration.kind}, not {kind}")
@@ -333,26 +339,30 @@ class ModelSlave(Fmi2Slave):  # type: ignore[misc]
     @guarded
     def _set_fmu_state(self, state: Any) -> None:
         if not isinstance(state, tuple) or state[-1:] != (self.guid,):
-            raise ValueError(f"FMU state is not of this build {self.guid}: {state!r:.80}")
+            raise ValueError(
+                f"FMU state is damaged or not of this build {self.guid}: {state!r:.80}"
+            )
         self.values[:] = state
         self.parameters = None
 
     @staticmethod
     def _fmu_state_to_bytes(state: Any) -> bytes:
-        return json.dumps(state).encode()
+        """The state as text and its checksum."""
+        text = json.dumps(state, default=repr).encode()
+        return text + b"%08x" % zlib.crc32(text)
 
     @staticmethod
     def _fmu_state_from_bytes(state: bytes) -> Any:
         """The state of these bytes; anything else comes back as it is, for setFMUstate to refuse."""
-        try:
-            return tuple(json.loads(state))
-        except (ValueError, TypeError):
-            return state
+        text = state[:-8]
+        return tuple(json.loads(text)) if state[-8:] == b"%08x" % zlib.crc32(text) else state
 
 
-def named(record: Any) -> str:
-    """A record of reals as text: phi = 0.1, w = 40.0."""
-    return ", ".join(f"{name} = {value!r}" for name, value in zip(record._fields, record))
+def named(variables: Sequence[Variable], values: Sequence[Value]) -> str:
+    """Variables and their values as text: phi = 0.1 rad, w = 40.0 rad/s."""
+    return ", ".join(
+        f"{v.name} = {checks.number(value, v.unit)}" for v, value in zip(variables, values)
+    )
 
 
 def slave_class(model: ModuleType, guid: str) -> type[ModelSlave]:
