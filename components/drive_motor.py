@@ -15,8 +15,9 @@ $$ \tau_{\mathrm{static}} = \frac{2\,\tau_b}{s/s_b + s_b/s} = \frac{2\,\tau_b\,s
 With the linear characteristic a step of any length is exact: for a speed that runs linearly from
 $\omega_0$ to $\omega_1$ during $h$,
 
-$$ \tau(h) = A - B\,\omega_1 + k + [\tau(0) - (A - B\,\omega_0 + k)]\,e^{-h/T}, \quad
-   k = B\,T\,\frac{\omega_1 - \omega_0}{h} $$
+$$ \tau(h) = \tau_{\mathrm{static}}(\omega_1)
+   + [\tau(0) - \tau_{\mathrm{static}}(\omega_0)]\,e^{-z}
+   + B\,(\omega_1 - \omega_0)\,\frac{1 - e^{-z}}{z}, \quad z = h/T $$
 
 Assumptions: one lag stands for all electrical transients; no current limit, no saturation, no
 backlash. The linear characteristic is used at any speed, also far from the working point.
@@ -30,7 +31,7 @@ rest.
 from __future__ import annotations
 
 from enum import IntEnum
-from math import exp
+from math import exp, expm1
 
 from .kit.interface import Experiment
 from .kit.record import discrete, real, record
@@ -96,9 +97,10 @@ def exact(p: Parameters, x: State, u0: Inputs, u1: Inputs, h: float) -> State | 
     """Exact update with the linear characteristic, None with any other."""
     if p.characteristic != Characteristic.linear:
         return None
-    lag = p.B * p.T * (u1.w - u0.w) / h
-    start, end = p.A - p.B * u0.w + lag, p.A - p.B * u1.w + lag
-    return State(tau=end + (x.tau - start) * exp(-h / p.T))
+    z = h / p.T
+    start, end = static_torque(p, u0.w), static_torque(p, u1.w)
+    slip = p.B * (u1.w - u0.w) * -expm1(-z) / z
+    return State(tau=end + (x.tau - start) * exp(-z) + slip)
 
 
 def outputs(p: Parameters, t: float, x: State, u: Inputs) -> Outputs:

@@ -171,7 +171,8 @@ def run(
 def _interrupts() -> Iterator[list[int]]:
     """A list that fills when the user presses Ctrl-C, so that no FMU is interrupted half-way."""
     seen: list[int] = []
-    if threading.current_thread() is not threading.main_thread():
+    elsewhere = threading.current_thread() is not threading.main_thread()
+    if elsewhere or signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         yield seen
         return
     before = signal.signal(signal.SIGINT, lambda number, _: seen.append(number))

@@ -11,13 +11,13 @@ import cmath
 import csv
 import math
 import time
+from argparse import SUPPRESS, ArgumentParser
 from collections.abc import Callable, Sequence
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-import typer
 from numpy.polynomial import Chebyshev
 from scipy.optimize import brentq, minimize_scalar
 
@@ -106,7 +106,7 @@ def polar(z: complex) -> tuple[float, float]:
     return abs(z), math.degrees(cmath.phase(z))
 
 
-def speeds(text: str) -> list[float]:
+def parse_speeds(text: str) -> list[float]:
     """ "20:66:24" (from, to, number) or "20,30,40" as ascending speeds [rad/s].
 
     Raises SetupError for what is neither, and for speeds that are not above 0.
@@ -129,8 +129,6 @@ def speeds(text: str) -> list[float]:
 
 def check_steps(machine: Machine, algorithm: str, steps_per_rev: int, nu: float) -> None:
     """Raise SetupError for too few steps per revolution to fit orders or to stay stable at nu."""
-    if algorithm not in CONVERGENCE:
-        raise cosim.SetupError(f"algorithm {algorithm!r} must be one of {', '.join(CONVERGENCE)}")
     if steps_per_rev <= 2 * HIGHEST:
         raise cosim.SetupError(
             f"{steps_per_rev} steps per revolution must be more than {2 * HIGHEST}, "
@@ -151,10 +149,14 @@ def sweep(cases: Sequence[Case], jobs: int, csv_path: Path) -> list[Point]:
     with partial(csv_path).open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow(Point._fields)
-        for point in pool.each(simulate, cases, jobs, "sweep"):
-            writer.writerow(point)
-            file.flush()
-            points.append(point)
+        try:
+            for point in pool.each(simulate, cases, jobs, "sweep"):
+                writer.writerow(point)
+                file.flush()
+                points.append(point)
+        except KeyboardInterrupt:
+            done = f"{len(points)} of {len(cases)} speeds in {partial(csv_path)}"
+            raise KeyboardInterrupt(done) from None
     return points
 
 
@@ -295,37 +297,59 @@ def number(value: float, error: float | None) -> str:
     return f"{value:.{digits}f} +- {max(error, 10.0**-digits):.{digits}f}"
 
 
+def arguments(parser: ArgumentParser) -> None:
+    """The options of the scenario."""
+    add = parser.add_argument
+    add("--set", dest="name", choices=SETS, default="A", help="parameter set")
+    add("--algorithm", choices=CONVERGENCE, default="strang", help="coupling algorithm")
+    add("--steps-per-rev", type=int, default=512, help="communication steps per revolution")
+    add(
+        "--speeds",
+        default=SUPPRESS,
+        help="from:to:number or a,b,c [rad/s]; the speeds of the set by default",
+    )
+    add("--jobs", type=int, default=pool.available_cores(), help="parallel processes")
+    add(
+        "--out",
+        type=Path,
+        default=SUPPRESS,
+        help="folder of the results, results/resonance/SET by default",
+    )
+
+
 def run(
-    set_: Annotated[Literal["A", "B"], typer.Option("--set", help="Parameter set")] = "A",
-    algorithm: Annotated[str, typer.Option(help="jacobi, gauss-seidel or strang")] = "strang",
-    steps_per_rev: Annotated[int, typer.Option(help="Communication steps per revolution")] = 512,
-    speeds_: Annotated[
-        str | None, typer.Option("--speeds", help="from:to:number or a,b,c [rad/s]")
-    ] = None,
-    jobs: Annotated[int | None, typer.Option(min=1, help="Parallel processes")] = None,
-    out: Annotated[Path | None, typer.Option(help="Folder of the results")] = None,
+    name: str = "A",
+    algorithm: str = "strang",
+    steps_per_rev: int = 512,
+    speeds: str | None = None,
+    jobs: int = 1,
+    out: Path | None = None,
 ) -> None:
-    """Does the operating speed sit on the electromechanical resonance of the drive?"""
+    """Sweep, refine, write resonance.csv, .json and .png, print the verdict.
+
+    Raises cosim.SetupError for settings that cannot give an answer.
+    """
     began = time.perf_counter()
-    machine = SETS[set_]
-    nus = speeds(speeds_ or SPEEDS[set_])
+    machine = SETS[name]
+    nus = parse_speeds(speeds or SPEEDS[name])
     check_steps(machine, algorithm, steps_per_rev, nus[0])
-    folder = out or Path("results") / "resonance" / set_
-    jobs = jobs or pool.available_cores()
+    if jobs < 1:
+        raise cosim.SetupError(f"jobs = {jobs} must be at least 1")
+    folder = out or Path("results") / "resonance" / name
     fmus.build(*fmus.DRIVE.values())
 
     table = folder / "resonance.csv"
     points = sweep([Case(machine, nu, steps_per_rev, algorithm) for nu in nus], jobs, table)
     found = refine(features(points), machine, algorithm, steps_per_rev, jobs)
-    plots.resonance(folder / "resonance.png", set_, machine, points, found)
+    plots.resonance(folder / "resonance.png", name, machine, points, found)
     write_json(
         folder / "resonance.json",
         {
             "nu_res": machine.nu_res,
-            **{name: found[name].nu if name in found else None for name in NAMES},
-            "coupling_error": {name: at.nu_error for name, at in found.items()},
-            "peak": {name: at.value for name, at in found.items() if name != "nu_90"},
-            "set": set_,
+            **{key: found[key].nu if key in found else None for key in NAMES},
+            "coupling_error": {key: at.nu_error for key, at in found.items()},
+            "peak": {key: at.value for key, at in found.items() if key != "nu_90"},
+            "set": name,
             "parameters": machine.start(machine.nu_res),
             "algorithm": algorithm,
             "steps_per_rev": steps_per_rev,

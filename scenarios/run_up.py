@@ -7,11 +7,10 @@ characteristic of an induction machine.
 from __future__ import annotations
 
 import math
+from argparse import SUPPRESS, ArgumentParser
 from pathlib import Path
-from typing import Annotated, Literal
 
 import numpy as np
-import typer
 from rich.console import Console
 from rich.progress import Progress
 
@@ -76,19 +75,35 @@ def verdict(machine: Machine, motor: str, result: Result, passing: float | None)
     )
 
 
+def arguments(parser: ArgumentParser) -> None:
+    """The options of the scenario."""
+    add = parser.add_argument
+    add("--set", dest="name", choices=SETS, default="B", help="parameter set")
+    add("--speed", type=float, default=60.0, help="mean speed of the linear motor [rad/s]")
+    add("--stop", type=float, default=1.0, help="simulated time [s]")
+    add("--step", type=float, default=2e-4, help="communication step [s]")
+    add("--algorithm", choices=cosim.ALGORITHMS, default="strang", help="coupling algorithm")
+    add(
+        "--out",
+        type=Path,
+        default=SUPPRESS,
+        help="folder of the results, results/run_up/SET by default",
+    )
+
+
 def run(
-    set_: Annotated[Literal["A", "B"], typer.Option("--set", help="Parameter set")] = "B",
-    speed: Annotated[float, typer.Option(help="Mean speed of the linear motor [rad/s]")] = 60.0,
-    stop: Annotated[float, typer.Option(help="Simulated time [s]")] = 1.0,
-    step: Annotated[float, typer.Option(help="Communication step [s]")] = 2e-4,
-    algorithm: Annotated[str, typer.Option(help="jacobi, gauss-seidel or strang")] = "strang",
-    out: Annotated[Path | None, typer.Option(help="Folder of the results")] = None,
+    name: str = "B",
+    speed: float = 60.0,
+    stop: float = 1.0,
+    step: float = 2e-4,
+    algorithm: str = "strang",
+    out: Path | None = None,
 ) -> None:
-    """What happens while the conveyor starts from rest and passes its resonance?"""
+    """Start both motors, write a CSV for each, run_up.json and .png, print the verdict."""
     if not 0.0 < speed < math.inf:
         raise cosim.SetupError(f"speed = {speed!r} rad/s must be a finite number above 0")
-    machine = SETS[set_]
-    folder = out or Path("results") / "run_up" / set_
+    machine = SETS[name]
+    folder = out or Path("results") / "run_up" / name
     fmus.build(*fmus.DRIVE.values())
     runs: dict[str, Result] = {}
     console = Console(stderr=True)
@@ -106,7 +121,7 @@ def run(
             )
     passing = {motor: passes(result, machine.nu_res) for motor, result in runs.items()}
     plots.run_up(folder / "run_up.png", machine, runs, passing)
-    write_json(folder / "run_up.json", {"nu_res": machine.nu_res, "passing": passing, "set": set_})
+    write_json(folder / "run_up.json", {"nu_res": machine.nu_res, "passing": passing, "set": name})
     for motor, result in runs.items():
         print(verdict(machine, motor, result, passing[motor]))
     print(f"{', '.join(f'{m}.csv' for m in runs)}, run_up.json and run_up.png written to {folder}")

@@ -235,6 +235,12 @@ def test_integrator_gives_up_on_what_is_not_finite() -> None:
         ode.integrate(lambda t, x: [math.sqrt(0.5 - t)], [0.0], 1.0, [1e-9])
 
 
+def test_integrator_gives_up_on_what_takes_for_ever(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(ode, "MOST_SUBSTEPS", 1000)
+    with pytest.raises(ArithmeticError, match="more than 1000 sub-steps"):
+        ode.integrate(lambda t, x: [x[1], -1e12 * x[0]], [1.0, 0.0], 1.0, [1e-9, 1e-3])
+
+
 @pytest.fixture(scope="module", params=REFERENCE, ids=lambda key: f"{key[0]}{key[1]}")
 def orbit(request: pytest.FixtureRequest) -> Any:
     """The steady orbit of motor and conveyor integrated as one system."""

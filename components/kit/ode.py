@@ -14,6 +14,7 @@ Vector = Sequence[float]
 RightHandSide = Callable[[float, Vector], Vector]
 
 SAFETY, SHRINK, GROW = 0.9, 0.2, 5.0
+MOST_SUBSTEPS = 1_000_000
 
 
 class SubStep(NamedTuple):
@@ -38,10 +39,13 @@ def walk(
 ) -> Iterator[SubStep]:
     """Carry x from s to `stop` in sub-steps whose error over the tolerance has a norm below 1.
 
-    Raises ArithmeticError if the right-hand side is not finite or no sub-step is small enough.
+    Raises ArithmeticError if the right-hand side is not finite, if no sub-step is small enough or
+    if there are more than MOST_SUBSTEPS.
     """
     size, slope, whole = min(stop - s, longest), f(s, x), stop - s
-    while s < stop:
+    for _ in range(MOST_SUBSTEPS):
+        if s >= stop:
+            return
         last = s + size >= stop
         if last:
             size = stop - s
@@ -57,6 +61,7 @@ def walk(
         change = SAFETY * error**-0.2 if error > 0.0 else GROW
         size *= min(GROW, max(SHRINK, change)) if math.isfinite(error) else SHRINK
         size = min(size, longest)
+    raise ArithmeticError(f"more than {MOST_SUBSTEPS} sub-steps up to {s!r} s of the step")
 
 
 def attempt(

@@ -61,6 +61,7 @@ def collect(component: str) -> Build:
         digest.update(hashlib.sha256(maker.read_bytes()).digest())
     for name, content in files.items():
         digest.update(name.encode() + b"\0" + hashlib.sha256(content).digest())
+    digest.update(page.html(Interface(model)).encode())
     digest.update(os.environ.get("SOURCE_DATE_EPOCH", "").encode())
     return Build(model, files, digest.hexdigest())
 
@@ -69,6 +70,9 @@ def is_current(build: Build, fmu: Path) -> bool:
     """Whether this file is already what the build would make."""
     if not zipfile.is_zipfile(fmu):
         return False
+    with zipfile.ZipFile(fmu) as archive:
+        if "modelDescription.xml" not in archive.namelist():
+            return False
     return bool(read_model_description(str(fmu), validate=False).guid == build.guid)
 
 

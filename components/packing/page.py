@@ -67,7 +67,7 @@ def meaning(variable: Variable) -> str:
     if d.items:
         values = ", ".join(f"{item.value} = {item.name}" for item in d.items)
         return f"{d.meaning} [{values}]"
-    limits = [f"min {d.min!r}"] if d.min is not None else []
+    limits = ["> 0"] if d.positive else [f"min {d.min!r}"] if d.min is not None else []
     limits += [f"max {d.max!r}"] if d.max is not None else []
     return f"{d.meaning} [{', '.join(limits)}]" if limits else d.meaning
 

@@ -78,5 +78,5 @@ def _variable(variable: ScalarVariable) -> Iterator[str]:
     low, high = limits.get("min", -math.inf), limits.get("max", math.inf)
     if low > high:
         yield f"min {low} of {variable.name} is above max {high}"
-    if not low <= limits.get("start", low if low > -math.inf else min(high, 0.0)) <= high:
+    if "start" in limits and not low <= limits["start"] <= high:
         yield f"start {limits['start']} of {variable.name} is outside {low} .. {high}"

@@ -1,0 +1,58 @@
+"""What an FMU must do in a process of its own."""
+
+import resource
+import sys
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from tests.hosts.host import Unit, apart
+
+
+def resident() -> int:
+    """Memory of this process in bytes."""
+    return int(Path("/proc/self/statm").read_text().split()[1]) * resource.getpagesize()
+
+
+@apart
+def lives(fmu: str) -> list[float]:
+    """Bytes that each of 1000 instances leaves behind, and entries that all leave on sys.path."""
+    paths = len(sys.path)
+    for life in range(1200):
+        if life == 200:
+            before = resident()
+        unit = Unit(fmu).start().step(0.0, 1e-3)
+        unit.outputs()
+        unit.fmi.freeInstance()
+    return [(resident() - before) / 1000, len(sys.path) - paths]
+
+
+@apart
+def crowd(fmu: str, name: str, values: list[float]) -> list[list[float]]:
+    """Outputs of instances that live at once, each with its own value of one input."""
+    units = [Unit(fmu).start(**{name: value}) for value in values]
+    for n in range(10):
+        for unit in units:
+            unit.step(n * 1e-3, 1e-3)
+    return [unit.outputs() for unit in units]
+
+
+@apart
+def versions(fmus: list[str]) -> list[float]:
+    """Torque of several builds side by side, in a host that has modules of the same names."""
+    for name in ("components", "drive_motor", "fmu", "kit", "kit.slave"):
+        sys.modules[name] = ModuleType(name)
+    units = [Unit(fmu).start() for fmu in fmus]
+    for n in range(10):
+        for unit in units:
+            unit.step(n * 0.1, 0.1)
+    return [unit.get("tau") for unit in units]
+
+
+@apart
+def default_experiment(fmu: str) -> dict[str, Any]:
+    """The end of fmpy's own run of the default experiment."""
+    from fmpy import simulate_fmu
+
+    end = simulate_fmu(fmu)[-1]
+    return {name: float(end[name]) for name in end.dtype.names}

@@ -1,0 +1,244 @@
+"""What a host can do to an FMU; each function runs in a process of its own."""
+
+import gc
+import math
+import random
+import signal
+import sys
+import threading
+from ctypes import c_void_p, pythonapi
+from math import inf, nan
+from pathlib import Path
+from typing import Any
+
+from tests.hosts.host import MESSAGES, Unit, apart
+
+MISUSE = {
+    "DriveMotor": {
+        "doStep is not allowed before initialisation": lambda u: u.step(0.0, 0.1),
+        "doStep is not allowed in initialisation mode": lambda u: (
+            u.fmi.enterInitializationMode(),
+            u.step(0.0, 0.1),
+        ),
+        "enterInitializationMode is not allowed in initialisation mode": lambda u: (
+            u.fmi.enterInitializationMode(),
+            u.fmi.enterInitializationMode(),
+        ),
+        "exitInitializationMode is not allowed before": lambda u: u.fmi.exitInitializationMode(),
+        "setupExperiment is not allowed after": lambda u: u.start().fmi.setupExperiment(),
+        "doStep is not allowed after terminate": lambda u: u.start().end().step(0.0, 0.1),
+        "terminate is not allowed after terminate": lambda u: u.start().end().end(),
+        "communication step = 0.0 s must be": lambda u: u.start().step(0.0, 0.0),
+        "communication step = -0.1 s must be": lambda u: u.start().step(0.0, -0.1),
+        "communication step = nan s must be": lambda u: u.start().step(0.0, nan),
+        "communication step = inf s must be": lambda u: u.start().step(0.0, inf),
+        "communication point = nan s must be 0.0 s": lambda u: u.start().step(nan, 0.1),
+        "communication point = inf s must be 0.0 s": lambda u: u.start().step(inf, 0.1),
+        "communication point = 2.5 s must be 2.0 s": lambda u: u.start(2.0).step(2.5, 0.1),
+        "communication point = 0.0 s must be 0.5 s": lambda u: (
+            u.start().step(0.0, 0.5).step(0.0, 0.5)
+        ),
+        "start time = nan s must be a finite number": lambda u: u.start(nan),
+        "start time = -inf s must be a finite number": lambda u: u.start(-inf),
+        "w = nan rad/s must be a finite number": lambda u: u.start().set(w=nan),
+        "w = inf rad/s must be a finite number": lambda u: u.start().set(w=inf),
+        "T = nan s must be a finite number": lambda u: u.set(T=nan),
+        "T = 0.1 s cannot be set: fixed parameter, after init": lambda u: u.start().set(T=0.1),
+        "characteristic = 1 cannot be set: fixed": lambda u: u.start().set(characteristic=1),
+        "tau = 0.1 N.m cannot be set: continuous output": lambda u: u.start().set(tau=0.1),
+        "P = 1.0 W cannot be set: continuous output": lambda u: u.set(P=1.0),
+        "value reference 12 is unknown": lambda u: u.fmi.getReal([12]),
+        "value reference 4294967295 is unknown": lambda u: u.fmi.getReal([9, 0xFFFFFFFF]),
+        "value reference 4294967294 is unknown": lambda u: u.fmi.setReal([0xFFFFFFFE], [1.0]),
+        "A is of type Real, not Integer": lambda u: u.fmi.getInteger([1]),
+        "A is of type Real, not String": lambda u: u.fmi.getString([1]),
+        "A is of type Real, not Boolean": lambda u: u.fmi.setBoolean([1], [True]),
+        "characteristic is of type Enumeration, not Real": lambda u: u.fmi.getReal([0]),
+        "T = 0.0 s must be at least 1e-06 s": lambda u: u.start(T=0.0),
+        "characteristic = 7 must be one of 0 (linear), 1": lambda u: u.start(characteristic=7),
+        "input_hold = 9 must be one of 0 (zero), 1": lambda u: u.start(input_hold=9),
+        "tau = nan N.m must be a finite number; w = 1e+307 rad/s, tau = 8.0 N.m": lambda u: (
+            u.start().set(w=1e307).step(0.0, 0.1)
+        ),
+        "P = -inf W must be a finite number": lambda u: (
+            u.start().set(w=1e200).step(0.0, 0.1).outputs()
+        ),
+    },
+    "CrankConveyor": {
+        "rod.finite is of type Boolean, not Real": lambda u: u.fmi.getReal([3]),
+        "trough.m = -1.0 kg must be at least 1e-09 kg": lambda u: u.start(**{"trough.m": -1.0}),
+        "crank.r = 0.5 m must be below rod.l = 0.4 m": lambda u: u.start(
+            **{"crank.r": 0.5, "rod.l": 0.4, "rod.finite": True}
+        ),
+        "tau = 1e+308 N.m, phi = 0.0 rad, w = 40.0 rad/s": lambda u: (
+            u.start().set(tau=1e308).step(0.0, 0.1)
+        ),
+    },
+}
+
+
+CARELESS: list[list[Any]] = [
+    ["enterInitializationMode"],
+    ["exitInitializationMode"],
+    ["doStep", 0.0, 0.1],
+    ["doStep", 0.1, 0.1],
+    ["terminate"],
+]
+
+
+@apart
+def misuse(fmu: str, reason: str) -> list[Any]:
+    """Fifty failures, each followed by a host that does not look, a reset and a proper step."""
+    act, paths = MISUSE[Path(fmu).stem][reason], len(sys.path)
+    refusals, plausible, recovered = set(), [], set()
+    for _ in range(50):
+        unit = Unit(fmu, "unit 7")
+        refusals.add(unit.refusal(act))
+        for call, *args in CARELESS:
+            unit.refusal(lambda u, call=call, args=args: getattr(u.fmi, call)(*args))
+            plausible += [value for value in unit.outputs() if not math.isnan(value)]
+        unit.fmi.reset()
+        recovered.add(str(unit.start().step(0.0, 0.1).outputs()))
+        unit.refusal(act)
+        unit.fmi.freeInstance()
+    recovered.add(str(Unit(fmu).start().step(0.0, 0.1).outputs()))
+    alive = sum(type(thing).__name__ == Path(fmu).stem for thing in gc.get_objects())
+    Unit(fmu).refusal(act)
+    return [*refusals, plausible, len(recovered), alive, len(sys.path) - paths]
+
+
+@apart
+def unusual(fmu: str) -> list[Any]:
+    """The log, the outputs and the refusal of a conveyor with a long crank and a nasty name."""
+    unit = Unit(fmu, "100%s%n%d").start(**{"crank.r": 0.15, "rod.l": 0.4}).step(0.0, 1e-3)
+    return [*MESSAGES, unit.outputs(), unit.refusal(lambda u: u.step(0.0, 0.0))]
+
+
+def run(unit: Unit, begin: int, end: int) -> list[float]:
+    """Steps of unequal length with unequal inputs; all outputs after each."""
+    (name,) = (name for name, v in unit.variables.items() if v.causality == "input")
+    seen = []
+    for n in range(begin, end):
+        unit.set(**{name: 30.0 + 10.0 * math.sin(n * n)})
+        seen += unit.step((2**n - 1) * 2.0**-14, 2.0 ** (n - 14)).outputs()
+    return seen
+
+
+@apart
+def redone(fmu: str, hold: int, serialised: bool) -> list[list[float]]:
+    """One passage four times: undisturbed, after saving, after rollback, in another instance."""
+    undisturbed = Unit(fmu).start(input_hold=hold)
+    run(undisturbed, 0, 5)
+    unit, other = Unit(fmu).start(input_hold=hold), Unit(fmu)
+    run(unit, 0, 5)
+    state = unit.fmi.getFMUstate()
+    if serialised:
+        content = unit.fmi.serializeFMUstate(state)
+        unit.fmi.freeFMUstate(state)
+        state = other.fmi.deSerializeFMUstate(content)
+    passages = [run(undisturbed, 5, 10), run(unit, 5, 10)]
+    for restored in (unit, other):
+        restored.fmi.setFMUstate(state)
+        passages.append(run(restored, 5, 10))
+    unit.fmi.freeFMUstate(state)
+    return passages
+
+
+@apart
+def many_states(fmu: str) -> bool:
+    """Whether a thousand saved states come back in any order, twice."""
+    unit = Unit(fmu).start()
+    saved = []
+    for n in range(1000):
+        unit.step(n * 2.0**-10, 2.0**-10)
+        saved.append((unit.fmi.getFMUstate(), unit.outputs()))
+    exact = True
+    for state, outputs in random.sample(saved * 2, 2000):
+        unit.fmi.setFMUstate(state)
+        exact &= unit.outputs() == outputs
+    for state, _ in saved:
+        unit.fmi.freeFMUstate(state)
+    return exact
+
+
+@apart
+def foreign_state(fmu: str, other: str, damage: str) -> list[Any]:
+    """Why a state is refused, what is read then, and whether rollback leads out of the failure."""
+    unit, foreign = Unit(fmu, "unit 7").start().step(0.0, 0.5), Unit(other).start()
+    good = unit.fmi.getFMUstate()
+    content = unit.fmi.serializeFMUstate(good)
+    damaged = {
+        "another build": foreign.fmi.serializeFMUstate(foreign.fmi.getFMUstate()),
+        "one digit": content.replace(b"0.5", b"0.6"),
+        "cut": content[:-1],
+        "nothing": b"",
+        "binary": bytes(range(256)),
+        "deep": b"[" * 100_000,
+        "forged": f'["{unit.description.guid}"]'.encode(),
+    }[damage]
+    assert damaged != content
+    state = unit.fmi.deSerializeFMUstate(damaged)
+    unit.fmi.serializeFMUstate(state)
+    before = unit.outputs()
+    refusal = unit.refusal(lambda u: u.fmi.setFMUstate(state))
+    seen = unit.outputs()
+    unit.fmi.setFMUstate(good)
+    same = unit.outputs() == before
+    unit.step(0.5, 0.5).fmi.freeFMUstate(state)
+    unit.fmi.freeInstance()
+    return [refusal, seen, same]
+
+
+def thread_states() -> int:
+    """How many threads CPython knows."""
+    for name in ("PyInterpreterState_Get", "PyInterpreterState_ThreadHead", "PyThreadState_Next"):
+        getattr(pythonapi, name).restype = c_void_p
+    state = pythonapi.PyInterpreterState_ThreadHead(c_void_p(pythonapi.PyInterpreterState_Get()))
+    count = 0
+    while state:
+        state = pythonapi.PyThreadState_Next(c_void_p(state))
+        count += 1
+    return count
+
+
+@apart
+def on_foreign_threads(fmu: str, masters: int, steps: int) -> list[Any]:
+    """Torque after the steps of C++ masters, each with threads of its own, and Python's threads."""
+    from libcosimpy.CosimExecution import CosimExecution
+    from libcosimpy.CosimLogging import CosimLogLevel, log_output_level
+    from libcosimpy.CosimObserver import CosimObserver
+    from libcosimpy.CosimSlave import CosimLocalSlave
+
+    log_output_level(CosimLogLevel.FATAL)
+    kept = []
+    for _ in range(masters):
+        master = CosimExecution.from_step_size(step_size=1e6)
+        index = master.add_local_slave(CosimLocalSlave(fmu_path=fmu, instance_name="motor"))
+        observer = CosimObserver.create_last_value()
+        master.add_observer(observer)
+        master.real_initial_value(slave_index=index, variable_reference=8, value=39.0)
+        master.step(step_count=steps)
+        kept.append((master, observer))
+    return [[o.last_real_values(0, [9])[0] for _, o in kept], thread_states()]
+
+
+@apart
+def on_python_threads(fmu: str) -> list[Any]:
+    """Torque of one motor that every step is another thread's, and the threads left."""
+    unit = Unit(fmu).start(w=39.0)
+    for n in range(200):
+        thread = threading.Thread(target=unit.step, args=(n * 2.0**-10, 2.0**-10))
+        thread.start()
+        thread.join()
+    return [unit.get("tau"), thread_states()]
+
+
+@apart
+def interrupted(fmu: str) -> list[Any]:
+    """What is logged when Ctrl-C arrives during a step of an hour, and a step after it."""
+    unit = Unit(fmu, "unit 7").start()
+    signal.signal(signal.SIGALRM, signal.default_int_handler)
+    signal.setitimer(signal.ITIMER_REAL, 0.2)
+    refusal = unit.refusal(lambda u: u.step(0.0, 3600.0))
+    unit.fmi.reset()
+    return [refusal, unit.start().step(0.0, 0.1).outputs()]

@@ -1,0 +1,349 @@
+"""The master against ideal algorithms, an independent solver, and misuse."""
+
+from __future__ import annotations
+
+import cmath
+import json
+import math
+import os
+import signal
+import subprocess
+import sys
+import time
+from functools import cache
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from conftest import ROOT
+from fmpy import extract, read_model_description
+from fmpy.fmi2 import FMU2Slave
+from oracle import monolithic
+from scipy.interpolate import CubicSpline
+
+from cosim import SetupError, SimulationError, System, run
+from scenarios.orders import last_revolutions, order
+from scenarios.theory import SETS
+
+NU = 40.0
+WIRES = ("motor.tau -> conveyor.tau", "conveyor.w -> motor.w")
+RECORD = ("motor.tau", "motor.P", "conveyor.phi", "conveyor.w", "conveyor.P_loss")
+REST = {"motor.tau": 0.0, "conveyor.w": 0.0}
+HELD_W2, HELD_TAU2, HELD_PHASE = 2.676625330, 104.9679504, -68.167724
+
+
+def pair(fmus: Path, start: dict[str, Any] | None = None, wires: Any = WIRES) -> System:
+    parts = {"motor": fmus / "DriveMotor.fmu", "conveyor": fmus / "CrankConveyor.fmu"}
+    return System(parts, wires, SETS["A"].start(NU) if start is None else start)
+
+
+@cache
+def ripple(fmus: Path, algorithm: str, n: int, revolutions: int = 24, **start: int) -> Any:
+    """Order-2 amplitudes of speed and torque and the torque's phase at resonance."""
+    h = 2 * math.pi / NU / n
+    held = {name.replace("_", ".", 1): value for name, value in start.items()}
+    system = pair(fmus, SETS["A"].start(NU) | held)
+    result = run(system, stop=revolutions * n * h, step=h, algorithm=algorithm, record=RECORD)
+    tau, _, phi, w, _ = result.data.T[1:]
+    late = last_revolutions(phi, 8)
+    speed, torque = (order(phi[late], x[late], 2) for x in (w, tau))
+    return abs(speed), abs(torque), math.degrees(cmath.phase(torque))
+
+
+def percent(value: float, reference: float) -> float:
+    return 100 * (value / reference - 1)
+
+
+@pytest.mark.parametrize(("n", "error"), [(128, 91.7), (256, 31.5), (512, 13.6), (1024, 6.36)])
+def test_jacobi_inflates_the_resonance_as_its_loop_delay_says(
+    fmus: Path, n: int, error: float
+) -> None:
+    speed, torque, _ = ripple(fmus, "jacobi", n, 48 if n < 512 else 24)
+    assert percent(torque, HELD_TAU2) == pytest.approx(error, rel=0.01)
+    assert percent(speed, HELD_W2) == pytest.approx(error, rel=0.02)
+
+
+@pytest.mark.parametrize(("n", "error"), [(64, 0.6), (128, 0.15)])
+def test_gauss_seidel_meets_the_amplitudes(fmus: Path, n: int, error: float) -> None:
+    speed, torque, phase = ripple(fmus, "gauss-seidel", n)
+    assert abs(percent(torque, HELD_TAU2)) < error
+    assert abs(percent(speed, HELD_W2)) < error
+    if n >= 128:
+        assert abs(phase - HELD_PHASE) < 1.1 * 360 / n
+
+
+@pytest.mark.parametrize(
+    ("algorithm", "n", "motor", "conveyor", "torque", "phase"),
+    [
+        ("strang", 64, 0, 0, -0.014, 0.92),
+        ("strang", 128, 0, 0, -0.001, 0.23),
+        ("gauss-seidel", 64, 0, 0, 0.478, -4.76),
+        ("jacobi", 128, 1, 1, 0.553, 2.24),
+        ("gauss-seidel", 64, 1, 2, 2.348, 3.49),
+        ("gauss-seidel", 128, 0, 2, 31.576, -3.40),
+    ],
+)
+def test_coupling_errors_of_the_input_holds(
+    fmus: Path, algorithm: str, n: int, motor: int, conveyor: int, torque: float, phase: float
+) -> None:
+    """Held, extrapolated and interpolated inputs at resonance; motor first where that matters."""
+    held = {"motor_input_hold": motor, "conveyor_input_hold": conveyor}
+    _, amplitude, angle = ripple(fmus, algorithm, n, 48 if torque > 10 else 24, **held)
+    assert percent(amplitude, HELD_TAU2) == pytest.approx(torque, rel=0.01, abs=0.002)
+    assert angle - HELD_PHASE == pytest.approx(phase, abs=0.02)
+
+
+def test_jacobi_is_unstable_below_its_limit(fmus: Path) -> None:
+    """61.24 steps per revolution at resonance."""
+    growth = []
+    for n in (56, 75):
+        h = 2 * math.pi / NU / n
+        tau = run(pair(fmus), stop=40 * n * h, step=h, algorithm="jacobi", record=RECORD)[RECORD[0]]
+        growth.append(np.abs(tau[-5 * n :]).max() / np.abs(tau[20 * n : 25 * n]).max())
+    assert growth[0] > 1.5
+    assert growth[1] == pytest.approx(1.0, abs=0.01)
+
+
+@pytest.mark.parametrize("rest", [False, True])
+def test_strang_has_second_order_in_all_variables(fmus: Path, rest: bool) -> None:
+    errors = transient_errors(fmus, "strang", rest)
+    assert orders(errors) == pytest.approx(np.full((2, 3), 2.0), abs=0.06)
+
+
+def test_gauss_seidel_drops_to_first_order_from_rest(fmus: Path) -> None:
+    assert orders(transient_errors(fmus, "gauss-seidel", True))[:, 1] == pytest.approx(1.0, abs=0.1)
+    assert orders(transient_errors(fmus, "gauss-seidel", False))[:, 1] == pytest.approx(
+        2.0, abs=0.1
+    )
+
+
+def test_jacobi_has_first_order(fmus: Path) -> None:
+    assert orders(transient_errors(fmus, "jacobi", False))[-1] == pytest.approx(1.0, abs=0.25)
+
+
+def transient_errors(fmus: Path, algorithm: str, rest: bool) -> Any:
+    """Largest error of phi, w, tau over five revolutions for three halvings of the step."""
+    start = SETS["A"].start(NU) | (REST if rest else {})
+    stop = 10 * math.pi / NU
+    t = np.linspace(0.0, stop, 5 * 128 + 1)
+    exact = monolithic(start, stop, t_eval=t).y[:3]
+    errors = []
+    for n in (128, 256, 512):
+        h = stop / (5 * n)
+        result = run(pair(fmus, start), stop=stop, step=h, algorithm=algorithm, every=n // 128)
+        got = [result[name] for name in ("conveyor.phi", "conveyor.w", "motor.tau")]
+        errors.append([np.abs(a - b).max() for a, b in zip(got, exact)])
+    return np.array(errors)
+
+
+def orders(errors: Any) -> Any:
+    return np.array([np.log2(coarse / fine) for coarse, fine in pairwise(errors)])
+
+
+def test_energy_created_by_the_coupling_falls_with_second_order(fmus: Path) -> None:
+    """Motor work against damper loss over eight revolutions in steady state."""
+    residuals = []
+    for n in (64, 128, 256):
+        h = 2 * math.pi / NU / n
+        result = run(pair(fmus), stop=32 * n * h, step=h, record=RECORD)
+        t, phi = result["time"], result["conveyor.phi"]
+        began = float(CubicSpline(phi, t)(phi[-1] - 16 * math.pi))
+        work, loss = (
+            CubicSpline(t, result[name]).integrate(began, t[-1])
+            for name in ("motor.P", "conveyor.P_loss")
+        )
+        residuals.append(abs(work / loss - 1))
+    assert residuals[-1] < 1e-5
+    assert [math.log2(a / b) for a, b in pairwise(residuals)] == pytest.approx([2, 2], abs=0.2)
+
+
+def test_jacobi_equals_a_plain_loop_to_the_bit(fmus: Path) -> None:
+    slaves, h = {}, 1e-3
+    for name in ("DriveMotor", "CrankConveyor"):
+        description = read_model_description(str(fmus / f"{name}.fmu"))
+        slaves[name] = FMU2Slave(
+            guid=description.guid,
+            unzipDirectory=extract(str(fmus / f"{name}.fmu")),
+            modelIdentifier=name,
+            instanceName=name,
+        )
+        slaves[name].references = {v.name: v.valueReference for v in description.modelVariables}
+        slaves[name].instantiate()
+        slaves[name].setupExperiment(startTime=0.0)
+        slaves[name].enterInitializationMode()
+        slaves[name].exitInitializationMode()
+    motor, conveyor = slaves.values()
+    rows = []
+    for n in range(100):
+        tau = motor.getReal([motor.references["tau"]])
+        w = conveyor.getReal([conveyor.references["w"]])
+        rows.append([*tau, *w])
+        motor.setReal([motor.references["w"]], w)
+        conveyor.setReal([conveyor.references["tau"]], tau)
+        motor.doStep(n * h, h)
+        conveyor.doStep(n * h, h)
+    for slave in slaves.values():
+        slave.terminate()
+        slave.freeInstance()
+    result = run(pair(fmus, {}), stop=0.1, step=h, algorithm="jacobi")
+    assert [list(row) for row in zip(result["motor.tau"], result["conveyor.w"])][:-1] == rows
+
+
+def test_rows_are_labelled_with_the_time_of_their_values(fmus: Path) -> None:
+    """A conveyor alone at constant torque: phi(t) of every row is the solution at its time."""
+    system = System(
+        {"conveyor": fmus / "CrankConveyor.fmu"}, start={"conveyor.tau": 8.0, "conveyor.w": 40.0}
+    )
+    result = run(system, stop=0.1, step=7e-3, every=2, record=["conveyor.phi", "conveyor.x"])
+    assert result["time"] == pytest.approx([0, 0.014, 0.028, 0.042, 0.056, 0.07, 0.084, 0.098, 0.1])
+    fine = run(system, stop=0.1, step=1e-3, record=["conveyor.phi"])
+    assert result["conveyor.phi"] == pytest.approx(
+        CubicSpline(fine["time"], fine["conveyor.phi"])(result["time"]), abs=1e-7
+    )
+    assert result["time"][-1] == 0.1
+    assert result.units == {"time": "s", "conveyor.phi": "rad", "conveyor.x": "m"}
+
+
+def test_order_follows_the_wires_or_the_user(fmus: Path) -> None:
+    conveyor_first = {"conveyor": fmus / "CrankConveyor.fmu", "motor": fmus / "DriveMotor.fmu"}
+    chain = System(conveyor_first, WIRES[:1], {"motor.w": 40.0})
+    loop = System(conveyor_first, WIRES)
+    settings: dict[str, Any] = {"stop": 0.01, "step": 1e-3, "algorithm": "gauss-seidel"}
+    assert run(chain, **settings).provenance["order"] == ["motor", "conveyor"]
+    assert run(loop, **settings).provenance["order"] == ["conveyor", "motor"]
+    given = run(loop, order=["motor", "conveyor"], **settings)
+    assert given.provenance["order"] == ["motor", "conveyor"]
+    assert not np.array_equal(given.data, run(loop, **settings).data)
+
+
+def test_start_values_are_coupled_before_the_first_step(fmus: Path) -> None:
+    """The motor hears the conveyor's start speed already at t = 0."""
+    result = run(pair(fmus, {"conveyor.w": 33.0}), stop=1e-3, step=1e-3)
+    assert result["motor.tau_static"][0] == pytest.approx(8000.0 - 199.8 * 33.0)
+
+
+def test_csv_carries_every_digit_and_its_provenance(fmus: Path, tmp_path: Path) -> None:
+    path = tmp_path / "deep" / "run.csv"
+    result = run(pair(fmus), stop=0.02, step=1e-3, csv=path)
+    lines = path.read_text().splitlines()
+    assert lines[0].startswith("time,motor.tau,motor.tau_static,motor.P,conveyor.phi,")
+    assert [[float(x) for x in line.split(",")] for line in lines[1:]] == result.data.tolist()
+    facts = json.loads(path.with_suffix(".json").read_text())
+    assert facts["status"] == "complete"
+    assert facts["units"]["motor.tau"] == "N.m"
+    assert facts["parts"]["motor"]["parameters"]["B"] == 199.8
+    assert facts["parts"]["conveyor"]["guid"].startswith("{")
+    assert result.frame["motor.tau"].iloc[-1] == result["motor.tau"][-1]
+    assert list(tmp_path.glob("**/*partial*")) == []
+
+
+def test_failing_part_leaves_all_rows_and_says_where(fmus: Path, tmp_path: Path) -> None:
+    """A torque that no crank can follow."""
+    path = tmp_path / "run.csv"
+    with pytest.raises(
+        SimulationError, match=r"conveyor: doStep\(t = .* returned Fatal: .*phi = "
+    ) as caught:
+        run(pair(fmus, {"motor.A": 1e305}), stop=1.0, step=1e-3, algorithm="jacobi", csv=path)
+    assert not path.exists()
+    kept = path.with_name("run.partial.csv").read_text().splitlines()
+    assert len(kept) - 1 == len(caught.value.result.data) > 1
+    facts = json.loads(path.with_name("run.partial.json").read_text())
+    assert (facts["status"], facts["reached"]) == ("failed", caught.value.result["time"][-1])
+    assert np.isfinite(caught.value.result.data).all()
+
+
+def test_ctrl_c_leaves_a_readable_csv(fmus: Path, tmp_path: Path) -> None:
+    script = (
+        "import sys; from pathlib import Path; from cosim import System, run\n"
+        "fmus, out = map(Path, sys.argv[1:])\n"
+        "parts = {'motor': fmus / 'DriveMotor.fmu', 'conveyor': fmus / 'CrankConveyor.fmu'}\n"
+        f"run(System(parts, {WIRES!r}), stop=1e4, step=1e-3, csv=out, "
+        "progress=lambda share: print(share, flush=True))\n"
+    )
+    command = [sys.executable, "-c", script, str(fmus), str(tmp_path / "run.csv")]
+    scratch = tmp_path / "scratch"
+    scratch.mkdir()
+    process = subprocess.Popen(
+        command,
+        cwd=ROOT,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        env=os.environ | {"TMPDIR": str(scratch)},
+    )
+    partial = tmp_path / "run.partial.csv"
+    deadline = time.monotonic() + 30
+    while not (partial.exists() and partial.stat().st_size > 1000) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=30)
+    assert "interrupted by the user; stopped at t = " in errors.decode()
+    facts = json.loads((tmp_path / "run.partial.json").read_text())
+    rows = [line.split(",") for line in partial.read_text().splitlines()]
+    assert facts["status"] == "interrupted"
+    assert {len(row) for row in rows} == {len(rows[0])}
+    assert float(rows[-1][0]) == facts["reached"]
+    assert list(scratch.iterdir()) == []
+
+
+BAD_SYSTEMS = [
+    ({"wires": ["motor.tau -> conveyor.tau"]}, "input motor.w [rad/s] is not connected"),
+    ({"wires": [*WIRES, WIRES[0]]}, "conveyor.tau [N.m] is driven twice"),
+    ({"wires": ["motor.tau -> motor.w"]}, "motor.tau [N.m] cannot drive motor.w [rad/s]"),
+    ({"wires": ["motor.tau > conveyor.tau"]}, "must read 'part.output -> part.input'"),
+    ({"wires": ["engine.tau -> conveyor.tau"]}, "there is no part 'engine', only motor, conveyor"),
+    ({"wires": ["motor.torque -> conveyor.tau"]}, "motor has no variable 'torque', only "),
+    ({"wires": ["motor.w -> conveyor.tau"]}, "motor.w [rad/s] is input, not an output"),
+    ({"wires": ["motor.tau -> conveyor.phi"]}, "conveyor.phi [rad] is output, not an input"),
+    ({"start": {"motor.T": 0.0}}, "motor.T [s] = 0.0 must be at least 1e-06 s"),
+    ({"start": {"conveyor.trough.m": -1.0}}, "conveyor.trough.m [kg] = -1.0 must be at least"),
+    ({"start": {"motor.A": math.nan}}, "motor.A [N.m] = nan must be a finite number"),
+    ({"start": {"motor.A": "8 kN"}}, "motor.A [N.m] = '8 kN' must be of type Real"),
+    ({"start": {"motor.characteristic": 5}}, "motor.characteristic = 5 must be at most 1"),
+    ({"start": {"motor.characteristic": 0.5}}, "motor.characteristic = 0.5 must be of type"),
+    ({"start": {"motor.P": 1.0}}, "motor.P [W] is output and cannot be given a start value"),
+    ({"start": {"motor.t": 1.0}}, "motor has no variable 't', only characteristic, A, B, T"),
+    (
+        {"start": {"conveyor.rod.finite": True, "conveyor.crank.r": 0.5}},
+        "conveyor: exitInitializationMode: conveyor: crank.r = 0.5 m must be below rod.l = 0.4 m",
+    ),
+]
+
+
+@pytest.mark.parametrize(("change", "message"), BAD_SYSTEMS)
+def test_bad_systems_are_refused(fmus: Path, change: dict[str, Any], message: str) -> None:
+    system = pair(fmus, change.get("start", {}), change.get("wires", WIRES))
+    with pytest.raises(SetupError) as caught:
+        run(system, stop=1.0, step=1e-3)
+    assert message in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"step": 0.0}, "step = 0.0 s must be above 0"),
+        ({"step": math.nan}, "step = nan s must be a finite number"),
+        ({"stop": -1.0}, "stop = -1.0 s must be after start = 0.0 s"),
+        ({"algorithm": "euler"}, "'euler' must be one of jacobi, gauss-seidel, strang"),
+        ({"order": ["motor"]}, "order ['motor'] must name each of motor, conveyor once"),
+        ({"record": ["motor.speed"]}, "motor has no variable 'speed'"),
+        ({"every": 0}, "every = 0 must be at least 1"),
+    ],
+)
+def test_bad_settings_are_refused(fmus: Path, settings: dict[str, Any], message: str) -> None:
+    with pytest.raises(SetupError) as caught:
+        run(pair(fmus), **{"stop": 1.0, "step": 1e-3, **settings})
+    assert message in str(caught.value)
+
+
+def test_what_is_no_fmu_is_refused(fmus: Path, tmp_path: Path) -> None:
+    broken = tmp_path / "Broken.fmu"
+    broken.write_bytes(b"no zip")
+    for path, message in (
+        (broken, "is not a valid FMU"),
+        (tmp_path / "no.fmu", "there is no file"),
+    ):
+        with pytest.raises(SetupError, match=message):
+            run(System({"motor": path}), stop=1.0, step=1e-3)

@@ -1,0 +1,375 @@
+"""The FMUs: valid, the same from the same source, drop-in, and equal to their equations."""
+
+import ast
+import functools
+import importlib
+import itertools
+import json
+import math
+import random
+import re
+import shutil
+import subprocess
+import sys
+import tomllib
+import zipfile
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+from xml.etree.ElementTree import Element
+
+import numpy as np
+import pytest
+from fmpy.validation import validate_fmu
+from scipy.integrate import solve_ivp
+from scipy.linalg import expm
+
+from components import CATALOGUE, crank_conveyor
+from components.kit import VERSION
+from components.kit.interface import InputHold, Interface, Variable, class_name
+from components.kit.record import Declaration, declarations, fill, start
+from components.packing.pack import collect
+from components.packing.validate import problems
+from tests.hosts import fmus as hosts
+from tests.hosts.host import Unit
+
+ROOT = Path(__file__).resolve().parents[1]
+MODELS = [importlib.import_module(f"components.{name}") for name in CATALOGUE]
+MOTOR, CONVEYOR = "DriveMotor.fmu", "CrankConveyor.fmu"
+each_model = pytest.mark.parametrize("model", MODELS, ids=class_name)
+
+
+def path(model: Any, fmus: Path) -> Path:
+    return fmus / f"{class_name(model)}.fmu"
+
+
+def content(fmu: Path, name: str) -> str:
+    """A file inside an FMU."""
+    with zipfile.ZipFile(fmu) as archive:
+        return archive.read(name).decode()
+
+
+def xml(fmu: Path) -> Element:
+    return ElementTree.fromstring(content(fmu, "modelDescription.xml"))
+
+
+def variables(model: Any, fmus: Path) -> list[tuple[Variable, Element, Element]]:
+    """Each variable as declared, its ScalarVariable and the element of its type."""
+    elements = xml(path(model, fmus)).findall("ModelVariables/ScalarVariable")
+    return [(v, e, e[0]) for v, e in zip(Interface(model).variables, elements, strict=True)]
+
+
+def build(tree: Path, *options: Any, code: int = 0) -> str:
+    """What build_fmus.py says in this tree; on stderr if it is to fail."""
+    command = [sys.executable, "build_fmus.py", *map(str, options)]
+    done = subprocess.run(command, cwd=tree, check=False, capture_output=True, text=True)
+    assert done.returncode == code, done.stdout + done.stderr
+    return done.stderr if code else done.stdout
+
+
+@pytest.fixture
+def tree(tmp_path: Path) -> Path:
+    """A copy of all that builds FMUs, to be changed."""
+    shutil.copytree(ROOT / "components", tmp_path / "tree" / "components")
+    for name in ("build_fmus.py", "LICENSE"):
+        shutil.copy(ROOT / name, tmp_path / "tree")
+    (tmp_path / "tree" / "docs").mkdir()
+    return tmp_path / "tree"
+
+
+def change(file: Path, old: str, new: str) -> None:
+    text = file.read_text()
+    assert text.count(old) == 1
+    file.write_text(text.replace(old, new))
+
+
+@each_model
+def test_fmu_is_valid(model: Any, fmus: Path) -> None:
+    assert validate_fmu(str(path(model, fmus))) == []
+    assert problems(path(model, fmus)) == []
+
+
+@pytest.mark.parametrize(
+    ("fmu", "old", "new", "problem"),
+    [
+        (MOTOR, 'start="0.0625"', 'start="0.0"', "start 0.0 of T is outside 1e-06 .. inf"),
+        (MOTOR, 'start="40.0"', 'start="40.0" max="9.0"', "start 40.0 of w is outside -inf .. 9.0"),
+        (MOTOR, 'min="1e-06" start="190.0"', 'min="9.0" max="1.0" start="5.0"', "min 9.0 of kloss"),
+        (MOTOR, 'unit="W"', 'unit="W" min="9.0" max="1.0"', "min 9.0 of P is above max 1.0"),
+        (MOTOR, 'start="8000.0"', 'start="INF"', "start of A is not finite"),
+        (MOTOR, 'nominal="100.0"', 'nominal="0.0"', "nominal of tau is 0"),
+        (MOTOR, 'factor="9.54929', 'factor="9.55', "display unit rpm of rad/s has factor 9.55"),
+        (CONVEYOR, 'x="13" dependencies="', 'x="13" dependencies="9 8 ', "x are not in order"),
+        (CONVEYOR, 'x="13" dependencies="', 'x="13" dependencies="13 ', "x depends on itself"),
+        (MOTOR, 'canGetAndSetFMUstate="true" ', "", "canSerializeFMUstate needs canGetAndSet"),
+        (MOTOR, ' stepSize="0.001"', "", "DefaultExperiment lacks"),
+        (MOTOR, r"<DefaultExperiment[^>]*>", "", "DefaultExperiment lacks"),
+        (MOTOR, 'modelIdentifier="DriveMotor"', 'modelIdentifier="Drive"', "Drive.so is missing"),
+    ],
+)
+def test_our_own_checks_find_what_no_public_checker_reports(
+    fmu: str, old: str, new: str, problem: str, fmus: Path, tmp_path: Path
+) -> None:
+    spoilt, name = tmp_path / fmu, "modelDescription.xml"
+    text, changes = re.subn(old, new, content(fmus / fmu, name))
+    with zipfile.ZipFile(fmus / fmu) as source, zipfile.ZipFile(spoilt, "w") as target:
+        for entry in source.namelist():
+            target.writestr(entry, text if entry == name else source.read(entry))
+    assert changes
+    assert validate_fmu(str(spoilt)) == []
+    assert any(problem in found for found in problems(spoilt))
+
+
+@each_model
+def test_every_variable_is_in_the_fmu_as_declared(model: Any, fmus: Path) -> None:
+    for variable, scalar, typed in variables(model, fmus):
+        declared = variable.declaration
+        assert scalar.get("name") == variable.name
+        assert scalar.get("description") == declared.meaning
+        assert typed.tag == declared.kind
+        assert ("start" in typed.attrib) == variable.settable_before_start
+        if typed.tag == "Real":
+            for number in ("min", "max", "nominal", *["start"] * ("start" in typed.attrib)):
+                text = typed.get(number)
+                assert (text and float(text)) == getattr(declared, number)
+        elif variable.settable_before_start:
+            assert typed.attrib["start"] == json.dumps(declared.start)
+
+
+@each_model
+def test_every_real_has_a_unit_and_angles_are_shown_in_deg_and_rpm(model: Any, fmus: Path) -> None:
+    units = {u.get("name"): u for u in xml(path(model, fmus)).findall("UnitDefinitions/Unit")}
+    shown = {"rad": ["deg", 180 / math.pi], "rad/s": ["rpm", 30 / math.pi]}
+    for variable, _, typed in variables(model, fmus):
+        if typed.tag == "Real":
+            base, *displays = units[typed.attrib["unit"]]
+            exponents = {name: int(power) for name, power in base.attrib.items()}
+            assert exponents == variable.declaration.quantity.exponents
+            assert (exponents == {}) == (typed.attrib["unit"] == "1")
+            found = [[d.get("name"), float(d.attrib["factor"])] for d in displays]
+            assert found == [shown[name] for name in shown if name == typed.get("unit")]
+            assert typed.get("displayUnit") == (found[0][0] if found else None)
+
+
+@each_model
+def test_model_structure_is_complete_and_in_order(model: Any, fmus: Path) -> None:
+    rows = [(v, scalar) for v, scalar, _ in variables(model, fmus) if v.causality == "output"]
+    names = [v.name for v in Interface(model).variables]
+    outputs, initial = (
+        {
+            names[int(u.attrib["index"]) - 1]: [
+                names[int(i) - 1] for i in u.attrib["dependencies"].split()
+            ]
+            for u in xml(path(model, fmus)).findall(f"ModelStructure/{part}/Unknown")
+        }
+        for part in ("Outputs", "InitialUnknowns")
+    )
+    states = [name for name, _ in declarations(model.State)]
+    assert list(outputs) == [v.name for v, _ in rows]
+    assert list(initial) == [name for name in outputs if name not in states]
+    for variable, scalar in rows:
+        exact = variable.name in states
+        assert scalar.get("initial") == ("exact" if exact else "calculated")
+        assert outputs[variable.name] == list(variable.declaration.feedthrough)
+        if not exact:
+            assert {*states, *outputs[variable.name]} <= {*initial[variable.name]}
+
+
+@each_model
+def test_names_are_structured_and_the_guid_is_the_hash_of_the_source(
+    model: Any, fmus: Path
+) -> None:
+    root = xml(path(model, fmus))
+    assert root.get("variableNamingConvention") == "structured"
+    for element in root.iter("ScalarVariable"):
+        assert re.fullmatch(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*", element.attrib["name"], re.ASCII)
+    assert root.get("guid") == collect(model.__name__.rpartition(".")[2]).guid
+
+
+def test_project_and_fmus_have_one_version(fmus: Path) -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    assert project["version"] == VERSION
+    assert {xml(path(model, fmus)).get("version") for model in MODELS} == {VERSION}
+
+
+def draw(rng: random.Random, declared: Declaration) -> Any:
+    """A value near the start of a Real, or any of the others."""
+    if declared.kind == "Real":
+        return declared.start + rng.uniform(0.1, 1.0)
+    return rng.choice(list(declared.items or (False, True)))
+
+
+@each_model
+def test_outputs_feel_at_once_the_inputs_that_they_declare_and_no_other(model: Any) -> None:
+    kinds = {name: d for name, d in declarations(model.Parameters) if d.kind != "Real"}
+    choices = [list(d.items or (False, True)) for d in kinds.values()]
+    felt, rng = set(), random.Random(1)
+    for choice in 20 * list(itertools.product(*choices)):
+        p = start(model.Parameters, **dict(zip(kinds, choice)))
+        x = fill(model.State, [draw(rng, d) for _, d in declarations(model.State)])
+        u = fill(model.Inputs, [draw(rng, d) for _, d in declarations(model.Inputs)])
+        before = model.outputs(p, 0.0, x, u)
+        for name, declared in declarations(model.Inputs):
+            after = model.outputs(p, 0.0, x, u._replace(**{name: draw(rng, declared)}))
+            felt |= {(out, name) for out, a, b in zip(before._fields, before, after) if a != b}
+    promised = {(out, name) for out, d in declarations(model.Outputs) for name in d.feedthrough}
+    assert felt == promised
+
+
+def test_two_builds_are_identical_to_the_byte(tmp_path: Path) -> None:
+    for folder in ("a", "b"):
+        assert build(ROOT, "--into", tmp_path / folder).count("built and valid") == len(MODELS)
+    for model in MODELS:
+        one, other = (path(model, tmp_path / folder).read_bytes() for folder in ("a", "b"))
+        assert one == other
+
+
+def test_a_build_skips_what_is_up_to_date_and_makes_what_is_not(tree: Path) -> None:
+    assert "DriveMotor.fmu built and valid" in build(tree, "drive_motor")
+    assert "DriveMotor.fmu is up to date" in build(tree, "drive_motor")
+    assert "DriveMotor.fmu built and valid" in build(tree, "drive_motor", "--force")
+    (tree / "fmus" / MOTOR).write_bytes((tree / "fmus" / MOTOR).read_bytes()[:-100])
+    assert "DriveMotor.fmu built and valid" in build(tree, "drive_motor")
+
+
+def test_an_unknown_component_is_named_and_ends_with_code_2() -> None:
+    said = build(ROOT, "drive_mottor", code=2)
+    assert "unknown component 'drive_mottor'; there are drive_motor, crank_conveyor" in said
+
+
+def test_an_invalid_fmu_is_not_kept_and_ends_with_code_1(tree: Path) -> None:
+    source = tree / "components" / "crank_conveyor.py"
+    change(source, 'way up", nominal=1.0', 'way up", nominal=0.0')
+    said = build(tree, code=1)
+    assert "CrankConveyor.fmu is not valid and was not kept:\n  nominal of phi is 0" in said
+    kept = {file.name for file in (tree / "fmus").iterdir()}
+    assert kept == {path(model, tree).name for model in MODELS} - {CONVEYOR}
+
+
+def test_two_versions_in_one_process_compute_their_own_numbers(fmus: Path, tree: Path) -> None:
+    change(tree / "components" / "drive_motor.py", "real(8000.0,", "real(8199.8,")
+    build(tree, "drive_motor")
+    old, new = fmus / MOTOR, tree / "fmus" / MOTOR
+    assert xml(old).get("guid") != xml(new).get("guid")
+    lag = math.exp(-1.0 / 0.0625)
+    expected = [8.0, 207.8 + (8.0 - 207.8) * lag]
+    assert hosts.versions([old, new]) == pytest.approx(expected, rel=1e-12)
+
+
+def test_the_variable_tables_of_the_documentation_are_up_to_date(tree: Path) -> None:
+    build(tree, "--docs")
+    written = (tree / "docs" / "variables.md").read_text()
+    assert (ROOT / "docs" / "variables.md").read_text() == written
+
+
+@each_model
+def test_the_page_in_the_fmu_needs_no_network_and_names_every_variable(
+    model: Any, fmus: Path
+) -> None:
+    page = content(path(model, fmus), "documentation/index.html")
+    formulas = re.findall(r"<math.*?</math>", page, re.DOTALL)
+    assert formulas
+    for formula in formulas:
+        ElementTree.fromstring(formula)
+    assert not re.search(r"\b(src|href|data)=|url\(|@import|\$|FORMULA", page)
+    rows = re.findall(r"<tr><td>(.*?)</td>(.*?)</tr>", page)
+    declared = Interface(model).variables
+    assert [name for name, _ in rows] == [v.name for v in declared]
+    for variable, (_, row) in zip(declared, rows):
+        for item in variable.declaration.items or ():
+            assert f"{item.value} = {item.name}" in row
+
+
+@each_model
+def test_the_fmu_runs_on_the_standard_library_alone(model: Any, fmus: Path, tmp_path: Path) -> None:
+    with zipfile.ZipFile(path(model, fmus)) as archive:
+        archive.extractall(tmp_path)
+    for source in (tmp_path / "resources").rglob("*.py"):
+        ast.parse(source.read_text(), feature_version=(3, 10))
+    bare = ROOT / "tests" / "hosts" / "bare.py"
+    done = subprocess.run(
+        [sys.executable, "-I", "-S", bare, tmp_path / "resources"],
+        check=True,
+        capture_output=True,
+        text=True,
+    )
+    numbers = [float(number) for number in done.stdout.split()]
+    assert len(numbers) == 10 * sum(
+        v.declaration.kind == "Real" for v in Interface(model).variables
+    )
+    assert all(map(math.isfinite, numbers))
+
+
+@each_model
+def test_the_default_experiment_runs_to_its_end(model: Any, fmus: Path) -> None:
+    end = hosts.default_experiment(path(model, fmus))
+    assert end.pop("time") == pytest.approx(model.EXPERIMENT.stop)
+    assert end.keys() == {v.name for v in Interface(model).variables if v.causality == "output"}
+    assert all(map(math.isfinite, end.values()))
+
+
+@pytest.mark.parametrize("hold", InputHold)
+def test_motor_steps_are_exact_for_every_course_of_the_speed(hold: InputHold, fmus: Path) -> None:
+    A, B, T = 8000.0, 199.8, 0.0625
+    unit = Unit(fmus / MOTOR).start(input_hold=hold, w=40.0, tau=8.0)
+    rng = random.Random(1)
+    t, tau, before, past = 0.0, 8.0, 40.0, None
+    for _ in range(50):
+        w, h = 40.0 + 9.0 * math.sin(8.0 * t), rng.choice([1e-4, 1e-3, 0.01, 0.3])
+        rise = 0.0
+        if hold == InputHold.extrapolate and past:
+            rise = (w - before) * h / past
+        begin, end = (before, w) if hold == InputHold.interpolate else (w, w + rise)
+        slope = [[-1 / T, -B / T, A / T], [0.0, 0.0, (end - begin) / h], [0.0, 0.0, 0.0]]
+        tau = float((expm(np.array(slope) * h) @ [tau, begin, 1.0])[0])
+        unit.set(w=w).step(t, h)
+        expected = [tau, A - B * end, tau * end]
+        assert unit.outputs() == pytest.approx(expected, rel=1e-12, abs=1e-10)
+        t, before, past = t + h, w, h
+
+
+@functools.cache
+def revolution(finite: bool) -> tuple[dict[str, Any], float, list[float]]:
+    """Start values of a conveyor, the time of a revolution, and the states after it."""
+    m = crank_conveyor
+    values = {"rod.l": 0.2, "crank.r": 0.05, "rod.finite": finite}
+    p, u = start(m.Parameters, **values), start(m.Inputs, tau=20.0)
+    solution = solve_ivp(
+        lambda t, y: m.derivatives(p, t, m.State(*y), u),
+        (0.0, math.tau / 40.0),
+        [0.1, 60.0],
+        method="DOP853",
+        rtol=1e-13,
+        atol=1e-13,
+    )
+    return {**values, "phi": 0.1, "w": 60.0, "tau": 20.0}, solution.t[-1], list(solution.y[:, -1])
+
+
+@pytest.mark.parametrize("finite", [False, True])
+@pytest.mark.parametrize("h", [1e-4, 1e-3, 7e-3, 0.05, 1.0])
+def test_conveyor_follows_its_equations_over_a_revolution_at_any_communication_step(
+    h: float, finite: bool, fmus: Path
+) -> None:
+    values, stop, expected = revolution(finite)
+    unit = Unit(fmus / CONVEYOR).start(**values)
+    count = math.ceil(stop / h)
+    times = [*(n * h for n in range(count)), stop]
+    for begin, end in itertools.pairwise(times):
+        unit.step(begin, end - begin)
+    assert [unit.get("phi"), unit.get("w")] == pytest.approx(expected, rel=1e-9)
+
+
+@each_model
+def test_a_thousand_lives_leave_less_than_4_kB_each_and_no_path(model: Any, fmus: Path) -> None:
+    leak, paths = hosts.lives(path(model, fmus))
+    assert leak < 4096
+    assert paths == 0
+
+
+def test_sixty_instances_live_side_by_side(fmus: Path) -> None:
+    speeds = [30.0 + 0.25 * n for n in range(60)]
+    lag = math.exp(-0.010 / 0.0625)
+    for w, (tau, static, power) in zip(speeds, hosts.crowd(fmus / MOTOR, "w", speeds)):
+        final = 8000.0 - 199.8 * w
+        expected = final + (8.0 - final) * lag
+        assert [tau, static, power] == pytest.approx([expected, final, expected * w], rel=1e-11)

@@ -1,0 +1,133 @@
+"""The FMUs in hosts that are not ours: libcosim, Ecos, and programs without Python."""
+
+import csv
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+import sysconfig
+import zipfile
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import fmpy
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from cosim import System, run
+
+HOSTS = Path(__file__).with_name("hosts")
+STEPS, STEP = 200, 1e-3
+RECORD = ["motor.tau", "conveyor.w", "conveyor.phi"]
+START = {"rotor.J": 0.6, "tau": 12.0}
+
+
+@pytest.fixture(scope="module")
+def pair(fmus: Path) -> np.ndarray:
+    """Motor torque, crank speed and angle of our Jacobi master, a row per communication point."""
+    system = System(
+        parts={"motor": fmus / "DriveMotor.fmu", "conveyor": fmus / "CrankConveyor.fmu"},
+        wires=["motor.tau -> conveyor.tau", "conveyor.w -> motor.w"],
+    )
+    result = run(system, stop=STEPS * STEP, step=STEP, algorithm="jacobi", record=RECORD)
+    return np.column_stack([result[name] for name in RECORD])
+
+
+@pytest.fixture(scope="module")
+def starter(fmus: Path) -> list[str]:
+    """What comes before a program without Python, as the FMU's own documentation says."""
+    library = Path(*map(str, sysconfig.get_config_vars("LIBDIR", "INSTSONAME")))
+    if ".so" not in library.name or not library.is_file():
+        pytest.skip(f"this Python has no shared library, {library}")
+    with zipfile.ZipFile(fmus / "CrankConveyor.fmu") as archive:
+        text = archive.read("documentation/externalDependencies.txt").decode()
+    (line,) = re.findall(r"^ +(LD_PRELOAD=.*) HOST$", text, re.MULTILINE)
+    return ["sh", "-c", f'{line} "$@"', "sh"]
+
+
+def finish(
+    *command: Any, cwd: Path | None = None, **environment: str
+) -> subprocess.CompletedProcess[str]:
+    """Run a program to its end; its exit code must be 0."""
+    path = os.pathsep.join((str(HOSTS / "bin"), f"{sys.prefix}/bin", os.environ["PATH"]))
+    done = subprocess.run(
+        [*map(str, command)],
+        cwd=cwd,
+        env={**os.environ, "PATH": path, **environment},
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert done.returncode == 0, f"exit code {done.returncode}: {done.stdout}{done.stderr}"
+    return done
+
+
+def test_libcosim_reproduces_our_jacobi_master(fmus: Path, pair: np.ndarray) -> None:
+    """Its n-th step ends at n*STEP; it steps by a difference of times, hence not to the bit."""
+    rows = json.loads(finish(sys.executable, HOSTS / "libcosim_pair.py", fmus, STEPS).stdout)
+    time, *values = np.transpose(rows)
+    assert_array_equal(time, 1e9 * STEP * np.arange(1, STEPS + 1))
+    assert_allclose(np.transpose(values), pair[1:], rtol=1e-10, atol=0.0)
+
+
+def test_ecos_reproduces_our_jacobi_master_to_the_bit(fmus: Path, pair: np.ndarray) -> None:
+    """From the initial values on, although Ecos steps the FMUs in several threads."""
+    rows = json.loads(finish(sys.executable, HOSTS / "ecos_pair.py", fmus, STEPS).stdout)
+    time, *values = np.transpose(rows)
+    assert_allclose(time, STEP * np.arange(STEPS + 1), rtol=1e-12)
+    assert_array_equal(np.transpose(values), pair)
+
+
+def test_ecos_program_without_python_prints_what_our_jacobi_master_computes(
+    fmus: Path, pair: np.ndarray, starter: list[str], tmp_path: Path
+) -> None:
+    """The program of the Ecos wheel reads the pair as an SSP and prints six decimals."""
+    spec = find_spec("ecospy")
+    assert spec and spec.origin
+    program = Path(shutil.copy(Path(spec.origin).parent / "binaries" / "ecos", tmp_path))
+    program.chmod(0o755)
+    with zipfile.ZipFile(tmp_path / "pair.ssp", "w") as archive:
+        archive.write(HOSTS / "SystemStructure.ssd", "SystemStructure.ssd")
+        for name in ("DriveMotor.fmu", "CrankConveyor.fmu"):
+            archive.write(fmus / name, f"resources/{name}")
+    call = [program, "simulate", "--path", "pair.ssp", "--stepSize", STEP]
+    call += ["--stopTime", (STEPS + 0.5) * STEP]
+    folders = {"LD_LIBRARY_PATH": f"{sys.prefix}/lib", "TMPDIR": str(tmp_path)}
+    finish(*starter, *call, cwd=tmp_path, **folders)
+    with (tmp_path / "pair.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file, skipinitialspace=True))
+    columns = [f"{name.replace('.', '::')}[REAL]" for name in RECORD]
+    printed = [[row[column] for column in columns] for row in rows]
+    assert printed == [[f"{value:.6f}" for value in row] for row in pair]
+
+
+def test_c_program_without_python_agrees_with_our_master_to_the_bit(
+    fmus: Path, starter: list[str], tmp_path: Path
+) -> None:
+    """It also rolls back, survives a refused step, and repeats its run after a reset."""
+    if shutil.which("gcc") is None:
+        pytest.skip("there is no gcc")
+    fmu = fmus / "CrankConveyor.fmu"
+    headers = Path(fmpy.__file__).with_name("c-code")
+    host, folder = tmp_path / "host", Path(fmpy.extract(fmu, tmp_path / "fmu"))
+    finish(
+        "gcc", "-Wall", "-Wextra", "-Werror", f"-I{headers}", HOSTS / "host.c", "-ldl", "-o", host
+    )
+
+    description = fmpy.read_model_description(fmu)
+    reference = {v.name: v.valueReference for v in description.modelVariables}
+    given = [text for name, value in START.items() for text in (reference[name], value)]
+    library = folder / "binaries" / "linux64" / "CrankConveyor.so"
+    resources = (folder / "resources").as_uri()
+    done = finish(*starter, host, library, resources, description.guid, *given, reference["w"])
+
+    assert done.stderr.count("communication step = -0.001 s must be a finite number above 0") == 2
+    start = {f"conveyor.{name}": value for name, value in START.items()}
+    system = System(parts={"conveyor": fmu}, start=start)
+    result = run(system, stop=STEPS * STEP, step=STEP, record=["conveyor.w"])
+    assert_array_equal(np.array(done.stdout.split(), float), result["conveyor.w"][1:])

@@ -1,0 +1,97 @@
+"""Whatever a host does to an FMU: it is refused by name and value, and the process lives on."""
+
+import math
+from pathlib import Path
+
+import pytest
+
+from components import drive_motor
+from components.kit.slave import Failure, slave_class
+from tests.hosts import safety
+
+MOTOR, CONVEYOR = "DriveMotor.fmu", "CrankConveyor.fmu"
+
+
+@pytest.mark.parametrize(
+    ("unit", "reason"), [(unit, row) for unit in safety.MISUSE for row in safety.MISUSE[unit]]
+)
+def test_a_misuse_is_refused_by_name_and_value_and_harms_nobody(
+    unit: str, reason: str, fmus: Path
+) -> None:
+    refusal, plausible, recovered, alive, paths = safety.misuse(fmus / f"{unit}.fmu", reason)
+    assert "unit 7: " in refusal
+    assert reason in refusal
+    assert plausible == []
+    assert (recovered, alive, paths) == (1, 1, 0)
+
+
+def test_what_is_unusual_only_warns_and_a_percent_sign_harms_no_logger(fmus: Path) -> None:
+    warning, outputs, refusal = safety.unusual(fmus / CONVEYOR)
+    assert "100%s%n%d: crank.r = 0.15 m is not small against rod.l = 0.4 m" in warning
+    assert all(map(math.isfinite, outputs))
+    assert "100%s%n%d: communication step = 0.0 s" in refusal
+
+
+def test_a_failure_does_not_swallow_the_warnings_before_it() -> None:
+    slave = slave_class(drive_motor, "guid")(instance_name="unit 7")
+    slave.warn("wear at 90 %")
+    with pytest.raises(Failure) as failure:
+        slave.do_step(0.0, 0.1)
+    assert repr(failure.value).startswith("unit 7: unit 7: wear at 90 %%; doStep is not allowed")
+
+
+@pytest.mark.parametrize("serialised", [False, True])
+@pytest.mark.parametrize("hold", [0, 1, 2])
+@pytest.mark.parametrize("fmu", [MOTOR, CONVEYOR])
+def test_a_repeated_passage_repeats_every_bit(
+    fmu: str, hold: int, serialised: bool, fmus: Path
+) -> None:
+    undisturbed, *repeated = safety.redone(fmus / fmu, hold, serialised)
+    assert all(map(math.isfinite, undisturbed))
+    assert repeated == 3 * [undisturbed]
+
+
+def test_a_thousand_states_live_at_once(fmus: Path) -> None:
+    assert safety.many_states(fmus / MOTOR)
+
+
+@pytest.mark.parametrize(
+    "damage", ["another build", "one digit", "cut", "nothing", "binary", "deep", "forged"]
+)
+def test_a_foreign_or_damaged_state_is_refused_and_rollback_leads_out(
+    damage: str, fmus: Path
+) -> None:
+    refusal, seen, same = safety.foreign_state(fmus / MOTOR, fmus / CONVEYOR, damage)
+    assert "unit 7: FMU state is damaged or not of this build {" in refusal
+    assert all(map(math.isnan, seen))
+    assert same
+
+
+def torque(t: float) -> float:
+    """Torque of the default motor held at 39 rad/s."""
+    final = 8000.0 - 199.8 * 39.0
+    return final + (8.0 - final) * math.exp(-t / 0.0625)
+
+
+def test_a_foreign_thread_that_steps_twice_is_adopted(fmus: Path) -> None:
+    values, threads = safety.on_foreign_threads(fmus / MOTOR, 1, 50)
+    assert values == pytest.approx([torque(0.050)], rel=1e-12)
+    assert threads > 1
+
+
+def test_foreign_threads_that_step_once_are_not_hoarded(fmus: Path) -> None:
+    values, threads = safety.on_foreign_threads(fmus / MOTOR, 10, 1)
+    assert values == pytest.approx(10 * [torque(0.001)], rel=1e-12)
+    assert threads == 1
+
+
+def test_python_threads_take_turns_with_one_instance(fmus: Path) -> None:
+    value, threads = safety.on_python_threads(fmus / MOTOR)
+    assert value == pytest.approx(torque(200 / 1024), rel=1e-12)
+    assert threads == 1
+
+
+def test_an_interrupt_during_a_step_is_a_failure_like_any_other(fmus: Path) -> None:
+    refusal, outputs = safety.interrupted(fmus / CONVEYOR)
+    assert "unit 7: KeyboardInterrupt" in refusal
+    assert all(map(math.isfinite, outputs))
