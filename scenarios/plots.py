@@ -58,7 +58,7 @@ def resonance(
     lag = [_lag(machine, x) for x in fine]
     _curve(bottom, fine, lag, nu, [p.lag for p in points], MARK)
     bottom.set_ylabel("lag of torque behind\nload ripple  [deg]")
-    bottom.set_yticks([0, 45, 90, 135, 180])
+    bottom.set(ylim=(0, 185), yticks=[0, 45, 90, 135, 180])
     bottom.axhline(90, color=MARK, linewidth=0.8)
     bottom.set_xlabel("operating speed  [rad/s]")
     for axes in (top, middle, bottom):
@@ -116,8 +116,15 @@ def _lag(machine: Machine, nu: float) -> float:
 
 
 def _mark(axes: Axes, x: float, y: float, text: str) -> None:
-    axes.plot([x], [y], "v", color="black", markersize=6)
-    axes.annotate(text, (x, y), xytext=(-8, 0), textcoords="offset points", ha="right", va="center")
+    axes.annotate(
+        text,
+        (x, y),
+        xytext=(-60, 14),
+        textcoords="offset points",
+        ha="right",
+        va="center",
+        arrowprops={"arrowstyle": "->", "color": "black", "shrinkB": 4},
+    )
 
 
 def save(figure: Figure, path: Path) -> None:
