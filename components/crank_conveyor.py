@@ -60,23 +60,23 @@ EXPERIMENT = Experiment(stop=1.0, step=1e-3)
 
 @record
 class Rotor:
-    J: Inertia = real(0.49, "Moment of inertia of all that turns with the crank", min=1e-9)
+    J: Inertia = real(0.49, "Moment of inertia of all that turns with the crank", positive=True)
 
 
 @record
 class Crank:
-    r: Length = real(0.010, "Radius of the crank", min=1e-6)
+    r: Length = real(0.010, "Radius of the crank", positive=True)
 
 
 @record
 class Rod:
-    l: Length = real(0.4, "Length of the rod", min=1e-6)
+    l: Length = real(0.4, "Length of the rod", positive=True)
     finite: bool = discrete(False, "Exact slider-crank instead of a rod much longer than the crank")
 
 
 @record
 class Trough:
-    m: Mass = real(200.0, "Mass of the trough", min=1e-9)
+    m: Mass = real(200.0, "Mass of the trough", positive=True)
     d: TranslationalDamping = real(4000.0, "Viscous resistance to the trough", min=0.0)
 
 

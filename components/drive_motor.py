@@ -49,9 +49,9 @@ class Characteristic(IntEnum):
 
 @record
 class Kloss:
-    tau_b: Torque = real(190.0, "Breakdown torque", min=1e-6)
-    s_b: Ratio = real(0.16, "Breakdown slip", min=1e-6)
-    w_s: AngularVelocity = real(65.4, "Synchronous speed", min=1e-6)
+    tau_b: Torque = real(190.0, "Breakdown torque", positive=True)
+    s_b: Ratio = real(0.16, "Breakdown slip", positive=True)
+    w_s: AngularVelocity = real(65.4, "Synchronous speed", positive=True)
 
 
 @record
@@ -61,7 +61,7 @@ class Parameters:
     )
     A: Torque = real(8000.0, "Torque of the linear characteristic at standstill")
     B: RotationalDamping = real(199.8, "Slope of the linear characteristic", min=0.0)
-    T: Time = real(0.0625, "Time constant of the torque", min=1e-6)
+    T: Time = real(0.0625, "Time constant of the torque", positive=True)
     kloss: Kloss
 
 

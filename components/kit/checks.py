@@ -32,7 +32,9 @@ def bounds(variable: Variable, value: Value) -> None:
             allowed = ", ".join(f"{item.value} ({item.name})" for item in d.items)
             raise ValueError(f"{variable.name} = {value!r} must be one of {allowed}")
         return
-    if d.min is not None and value < d.min:  # type: ignore[operator]
+    if d.positive and value <= 0.0:  # type: ignore[operator]
+        limit = "> 0"
+    elif d.min is not None and value < d.min:  # type: ignore[operator]
         limit = f"at least {number(d.min, variable.unit)}"
     elif d.max is not None and value > d.max:  # type: ignore[operator]
         limit = f"at most {number(d.max, variable.unit)}"

@@ -5,7 +5,9 @@ A hybrid component adds to its equations
     guard(p, t, x, u) -> tuple       each positive; an event is where one falls below zero
     jump(p, t, x, u, which) -> State the state just after guard number `which` fell
     sample(p, t, x, before, now)     the state just after a communication point that brings new
-                                     inputs (before = None at the first one)
+                                     inputs (before = None when initialisation ends)
+    settle(p, x)                     the state x with all that follows from the rest of it; at the
+                                     start and at the end of every communication step
     notes(p, t, old, new, u)         sentences for the log on the change from old to new
     LONGEST_STEP                     sub-step [s] within which no guard falls and rises again
 
@@ -84,7 +86,7 @@ def advance(
     if hasattr(model, "guard"):
         for s, old, new in events(model, p, t, x, inputs):
             announce(model, p, t + s, old, new, inputs.at(s), note)
-        return new
+        return settle(model, p, new)
     places, _ = continuous(model.State)
     flow = slopes(model, p, t, x, inputs)
     return state(x, places, ode.integrate(flow, pick(x, places), inputs.h, tolerances(model.State)))
@@ -105,6 +107,11 @@ def sample(
     new = model.sample(p, t, x, before, now)
     announce(model, p, t, x, new, now, note)
     return new
+
+
+def settle(model: ModuleType, p: Any, x: Any) -> Any:
+    """The state x with what the component makes of it from its own other fields."""
+    return model.settle(p, x) if hasattr(model, "settle") else x
 
 
 def announce(model: ModuleType, p: Any, t: float, old: Any, new: Any, u: Any, note: Note) -> None:

@@ -21,7 +21,7 @@ Value = float | int | bool | str
 
 
 class Declaration(NamedTuple):
-    """What a component says of one variable; min and max are inclusive, in the variable's unit."""
+    """What a component says of one variable; bounds are inclusive, but 0 is not `positive`."""
 
     start: Value
     meaning: str
@@ -30,6 +30,7 @@ class Declaration(NamedTuple):
     nominal: float | None = None
     feedthrough: tuple[str, ...] = ()
     held: bool = False
+    positive: bool = False
     quantity: Quantity | None = None
 
     @property
@@ -55,13 +56,15 @@ def real(
     nominal: float | None = None,
     feedthrough: tuple[str, ...] = (),
     held: bool = False,
+    positive: bool = False,
 ) -> Any:
-    """Declare a Real.
+    """Declare a Real; `positive` is min = 0 without the 0 itself.
 
     `feedthrough` names the inputs that act on an output without delay; a `held` one is part of a
     State and changes only at events.
     """
-    return Declaration(float(start), meaning, min, max, nominal, feedthrough, held)
+    low = 0.0 if positive else min
+    return Declaration(float(start), meaning, low, max, nominal, feedthrough, held, positive)
 
 
 def discrete(start: int | bool | str, meaning: str, feedthrough: tuple[str, ...] = ()) -> Any:
@@ -107,6 +110,11 @@ def _fill(cls: Any, values: Iterator[Value]) -> Any:
         next(values) if isinstance(field, Declaration) else _fill(field, values)
         for field in cls._declared.values()
     )
+
+
+def replace(record: R, **changes: Value) -> R:
+    """The record with some fields changed."""
+    return cast(R, cast(Any, record)._replace(**changes))
 
 
 def start(cls: Any, **changes: Value) -> Any:

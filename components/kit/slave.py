@@ -174,8 +174,14 @@ class ModelSlave(Fmi2Slave):  # type: ignore[misc]
         self.refresh()
         for sentence in self.check():
             self.warn(sentence)
-        self.values[self.before] = self.values[self.interface.inputs]
-        self.values[self.phase] = STEPPING
+        v, model = self.values, self.interface.model
+        x = model.State._make(v[self.interface.states])
+        now = model.Inputs._make(v[self.interface.inputs])
+        v[self.interface.states] = motion.sample(
+            model, self.parameters, v[self.time], x, None, now, self.warn
+        )
+        v[self.before] = now
+        v[self.phase], v[self.stale] = STEPPING, True
 
     @guarded
     def terminate(self) -> None:
@@ -200,9 +206,7 @@ class ModelSlave(Fmi2Slave):  # type: ignore[misc]
         before = model.Inputs._make(v[self.before])
         inputs = motion.course(v[interface.input_hold], before, now, v[self.past], h)
         try:
-            x = motion.sample(
-                model, p, t, x, before if v[self.past] > 0.0 else None, now, self.warn
-            )
+            x = motion.sample(model, p, t, x, before, now, self.warn)
             end = motion.advance(model, p, t, x, inputs, self.warn)
             for state, value in zip(interface.variables[interface.states], end):
                 checks.finite(state, value)
@@ -244,6 +248,8 @@ class ModelSlave(Fmi2Slave):  # type: ignore[misc]
             v[self.end] = v[interface.inputs]
         p = self.parameters or self.read_parameters()
         x, u = model.State._make(v[interface.states]), model.Inputs._make(v[self.end])
+        if v[self.phase] == INITIALIZING:
+            x = v[interface.states] = motion.settle(model, p, x)
         outputs = model.outputs(p, v[self.time], x, u)
         for output, value in zip(interface.variables[interface.outputs], outputs):
             checks.finite(output, value)
