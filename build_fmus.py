@@ -28,7 +28,7 @@ def main() -> int:
         parser.error(f"unknown component {unknown[0]!r}; there are {', '.join(CATALOGUE)}")
     builds = [collect(name) for name in options.component or CATALOGUE]
     if options.docs:
-        write_tables(builds)
+        write_tables([collect(name) for name in CATALOGUE])
     return max(make(build, options.into, options.force) for build in builds)
 
 

@@ -92,9 +92,9 @@ def test_fmu_is_valid(model: Any, fmus: Path) -> None:
 @pytest.mark.parametrize(
     ("fmu", "old", "new", "problem"),
     [
-        (MOTOR, 'start="0.0625"', 'start="0.0"', "start 0.0 of T is outside 1e-06 .. inf"),
+        (MOTOR, 'start="199.8"', 'start="-1.0"', "start -1.0 of B is outside 0.0 .. inf"),
         (MOTOR, 'start="40.0"', 'start="40.0" max="9.0"', "start 40.0 of w is outside -inf .. 9.0"),
-        (MOTOR, 'min="1e-06" start="190.0"', 'min="9.0" max="1.0" start="5.0"', "min 9.0 of kloss"),
+        (MOTOR, 'min="0.0" start="190.0"', 'min="9.0" max="1.0" start="5.0"', "min 9.0 of kloss"),
         (MOTOR, 'unit="W"', 'unit="W" min="9.0" max="1.0"', "min 9.0 of P is above max 1.0"),
         (MOTOR, 'start="8000.0"', 'start="INF"', "start of A is not finite"),
         (MOTOR, 'nominal="100.0"', 'nominal="0.0"', "nominal of tau is 0"),

@@ -54,7 +54,7 @@ MISUSE = {
         "A is of type Real, not String": lambda u: u.fmi.getString([1]),
         "A is of type Real, not Boolean": lambda u: u.fmi.setBoolean([1], [True]),
         "characteristic is of type Enumeration, not Real": lambda u: u.fmi.getReal([0]),
-        "T = 0.0 s must be at least 1e-06 s": lambda u: u.start(T=0.0),
+        "T = 0.0 s must be > 0": lambda u: u.start(T=0.0),
         "characteristic = 7 must be one of 0 (linear), 1": lambda u: u.start(characteristic=7),
         "input_hold = 9 must be one of 0 (zero), 1": lambda u: u.start(input_hold=9),
         "tau = nan N.m must be a finite number; w = 1e+307 rad/s, tau = 8.0 N.m": lambda u: (
@@ -66,7 +66,7 @@ MISUSE = {
     },
     "CrankConveyor": {
         "rod.finite is of type Boolean, not Real": lambda u: u.fmi.getReal([3]),
-        "trough.m = -1.0 kg must be at least 1e-09 kg": lambda u: u.start(**{"trough.m": -1.0}),
+        "trough.m = -1.0 kg must be > 0": lambda u: u.start(**{"trough.m": -1.0}),
         "crank.r = 0.5 m must be below rod.l = 0.4 m": lambda u: u.start(
             **{"crank.r": 0.5, "rod.l": 0.4, "rod.finite": True}
         ),
