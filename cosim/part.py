@@ -9,6 +9,7 @@ from contextlib import suppress
 from math import isfinite
 from pathlib import Path
 from typing import Any
+from weakref import WeakValueDictionary
 
 from fmpy import calloc, free
 from fmpy.fmi2 import (
@@ -33,6 +34,24 @@ CELL: dict[str, Any] = {
     "Boolean": ctypes.c_int,
 }
 CALL = {"Enumeration": "Integer"}
+
+
+PARTS: WeakValueDictionary[bytes, Part] = WeakValueDictionary()
+
+
+def _message(_: Any, instance: bytes, status: int, __: bytes, message: bytes) -> None:
+    """Hand a log message to the part of that name; fmpy's proxy has room for one logger only."""
+    part = PARTS.get(instance)
+    if part is not None:
+        part.hear(status, message.decode("utf-8", "replace"))
+
+
+CALLBACKS = fmi2CallbackFunctions(
+    fmi2CallbackLoggerTYPE(_message),
+    fmi2CallbackAllocateMemoryTYPE(calloc),
+    fmi2CallbackFreeMemoryTYPE(free),
+)
+addLoggerProxy(ctypes.byref(CALLBACKS))
 
 
 class Block:
@@ -73,12 +92,7 @@ class Part:
         self.inputs: list[Block] = []
         self.outputs: list[Block] = []
         self.copies: list[tuple[Any, int, Any, int]] = []
-        self._callbacks = fmi2CallbackFunctions(
-            fmi2CallbackLoggerTYPE(self._message),
-            fmi2CallbackAllocateMemoryTYPE(calloc),
-            fmi2CallbackFreeMemoryTYPE(free),
-        )
-        addLoggerProxy(ctypes.byref(self._callbacks))
+        PARTS[name.encode()] = self
         try:
             self.slave = FMU2Slave(
                 guid=description.guid,
@@ -86,7 +100,7 @@ class Part:
                 modelIdentifier=description.coSimulation.modelIdentifier,
                 instanceName=name,
             )
-            self.slave.instantiate(callbacks=self._callbacks, loggingOn=True)
+            self.slave.instantiate(callbacks=CALLBACKS, loggingOn=True)
         except Exception as error:
             raise PartFailure(f"{name}: instantiate failed: {self.reason() or error}") from error
         self.library = ctypes.PyDLL(None, handle=self.slave.dll._handle)
@@ -95,8 +109,9 @@ class Part:
         self._time, self._size = ctypes.c_double(), ctypes.c_double()
         self._step_arguments = (self.component, self._time, self._size, ctypes.c_int(1))
 
-    def _message(self, _: Any, __: bytes, status: int, ___: bytes, message: bytes) -> None:
-        text = message.decode("utf-8", "replace").strip().splitlines()[-1:]
+    def hear(self, status: int, message: str) -> None:
+        """Keep the last line of a log message."""
+        text = message.strip().splitlines()[-1:]
         self.log.extend(text)
         if status == WARNING:
             self.warnings.extend(text)
