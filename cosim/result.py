@@ -8,11 +8,13 @@ from array import array
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 CHUNK = 4096
 
@@ -36,6 +38,8 @@ class Result:
     @property
     def frame(self) -> pd.DataFrame:
         """The rows as a pandas frame."""
+        import pandas as pd
+
         return pd.DataFrame(self.data, columns=self.columns)
 
 

@@ -30,12 +30,9 @@ def fmu(component: str) -> Path:
     return ROOT / "fmus" / f"{component.title().replace('_', '')}.fmu"
 
 
-def guids() -> dict[str, str]:
-    """The guid of each FMU of the drive."""
-    return {
-        part: read_model_description(str(fmu(component)), validate=False).guid
-        for part, component in DRIVE.items()
-    }
+def guid(component: str) -> str:
+    """The guid of the FMU of a component."""
+    return str(read_model_description(str(fmu(component)), validate=False).guid)
 
 
 def conveyor_drive(start: Mapping[str, float]) -> System:

@@ -15,16 +15,20 @@ def last_revolutions(phi: Samples, count: int) -> NDArray[np.bool_]:
     return np.asarray(phi >= phi[-1] - 2 * math.pi * count)
 
 
-def order(phi: Samples, x: Samples, k: int) -> complex:
-    """Complex amplitude of order k, X = Im(X_hat exp(i k phi)), fitted with orders 0..HIGHEST.
+def harmonics(phi: Samples, x: Samples, highest: int = HIGHEST) -> NDArray[np.complex128]:
+    """Complex amplitudes of the orders 1..highest, X = Im(X_hat exp(i k phi)), fitted together.
 
-    phi [rad] and x have shape (n,); needs more than 2 HIGHEST samples per revolution.
+    phi [rad] and x have shape (n,); needs more than 2 * highest samples per revolution.
     """
-    orders = np.arange(1, HIGHEST + 1)
-    angles = np.outer(phi, orders)
+    angles = np.outer(phi, np.arange(1, highest + 1))
     design = np.hstack([np.ones((len(phi), 1)), np.sin(angles), np.cos(angles)])
     fit = np.linalg.lstsq(design, x, rcond=None)[0]
-    return complex(fit[k], fit[HIGHEST + k])
+    return np.asarray(fit[1 : highest + 1] + 1j * fit[highest + 1 :])
+
+
+def order(phi: Samples, x: Samples, k: int) -> complex:
+    """Complex amplitude of order k."""
+    return complex(harmonics(phi, x)[k - 1])
 
 
 def mean_speed(t: Samples, phi: Samples, count: int) -> float:

@@ -333,8 +333,7 @@ def run(
     machine = SETS[name]
     nus = parse_speeds(speeds or SPEEDS[name])
     check_steps(machine, algorithm, steps_per_rev, nus[0])
-    if jobs < 1:
-        raise cosim.SetupError(f"jobs = {jobs} must be at least 1")
+    pool.check_jobs(jobs)
     folder = out or Path("results") / "resonance" / name
     fmus.build(*fmus.DRIVE.values())
 
@@ -354,7 +353,7 @@ def run(
             "algorithm": algorithm,
             "steps_per_rev": steps_per_rev,
             "revolutions": {"skipped": SKIP, "evaluated": EVALUATE},
-            "fmus": fmus.guids(),
+            "fmus": {part: fmus.guid(component) for part, component in fmus.DRIVE.items()},
             "versions": cosim.versions(),
             "wall_time": time.perf_counter() - began,
         },

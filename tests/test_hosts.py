@@ -9,6 +9,7 @@ import subprocess
 import sys
 import sysconfig
 import zipfile
+from dataclasses import asdict, dataclass
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -26,15 +27,71 @@ RECORD = ["motor.tau", "conveyor.w", "conveyor.phi"]
 START = {"rotor.J": 0.6, "tau": 12.0}
 
 
+@dataclass(frozen=True)
+class Case:
+    """A system that all hosts can run: components by part, wires, start values, what to compare.
+
+    `clock` is what a host's clock, which adds up steps, may do to durations that are compared.
+    """
+
+    parts: dict[str, str]
+    wires: list[tuple[str, str]]
+    start: dict[str, float | bool]
+    record: list[str]
+    steps: int = 200
+    step: float = 1e-3
+    clock: float = 0.0
+
+    def task(self, fmus: Path) -> str:
+        """The case as the scripts of the hosts take it."""
+        parts = {name: str(fmus / f"{fmu}.fmu") for name, fmu in self.parts.items()}
+        return json.dumps(asdict(self) | {"parts": parts})
+
+    def ours(self, fmus: Path) -> np.ndarray:
+        """The recorded values of our Jacobi master, a row per communication point."""
+        system = System(
+            parts={name: fmus / f"{fmu}.fmu" for name, fmu in self.parts.items()},
+            wires=[f"{source} -> {target}" for source, target in self.wires],
+            start=self.start,
+        )
+        settings: dict[str, Any] = {"stop": self.steps * self.step, "step": self.step}
+        result = run(system, **settings, algorithm="jacobi", record=self.record)
+        return np.column_stack([result[name] for name in self.record])
+
+
+PAIR = Case(
+    {"motor": "DriveMotor", "conveyor": "CrankConveyor"},
+    [("motor.tau", "conveyor.tau"), ("conveyor.w", "motor.w")],
+    {},
+    RECORD,
+)
+CASES = {
+    "conveyor": PAIR,
+    "iron drive": Case(
+        {"motor": "DriveMotor", "iron": "IronDrive"},
+        [("motor.tau", "iron.tau"), ("iron.w", "motor.w")],
+        {"motor.A": 4.0, "motor.B": 0.025, "motor.T": 0.012, "motor.tau": 0.0},
+        ["motor.tau", "iron.phi", "iron.w_cam", "iron.w", "iron.E_friction", "iron.N"],
+        steps=1200,
+    ),
+    "orientator": Case(
+        {"orientator": "GravityOrientator"},
+        [],
+        {"orientator.w": 4.0, "orientator.release": True, "orientator.chute.mu": 0.5},
+        [
+            f"orientator.{name}"
+            for name in ("phi1", "phi2", "xc", "yc", "w2", "t_joint", "orientation_time")
+        ],
+        steps=300,
+        clock=1e-14,
+    ),
+}
+
+
 @pytest.fixture(scope="module")
 def pair(fmus: Path) -> np.ndarray:
     """Motor torque, crank speed and angle of our Jacobi master, a row per communication point."""
-    system = System(
-        parts={"motor": fmus / "DriveMotor.fmu", "conveyor": fmus / "CrankConveyor.fmu"},
-        wires=["motor.tau -> conveyor.tau", "conveyor.w -> motor.w"],
-    )
-    result = run(system, stop=STEPS * STEP, step=STEP, algorithm="jacobi", record=RECORD)
-    return np.column_stack([result[name] for name in RECORD])
+    return PAIR.ours(fmus)
 
 
 @pytest.fixture(scope="module")
@@ -67,20 +124,24 @@ def finish(
     return done
 
 
-def test_libcosim_reproduces_our_jacobi_master(fmus: Path, pair: np.ndarray) -> None:
-    """Its n-th step ends at n*STEP; it steps by a difference of times, hence not to the bit."""
-    rows = json.loads(finish(sys.executable, HOSTS / "libcosim_pair.py", fmus, STEPS).stdout)
-    time, *values = np.transpose(rows)
-    assert_array_equal(time, 1e9 * STEP * np.arange(1, STEPS + 1))
-    assert_allclose(np.transpose(values), pair[1:], rtol=1e-10, atol=0.0)
+@pytest.mark.parametrize("name", CASES)
+def test_libcosim_reproduces_our_jacobi_master(fmus: Path, name: str) -> None:
+    """Its n-th step ends at n*step; it steps by a difference of times, hence not to the bit."""
+    case = CASES[name]
+    done = finish(sys.executable, HOSTS / "libcosim_system.py", case.task(fmus))
+    time, *values = np.transpose(json.loads(done.stdout))
+    assert_array_equal(time, 1e9 * case.step * np.arange(1, case.steps + 1))
+    assert_allclose(np.transpose(values), case.ours(fmus)[1:], rtol=1e-10, atol=1e-12)
 
 
-def test_ecos_reproduces_our_jacobi_master_to_the_bit(fmus: Path, pair: np.ndarray) -> None:
+@pytest.mark.parametrize("name", CASES)
+def test_ecos_reproduces_our_jacobi_master_to_the_bit(fmus: Path, name: str) -> None:
     """From the initial values on, although Ecos steps the FMUs in several threads."""
-    rows = json.loads(finish(sys.executable, HOSTS / "ecos_pair.py", fmus, STEPS).stdout)
-    time, *values = np.transpose(rows)
-    assert_allclose(time, STEP * np.arange(STEPS + 1), rtol=1e-12)
-    assert_array_equal(np.transpose(values), pair)
+    case = CASES[name]
+    done = finish(sys.executable, HOSTS / "ecos_system.py", case.task(fmus))
+    time, *values = np.transpose(json.loads(done.stdout))
+    assert_allclose(time, case.step * np.arange(case.steps + 1), rtol=1e-12)
+    assert_allclose(np.transpose(values), case.ours(fmus), rtol=0.0, atol=case.clock)
 
 
 def test_ecos_program_without_python_prints_what_our_jacobi_master_computes(

@@ -151,6 +151,12 @@ REFUSED = [
     (["run", "resonance", "--jobs", "two"], "--jobs: invalid int value: 'two'"),
     (["run", "run_up", "--step", "0"], "step = 0.0 s must be above 0"),
     (["run", "run_up", "--speed", "nan"], "speed = nan rad/s must be a finite number above 0"),
+    (["run", "iron_cycle", "--start", "cam.R_b=0.05"], "cam triangle cannot close: cam.R_b = 0.05"),
+    (["run", "iron_cycle", "--start", "cam.R"], "start 'cam.R' must read NAME=NUMBER"),
+    (["run", "iron_start", "--motor-T", "0"], "T = 0.0 s must be > 0"),
+    (["run", "iron_orders", "--speeds", "-1"], "speed -1.0 rad/s must be a finite"),
+    (["run", "orientation_time", "--frictions", "a"], "frictions 'a' must read"),
+    (["run", "orientator_cycle", "--speed", "inf"], "speed = inf rpm must be a finite number"),
     (["run", "run_up", "--stop", "-1"], "stop = -1.0 s must be after start = 0.0 s"),
 ]
 
@@ -207,5 +213,118 @@ def test_run_up_passes_the_resonance_with_both_motors(tmp_path: Path) -> None:
 
 def test_list_names_every_scenario_and_its_question() -> None:
     lines = scenario("list").stdout.splitlines()
-    assert [line.split()[0] for line in lines] == ["resonance", "run_up"]
+    assert [line.split()[0] for line in lines] == [
+        "resonance",
+        "run_up",
+        "iron_cycle",
+        "iron_start",
+        "iron_orders",
+        "orientation_time",
+        "orientator_cycle",
+    ]
     assert all(line.endswith("?") for line in lines)
+
+
+def test_iron_cycle_tells_torque_forces_and_limits(tmp_path: Path) -> None:
+    done = scenario("run", "iron_cycle", "--animate", "--out", tmp_path)
+    assert done.returncode == 0, done.stderr
+    with (tmp_path / "cycle.csv").open(newline="") as file:
+        rows = [{k: float(v) for k, v in row.items()} for row in csv.DictReader(file)]
+    torque = [row["tau_cam"] for row in rows]
+    assert (min(torque), max(torque)) == pytest.approx((-7.409358425, 6.627300006), rel=1e-5)
+    assert max(row["lift"] for row in rows) == pytest.approx(0.062385664995, rel=1e-7)
+    assert min(row["N"] for row in rows) == pytest.approx(175.4239707, rel=1e-4)
+    at_10 = rows[40]
+    assert at_10["phi"] == pytest.approx(math.radians(10.0), rel=1e-9)
+    assert at_10["tau_cam"] == pytest.approx(0.43224335899, rel=1e-6)
+    assert at_10["N"] == pytest.approx(249.00775848, rel=1e-6)
+    assert rows[-1]["E_friction"] == pytest.approx(0.748782419985, rel=1e-7)
+    limits = json.loads((tmp_path / "cycle.json").read_text())["limits"]
+    for force, limit in (("N", 7.89776), ("T_span", 8.54097), ("T_iron", 9.11191)):
+        assert limits[force][0] == pytest.approx(limit, rel=1e-4)
+    assert "Faster: the follower lifts off at 7.897" in done.stdout
+    assert (tmp_path / "cycle.gif").stat().st_size > 100_000
+    assert (tmp_path / "cycle.png").stat().st_size > 20_000
+
+
+def test_iron_cycle_with_the_spring_above(tmp_path: Path) -> None:
+    done = scenario("run", "iron_cycle", "--start", "spring.side=-1", "--out", tmp_path)
+    assert done.returncode == 0, done.stderr
+    limits = json.loads((tmp_path / "cycle.json").read_text())["limits"]
+    assert limits["N"][0] == pytest.approx(5.15434, rel=1e-4)
+
+
+def test_iron_start_keeps_the_energy_ledger(tmp_path: Path) -> None:
+    done = scenario("run", "iron_start", "--out", tmp_path)
+    assert done.returncode == 0, done.stderr
+    with (tmp_path / "start.csv").open(newline="") as file:
+        rows = [{k: float(v) for k, v in row.items()} for row in csv.DictReader(file)]
+    reference = {
+        0.1: (-0.65810204326, 4.36088738387, 3.889255535, 0.0),
+        1.0: (3.31017967564, 4.57811231216, 8.558056480, 0.475497139),
+        3.0: (12.21472872729, 4.43855728039, 5.583556326, 1.497564840),
+    }
+    for t, (phi, w, work, friction) in reference.items():
+        row = min(rows, key=lambda row: abs(row["time"] - t))
+        assert row["iron.phi"] == pytest.approx(phi, abs=1e-3)
+        assert row["iron.w_cam"] == pytest.approx(w, abs=2e-3)
+        assert row["E_in"] == pytest.approx(work, abs=3e-3)
+        assert row["E_friction"] == pytest.approx(friction, abs=1e-3)
+        assert row["E_in"] == pytest.approx(
+            row["E_stored"] + row["E_friction"] + row["E_missing"], abs=1e-12
+        )
+    assert max(abs(row["E_missing"]) for row in rows) < 2e-3
+    assert "(42.39 cycles/min)" in done.stdout
+
+
+def test_iron_orders_tell_when_a_resonance_matters(tmp_path: Path) -> None:
+    done = scenario("run", "iron_orders", "--speeds", "5", "--out", tmp_path, "--jobs", 1)
+    assert done.returncode == 0, done.stderr
+    with (tmp_path / "orders.csv").open(newline="") as file:
+        rows = [{k: float(v) for k, v in row.items()} for row in csv.DictReader(file)]
+    wanted = {
+        (0.012, 5.0): (2.970, 1.124, 1.836, 1.311, 0.756, 0.787, 0.375, 0.315),
+        (0.08, 5.0): (3.032, 1.179, 2.266, 1.908, 1.487, 1.916, 0.829, 0.404),
+    }
+    for (T, nu), amplitudes in wanted.items():
+        got = [row["torque"] for row in rows if (row["T"], row["nu"]) == (T, nu)][:8]
+        assert got == pytest.approx(amplitudes, abs=3e-3)
+    facts = json.loads((tmp_path / "orders.json").read_text())
+    assert list(facts["w_n"].values()) == pytest.approx([81.31, 31.490, 19.916], rel=1e-4)
+    assert facts["follower_lifts"] == pytest.approx(7.89776, rel=1e-4)
+    words = [line for line in done.stdout.splitlines() if "practical importance" in line]
+    assert ["of no practical" in line for line in words] == [True, False, False]
+
+
+def test_orientation_time_finds_the_limits(tmp_path: Path) -> None:
+    done = scenario(
+        "run", "orientation_time", "--speeds", "0,20,40,60,80,102", "--out", tmp_path, "--jobs", 1
+    )
+    assert done.returncode == 0, done.stderr
+    with (tmp_path / "orientation_time.csv").open(newline="") as file:
+        rows = [{k: float(v) for k, v in row.items()} for row in csv.DictReader(file)]
+    time = {(row["mu"], row["n"]): row["orientation_time"] for row in rows}
+    for case, want in {
+        (0.2, 0.0): 0.2387752354,
+        (0.35, 20.0): 0.2441613488,
+        (0.5, 40.0): 0.2777869131,
+        (0.5, 60.0): 0.3991961493,
+    }.items():
+        assert time[case] == pytest.approx(want, abs=1e-7)
+    limits = json.loads((tmp_path / "orientation_time.json").read_text())["limits_rpm"]
+    for mu, n in (("0.2", 100.23145), ("0.35", 77.75026), ("0.5", 62.12296)):
+        assert limits[mu]["works"] <= n <= limits[mu]["jams"]
+    assert "mu = 0.5: works up to 62.12 +- 0.01 rpm" in done.stdout
+    assert (tmp_path / "orientation_time.png").stat().st_size > 20_000
+
+
+def test_orientator_cycle_shows_one_product(tmp_path: Path) -> None:
+    done = scenario("run", "orientator_cycle", "--animate", "--out", tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "Oriented after 0.26381 s; falling 98.33 ms, joint 72.01 ms" in done.stdout
+    jammed = scenario(
+        "run", "orientator_cycle", "--speed", 62.5, "--friction", 0.5, "--out", tmp_path / "jam"
+    )
+    assert "Jammed: rotation stopped after release" in jammed.stdout
+    assert (tmp_path / "cycle.gif").stat().st_size > 50_000
+    assert (tmp_path / "cycle.csv").read_text().startswith("time,orientator.stage,")

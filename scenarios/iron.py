@@ -1,0 +1,109 @@
+"""What the iron-drive scenarios share: systems, parameters from the command line, ledgers."""
+
+from __future__ import annotations
+
+import math
+from argparse import ArgumentParser
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+import cosim
+from cosim import Result, System
+
+from . import fmus
+
+Samples = NDArray[np.float64]
+Start = dict[str, float | int | bool | str]
+
+FLYWHEEL = 1e6
+NOMINAL = 4 * math.pi / 3
+MOTOR: dict[str, float] = {"motor.A": 4.0, "motor.B": 0.025, "motor.T": 0.012, "motor.tau": 0.0}
+WIRES = ("motor.tau -> iron.tau", "iron.w -> motor.w")
+FORCES = ("N", "T_span", "T_iron")
+
+
+def add_start(parser: ArgumentParser) -> None:
+    """The option that changes start values of the iron drive."""
+    parser.add_argument(
+        "--start",
+        action="append",
+        default=[],
+        metavar="NAME=VALUE",
+        help="change a start value of IronDrive, for example spring.side=-1 (repeatable)",
+    )
+
+
+def start_values(settings: Sequence[str]) -> Start:
+    """["spring.side=-1"] -> {"iron.spring.side": -1}; raises SetupError for what does not read so."""
+    values: Start = {}
+    for setting in settings:
+        name, _, text = setting.partition("=")
+        try:
+            values[f"iron.{name.strip()}"] = float(text)
+        except ValueError:
+            raise cosim.SetupError(f"start {setting!r} must read NAME=NUMBER") from None
+    return values
+
+
+def imposed(speed: float, start: Start) -> System:
+    """The iron drive alone at a practically constant cam speed [rad/s], from phi = 0.
+
+    A rotor a million times as heavy as any motor's imposes the speed: the acceleration left is
+    below 1e-8 rad/s2, so that forces and cam torque are the kinetostatic ones. A stiff motor would
+    need communication steps below 0.1 us to stay stable.
+    """
+    drive: Start = {
+        "iron.tau": 0.0,
+        "iron.phi": 0.0,
+        "iron.w_cam": speed,
+        "iron.reducer.J": FLYWHEEL,
+        "iron.on_invalid": 1,
+    }
+    return System({"iron": fmus.fmu("iron_drive")}, start=drive | start)
+
+
+def driven(motor: Mapping[str, float | int | bool | str], start: Start) -> System:
+    """The iron drive on a DriveMotor, wire to wire."""
+    parts = {"motor": fmus.fmu("drive_motor"), "iron": fmus.fmu("iron_drive")}
+    return System(parts, WIRES, dict(motor) | start)
+
+
+def turn(speed: float, start: Start, samples: int, record: Sequence[str]) -> Result:
+    """One turn at constant speed, sampled evenly over the cam angle."""
+    h = 2 * math.pi / (speed * samples)
+    return cosim.run(imposed(speed, start), stop=h * samples, step=h, record=record)
+
+
+def speed_limits(start: Start, samples: int = 1440) -> dict[str, tuple[float, float]]:
+    """The constant speed at which each force vanishes first, and the cam angle where [rad/s, rad].
+
+    At constant speed a force is f_0(phi) + f_2(phi) w^2: two turns tell both.
+    """
+    slow, fast = (turn(w, start, samples, names(FORCES)) for w in (1.0, 2.0))
+    limits = {}
+    for name in FORCES:
+        f_2 = (fast[f"iron.{name}"] - slow[f"iron.{name}"]) / 3.0
+        f_0 = slow[f"iron.{name}"] - f_2
+        square = np.where(f_2 < 0.0, -f_0 / np.where(f_2 < 0.0, f_2, -1.0), np.inf)
+        first = int(np.argmin(square))
+        angle = 2 * math.pi * first / samples
+        limits[name] = (float(np.sqrt(square[first])), angle)
+    return limits
+
+
+def names(variables: Sequence[str]) -> list[str]:
+    """The iron drive's variables as the system names them."""
+    return [f"iron.{name}" for name in variables]
+
+
+def check_speed(name: str, value: float) -> None:
+    """Raise SetupError for a speed that is not above 0."""
+    if not 0.0 < value < math.inf:
+        raise cosim.SetupError(f"{name} = {value!r} rad/s must be a finite number above 0")
+
+
+def per_minute(speed: float) -> float:
+    """Cycles per minute of a cam speed [rad/s]."""
+    return speed * 30 / math.pi

@@ -1,0 +1,196 @@
+"""Pictures of the iron drive: its cycle, its start, its orders, and the mechanism in motion."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib import pyplot as plt
+from matplotlib.animation import FuncAnimation, PillowWriter
+from matplotlib.patches import Circle
+
+from . import iron
+from .plots import MARK, SPEED, THEORY, TORQUE, save
+
+if TYPE_CHECKING:
+    from cosim import Result
+
+    from .iron_orders import Machine, Spectrum
+
+FRAMES = 90
+
+
+def cycle(
+    path: Path, result: Result, speed: float, limits: Mapping[str, tuple[float, float]]
+) -> None:
+    """Motion, torque and forces over the cam angle; the phases of the cam as a band."""
+    phi = np.degrees(result["iron.phi"])
+    figure, panels = plt.subplots(
+        4, 1, figsize=(9, 10), sharex=True, layout="constrained", height_ratios=(2, 2, 3, 3)
+    )
+    motion, speed_axes, torque, force = panels
+    motion.plot(phi, 1e3 * result["iron.lift"], color=MARK)
+    motion.set_ylabel("lift of the iron  [mm]")
+    speed_axes.plot(phi, result["iron.v"], color=SPEED, label="velocity  [m/s]")
+    speed_axes.plot(phi, result["iron.a"] / 10, color=THEORY, label="acceleration  [10 m/s²]")
+    speed_axes.set_ylabel("iron, upwards")
+    torque.plot(phi, result["iron.tau_cam"], color=TORQUE)
+    torque.axhline(0, color=THEORY, linewidth=0.8)
+    torque.set_ylabel("torque at the\ncam's shaft  [N m]")
+    for name, color, label in (
+        ("N", TORQUE, "cam on follower"),
+        ("T_span", SPEED, "chain, link's side"),
+        ("T_iron", MARK, "chain at the iron"),
+    ):
+        force.plot(phi, result[f"iron.{name}"], color=color, label=label)
+    force.axhline(0, color="black", linewidth=1.2)
+    force.set_ylabel("forces  [N]\n(must stay positive)")
+    force.set_xlabel("cam angle  [deg]")
+    force.set(xlim=(0, 360), xticks=range(0, 361, 30))
+    parameters = result.provenance["parts"]["iron"]["parameters"]
+    edges = np.cumsum(
+        [0.0, *(math.degrees(parameters[f"cam.{p}"]) for p in ("rise", "top", "ret"))]
+    )
+    for name, left, right in zip(
+        ("rise", "top dwell", "return", "sealing"), edges, [*edges[1:], 360.0]
+    ):
+        motion.annotate(
+            name, ((left + right) / 2, 1.03), xycoords=("data", "axes fraction"), ha="center"
+        )
+        for axes in panels:
+            axes.axvline(right, color=THEORY, linewidth=0.6, linestyle=":")
+    speed_axes.legend(loc="lower left")
+    force.legend(loc="lower right", ncols=3)
+    first = min(limits, key=lambda name: limits[name][0])
+    figure.suptitle(
+        f"Sealing iron at {iron.per_minute(speed):.1f} cycles/min; "
+        f"limit {iron.per_minute(limits[first][0]):.1f} cycles/min"
+    )
+    save(figure, path)
+
+
+def start_up(path: Path, result: Result, energy: Mapping[str, iron.Samples]) -> None:
+    """Speed, torque and the energy ledger over time."""
+    t = result["time"]
+    figure, (top, middle, bottom) = plt.subplots(
+        3, 1, figsize=(9, 8), sharex=True, layout="constrained"
+    )
+    top.plot(t, result["iron.w_cam"], color=SPEED)
+    top.set_ylabel("cam speed  [rad/s]")
+    lift = top.twinx()
+    lift.fill_between(t, 1e3 * result["iron.lift"], color=MARK, alpha=0.15)
+    lift.set_ylabel("lift  [mm]", color=MARK)
+    lift.grid(False)
+    middle.plot(t, result["motor.tau"], color=TORQUE)
+    middle.set_ylabel("motor torque  [N m]")
+    for name, color, label in (
+        ("E_in", TORQUE, "from the motor"),
+        ("E_stored", SPEED, "stored"),
+        ("E_friction", MARK, "friction"),
+    ):
+        bottom.plot(t, energy[name], color=color, label=label)
+    bottom.set_ylabel("energy  [J]")
+    bottom.set_xlabel("time  [s]")
+    bottom.legend(loc="upper left", ncols=3)
+    figure.suptitle("Start of the sealing iron's drive from the middle of the bottom dwell")
+    save(figure, path)
+
+
+def orders(path: Path, machine: Machine, spectra: Sequence[Spectrum], limit: float) -> None:
+    """Campbell maps: frequency k nu over speed, the torque of each order as the size of a dot."""
+    lags = sorted({s.T for s in spectra})
+    figure, panels = plt.subplots(
+        1, len(lags), figsize=(4.6 * len(lags), 6), sharey=True, layout="constrained"
+    )
+    top = max(abs(s.torque).max() for s in spectra)
+    dots: Any = None
+    for axes, T in zip(np.atleast_1d(panels), lags):
+        mine = [s for s in spectra if s.T == T]
+        nus = np.array([s.nu for s in mine])
+        torque = np.array([np.abs(s.torque) for s in mine])
+        gain = torque / np.array([np.abs(s.excitation) for s in mine])
+        for k in range(1, torque.shape[1] + 1):
+            axes.plot(nus, k * nus, color=THEORY, linewidth=0.4)
+            axes.annotate(f" {k}", (nus[-1], k * nus[-1]), va="center", fontsize=8, color=THEORY)
+            dots = axes.scatter(
+                nus,
+                k * nus,
+                s=250 * torque[:, k - 1] / top,
+                c=gain[:, k - 1],
+                cmap="coolwarm",
+                vmin=0.0,
+                vmax=2.0,
+                edgecolors="none",
+            )
+        w_n = machine.w_n(T)
+        axes.axhline(w_n, color=MARK, linestyle="--", label=f"formula: {w_n:.1f} rad/s")
+        for k in range(1, torque.shape[1] + 1):
+            if nus[0] <= w_n / k <= nus[-1]:
+                axes.plot([w_n / k], [w_n], "x", color=MARK)
+        if limit < nus[-1] * 1.1:
+            axes.axvline(limit, color=TORQUE, linestyle=":", label="follower lifts off")
+        axes.set_title(f"T = {1e3 * T:g} ms, damping {machine.zeta(T):.2f}")
+        axes.set_xlabel("cam speed  [rad/s]")
+        axes.legend(loc="upper left")
+    np.atleast_1d(panels)[0].set_ylabel("frequency of order k  [rad/s]")
+    figure.colorbar(dots, ax=panels, label="torque over excitation", extend="max", shrink=0.6)
+    figure.suptitle("Orders of the cam torque (area of a dot) over the speed, three motor lags")
+    save(figure, path)
+
+
+def animation(path: Path, result: Result) -> None:
+    """The mechanism over one turn as a GIF, drawn from the FMU's outputs and parameters."""
+    p = result.provenance["parts"]["iron"]["parameters"]
+    L, l, l_K = p["rocker.L"], p["rocker.l"], p["rocker.l_K"]
+    C, A, R_z, l_T = p["sprocket.C"], p["sprocket.A"], p["sprocket.R"], p["link.l"]
+    phi, alpha, beta, H = (result[f"iron.{name}"][:-1] for name in ("phi", "alpha", "beta", "H"))
+    psi = p["rocker.alpha0"] - alpha
+    axis = math.radians(-35.0)
+    hub = L * np.array([math.cos(axis), math.sin(axis)])
+    roller = l * np.array([np.cos(axis - psi), np.sin(axis - psi)])
+    reach = roller - hub[:, None]
+    distance, bearing = np.hypot(*reach), np.arctan2(reach[1], reach[0])
+    figure, axes = plt.subplots(figsize=(7, 6), layout="constrained")
+    axes.set(aspect="equal", xlim=(-0.52, 0.36), ylim=(-0.34, 0.42))
+    axes.set_axis_off()
+    steel, chain = "#444444", "#b8860b"
+    axes.add_patch(Circle((-C, A), R_z, fill=False, color=chain))
+    axes.plot([0, hub[0], -C], [0, hub[1], A], "o", color=steel, markersize=6)
+    (cam,) = axes.plot([], [], color=TORQUE, linewidth=1.5)
+    (mark,) = axes.plot([], [], color=TORQUE, linewidth=1.0)
+    (rocker,) = axes.plot([], [], color=steel, linewidth=4, solid_capstyle="round")
+    (follower,) = axes.plot([], [], "o", color=TORQUE, markersize=11, fillstyle="none")
+    (link,) = axes.plot([], [], color=SPEED, linewidth=3)
+    (run,) = axes.plot([], [], color=chain, linewidth=1.6)
+    (weight,) = axes.plot([], [], "s", color=MARK, markersize=26)
+    text = axes.text(0.02, 0.98, "", transform=axes.transAxes, va="top")
+    phases = ("dwell", "up", "down", "stuck")
+
+    def draw(frame: int) -> list[Any]:
+        i = frame * len(phi) // FRAMES
+        turned = bearing - phi + phi[i]
+        outline = hub[:, None] + distance * np.array([np.cos(turned), np.sin(turned)])
+        cam.set_data(*np.column_stack([outline, outline[:, :1]]))
+        zero = hub + distance[0] * np.array([math.cos(turned[0]), math.sin(turned[0])])
+        mark.set_data([hub[0], zero[0]], [hub[1], zero[1]])
+        D = l_K * np.array([math.cos(alpha[i]), math.sin(alpha[i])])
+        rocker.set_data([roller[0, i], 0, D[0]], [roller[1, i], 0, D[1]])
+        follower.set_data([roller[0, i]], [roller[1, i]])
+        joint = D + l_T * np.array([math.cos(beta[i]), math.sin(beta[i])])
+        link.set_data([D[0], joint[0]], [D[1], joint[1]])
+        arc = np.linspace(beta[i] - math.pi / 2 if p["wrap"] else math.pi / 2, math.pi, 20)
+        over = np.array([-C + R_z * np.cos(arc), A + R_z * np.sin(arc)])
+        run.set_data([joint[0], *over[0], -C - R_z], [joint[1], *over[1], A - H[i]])
+        weight.set_data([-C - R_z], [A - H[i]])
+        text.set_text(
+            f"cam {math.degrees(phi[i]):5.1f} deg, iron {phases[int(result['iron.motion'][i])]}\n"
+            f"lift {1e3 * result['iron.lift'][i]:.1f} mm, torque {result['iron.tau_cam'][i]:+.2f} N m"
+        )
+        return [cam, mark, rocker, follower, link, run, weight, text]
+
+    path.parent.mkdir(parents=True, exist_ok=True)
+    FuncAnimation(figure, draw, frames=FRAMES).save(path, writer=PillowWriter(fps=25))
+    plt.close(figure)

@@ -1,0 +1,187 @@
+"""How long does orienting a product take, and up to which rotor speed does the machine work?
+
+The rotor's speed is swept for three coefficients of friction; each curve ends where products jam.
+The limits are located by bisection.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+from argparse import SUPPRESS, ArgumentParser
+from collections.abc import Sequence
+from itertools import pairwise
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+import cosim
+from cosim.result import partial, write_json
+
+from . import fmus, orientator, orientator_plots, pool
+
+FRICTIONS = "0.2,0.35,0.5"
+SPEEDS = "0:105:43"
+STEP = 0.02
+NEAR = 0.01
+RECORD = ["stage", "reason", "orientation_time", "t_falling", "t_joint", "t_turning", "t_released"]
+
+
+class Point(NamedTuple):
+    """One product: friction, rotor speed [rpm], end, and durations [s] (0 where not reached)."""
+
+    mu: float
+    n: float
+    stage: int
+    reason: int
+    orientation_time: float
+    t_falling: float
+    t_joint: float
+    t_turning: float
+    t_released: float
+
+    @property
+    def works(self) -> bool:
+        return self.stage == orientator.ORIENTED
+
+
+class Gap(NamedTuple):
+    """Between the last speed that works and the first that does not [rpm]."""
+
+    mu: float
+    good: float
+    bad: float
+
+
+def simulate(case: tuple[float, float]) -> Point:
+    """One product at friction mu and n rpm."""
+    mu, n = case
+    result = orientator.product(n, mu, STEP, orientator.LONGEST, RECORD)
+    stage, reason, *times = result.data[-1, 1:].tolist()
+    return Point(mu, n, int(stage), int(reason), *times)
+
+
+def bisect(gap: Gap) -> list[Point]:
+    """Halve the gap until it is narrower than NEAR; all products on the way, and some before."""
+    mu, good, bad = gap
+    points: list[Point] = []
+    while bad - good > NEAR:
+        middle = (good + bad) / 2
+        points.append(simulate((mu, middle)))
+        good, bad = (middle, bad) if points[-1].works else (good, middle)
+    before = np.linspace(gap.good, good, 7)[1:-1]
+    return points + [simulate((mu, float(n))) for n in before]
+
+
+def gaps(points: Sequence[Point]) -> list[Gap]:
+    """For each friction the first pair of speeds between which the machine stops working."""
+    found = []
+    for mu in sorted({p.mu for p in points}):
+        mine = sorted((p for p in points if p.mu == mu), key=lambda p: p.n)
+        for left, right in pairwise(mine):
+            if left.works and not right.works:
+                found.append(Gap(mu, left.n, right.n))
+                break
+    return found
+
+
+def verdict(points: Sequence[Point]) -> str:
+    """The answer in plain words."""
+    reasons = orientator.item_names("reason")
+    lines = []
+    for gap in gaps(points):
+        mine = {p.n: p for p in points if p.mu == gap.mu}
+        last, first = mine[gap.good], mine[gap.bad]
+        still = min(mine.values(), key=lambda p: p.n)
+        lines.append(
+            f"mu = {gap.mu:g}: works up to {gap.good:.2f} +- {gap.bad - gap.good:.2f} rpm, where "
+            f"orienting takes {last.orientation_time:.4f} s ({60 / last.orientation_time:.0f} "
+            f"products/min from one catcher, {60 / still.orientation_time:.0f} at {still.n:g} rpm); "
+            f"beyond it {reasons[first.reason]}."
+        )
+    for mu in sorted({p.mu for p in points} - {gap.mu for gap in gaps(points)}):
+        lines.append(
+            f"mu = {mu:g}: the sweep does not hold a speed where the machine stops working."
+        )
+    spread = fan(points)
+    if spread:
+        lines.append(
+            f"The curves nearly coincide below {spread:g} rpm, where the slowest takes 10 % longer "
+            "than the fastest, and fan out beyond."
+        )
+    return "\n".join(lines)
+
+
+def fan(points: Sequence[Point]) -> float | None:
+    """The first speed of the sweep at which the frictions differ by 10 % or more [rpm]."""
+    for n in sorted({p.n for p in points}):
+        times = [p.orientation_time for p in points if p.n == n and p.works]
+        if len(times) > 1 and max(times) / min(times) >= 1.1:
+            return n
+    return None
+
+
+def parse(text: str, name: str, unit: str) -> list[float]:
+    """ "0:105:43" or "0,20,40"; raises SetupError."""
+    try:
+        if ":" in text:
+            first, last, count = text.split(":")
+            values = np.linspace(float(first), float(last), int(count)).tolist()
+        else:
+            values = [float(value) for value in text.split(",")]
+    except ValueError:
+        raise cosim.SetupError(f"{name} {text!r} must read from:to:number or a,b,c") from None
+    for value in values:
+        orientator.check_number(name, value, unit)
+    return sorted(set(values))
+
+
+def arguments(parser: ArgumentParser) -> None:
+    """The options of the scenario."""
+    add = parser.add_argument
+    add("--frictions", default=FRICTIONS, help="coefficients of friction, a,b,c")
+    add("--speeds", default=SPEEDS, help="from:to:number or a,b,c of the rotor [rpm]")
+    add("--jobs", type=int, default=pool.available_cores(), help="parallel processes")
+    add("--out", type=Path, default=SUPPRESS, help="folder, results/orientation_time by default")
+
+
+def run(
+    frictions: str = FRICTIONS,
+    speeds: str = SPEEDS,
+    jobs: int = 1,
+    out: Path = Path("results/orientation_time"),
+) -> None:
+    """Sweep, locate the limits, write orientation_time.csv, .json and .png, print the verdict."""
+    mus, ns = parse(frictions, "frictions", ""), parse(speeds, "speeds", "rpm")
+    pool.check_jobs(jobs)
+    orientator.built()
+    out.mkdir(parents=True, exist_ok=True)
+    table = out / "orientation_time.csv"
+    cases = [(mu, n) for mu in mus for n in ns]
+    points: list[Point] = []
+    with partial(table).open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(Point._fields)
+        for point in pool.each(simulate, cases, jobs, "sweep"):
+            writer.writerow(point)
+            file.flush()
+            points.append(point)
+        for more in pool.each(bisect, gaps(points), jobs, "limits"):
+            writer.writerows(more)
+            points += more
+    orientator_plots.orientation_time(out / "orientation_time.png", points, gaps(points))
+    limits = {str(gap.mu): {"works": gap.good, "jams": gap.bad} for gap in gaps(points)}
+    write_json(
+        out / "orientation_time.json",
+        {
+            "limits_rpm": limits,
+            "step": STEP,
+            "fmu": fmus.guid("gravity_orientator"),
+            "versions": cosim.versions(),
+            "rad_per_s_per_rpm": math.pi / 30,
+        },
+    )
+    partial(table).replace(table)
+    print(verdict(points))
+    print(f"{table}, orientation_time.json and orientation_time.png written")

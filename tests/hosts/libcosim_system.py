@@ -1,0 +1,45 @@
+"""A system in libcosim: JSON task -> JSON rows, the time [ns] and the recorded reals per step."""
+
+import json
+import sys
+
+from libcosimpy.CosimExecution import CosimExecution
+from libcosimpy.CosimLogging import CosimLogLevel, log_output_level
+from libcosimpy.CosimObserver import CosimObserver
+from libcosimpy.CosimSlave import CosimLocalSlave
+
+log_output_level(CosimLogLevel.ERROR)
+task = json.loads(sys.argv[1])
+execution = CosimExecution.from_step_size(round(task["step"] * 1e9))
+slaves, references = {}, {}
+for name, fmu in task["parts"].items():
+    slaves[name] = execution.add_local_slave(CosimLocalSlave(fmu, name))
+    for variable in execution.slave_variables(slaves[name]):
+        references[f"{name}.{variable.name.decode()}"] = variable.reference
+
+
+def port(name: str) -> tuple[int, int]:
+    """Slave index and value reference of a dotted name."""
+    return slaves[name.partition(".")[0]], references[name]
+
+
+for name, value in task["start"].items():
+    kind = "boolean" if isinstance(value, bool) else "real"
+    if not getattr(execution, f"{kind}_initial_value")(*port(name), value):
+        sys.exit(f"{name} is not set")
+for source, target in task["wires"]:
+    if execution.connect_real_variables(*port(source), *port(target)):
+        sys.exit(f"{target} is not connected")
+observer = CosimObserver.create_last_value()
+execution.add_observer(observer)
+
+rows = []
+for n in range(task["steps"]):
+    if not execution.step():
+        sys.exit(f"step {n} failed")
+    values = [
+        observer.last_real_values(slave, [reference])[0]
+        for slave, reference in map(port, task["record"])
+    ]
+    rows.append([execution.status().current_time, *values])
+print(json.dumps(rows))
