@@ -98,12 +98,6 @@ def names(variables: Sequence[str]) -> list[str]:
     return [f"iron.{name}" for name in variables]
 
 
-def check_speed(name: str, value: float) -> None:
-    """Raise SetupError for a speed that is not above 0."""
-    if not 0.0 < value < math.inf:
-        raise cosim.SetupError(f"{name} = {value!r} rad/s must be a finite number above 0")
-
-
 def per_minute(speed: float) -> float:
     """Cycles per minute of a cam speed [rad/s]."""
     return speed * 30 / math.pi

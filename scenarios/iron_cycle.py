@@ -15,11 +15,10 @@ from pathlib import Path
 import numpy as np
 from scipy.integrate import trapezoid
 
-import cosim
 from cosim import Result
 from cosim.result import partial, write_json
 
-from . import fmus, iron, iron_plots
+from . import fmus, iron, iron_plots, options
 
 COLUMNS = (
     "phi", "lift", "v", "a", "tau_cam", "T_iron", "T_hang", "T_span", "M_rocker", "N", "pressure",
@@ -86,9 +85,8 @@ def run(
     out: Path = Path("results/iron_cycle"),
 ) -> None:
     """Write cycle.csv, .json and .png (and .gif), print the verdict."""
-    iron.check_speed("speed", speed)
-    if samples < 36:
-        raise cosim.SetupError(f"samples = {samples} per turn must be at least 36")
+    options.positive("speed", speed, "rad/s")
+    options.at_least("samples", samples, 36)
     changes = iron.start_values(start)
     fmus.build("iron_drive")
     result = iron.turn(speed, changes, samples, iron.names(COLUMNS))

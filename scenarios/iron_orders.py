@@ -20,9 +20,8 @@ from numpy.typing import NDArray
 import cosim
 from cosim.result import partial, write_json
 
-from . import fmus, iron, iron_plots, pool
+from . import fmus, iron, iron_plots, options, pool
 from .orders import harmonics, last_revolutions
-from .resonance import parse_speeds
 
 ORDERS = range(1, 13)
 LAGS = (0.012, 0.08, 0.2)
@@ -191,8 +190,10 @@ def run(
     out: Path = Path("results/iron_orders"),
 ) -> None:
     """Sweep three motors, write orders.csv, .json and .png, print the verdicts."""
-    nus = parse_speeds(speeds)
-    pool.check_jobs(jobs)
+    nus = options.numbers("speeds", speeds)
+    for nu in nus:
+        options.positive("speed", nu, "rad/s")
+    options.at_least("jobs", jobs, 1)
     changes = iron.start_values(start)
     fmus.build("drive_motor", "iron_drive")
     machine = measure(changes)

@@ -19,7 +19,7 @@ import numpy as np
 import cosim
 from cosim.result import partial, write_json
 
-from . import fmus, orientator, orientator_plots, pool
+from . import fmus, options, orientator, orientator_plots, pool
 
 FRICTIONS = "0.2,0.35,0.5"
 SPEEDS = "0:105:43"
@@ -122,21 +122,6 @@ def fan(points: Sequence[Point]) -> float | None:
     return None
 
 
-def parse(text: str, name: str, unit: str) -> list[float]:
-    """ "0:105:43" or "0,20,40"; raises SetupError."""
-    try:
-        if ":" in text:
-            first, last, count = text.split(":")
-            values = np.linspace(float(first), float(last), int(count)).tolist()
-        else:
-            values = [float(value) for value in text.split(",")]
-    except ValueError:
-        raise cosim.SetupError(f"{name} {text!r} must read from:to:number or a,b,c") from None
-    for value in values:
-        orientator.check_number(name, value, unit)
-    return sorted(set(values))
-
-
 def arguments(parser: ArgumentParser) -> None:
     """The options of the scenario."""
     add = parser.add_argument
@@ -153,8 +138,12 @@ def run(
     out: Path = Path("results/orientation_time"),
 ) -> None:
     """Sweep, locate the limits, write orientation_time.csv, .json and .png, print the verdict."""
-    mus, ns = parse(frictions, "frictions", ""), parse(speeds, "speeds", "rpm")
-    pool.check_jobs(jobs)
+    mus, ns = options.numbers("frictions", frictions), options.numbers("speeds", speeds)
+    for mu in mus:
+        options.not_negative("friction", mu)
+    for n in ns:
+        options.not_negative("speed", n, "rpm")
+    options.at_least("jobs", jobs, 1)
     orientator.built()
     out.mkdir(parents=True, exist_ok=True)
     table = out / "orientation_time.csv"

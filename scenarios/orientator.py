@@ -34,13 +34,6 @@ def item_names(variable: str) -> dict[int, str]:
     return {int(item.value): item.name.replace("_", " ") for item in found.declaredType.items}
 
 
-def check_number(name: str, value: float, unit: str = "") -> None:
-    """Raise SetupError for what is negative or not finite."""
-    if not 0.0 <= value < math.inf:
-        text = f"{value!r} {unit}".rstrip()
-        raise cosim.SetupError(f"{name} = {text} must be a finite number, at least 0")
-
-
 def built() -> Path:
     """Build the FMU where needed; its path."""
     fmus.build("gravity_orientator")

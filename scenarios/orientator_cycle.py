@@ -14,7 +14,7 @@ import cosim
 from cosim import Result
 from cosim.result import partial, write_json
 
-from . import orientator, orientator_plots
+from . import options, orientator, orientator_plots
 
 RECORD = [
     "stage", "reason", "phi1", "phi2", "w1", "w2", "xc", "yc", "vxc", "vyc", "v_s", "N_K",
@@ -61,8 +61,8 @@ def run(
     out: Path = Path("results/orientator_cycle"),
 ) -> None:
     """Write cycle.csv, .json and .png (and .gif), print the verdict."""
-    orientator.check_number("speed", speed, "rpm")
-    orientator.check_number("friction", friction)
+    options.not_negative("speed", speed, "rpm")
+    options.not_negative("friction", friction)
     orientator.built()
     result = shortened(orientator.product(speed, friction, step, stop, RECORD))
     out.mkdir(parents=True, exist_ok=True)

@@ -10,8 +10,6 @@ from typing import TypeVar
 from rich.console import Console
 from rich.progress import track
 
-from cosim import SetupError
-
 Task = TypeVar("Task")
 Answer = TypeVar("Answer")
 
@@ -19,12 +17,6 @@ Answer = TypeVar("Answer")
 def available_cores() -> int:
     """Cores this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
-def check_jobs(jobs: int) -> None:
-    """Raise SetupError for less than one process."""
-    if jobs < 1:
-        raise SetupError(f"jobs = {jobs} must be at least 1")
 
 
 def each(

@@ -24,7 +24,7 @@ from scipy.optimize import brentq, minimize_scalar
 import cosim
 from cosim.result import partial, write_json
 
-from . import fmus, plots, pool
+from . import fmus, options, plots, pool
 from .orders import HIGHEST, last_revolutions, mean_speed, order
 from .theory import SETS, Machine, longest_step
 
@@ -104,27 +104,6 @@ def simulate(case: Case) -> Point:
 def polar(z: complex) -> tuple[float, float]:
     """Amplitude, and phase in degrees."""
     return abs(z), math.degrees(cmath.phase(z))
-
-
-def parse_speeds(text: str) -> list[float]:
-    """ "20:66:24" (from, to, number) or "20,30,40" as ascending speeds [rad/s].
-
-    Raises SetupError for what is neither, and for speeds that are not above 0.
-    """
-    try:
-        if ":" in text:
-            first, last, number = text.split(":")
-            values = np.linspace(float(first), float(last), int(number)).tolist()
-        else:
-            values = [float(value) for value in text.split(",")]
-    except ValueError:
-        raise cosim.SetupError(f"speeds {text!r} must read from:to:number or a,b,c") from None
-    for value in values:
-        if not 0.0 < value < math.inf:
-            raise cosim.SetupError(f"speed {value!r} rad/s must be a finite number above 0")
-    if not values:
-        raise cosim.SetupError(f"speeds {text!r} name no speed")
-    return sorted(set(values))
 
 
 def check_steps(machine: Machine, algorithm: str, steps_per_rev: int, nu: float) -> None:
@@ -331,9 +310,11 @@ def run(
     """
     began = time.perf_counter()
     machine = SETS[name]
-    nus = parse_speeds(speeds or SPEEDS[name])
+    nus = options.numbers("speeds", speeds or SPEEDS[name])
+    for nu in nus:
+        options.positive("speed", nu, "rad/s")
     check_steps(machine, algorithm, steps_per_rev, nus[0])
-    pool.check_jobs(jobs)
+    options.at_least("jobs", jobs, 1)
     folder = out or Path("results") / "resonance" / name
     fmus.build(*fmus.DRIVE.values())
 

@@ -18,7 +18,7 @@ import cosim
 from cosim import Result
 from cosim.result import write_json
 
-from . import fmus, plots
+from . import fmus, options, plots
 from .theory import SETS, Machine
 
 MOTORS = {"linear": 0, "kloss": 1}
@@ -100,8 +100,7 @@ def run(
     out: Path | None = None,
 ) -> None:
     """Start both motors, write a CSV for each, run_up.json and .png, print the verdict."""
-    if not 0.0 < speed < math.inf:
-        raise cosim.SetupError(f"speed = {speed!r} rad/s must be a finite number above 0")
+    options.positive("speed", speed, "rad/s")
     machine = SETS[name]
     folder = out or Path("results") / "run_up" / name
     fmus.build(*fmus.DRIVE.values())

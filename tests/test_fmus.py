@@ -195,7 +195,7 @@ def test_project_and_fmus_have_one_version(fmus: Path) -> None:
 def draw(rng: random.Random, declared: Declaration) -> Any:
     """A value near the start of a Real, or any of the others."""
     if declared.kind == "Real":
-        return declared.start + rng.uniform(0.1, 1.0)
+        return declared.start + rng.uniform(0.1, 1.5)
     return rng.choice(list(declared.items or (False, True)))
 
 
