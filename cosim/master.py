@@ -258,21 +258,24 @@ def _wire_up(network: Network, parts: dict[str, Part]) -> None:
         for block in (*part.outputs, *part.inputs):
             place |= {variable: (block.cells, i) for i, variable in enumerate(block.names)}
     for wire in network.wires:
-        parts[wire.target.part].copies.append((*place[wire.target.name], *place[wire.source.name]))
+        ends = (*place[wire.target.name], *place[wire.source.name])
+        parts[wire.target.part].wire(*ends, wire.factor, wire.offset)
 
 
 def _settle(parts: Sequence[Part]) -> None:
     """Propagate start values in initialisation mode until no input changes."""
     for part in parts:
         part.read()
-    for _ in range(2 + sum(len(part.copies) for part in parts)):
+    for _ in range(2 + sum(len(block.cells) for part in parts for block in part.inputs)):
+        changed = []
         for part in parts:
-            part.write()
+            if part.listen():
+                changed.append(part.name)
+            part.send()
             part.read()
-        open_wires = [part.name for part in parts if part.inputs_differ()]
-        if not open_wires:
+        if not changed:
             return
-    raise SetupError(f"the start values of {', '.join(open_wires)} do not settle: algebraic loop")
+    raise SetupError(f"the start values of {', '.join(changed)} do not settle: algebraic loop")
 
 
 def _row(parts: dict[str, Part], ports: Sequence[Port]) -> Callable[[float], list[float]]:

@@ -92,6 +92,7 @@ class Part:
         self.inputs: list[Block] = []
         self.outputs: list[Block] = []
         self.copies: list[tuple[Any, int, Any, int]] = []
+        self.scaled: list[tuple[Any, int, Any, int, float, float]] = []
         PARTS[name.encode()] = self
         try:
             self.slave = FMU2Slave(
@@ -153,16 +154,34 @@ class Part:
             block()
             block.require_finite()
 
-    def write(self) -> None:
-        """Bring the values of the wires and hand them over."""
+    def wire(self, target: Any, i: int, source: Any, j: int, factor: float, offset: float) -> None:
+        """Let input cell `target[i]` follow factor * source[j] + offset."""
+        if (factor, offset) == (1.0, 0.0):
+            self.copies.append((target, i, source, j))
+        else:
+            self.scaled.append((target, i, source, j, factor, offset))
+
+    def listen(self) -> bool:
+        """Bring the values of the wires; whether any has changed."""
+        before = [bytes(block.cells) for block in self.inputs]
+        self._bring()
+        return before != [bytes(block.cells) for block in self.inputs]
+
+    def _bring(self) -> None:
         for target, i, source, j in self.copies:
             target[i] = source[j]
+        for target, i, source, j, factor, offset in self.scaled:
+            target[i] = factor * source[j] + offset
+
+    def send(self) -> None:
+        """Hand the inputs over as they stand in the buffers."""
         for block in self.inputs:
             block()
 
-    def inputs_differ(self) -> bool:
-        """Whether a wired input is not what its source says."""
-        return any(target[i] != source[j] for target, i, source, j in self.copies)
+    def write(self) -> None:
+        """Bring the values of the wires and hand them over."""
+        self._bring()
+        self.send()
 
     def step(self, time: float, size: float) -> None:
         """Advance from `time` by `size` seconds."""

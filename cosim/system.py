@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -16,9 +17,20 @@ Value = float | int | bool | str
 NUMERIC = {"Real": float, "Integer": int, "Enumeration": int, "Boolean": int}
 
 
+NUMBER = r"[+-]?\s*(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
+WIRE = re.compile(
+    rf"\s*(?P<source>[^*+\s]+)\s*(?:\*\s*(?P<factor>{NUMBER}))?\s*(?P<offset>[+-]{NUMBER})?"
+    r"\s*->\s*(?P<target>[^*+\s]+)\s*"
+)
+
+
 @dataclass(frozen=True)
 class System:
-    """FMU files by part name, wires as "motor.tau -> conveyor.tau", start values by variable."""
+    """FMU files by part name, wires, start values by variable.
+
+    A wire reads "motor.tau -> conveyor.tau", or with a factor and an offset in the source's unit
+    "cam.w * 2.5 + 0.1 -> rotor.w". Convertible units are converted (rpm -> rad/s).
+    """
 
     parts: Mapping[str, Path]
     wires: Sequence[str] = ()
@@ -49,10 +61,12 @@ class Port(NamedTuple):
 
 
 class Wire(NamedTuple):
-    """From an output to an input."""
+    """From an output to an input: target = factor * source + offset, each in its own unit."""
 
     source: Port
     target: Port
+    factor: float = 1.0
+    offset: float = 0.0
 
 
 class Network(NamedTuple):
@@ -120,21 +134,43 @@ def _port(descriptions: Mapping[str, ModelDescription], name: str) -> Port:
 
 
 def _wire(descriptions: Mapping[str, ModelDescription], text: str) -> Wire:
-    ends = text.split("->")
-    if len(ends) != 2:
-        raise SetupError(f"wire {text!r} must read 'part.output -> part.input'")
-    source, target = (_port(descriptions, end) for end in ends)
+    match = WIRE.fullmatch(text)
+    if match is None:
+        raise SetupError(
+            f"wire {text!r} must read 'part.output [* factor] [+ offset] -> part.input'"
+        )
+    source, target = (_port(descriptions, match[end]) for end in ("source", "target"))
     if source.variable.causality != "output":
         raise SetupError(f"wire {text!r}: {source} is {source.variable.causality}, not an output")
     if target.variable.causality != "input":
         raise SetupError(f"wire {text!r}: {target} is {target.variable.causality}, not an input")
     if source.type != target.type or source.type not in NUMERIC:
         raise SetupError(f"wire {text!r}: {source.type} cannot drive {target.type}")
-    if source.unit and target.unit and source.unit != target.unit:
-        units = (_base(descriptions, source), _base(descriptions, target))
-        if None in units or units[0] != units[1]:
-            raise SetupError(f"{source} cannot drive {target}")
-    return Wire(source, target)
+    factor, offset = (float((match[key] or default).replace(" ", ""))
+                      for key, default in (("factor", "1"), ("offset", "0")))  # fmt: skip
+    scale, shift = _conversion(descriptions, source, target)
+    wire = Wire(source, target, scale * factor, scale * offset + shift)
+    if wire[2:] != (1.0, 0.0) and source.type != "Real":
+        raise SetupError(f"wire {text!r}: {source.type} cannot be scaled")
+    return wire
+
+
+def _conversion(
+    descriptions: Mapping[str, ModelDescription], source: Port, target: Port
+) -> tuple[float, float]:
+    """Factor and offset from the source's unit to the target's; no unit fits every unit."""
+    if not source.unit or not target.unit or source.unit == target.unit:
+        return 1.0, 0.0
+    units = [_base(descriptions, port) for port in (source, target)]
+    if None in units or exponents(units[0]) != exponents(units[1]):
+        raise SetupError(f"{source} cannot drive {target}")
+    here, there = units
+    return here.factor / there.factor, (here.offset - there.offset) / there.factor
+
+
+def exponents(unit: Any) -> tuple[int, ...]:
+    """The powers of the base units."""
+    return tuple(getattr(unit, base) for base in ("kg", "m", "s", "A", "K", "mol", "cd", "rad"))
 
 
 def _base(descriptions: Mapping[str, ModelDescription], port: Port) -> Any:

@@ -14,6 +14,7 @@ from functools import cache
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
+from zipfile import ZipFile
 
 import numpy as np
 import pytest
@@ -218,6 +219,34 @@ def test_order_follows_the_wires_or_the_user(fmus: Path) -> None:
     assert not np.array_equal(given.data, run(loop, **settings).data)
 
 
+def test_wires_scale_and_shift(fmus: Path) -> None:
+    """tau_static = A - B w tells what the motor hears."""
+    wires = ["motor.tau -> conveyor.tau", "conveyor.w * 0.5 - 1.5e0 -> motor.w"]
+    result = run(pair(fmus, {"conveyor.w": 33.0}, wires), stop=0.01, step=1e-3)
+    heard = (8000.0 - result["motor.tau_static"][0]) / 199.8
+    assert heard == pytest.approx(0.5 * 33.0 - 1.5, rel=1e-12)
+
+
+def test_wires_convert_units(fmus: Path, tmp_path: Path) -> None:
+    """A conveyor that tells its speed in rpm drives the motor as one that tells it in rad/s."""
+    rpm = tmp_path / "Rpm.fmu"
+    unit = f'<Unit name="rpm"><BaseUnit rad="1" s="-1" factor="{math.pi / 30!r}"/></Unit>'
+    with ZipFile(fmus / "CrankConveyor.fmu") as old, ZipFile(rpm, "w") as new:
+        for name in old.namelist():
+            text = old.read(name)
+            if name == "modelDescription.xml":
+                head, _, tail = text.decode().partition("</UnitDefinitions>")
+                before, _, after = tail.partition('<ScalarVariable name="w"')
+                after = after.replace('unit="rad/s" displayUnit="rpm"', 'unit="rpm"', 1)
+                whole = f'{head}{unit}</UnitDefinitions>{before}<ScalarVariable name="w"{after}'
+                text = whole.encode()
+            new.writestr(name, text)
+    parts = {"motor": fmus / "DriveMotor.fmu", "conveyor": rpm}
+    result = run(System(parts, WIRES, {"conveyor.w": 30.0}), stop=1e-3, step=1e-3)
+    assert result.units["conveyor.w"] == "rpm"
+    assert result["motor.tau_static"][0] == pytest.approx(8000.0 - 199.8 * math.pi, rel=1e-12)
+
+
 def test_start_values_are_coupled_before_the_first_step(fmus: Path) -> None:
     """The motor hears the conveyor's start speed already at t = 0."""
     result = run(pair(fmus, {"conveyor.w": 33.0}), stop=1e-3, step=1e-3)
@@ -291,7 +320,10 @@ BAD_SYSTEMS = [
     ({"wires": ["motor.tau -> conveyor.tau"]}, "input motor.w [rad/s] is not connected"),
     ({"wires": [*WIRES, WIRES[0]]}, "conveyor.tau [N.m] is driven twice"),
     ({"wires": ["motor.tau -> motor.w"]}, "motor.tau [N.m] cannot drive motor.w [rad/s]"),
-    ({"wires": ["motor.tau > conveyor.tau"]}, "must read 'part.output -> part.input'"),
+    (
+        {"wires": ["motor.tau > conveyor.tau"]},
+        "must read 'part.output [* factor] [+ offset] -> part.input'",
+    ),
     ({"wires": ["engine.tau -> conveyor.tau"]}, "there is no part 'engine', only motor, conveyor"),
     ({"wires": ["motor.torque -> conveyor.tau"]}, "motor has no variable 'torque', only "),
     ({"wires": ["motor.w -> conveyor.tau"]}, "motor.w [rad/s] is input, not an output"),
