@@ -1,7 +1,8 @@
 """Couple FMI 2.0 co-simulation FMUs: a system of parts and wires, run with a fixed step."""
 
+from .algorithms import ALGORITHMS
 from .errors import Interrupted, SetupError, SimulationError
-from .master import ALGORITHMS, run, versions
+from .master import run, versions
 from .result import Result
 from .system import System
 

@@ -1,9 +1,8 @@
-"""Run a system with a fixed communication step: Jacobi, Gauss-Seidel or Strang."""
+"""Run a system with a fixed communication step."""
 
 from __future__ import annotations
 
 import importlib.metadata
-import logging
 import math
 import platform
 import signal
@@ -12,71 +11,15 @@ import time as clock
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
-import fmpy
-
+from .algorithms import ALGORITHMS
 from .errors import Interrupted, PartFailure, SetupError, SimulationError
+from .initial import initialise
 from .part import Block, Part
 from .result import Recorder, Result
+from .structure import algebraic_loops, describe
 from .system import Network, Port, System, connect
-
-Advance = Callable[[float, float], None]
-log = logging.getLogger("cosim")
-
-
-def jacobi(parts: Sequence[Part]) -> Advance:
-    """All parts step with the values of the step's beginning."""
-
-    def advance(t: float, h: float) -> None:
-        for part in parts:
-            part.write()
-        for part in parts:
-            part.step(t, h)
-        for part in parts:
-            part.read()
-
-    return advance
-
-
-def gauss_seidel(parts: Sequence[Part]) -> Advance:
-    """One after the other, each with the newest values of the ones before."""
-
-    def advance(t: float, h: float) -> None:
-        for part in parts:
-            turn(part, t, h)
-
-    return advance
-
-
-def strang(parts: Sequence[Part]) -> Advance:
-    """Symmetric: all but the last half a step, the last a full one, the others backwards."""
-    *first, last = parts
-
-    def advance(t: float, h: float) -> None:
-        half = h / 2
-        for part in first:
-            turn(part, t, half)
-        turn(last, t, h)
-        for part in reversed(first):
-            turn(part, t + half, half)
-
-    return advance
-
-
-def turn(part: Part, t: float, h: float) -> None:
-    """Give a part the newest values, step it, fetch its outputs."""
-    part.write()
-    part.step(t, h)
-    part.read()
-
-
-ALGORITHMS: dict[str, Callable[[Sequence[Part]], Advance]] = {
-    "jacobi": jacobi,
-    "gauss-seidel": gauss_seidel,
-    "strang": strang,
-}
 
 
 def run(
@@ -106,6 +49,7 @@ def run(
     steps = _steps(start, stop, step)
     if algorithm not in ALGORITHMS:
         raise SetupError(f"algorithm {algorithm!r} must be one of {', '.join(ALGORITHMS)}")
+    _check_algorithm(network, algorithm)
     if every < 1:
         raise SetupError(f"every = {every!r} must be at least 1")
     ports = [network.port(name) for name in record] if record is not None else _outputs(network)
@@ -116,7 +60,7 @@ def run(
     with ExitStack() as stack:
         interrupted = stack.enter_context(_interrupts())
         try:
-            parts = _initialise(network, sequence, stack, start, stop)
+            parts = initialise(network, sequence, stack, start, stop)
         except PartFailure as error:
             raise SetupError(str(error)) from error
         provenance = {
@@ -165,6 +109,20 @@ def run(
     if status == "interrupted":
         raise Interrupted(stopped, result)
     return result
+
+
+def _check_algorithm(network: Network, algorithm: str) -> None:
+    """Refuse what an algorithm cannot do with these FMUs."""
+    if algorithm == "iterated":
+        for name, description in network.descriptions.items():
+            if not description.coSimulation.canGetAndSetFMUstate:
+                raise SetupError(f"iterated needs the FMU state, which {name} cannot save")
+        return
+    for loop in algebraic_loops(network):
+        raise SetupError(
+            f"algebraic loop: {describe(loop)} act on each other at once; "
+            f"{algorithm} cannot solve that, iterated can"
+        )
 
 
 @contextmanager
@@ -218,64 +176,6 @@ def _outputs(network: Network) -> list[Port]:
         for variable in description.modelVariables
         if variable.causality == "output" and variable.type != "String"
     ]
-
-
-def _initialise(
-    network: Network, sequence: Sequence[str], stack: ExitStack, start: float, stop: float
-) -> dict[str, Part]:
-    """All parts at `start`, their coupled start values consistent, ready for the first step."""
-    parts: dict[str, Part] = {}
-    folders: dict[Path, Path] = {}
-    for name, path in network.system.parts.items():
-        if path not in folders:
-            folders[path] = Path(stack.enter_context(TemporaryDirectory(prefix="cosim_")))
-            fmpy.extract(str(path), str(folders[path]))
-        parts[name] = Part(name, network.descriptions[name], folders[path])
-        stack.callback(parts[name].close)
-    for port, value in network.start:
-        parts[port.part].set(port.variable, value)
-    for part in parts.values():
-        part.call("setupExperiment", None, start, stop)
-        part.call("enterInitializationMode")
-    _wire_up(network, parts)
-    _settle([parts[name] for name in sequence])
-    for part in parts.values():
-        part.call("exitInitializationMode")
-        part.read()
-        for sentence in part.warnings:
-            log.warning(sentence)
-    return parts
-
-
-def _wire_up(network: Network, parts: dict[str, Part]) -> None:
-    """Give every part the blocks of its wired variables and the copies between them."""
-    place: dict[str, tuple[Any, int]] = {}
-    for name, part in parts.items():
-        sources = dict.fromkeys(w.source for w in network.wires if w.source.part == name)
-        targets = [w.target for w in network.wires if w.target.part == name]
-        part.outputs = part.blocks("Get", [port.variable for port in sources])
-        part.inputs = part.blocks("Set", [port.variable for port in targets])
-        for block in (*part.outputs, *part.inputs):
-            place |= {variable: (block.cells, i) for i, variable in enumerate(block.names)}
-    for wire in network.wires:
-        ends = (*place[wire.target.name], *place[wire.source.name])
-        parts[wire.target.part].wire(*ends, wire.factor, wire.offset)
-
-
-def _settle(parts: Sequence[Part]) -> None:
-    """Propagate start values in initialisation mode until no input changes."""
-    for part in parts:
-        part.read()
-    for _ in range(2 + sum(len(block.cells) for part in parts for block in part.inputs)):
-        changed = []
-        for part in parts:
-            if part.listen():
-                changed.append(part.name)
-            part.send()
-            part.read()
-        if not changed:
-            return
-    raise SetupError(f"the start values of {', '.join(changed)} do not settle: algebraic loop")
 
 
 def _row(parts: dict[str, Part], ports: Sequence[Port]) -> Callable[[float], list[float]]:

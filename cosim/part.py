@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 from weakref import WeakValueDictionary
 
+import numpy as np
 from fmpy import calloc, free
 from fmpy.fmi2 import (
     FMU2Slave,
@@ -21,6 +22,7 @@ from fmpy.fmi2 import (
 )
 from fmpy.logging import addLoggerProxy
 from fmpy.model_description import ModelDescription, ScalarVariable
+from numpy.typing import NDArray
 
 from .errors import PartFailure
 from .system import Value
@@ -60,6 +62,7 @@ class Block:
     def __init__(self, part: Part, action: str, variables: Sequence[ScalarVariable]) -> None:
         kind = variables[0].type
         count = len(variables)
+        self.real = kind == "Real"
         self.names = [f"{part.name}.{v.name}" for v in variables]
         self.cells = (CELL[kind] * count)()
         self.part = part
@@ -108,6 +111,7 @@ class Part:
         self.component = ctypes.c_void_p(self.slave.component)
         self._do_step = self.library.fmi2DoStep
         self._time, self._size = ctypes.c_double(), ctypes.c_double()
+        self._state = ctypes.c_void_p()
         self._step_arguments = (self.component, self._time, self._size, ctypes.c_int(1))
 
     def hear(self, status: int, message: str) -> None:
@@ -183,6 +187,44 @@ class Part:
         self._bring()
         self.send()
 
+    def real_inputs(self) -> NDArray[np.float64]:
+        """The wired Real inputs as they stand in the buffers, shape (n,)."""
+        blocks = [np.array(b.cells) for b in self.inputs if b.real]
+        return np.concatenate(blocks) if blocks else np.empty(0)
+
+    def real_input_names(self) -> list[str]:
+        """The names of `real_inputs`."""
+        return [name for block in self.inputs if block.real for name in block.names]
+
+    def take_reals(self, values: NDArray[np.float64]) -> int:
+        """Fill the wired Real inputs from the beginning of `values`; how many there were."""
+        count = 0
+        for block in self.inputs:
+            if block.real:
+                size = len(block.cells)
+                block.cells[:] = values[count : count + size].tolist()
+                count += size
+        return count
+
+    def save(self) -> None:
+        """Remember the FMU's state in place of the one saved before."""
+        self.forget()
+        status = self.library.fmi2GetFMUstate(self.component, ctypes.byref(self._state))
+        if status > WARNING:
+            raise self.failure("getFMUstate", status)
+
+    def restore(self) -> None:
+        """Return to the state saved last."""
+        status = self.library.fmi2SetFMUstate(self.component, self._state)
+        if status > WARNING:
+            raise self.failure("setFMUstate", status)
+
+    def forget(self) -> None:
+        """Free the saved state."""
+        if self._state:
+            self.library.fmi2FreeFMUstate(self.component, ctypes.byref(self._state))
+            self._state = ctypes.c_void_p()
+
     def step(self, time: float, size: float) -> None:
         """Advance from `time` by `size` seconds."""
         self._time.value, self._size.value = time, size
@@ -192,6 +234,8 @@ class Part:
 
     def close(self) -> None:
         """Terminate if possible, free in any case."""
+        with suppress(Exception):
+            self.forget()
         with suppress(Exception):
             self.slave.terminate()
         with suppress(Exception):

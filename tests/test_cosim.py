@@ -84,6 +84,9 @@ def test_gauss_seidel_meets_the_amplitudes(fmus: Path, n: int, error: float) -> 
         ("jacobi", 128, 1, 1, 0.553, 2.24),
         ("gauss-seidel", 64, 1, 2, 2.348, 3.49),
         ("gauss-seidel", 128, 0, 2, 31.576, -3.40),
+        ("iterated", 32, 2, 2, -2.044, -7.11),
+        ("iterated", 64, 2, 2, -0.367, -1.79),
+        ("iterated", 256, 0, 0, -19.275, 1.17),
     ],
 )
 def test_coupling_errors_of_the_input_holds(

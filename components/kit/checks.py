@@ -11,8 +11,8 @@ from .record import Value
 
 
 def number(value: Value, unit: str) -> str:
-    """A value with its unit, as it stands in messages."""
-    return f"{value!r} {unit}".rstrip()
+    """A value with its unit, as it stands in messages; a ratio has none."""
+    return repr(value) if unit in ("", "1") else f"{value!r} {unit}"
 
 
 def finite(variable: Variable, value: Value) -> None:

@@ -1,0 +1,41 @@
+"""Which inputs act on themselves at once: algebraic loops in the declared dependencies."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import connected_components
+
+from .system import Network, Wire
+
+
+def algebraic_loops(network: Network) -> list[list[Wire]]:
+    """The wires of each loop of direct feedthrough, in the order of the system.
+
+    Only what a model description declares counts: an FMU that says nothing of its outputs'
+    dependencies is taken to have a state in between.
+    """
+    wires = network.wires
+    acts = np.array([[_acts(network, first, then) for then in wires] for first in wires], dtype=int)
+    if not wires:
+        return []
+    _, label = connected_components(csr_array(acts), connection="strong")
+    groups = [[i for i in range(len(wires)) if label[i] == k] for k in sorted(set(label))]
+    return [
+        [wires[i] for i in group] for group in groups if len(group) > 1 or acts[group[0], group[0]]
+    ]
+
+
+def _acts(network: Network, first: Wire, then: Wire) -> bool:
+    """Whether the input of one wire moves the source of another without delay."""
+    if first.target.part != then.source.part:
+        return False
+    unknowns = network.descriptions[then.source.part].outputs
+    own = next((u for u in unknowns if u.variable.name == then.source.variable.name), None)
+    declared = own.dependencies if own is not None else None
+    return any(v.name == first.target.variable.name for v in declared or ())
+
+
+def describe(loop: list[Wire]) -> str:
+    """A loop as text: its inputs and what drives them."""
+    return ", ".join(f"{wire.source.name} -> {wire.target.name}" for wire in loop)

@@ -1,0 +1,689 @@
+"""The gravity orientator: reference passages, balances, derivation, limits and many products."""
+
+from __future__ import annotations
+
+import functools
+import itertools
+import math
+import random
+import types
+from math import cos, nan, pi, sin
+from pathlib import Path
+from typing import Any
+
+import mpmath
+import numpy as np
+import pint
+import pytest
+import sympy
+from oracle import load_copy
+from test_dimensions import UNITS, quantities, unit
+
+from components import gravity_orientator as model
+from components.gravity_orientator import Reason, Stage
+from components.kit import motion
+from components.kit.record import declarations, start
+from tests.hosts.fmus import resident
+from tests.hosts.host import MESSAGES, Unit
+
+FMU = "GravityOrientator.fmu"
+RPM = pi / 30
+ROUTE = ("t_falling", "t_joint", "t_turning", "t_released", "orientation_time")
+MOVING = tuple(model.MECHANICS)
+
+ORIENTATION_TIMES = {
+    # rpm: mu = 0.2, 0.35, 0.5
+    0: (0.2387752354, 0.2387752354, 0.2387752354),
+    10: (0.2395343112, 0.2400879457, 0.2406454941),
+    20: (0.2418556741, 0.2441613488, 0.2465354038),
+    30: (0.2458795349, 0.2514439924, 0.2574131315),
+    40: (0.2520597897, 0.2638050034, 0.2777869131),
+    50: (0.2611098946, 0.2835888249, 0.3148253945),
+    60: (0.2734541980, 0.3148595929, 0.3991961493),
+    70: (0.2903389856, 0.3708835246, 0.0),
+}
+DURATIONS = {
+    (0.35, 0): (0.0903047282, 0.0643836154, 0.0288078058, 0.0552790859),
+    (0.35, 20): (0.0921249111, 0.0660577271, 0.0299828093, 0.0559959013),
+    (0.2, 40): (0.0946353897, 0.0687837420, 0.0322422676, 0.0563983905),
+    (0.35, 40): (0.0983259440, 0.0720078294, 0.0344458574, 0.0590253726),
+    (0.5, 40): (0.1024849308, 0.0757380163, 0.0371250192, 0.0624389467),
+    (0.2, 60): (0.1010405234, 0.0758571737, 0.0383385889, 0.0582179120),
+    (0.35, 60): (0.1121929071, 0.0871034226, 0.0477694116, 0.0677938516),
+}
+IMPULSES = {
+    # S_x, S_y, S_k, P_B, P_K
+    0: (0.00118978807, 0.00604851738, 0.00023485333, 0.00246175057, -0.0012420341),
+    40: (0.00109272776, 0.00555509254, 0.000215694509, 0.0021544136, -0.00108697249),
+}
+ENERGIES = {
+    # kinetic, before and after the landing, before and after the hook contact
+    0: (0.015696, 0.0130168413, 0.034937704, 0.0347427716),
+    40: (0.0132395651, 0.0109796966, 0.0267586643, 0.0266093662),
+}
+INSTANTS = {
+    # phi1, w1, phi2, w2, x, y, vx, vy: landing, landed, flush, on the hook, release, oriented
+    0: (
+        (0.5235987756, 0.0, 4.71238898, 0.0, 0.1758845727, 0.047, 0.0, 0.8858893836),
+        (0.5235987756, 3.799043734, 4.71238898, 7.123207001,
+         0.1758845727, 0.047, -0.035616035, 0.734676449),
+        (0.7805211874, 2.97555296, 5.492910168, 18.81244653,
+         0.1723663235, 0.1101764518, -0.06683562791, 1.217118227),
+        (0.7805211874, 3.087450713, 5.492910168, 22.38121261,
+         0.1723663235, 0.1101764518, -0.07951450633, 1.173812967),
+        (0.8414873996, 1.026916844, 6.258213928, 28.86747639,
+         0.1708861315, 0.1464708762, -0.003603928977, 1.369336458),
+        (0.7347543829, -4.63633986, 7.853981634, 28.86747639,
+         0.1706869096, 0.2371551317, -0.003603928977, 1.911624291),
+    ),
+    40: (
+        (0.5235987756, 0.0, 4.71238898, 0.0, 0.1758845727, 0.047, 0.0, 0.8136204621),
+        (0.5235987756, 3.489126041, 4.71238898, 6.542111327,
+         0.1758845727, 0.047, -0.03271055664, 0.6747431485),
+        (0.7805211874, 2.60407039, 5.492910168, 16.46380878,
+         0.1723663235, 0.1101764518, -0.05849154155, 1.06516724),
+        (0.7805211874, 2.701998281, 5.492910168, 19.58703267,
+         0.1723663235, 0.1101764518, -0.06958752685, 1.027268421),
+        (0.8321041565, 0.3132469493, 6.317147967, 26.46144227,
+         0.1708874561, 0.1477983252, 0.004492641074, 1.180276773),
+        (0.65482724, -5.787930196, 7.853981634, 25.57816469,
+         0.1758845727, 0.2335353336, 0.1278908234, 1.711885052),
+    ),
+}  # fmt: skip
+
+
+def passage(n: Any, mu: Any, h: float = 1e-3, component: Any = model) -> Any:
+    """Parameters, end and events (t, before, after) of a product; n rpm, or the speed at a step."""
+    p = start(model.Parameters, **{"chute.mu": mu}) if isinstance(mu, float) else mu
+    x, before, seen = motion.settle(component, p, start(model.State)), None, []
+    for k in range(math.ceil(3.0 / h)):
+        u = model.Inputs(RPM * (n(k * h) if callable(n) else n), True)
+        x, before = motion.sample(component, p, k * h, x, before, u), u
+        if x.stage in MOVING:
+            for s, old, new in motion.events(component, p, k * h, x, motion.Course(u, u, h)):
+                seen += [(k * h + s, old, new)] if new is not old else []
+            x = motion.settle(component, p, new)
+    return p, x, seen
+
+
+def machine(fmus: Path, n: float, mu: float, h: float, stop: float = 1.0, **values: Any) -> Unit:
+    """The FMU after it has dropped a product; n rpm, or the speed at a communication point."""
+    turns = n if callable(n) else lambda t: n
+    unit = Unit(fmus / FMU).start(w=RPM * turns(0.0), **{"chute.mu": mu, **values})
+    for k in range(math.ceil(stop / h)):
+        unit.set(w=RPM * turns(k * h)).step(k * h, h)
+        if unit.get("stage") in (Stage.oriented, Stage.jammed):
+            break
+    return unit
+
+
+def read(unit: Unit, *names: str) -> list[Any]:
+    return [unit.get(name) for name in names]
+
+
+def numbers(x: Any) -> list[float]:
+    """phi1, w1, phi2, w2, xc, yc, vxc, vyc."""
+    return list(x[:8])
+
+
+@pytest.mark.parametrize("column", [0, 1, 2], ids=["mu 0.2", "mu 0.35", "mu 0.5"])
+@pytest.mark.parametrize("n", ORIENTATION_TIMES)
+def test_orientation_takes_the_reference_time_at_every_communication_step(
+    n: int, column: int, fmus: Path
+) -> None:
+    mu = (0.2, 0.35, 0.5)[column]
+    seen = []
+    for h in (1e-4, 1e-3, 2e-2):
+        unit = machine(fmus, n, mu, h)
+        seen.append(read(unit, *ROUTE, *model.State._fields[:8], "S_x", "S_y", "S_k", "P_B", "P_K"))
+    assert seen[0][4] == pytest.approx(ORIENTATION_TIMES[n][column], abs=1e-10)
+    assert seen[0][:4] == pytest.approx(DURATIONS.get((mu, n), seen[0][:4]), abs=1e-10)
+    for other in seen[1:]:
+        assert other == pytest.approx(seen[0], rel=1e-10, abs=1e-11)
+
+
+@pytest.mark.parametrize("n", INSTANTS)
+def test_states_energies_and_impulses_are_the_reference_ones(n: int, fmus: Path) -> None:
+    p, x, events = passage(n, 0.35)
+    u = model.Inputs(RPM * n, True)
+    landing, hooking, released, *_, oriented = events
+    states = [*landing[1:], *hooking[1:], released[2], oriented[2]]
+    for state, expected in zip(states, INSTANTS[n], strict=True):
+        assert numbers(state) == pytest.approx(expected, rel=5e-10, abs=1e-10)
+    for state, expected in zip(states, ENERGIES[n]):
+        assert model.outputs(p, 0.0, state, u).E_kin == pytest.approx(expected, rel=5e-9)
+    unit = machine(fmus, n, 0.35, 2e-2)
+    found = read(unit, "S_x", "S_y", "S_k", "P_B", "P_K")
+    assert found == pytest.approx(IMPULSES[n], rel=1e-8)
+    assert read(unit, *model.State._fields[:8]) == pytest.approx(INSTANTS[n][-1], rel=5e-10)
+
+
+def test_without_speed_the_product_flies_from_its_release_and_falls_as_in_the_formula() -> None:
+    (*_, (released, _, new), (lost, old, flying), (t, before, _)) = passage(0, 0.35)[2]
+    assert released == lost == pytest.approx(0.1834961, abs=5e-8)
+    assert (old.contact, flying.contact, numbers(flying)) == (True, False, numbers(new))
+    assert before.vyc == pytest.approx(flying.vyc + 9.81 * (t - lost), abs=1e-12)
+    assert passage(0, 0.35)[2][0][0] == pytest.approx(math.sqrt(2 * 0.04 / 9.81), abs=1e-14)
+
+
+@pytest.mark.parametrize(("h", "time"), [(1e-3, 0.265513088530), (1e-4, 0.265592993223)])
+def test_a_rising_speed_is_held_from_each_communication_point(
+    h: float, time: float, fmus: Path
+) -> None:
+    unit = machine(fmus, lambda t: 30 + 100 * t, 0.35, h)
+    assert unit.get("orientation_time") == pytest.approx(time, abs=1e-11)
+
+
+def test_a_speed_on_a_line_gives_the_times_of_the_continuous_speed(fmus: Path) -> None:
+    h, expected = 0.01, (0.095627760034, 0.071806301510, 0.035643659118, 0.062524174345)
+    unit = Unit(fmus / FMU).start(w=30 * RPM, input_hold=2)
+    for k in range(30):
+        unit.set(w=(30 + 100 * h * (k + 1)) * RPM).step(k * h, h)
+    assert read(unit, *ROUTE) == pytest.approx([*expected, 0.265601895007], abs=1e-11)
+
+
+def test_a_product_is_held_in_the_chute_and_falls_on_when_the_rotor_slows_down(fmus: Path) -> None:
+    def speed(t: float) -> float:
+        return min(100.0, 60 + 400 * t) * RPM
+
+    h, unit = 2e-3, Unit(fmus / FMU).start(w=speed(0.0), input_hold=2, **{"chute.mu": 0.5})
+    speeds = []
+    for k in range(500):
+        unit.set(w=speed(h * (k + 1))).step(k * h, h)
+        speeds.append(unit.get("vyc"))
+    stopped = next(k for k, v in enumerate(speeds) if v == 0.0)
+    assert h * stopped < 0.121916244776 < h * (stopped + 1)
+    assert read(unit, "stage", "reason", "vyc") == [Stage.falling, Reason.held_in_chute, 0.0]
+    y = unit.get("yc")
+    for k in range(500, 900):
+        unit.set(w=40 * RPM).step(k * h, h)
+    assert y < unit.get("yc")
+    assert read(unit, "stage", "reason", "oriented", "jammed") == [4, 0, 1, 0]
+
+
+def test_the_instant_of_holding_is_located() -> None:
+    p = start(model.Parameters, **{"chute.mu": 0.5})
+    slow, fast = (model.Inputs(w * RPM, True) for w in (60, 100))
+    x = model.sample(p, 0.0, motion.settle(model, p, start(model.State)), None, slow)
+    *_, (_, _, x) = motion.events(model, p, 0.0, x, motion.Course(slow, fast, 0.1))
+    (stop, _, held), (_, end, _) = motion.events(model, p, 0.1, x, motion.Course(fast, fast, 0.5))
+    assert 0.1 + stop == pytest.approx(0.121916244776, abs=1e-11)
+    assert end == held
+
+
+PASSAGES = [(0, 0.35), (35, 0.35), (40, 0.2), (60, 0.5), (62, 0.5), (75, 0.35), (70, 0.5)]
+
+
+def test_positions_are_continuous_and_energy_falls_only_at_the_four_impacts() -> None:
+    impacts = set()
+    for n, mu in PASSAGES:
+        p, _, events = passage(n, mu)
+        u = model.Inputs(RPM * n, True)
+        for _, old, new in events:
+            for name in ("phi1", "phi2", "xc", "yc"):
+                assert getattr(new, name) == pytest.approx(getattr(old, name), abs=1e-12)
+            before, after = (model.outputs(p, 0.0, x, u) for x in (old, new))
+            assert after.E_pot == pytest.approx(before.E_pot, abs=1e-13)
+            if max(abs(a - b) for a, b in zip(numbers(old), numbers(new))) > 1e-9:
+                assert after.E_kin < before.E_kin
+                impacts.add((Stage(old.stage), Stage(new.stage), old.contact, new.contact))
+            else:
+                assert after.E_kin == pytest.approx(before.E_kin, rel=1e-11)
+    released, jammed = Stage.released, Stage.jammed
+    assert impacts == {
+        (Stage.falling, Stage.joint, True, True),
+        (Stage.joint, Stage.turning, True, True),
+        (released, released, False, True),
+        (released, released, True, True),
+        (Stage.turning, jammed, True, True),
+    }
+
+
+def residuals(p: Any, old: Any, new: Any) -> list[float]:
+    """What is left of the balances of momentum, and of the speeds along the contacts."""
+    (d, h, l2, m, J2), (l1, h1, _, J1, _) = p.cup, p.catcher
+    r, e, c1, s1, c2, s2 = d / 2, h - l2, cos(old.phi1), sin(old.phi1), cos(old.phi2), sin(old.phi2)
+    px, py = m * (new.vxc - old.vxc), m * (new.vyc - old.vyc)
+    L1, L2 = J1 * (new.w1 - old.w1), J2 * (new.w2 - old.w2)
+    match old.stage, new.stage:
+        case Stage.falling, _:
+            S_x, S_y, S_k = new.S_x, new.S_y, new.S_k
+            return [
+                px + S_x + S_k,
+                py + S_y,
+                L2 - S_x * l2 - S_y * r + S_k * e,
+                L1 - (S_y * c1 - S_x * s1) * l1,
+                new.vxc + new.w1 * l1 * s1 - new.w2 * l2,
+                new.vyc - new.w1 * l1 * c1 - new.w2 * r,
+                new.w1 * l1 * s1 - new.w2 * h,
+            ]
+        case Stage.joint, _:
+            P_B, P_K = new.P_B, new.P_K
+            B = np.array([l1 * c1 + h1 * s1, l1 * s1 - h1 * c1])
+            B_dot = new.w1 * np.array([-B[1], B[0]])
+            n, C = np.array([-s2, c2]), np.array([old.xc, old.yc])
+            arm, cup_dot = B - C, np.array([new.vxc, new.vyc])
+            slip = B_dot - cup_dot - new.w2 * np.array([-arm[1], arm[0]])
+            moment = -P_B * (arm[0] * n[1] - arm[1] * n[0]) + P_K * e * s2
+            return [
+                px - P_B * s2 + P_K,
+                py + P_B * c2,
+                L2 - moment,
+                L1 - P_B * (B[0] * n[1] - B[1] * n[0]),
+                float(slip @ n),
+                new.vxc - e * s2 * new.w2,
+            ]
+        case Stage.released, Stage.released if new.contact and not old.contact:
+            return [L2 + px * e * s2, py, L1, new.vxc - e * s2 * new.w2]
+    return [px, py, L2, new.w1]
+
+
+def test_momentum_is_balanced_at_every_impact() -> None:
+    seen = []
+    for n, mu in PASSAGES[:-1]:
+        p, _, events = passage(n, mu)
+        for _, old, new in events:
+            if new.w1 != old.w1 or new.w2 != old.w2:
+                assert max(map(abs, residuals(p, old, new))) < 1e-13
+                seen.append(old.stage)
+    assert {Stage.falling, Stage.joint, Stage.released} == set(seen)
+
+
+@functools.cache
+def lagrange() -> Any:
+    """Equations of the first kind in phi1, phi2, xc, yc: masses, loads, constraints and reactions.
+
+    Loads without friction, then what the friction at the wall does per unit; for joint the corner
+    and for turning the hook carries the product, and the wall in every stage.
+    """
+    t = sympy.Symbol("t")
+    names = "d h l2 m2 J2 l1 h1 m1 J1 phi10 c R H mu g w"
+    d, h, l2, m2, J2, l1, h1, m1, J1, phi10, c, R, H, mu, g, w = p = sympy.symbols(names)
+    q = [sympy.Function(name)(t) for name in ("phi1", "phi2", "xc", "yc")]
+    rates, r, e = [x.diff(t) for x in q], d / 2, h - l2
+    a, n = (sympy.Matrix(v(q[1])) for v in (lambda z: (sympy.cos(z), sympy.sin(z)),
+                                            lambda z: (-sympy.sin(z), sympy.cos(z))))  # fmt: skip
+    C, arm = sympy.Matrix(q[2:]), sympy.Matrix([sympy.cos(q[0]), sympy.sin(q[0])])
+    D, stretch = l1 * arm, l1 / 2 * (q[0] - phi10)
+    B = D + h1 * sympy.Matrix([arm[1], -arm[0]])
+    F1 = m1 * w**2 * (R - d - l1 * sympy.cos(phi10) / 2)
+    F2 = m2 * w**2 * (R - r)
+    kinetic = (J1 * rates[0] ** 2 + J2 * rates[1] ** 2 + m2 * C.diff(t).dot(C.diff(t))) / 2
+    potential = -m2 * g * C[1] - F2 * C[0] - F1 * arm[0] * l1 / 2
+    spring = sympy.Matrix([-c * stretch * (arm[1] * l1 / 2).diff(q[0]), 0, 0, 0])
+    wall = l1 * sympy.cos(phi10) + d - (C + e * a)[0] - r
+    corner = C - l2 * a - r * n - D
+    constraints = {
+        Stage.joint: [wall, *corner],
+        Stage.turning: [wall, (B - C).dot(n) + r],
+        Stage.released: [wall],
+    }
+    point = (C + e * a)[1] + r * q[1]
+    friction = -sympy.Matrix([point.diff(x) for x in q])
+    mass = sympy.hessian(kinetic, rates)
+    load = spring - sympy.Matrix([potential.diff(x) for x in q])
+    plain = list(zip(rates, sympy.symbols("w1 w2 vx vy"))) + list(
+        zip(q, sympy.symbols("p1 p2 x y"))
+    )
+    variables = [*p, *(symbol for _, symbol in [*plain[4:], *plain[:4]])]
+    derived = {}
+    for stage, g_s in constraints.items():
+        g_s = sympy.Matrix(g_s)
+        slope = g_s.jacobian(q)
+        bend = slope.diff(t) * sympy.Matrix(rates)
+        parts = [part.subs(plain) for part in (mass, load, friction, slope, bend)]
+        derived[stage] = sympy.lambdify(variables, parts, "mpmath")
+    return derived
+
+
+def accelerations(p: Any, x: Any, w: float) -> list[float]:
+    """phi1'', phi2'', xc'', yc'' and the reactions of Lagrange's equations, with 30 digits."""
+    with mpmath.workdps(30):
+        values = [*p.cup, *p.catcher, p.spring.c, *p.chute, p.g, w]
+        positions = [x.phi1, x.phi2, x.xc, x.yc, x.w1, x.w2, x.vxc, x.vyc]
+        known = map(mpmath.mpf, [*values, *positions])
+        mass, load, friction, slope, bend = lagrange()[x.stage](*known)
+        if x.stage == Stage.released:
+            push = slope.T + p.chute.mu * friction
+        else:
+            push, load = (
+                slope.T,
+                load + p.chute.mu * p.cup.m * w * w * (p.chute.R - p.cup.d / 2) * friction,
+            )
+        count = slope.rows
+        system = mpmath.zeros(4 + count)
+        system[:4, :4], system[:4, 4:], system[4:, :4] = mass, -push, slope
+        right = mpmath.matrix([*load, *(-bend)])
+        return [float(z) for z in mpmath.lu_solve(system, right)]
+
+
+def drawn(stage: Stage, count: int) -> Any:
+    """Random machines with a product in this stage."""
+    draw = random.Random(int(stage))
+    while count:
+        p = start(model.Parameters, **{
+            name: d.start * draw.uniform(0.85, 1.15) for name, d in declarations(model.Parameters)
+        })  # fmt: skip
+        try:
+            list(model.check(p))
+        except ValueError:
+            continue
+        count -= 1
+        phi1 = draw.uniform(p.catcher.phi, model.flush(p))
+        phi2 = draw.uniform(5.6, 6.4) if stage == Stage.turning else draw.uniform(6.3, 7.8)
+        x = start(model.State, stage=int(stage), phi1=phi1, w1=draw.uniform(-5, 5), phi2=phi2,
+                  w2=draw.uniform(-30, 30), yc=0.2, vyc=draw.uniform(0, 2))  # fmt: skip
+        yield p, model.settle(p, x), draw.uniform(0, 9)
+
+
+def differences(component: Any, stage: Stage) -> Any:
+    """Per random state, how far a component is from Lagrange's equations, over the largest."""
+    for p, x, w in drawn(stage, 50):
+        a1, a2, ax, ay, N_K, N_B = component.MECHANICS[stage](p, x, w)
+        derived = accelerations(p, x, w)
+        turned, pushed = [a1 - derived[0], a2 - derived[1]], [ax - derived[2], ay - derived[3]]
+        if stage == Stage.released:
+            turned[0] = 0.0
+        forces = [N_K - derived[4]] + ([N_B - derived[5]] if stage == Stage.turning else [])
+        scales = [max(map(abs, part)) for part in (derived[:2], derived[2:4], derived[4:])]
+        parts = zip((turned, pushed, forces), scales)
+        yield max(abs(z) / scale for part, scale in parts for z in part)
+
+
+@pytest.mark.parametrize("stage", [Stage.joint, Stage.turning, Stage.released])
+def test_accelerations_and_reactions_follow_from_lagrange(stage: Stage) -> None:
+    assert max(differences(model, stage)) < 1e-12
+
+
+def variant(*swaps: tuple[str, str]) -> Any:
+    """The component with some of its text replaced."""
+    text = Path(model.__file__).read_text()
+    for old, new in swaps:
+        assert text.count(old) == 1, old
+        text = text.replace(old, new)
+    made = types.ModuleType(model.__name__)
+    made.__package__ = model.__package__
+    exec(text, made.__dict__)  # noqa: S102
+    return made
+
+
+SPRING, LYING = "spring * cos(phi1)", "new = settle(p, over(x, t, Stage.turning, w1=w1, w2=w2))"
+MISPRINTS = {
+    # where it shows in the equations, and the orientation times that it would lead to
+    "2: F_2 turns the other way": (Stage.joint, {(0.35, 40): 0.261778, (0.5, 60): 0.381659},
+        [("+ F_2 * at.ux", "- F_2 * at.ux")]),
+    "3: friction moves with the height": (Stage.joint, {(0.35, 40): 0.259974, (0.5, 60): 0.343520},
+        [("(A + r) * u)", "A * u)"), ("x2 * (F_2 - m * ax) - F_f * (e * c2 + r)",
+                                       "x2 * (F_2 - m * ax) - F_f * (e * c2)")]),
+    "3: the same, in turning": (Stage.turning, {},
+        [("x2 * (F_2 - m * ax) - F_f * (e * c2 + r)", "x2 * (F_2 - m * ax) - F_f * (e * c2)")]),
+    "4: cosine in the denominator": (Stage.released, {(0.35, 40): 0.263827, (0.5, 60): 0.399866},
+        [("q * m * e * s2)", "q * m * e * c2)")]),
+    "5: spring": (Stage.turning, {(0.35, 40): 0.0, (0.5, 60): 0.0},
+        [("F_1 * sin(phi1) + " + SPRING, "F_1 * sin(phi1) + 4 / p.catcher.l * spring * cos(phi10)")]),
+    "5: spring at phi10": (Stage.turning, {(0.35, 40): 0.259935, (0.5, 60): 0.377054},
+        [(SPRING, "spring * cos(phi10)")]),
+    "6: F_1 at the end of the arm": (Stage.joint, {(0.35, 40): 0.262616, (0.5, 60): 0.378404},
+        [("half * (F_1", "half * (2 * F_1")]),
+    "10: speeds carried over the hook": (None, {(0.35, 40): 0.274044, (0.5, 60): 0.421317},
+        [(LYING, LYING.replace("w1=w1, w2=w2", "w1=x.w1, w2=x.w2"))]),
+    "11: a wall that pulls": (None, {(0.35, 0): 0.236794},
+        [("pressure(p, x, u.w), back", "1.0, back")]),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("misprint", MISPRINTS)
+def test_equations_as_printed_are_not_lagranges_and_give_other_times(misprint: str) -> None:
+    stage, times, swaps = MISPRINTS[misprint]
+    printed = variant(*swaps)
+    if stage is not None:
+        assert sorted(differences(printed, stage))[25] > 1e-3
+    for (mu, n), time in times.items():
+        assert passage(n, mu, component=printed)[1].orientation_time == pytest.approx(
+            time, abs=1e-6
+        )
+
+
+@pytest.mark.parametrize("n", [0, 40])
+def test_the_landing_solves_its_seven_equations_and_equation_6_as_printed_does_not(n: int) -> None:
+    p, _, ((_, old, new), *_) = passage(n, 0.35)
+    (d, h, l2, m, J2), (l1, _, _, J1, phi) = p.cup, p.catcher
+    r, e, c1, s1, solved = d / 2, h - l2, cos(phi), sin(phi), []
+    for arm in (h, e):
+        # S_x, S_y, S_k, vxc, vyc, w1, w2
+        rows = [
+            [1, 0, 1, m, 0, 0, 0], [0, 1, 0, 0, m, 0, 0], [-l2, -r, e, 0, 0, 0, J2],
+            [l1 * s1, -l1 * c1, 0, 0, 0, J1, 0], [0, 0, 0, 1, 0, l1 * s1, -l2],
+            [0, 0, 0, 0, 1, -l1 * c1, -r], [0, 0, 0, 0, 0, l1 * s1, -arm],
+        ]  # fmt: skip
+        solved.append(np.linalg.solve(rows, [0, m * old.vyc, 0, 0, 0, 0, 0]))
+    mine = [new.S_x, new.S_y, new.S_k, new.vxc, new.vyc, new.w1, new.w2]
+    assert mine == pytest.approx(solved[0], rel=1e-12, abs=1e-15)
+    vxc, _, w1, w2 = solved[1][3:]
+    assert vxc + e * w2 > 0.1, "the bottom would move into the wall"
+    faulty = variant(("w1 = m * x.vyc * at.uy / at.J", f"w1 = {float(w1 / old.vyc)} * x.vyc"))
+    expected = {0: 0.279764, 40: 0.312364}[n]
+    assert passage(n, 0.35, component=faulty)[1].orientation_time == pytest.approx(
+        expected, abs=1e-6
+    )
+
+
+@pytest.mark.parametrize(
+    ("mu", "limit", "reason"), [(0.2, 100.23145, 6), (0.35, 77.75026, 7), (0.5, 62.12296, 7)]
+)
+def test_orientation_fails_above_the_limit_of_the_speed(
+    mu: float, limit: float, reason: int
+) -> None:
+    for off in (1.0, 2e-5):
+        below, above = (passage(limit + sign * off, mu)[1] for sign in (-1, 1))
+        assert (below.stage, below.oriented, below.jammed) == (Stage.oriented, 1, 0)
+        assert (above.stage, above.reason, above.jammed) == (Stage.jammed, reason, 1)
+
+
+@pytest.mark.parametrize(
+    ("mu", "n", "reason"),
+    [(0.5, 62.5, 7), (0.5, 70, 4), (0.5, 72, 2), (0.2, 101, 6), (0.5, 1e5, 1)],
+)
+def test_a_jam_is_a_state_that_the_next_release_leaves(
+    mu: float, n: float, reason: int, fmus: Path
+) -> None:
+    unit = machine(fmus, n, mu, 2e-2, stop=2.0)
+    assert read(unit, "reason", "jammed", "orientation_time") == [reason, int(reason > 1), 0.0]
+    assert read(unit, "w1", "w2", "vxc", "vyc") == [0.0] * 4
+    stopped = unit.outputs()
+    assert all(map(math.isfinite, stopped))
+    t = 2.0 if reason == 1 else 0.02 * math.ceil(unit.get("since") / 0.02)
+    if reason > 1:
+        assert unit.set(w=1.0, release=False).step(t, 2e-2).outputs() == stopped
+        unit.set(release=True)
+        t += 2e-2
+    for k in range(30):
+        unit.set(w=0.0).step(t + 2e-2 * k, 2e-2)
+    assert read(unit, "stage", "reason", "oriented") == [Stage.oriented, 0, 1]
+
+
+REFUSED = {
+    "chute.mu = -0.1 must be at least 0.0": {"chute.mu": -0.1},
+    "cup.m = 0.0 kg must be > 0": {"cup.m": 0.0},
+    "catcher.phi = 0.0 rad must be > 0": {"catcher.phi": 0.0},
+    "catcher.phi = 1.6 rad must be at most 1.5707": {"catcher.phi": 1.6},
+    "chute.R = 0.19 m must be above catcher.l cos(catcher.phi) + cup.d = 0.1958": {"chute.R": 0.19},
+    "catcher.h = 0.05 m must be below cup.h = 0.048 m": {"catcher.h": 0.05},
+    "cup.l = 0.07 m must be below cup.h + cup.d/2 = 0.068 m": {"cup.l": 0.07},
+    "cup.d = nan m must be a finite number": {"cup.d": nan},
+    "g = inf m/s2 must be a finite number": {"g": math.inf},
+    "chute.H = 0.0 m must be > 0": {"chute.H": 0.0},
+    "spring.c = -1.0 N/m must be at least 0.0 N/m": {"spring.c": -1.0},
+    "catcher.J = 0.0 kg.m2 must be > 0": {"catcher.J": 0.0},
+    "catcher.l = 0.06 m must be longer": {"catcher.l": 0.06},
+    "cup.h = 0.005 m must be above cup.d/2 tan(catcher.phi/2) = 0.00535": {
+        "cup.h": 0.005, "cup.l": 0.004, "catcher.h": 0.003},
+    "catcher.h = 0.045 m must be below cup.d / sin(catcher.phi) = 0.04": {
+        "cup.d": 0.02, "catcher.h": 0.045},
+    "cup.J = 1e-07 kg.m2 must be above 1.": {"cup.J": 1e-7},
+    "w = nan rad/s must be a finite number": {"w": nan},
+    "stage = 7 must be one of 0 (falling), 1 (joint)": {"stage": 7},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("reason", REFUSED)
+def test_what_cannot_be_is_refused_by_name_value_and_bound(reason: str, fmus: Path) -> None:
+    unit = Unit(fmus / FMU, "unit 7")
+    assert f"unit 7: {reason}" in unit.refusal(lambda u: u.start(**REFUSED[reason]))
+    unit.fmi.reset()
+    assert unit.start().step(0.0, 0.3).get("oriented") == 1
+    assert "w = inf rad/s must be" in unit.refusal(lambda u: u.set(w=math.inf))
+    unit.fmi.freeInstance()
+
+
+@pytest.mark.parametrize("serialised", [False, True])
+@pytest.mark.parametrize("h", [1e-3, 2e-2])
+def test_every_step_of_a_passage_can_be_redone_to_the_bit(
+    h: float, serialised: bool, fmus: Path
+) -> None:
+    unit, other = Unit(fmus / FMU).start(release=False), Unit(fmus / FMU)
+    saved, seen, stages = [], [], set()
+
+    def advance(some: Unit, k: int) -> list[Any]:
+        return some.set(w=RPM * (35 + k % 2), release=k > 0).step(k * h, h).outputs()
+
+    for k in range(math.ceil(0.29 / h)):
+        saved.append(unit.fmi.getFMUstate())
+        stages.add((unit.get("stage"), unit.get("contact")))
+        seen.append(advance(unit, k))
+    assert {*zip((6, 0, 1, 2, 3), itertools.repeat(1)), (3, 0)} <= stages
+    for k in random.Random(1).sample(range(len(saved)), len(saved)):
+        state, redone = saved[k], unit
+        if serialised:
+            content = unit.fmi.serializeFMUstate(state)
+            state, redone = other.fmi.deSerializeFMUstate(content), other
+        redone.fmi.setFMUstate(state)
+        assert advance(redone, k) == seen[k]
+
+
+def test_a_product_waits_for_an_edge_and_an_early_one_is_counted_and_logged_once(
+    fmus: Path,
+) -> None:
+    h, now = 7e-3, itertools.count()
+    unit = Unit(fmus / FMU).start(5.0, release=False)
+    MESSAGES.clear()
+
+    def run(steps: int, release: bool) -> list[Any]:
+        for _ in range(steps):
+            unit.set(release=release).step(5.0 + h * next(now), h)
+        return read(unit, "stage", "oriented", "missed")
+
+    waiting = unit.outputs()
+    assert run(10, False) == [Stage.waiting, 0, 0]
+    assert unit.outputs() == waiting
+    assert run(10, True) == [Stage.falling, 0, 0]
+    assert [run(1, step % 2 == 0) for step in (1, 2, 3, 4)][-1] == [Stage.falling, 0, 2]
+    assert run(60, True) == [Stage.oriented, 1, 2]
+    assert unit.get("orientation_time") == pytest.approx(0.2638050034, abs=1e-10)
+    assert run(1, False) == [Stage.oriented, 1, 2]
+    assert run(1, True) == [Stage.falling, 1, 2]
+    assert read(unit, *ROUTE[:4], "P_K") == [0.0] * 5
+    assert run(60, True) == [Stage.oriented, 2, 2]
+    assert [m for m in MESSAGES if "found a product under way" in m] == MESSAGES
+    assert len(MESSAGES) == 1
+
+
+def test_a_start_follows_the_parameters_and_closes_the_mechanism(fmus: Path) -> None:
+    unit = Unit(fmus / FMU).start(release=False, **{"catcher.phi": 0.6, "chute.H": 0.1})
+    expected = [0.6, 0.18 * cos(0.6) + 0.02, 0.18 * sin(0.6) - 0.043 - 0.1]
+    assert read(unit, "phi1", "xc", "yc") == pytest.approx(expected, abs=1e-15)
+    values = {"phi1": 0.83, "phi2": 6.3, "w1": 0.5, "w2": 26.0}
+    unit = Unit(fmus / FMU).start(stage=2, release=False, **values)
+    assert unit.get("yc") == pytest.approx(0.146872546424636 - 0.005 * sin(6.3), abs=1e-14)
+    assert unit.step(0.0, 0.2).get("stage") == Stage.oriented
+
+
+def test_single_values_of_the_equations() -> None:
+    p, w, x = start(model.Parameters), 40 * RPM, start(model.State)
+    at = model.hinge(p, model.flush(p), model.flush(p) + 1.5 * pi)
+    assert model.flush(p) == pytest.approx(math.radians(44.7205698562506), rel=1e-14)
+    assert (at.u, at.du) == pytest.approx((6.322336310957, 102.130036312808), rel=1e-12)
+    assert math.isclose(model.hinge(p, pi / 6, 1.5 * pi).J, 1.80379434304360e-3, rel_tol=1e-14)
+    assert model.loads(p, 0.0, w)[1] == pytest.approx(0.175459633797144, rel=1e-14)
+    assert model.loads(p, pi / 6, w)[0] == pytest.approx(-0.042687985207536 * 0.045, rel=1e-13)
+    swinging = model.settle(p, x._replace(stage=Stage.joint, phi1=0.65, w1=3.0))
+    assert model.joint(p, swinging, w).a1 == pytest.approx(5.686028345212, rel=1e-12)
+    lying = x._replace(phi1=0.83, phi2=6.3, w1=0.5, w2=26.0)
+    on = model.hook(p, 0.83, 6.3)
+    assert on.x1 == pytest.approx(0.047370596645820, rel=1e-13)
+    masses = [9.06200323790937e-4, 2.22021954106378e-4, 9.58360810829927e-5]
+    assert list(on[2:5]) == pytest.approx(masses, rel=1e-13)
+    found = model.turning(p, lying, w)
+    assert found[:2] == pytest.approx((-90.263038683287, 22.809174717283), rel=1e-12)
+    sliding = model.released(p, x._replace(phi2=2 * pi + 0.5, w2=25.0), w)
+    expected = [-17.243235841564, 0.067415183086972]
+    assert [sliding.a2, sliding.N_K] == pytest.approx(expected, rel=1e-12)
+
+
+def test_outputs_feel_the_speed_in_every_stage_as_declared_and_never_the_release() -> None:
+    felt: set[str] = set()
+    for _, old, new in passage(40, 0.35)[2]:
+        for x in (old, new):
+            p, u = start(model.Parameters), model.Inputs(4.0, False)
+            y = model.outputs(p, 0.0, x, u)
+            assert y == model.outputs(p, 0.0, x, u._replace(release=True))
+            after = model.outputs(p, 0.0, x, u._replace(w=5.0))
+            felt |= {name for name, a, b in zip(y._fields, y, after) if a != b}
+    assert felt == {name for name, d in declarations(model.Outputs) if d.feedthrough == ("w",)}
+
+
+def pure(q: Any) -> float:
+    """The number of an angle or ratio."""
+    return q.to("").magnitude if isinstance(q, pint.Quantity) else q
+
+
+@pytest.mark.parametrize("stage", MOVING)
+def test_equations_have_the_units_of_their_variables(stage: Stage) -> None:
+    plain = (sin, cos, math.tan, math.acos)
+    functions = {f.__name__: lambda q, f=f: f(pure(q)) for f in plain}
+    functions |= {"sqrt": lambda q: q**0.5, "atan2": lambda y, x: math.atan(pure(y / x))}
+    copy = load_copy(model, functions)
+    p, u = quantities(model.Parameters, 1.0), quantities(model.Inputs, 3.0)
+    x = quantities(model.State, 0.7)._replace(
+        stage=stage, phi2=6.3 * UNITS.rad, phi1=0.6 * UNITS.rad
+    )
+    for (name, d), slope in zip(declarations(model.State), copy.derivatives(p, 0.0, x, u)):
+        if d.kind == "Real" and not d.held:
+            assert slope.check(unit(d) / UNITS.s), name
+    for (name, d), value in zip(declarations(model.Outputs), copy.outputs(p, 0.0, x, u)):
+        assert value.check(unit(d)), name
+    ends = copy.jump(p, 0.0 * UNITS.s, x, u, 0)
+    for (name, d), value in zip(declarations(model.State), ends):
+        assert not isinstance(value, pint.Quantity) or value.check(unit(d)), name
+
+
+def test_any_machine_at_any_speed_comes_to_an_end() -> None:
+    ends = set()
+    for p, _, w in drawn(Stage.falling, 25):
+        speed = (w, 100 * w)[len(ends) % 2] / RPM
+        x = passage(lambda t, n=speed: n * (1 + 0.3 * sin(40 * t)), p, 2e-2)[1]
+        ends.add(Stage(x.stage) if x.stage != Stage.falling else Reason(x.reason))
+        assert all(map(math.isfinite, (*x, *model.outputs(p, 3.0, x, model.Inputs(w, True)))))
+    assert ends == {Stage.oriented, Stage.jammed, Reason.held_in_chute}
+
+
+@pytest.mark.parametrize("count", [70, pytest.param(10_000, marks=pytest.mark.slow)])
+def test_products_in_a_row_neither_drift_nor_grow(count: int, fmus: Path) -> None:
+    h, now, first, memory, reasons = 2e-2, itertools.count(), {}, [], []
+    unit = Unit(fmus / FMU).start(release=False)
+    for product in range(count):
+        mean = (15, 30, 40, 50, 60, 70, 90)[product % 7]
+        for k in itertools.count():
+            n = mean + 5 * sin(9 * k * h)
+            unit.set(w=RPM * n, release=True).step(h * next(now), h)
+            if unit.get("stage") in (Stage.oriented, Stage.jammed):
+                break
+        found = read(unit, *ROUTE, "reason")
+        assert found == pytest.approx(first.setdefault(mean, found), abs=1e-10)
+        unit.set(release=False).step(h * next(now), h)
+        memory.append(resident())
+        reasons.append(found[-1])
+    oriented = reasons.count(0)
+    assert 0 < oriented < count
+    assert read(unit, "oriented", "jammed", "missed") == [oriented, count - oriented, 0]
+    assert memory[-1] - memory[count // 7] < 1e6

@@ -1,0 +1,510 @@
+"""The iron drive against material points, its derivation, reference numbers, balances, misuse."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import random
+from collections.abc import Iterator
+from math import inf, nan, pi, radians
+from pathlib import Path
+from typing import Any
+
+import mpmath
+import numpy as np
+import pytest
+import sympy
+import test_dimensions as dimensions
+from iron_oracle import OneSystem, by_material_points, derivation, flat, tables
+from oracle import SYMBOLIC, load_copy
+
+from components import iron_drive as iron
+from components.kit import motion
+from components.kit.record import declarations, fill, replace, start
+from cosim import System, run
+from tests.hosts.host import MESSAGES, Unit
+
+NOMINAL = 4 * pi / 3
+MOTOR = {"A": 4.0, "B": 0.025, "T": 0.012}
+E_TURN = 0.748782419985
+WAYS = list(itertools.product(iron.Wrap, iron.Side))
+FORCES = ("W", "T_iron", "T_span", "T_hang", "M_rocker", "N", "tau_cam")
+
+
+def machine(**changes: Any) -> Any:
+    """Parameters of a drive that goes on where it is not valid."""
+    return start(iron.Parameters, **{"on_invalid": iron.OnInvalid.warn} | changes)
+
+
+def quantities(p: Any, phi: float, w: float = NOMINAL, M: float | None = None) -> dict[str, float]:
+    """All that the equations say at a state; without M at constant speed."""
+    at = iron.position(p, phi)
+    K = iron.friction(p, at, math.copysign(1, w))
+    A = at.J + K * p.iron.m * at.H_1**2
+    B = at.J_1 / 2 + K * p.iron.m * at.H_1 * at.H_2
+    C = -at.Pi_1 + K * at.W_0 * at.H_1
+    x, u = iron.State(phi, w, 0.0, 0, True), iron.Inputs((B * w * w - C if M is None else M) / 36)
+    y = iron.outputs(p, 0.0, x, u)
+    d = iron.dynamics(p, at, w, math.copysign(1, w), 36 * u.tau)
+    extra = {"A_1": A, "B_1": B, "C_load": C, "F_spring": p.spring.c * at.e, "M": 36 * u.tau}
+    extra["R"] = iron.cam(p, phi)[2]
+    return d._asdict() | at._asdict() | y._asdict() | extra
+
+
+@pytest.mark.parametrize("deg", tables())
+def test_every_reference_row_is_met(deg: float) -> None:
+    got = quantities(machine(), radians(deg))
+    got["pressure"] = math.degrees(got["pressure"])
+    for name, value in tables()[deg].items():
+        rel = 1e-8 if name in (*FORCES, "pressure") else 1e-9
+        assert got[name] == pytest.approx(value, rel=rel, abs=1e-13), name
+
+
+def test_extremes_of_the_cycle_and_of_its_variants() -> None:
+    variants = {
+        machine(): {
+            "tau_cam": (-7.409358425, 6.627300006), "lift": (0.0, 0.062385664995),
+            "v": (-0.409305232, 0.327444184), "a": (-4.211649935, 4.223719833),
+            "T_iron": (58.72537684, 90.03612229), "T_span": (58.93705172, 93.06862786),
+            "N": (175.4239707, 287.8936706), "J": (0.4013, 0.453597753),
+        },
+        machine(**{"spring.side": iron.Side.above}): {
+            "tau_cam": (-3.345290950, 2.663867222), "T_iron": (14.31097684,), "N": (35.2283598,),
+        },
+        machine(wrap=iron.Wrap.tangent): {
+            "tau_cam": (-7.408801020, 6.626829208), "lift": (0.0, 0.062382109544),
+        },
+    }  # fmt: skip
+    for p, extremes in variants.items():
+        cycle = [quantities(p, radians((k - 1e-9) / 20)) for k in range(7200)]
+        for name, expected in extremes.items():
+            values = [row[name] for row in cycle]
+            got = [min(values), max(values)][: len(expected)]
+            assert got == pytest.approx(expected, rel=2e-6, abs=1e-12), name
+    _, above, exact = (quantities(p, radians(50)) for p in variants)
+    assert [above["M"], above["T_iron"]] == pytest.approx([2.4369157315, 27.542851306], rel=1e-8)
+    assert [exact[name] for name in ("H", "H_1", "J", "M")] == pytest.approx(
+        [0.432300029093, -0.078167444213, 0.434767078608, 6.5227178170], rel=1e-9
+    )
+
+
+@pytest.mark.parametrize(("wrap", "side"), WAYS)
+def test_material_points_agree(wrap: iron.Wrap, side: iron.Side) -> None:
+    draw = random.Random(1)
+    p = machine(wrap=wrap, **{"spring.side": side})
+    for deg in tables():
+        for w, M in ((NOMINAL, None), (draw.uniform(-9, -1), draw.uniform(-9, 9))):
+            got = quantities(p, radians(deg), w, M)
+            with mpmath.workdps(30):
+                points = by_material_points(p, radians(deg), w, got["eps"], got["K"])
+            assert abs(got["pressure"]) == pytest.approx(float(points.pop("tilt")), rel=1e-9)
+            for name, value in points.items():
+                rel = 1e-8 if name in FORCES else 1e-9
+                floor = 1e-10 if name in FORCES else 1e-13
+                assert got[name] == pytest.approx(float(value), rel=rel, abs=floor), (deg, name)
+
+
+@pytest.fixture(scope="module")
+def derived() -> Any:
+    return derivation()
+
+
+def states(wrap: iron.Wrap, count: int) -> Iterator[Any]:
+    """Random drives and states: parameters, phi, w, M."""
+    draw = random.Random(2)
+    while count:
+        values = [
+            d.start * draw.uniform(0.9, 1.1) if d.kind == "Real" else d.start
+            for _, d in declarations(iron.Parameters)
+        ]
+        p = fill(iron.Parameters, values)
+        p = replace(p, wrap=wrap, spring=replace(p.spring, side=draw.choice(list(iron.Side))))
+        try:
+            list(iron.check(p))
+        except ValueError:
+            continue
+        count -= 1
+        yield p, draw.uniform(-9, 9), draw.uniform(-9, 9), draw.uniform(-9, 9)
+
+
+@pytest.mark.parametrize("wrap", iron.Wrap)
+def test_equations_follow_from_the_energies(wrap: iron.Wrap, derived: dict[Any, Any]) -> None:
+    for p, phi, w, M in states(wrap, 50):
+        got = quantities(p, phi, w, M)
+        with mpmath.workdps(30):
+            law = iron.cam(p, phi)[2:]
+            wanted = derived[wrap](*flat(p), phi, w, M, got["K"], *law)
+        for name, value in zip(("J", "J_1", "Pi_1", "H_1", "H_2", "eps"), wanted):
+            assert got[name] == pytest.approx(float(value), rel=1e-12, abs=1e-12), name
+
+
+def printed(p: Any, phi: float, erratum: int) -> tuple[float, float]:
+    """A1, and the torque at the nominal speed, with one of the paper's errors; 0 for none."""
+    if erratum == 9:
+        p = replace(p, spring=replace(p.spring, side=-p.spring.side))
+    at = iron.position(p, phi)
+    a_1, a_2, direction = at.alpha_1, at.alpha_2, 1
+    if erratum == 1:
+        a_1, a_2, direction = -a_1, -a_2, -1
+    J_1 = at.J_aa * a_1**3 + 2 * at.J_a * a_1 * a_2
+    H_1, H_2 = at.H_a * a_1, at.H_2 + at.H_a * (a_2 - at.alpha_2)
+    Pi_1 = at.Pi_1 + at.Pi_a * (a_1 - at.alpha_1)
+    K = (-1 if erratum == 8 else 1) * iron.friction(p, at, direction)
+    B_1, C_1 = J_1 / 2 + K * p.iron.m * H_1 * H_2, -Pi_1 + K * at.W_0 * H_1
+    K = -K if erratum == 7 else K
+    return at.J + K * p.iron.m * H_1**2, B_1 * NOMINAL**2 - C_1
+
+
+def test_the_equations_as_printed_do_not_follow_from_the_energies(derived: Any) -> None:
+    p = machine()
+    costs = {erratum: [0.0, 0.0] for erratum in (0, 1, 7, 8, 9)}
+    for degrees in np.arange(0.5, 360.0, 0.5):
+        phi = radians(degrees)
+        K, law = iron.friction(p, iron.position(p, phi), 1), iron.cam(p, phi)[2:]
+        coast, pushed = (
+            float(derived[p.wrap](*flat(p), phi, NOMINAL, M, K, *law)[-1]) for M in (0.0, 1.0)
+        )
+        A, M = 1 / (pushed - coast), -coast / (pushed - coast)
+        for erratum, worst in costs.items():
+            printed_A, printed_M = printed(p, phi, erratum)
+            worst[:] = max(worst[0], abs(printed_M - M)), max(worst[1], abs(printed_A / A - 1))
+    assert costs.pop(0) == pytest.approx([0.0, 0.0], abs=1e-10)
+    assert costs.pop(7) == pytest.approx([0.0, 0.0127], rel=0.01, abs=1e-10)
+    assert [cost for cost, _ in costs.values()] == pytest.approx([15.1, 1.09, 4.34], rel=0.02)
+
+
+def test_friction_as_printed_feeds_energy_in() -> None:
+    p = machine()
+    for deg, w in itertools.product((50, 200), (NOMINAL, -NOMINAL)):
+        got = quantities(p, radians(deg), w)
+        assert got["K"] * got["W"] * got["H_1"] * w < 0.0
+
+
+def test_start_up_as_one_system() -> None:
+    rows = """
+    0.02 -1.02273930068 3.00972374284 2.02824595119 1.821925660 0.000000000
+    0.044475 nan 5.13483138 nan nan nan
+    0.05 -0.88519403802 5.07419199351 -0.21814777918 5.195855755 0.000000000
+    0.10 -0.65810204326 4.36088738387 0.05690113712 3.889255535 0.000000000
+    0.248325980 0 nan nan nan nan
+    0.50 1.08865494980 4.29101006741 0.15221702867 8.013924396 0.311535739
+    0.649484923 1.74532925199 nan nan nan nan
+    0.884805733 2.79252680319 nan nan nan nan
+    1.00 3.31017967564 4.57811231216 -0.10081636505 8.558056480 0.475497139
+    1.192050952 4.18879020479 nan nan nan nan
+    2.00 7.74016264991 4.41611904647 0.03952452236 10.025983970 1.148663771
+    2.607496610 10.4719755120 nan nan nan nan
+    3.00 12.21472872729 4.43855728039 0.00535426289 5.583556326 1.497564840
+    """
+    line = OneSystem(start(iron.Parameters), MOTOR)
+    top = 0.0
+    for row in rows.split("\n")[1:-1]:
+        t, *expected = map(float, row.split())
+        x = line.to(t)
+        got = [x.phi, x.w_cam, x.tau, x.E_in, x.E_friction]
+        for value, wanted in zip(got, expected):
+            assert math.isnan(wanted) or value == pytest.approx(wanted, abs=3e-9)
+        top = max(top, x.w_cam)
+    assert top == pytest.approx(5.13483138, abs=1e-8)
+
+
+def test_stall_and_stick_as_one_system() -> None:
+    p = start(iron.Parameters)
+    line = OneSystem(p, {"A": 0.10, "B": 0.0025, "T": 0.012}, phi=0.0)
+    *_, (stop, x), (_, end) = line.events(3.0)
+    assert stop == pytest.approx(1.091105685, abs=1e-8)
+    assert (x.phi, x.w_cam, x.direction) == (pytest.approx(0.5284195507, abs=1e-10), 0.0, 0)
+    assert x.E_friction == pytest.approx(0.047067759, abs=1e-9)
+    assert (end.phi, end.E_friction) == (x.phi, x.E_friction)
+    assert end.tau == pytest.approx(0.10, rel=1e-12)
+    at = iron.position(p, radians(50))
+    for limit, K, factor, moved in (
+        (0.155304038, p.friction.K_down, 0.999, -8.42e-6),
+        (0.181371849, p.friction.K_up, 1.001, 9.80e-6),
+        (0.155304038, p.friction.K_down, 1.001, 0.0),
+        (0.181371849, p.friction.K_up, 0.999, 0.0),
+    ):
+        assert (at.Pi_1 - K * at.W_0 * at.H_1) / 36 == pytest.approx(limit, abs=1e-9)
+        motor = {"A": limit * factor, "B": 0.025, "T": 0.012}
+        line = OneSystem(p, motor, phi=radians(50), tau=limit * factor)
+        assert line.to(0.05).phi - radians(50) == pytest.approx(moved, rel=2e-3, abs=1e-300)
+
+
+def test_speed_torque_and_friction_loss_of_the_steady_state() -> None:
+    for A, cycles in ((4.0, 42.3895), (3.7732, 39.9822), (3.77488, 40.0)):
+        line = OneSystem(start(iron.Parameters), MOTOR | {"A": A})
+        x, t = line.until(4 * pi), line.t
+        end = line.until(6 * pi)
+        assert 60 / (line.t - t) == pytest.approx(cycles, abs=1e-4)
+        assert (end.E_in - x.E_in) / (2 * pi) == pytest.approx(0.119172423, abs=1e-8)
+        assert end.E_friction - x.E_friction == pytest.approx(E_TURN, rel=1e-9)
+
+
+@pytest.mark.parametrize("cycles", [20.0, 40.0, 60.0])
+def test_friction_loss_per_turn_does_not_depend_on_the_speed(cycles: float) -> None:
+    p, w = machine(**{"reducer.J": 1e3}), cycles * pi / 30
+    assert coast(p, w, 2 * pi / w).E_friction == pytest.approx(E_TURN, rel=1e-9)
+    s, h = p.spring, 0.062385664995
+    load = (p.iron.m + s.m / 2) * p.g * h + s.c * (s.e_0 * h + h * h / 2)
+    assert (p.friction.K_up - p.friction.K_down) * load == pytest.approx(E_TURN, rel=1e-9)
+
+
+def coast(p: Any, w: float, stop: float) -> Any:
+    """The state of a drive with a heavy rotor that turns at this speed, without torque."""
+    u = iron.Inputs(0.0)
+    x = iron.sample(p, 0.0, replace(start(iron.State), w_cam=w), None, u)
+    return motion.advance(iron, p, 0.0, x, motion.Course(u, u, stop))
+
+
+@pytest.mark.parametrize(
+    ("changes", "limit"),
+    [
+        ({}, 7.89776),
+        ({"spring.c": 0.0, "spring.m": 0.0}, 5.63049),
+        ({"spring.side": -1}, 5.15434),
+    ],
+)
+def test_follower_lifts_off_where_it_should(changes: dict[str, Any], limit: float) -> None:
+    p = start(iron.Parameters, **{"reducer.J": 1e3}, **changes)
+    coast(p, limit * 0.999, 6.0 / limit)
+    with pytest.raises(ValueError, match=r"cam follower lifts off at phi = 3\.1"):
+        coast(p, limit * 1.001, 6.0 / limit)
+
+
+def test_chain_goes_slack_where_it_should() -> None:
+    p = machine()
+    for name, deg, limit in (("T_span", 182.56, 8.54097), ("T_iron", 182.57, 9.11191)):
+        assert quantities(p, radians(deg), limit)[name] == pytest.approx(0.0, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("tau", "phi", "w", "directions"),
+    [
+        (0.1, -pi / 3, 0.0, [1]),
+        (0.3, -pi / 3, 0.0, [1]),
+        (0.02, 0.3, 1.5, [1, -1]),
+        (0.16, 0.9, 0.5, [1, 0]),
+    ],
+)
+def test_the_communication_step_does_not_matter(
+    tau: float, phi: float, w: float, directions: list[int], fmus: Path
+) -> None:
+    ends = []
+    for h in (1e-4, 1e-3, 7e-3):
+        unit, seen = Unit(fmus / "IronDrive.fmu").start(on_invalid=1, tau=tau, phi=phi, w_cam=w), []
+        for n in range(round(0.7 / h)):
+            seen.append(unit.get("direction"))
+            unit.step(n * h, h)
+        assert [direction for direction, _ in itertools.groupby(seen)] == directions
+        ends.append([unit.get(name) for name in ("phi", "w_cam", "E_friction")])
+    assert ends[1] == pytest.approx(ends[0], abs=1e-9)
+    assert ends[2] == pytest.approx(ends[0], abs=1e-9)
+
+
+def coupled(fmus: Path, step: float, stop: float, algorithm: str, **values: float) -> Any:
+    """Motor and drive as FMUs."""
+    return run(
+        System(
+            parts={"motor": fmus / "DriveMotor.fmu", "drive": fmus / "IronDrive.fmu"},
+            wires=["motor.tau -> drive.tau", "drive.w -> motor.w"],
+            start={"motor.tau": 0.0} | {k.replace("_", ".", 1): v for k, v in values.items()},
+        ),
+        stop=stop,
+        step=step,
+        algorithm=algorithm,
+        order=["motor", "drive"],
+    )
+
+
+START_UP = {"motor_A": 4.0, "motor_B": 0.025, "motor_T": 0.012}
+
+
+def test_coupled_start_up_is_the_one_system(fmus: Path) -> None:
+    line, times = OneSystem(start(iron.Parameters), MOTOR), (0.05, 0.1, 0.5, 1.0, 2.0, 3.0)
+    fine, coarse = (coupled(fmus, h, 3.0, "strang", **START_UP) for h in (5e-4, 1e-3))
+    for t in times:
+        x, at = line.to(t), [round(t / h) for h in (5e-4, 1e-3)]
+        for name, wanted, tolerance in (("phi", x.phi, 1e-6), ("w_cam", x.w_cam, 1e-5)):
+            a, b = (result[f"drive.{name}"][n] for result, n in zip((fine, coarse), at))
+            assert a + (a - b) / 3 == pytest.approx(wanted, abs=tolerance)
+
+
+def test_energy_ledger_of_a_coupled_start_up_closes(fmus: Path) -> None:
+    result = coupled(fmus, 1e-3, 3.0, "gauss-seidel", **START_UP)
+    phi, tau = result["drive.phi"], result["motor.tau"]
+    stored = sum(result[f"drive.{name}"] for name in ("E_kin", "E_pot", "E_friction"))
+    work = np.concatenate([[0.0], np.cumsum(36 * tau[1:] * np.diff(phi))])
+    assert np.abs(stored - stored[0] - work).max() < 1e-9 * np.abs(work).max()
+
+
+def test_coupled_stall_sticks_where_the_one_system_does(fmus: Path) -> None:
+    values = {"motor_A": 0.10, "motor_B": 0.0025, "motor_T": 0.012, "drive_phi": 0.0}
+    end = coupled(fmus, 1e-4, 1.2, "strang", **values)
+    assert end["drive.phi"][-1] == pytest.approx(0.5284195507, abs=1e-3)
+    assert end["drive.motion"][-1] == iron.Motion.stuck
+    assert end["drive.w_cam"][-1] == 0.0
+
+
+BAD = {
+    "cam angles exceed one revolution: cam.rise + cam.top + cam.ret = 8.1": {"cam.top": 5.0},
+    "cam triangle cannot close: cam.R_b = 0.06 m must be > 0.06 m": {"cam.R_b": 0.06},
+    "cam triangle cannot close: cam.R_b = 0.1 m must be > 0.06 m and with cam.h = 0.14 m":
+        {"cam.h": 0.14},
+    "friction: -1 < K_down <= 0 <= K_up violated: friction.K_down = -1.0,": {"friction.K_down": -1.0},
+    "K_up violated: friction.K_down = 0.1, friction.K_up = 0.089": {"friction.K_down": 0.1},
+    "K_up violated: friction.K_down = -0.0747, friction.K_up = -0.1": {"friction.K_up": -0.1},
+    "spring.side = 2 must be one of 1 (below), -1 (above)": {"spring.side": 2},
+    "wrap = 7 must be one of 0 (top), 1 (tangent)": {"wrap": 7},
+    "on_invalid = 7 must be one of 0 (stop), 1 (warn)": {"on_invalid": 7},
+    "rocker end must stay on the far side of the sprocket: sprocket.C + rocker.l_K cos(alpha) = -0":
+        {"sprocket.C": 0.02},
+    "link reaches the sprocket: link.l = 0.4 m of 0.37": {"link.l": 0.4},
+    "link reaches the sprocket: its end is within sprocket.R": {"sprocket.C": 0.03, "wrap": 1},
+    "chain too short: hanging part vanishes: H = -": {"chain.l": 0.25},
+    "dead centre: beta - alpha = -1": {"rocker.alpha0": 4.0},
+    "spring slack: stretch = -0.01 m with spring.e_0 = -0.01 m at phi = 0.0": {"spring.e_0": -0.01},
+    "spring slack: stretch = -0.0": {"spring.side": -1, "spring.e_0": 0.05},
+    "chain slack at standstill: T_iron = -": {"spring.side": -1, "spring.c": 2000.0},
+    "phi = nan rad must be a finite number": {"phi": nan},
+    "w_cam = inf rad/s must be a finite number": {"w_cam": inf},
+    "tau = nan N.m must be a finite number": {"tau": nan},
+    "cam follower lifts off at phi = 3.1853 rad, omega = 9.0 rad/s: N = -": {"phi": 3.1853, "w_cam": 9.0},
+}  # fmt: skip
+
+
+def test_bad_input_is_refused_and_the_process_lives_on(fmus: Path) -> None:
+    rows = dict(BAD)
+    for name, d in declarations(iron.Parameters):
+        if d.kind == "Real":
+            rows[f"{name} = nan"] = {name: nan}
+            rows[f"{name} = inf"] = {name: inf}
+        if d.min == 0.0:
+            unit = f" {d.quantity.unit}".removesuffix(" 1")
+            limit = "> 0" if d.positive else f"at least 0.0{unit}"
+            for bad in (-1.0, 0.0) if d.positive else (-1.0,):
+                rows[f"{name} = {bad}{unit} must be {limit}"] = {name: bad}
+    for reason, values in rows.items():
+        unit = Unit(fmus / "IronDrive.fmu", "unit 7")
+        refusal = unit.refusal(lambda u, values=values: u.start(**values))
+        assert reason in refusal
+        assert "unit 7: " in refusal
+        unit.fmi.freeInstance()
+    assert Unit(fmus / "IronDrive.fmu").start().step(0.0, 0.1).get("w_cam") > 0.0
+
+
+def test_every_bound_of_the_specification_is_declared() -> None:
+    known = {name: d for name, d in declarations(iron.Parameters) if d.kind == "Real"}
+    free = {"cam.gamma", "rocker.gamma", "rocker.alpha0", "spring.e_0"}
+    free |= {"friction.K_down", "friction.K_up"}
+    zero = {"cam.h", "cam.top", "cam.r", "rocker.r", "spring.c", "spring.m"}
+    assert {name for name, d in known.items() if d.min is None} == free
+    assert {name for name, d in known.items() if d.min == 0.0 and not d.positive} == zero
+
+
+def test_a_geometric_refusal_names_the_cam_angle() -> None:
+    for values in ({"chain.l": 0.25}, {"spring.side": -1, "spring.e_0": 0.05}):
+        p = start(iron.Parameters, **values)
+        with pytest.raises(ValueError, match="at phi = ") as error:
+            list(iron.check(p))
+        phi = float(str(error.value).split("phi = ")[1].split()[0])
+        before, after = iron.position(p, phi - radians(0.5)), iron.position(p, phi)
+        assert min(before.H, before.e) > 0.0 > min(after.H, after.e)
+
+
+def test_a_steep_run_to_the_top_of_the_sprocket_is_warned_of() -> None:
+    p = machine(**{"sprocket.A": 0.4})
+    assert [sentence.split(":")[1] for sentence in iron.check(p)] == [
+        " wrap = top (0) is a poor assumption"
+    ]
+    assert list(iron.check(replace(p, wrap=iron.Wrap.tangent))) == []
+    assert list(iron.check(machine())) == []
+
+
+def test_where_the_follower_lifts_off_the_fmu_stops_or_warns_once_per_episode(fmus: Path) -> None:
+    heavy = {"reducer.J": 1e3, "w_cam": 8.2, "tau": 0.0}
+    stops = Unit(fmus / "IronDrive.fmu").start(**heavy)
+    refusal = stops.refusal(lambda u: [u.step(n * 0.01, 0.01) for n in range(100)])
+    assert "cam follower lifts off at phi = 3.1" in refusal
+    assert "omega = 8.19" in refusal
+    assert ": N = -" in refusal
+    stops.fmi.freeInstance()
+    MESSAGES.clear()
+    warns, valid = Unit(fmus / "IronDrive.fmu").start(on_invalid=1, **heavy), []
+    for n in range(1600):
+        valid.append(warns.step(n * 1e-3, 1e-3).get("valid"))
+        assert valid[-1] == (warns.get("N") > 0.0)
+    edges = [a and not b for a, b in itertools.pairwise(valid)]
+    assert sum(edges) == len([m for m in MESSAGES if "cam follower lifts off at phi" in m]) == 2
+    assert valid[-1]
+    lost = Unit(fmus / "IronDrive.fmu").start(on_invalid=1, phi=3.1853, w_cam=9.0)
+    assert not lost.get("valid")
+
+
+def test_slack_of_the_chain_is_named() -> None:
+    p, x = machine(), start(iron.State, phi=0.8, w_cam=4.0)
+    d = iron.dynamics(p, iron.position(p, 0.8), 4.0, 1, 6.0)
+    assert iron.lost(x, d) == ""
+    for name in ("T_span", "T_iron", "W"):
+        said = iron.lost(x, d._replace(**{name: -2.0}))
+        assert said == f"chain slack at phi = 0.8 rad, omega = 4.0 rad/s: {name} = -2.0 N"
+
+
+def test_the_state_is_consistent_when_initialisation_ends(fmus: Path) -> None:
+    phi, p = radians(50), start(iron.Parameters)
+    for w, tau, motion_, direction in (
+        (NOMINAL, 0.1, "up", 1), (-NOMINAL, 0.1, "down", -1), (0.0, 0.19, "up", 1),
+        (0.0, 0.15, "down", -1), (0.0, 0.17, "stuck", 0),
+    ):  # fmt: skip
+        unit = Unit(fmus / "IronDrive.fmu").start(phi=phi, w_cam=w, tau=tau)
+        assert unit.get("motion") == iron.Motion[motion_]
+        assert unit.get("direction") == direction
+        y = iron.outputs(p, 0.0, iron.State(phi, w, 0.0, direction, True), iron.Inputs(tau))
+        for name in ("T_iron", "N", "a", "tau_cam"):
+            assert unit.get(name) == getattr(y, name)
+    K = unit.get("T_iron") / iron.position(p, phi).W_0 - 1
+    assert p.friction.K_down < K < p.friction.K_up
+    assert (unit.get("tau_cam"), unit.get("a")) == (36 * 0.17, 0.0)
+    unit.set(tau=0.19).step(0.0, 0.01)
+    assert unit.get("motion") == iron.Motion.up
+
+
+@pytest.mark.parametrize("wrap", iron.Wrap)
+def test_traced_functions_are_the_derivatives_of_one_another(wrap: iron.Wrap) -> None:
+    copy = load_copy(iron, SYMBOLIC | {"acos": sympy.acos, "atan": sympy.atan})
+    p, phi = machine(wrap=wrap), sympy.Symbol("phi")
+    R = p.cam.R_b + p.cam.h * copy.law(phi / p.cam.rise)[0]
+    copy.cam = lambda p, phi: (1, False, R, R.diff(phi), R.diff(phi, 2))
+    at = copy.position(p, phi)
+    for name, of in (
+        ("alpha_1", at.alpha), ("alpha_2", at.alpha_1), ("H_1", at.H), ("H_2", at.H_1),
+        ("J_1", at.J), ("Pi_1", copy.potential(p, phi, at)),
+    ):  # fmt: skip
+        for angle in (0.3, 0.9, 1.6):
+            slope = sympy.N(of.diff(phi).subs(phi, angle))
+            assert getattr(iron.position(p, angle), name) == pytest.approx(float(slope), rel=1e-9)
+
+
+@pytest.mark.parametrize(("wrap", "side"), WAYS)
+@pytest.mark.parametrize("phi", [0.9, 2.0, 3.5, 5.0])
+def test_every_equation_has_its_unit(wrap: iron.Wrap, side: iron.Side, phi: float) -> None:
+    Q = dimensions.UNITS.Quantity
+
+    def function(name: str, unit: str) -> Any:
+        return lambda q: Q(getattr(math, name)(Q(q).to("").magnitude), unit)
+
+    names = {"sin": "", "cos": "", "acos": "rad", "atan": "rad"}
+    copy = load_copy(
+        iron, dimensions.FUNCTIONS | {name: function(name, unit) for name, unit in names.items()}
+    )
+    p = dimensions.quantities(iron.Parameters, 1.0)
+    p = replace(p, wrap=wrap, spring=replace(p.spring, side=side))
+    x = replace(dimensions.quantities(iron.State, 4.0), phi=Q(phi, "rad"), direction=1)
+    u = dimensions.quantities(iron.Inputs, 1.0)
+    for cls, values in (
+        (iron.State, copy.derivatives(p, 0.0, x, u)),
+        (iron.Outputs, copy.outputs(p, 0.0, x, u)),
+    ):
+        per = dimensions.UNITS.s if cls is iron.State else 1
+        for (name, d), value in zip(declarations(cls), values):
+            if d.kind == "Real":
+                assert Q(value).check(dimensions.unit(d) / per), name
