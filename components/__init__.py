@@ -1,3 +1,3 @@
 """The physics: one module, one model, one FMU."""
 
-CATALOGUE = ("drive_motor", "crank_conveyor", "iron_drive", "gravity_orientator")
+CATALOGUE = ("drive_motor", "crank_conveyor", "iron_drive", "gravity_orientator", "linear_system")

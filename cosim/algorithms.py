@@ -18,7 +18,7 @@ Advance = Callable[[float, float], None]
 Vector = NDArray[np.float64]
 
 MOST_SWEEPS = 50
-TOLERANCE = 1e-10
+TOLERANCE = 1e-12
 MEMORY = 5
 
 

@@ -23,6 +23,7 @@ log = logging.getLogger("cosim")
 
 MOST_ITERATIONS = 20
 TOLERANCE = 1e-10
+SINGULAR = 1e8
 
 
 def initialise(
@@ -105,7 +106,7 @@ def _response(parts: Sequence[Part], z: Vector) -> Vector:
 def newton(response: Callable[[Vector], Vector], z: Vector, names: Sequence[str]) -> None:
     """Find z = response(z) with finite differences; leaves the system at the solution.
 
-    Raises SetupError with the signals and residuals if it does not converge.
+    Raises SetupError with the signals and residuals if there is no solution or no convergence.
     """
     residual = response(z) - z
     for _ in range(MOST_ITERATIONS):
@@ -117,7 +118,9 @@ def newton(response: Callable[[Vector], Vector], z: Vector, names: Sequence[str]
             shifted = z.copy()
             shifted[i] += step
             jacobian[:, i] = (response(shifted) - shifted - residual) / step
-        z = z - np.linalg.lstsq(jacobian, residual, rcond=None)[0]
+        if np.linalg.cond(jacobian) > SINGULAR:
+            break
+        z = z - np.linalg.solve(jacobian, residual)
         residual = response(z) - z
     worst = ", ".join(
         f"{name} by {r:.2g}" for name, r in zip(names, residual) if abs(r) > TOLERANCE

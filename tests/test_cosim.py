@@ -18,7 +18,7 @@ from zipfile import ZipFile
 
 import numpy as np
 import pytest
-from conftest import ROOT
+from conftest import ROOT, hear_ctrl_c
 from fmpy import extract, read_model_description
 from fmpy.fmi2 import FMU2Slave
 from oracle import monolithic
@@ -303,6 +303,7 @@ def test_ctrl_c_leaves_a_readable_csv(fmus: Path, tmp_path: Path) -> None:
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         env=os.environ | {"TMPDIR": str(scratch)},
+        preexec_fn=hear_ctrl_c,
     )
     partial = tmp_path / "run.partial.csv"
     deadline = time.monotonic() + 30

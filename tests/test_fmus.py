@@ -182,7 +182,8 @@ def test_names_are_structured_and_the_guid_is_the_hash_of_the_source(
     root = xml(path(model, fmus))
     assert root.get("variableNamingConvention") == "structured"
     for element in root.iter("ScalarVariable"):
-        assert re.fullmatch(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*", element.attrib["name"], re.ASCII)
+        part = r"[A-Za-z_]\w*(\[\d+(,\d+)*\])?"
+        assert re.fullmatch(rf"{part}(\.{part})*", element.attrib["name"], re.ASCII)
     assert root.get("guid") == collect(model.__name__.rpartition(".")[2]).guid
 
 
@@ -203,15 +204,19 @@ def draw(rng: random.Random, declared: Declaration) -> Any:
 def test_outputs_feel_at_once_the_inputs_that_they_declare_and_no_other(model: Any) -> None:
     kinds = {name: d for name, d in declarations(model.Parameters) if d.kind != "Real"}
     choices = [list(d.items or (False, True)) for d in kinds.values()]
+    matrices = {name: d for name, d in declarations(model.Parameters) if name.endswith("]")}
+    names = [name for name, _ in declarations(model.Outputs)]
     felt, rng = set(), random.Random(1)
     for choice in 20 * list(itertools.product(*choices)):
-        p = start(model.Parameters, **dict(zip(kinds, choice)))
+        entries = {name: draw(rng, d) for name, d in matrices.items()}
+        p = start(model.Parameters, **dict(zip(kinds, choice)), **entries)
         x = fill(model.State, [draw(rng, d) for _, d in declarations(model.State)])
         u = fill(model.Inputs, [draw(rng, d) for _, d in declarations(model.Inputs)])
         before = model.outputs(p, 0.0, x, u)
-        for name, declared in declarations(model.Inputs):
-            after = model.outputs(p, 0.0, x, u._replace(**{name: draw(rng, declared)}))
-            felt |= {(out, name) for out, a, b in zip(before._fields, before, after) if a != b}
+        for i, (name, declared) in enumerate(declarations(model.Inputs)):
+            changed = fill(model.Inputs, [*u[:i], draw(rng, declared), *u[i + 1 :]])
+            after = model.outputs(p, 0.0, x, changed)
+            felt |= {(out, name) for out, a, b in zip(names, before, after) if a != b}
     promised = {(out, name) for out, d in declarations(model.Outputs) for name in d.feedthrough}
     assert felt == promised
 

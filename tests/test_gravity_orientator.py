@@ -291,18 +291,18 @@ def test_momentum_is_balanced_at_every_impact() -> None:
 
 @functools.cache
 def lagrange() -> Any:
-    """Equations of the first kind in phi1, phi2, xc, yc: masses, loads, constraints and reactions.
+    """Lagrange's equations of the first kind in phi1, phi2, xc, yc, for each stage.
 
-    Loads without friction, then what the friction at the wall does per unit; for joint the corner
-    and for turning the hook carries the product, and the wall in every stage.
+    Masses, loads without friction, the generalised force of a unit of friction at the wall, and
+    the constraints with their rates: the wall, and the corner in joint, the hook in turning.
     """
     t = sympy.Symbol("t")
     names = "d h l2 m2 J2 l1 h1 m1 J1 phi10 c R H mu g w"
     d, h, l2, m2, J2, l1, h1, m1, J1, phi10, c, R, H, mu, g, w = p = sympy.symbols(names)
     q = [sympy.Function(name)(t) for name in ("phi1", "phi2", "xc", "yc")]
     rates, r, e = [x.diff(t) for x in q], d / 2, h - l2
-    a, n = (sympy.Matrix(v(q[1])) for v in (lambda z: (sympy.cos(z), sympy.sin(z)),
-                                            lambda z: (-sympy.sin(z), sympy.cos(z))))  # fmt: skip
+    a = sympy.Matrix([sympy.cos(q[1]), sympy.sin(q[1])])
+    n = sympy.Matrix([-a[1], a[0]])
     C, arm = sympy.Matrix(q[2:]), sympy.Matrix([sympy.cos(q[0]), sympy.sin(q[0])])
     D, stretch = l1 * arm, l1 / 2 * (q[0] - phi10)
     B = D + h1 * sympy.Matrix([arm[1], -arm[0]])
@@ -322,9 +322,7 @@ def lagrange() -> Any:
     friction = -sympy.Matrix([point.diff(x) for x in q])
     mass = sympy.hessian(kinetic, rates)
     load = spring - sympy.Matrix([potential.diff(x) for x in q])
-    plain = list(zip(rates, sympy.symbols("w1 w2 vx vy"))) + list(
-        zip(q, sympy.symbols("p1 p2 x y"))
-    )
+    plain = [*zip(rates, sympy.symbols("w1 w2 vx vy")), *zip(q, sympy.symbols("p1 p2 x y"))]
     variables = [*p, *(symbol for _, symbol in [*plain[4:], *plain[:4]])]
     derived = {}
     for stage, g_s in constraints.items():
@@ -343,14 +341,11 @@ def accelerations(p: Any, x: Any, w: float) -> list[float]:
         positions = [x.phi1, x.phi2, x.xc, x.yc, x.w1, x.w2, x.vxc, x.vyc]
         known = map(mpmath.mpf, [*values, *positions])
         mass, load, friction, slope, bend = lagrange()[x.stage](*known)
+        friction, push, count = p.chute.mu * friction, slope.T, slope.rows
         if x.stage == Stage.released:
-            push = slope.T + p.chute.mu * friction
+            push = push + friction
         else:
-            push, load = (
-                slope.T,
-                load + p.chute.mu * p.cup.m * w * w * (p.chute.R - p.cup.d / 2) * friction,
-            )
-        count = slope.rows
+            load = load + p.cup.m * w * w * (p.chute.R - p.cup.d / 2) * friction
         system = mpmath.zeros(4 + count)
         system[:4, :4], system[:4, 4:], system[4:, :4] = mass, -push, slope
         right = mpmath.matrix([*load, *(-bend)])
@@ -382,8 +377,6 @@ def differences(component: Any, stage: Stage) -> Any:
         a1, a2, ax, ay, N_K, N_B = component.MECHANICS[stage](p, x, w)
         derived = accelerations(p, x, w)
         turned, pushed = [a1 - derived[0], a2 - derived[1]], [ax - derived[2], ay - derived[3]]
-        if stage == Stage.released:
-            turned[0] = 0.0
         forces = [N_K - derived[4]] + ([N_B - derived[5]] if stage == Stage.turning else [])
         scales = [max(map(abs, part)) for part in (derived[:2], derived[2:4], derived[4:])]
         parts = zip((turned, pushed, forces), scales)

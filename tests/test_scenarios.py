@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from conftest import ROOT
+from conftest import ROOT, hear_ctrl_c
 
 from scenarios.theory import SETS, longest_step
 
@@ -181,6 +181,7 @@ def test_ctrl_c_keeps_the_speeds_that_are_done(tmp_path: Path) -> None:
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         start_new_session=True,
+        preexec_fn=hear_ctrl_c,
     )
     partial = tmp_path / "resonance.partial.csv"
     deadline = time.monotonic() + 60

@@ -5,7 +5,17 @@ from __future__ import annotations
 from collections import namedtuple
 from collections.abc import Iterator, Sequence
 from enum import IntEnum
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, cast, get_type_hints
+from operator import itemgetter
+from typing import (
+    TYPE_CHECKING,
+    Any,
+    NamedTuple,
+    TypeVar,
+    cast,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
 
 from .si import Quantity
 
@@ -18,6 +28,7 @@ else:
 
 
 Value = float | int | bool | str
+IDENTIFIER = str.maketrans({"[": "_", ",": "_", "]": None})
 
 
 class Declaration(NamedTuple):
@@ -72,23 +83,69 @@ def discrete(start: int | bool | str, meaning: str, feedthrough: tuple[str, ...]
     return Declaration(start, meaning, feedthrough=feedthrough)
 
 
+def array(start: Any, meaning: str, **rest: Any) -> Any:
+    """Declare a vector, or a matrix by its rows: a Real A[1,1] for every start value.
+
+    `meaning` may name the place: {0} is the row, {1} the column.
+    """
+    if not isinstance(start, Sequence):
+        return real(start, meaning, **rest)
+    return [array(item, meaning, **rest) for item in start]
+
+
 R = TypeVar("R")
 
 
-@dataclass_transform(field_specifiers=(real, discrete))
+@dataclass_transform(field_specifiers=(real, discrete, array))
 def record(cls: type[R]) -> type[R]:
-    """Make a named tuple of the declared fields; a field that is itself a record nests."""
+    """Make a named tuple of the declared fields; a field that is itself a record nests.
+
+    An array lies flat in the tuple, element by element, and is read whole, a matrix as its rows;
+    `fill`, not the class itself, makes a record that has one.
+    """
     fields: dict[str, Any] = {}
+    body: dict[str, Any] = {"__slots__": (), "__doc__": cls.__doc__, "__module__": cls.__module__}
     for name, annotation in get_type_hints(cls, include_extras=True).items():
         if hasattr(annotation, "_declared"):
             fields[name] = annotation
-        else:
-            quantity = next(iter(getattr(annotation, "__metadata__", ())), None)
-            fields[name] = getattr(cls, name)._replace(quantity=quantity)
-    body = {"__slots__": (), "__doc__": cls.__doc__, "__module__": cls.__module__}
-    made = type(cls.__name__, (namedtuple(cls.__name__, fields),), body)
+            continue
+        declared, quantity = getattr(cls, name), _quantity(annotation)
+        if isinstance(declared, list):
+            body[name] = _whole(len(fields), declared)
+        for index, element in _elements(declared):
+            fields[name + index] = element._replace(quantity=quantity)
+    names = [name.translate(IDENTIFIER) for name in fields]
+    made = type(cls.__name__, (namedtuple(cls.__name__, names),), body)
     made._declared = fields  # type: ignore[attr-defined]
     return cast(type[R], made)
+
+
+def _quantity(annotation: Any) -> Quantity | None:
+    """The quantity of a type, or of what a tuple of it is made of."""
+    while get_origin(annotation) is tuple:
+        annotation = get_args(annotation)[0]
+    return next(iter(getattr(annotation, "__metadata__", ())), None)
+
+
+def _elements(declared: Any, *index: str) -> Iterator[tuple[str, Declaration]]:
+    """The declarations of an array with their indices, [1,2]; of anything else, itself."""
+    if isinstance(declared, list):
+        for i, item in enumerate(declared, 1):
+            yield from _elements(item, *index, str(i))
+    elif index:
+        meaning = declared.meaning.format(*index)
+        yield f"[{','.join(index)}]", declared._replace(meaning=meaning)
+    else:
+        yield "", declared
+
+
+def _whole(first: int, declared: list[Any]) -> property:
+    """The view of an array whose elements begin at `first`: a tuple, of rows for a matrix."""
+    if isinstance(declared[0], Declaration):
+        return property(itemgetter(slice(first, first + len(declared))))
+    width = len(declared[0])
+    rows = [slice(first + i * width, first + (i + 1) * width) for i in range(len(declared))]
+    return property(lambda values: tuple([values[row] for row in rows]))
 
 
 def declarations(cls: Any, prefix: str = "") -> Iterator[tuple[str, Declaration]]:
@@ -100,9 +157,9 @@ def declarations(cls: Any, prefix: str = "") -> Iterator[tuple[str, Declaration]
             yield from declarations(field, f"{prefix}{name}.")
 
 
-def fill(cls: Any, values: Sequence[Value]) -> Any:
+def fill(cls: type[R], values: Sequence[Value]) -> R:
     """The record of these values, given in the order of `declarations`."""
-    return _fill(cls, iter(values))
+    return cast(R, _fill(cls, iter(values)))
 
 
 def _fill(cls: Any, values: Iterator[Value]) -> Any:
