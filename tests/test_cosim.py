@@ -303,7 +303,7 @@ def test_ctrl_c_leaves_a_readable_csv(fmus: Path, tmp_path: Path) -> None:
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         env=os.environ | {"TMPDIR": str(scratch)},
-        preexec_fn=hear_ctrl_c,
+        preexec_fn=hear_ctrl_c,  # noqa: PLW1509
     )
     partial = tmp_path / "run.partial.csv"
     deadline = time.monotonic() + 30

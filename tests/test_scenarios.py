@@ -181,7 +181,7 @@ def test_ctrl_c_keeps_the_speeds_that_are_done(tmp_path: Path) -> None:
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         start_new_session=True,
-        preexec_fn=hear_ctrl_c,
+        preexec_fn=hear_ctrl_c,  # noqa: PLW1509
     )
     partial = tmp_path / "resonance.partial.csv"
     deadline = time.monotonic() + 60
