@@ -79,7 +79,7 @@ def run(
         recorder = Recorder(
             [port.name for port in ports], {port.name: port.unit for port in ports}, csv
         )
-        status, reason, t = "complete", "", start
+        status, reason, t = "failed", "stopped by an error outside the FMUs", start
         notice = max(1, steps // 200)
         try:
             recorder.add(row(t))
@@ -95,6 +95,8 @@ def run(
                 if interrupted:
                     status, reason = "interrupted", "interrupted by the user"
                     break
+            else:
+                status, reason = "complete", ""
         except PartFailure as failure:
             status, reason = "failed", str(failure)
         finally:

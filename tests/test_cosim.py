@@ -286,6 +286,20 @@ def test_failing_part_leaves_all_rows_and_says_where(fmus: Path, tmp_path: Path)
     assert np.isfinite(caught.value.result.data).all()
 
 
+def test_an_error_of_the_caller_does_not_pass_for_a_complete_run(
+    fmus: Path, tmp_path: Path
+) -> None:
+    def progress(share: float) -> None:
+        raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        run(pair(fmus), stop=0.1, step=1e-3, csv=tmp_path / "run.csv", progress=progress)
+    assert [path.name for path in sorted(tmp_path.iterdir())] == [
+        "run.partial.csv",
+        "run.partial.json",
+    ]
+
+
 def test_ctrl_c_leaves_a_readable_csv(fmus: Path, tmp_path: Path) -> None:
     script = (
         "import sys; from pathlib import Path; from cosim import System, run\n"
