@@ -1,6 +1,7 @@
 """Couple FMI 2.0 co-simulation FMUs: a system of parts and wires, run with a fixed step."""
 
-from .algorithms import ALGORITHMS
+from .algorithms import ALGORITHMS, ORDERS
+from .certify import Estimate, estimate
 from .errors import Interrupted, SetupError, SimulationError
 from .master import run, versions
 from .result import Result
@@ -8,11 +9,14 @@ from .system import System
 
 __all__ = [
     "ALGORITHMS",
+    "ORDERS",
+    "Estimate",
     "Interrupted",
     "Result",
     "SetupError",
     "SimulationError",
     "System",
+    "estimate",
     "run",
     "versions",
 ]

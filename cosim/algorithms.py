@@ -137,3 +137,5 @@ ALGORITHMS: dict[str, Callable[[Sequence[Part]], Advance]] = {
     "strang": strang,
     "iterated": iterated,
 }
+
+ORDERS = {"jacobi": 1, "gauss-seidel": 1, "strang": 2, "iterated": 1}

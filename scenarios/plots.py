@@ -66,10 +66,12 @@ def resonance(
     for axes, key in ((top, "nu_peak_tau"), (middle, "nu_peak_w")):
         axes.margins(y=0.15)
         if key in found:
-            _mark(axes, found[key].nu, found[key].value, f"peak {found[key].nu:.2f} rad/s")
+            at, height = found[key].nu.value, found[key].value.value
+            _mark(axes, at, height, f"peak {at:.2f} rad/s")
     top.plot([], [], color=MARK, linestyle="--", label=f"formula (22): {machine.nu_res:.2f} rad/s")
     if "nu_90" in found:
-        _mark(bottom, found["nu_90"].nu, 90.0, f"90° at {found['nu_90'].nu:.3f} rad/s")
+        at = found["nu_90"].nu.value
+        _mark(bottom, at, 90.0, f"90° at {at:.3f} rad/s")
     top.legend(loc="upper right")
     rpm = top.secondary_xaxis(
         "top", functions=(lambda w: w * 30 / math.pi, lambda n: n * math.pi / 30)

@@ -22,6 +22,7 @@ from numpy.polynomial import Chebyshev
 from scipy.optimize import brentq, minimize_scalar
 
 import cosim
+from cosim import Estimate
 from cosim.result import partial, write_json
 
 from . import fmus, options, plots, pool
@@ -38,7 +39,7 @@ SPEEDS = {
 }
 RECORD = ("motor.tau", "conveyor.phi", "conveyor.w", "conveyor.f_rod")
 NAMES = ("nu_90", "nu_peak_tau", "nu_peak_w")
-CONVERGENCE = {"jacobi": 1, "gauss-seidel": 1, "strang": 2}
+ALGORITHMS = ("jacobi", "gauss-seidel", "strang")
 
 
 class Case(NamedTuple):
@@ -68,15 +69,10 @@ class Point(NamedTuple):
 
 
 class Found(NamedTuple):
-    """A speed between the points of the sweep [rad/s] and the curve's value there.
+    """A speed between the points of the sweep [rad/s], the curve's value there, coupling errors."""
 
-    The errors say what the coupling did to them; None where no coarser run is stable.
-    """
-
-    nu: float
-    value: float
-    nu_error: float | None
-    value_error: float | None
+    nu: Estimate
+    value: Estimate
 
 
 def simulate(case: Case) -> Point:
@@ -194,14 +190,14 @@ def chebyshev_nodes(low: float, high: float) -> list[float]:
 def refine(
     wanted: Sequence[Feature], machine: Machine, algorithm: str, steps_per_rev: int, jobs: int
 ) -> dict[str, Found]:
-    """Locate each feature on a polynomial through further runs, at N and at N/2 steps.
+    """Locate each feature on a polynomial through further runs, at N, N/2 and N/4 steps.
 
-    The distance of the two, over 2^p - 1 for a scheme of order p, is the coupling error.
+    Where N/4 steps are not stable, the coupling error stays unknown.
     """
-    coarse = steps_per_rev // 2
     try:
-        check_steps(machine, algorithm, coarse, min((f.interval[0] for f in wanted), default=1e9))
-        numbers = [steps_per_rev, coarse]
+        slowest = min((f.interval[0] for f in wanted), default=math.inf)
+        check_steps(machine, algorithm, steps_per_rev // 4, slowest)
+        numbers = [steps_per_rev, steps_per_rev // 2, steps_per_rev // 4]
     except cosim.SetupError:
         numbers = [steps_per_rev]
     nodes = {f.name: chebyshev_nodes(*f.interval) for f in wanted}
@@ -216,12 +212,17 @@ def refine(
             curve = Chebyshev.fit(nodes[f.name], values, NODES - 1, domain=list(f.interval))
             nu = f.locate(curve)
             located[f.name].append((nu, float(curve(nu))))
-    share = 2 ** CONVERGENCE[algorithm] - 1
-    found = {}
-    for name, ((nu, value), *coarser) in located.items():
-        errors = [(abs(nu - a) / share, abs(value - b) / share) for a, b in coarser]
-        found[name] = Found(nu, value, *(errors[0] if errors else (None, None)))
-    return found
+    return {
+        name: Found(*(certified(values, algorithm) for values in zip(*places)))
+        for name, places in located.items()
+    }
+
+
+def certified(values: Sequence[float], algorithm: str) -> Estimate:
+    """The estimate of a figure from runs at N, N/2, N/4 steps, or at N alone."""
+    if len(values) == 1:
+        return Estimate(values[0], None, math.nan)
+    return cosim.estimate(values, cosim.ORDERS[algorithm])
 
 
 def verdict(machine: Machine, points: Sequence[Point], found: dict[str, Found]) -> str:
@@ -233,10 +234,10 @@ def verdict(machine: Machine, points: Sequence[Point], found: dict[str, Found]) 
     )
     if "nu_90" in found:
         at = found["nu_90"]
-        away = at.nu / machine.nu_res - 1
+        away = at.nu.value / machine.nu_res - 1
         lines.append(
             f"There the torque ripple lags the load ripple by 90 degrees: found at "
-            f"{number(at.nu, at.nu_error)} rad/s, {away:+.3%} from the formula."
+            f"{at.nu.text('rad/s')}, {away:+.3%} from the formula."
         )
     else:
         lines.append("The sweep holds no speed where the torque ripple lags by 90 degrees.")
@@ -247,8 +248,8 @@ def verdict(machine: Machine, points: Sequence[Point], found: dict[str, Found]) 
         if name in found:
             at = found[name]
             lines.append(
-                f"The {what} ripple is largest at {number(at.nu, at.nu_error)} rad/s "
-                f"({at.nu / machine.nu_res - 1:+.1%}): {number(at.value, at.value_error)} {unit}."
+                f"The {what} ripple is largest at {at.nu.text('rad/s')}, "
+                f"{at.nu.value / machine.nu_res - 1:+.1%} from the formula: {at.value.text(unit)}."
             )
         else:
             lines.append(f"The {what} ripple has no peak inside the sweep.")
@@ -264,23 +265,17 @@ def verdict(machine: Machine, points: Sequence[Point], found: dict[str, Found]) 
         f"carries up to {near.f_rod_peak:.4g} N; over the sweep the rod carries at most "
         f"{hardest.f_rod_peak:.4g} N, at {hardest.nu:g} rad/s."
     )
-    lines.append("The errors stated are those of the coupling, from runs with half the steps.")
+    lines.append(
+        "The errors stated are those of the coupling, from runs with a half and a quarter of the steps."
+    )
     return "\n".join(lines)
-
-
-def number(value: float, error: float | None) -> str:
-    """A figure with its error, to the digits the error leaves."""
-    if error is None:
-        return f"{value:.5g} (error unknown: half the steps would be unstable)"
-    digits = min(6, max(0, 1 - math.floor(math.log10(max(error, 1e-6)))))
-    return f"{value:.{digits}f} +- {max(error, 10.0**-digits):.{digits}f}"
 
 
 def arguments(parser: ArgumentParser) -> None:
     """The options of the scenario."""
     add = parser.add_argument
     add("--set", dest="name", choices=SETS, default="A", help="parameter set")
-    add("--algorithm", choices=CONVERGENCE, default="strang", help="coupling algorithm")
+    add("--algorithm", choices=ALGORITHMS, default="strang", help="coupling algorithm")
     add("--steps-per-rev", type=int, default=512, help="communication steps per revolution")
     add(
         "--speeds",
@@ -326,9 +321,11 @@ def run(
         folder / "resonance.json",
         {
             "nu_res": machine.nu_res,
-            **{key: found[key].nu if key in found else None for key in NAMES},
-            "coupling_error": {key: at.nu_error for key, at in found.items()},
-            "peak": {key: at.value for key, at in found.items() if key != "nu_90"},
+            **{key: found[key].nu.value if key in found else None for key in NAMES},
+            "coupling_error": {key: at.nu.error for key, at in found.items()},
+            "coupling_order": {key: at.nu.order for key, at in found.items()},
+            "peak": {key: at.value.value for key, at in found.items() if key != "nu_90"},
+            "peak_error": {key: at.value.error for key, at in found.items() if key != "nu_90"},
             "set": name,
             "parameters": machine.start(machine.nu_res),
             "algorithm": algorithm,

@@ -100,6 +100,9 @@ def test_resonance_and_peaks_lie_where_theory_puts_them(sweep: Any) -> None:
     for peak in ("nu_peak_tau", "nu_peak_w"):
         assert facts[peak] == pytest.approx(EXPECTED[name][peak], rel=3e-3)
     assert abs(facts["nu_90"] - facts["nu_res"]) > facts["coupling_error"]["nu_90"]
+    for order in facts["coupling_order"].values():
+        assert order == pytest.approx(2.0, abs=0.2)
+    assert max(facts["peak_error"].values()) < 1e-3 * facts["peak"]["nu_peak_tau"]
     assert (facts["algorithm"], facts["steps_per_rev"]) == ("strang", 512)
     assert {"parameters", "fmus", "versions", "wall_time"} <= facts.keys()
     assert (folder / "resonance.png").stat().st_size > 20_000
