@@ -306,8 +306,14 @@ def test_the_fmu_runs_on_the_standard_library_alone(model: Any, fmus: Path, tmp_
 
 
 @each_model
-def test_the_default_experiment_runs_to_its_end(model: Any, fmus: Path) -> None:
+def test_the_default_experiment_ends_as_the_shipped_reference_says(model: Any, fmus: Path) -> None:
     end = hosts.default_experiment(path(model, fmus))
+    with zipfile.ZipFile(path(model, fmus)) as archive:
+        (name,) = [n for n in archive.namelist() if n.endswith("_ref.csv")]
+        shipped = archive.read(name).decode().splitlines()
+    last = dict(zip(shipped[0].split(","), map(float, shipped[-1].split(","))))
+    assert end == pytest.approx(last, rel=1e-8, abs=1e-9)
+    assert len(shipped) - 2 == round(model.EXPERIMENT.stop / model.EXPERIMENT.step)
     assert end.pop("time") == pytest.approx(model.EXPERIMENT.stop)
     assert end.keys() == {v.name for v in Interface(model).variables if v.causality == "output"}
     assert all(map(math.isfinite, end.values()))

@@ -47,6 +47,12 @@ class Variable(NamedTuple):
         return self.initial == "exact" or self.causality == "input"
 
     @property
+    def kind(self) -> str:
+        """The FMI type that gets and sets it: an Enumeration is an Integer there."""
+        kind = self.declaration.kind
+        return "Integer" if kind == "Enumeration" else kind
+
+    @property
     def unit(self) -> str:
         """Unit, or an empty string for what has none."""
         return self.declaration.quantity.unit if self.declaration.quantity else ""
@@ -81,10 +87,6 @@ class Interface:
         self.variables.append(
             Variable(name, len(self.variables), causality, variability, initial, declaration)
         )
-
-    def of_type(self, *types: str) -> frozenset[int]:
-        """The value references of the variables of these FMI types."""
-        return frozenset(v.reference for v in self.variables if v.declaration.kind in types)
 
     def feedthrough(self, variable: Variable) -> list[Variable]:
         """The inputs that act on an output without delay, in index order."""

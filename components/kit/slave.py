@@ -375,10 +375,8 @@ def slave_class(model: ModuleType, guid: str) -> type[ModelSlave]:
     """The class that pythonfmu's wrapper instantiates for a component."""
     interface = Interface(model)
     references = {
-        "Real": interface.of_type("Real"),
-        "Integer": interface.of_type("Integer", "Enumeration"),
-        "Boolean": interface.of_type("Boolean"),
-        "String": interface.of_type("String"),
+        kind: frozenset(v.reference for v in interface.variables if v.kind == kind)
+        for kind in ("Real", "Integer", "Boolean", "String")
     }
     everything = range(len(interface.variables))
     early = {v.reference for v in interface.variables if v.settable_before_start}

@@ -21,7 +21,8 @@ from fmpy.model_description import read_model_description
 from pythonfmu import FmuBuilder
 
 from ..kit.interface import Interface, class_name
-from . import page
+from ..kit.slave import slave_class
+from . import page, reference
 
 ROOT = Path(__file__).resolve().parents[2]
 WRAPPERS = Path(pythonfmu.__file__).parent / "resources" / "binaries"
@@ -90,7 +91,7 @@ def pack(build: Build, fmu: Path) -> None:
             project_files=[folder / build.package],
             documentation_folder=folder / "documentation",
         )
-        _repack(raw, fmu)
+        _repack(raw, fmu, reference.entries(slave_class(build.model, build.guid)))
 
 
 def _write_sources(build: Build, folder: Path) -> Path:
@@ -128,10 +129,12 @@ def _write_documentation(build: Build, folder: Path) -> None:
     )
 
 
-def _repack(raw: Path, clean: Path) -> None:
-    with zipfile.ZipFile(raw) as source, zipfile.ZipFile(clean, "w") as target:
-        for name in sorted(source.namelist()):
+def _repack(raw: Path, clean: Path, more: dict[str, bytes]) -> None:
+    with zipfile.ZipFile(raw) as source:
+        contents = {name: source.read(name) for name in source.namelist()} | more
+    with zipfile.ZipFile(clean, "w") as target:
+        for name in sorted(contents):
             entry = zipfile.ZipInfo(name, EPOCH)
             entry.compress_type = zipfile.ZIP_DEFLATED
             entry.create_system, entry.external_attr = 3, 0o644 << 16
-            target.writestr(entry, source.read(name))
+            target.writestr(entry, contents[name])

@@ -1,0 +1,56 @@
+"""The default experiment of a component, for the FMU to carry: what a host should see."""
+
+import csv
+import io
+
+from ..kit.interface import Interface
+from ..kit.slave import ModelSlave
+
+FOLDER = "extra/org.fmi-standard.fmi-ls-ref"
+MANIFEST = """\
+<?xml version="1.0" encoding="UTF-8"?>
+<fmiLayeredStandardManifest
+    xmlns:fmi-ls="http://fmi-standard.org/fmi-ls-manifest"
+    fmi-ls:fmi-ls-name="org.fmi-standard.fmi-ls-ref"
+    fmi-ls:fmi-ls-version="0.1.0-alpha.1"
+    fmi-ls:fmi-ls-description="Reference results of the default experiment"/>
+"""
+
+
+def entries(slave_class: type[ModelSlave]) -> dict[str, bytes]:
+    """The files by their path in the FMU: a manifest, and the outputs at every step as CSV."""
+    interface = slave_class.interface
+    outputs = [v for v in interface.variables if v.causality == "output"]
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(["time", *(v.name for v in outputs)])
+    writer.writerows(rows(slave_class, interface))
+    return {
+        f"{FOLDER}/fmi-ls-manifest.xml": MANIFEST.encode(),
+        f"{FOLDER}/{slave_class.__name__}_ref.csv": text.getvalue().encode(),
+    }
+
+
+def rows(slave_class: type[ModelSlave], interface: Interface) -> list[list[float | int]]:
+    """Time and outputs at every communication point; Booleans as 0 and 1."""
+    stop, step = interface.model.EXPERIMENT
+    references = {
+        kind: [
+            v.reference for v in interface.variables if v.causality == "output" and v.kind == kind
+        ]
+        for kind in ("Real", "Integer", "Boolean")
+    }
+    slave = slave_class(instance_name=slave_class.__name__)
+    slave.setup_experiment(0.0, stop, None)
+    slave.enter_initialization_mode()
+    slave.exit_initialization_mode()
+    found = []
+    for n in range(round(stop / step) + 1):
+        if n:
+            slave.do_step((n - 1) * step, step)
+        values: dict[int, float | int] = {}
+        for kind, vrs in references.items():
+            got = getattr(slave, f"get_{kind.lower()}")(vrs) if vrs else []
+            values |= {vr: int(x) if kind == "Boolean" else x for vr, x in zip(vrs, got)}
+        found.append([n * step, *(values[vr] for vr in sorted(values))])
+    return found
