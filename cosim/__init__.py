@@ -5,6 +5,7 @@ from .certify import Estimate, estimate
 from .errors import Interrupted, SetupError, SimulationError
 from .master import run, versions
 from .result import Result
+from .ssp import write_ssp
 from .system import System
 
 __all__ = [
@@ -19,4 +20,5 @@ __all__ = [
     "estimate",
     "run",
     "versions",
+    "write_ssp",
 ]

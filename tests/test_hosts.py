@@ -9,7 +9,7 @@ import subprocess
 import sys
 import sysconfig
 import zipfile
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -17,9 +17,10 @@ from typing import Any
 import fmpy
 import numpy as np
 import pytest
+from lxml import etree
 from numpy.testing import assert_allclose, assert_array_equal
 
-from cosim import System, run
+from cosim import System, run, write_ssp
 
 HOSTS = Path(__file__).with_name("hosts")
 STEPS, STEP = 200, 1e-3
@@ -47,15 +48,18 @@ class Case:
         parts = {name: str(fmus / f"{fmu}.fmu") for name, fmu in self.parts.items()}
         return json.dumps(asdict(self) | {"parts": parts})
 
-    def ours(self, fmus: Path) -> np.ndarray:
-        """The recorded values of our Jacobi master, a row per communication point."""
-        system = System(
+    def system(self, fmus: Path) -> System:
+        """The case as our master takes it."""
+        return System(
             parts={name: fmus / f"{fmu}.fmu" for name, fmu in self.parts.items()},
             wires=[f"{source} -> {target}" for source, target in self.wires],
             start=self.start,
         )
+
+    def ours(self, fmus: Path) -> np.ndarray:
+        """The recorded values of our Jacobi master, a row per communication point."""
         settings: dict[str, Any] = {"stop": self.steps * self.step, "step": self.step}
-        result = run(system, **settings, algorithm="jacobi", record=self.record)
+        result = run(self.system(fmus), **settings, algorithm="jacobi", record=self.record)
         return np.column_stack([result[name] for name in self.record])
 
 
@@ -65,6 +69,7 @@ PAIR = Case(
     {},
     RECORD,
 )
+CHANGED = replace(PAIR, start={"motor.T": 0.05, "conveyor.trough.d": 3000.0})
 CASES = {
     "conveyor": PAIR,
     "iron drive": Case(
@@ -134,6 +139,31 @@ def test_libcosim_reproduces_our_jacobi_master(fmus: Path, name: str) -> None:
     assert_allclose(np.transpose(values), case.ours(fmus)[1:], rtol=1e-10, atol=1e-12)
 
 
+@pytest.mark.parametrize("case", [CHANGED, CASES["orientator"]], ids=["conveyor", "orientator"])
+def test_libcosim_runs_our_ssp(fmus: Path, case: Case, tmp_path: Path) -> None:
+    """Wires, parameters and inputs travel in the file; it does not set the start of an output."""
+    ssp = tmp_path / "system.ssp"
+    write_ssp(case.system(fmus), ssp, stop=1.0)
+    done = finish(sys.executable, HOSTS / "libcosim_system.py", case.task(fmus), ssp)
+    _, *values = np.transpose(json.loads(done.stdout))
+    assert_allclose(np.transpose(values), case.ours(fmus)[1:], rtol=1e-10, atol=1e-12)
+
+
+def test_ssp_is_valid_and_carries_scaled_wires(fmus: Path, tmp_path: Path) -> None:
+    parts = {"iron": fmus / "IronDrive.fmu", "orientator": fmus / "GravityOrientator.fmu"}
+    wires = ["iron.w_cam * 2.5 + 0.5 -> orientator.w", "iron.top_dwell -> orientator.release"]
+    start = {"iron.tau": 0.1, "iron.wrap": 1, "iron.spring.side": -1}
+    write_ssp(System(parts, wires, start), tmp_path / "line.ssp", stop=2.0)
+    schemas = Path(fmpy.__file__).with_name("ssp") / "schema"
+    with zipfile.ZipFile(tmp_path / "line.ssp") as archive:
+        tree = etree.fromstring(archive.read("SystemStructure.ssd"))
+        assert "resources/IronDrive.fmu" in archive.namelist()
+    etree.XMLSchema(file=str(schemas / "SystemStructureDescription.xsd")).assertValid(tree)
+    text = etree.tostring(tree).decode()
+    assert '<ssc:LinearTransformation factor="2.5" offset="0.5"/>' in text
+    assert '<ssv:Enumeration name="Side" value="above"/>' in text
+
+
 @pytest.mark.parametrize("name", CASES)
 def test_ecos_reproduces_our_jacobi_master_to_the_bit(fmus: Path, name: str) -> None:
     """From the initial values on, although Ecos steps the FMUs in several threads."""
@@ -152,10 +182,7 @@ def test_ecos_program_without_python_prints_what_our_jacobi_master_computes(
     assert spec and spec.origin
     program = Path(shutil.copy(Path(spec.origin).parent / "binaries" / "ecos", tmp_path))
     program.chmod(0o755)
-    with zipfile.ZipFile(tmp_path / "pair.ssp", "w") as archive:
-        archive.write(HOSTS / "SystemStructure.ssd", "SystemStructure.ssd")
-        for name in ("DriveMotor.fmu", "CrankConveyor.fmu"):
-            archive.write(fmus / name, f"resources/{name}")
+    write_ssp(PAIR.system(fmus), tmp_path / "pair.ssp")
     call = [program, "simulate", "--path", "pair.ssp", "--stepSize", STEP]
     call += ["--stopTime", (STEPS + 0.5) * STEP]
     folders = {"LD_LIBRARY_PATH": f"{sys.prefix}/lib", "TMPDIR": str(tmp_path)}

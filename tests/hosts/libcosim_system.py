@@ -1,4 +1,4 @@
-"""A system in libcosim: JSON task -> JSON rows, the time [ns] and the recorded reals per step."""
+"""A system in libcosim: JSON task [SSP] -> JSON rows, time [ns] and recorded reals per step."""
 
 import json
 import sys
@@ -10,11 +10,17 @@ from libcosimpy.CosimSlave import CosimLocalSlave
 
 log_output_level(CosimLogLevel.ERROR)
 task = json.loads(sys.argv[1])
-execution = CosimExecution.from_step_size(round(task["step"] * 1e9))
+step = round(task["step"] * 1e9)
 slaves, references = {}, {}
-for name, fmu in task["parts"].items():
-    slaves[name] = execution.add_local_slave(CosimLocalSlave(fmu, name))
-    for variable in execution.slave_variables(slaves[name]):
+if ssp := sys.argv[2:]:
+    execution = CosimExecution.from_ssp_file(ssp[0], step)
+    slaves = {name: execution.slave_index_from_instance_name(name) for name in task["parts"]}
+else:
+    execution = CosimExecution.from_step_size(step)
+    for name, fmu in task["parts"].items():
+        slaves[name] = execution.add_local_slave(CosimLocalSlave(fmu, name))
+for name, slave in slaves.items():
+    for variable in execution.slave_variables(slave):
         references[f"{name}.{variable.name.decode()}"] = variable.reference
 
 
@@ -23,11 +29,11 @@ def port(name: str) -> tuple[int, int]:
     return slaves[name.partition(".")[0]], references[name]
 
 
-for name, value in task["start"].items():
+for name, value in () if ssp else task["start"].items():
     kind = "boolean" if isinstance(value, bool) else "real"
     if not getattr(execution, f"{kind}_initial_value")(*port(name), value):
         sys.exit(f"{name} is not set")
-for source, target in task["wires"]:
+for source, target in () if ssp else task["wires"]:
     if execution.connect_real_variables(*port(source), *port(target)):
         sys.exit(f"{target} is not connected")
 observer = CosimObserver.create_last_value()
