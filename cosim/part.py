@@ -6,6 +6,7 @@ import ctypes
 from collections import deque
 from collections.abc import Sequence
 from contextlib import suppress
+from functools import partial
 from math import isfinite
 from pathlib import Path
 from typing import Any
@@ -67,18 +68,22 @@ class Block:
         self.cells = (CELL[kind] * count)()
         self.part = part
         self.call = f"{action}{CALL.get(kind, kind)}"
-        self._function = getattr(part.library, f"fmi2{self.call}")
         references = (ctypes.c_uint * count)(*(v.valueReference for v in variables))
-        self._arguments = (part.component, references, ctypes.c_size_t(count), self.cells)
+        function = getattr(part.library, f"fmi2{self.call}")
+        self._move = partial(
+            function, part.component, references, ctypes.c_size_t(count), self.cells
+        )
 
     def __call__(self) -> None:
         """Move the buffer's values; raises PartFailure."""
-        status = self._function(*self._arguments)
+        status = self._move()
         if status > WARNING:
             raise self.part.failure(self.call, status)
 
     def require_finite(self) -> None:
         """Raise PartFailure for a value that no wire may carry."""
+        if isfinite(sum(self.cells)):
+            return
         for cell, name in zip(self.cells, self.names):
             if not isfinite(cell):
                 raise PartFailure(f"{name} = {cell!r} must be a finite number")
@@ -109,10 +114,11 @@ class Part:
             raise PartFailure(f"{name}: instantiate failed: {self.reason() or error}") from error
         self.library = ctypes.PyDLL(None, handle=self.slave.dll._handle)
         self.component = ctypes.c_void_p(self.slave.component)
-        self._do_step = self.library.fmi2DoStep
         self._time, self._size = ctypes.c_double(), ctypes.c_double()
         self._state = ctypes.c_void_p()
-        self._step_arguments = (self.component, self._time, self._size, ctypes.c_int(1))
+        self._do_step = partial(
+            self.library.fmi2DoStep, self.component, self._time, self._size, ctypes.c_int(1)
+        )
 
     def hear(self, status: int, message: str) -> None:
         """Keep the last line of a log message."""
@@ -228,7 +234,7 @@ class Part:
     def step(self, time: float, size: float) -> None:
         """Advance from `time` by `size` seconds."""
         self._time.value, self._size.value = time, size
-        status = self._do_step(*self._step_arguments)
+        status = self._do_step()
         if status > WARNING:
             raise self.failure(f"doStep(t = {time!r} s, h = {size!r} s)", status)
 
