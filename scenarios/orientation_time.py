@@ -70,7 +70,7 @@ def bisect(gap: Gap) -> list[Point]:
         middle = (good + bad) / 2
         points.append(simulate((mu, middle)))
         good, bad = (middle, bad) if points[-1].works else (good, middle)
-    before = np.linspace(gap.good, good, 7)[1:-1]
+    before = np.linspace(max(0.0, 2 * gap.good - gap.bad), good, 12)[1:-1]
     return points + [simulate((mu, float(n))) for n in before]
 
 

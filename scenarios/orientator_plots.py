@@ -54,7 +54,7 @@ def orientation_time(path: Path, points: Sequence[Point], gaps: Sequence[Gap]) -
             )
     axes.set_xlabel("rotor speed  [rpm]")
     axes.set_ylabel("orientation time  [s]")
-    axes.margins(y=0.1)
+    axes.margins(x=0.1, y=0.1)
     axes.legend(loc="upper left")
     axes.set_title("Orientation of a cup in the gravity orientator")
     save(figure, path)

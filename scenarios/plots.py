@@ -121,7 +121,7 @@ def _mark(axes: Axes, x: float, y: float, text: str) -> None:
     axes.annotate(
         text,
         (x, y),
-        xytext=(-60, 14),
+        xytext=(-45, 14),
         textcoords="offset points",
         ha="right",
         va="center",
