@@ -1,0 +1,247 @@
+"""FMUs as others build them: one C file, packed with any flags, start values and defects."""
+
+import re
+import subprocess
+import sys
+import zipfile
+from collections.abc import Mapping
+from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, NamedTuple
+from uuid import NAMESPACE_URL, uuid5
+from xml.sax.saxutils import quoteattr
+
+import fmpy
+
+Value = float | int | bool | str
+GEARS = {"low": 1, "middle": 2, "high": 5}
+TOKEN = "grün, 100 %"
+NEVER = 1e300
+
+
+class Variable(NamedTuple):
+    """A variable of the binary; a capability is an attribute in the model description instead.
+
+    `feedthrough` names what acts on an output without delay, `initial` what acts on its start.
+    """
+
+    name: str
+    type: str
+    causality: str
+    start: Value = 0
+    feedthrough: str = ""
+    initial: str = ""
+
+    @property
+    def cell(self) -> str:
+        """The type by which it is accessed."""
+        return self.type.replace("Enumeration", "Integer")
+
+
+VARIABLES = [
+    Variable("u", "Real", "input", 0.0),
+    Variable("integer_in", "Integer", "input", 0),
+    Variable("boolean_in", "Boolean", "input", False),
+    Variable("string_in", "String", "input", ""),
+    Variable("enumeration_in", "Enumeration", "input", 1),
+    Variable("y", "Real", "output", initial="x0"),
+    Variable("z", "Real", "output", feedthrough="u", initial="u x0 d"),
+    Variable("integer_out", "Integer", "output", initial="integer_in"),
+    Variable("boolean_out", "Boolean", "output", initial="boolean_in"),
+    Variable("string_out", "String", "output", initial="string_in"),
+    Variable("enumeration_out", "Enumeration", "output", initial="enumeration_in"),
+    Variable("start_time", "Real", "output"),
+    Variable("stop_time", "Real", "output"),
+    Variable("stop_time_defined", "Boolean", "output"),
+    Variable("tolerance", "Real", "output"),
+    Variable("tolerance_defined", "Boolean", "output"),
+    Variable("token", "String", "output"),
+    Variable("last_step", "Real", "output"),
+    Variable("steps", "Integer", "output"),
+    Variable("restores", "Integer", "output"),
+    Variable("states_alive", "Integer", "output"),
+    Variable("gets_after_set", "Integer", "output"),
+    Variable("a", "Real", "parameter", -1.0),
+    Variable("b", "Real", "parameter", 1.0),
+    Variable("d", "Real", "parameter", 0.5),
+    Variable("x0", "Real", "parameter", 1.0),
+    Variable("fresh", "Boolean", "parameter", False),
+    Variable("longest_step", "Real", "parameter", NEVER),
+    Variable("stubborn", "Boolean", "parameter", False),
+    Variable("resumes", "Boolean", "parameter", False),
+    Variable("needs_input", "Boolean", "parameter", False),
+    Variable("warn_at", "Real", "parameter", NEVER),
+    Variable("error_at", "Real", "parameter", NEVER),
+    Variable("fatal_at", "Real", "parameter", NEVER),
+    Variable("nan_at", "Real", "parameter", NEVER),
+    Variable("crash_at", "Real", "parameter", NEVER),
+    Variable("exit_at", "Real", "parameter", NEVER),
+    Variable("end_at", "Real", "parameter", NEVER),
+    Variable("diary", "String", "parameter", ""),
+    Variable("canHandleVariableCommunicationStepSize", "Boolean", "capability", True),
+    Variable("canInterpolateInputs", "Boolean", "capability", True),
+    Variable("maxOutputDerivativeOrder", "Integer", "capability", 2),
+    Variable("canGetAndSetFMUstate", "Boolean", "capability", True),
+    Variable("providesDirectionalDerivative", "Boolean", "capability", True),
+    Variable("canBeInstantiatedOnlyOncePerProcess", "Boolean", "capability", False),
+    Variable("needsExecutionTool", "Boolean", "capability", False),
+    Variable("guid", "String", "identity"),
+]
+CELLS = {
+    cell: [v for v in VARIABLES if v.cell == cell]
+    for cell in ("Real", "Integer", "Boolean", "String")
+}
+REFERENCES = {v.name: n for variables in CELLS.values() for n, v in enumerate(variables)}
+DEFECTS = (
+    "FMI 1.0",
+    "FMI 3.0",
+    "model exchange only",
+    "wrong GUID",
+    "no binary",
+    "no description",
+    "malformed XML",
+    "truncated",
+)
+FMI1 = """<fmiModelDescription fmiVersion="1.0" modelName="foreign" modelIdentifier="foreign"
+ guid="{1}" numberOfContinuousStates="0" numberOfEventIndicators="0"><ModelVariables/><Implementation>
+<CoSimulation_StandAlone><Capabilities/></CoSimulation_StandAlone></Implementation>
+</fmiModelDescription>"""
+FMI3 = """<fmiModelDescription fmiVersion="3.0" modelName="foreign" instantiationToken="{1}">
+<CoSimulation modelIdentifier="foreign"/>
+<ModelVariables><Float64 name="time" valueReference="0" causality="independent"/></ModelVariables>
+<ModelStructure/></fmiModelDescription>"""
+
+
+@cache
+def library() -> bytes:
+    """The binary for this platform, compiled once per process."""
+    with TemporaryDirectory(prefix="foreign_") as folder:
+        binary = Path(folder, f"foreign{fmpy.sharedLibraryExtension}")
+        command = [sys.executable, "-m", "ziglang", "cc", "-shared", "-fPIC", "-O2", "-std=c11"]
+        command += ["-Wall", "-Wextra", "-Werror", f"-I{Path(fmpy.__file__).with_name('c-code')}"]
+        for cell, variables in CELLS.items():
+            command.append(f"-D{cell}_NAMES={','.join(v.name for v in variables)}")
+            command.append(
+                f"-D{cell}_CAUSALITIES={','.join(v.causality.upper() for v in variables)}"
+            )
+        command += [str(Path(__file__).with_name("foreign.c")), "-o", str(binary)]
+        subprocess.run(command, check=True)
+        return binary.read_bytes()
+
+
+def pack(path: Path, *, dependencies: bool = True, **start: Value) -> Path:
+    """Write an FMU that starts with these inputs, parameters and capabilities (see VARIABLES).
+
+    Without `dependencies` its description is silent about which inputs are fed through.
+    Raises TypeError for a name that has no start value.
+    """
+    return _zip(path, _entries(dependencies, start))
+
+
+def pack_broken(path: Path, defect: str) -> Path:
+    """Write an FMU with one of DEFECTS."""
+    entries = _entries(True, {})
+    description = entries["modelDescription.xml"]
+    (binary,) = [name for name in entries if name.startswith("binaries")]
+    match defect:
+        case "FMI 1.0":
+            entries["modelDescription.xml"] = FMI1
+        case "FMI 3.0":
+            entries["modelDescription.xml"] = FMI3
+        case "model exchange only":
+            exchange = '<ModelExchange modelIdentifier="foreign"/>'
+            entries["modelDescription.xml"] = re.sub("<CoSimulation.*?/>", exchange, description)
+        case "wrong GUID":
+            entries["modelDescription.xml"] = re.sub("guid=.*?}", 'guid="{1}', description)
+        case "no binary":
+            entries["binaries/win32/foreign.dll"] = entries.pop(binary)
+        case "no description":
+            del entries["modelDescription.xml"]
+        case "malformed XML":
+            entries["modelDescription.xml"] = description.replace("</ModelVariables>", "")
+        case "truncated":
+            _zip(path, entries)
+            path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+            return path
+        case _:
+            raise ValueError(f"defect {defect!r} must be one of {', '.join(DEFECTS)}")
+    return _zip(path, entries)
+
+
+def _zip(path: Path, entries: Mapping[str, Any]) -> Path:
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, content in entries.items():
+            archive.writestr(name, content)
+    return path
+
+
+def _entries(dependencies: bool, start: Mapping[str, Value]) -> dict[str, Any]:
+    """The files of an FMU; their names as in the archive."""
+    startable = [v for v in VARIABLES if v.causality not in ("output", "identity")]
+    values = {v.name: v.start for v in startable}
+    if unknown := start.keys() - values.keys():
+        raise TypeError(f"{', '.join(sorted(unknown))}: no start value of the foreign FMU")
+    values |= start
+    guid = f"{{{uuid5(NAMESPACE_URL, repr((dependencies, values)))}}}"
+    cells = [(v.cell, v.name, values[v.name]) for v in startable] + [("String", "guid", guid)]
+    lines = [
+        f"{cell[0]} {REFERENCES[name]} {int(x) if isinstance(x, bool) else x}"
+        for cell, name, x in cells
+        if x != ""
+    ]
+    return {
+        "modelDescription.xml": _description(guid, dependencies, values),
+        "resources/start.txt": "\n".join(lines),
+        "resources/token.txt": TOKEN,
+        f"binaries/{fmpy.platform}/foreign{fmpy.sharedLibraryExtension}": library(),
+    }
+
+
+def _element(tag: str, content: str = "", **attributes: Value) -> str:
+    text = "".join(
+        f" {name}={quoteattr(str(x).lower() if isinstance(x, bool) else str(x))}"
+        for name, x in attributes.items()
+    )
+    return f"<{tag}{text}>{content}</{tag}>" if content else f"<{tag}{text}/>"
+
+
+def _description(guid: str, dependencies: bool, values: Mapping[str, Value]) -> str:
+    shown = [v for v in VARIABLES if v.causality in ("input", "output", "parameter")]
+    index = {v.name: n for n, v in enumerate(shown, 1)}
+
+    def scalar(v: Variable) -> str:
+        kind: dict[str, Value] = {"start": values[v.name]} if v.name in values else {}
+        if v.type == "Enumeration":
+            kind["declaredType"] = "Gear"
+        variability = "continuous" if v.type == "Real" else "discrete"
+        return _element(
+            "ScalarVariable",
+            _element(v.type, **kind),
+            name=v.name,
+            valueReference=REFERENCES[v.name],
+            causality=v.causality,
+            variability="fixed" if v.causality == "parameter" else variability,
+        )
+
+    def unknown(v: Variable, known: str) -> str:
+        acting = " ".join(str(n) for n in sorted(index[name] for name in known.split()))
+        listed: dict[str, Value] = {"dependencies": acting} if dependencies else {}
+        return _element("Unknown", index=index[v.name], **listed)
+
+    outputs = [v for v in shown if v.causality == "output"]
+    gears = "".join(_element("Item", name=name, value=value) for name, value in GEARS.items())
+    gear = _element("SimpleType", _element("Enumeration", gears), name="Gear")
+    capabilities = {v.name: values[v.name] for v in VARIABLES if v.causality == "capability"}
+    structure = _element("Outputs", "".join(unknown(v, v.feedthrough) for v in outputs))
+    structure += _element("InitialUnknowns", "".join(unknown(v, v.initial) for v in outputs))
+    return _element(
+        "fmiModelDescription",
+        _element("CoSimulation", modelIdentifier="foreign", **capabilities)
+        + _element("TypeDefinitions", gear)
+        + _element("ModelVariables", "".join(map(scalar, shown)))
+        + _element("ModelStructure", structure),
+        fmiVersion="2.0",
+        modelName="foreign",
+        guid=guid,
+    )
