@@ -4,6 +4,7 @@ import math
 import subprocess
 import sys
 from collections.abc import Callable
+from ctypes import byref
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,14 @@ import fmpy
 import pytest
 from conftest import ROOT
 from fmpy.fmi1 import FMICallException
-from fmpy.fmi2 import fmi2Discard, fmi2Error, fmi2Fatal, fmi2LastSuccessfulTime, fmi2Terminated
+from fmpy.fmi2 import (
+    FMU2Slave,
+    fmi2Discard,
+    fmi2Error,
+    fmi2Fatal,
+    fmi2LastSuccessfulTime,
+    fmi2Terminated,
+)
 from fmpy.validation import validate_fmu
 from scipy.integrate import solve_ivp
 
@@ -144,17 +152,20 @@ def test_what_the_master_hands_over_is_told(
 
 def test_calls_are_counted_through_rollback_and_reset(make: Make) -> None:
     unit = make().start()
+    counters = ("steps", "states_alive", "restores", "gets_after_set")
     saved = state(unit)
     other = state(unit)
     unit.step(0.0, H).step(H, H / 2)
-    assert [unit.get(n) for n in ("steps", "states_alive", "last_step")] == [2, 2, H / 2]
+    assert unit.get("last_step") == H / 2
+    unit.set(u=1.0).get("y")
     unit.fmi.freeFMUState(other)
     unit.fmi.reset()
-    unit.start(u=1.0)
+    unit.start()
     assert unit.get("y") == 1.0
-    assert [unit.get(n) for n in ("steps", "states_alive", "restores")] == [2, 1, 0]
-    unit.fmi.setFMUState(saved)
-    assert [unit.get(n) for n in ("steps", "states_alive", "restores")] == [2, 1, 1]
+    assert [unit.get(name) for name in counters] == [2, 1, 0, 1]
+    for n in (1, 2):
+        unit.fmi.setFMUState(saved)
+        assert [unit.get(name) for name in counters] == [2, 1, n, 1]
 
 
 def test_a_get_after_a_set_is_counted_until_the_next_step(make: Make) -> None:
@@ -166,6 +177,10 @@ def test_a_get_after_a_set_is_counted_until_the_next_step(make: Make) -> None:
     unit.set(u=1.0).get("y")
     unit.get("string_out")
     assert unit.step(2 * H, H).get("gets_after_set") == 2
+    unit.fmi.setRealInputDerivatives(references("u"), [1], [1.0])
+    unit.fmi.getRealOutputDerivatives(references("y"), [1])
+    unit.step(3 * H, H).fmi.getRealOutputDerivatives(references("y"), [1])
+    assert unit.get("gets_after_set") == 3
 
 
 def test_a_state_brings_everything_back(make: Make) -> None:
@@ -226,8 +241,8 @@ def test_the_fmu_may_end_the_simulation(make: Make) -> None:
     [
         (
             {"canHandleVariableCommunicationStepSize": False},
-            lambda unit: unit.step(0.0, H).step(H, H * (1 + 1e-12)).step(2 * H, H * (1 + 2e-9)),
-            "differs from the first one, 0.1 s",
+            lambda unit: unit.step(0.0, H).step(H, H * (1 + 8e-10)).step(2 * H, H * (1 + 2e-9)),
+            "h = 0.1000000002 s differs from the first one, 0.1 s",
         ),
         ({"canGetAndSetFMUstate": False}, state, "fmi2GetFMUstate while stepping"),
         (
@@ -290,6 +305,7 @@ def test_some_need_their_input_in_initialisation(given: bool, make: Make) -> Non
     unit = make(needs_input=True, u=1.0).set(u=2.0)
     unit.fmi.setupExperiment()
     unit.fmi.enterInitializationMode()
+    unit.set(integer_in=3)
     if given:
         unit.set(u=3.0).fmi.exitInitializationMode()
     else:
@@ -301,7 +317,7 @@ def test_a_warning_is_logged_once_with_its_numbers(make: Make) -> None:
     unit = make(warn_at=0.15).start()
     for n in range(3):
         unit.step(n * H, H)
-    assert MESSAGES == ["warning at t = 0.15 s, step 2 of unit 7"]
+    assert MESSAGES == ["t = 0.15 s in unit 7"]
 
 
 def test_y_becomes_nan_at_its_time(make: Make) -> None:
@@ -373,6 +389,27 @@ def test_capabilities_stand_in_the_description(capability: str, make: Make) -> N
     unit = make(**{capability: value})
     assert getattr(unit.description.coSimulation, capability) == value
     assert unit.start().step(0.0, H).get("y") == pytest.approx(math.exp(-H))
+
+
+def test_resources_are_found_in_any_folder(tmp_path: Path) -> None:
+    fmu = pack(tmp_path / "A.fmu")
+    folder = fmpy.extract(fmu, str(tmp_path / "ä + #100 %20"))
+    guid = fmpy.read_model_description(fmu).guid
+    unit = FMU2Slave(
+        guid=guid, unzipDirectory=folder, modelIdentifier="foreign", instanceName="unit 7"
+    )
+    unit.instantiate()
+    unit.enterInitializationMode()
+    assert unit.getString(references("token"))[0].decode() == TOKEN
+
+
+def test_it_does_no_model_exchange(tmp_path: Path) -> None:
+    MESSAGES.clear()
+    unit = Unit(pack(tmp_path / "A.fmu")).fmi
+    where = Path(unit.unzipDirectory, "resources").as_uri().encode()
+    call = (unit.guid.encode(), where, byref(unit.callbacks), 0, 1)
+    assert unit.fmi2Instantiate(b"other", 0, *call) is None
+    assert MESSAGES == ["type 0 is not co-simulation"]
 
 
 @pytest.mark.parametrize("defect", DEFECTS)

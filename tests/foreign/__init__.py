@@ -1,4 +1,19 @@
-"""FMUs as others build them: one C file, packed with any flags, start values and defects."""
+"""FMUs as others build them: one C file, packed with any start values, capabilities and defects.
+
+x' = a x + b u from x(start) = x0 is stepped exactly for an input with up to two derivatives, which
+hold for one step; y = x, z = x + d u. Each `..._out` is the `..._in` set before the last step. In
+step mode outputs are those of the last step (`fresh`: z follows u at once). Steps above
+`longest_step` end there with Discard (`stubborn`: do not start); afterwards only a saved state helps
+(`resumes`: or going on from there). Discard at `end_at` says Terminated. A `..._at` is the time at
+which the call that reaches it, also the end of initialisation, logs and returns that status, kills
+the process (`crash`: SIGSEGV, `exit`: code 3), or makes y NaN. `needs_input`: u must be set while
+initialising. Other calls out of order, wrong times, steps beyond the stop time and returns to times
+that noSetFMUStatePriorToCurrentPoint excluded are errors, after which a state or a reset helps.
+
+`steps` (doStep calls), `restores`, `states_alive` and `gets_after_set` (calls that get outputs after
+a set without a step between) count over the life of an instance. Lines of the file `diary`:
+"terminated NAME", "leaked states NAME", "used after fatal NAME", "freed NAME".
+"""
 
 import re
 import subprocess

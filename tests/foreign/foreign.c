@@ -7,17 +7,18 @@
 #include <string.h>
 
 #include "fmi2Functions.h"
-
 #pragma clang diagnostic ignored "-Wunused-parameter"
 
 #define SIZE 1024
 #define ORDERS 3
+#define SLACK(time) (1e-9 * fmax(1.0, fabs(time)))
 #define BIT(mode) (1 << (mode))
 #define ANY (BIT(FATAL) - 1)
 #define WRITABLE (BIT(STEPPING) | (c->m.resumes ? BIT(DISCARDED) : 0))
 #define LOG(status, ...) \
-    c->host->logger(c->host->componentEnvironment, c->name, status, CATEGORIES[status], __VA_ARGS__)
-#define FAIL(...) return (LOG(fmi2Error, __VA_ARGS__), c->m.mode = FAILED, fmi2Error)
+    c->host->logger(c->host->componentEnvironment, c->name, status, "all", __VA_ARGS__)
+#define END(next, status, ...) return (LOG(status, __VA_ARGS__), c->m.mode = next, status)
+#define FAIL(...) END(FAILED, fmi2Error, __VA_ARGS__)
 #define REJECT(ref, what) FAIL("%s: %s, reference %u, %s", __func__, what, ref, MODES[c->m.mode])
 #define REFS const fmi2ValueReference ref[], size_t n
 #define ENTER(modes) \
@@ -32,10 +33,7 @@ enum { OUTPUT, CAPABILITY, IDENTITY, PARAMETER, INPUT };
 enum { INSTANTIATED, INITIALIZING, STEPPING, DISCARDED, FAILED, TERMINATED, FATAL };
 static const char *const MODES[] = {"instantiated", "initializing", "stepping",
                                     "discarded",    "failed",       "terminated"};
-static const char *const CATEGORIES[] = {"logAll", "logStatusWarning", "logStatusDiscard",
-                                         "logStatusError", "logStatusFatal"};
 static int instances;
-
 typedef struct {
     BLOCK(Real, fmi2Real);
     BLOCK(Integer, fmi2Integer);
@@ -44,16 +42,13 @@ typedef struct {
     int mode, dirty, u_given, ended;
     double x, time, first_step, du[ORDERS], dy[ORDERS], dz[ORDERS];
 } Model;
-
 typedef struct {
     Model m, start;
     Text name;
     const fmi2CallbackFunctions *host;
     double promise;
 } Foreign;
-
-static int later(double a, double b) { return a - b > 1e-9 * fmax(1.0, fabs(a)); }
-
+static int later(double a, double b) { return a - b > SLACK(a); }
 static void note(const Foreign *c, const char *event) {
     FILE *diary = *c->m.diary ? fopen(c->m.diary, "a") : NULL;
     if (diary) fprintf(diary, "%s %s\n", event, c->name), fclose(diary);
@@ -61,20 +56,16 @@ static void note(const Foreign *c, const char *event) {
 
 /* Exact for an input u + du[1] s + du[2] s^2/2, 0 < s < h. */
 static void advance(Model *m, double h) {
-    double z = m->a * h, phi[4], s = 1.0;
-    if (fabs(z) < 1.0) {
-        for (int n = 20; n > 3; n--) s = 1.0 + z / n * s;
-        phi[3] = s / 6.0, phi[2] = 0.5 + z * phi[3], phi[1] = 1.0 + z * phi[2];
-    } else {
-        phi[1] = expm1(z) / z, phi[2] = (phi[1] - 1.0) / z, phi[3] = (phi[2] - 0.5) / z;
-    }
-    double mean = m->u * phi[1] + h * (m->du[1] * phi[2] + h * m->du[2] * phi[3]);
+    double z = m->a * h, series = 1.0;
+    for (int n = 20; n > 3; n--) series = 1.0 + z / n * series;
+    double phi3 = fabs(z) < 1.0 ? series / 6.0 : (expm1(z) - z - z * z / 2.0) / (z * z * z);
+    double phi2 = 0.5 + z * phi3, phi1 = 1.0 + z * phi2;
+    double mean = m->u * phi1 + h * (m->du[1] * phi2 + h * m->du[2] * phi3);
     m->x = m->x * exp(z) + m->b * h * mean;
     m->u += h * (m->du[1] + h / 2.0 * m->du[2]);
     m->du[1] += h * m->du[2];
     m->time += h;
 }
-
 static void show(Model *m) {
     m->y = later(m->nan_at, m->time) ? m->x : NAN;
     m->z = m->x + m->d * m->u;
@@ -84,7 +75,6 @@ static void show(Model *m) {
     m->enumeration_out = m->enumeration_in;
     strcpy(m->string_out, m->string_in);
 }
-
 static void look(Model *m) {
     if (m->mode == INITIALIZING) m->x = m->x0, show(m);
     if (m->mode == STEPPING && m->fresh) m->z = m->x + m->d * m->u;
@@ -95,14 +85,10 @@ static fmi2Status reach(Foreign *c, double from, double to) {
 #define NOW(at) (later(c->m.at, from) && !later(c->m.at, to))
     if (NOW(crash_at)) *(volatile int *)NULL = 0;
     if (NOW(exit_at)) exit(3);
-    if (NOW(fatal_at)) {
-        LOG(fmi2Fatal, "%s broke down at t = %g s", c->name, c->m.fatal_at);
-        return c->m.mode = FATAL, fmi2Fatal;
-    }
+    if (NOW(fatal_at)) END(FATAL, fmi2Fatal, "%s broke down at t = %g s", c->name, c->m.fatal_at);
     if (NOW(error_at)) FAIL("error at t = %g s, step %d", c->m.error_at, c->m.steps);
-    if (!NOW(warn_at)) return fmi2OK;
-    LOG(fmi2Warning, "warning at t = %g s, step %d of %s", c->m.warn_at, c->m.steps, c->name);
-    return fmi2Warning;
+    if (NOW(warn_at)) END(c->m.mode, fmi2Warning, "t = %g s in %s", c->m.warn_at, c->name);
+    return fmi2OK;
 }
 
 /* Replace the model by a saved one; what is counted goes on. */
@@ -159,24 +145,33 @@ void fmi2FreeInstance(fmi2Component p) {
     if (c->m.mode == FATAL) note(c, "used after fatal");
     if (c->m.states_alive) note(c, "leaked states");
     note(c, "freed");
-    instances--;
-    c->host->freeMemory(c);
+    instances--, c->host->freeMemory(c);
 }
 
-fmi2Status fmi2SetupExperiment(fmi2Component p, fmi2Boolean tolerance_defined, fmi2Real tolerance,
-                               fmi2Real start, fmi2Boolean stop_defined, fmi2Real stop) {
-    ENTER(BIT(INSTANTIATED));
-    c->m.tolerance_defined = tolerance_defined, c->m.tolerance = tolerance;
-    c->m.stop_time_defined = stop_defined, c->m.stop_time = stop;
-    c->m.start_time = c->m.time = start;
-    return fmi2OK;
-}
+#define CALL(name, parameters, modes, ...) \
+    fmi2Status fmi2##name parameters { ENTER(modes); return __VA_ARGS__, fmi2OK; }
+CALL(SetupExperiment, (fmi2Component p, fmi2Boolean tolerance_defined, fmi2Real tolerance,
+                       fmi2Real start, fmi2Boolean stops, fmi2Real stop), BIT(INSTANTIATED),
+     c->m.tolerance_defined = tolerance_defined, c->m.tolerance = tolerance,
+     c->m.stop_time_defined = stops, c->m.stop_time = stop, c->m.start_time = c->m.time = start)
+CALL(EnterInitializationMode, (fmi2Component p), BIT(INSTANTIATED), c->m.mode = INITIALIZING)
+CALL(Terminate, (fmi2Component p), BIT(STEPPING) | BIT(DISCARDED),
+     c->m.mode = TERMINATED, note(c, "terminated"))
+CALL(Reset, (fmi2Component p), ANY, restore(c, &c->start), c->promise = -INFINITY)
+#define SAVES (c->m.canGetAndSetFMUstate ? ANY : 0)
+CALL(GetFMUstate, (fmi2Component p, fmi2FMUstate *state), SAVES,
+     *state || (c->m.states_alive++, *state = c->host->allocateMemory(1, sizeof(Model))),
+     memcpy(*state, &c->m, sizeof(Model)))
+CALL(FreeFMUstate, (fmi2Component p, fmi2FMUstate *state), SAVES,
+     c->m.states_alive -= *state != NULL, c->host->freeMemory(*state), *state = NULL)
 
-#define CALL(name, modes, ...) \
-    fmi2Status fmi2##name(fmi2Component p) { ENTER(modes); return __VA_ARGS__, fmi2OK; }
-CALL(EnterInitializationMode, BIT(INSTANTIATED), c->m.mode = INITIALIZING)
-CALL(Terminate, BIT(STEPPING) | BIT(DISCARDED), c->m.mode = TERMINATED, note(c, "terminated"))
-CALL(Reset, ANY, restore(c, &c->start), c->promise = -INFINITY)
+fmi2Status fmi2SetFMUstate(fmi2Component p, fmi2FMUstate state) {
+    ENTER(SAVES);
+    const Model *saved = state;
+    if (later(c->promise, saved->time))
+        FAIL("return to t = %g s, but before %g s was excluded", saved->time, c->promise);
+    return restore(c, saved), c->m.restores++, fmi2OK;
+}
 
 fmi2Status fmi2ExitInitializationMode(fmi2Component p) {
     ENTER(BIT(INITIALIZING));
@@ -200,8 +195,7 @@ fmi2Status fmi2ExitInitializationMode(fmi2Component p) {
             output |= Type##_CAUSALITY[ref[i]] == OUTPUT; \
             value[i] = c->m.Type[ref[i]]; \
         } \
-        c->m.gets_after_set += output && c->m.dirty; \
-        return fmi2OK; \
+        return c->m.gets_after_set += output && c->m.dirty, fmi2OK; \
     } \
     fmi2Status fmi2Set##Type(fmi2Component p, REFS, const fmi2##Type value[]) { \
         ENTER(BIT(INSTANTIATED) | BIT(INITIALIZING) | WRITABLE); \
@@ -218,7 +212,6 @@ ACCESS(Real, ASSIGN)
 ACCESS(Integer, ASSIGN)
 ACCESS(Boolean, ASSIGN)
 ACCESS(String, COPY)
-
 #define REAL(name) (fmi2ValueReference)(&c->m.name - c->m.Real)
 
 fmi2Status fmi2SetRealInputDerivatives(fmi2Component p, REFS, const fmi2Integer order[],
@@ -266,7 +259,7 @@ fmi2Status fmi2DoStep(fmi2Component p, fmi2Real t, fmi2Real h, fmi2Boolean final
     double size = h;
     m->mode = STEPPING, m->steps++;
     if (!(h > 0.0)) FAIL("the step size h = %g s must be above 0", h);
-    if (later(t, m->time) || later(m->time, t)) FAIL("step from t = %g s, not %g s", t, m->time);
+    if (!(fabs(t - m->time) <= SLACK(t))) FAIL("step from t = %g s, not %g s", t, m->time);
     if (m->stop_time_defined && later(t + h, m->stop_time))
         FAIL("step to t = %g s, beyond the stop time %g s", t + h, m->stop_time);
     if (m->first_step == 0.0) m->first_step = h;
@@ -280,33 +273,11 @@ fmi2Status fmi2DoStep(fmi2Component p, fmi2Real t, fmi2Real h, fmi2Boolean final
     fmi2Status status = reach(c, t, t + size);
     if (status > fmi2Warning) return status;
     if (size > 0.0) {
-        advance(m, size);
-        show(m);
+        advance(m, size), show(m);
         m->du[1] = m->du[2] = 0.0, m->dirty = 0, m->last_step = size;
     }
     if (size == h) return status;
-    LOG(fmi2Discard, "step %d ends at t = %g s, not at %g s", m->steps, m->time, t + h);
-    return m->mode = DISCARDED, fmi2Discard;
-}
-
-fmi2Status fmi2GetFMUstate(fmi2Component p, fmi2FMUstate *state) {
-    ENTER(c->m.canGetAndSetFMUstate ? ANY : 0);
-    if (!*state) *state = c->host->allocateMemory(1, sizeof(Model)), c->m.states_alive++;
-    return memcpy(*state, &c->m, sizeof(Model)), fmi2OK;
-}
-
-fmi2Status fmi2SetFMUstate(fmi2Component p, fmi2FMUstate state) {
-    ENTER(c->m.canGetAndSetFMUstate ? ANY : 0);
-    const Model *saved = state;
-    if (later(c->promise, saved->time))
-        FAIL("return to t = %g s, but before %g s was excluded", saved->time, c->promise);
-    return restore(c, saved), c->m.restores++, fmi2OK;
-}
-
-fmi2Status fmi2FreeFMUstate(fmi2Component p, fmi2FMUstate *state) {
-    ENTER(c->m.canGetAndSetFMUstate ? ANY : 0);
-    if (*state) c->host->freeMemory(*state), c->m.states_alive--;
-    return *state = NULL, fmi2OK;
+    END(DISCARDED, fmi2Discard, "step %d ends at t = %g s, not at %g s", m->steps, m->time, t + h);
 }
 
 #define TELL(Type, known, field) \
@@ -315,7 +286,6 @@ fmi2Status fmi2FreeFMUstate(fmi2Component p, fmi2FMUstate *state) {
     }
 TELL(Real, fmi2LastSuccessfulTime, time)
 TELL(Boolean, fmi2Terminated, ended)
-
 #define NEVER(status, call, ...) fmi2Status call(fmi2Component p, __VA_ARGS__) { return status; }
 NEVER(fmi2Discard, fmi2GetStatus, const fmi2StatusKind k, fmi2Status *value)
 NEVER(fmi2Discard, fmi2GetIntegerStatus, const fmi2StatusKind kind, fmi2Integer *value)
