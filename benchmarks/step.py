@@ -59,7 +59,14 @@ def naive(steps: int, folder: str) -> None:
 def master(steps: int, _: str) -> None:
     """Our master, Jacobi, hardly recording."""
     system = fmus.conveyor_drive({})
-    run(system, stop=steps * H, step=H, algorithm="jacobi", record=["motor.tau"], every=1000)
+    run(
+        system,
+        stop=steps * H,
+        step=H,
+        algorithm="jacobi",
+        record=["motor.tau"],
+        output_step=1000 * H,
+    )
 
 
 def direct(steps: int, _: str) -> None:

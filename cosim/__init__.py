@@ -1,5 +1,6 @@
 """Couple FMI 2.0 co-simulation FMUs: a system of parts and wires, run with a fixed step."""
 
+from .adaptive import Adaptive
 from .algorithms import ALGORITHMS, ORDERS
 from .certify import Estimate, estimate
 from .errors import Interrupted, SetupError, SimulationError
@@ -11,6 +12,7 @@ from .system import System
 __all__ = [
     "ALGORITHMS",
     "ORDERS",
+    "Adaptive",
     "Estimate",
     "Interrupted",
     "Result",

@@ -1,18 +1,22 @@
 """How the parts of a system take a communication step together.
 
-An algorithm makes, from the parts in their order, a function advance(t, h) that carries all of them
-from t to t + h [s] and leaves their outputs in their buffers.
+An explicit algorithm is a list of stages: the turns of a stage are taken with the values of its
+beginning, and the next stage sees what they gave. `advance` makes of it a function advance(t, h)
+that carries all parts from t to t + h [s] and leaves their outputs in their buffers.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .curve import Node, value
 from .errors import PartFailure
 from .part import Part
+from .snapshot import Snapshot
 
 Advance = Callable[[float, float], None]
 Vector = NDArray[np.float64]
@@ -22,81 +26,104 @@ TOLERANCE = 1e-12
 MEMORY = 5
 
 
-def jacobi(parts: Sequence[Part]) -> Advance:
+class Turn(NamedTuple):
+    """A part's step within a communication step h: from t + at * h by size * h."""
+
+    part: Part
+    at: float
+    size: float
+
+
+Stages = list[list[Turn]]
+
+
+def jacobi(parts: Sequence[Part]) -> Stages:
     """All parts step with the values of the step's beginning."""
-
-    def advance(t: float, h: float) -> None:
-        for part in parts:
-            part.write()
-        for part in parts:
-            part.step(t, h)
-        for part in parts:
-            part.read()
-
-    return advance
+    return [[Turn(part, 0.0, 1.0) for part in parts]]
 
 
-def gauss_seidel(parts: Sequence[Part]) -> Advance:
+def gauss_seidel(parts: Sequence[Part]) -> Stages:
     """One after the other, each with the newest values of the ones before."""
-
-    def advance(t: float, h: float) -> None:
-        for part in parts:
-            turn(part, t, h)
-
-    return advance
+    return [[Turn(part, 0.0, 1.0)] for part in parts]
 
 
-def strang(parts: Sequence[Part]) -> Advance:
+def strang(parts: Sequence[Part]) -> Stages:
     """Symmetric: all but the last half a step, the last a full one, the others backwards."""
     *first, last = parts
+    there = [[Turn(part, 0.0, 0.5)] for part in first]
+    back = [[Turn(part, 0.5, 0.5)] for part in reversed(first)]
+    return [*there, [Turn(last, 0.0, 1.0)], *back]
+
+
+def explicit(stages: Stages) -> Advance:
+    """The stages, one after the other."""
 
     def advance(t: float, h: float) -> None:
-        half = h / 2
-        for part in first:
-            turn(part, t, half)
-        turn(last, t, h)
-        for part in reversed(first):
-            turn(part, t + half, half)
+        for stage in stages:
+            for part, at, size in stage:
+                part.step(t + at * h, size * h)
+            for part, at, size in stage:
+                part.read(t + (at + size) * h)
+                part.book(size * h)
 
     return advance
-
-
-def turn(part: Part, t: float, h: float) -> None:
-    """Give a part the newest values, step it, fetch its outputs."""
-    part.write()
-    part.step(t, h)
-    part.read()
 
 
 def iterated(parts: Sequence[Part]) -> Advance:
-    """Repeat the step until the inputs are those that the outputs at its end give.
+    """Repeat the step until the outputs at its end are those that the inputs were made of.
 
-    Rollback through the FMU state; fixed point with Anderson acceleration. What an input does
-    within the step is the FMU's affair: one that holds it takes the value of the step's end.
-    Raises PartFailure if MOST_SWEEPS do not bring every signal to TOLERANCE.
+    Rollback through the FMU state; fixed point with Anderson acceleration. An input that is held
+    takes the value of the step's end, one of higher order runs there on a polynomial. Raises
+    PartFailure if MOST_SWEEPS do not bring every signal to TOLERANCE.
     """
+    outputs = [block for part in parts for block in part.outputs]
+    real = [block for block in outputs if block.real]
+    discrete = [block for block in outputs if not block.real]
+    names = [name for block in real for name in block.names]
+
+    def ends() -> Vector:
+        return np.array([cell for block in real for cell in block.cells])
+
+    def predict(t: float, h: float) -> Vector:
+        """The outputs at the step's end as their past tells them."""
+        guess = ends()
+        if parts[0].curves is not None:
+            signals = (s for part in parts if part.curves for s, _, _ in part.curves.signals)
+            guess = np.array([value(signal.taylor(t), h) for signal in signals])
+        return guess
+
+    def suppose(z: Vector, end: float) -> None:
+        """Let the outputs at the step's end be z."""
+        given = iter(z.tolist())
+        for block in real:
+            block.cells[:] = [next(given) for _ in block.cells]
+        for part in parts:
+            for signal, cells, i in part.curves.signals if part.curves else ():
+                signal.add(Node(end, cells[i], None))
+
+    snapshot = Snapshot(parts)
 
     def advance(t: float, h: float) -> None:
-        for part in parts:
-            part.save()
-            part.listen()
+        snapshot.take()
+        z = predict(t, h)
         mixing = Anderson()
         for sweep in range(MOST_SWEEPS):
             if sweep:
-                for part in parts:
-                    part.restore()
+                snapshot.restore_fmus()
+            suppose(z, t + h)
+            before = [list(block.cells) for block in discrete]
             for part in parts:
-                part.send()
                 part.step(t, h)
-                part.read()
-            given = np.concatenate([part.real_inputs() for part in parts])
-            changed = [part.listen() for part in parts]
-            wanted = np.concatenate([part.real_inputs() for part in parts])
-            gap = np.abs(wanted - given) / (1.0 + np.abs(wanted))
-            if not any(changed) or gap.max(initial=0.0) <= TOLERANCE:
+            for part in parts:
+                part.read(t + h)
+            image = ends()
+            gap = np.abs(image - z) / (1.0 + np.abs(image))
+            same = before == [list(block.cells) for block in discrete]
+            if same and gap.max(initial=0.0) <= TOLERANCE:
+                for part in parts:
+                    part.book(h)
                 return
-            distribute(parts, mixing.next(given, wanted))
-        names = [name for part in parts for name in part.real_input_names()]
+            z = mixing.next(z, image)
         worst = ", ".join(f"{name} by {g:.2g}" for name, g in zip(names, gap) if g > TOLERANCE)
         raise PartFailure(
             f"no convergence in {MOST_SWEEPS} sweeps from t = {t!r} s: {worst} still off"
@@ -124,18 +151,20 @@ class Anderson:
         return mixed
 
 
-def distribute(parts: Sequence[Part], values: Vector) -> None:
-    """Put a vector of all Real inputs into the parts' buffers."""
-    place = 0
-    for part in parts:
-        place += part.take_reals(values[place:])
-
-
-ALGORITHMS: dict[str, Callable[[Sequence[Part]], Advance]] = {
+EXPLICIT: dict[str, Callable[[Sequence[Part]], Stages]] = {
     "jacobi": jacobi,
     "gauss-seidel": gauss_seidel,
     "strang": strang,
-    "iterated": iterated,
 }
-
 ORDERS = {"jacobi": 1, "gauss-seidel": 1, "strang": 2, "iterated": 1}
+ALGORITHMS = tuple(ORDERS)
+
+
+def order(algorithm: str, input_order: int, capable: bool) -> int:
+    """The order at which the states converge.
+
+    `capable` is whether every FMU can interpolate; one that cannot gets means, of order 2.
+    """
+    if input_order:
+        return input_order + 1 if capable else 2
+    return ORDERS[algorithm]

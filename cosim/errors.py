@@ -16,6 +16,14 @@ class PartFailure(RuntimeError):
     """A call into an FMU failed; the text names the part, the call and the FMU's reason."""
 
 
+class Discarded(PartFailure):
+    """A part computed a step only to the time `reached` [s]."""
+
+    def __init__(self, message: str, reached: float) -> None:
+        super().__init__(message)
+        self.reached = reached
+
+
 class SimulationError(RuntimeError):
     """A part failed on the way; `result` holds every row up to there."""
 

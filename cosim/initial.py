@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
+from itertools import chain
+from math import isfinite
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
 
 import fmpy
 import numpy as np
 from numpy.typing import NDArray
 
-from .algorithms import distribute
+from .curve import Curves, Entry, Signal
 from .errors import SetupError
-from .part import Part
-from .system import Network
+from .ledger import End, bonds, watt
+from .part import Block, Part
+from .system import Network, Wire
 
 Vector = NDArray[np.float64]
 log = logging.getLogger("cosim")
@@ -27,7 +29,15 @@ SINGULAR = 1e8
 
 
 def initialise(
-    network: Network, sequence: Sequence[str], stack: ExitStack, start: float, stop: float
+    network: Network,
+    sequence: Sequence[str],
+    stack: ExitStack,
+    start: float,
+    stop: float,
+    *,
+    tolerance: float | None = None,
+    substeps: Mapping[str, int] | None = None,
+    input_order: int = 0,
 ) -> dict[str, Part]:
     """All parts at `start`, their coupled start values consistent, ready for the first step.
 
@@ -40,66 +50,155 @@ def initialise(
         if path not in folders:
             folders[path] = Path(stack.enter_context(TemporaryDirectory(prefix="cosim_")))
             fmpy.extract(str(path), str(folders[path]))
-        parts[name] = Part(name, network.descriptions[name], folders[path])
+        count = (substeps or {}).get(name, 1)
+        parts[name] = Part(name, network.descriptions[name], folders[path], count)
         stack.callback(parts[name].close)
     for port, value in network.start:
         parts[port.part].set(port.variable, value)
     for part in parts.values():
-        part.call("setupExperiment", None, start, stop)
+        part.call("setupExperiment", tolerance, start, stop)
         part.call("enterInitializationMode")
-    _wire_up(network, parts)
+    _make_blocks(network, parts)
+    _connect(network, parts)
     settle([parts[name] for name in sequence])
     for part in parts.values():
-        part.call("exitInitializationMode")
-        part.read()
+        part.begin()
+    if input_order:
+        _watch(network, parts, input_order)
+    _open_ledger(network, parts)
+    for part in parts.values():
+        part.read(start)
+        for end in part.ends:
+            end.before = end.value()
         for sentence in part.warnings:
             log.warning(sentence)
     return parts
 
 
-def _wire_up(network: Network, parts: dict[str, Part]) -> None:
-    """Give every part the blocks of its wired variables and the copies between them."""
-    place: dict[str, tuple[Any, int]] = {}
+def _make_blocks(network: Network, parts: Mapping[str, Part]) -> None:
+    """Give every part the buffers of its wired variables, the inputs at their declared start."""
     for name, part in parts.items():
         sources = dict.fromkeys(w.source for w in network.wires if w.source.part == name)
         targets = [w.target for w in network.wires if w.target.part == name]
         part.outputs = part.blocks("Get", [port.variable for port in sources])
         part.inputs = part.blocks("Set", [port.variable for port in targets])
-        for block in (*part.outputs, *part.inputs):
-            place |= {variable: (block.cells, i) for i, variable in enumerate(block.names)}
+        declared = {port.name: port.variable.start for port in targets}
+        for block in part.inputs:
+            if block.real:
+                block.cells[:] = [float(declared[name] or 0.0) for name in block.names]
+
+
+def _places(blocks: Sequence[Block]) -> dict[str, tuple[Block, int]]:
+    """Where each variable's value stands."""
+    return {name: (block, i) for block in blocks for i, name in enumerate(block.names)}
+
+
+def _places_of(parts: Mapping[str, Part]) -> dict[str, tuple[Block, int]]:
+    return _places([b for part in parts.values() for b in chain(part.outputs, part.inputs)])
+
+
+def _connect(network: Network, parts: Mapping[str, Part]) -> None:
+    """Let every input follow its source."""
+    place = _places_of(parts)
     for wire in network.wires:
-        ends = (*place[wire.target.name], *place[wire.source.name])
+        (target, i), (source, j) = place[wire.target.name], place[wire.source.name]
+        ends = (target.cells, i, source.cells, j)
         parts[wire.target.part].wire(*ends, wire.factor, wire.offset)
+
+
+def _watch(network: Network, parts: Mapping[str, Part], degree: int) -> None:
+    """Let Real inputs follow the polynomials of their sources in place of the last values."""
+    signals: dict[str, Signal] = {}
+    for part in parts.values():
+        part.curves = Curves(part, degree)
+        for block in part.outputs:
+            for i, name in enumerate(block.names if block.real else ()):
+                signals[name] = Signal(degree)
+                part.curves.signals.append((signals[name], block.cells, i))
+    wires = {wire.target.name: wire for wire in network.wires}
+    for part in parts.values():
+        assert part.curves is not None
+        real = [block for block in part.inputs if block.real]
+        for block in real:
+            for i, name in enumerate(block.names):
+                wire = wires[name]
+                entry = Entry(block.cells, i, signals[wire.source.name], wire.factor, wire.offset)
+                part.curves.entries.append(entry)
+        moved = {id(block.cells) for block in real}
+        part.copies = [copy for copy in part.copies if id(copy[0]) not in moved]
+        part.scaled = [copy for copy in part.scaled if id(copy[0]) not in moved]
+        part.curves.prepare(
+            [vr for block in real for vr in block.references],
+            [vr for block in part.outputs if block.real for vr in block.references],
+        )
+
+
+def _open_ledger(network: Network, parts: Mapping[str, Part]) -> None:
+    """Give every part its sides of the power bonds."""
+    place = _places_of(parts)
+
+    def end(bond: str, side: int, out: Wire, into: Wire) -> End:
+        (block, i), (entry, j) = place[out.source.name], place[into.target.name]
+        part = parts[out.source.part]
+        scale = watt(network, out.source, into.target)
+        if part.curves is not None:
+            curve = part.curves.entry(entry.cells, j)
+            return End(bond, side, (block.cells, i), (curve.first, 0), (curve.last, 0), scale)
+        return End(bond, side, (block.cells, i), (entry.cells, j), (entry.cells, j), scale)
+
+    for bond in bonds(network):
+        parts[bond.there.source.part].ends.append(end(bond.name, 0, bond.there, bond.back))
+        parts[bond.back.source.part].ends.append(end(bond.name, 1, bond.back, bond.there))
 
 
 def settle(parts: Sequence[Part]) -> None:
     """Propagate start values in initialisation mode; solve what feeds back on itself by Newton."""
     for part in parts:
-        part.read()
+        part.fetch()
     for _ in range(2 + sum(len(block.cells) for part in parts for block in part.inputs)):
         changed = False
         for part in parts:
-            changed = part.listen() or changed
+            changed = _listen(part) or changed
             part.send()
-            part.read()
+            part.fetch()
         if not changed:
-            return
-    names = [name for part in parts for name in part.real_input_names()]
-    newton(lambda z: _response(parts, z), _inputs(parts), names)
+            break
+    else:
+        names = [name for part in parts for b in part.inputs if b.real for name in b.names]
+        newton(lambda z: _response(parts, z), _inputs(parts), names)
+    for part in parts:
+        for block in part.outputs:
+            block.require_finite()
+
+
+def _listen(part: Part) -> bool:
+    """Bring the values of the wires as far as they are finite; whether any has changed."""
+    before = [list(block.cells) for block in part.inputs]
+    part.bring()
+    for block, old in zip(part.inputs, before):
+        if block.real:
+            block.cells[:] = [new if isfinite(new) else x for new, x in zip(block.cells, old)]
+    return before != [list(block.cells) for block in part.inputs]
 
 
 def _inputs(parts: Sequence[Part]) -> Vector:
-    return np.concatenate([part.real_inputs() for part in parts])
+    """The wired Real inputs as they stand."""
+    return np.array(
+        [x for part in parts for block in part.inputs if block.real for x in block.cells]
+    )
 
 
 def _response(parts: Sequence[Part], z: Vector) -> Vector:
     """The Real inputs that the outputs give when the inputs are z."""
-    distribute(parts, z)
+    values = iter(z.tolist())
     for part in parts:
+        for block in part.inputs:
+            if block.real:
+                block.cells[:] = [next(values) for _ in block.cells]
         part.send()
-        part.read()
+        part.fetch()
     for part in parts:
-        part.listen()
+        part.bring()
     return _inputs(parts)
 
 

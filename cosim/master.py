@@ -1,23 +1,25 @@
-"""Run a system with a fixed communication step."""
+"""Run a system: checks before the first step, provenance after the last."""
 
 from __future__ import annotations
 
 import importlib.metadata
-import math
 import platform
 import signal
 import threading
 import time as clock
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
+from .adaptive import Adaptive
 from .algorithms import ALGORITHMS
 from .errors import Interrupted, PartFailure, SetupError, SimulationError
 from .initial import initialise
-from .part import Block, Part
+from .ledger import balance, bonds
+from .part import Part
 from .result import Recorder, Result
+from .stepping import Plan, Row, Run
 from .structure import algebraic_loops, describe
 from .system import Network, Port, System, connect
 
@@ -26,32 +28,38 @@ def run(
     system: System,
     *,
     stop: float,
-    step: float,
+    step: float | Adaptive,
     start: float = 0.0,
     algorithm: str = "strang",
     order: Sequence[str] | None = None,
+    input_order: int = 0,
+    substeps: Mapping[str, int] | None = None,
+    tolerance: float | None = None,
     record: Sequence[str] | None = None,
-    every: int = 1,
+    output_step: float | None = None,
     csv: Path | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> Result:
-    """Simulate from `start` to `stop` [s] with communication steps of `step` [s].
+    """Simulate from `start` to `stop` [s] with communication steps of `step` [s], or adaptive ones.
 
-    Rows are the values at t = start + n*step for every `every`-th n, the first and the last step;
-    `record` names the columns (default: all outputs). `order` is the order in which Gauss-Seidel
-    and Strang step the parts (default: each after the parts it hears, else as declared).
-    `progress` is called with the share of the run that is done.
+    `order` is the order in which Gauss-Seidel and Strang step the parts (default: each after the
+    parts it hears, else as declared). With `input_order` above 0, Real inputs move within a step on
+    polynomials of that order; `substeps` gives parts several steps of their own within one;
+    `tolerance` is handed to the FMUs.
+
+    Rows are the values at every communication point, or at every `output_step` [s] and at changes
+    of a recorded discrete variable; `record` names the columns (default: all outputs). `progress`
+    is called with the share of the run that is done.
 
     Raises SetupError before the first step; SimulationError or Interrupted with the rows so far.
     """
     network = connect(system)
     sequence = _sequence(network, order)
-    steps = _steps(start, stop, step)
-    if algorithm not in ALGORITHMS:
-        raise SetupError(f"algorithm {algorithm!r} must be one of {', '.join(ALGORITHMS)}")
-    _check_algorithm(network, algorithm)
-    if every < 1:
-        raise SetupError(f"every = {every!r} must be at least 1")
+    plan = Plan(start, stop, step, output_step)
+    plan.check()
+    rates = dict(substeps or {})
+    for problem in problems(network, plan, algorithm, input_order, rates):
+        raise SetupError(problem)
     ports = [network.port(name) for name in record] if record is not None else _outputs(network)
     if any(port.type == "String" for port in ports):
         raise SetupError("a String cannot be recorded")
@@ -59,53 +67,52 @@ def run(
     began = clock.perf_counter()
     with ExitStack() as stack:
         interrupted = stack.enter_context(_interrupts())
+        if tolerance is None and isinstance(step, Adaptive):
+            tolerance = step.tolerance
         try:
-            parts = initialise(network, sequence, stack, start, stop)
+            parts = initialise(
+                network, sequence, stack, start, stop,
+                tolerance=tolerance, substeps=rates, input_order=input_order,
+            )  # fmt: skip
         except PartFailure as error:
             raise SetupError(str(error)) from error
-        provenance = {
+        provenance: dict[str, Any] = {
             "algorithm": algorithm,
+            "communication": plan.text(),
             "order": sequence,
+            "input_order": input_order,
+            "substeps": rates,
             "start": start,
             "stop": stop,
-            "step": step,
-            "steps": steps,
+            "tolerance": tolerance,
             "wires": list(system.wires),
             "parts": {name: _identity(part, system.parts[name]) for name, part in parts.items()},
             "versions": versions(),
         }
-        row = _row(parts, ports)
-        advance = ALGORITHMS[algorithm]([parts[name] for name in sequence])
-        recorder = Recorder(
-            [port.name for port in ports], {port.name: port.unit for port in ports}, csv
-        )
-        status, reason, t = "failed", "stopped by an error outside the FMUs", start
-        notice = max(1, steps // 200)
+        row = Row([parts[name] for name in parts], ports)
+        units = {port.name: port.unit for port in ports}
+        recorder = Recorder([port.name for port in ports], units, csv)
+        run = Run([parts[name] for name in sequence], algorithm, input_order, plan, row, recorder)
+        status, reason = "failed", "stopped by an error outside the FMUs"
         try:
-            recorder.add(row(t))
-            for n in range(1, steps + 1):
-                last = n == steps
-                rest = stop - t
-                advance(t, rest if last and abs(rest - step) > 1e-6 * step else step)
-                t = stop if last else start + n * step
-                if last or n % every == 0:
-                    recorder.add(row(t))
-                if progress is not None and n % notice == 0:
-                    progress(n / steps)
+            for share in run.steps():
+                if progress is not None:
+                    progress(share)
                 if interrupted:
                     status, reason = "interrupted", "interrupted by the user"
                     break
             else:
                 status, reason = "complete", ""
         except PartFailure as failure:
-            status, reason = "failed", str(failure)
+            reason = str(failure)
         finally:
             result = recorder.finish(
                 provenance
-                | {"status": status, "reason": reason, "reached": t}
-                | {"wall_time": clock.perf_counter() - began}
+                | run.statistics()
+                | {"status": status, "reason": reason, "reached": run.t}
+                | {"bonds": balance(parts.values()), "wall_time": clock.perf_counter() - began}
             )
-    stopped = f"{reason}; stopped at t = {t!r} s, {len(result.data)} rows kept"
+    stopped = f"{reason}; stopped at t = {run.t!r} s, {recorder.count} rows kept"
     if status == "failed":
         raise SimulationError(stopped, result)
     if status == "interrupted":
@@ -113,17 +120,45 @@ def run(
     return result
 
 
-def _check_algorithm(network: Network, algorithm: str) -> None:
-    """Refuse what an algorithm cannot do with these FMUs."""
+def problems(
+    network: Network, plan: Plan, algorithm: str, input_order: int, substeps: Mapping[str, int]
+) -> Iterator[str]:
+    """What keeps these FMUs from being run in this way."""
+    if algorithm not in ALGORITHMS:
+        yield f"algorithm {algorithm!r} must be one of {', '.join(ALGORITHMS)}"
+    if input_order < 0:
+        yield f"input_order = {input_order!r} must be at least 0"
+    for name, count in substeps.items():
+        if name not in network.descriptions:
+            yield f"substeps: there is no part {name!r}, only {', '.join(network.descriptions)}"
+        if count < 1:
+            yield f"substeps of {name} = {count!r} must be at least 1"
+    capabilities = {name: d.coSimulation for name, d in network.descriptions.items()}
+    lost = [name for name, can in capabilities.items() if not can.canGetAndSetFMUstate]
+    steady = [
+        name for name, can in capabilities.items() if not can.canHandleVariableCommunicationStepSize
+    ]
     if algorithm == "iterated":
-        for name, description in network.descriptions.items():
-            if not description.coSimulation.canGetAndSetFMUstate:
-                raise SetupError(f"iterated needs the FMU state, which {name} cannot save")
-        return
-    for loop in algebraic_loops(network):
-        raise SetupError(
-            f"algebraic loop: {describe(loop)} act on each other at once; "
-            f"{algorithm} cannot solve that, iterated can"
+        for name in lost:
+            yield f"iterated needs the FMU state, which {name} cannot save"
+    else:
+        for loop in algebraic_loops(network):
+            yield (
+                f"algebraic loop: {describe(loop)} act on each other at once; "
+                f"{algorithm} cannot solve that, iterated can"
+            )
+    if isinstance(plan.step, Adaptive):
+        for name in steady:
+            yield f"adaptive steps: {name} cannot vary its step"
+        if plan.step.control == "doubling":
+            for name in lost:
+                yield f"step doubling needs the FMU state, which {name} cannot save"
+        elif (plan.step.control == "energy" or lost) and not bonds(network):
+            yield "step control by energy needs a power bond, and the system has none"
+    elif steady and abs(plan.number() * plan.step - (plan.stop - plan.start)) > 1e-6 * plan.step:
+        yield (
+            f"stop = {plan.stop!r} s must be a whole number of steps of {plan.step!r} s after "
+            f"start, since {steady[0]} cannot vary its step"
         )
 
 
@@ -140,17 +175,6 @@ def _interrupts() -> Iterator[list[int]]:
         yield seen
     finally:
         signal.signal(signal.SIGINT, before)
-
-
-def _steps(start: float, stop: float, step: float) -> int:
-    for name, value in (("start", start), ("stop", stop), ("step", step)):
-        if not math.isfinite(value):
-            raise SetupError(f"{name} = {value!r} s must be a finite number")
-    if step <= 0.0:
-        raise SetupError(f"step = {step!r} s must be above 0")
-    if stop <= start:
-        raise SetupError(f"stop = {stop!r} s must be after start = {start!r} s")
-    return math.ceil((stop - start) / step - 1e-6)
 
 
 def _sequence(network: Network, order: Sequence[str] | None) -> list[str]:
@@ -178,24 +202,6 @@ def _outputs(network: Network) -> list[Port]:
         for variable in description.modelVariables
         if variable.causality == "output" and variable.type != "String"
     ]
-
-
-def _row(parts: dict[str, Part], ports: Sequence[Port]) -> Callable[[float], list[float]]:
-    """A function that reads the recorded variables and returns a row for the time t."""
-    blocks: list[Block] = []
-    for name, part in parts.items():
-        variables = list({p.variable.name: p.variable for p in ports if p.part == name}.values())
-        blocks += part.blocks("Get", variables)
-    place = {name: (block.cells, i) for block in blocks for i, name in enumerate(block.names)}
-    cells = [place[port.name] for port in ports]
-
-    def row(t: float) -> list[float]:
-        for block in blocks:
-            block()
-            block.require_finite()
-        return [t, *(cell[i] for cell, i in cells)]
-
-    return row
 
 
 def _identity(part: Part, path: Path) -> dict[str, Any]:

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any
 from weakref import WeakValueDictionary
 
-import numpy as np
 from fmpy import calloc, free
 from fmpy.fmi2 import (
     FMU2Slave,
@@ -23,18 +22,21 @@ from fmpy.fmi2 import (
 )
 from fmpy.logging import addLoggerProxy
 from fmpy.model_description import ModelDescription, ScalarVariable
-from numpy.typing import NDArray
 
-from .errors import PartFailure
+from .curve import Curves
+from .errors import Discarded, PartFailure
+from .ledger import End
 from .system import Value
 
-WARNING = 1
+WARNING, DISCARD, ERROR, FATAL = 1, 2, 3, 4
 STATUS = ("OK", "Warning", "Discard", "Error", "Fatal", "Pending")
+LAST_SUCCESSFUL_TIME = 2
 CELL: dict[str, Any] = {
     "Real": ctypes.c_double,
     "Integer": ctypes.c_int,
     "Enumeration": ctypes.c_int,
     "Boolean": ctypes.c_int,
+    "String": ctypes.c_char_p,
 }
 CALL = {"Enumeration": "Integer"}
 
@@ -68,10 +70,10 @@ class Block:
         self.cells = (CELL[kind] * count)()
         self.part = part
         self.call = f"{action}{CALL.get(kind, kind)}"
-        references = (ctypes.c_uint * count)(*(v.valueReference for v in variables))
-        function = getattr(part.library, f"fmi2{self.call}")
+        self.references = (ctypes.c_uint * count)(*(v.valueReference for v in variables))
+        self.function = getattr(part.library, f"fmi2{self.call}")
         self._move = partial(
-            function, part.component, references, ctypes.c_size_t(count), self.cells
+            self.function, part.component, self.references, ctypes.c_size_t(count), self.cells
         )
 
     def __call__(self) -> None:
@@ -82,25 +84,39 @@ class Block:
 
     def require_finite(self) -> None:
         """Raise PartFailure for a value that no wire may carry."""
-        if isfinite(sum(self.cells)):
-            return
-        for cell, name in zip(self.cells, self.names):
-            if not isfinite(cell):
-                raise PartFailure(f"{name} = {cell!r} must be a finite number")
+        if self.real and not all(map(isfinite, self.cells)):
+            raise self.not_finite()
+
+    def not_finite(self) -> PartFailure:
+        """The error for the first value that is not a finite number."""
+        bad = next((cell, name) for cell, name in zip(self.cells, self.names) if not isfinite(cell))
+        return PartFailure(f"{bad[1]} = {bad[0]!r} must be a finite number")
 
 
 class Part:
-    """An instance of an FMU from instantiation to `close`; raises PartFailure where a call fails."""
+    """An instance of an FMU from instantiation to `close`; raises PartFailure where a call fails.
 
-    def __init__(self, name: str, description: ModelDescription, folder: Path) -> None:
+    `substeps` is the number of steps that it takes within one that it is given.
+    """
+
+    def __init__(
+        self, name: str, description: ModelDescription, folder: Path, substeps: int = 1
+    ) -> None:
         self.name = name
         self.description = description
+        self.substeps = substeps
         self.log: deque[str] = deque(maxlen=20)
         self.warnings: list[str] = []
         self.inputs: list[Block] = []
         self.outputs: list[Block] = []
         self.copies: list[tuple[Any, int, Any, int]] = []
         self.scaled: list[tuple[Any, int, Any, int, float, float]] = []
+        self.curves: Curves | None = None
+        self.ends: list[End] = []
+        self.do_steps = 0
+        self._states: list[ctypes.c_void_p] = []
+        self._worst = 0
+        self._initialised = False
         PARTS[name.encode()] = self
         try:
             self.slave = FMU2Slave(
@@ -115,9 +131,8 @@ class Part:
         self.library = ctypes.PyDLL(None, handle=self.slave.dll._handle)
         self.component = ctypes.c_void_p(self.slave.component)
         self._time, self._size = ctypes.c_double(), ctypes.c_double()
-        self._state = ctypes.c_void_p()
         self._do_step = partial(
-            self.library.fmi2DoStep, self.component, self._time, self._size, ctypes.c_int(1)
+            self.library.fmi2DoStep, self.component, self._time, self._size, ctypes.c_int(0)
         )
 
     def hear(self, status: int, message: str) -> None:
@@ -133,13 +148,16 @@ class Part:
 
     def failure(self, call: str, status: int) -> PartFailure:
         """The error for a call that returned this status."""
-        return PartFailure(f"{self.name}: {call} returned {STATUS[status]}: {self.reason()}")
+        self._worst = max(self._worst, status if status <= FATAL else ERROR)
+        reason = self.reason() or "the FMU gives no reason"
+        return PartFailure(f"{self.name}: {call} returned {STATUS[status]}: {reason}")
 
     def call(self, function: str, *arguments: Any) -> None:
         """An fmpy method with its status checked; for what is not called every step."""
         try:
             getattr(self.slave, function)(*arguments)
         except Exception as error:
+            self._worst = max(self._worst, getattr(error, "status", ERROR))
             raise PartFailure(f"{self.name}: {function}: {self.reason() or error}") from error
 
     def set(self, variable: ScalarVariable, value: Value) -> None:
@@ -153,16 +171,15 @@ class Part:
         value: Value = getattr(self.slave, f"get{kind}")([variable.valueReference])[0]
         return value.decode() if isinstance(value, bytes) else value
 
+    def begin(self) -> None:
+        """Leave initialisation mode for the first step."""
+        self.call("exitInitializationMode")
+        self._initialised = True
+
     def blocks(self, action: str, variables: Sequence[ScalarVariable]) -> list[Block]:
         """One Block per type, in the order of the variables."""
         kinds = dict.fromkeys(v.type for v in variables)
         return [Block(self, action, [v for v in variables if v.type == kind]) for kind in kinds]
-
-    def read(self) -> None:
-        """Fetch the wired outputs."""
-        for block in self.outputs:
-            block()
-            block.require_finite()
 
     def wire(self, target: Any, i: int, source: Any, j: int, factor: float, offset: float) -> None:
         """Let input cell `target[i]` follow factor * source[j] + offset."""
@@ -171,13 +188,21 @@ class Part:
         else:
             self.scaled.append((target, i, source, j, factor, offset))
 
-    def listen(self) -> bool:
-        """Bring the values of the wires; whether any has changed."""
-        before = [bytes(block.cells) for block in self.inputs]
-        self._bring()
-        return before != [bytes(block.cells) for block in self.inputs]
+    def fetch(self) -> None:
+        """Get the wired outputs."""
+        for block in self.outputs:
+            block()
 
-    def _bring(self) -> None:
+    def read(self, t: float) -> None:
+        """Get the wired outputs at time t [s]; they must be finite."""
+        for block in self.outputs:
+            block()
+            block.require_finite()
+        if self.curves is not None:
+            self.curves.read(t)
+
+    def bring(self) -> None:
+        """Bring the values of the wires."""
         for target, i, source, j in self.copies:
             target[i] = source[j]
         for target, i, source, j, factor, offset in self.scaled:
@@ -188,61 +213,70 @@ class Part:
         for block in self.inputs:
             block()
 
-    def write(self) -> None:
-        """Bring the values of the wires and hand them over."""
-        self._bring()
-        self.send()
+    def step(self, t: float, h: float) -> None:
+        """Take the values of the wires and advance from time t by h [s]."""
+        size = h / self.substeps
+        for k in range(self.substeps):
+            begin = t + k * size
+            self.bring()
+            if self.curves is not None:
+                self.curves.bring(begin, size, first=k == 0)
+            self.send()
+            if self.curves is not None:
+                self.curves.send()
+            self._time.value, self._size.value = begin, size
+            self.do_steps += 1
+            status = self._do_step()
+            if status > WARNING:
+                raise self.stopped(begin, size, status)
 
-    def real_inputs(self) -> NDArray[np.float64]:
-        """The wired Real inputs as they stand in the buffers, shape (n,)."""
-        blocks = [np.array(b.cells) for b in self.inputs if b.real]
-        return np.concatenate(blocks) if blocks else np.empty(0)
+    def stopped(self, t: float, h: float, status: int) -> PartFailure:
+        """The error for a step from t by h [s] that returned this status."""
+        failure = self.failure(f"doStep(t = {t!r} s, h = {h!r} s)", status)
+        if status != DISCARD:
+            return failure
+        reached = ctypes.c_double(t)
+        kind = ctypes.c_int(LAST_SUCCESSFUL_TIME)
+        told = self.library.fmi2GetRealStatus(self.component, kind, ctypes.byref(reached))
+        return Discarded(str(failure), reached.value if told <= WARNING else t)
 
-    def real_input_names(self) -> list[str]:
-        """The names of `real_inputs`."""
-        return [name for block in self.inputs if block.real for name in block.names]
+    def state(self) -> ctypes.c_void_p:
+        """A place for a state of the FMU, freed with it."""
+        self._states.append(ctypes.c_void_p())
+        return self._states[-1]
 
-    def take_reals(self, values: NDArray[np.float64]) -> int:
-        """Fill the wired Real inputs from the beginning of `values`; how many there were."""
-        count = 0
-        for block in self.inputs:
-            if block.real:
-                size = len(block.cells)
-                block.cells[:] = values[count : count + size].tolist()
-                count += size
-        return count
-
-    def save(self) -> None:
-        """Remember the FMU's state in place of the one saved before."""
-        self.forget()
-        status = self.library.fmi2GetFMUstate(self.component, ctypes.byref(self._state))
+    def save(self, state: ctypes.c_void_p) -> None:
+        """Put the FMU's state into a place, instead of what was there."""
+        self._free(state)
+        status = self.library.fmi2GetFMUstate(self.component, ctypes.byref(state))
         if status > WARNING:
-            raise self.failure("getFMUstate", status)
+            raise self.failure("GetFMUstate", status)
 
-    def restore(self) -> None:
-        """Return to the state saved last."""
-        status = self.library.fmi2SetFMUstate(self.component, self._state)
+    def restore(self, state: ctypes.c_void_p) -> None:
+        """Return to a saved state."""
+        status = self.library.fmi2SetFMUstate(self.component, state)
         if status > WARNING:
-            raise self.failure("setFMUstate", status)
+            raise self.failure("SetFMUstate", status)
 
-    def forget(self) -> None:
-        """Free the saved state."""
-        if self._state:
-            self.library.fmi2FreeFMUstate(self.component, ctypes.byref(self._state))
-            self._state = ctypes.c_void_p()
+    def _free(self, state: ctypes.c_void_p) -> None:
+        if state:
+            self.library.fmi2FreeFMUstate(self.component, ctypes.byref(state))
+            state.value = None
 
-    def step(self, time: float, size: float) -> None:
-        """Advance from `time` by `size` seconds."""
-        self._time.value, self._size.value = time, size
-        status = self._do_step()
-        if status > WARNING:
-            raise self.failure(f"doStep(t = {time!r} s, h = {size!r} s)", status)
+    def book(self, h: float) -> None:
+        """Enter the energy of a step of size h [s] that ends with the outputs as they stand."""
+        for end in self.ends:
+            end.book(h)
 
     def close(self) -> None:
-        """Terminate if possible, free in any case."""
-        with suppress(Exception):
-            self.forget()
-        with suppress(Exception):
-            self.slave.terminate()
+        """Terminate and free as far as the worst status of the FMU allows."""
+        if self._worst >= FATAL:
+            return
+        for state in self._states:
+            with suppress(Exception):
+                self._free(state)
+        if self._initialised and self._worst < ERROR:
+            with suppress(Exception):
+                self.slave.terminate()
         with suppress(Exception):
             self.slave.freeInstance()

@@ -29,12 +29,15 @@ class System:
     """FMU files by part name, wires, start values by variable.
 
     A wire reads "motor.tau -> conveyor.tau", or with a factor and an offset in the source's unit
-    "cam.w * 2.5 + 0.1 -> rotor.w". Convertible units are converted (rpm -> rad/s).
+    "cam.w * 2.5 + 0.1 -> rotor.w". Convertible units are converted (rpm -> rad/s). A bond names two
+    outputs that are wired there and back and multiply to a power: "motor.tau * conveyor.w". Wires
+    whose units show a bond beyond doubt need not be named.
     """
 
     parts: Mapping[str, Path]
     wires: Sequence[str] = ()
     start: Mapping[str, Value] = field(default_factory=dict)
+    bonds: Sequence[str] = ()
 
 
 class Port(NamedTuple):
@@ -144,7 +147,7 @@ def _wire(descriptions: Mapping[str, ModelDescription], text: str) -> Wire:
         raise SetupError(f"wire {text!r}: {source} is {source.variable.causality}, not an output")
     if target.variable.causality != "input":
         raise SetupError(f"wire {text!r}: {target} is {target.variable.causality}, not an input")
-    if source.type != target.type or source.type not in NUMERIC:
+    if source.type != target.type:
         raise SetupError(f"wire {text!r}: {source.type} cannot drive {target.type}")
     factor, offset = (float((match[key] or default).replace(" ", ""))
                       for key, default in (("factor", "1"), ("offset", "0")))  # fmt: skip
@@ -161,7 +164,7 @@ def _conversion(
     """Factor and offset from the source's unit to the target's; no unit fits every unit."""
     if not source.unit or not target.unit or source.unit == target.unit:
         return 1.0, 0.0
-    units = [_base(descriptions, port) for port in (source, target)]
+    units = [base_unit(descriptions, port) for port in (source, target)]
     if None in units or exponents(units[0]) != exponents(units[1]):
         raise SetupError(f"{source} cannot drive {target}")
     here, there = units
@@ -173,7 +176,8 @@ def exponents(unit: Any) -> tuple[int, ...]:
     return tuple(getattr(unit, base) for base in ("kg", "m", "s", "A", "K", "mol", "cd", "rad"))
 
 
-def _base(descriptions: Mapping[str, ModelDescription], port: Port) -> Any:
+def base_unit(descriptions: Mapping[str, ModelDescription], port: Port) -> Any:
+    """The unit of a port in SI base units, None if its model description does not say."""
     for unit in descriptions[port.part].unitDefinitions:
         if unit.name == port.unit:
             return unit.baseUnit

@@ -81,4 +81,5 @@ def shortened(result: Result) -> Result:
     """The rows up to the first one after the end."""
     over = np.flatnonzero(result["orientator.stage"] >= orientator.ORIENTED)
     rows = over[0] + 1 if len(over) else len(result.data)
-    return cosim.Result(result.columns, result.units, result.data[:rows], result.provenance)
+    data = result.data[:rows]
+    return cosim.Result(result.columns, result.units, result.provenance, lambda: data)

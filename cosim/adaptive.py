@@ -1,0 +1,188 @@
+"""Communication steps chosen on the way, so that the coupling error stays within a tolerance."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+
+from .curve import same
+from .errors import Discarded, PartFailure, SetupError
+from .part import Part
+from .snapshot import Snapshot, forget_after
+
+SAFETY = 0.9
+FIRST = 1e-4
+SHRINK, GROW = 0.2, 3.0
+ACCEPT = 1.2
+LEAST = 1e-9
+
+
+@dataclass(frozen=True)
+class Adaptive:
+    """Step size control: the error that a whole run may add to each coupled signal.
+
+    `tolerance` is relative to a signal's largest value so far or its nominal value, whichever is
+    larger; `absolute` gives single signals, by name, an error in their own unit instead. `longest`
+    and `first` are steps in s. Control "doubling" takes each step once whole and once in halves and
+    goes back where they differ too much; "energy" cannot go back and follows the energy that the
+    step before created in a power bond. None takes doubling where all FMUs can go back.
+    """
+
+    tolerance: float
+    absolute: Mapping[str, float] = field(default_factory=dict)
+    first: float | None = None
+    longest: float = math.inf
+    control: str | None = None
+
+    def check(self) -> None:
+        """Raise SetupError for a setting out of range."""
+        steps = {"first": self.first or FIRST, "longest": self.longest}
+        allowed = {f"absolute tolerance of {name}": a for name, a in self.absolute.items()}
+        for name, value in ({"tolerance": self.tolerance} | allowed | steps).items():
+            if not value > 0.0:
+                raise SetupError(f"{name} = {value!r} must be above 0")
+        if self.control not in (None, "doubling", "energy"):
+            raise SetupError(f"control {self.control!r} must be doubling or energy")
+
+
+class Scale:
+    """The largest size of each wired Real output so far, at least its nominal value."""
+
+    def __init__(self, parts: Sequence[Part], settings: Adaptive) -> None:
+        self.blocks = [block for part in parts for block in part.outputs if block.real]
+        self.names = [name for block in self.blocks for name in block.names]
+        self.tolerance = settings.tolerance
+        for name in settings.absolute:
+            if name not in self.names:
+                raise SetupError(f"absolute tolerance of {name}: only {', '.join(self.names)}")
+        self.absolute = [settings.absolute.get(name) for name in self.names]
+        nominal = {
+            f"{part.name}.{v.name}": abs(float(v.nominal or 1.0))
+            for part in parts
+            for v in part.description.modelVariables
+            if v.type == "Real"
+        }
+        self.largest = [nominal[name] for name in self.names]
+
+    def values(self) -> list[float]:
+        """The outputs as they stand."""
+        return [cell for block in self.blocks for cell in block.cells]
+
+    def share(self, errors: Sequence[float]) -> float:
+        """The worst error over what is allowed for the whole run."""
+        self.largest = [max(a, abs(b)) for a, b in zip(self.largest, self.values())]
+        allowed = (
+            self.tolerance * size if given is None else given
+            for size, given in zip(self.largest, self.absolute)
+        )
+        return max((abs(e) / a for e, a in zip(errors, allowed)), default=0.0)
+
+
+class Controller:
+    """A PI controller: the next step from how much of the tolerance this and the last one used."""
+
+    def __init__(self, order: int, settings: Adaptive) -> None:
+        self.order = order
+        self.longest = settings.longest
+        self.before = 1.0
+
+    def next(self, h: float, used: float) -> float:
+        """The step after one of size h that used this share of what it may."""
+        used = max(used, 1e-12)
+        factor = SAFETY * used ** (-0.7 / self.order) * self.before ** (0.3 / self.order)
+        self.before = used
+        return min(self.longest, h * float(min(GROW, max(SHRINK, factor))))
+
+    def again(self, h: float, used: float) -> float:
+        """A smaller step in place of one that used too much."""
+        return h * float(max(SHRINK, SAFETY * used ** (-1.0 / self.order)))
+
+
+def doubling(
+    parts: Sequence[Part],
+    advance: Callable[[float, float], None],
+    settings: Adaptive,
+    order: int,
+    span: tuple[float, float],
+    rejected: list[float],
+) -> Iterator[float]:
+    """The times at which accepted steps end; sizes of rejected ones go to `rejected`.
+
+    The whole step's end serves the halves as a prediction where inputs move within a step.
+    """
+    start, stop = span
+    scale, snapshot = Scale(parts, settings), Snapshot(parts)
+    controller = Controller(order, settings)
+    t, h = start, first_step(settings, span)
+    while t < stop:
+        h = last_step(t, h, stop)
+        snapshot.take()
+        try:
+            advance(t, h)
+            whole = scale.values()
+            snapshot.restore()
+            advance(t, h / 2)
+            advance(t + h / 2, h / 2)
+        except Discarded as discarded:
+            used, smaller = math.inf, min(h / 2, max(0.0, discarded.reached - t)) or h / 2
+        else:
+            errors = [a - b for a, b in zip(scale.values(), whole)]
+            used = scale.share(errors) * (stop - start) / h
+            smaller = controller.again(h, used) if used > ACCEPT else h
+        if used > ACCEPT:
+            rejected.append(h)
+            h = smaller
+            if h < LEAST * (stop - start):
+                raise PartFailure(f"the tolerance asks for steps below {h:.2g} s")
+            snapshot.restore()
+            forget_after(parts, t)
+            continue
+        t = stop if same(t + h, stop) else t + h
+        h = controller.next(h, used)
+        yield t
+
+
+def by_energy(
+    parts: Sequence[Part],
+    advance: Callable[[float, float], None],
+    settings: Adaptive,
+    order: int,
+    span: tuple[float, float],
+) -> Iterator[float]:
+    """The times at which steps end; the next size from the energy each bond made in the last.
+
+    After the energy-conservation-based co-simulation of Sadjina et al. (2017), with the power that
+    a bond may create held to the tolerance times the largest power so far.
+    """
+    start, stop = span
+    ends = [end for part in parts for end in part.ends]
+    bonds = dict.fromkeys(end.bond for end in ends)
+    sides = [[end for end in ends if end.bond == bond] for bond in bonds]
+    controller = Controller(order, settings)
+    t, h = start, first_step(settings, span)
+    largest = 0.0
+    while t < stop:
+        h = last_step(t, h, stop)
+        before = [[end.energy for end in pair] for pair in sides]
+        advance(t, h)
+        given = [[end.energy - e for end, e in zip(p, b)] for p, b in zip(sides, before)]
+        largest = max([largest, *(abs(e) / h for pair in given for e in pair)])
+        made = max(abs(first - second) for first, second in given) / h
+        t = stop if same(t + h, stop) else t + h
+        h = controller.next(h, made / (settings.tolerance * largest) if largest else 0.0)
+        yield t
+
+
+def first_step(settings: Adaptive, span: tuple[float, float]) -> float:
+    """The step to begin with."""
+    start, stop = span
+    return min(settings.first or FIRST * (stop - start), settings.longest)
+
+
+def last_step(t: float, h: float, stop: float) -> float:
+    """h, or what is left, or half of it where h would leave a crumb."""
+    rest = stop - t
+    if h >= rest * (1 - 1e-9):
+        return rest
+    return min(h, rest / 2)

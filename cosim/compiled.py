@@ -1,0 +1,189 @@
+"""The loop of fixed-step runs in C: loop.c, compiled once with ziglang and kept beside this file."""
+
+from __future__ import annotations
+
+import ctypes
+import hashlib
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Iterator, Sequence
+from functools import cache
+from itertools import chain
+from pathlib import Path
+from typing import Any, NoReturn
+
+from .algorithms import Stages, Turn
+from .errors import PartFailure
+from .ledger import End
+from .part import Block
+
+SOURCE = Path(__file__).with_name("loop.c")
+COPY, SCALE, SET, GET, FINITE, STEP, BOOK = range(7)
+
+
+class Operation(ctypes.Structure):
+    """struct operation of loop.c."""
+
+    _fields_ = [
+        *((name, ctypes.c_int) for name in ("code", "count")),
+        *((name, ctypes.c_void_p) for name in ("function", "component", "references", "cells")),
+        *((name, ctypes.c_void_p) for name in ("target", "source", "first", "last")),
+        *((name, ctypes.c_double) for name in ("a", "b")),
+        *((name, ctypes.c_void_p) for name in ("energy", "before")),
+    ]
+
+
+class Column(ctypes.Structure):
+    """struct column of loop.c."""
+
+    _fields_ = [("cell", ctypes.c_void_p), ("real", ctypes.c_int)]
+
+
+@cache
+def library() -> Any:
+    """The compiled loop; raises OSError with the reason if there is none."""
+    source = SOURCE.read_bytes()
+    name = f"loop-{hashlib.sha256(source).hexdigest()[:16]}-{sys.platform}.so"
+    path = SOURCE.parent / "__pycache__" / name
+    if not path.exists():
+        path.parent.mkdir(exist_ok=True)
+        with tempfile.TemporaryDirectory(dir=path.parent) as folder:
+            made = Path(folder) / name
+            command = [sys.executable, "-m", "ziglang", "cc", "-O2", "-ffp-contract=off"]
+            command += ["-shared", "-fPIC", "-o", str(made), str(SOURCE)]
+            done = subprocess.run(command, capture_output=True, text=True, check=False)
+            if done.returncode:
+                raise OSError((done.stderr.strip() or "the compiler failed").splitlines()[-1])
+            made.replace(path)
+    return ctypes.PyDLL(str(path))
+
+
+class Loop:
+    """Fixed steps of an explicit algorithm over Real wires, a row after every `every`-th step.
+
+    `extra` are the blocks to get before a row, `columns` what a row holds after the time.
+    """
+
+    def __init__(
+        self,
+        stages: Stages,
+        extra: Sequence[Block],
+        columns: Sequence[tuple[Block, int]],
+        every: int,
+    ) -> None:
+        self._advance = library().advance
+        self._turns = [turn for stage in stages for turn in stage]
+        self._ends = list(dict.fromkeys(end for turn in self._turns for end in turn.part.ends))
+        self._energy = (ctypes.c_double * len(self._ends))()
+        self._before = (ctypes.c_double * len(self._ends))()
+        self._fail: list[Callable[[float, float, int], PartFailure]] = []
+        operations = [*chain.from_iterable(map(self._stage, stages))]
+        self._row_begin = len(operations)
+        operations += [*chain.from_iterable(map(self._get, extra))]
+        self._program = (Operation * len(operations))(*operations)
+        cells = (Column(_address(block.cells, i), block.real) for block, i in columns)
+        self._columns = (Column * len(columns))(*cells)
+        self._width = len(columns) + 1
+        self._every = every
+
+    def _stage(self, stage: Sequence[Turn]) -> Iterator[Operation]:
+        for turn in stage:
+            yield from self._step(turn)
+        for turn in stage:
+            for block in turn.part.outputs:
+                yield from self._get(block)
+            for end in turn.part.ends:
+                yield self._book(end, turn.size)
+
+    def _step(self, turn: Turn) -> Iterator[Operation]:
+        part, at, size = turn
+        for target, i, source, j in part.copies:
+            self._fail.append(_cannot)
+            ends = {"target": _address(target, i), "source": _address(source, j)}
+            yield Operation(code=COPY, **ends)
+        for target, i, source, j, factor, offset in part.scaled:
+            self._fail.append(_cannot)
+            ends = {"target": _address(target, i), "source": _address(source, j)}
+            yield Operation(code=SCALE, a=factor, b=offset, **ends)
+        for block in part.inputs:
+            yield self._exchange(SET, block)
+        self._fail.append(lambda t, h, status: part.stopped(t + at * h, size * h, status))
+        function = ctypes.cast(part.library.fmi2DoStep, ctypes.c_void_p)
+        yield Operation(STEP, part.substeps, function, part.component, a=at, b=size)
+
+    def _get(self, block: Block) -> Iterator[Operation]:
+        yield self._exchange(GET, block)
+        if block.real:
+            self._fail.append(lambda t, h, status: block.not_finite())
+            yield Operation(FINITE, len(block.cells), cells=_address(block.cells, 0))
+
+    def _exchange(self, code: int, block: Block) -> Operation:
+        self._fail.append(lambda t, h, status: block.part.failure(block.call, status))
+        return Operation(
+            code,
+            len(block.cells),
+            ctypes.cast(block.function, ctypes.c_void_p),
+            block.part.component,
+            _address(block.references, 0),
+            _address(block.cells, 0),
+        )
+
+    def _book(self, end: End, size: float) -> Operation:
+        self._fail.append(_cannot)
+        k = self._ends.index(end)
+        return Operation(
+            BOOK,
+            source=_address(*end.output),
+            first=_address(*end.first),
+            last=_address(*end.last),
+            a=end.scale,
+            b=size,
+            energy=_address(self._energy, k),
+            before=_address(self._before, k),
+        )
+
+    def run(
+        self, start: float, h: float, first: int, last: int
+    ) -> tuple[list[float], int, PartFailure | None]:
+        """Take steps first + 1 to last of size h [s] from `start` on.
+
+        Returns the rows, one after the other, the last step that was completed, and the failure
+        that ended it there.
+        """
+        for k, end in enumerate(self._ends):
+            self._energy[k], self._before[k] = end.energy, end.before
+        rows = (ctypes.c_double * (self._width * ((last - first) // self._every + 1)))()
+        done, failed, status = ctypes.c_longlong(), ctypes.c_int(), ctypes.c_int()
+        count = self._advance(
+            self._program,
+            ctypes.c_int(len(self._program)),
+            ctypes.c_int(self._row_begin),
+            self._columns,
+            ctypes.c_int(len(self._columns)),
+            ctypes.c_double(start),
+            ctypes.c_double(h),
+            ctypes.c_longlong(first),
+            ctypes.c_longlong(last),
+            ctypes.c_longlong(self._every),
+            rows,
+            ctypes.byref(done),
+            ctypes.byref(failed),
+            ctypes.byref(status),
+        )
+        for k, end in enumerate(self._ends):
+            end.energy, end.before = self._energy[k], self._before[k]
+        for turn in self._turns:
+            turn.part.do_steps += turn.part.substeps * (done.value - first)
+        t = start + done.value * h
+        failure = None if failed.value < 0 else self._fail[failed.value](t, h, status.value)
+        return rows[: count * self._width], done.value, failure
+
+
+def _address(cells: Any, i: int) -> int:
+    """Where element i of a buffer stands."""
+    return ctypes.addressof(cells) + i * ctypes.sizeof(cells._type_)
+
+
+def _cannot(*_: Any) -> NoReturn:
+    raise AssertionError("an operation without a call cannot fail")

@@ -1,0 +1,51 @@
+"""The state of all parts and of what the master keeps of them, to come back to."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from .part import Part
+
+
+class Snapshot:
+    """One place for the state of the parts; `take` overwrites what was there."""
+
+    def __init__(self, parts: Sequence[Part]) -> None:
+        self._states = [(part, part.state()) for part in parts]
+        self._outputs = [block for part in parts for block in part.outputs]
+        self._ends = [end for part in parts for end in part.ends]
+        self._cells: list[list[Any]] = []
+        self._energy: list[tuple[float, float]] = []
+
+    def take(self) -> None:
+        """Remember the parts as they are now; raises PartFailure."""
+        for part, state in self._states:
+            part.save(state)
+        self._cells = [list(block.cells) for block in self._outputs]
+        self._energy = [(end.energy, end.before) for end in self._ends]
+
+    def restore_fmus(self) -> None:
+        """Bring the FMUs back, not what the master keeps; raises PartFailure."""
+        for part, state in self._states:
+            part.restore(state)
+
+    def restore(self) -> None:
+        """Bring back everything but the nodes of moving inputs; raises PartFailure."""
+        self.restore_fmus()
+        for block, cells in zip(self._outputs, self._cells):
+            block.cells[:] = cells
+        for end, booked in zip(self._ends, self._energy):
+            end.energy, end.before = booked
+
+
+def forget_after(parts: Sequence[Part], t: float) -> None:
+    """Drop what moving inputs know of their sources after the time t [s]."""
+    for part in parts:
+        for signal, _, _ in part.curves.signals if part.curves else ():
+            signal.forget_after(t)
+
+
+def incapable(parts: Sequence[Part]) -> list[str]:
+    """The parts that cannot go back to an earlier state."""
+    return [p.name for p in parts if not p.description.coSimulation.canGetAndSetFMUstate]

@@ -1,0 +1,270 @@
+"""From the start to the stop of a run: communication points, rows, and steps taken again."""
+
+from __future__ import annotations
+
+import math
+import time as clock
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, NamedTuple
+
+from . import adaptive
+from .adaptive import Adaptive
+from .algorithms import EXPLICIT, Advance, explicit, iterated, order
+from .compiled import Loop
+from .curve import same
+from .errors import Discarded, PartFailure, SetupError
+from .part import Block, Part
+from .result import Grid, Recorder
+from .snapshot import Snapshot, forget_after, incapable
+from .system import Port
+
+CHECKPOINT = 1000
+SHORTEST = 2.0**-20
+PATIENCE = 0.05
+MOST_ROWS = 1 << 16
+
+
+class Plan(NamedTuple):
+    """When a run starts and stops, how it steps, and how far its rows are apart, all in s."""
+
+    start: float
+    stop: float
+    step: float | Adaptive
+    output_step: float | None
+
+    def check(self) -> None:
+        """Raise SetupError for what makes no run."""
+        times: dict[str, float] = {"start": self.start, "stop": self.stop}
+        sizes = {} if isinstance(self.step, Adaptive) else {"step": self.step}
+        sizes |= {} if self.output_step is None else {"output_step": self.output_step}
+        for name, value in (times | sizes).items():
+            if not math.isfinite(value):
+                raise SetupError(f"{name} = {value!r} s must be a finite number")
+        for name, value in sizes.items():
+            if value <= 0.0:
+                raise SetupError(f"{name} = {value!r} s must be above 0")
+        if self.stop <= self.start:
+            raise SetupError(f"stop = {self.stop!r} s must be after start = {self.start!r} s")
+        if isinstance(self.step, Adaptive):
+            self.step.check()
+
+    def number(self) -> int:
+        """Fixed steps from start to stop, the last one as long as what is left."""
+        assert not isinstance(self.step, Adaptive)
+        return math.ceil((self.stop - self.start) / self.step - 1e-6)
+
+    def every(self) -> int | None:
+        """After how many fixed steps a row is due; None if rows lie between steps."""
+        if isinstance(self.step, Adaptive):
+            return 1 if self.output_step is None else None
+        ratio = 1.0 if self.output_step is None else self.output_step / self.step
+        return round(ratio) if ratio > 0.5 and abs(ratio / round(ratio) - 1) < 1e-9 else None
+
+    def text(self) -> str:
+        """How the run steps."""
+        if isinstance(self.step, Adaptive):
+            return f"adaptive steps, tolerance {self.step.tolerance:g}"
+        return f"steps of {self.step:.6g} s"
+
+
+class Row:
+    """Reads the recorded variables, those that are wired from the wires' buffers."""
+
+    def __init__(self, parts: Sequence[Part], ports: Sequence[Port]) -> None:
+        wired = {name: (b, i) for p in parts for b in p.outputs for i, name in enumerate(b.names)}
+        self.extra: list[Block] = []
+        for part in parts:
+            own = {p.variable.name: p.variable for p in ports if p.part == part.name}
+            unread = [v for v in own.values() if f"{part.name}.{v.name}" not in wired]
+            self.extra += part.blocks("Get", unread)
+        place = wired | {name: (b, i) for b in self.extra for i, name in enumerate(b.names)}
+        self.columns = [place[port.name] for port in ports]
+        self._cells = [(block.cells, i) for block, i in self.columns]
+        self.discrete = [k for k, (block, _) in enumerate(self.columns, 1) if not block.real]
+
+    def __call__(self, t: float) -> list[float]:
+        """The time and the values of the columns; raises PartFailure."""
+        for block in self.extra:
+            block()
+            block.require_finite()
+        return [t, *(cells[i] for cells, i in self._cells)]
+
+
+class Run:
+    """The parts of a system on their way; `t` is the last communication point they reached [s]."""
+
+    def __init__(
+        self,
+        parts: Sequence[Part],
+        algorithm: str,
+        input_order: int,
+        plan: Plan,
+        row: Row,
+        recorder: Recorder,
+    ) -> None:
+        self.parts, self.plan, self.row, self.recorder = parts, plan, row, recorder
+        self.t = plan.start
+        self.accepted = self.discarded = 0
+        self.rejected: list[float] = []
+        stages = EXPLICIT[algorithm](parts) if algorithm in EXPLICIT else None
+        self._advance: Advance = explicit(stages) if stages is not None else iterated(parts)
+        capable = all(part.curves is None or part.curves.capable for part in parts)
+        self._order = order(algorithm, input_order, capable)
+        every = plan.every()
+        if plan.output_step is not None and self.row.discrete:
+            every = None
+        self._every = every
+        self._checkpoint: tuple[int, Snapshot] | None = None
+        self._loop: Loop | None = None
+        self.control = "fixed"
+        self.loop = "Python"
+        if isinstance(plan.step, Adaptive):
+            self.control = plan.step.control or ("energy" if incapable(parts) else "doubling")
+            return
+        steady = [
+            p
+            for p in parts
+            if not p.description.coSimulation.canHandleVariableCommunicationStepSize
+        ]
+        if not steady and not incapable(parts):
+            self._checkpoint = (0, Snapshot(parts))
+        if stages is None or every is None or not _plain(parts):
+            return
+        try:
+            self._loop = Loop(stages, row.extra, row.columns, every)
+            self.loop = "compiled"
+        except OSError as error:
+            self.loop = f"Python, the compiled one is not there: {error}"
+
+    def steps(self) -> Iterator[float]:
+        """Take the steps; the share of the run that is done after each or a few of them."""
+        grid = None
+        if self._every is None:
+            assert self.plan.output_step is not None
+            grid = Grid(self.recorder.add, self.plan.output_step, self.row.discrete)
+        add = self.recorder.add if grid is None else grid.take
+        try:
+            add(self.row(self.t))
+            if isinstance(self.plan.step, Adaptive):
+                yield from self._adaptive(self.plan.step, add)
+            else:
+                yield from self._fixed(self.plan.step, add)
+        finally:
+            if grid is not None:
+                grid.flush()
+
+    def _adaptive(
+        self, settings: Adaptive, add: Callable[[Sequence[float]], None]
+    ) -> Iterator[float]:
+        start, stop = span = self.plan.start, self.plan.stop
+        common = (self.parts, self._advance, settings, self._order, span)
+        if self.control == "doubling":
+            times = adaptive.doubling(*common, self.rejected)
+        else:
+            times = adaptive.by_energy(*common)
+        for t in times:
+            self.t = t
+            self.accepted += 1
+            add(self.row(t))
+            yield (t - start) / (stop - start)
+
+    def _fixed(self, step: float, add: Callable[[Sequence[float]], None]) -> Iterator[float]:
+        start, stop, count = self.plan.start, self.plan.stop, self.plan.number()
+        every = self._every or 1
+        chunk = 16
+        while self.accepted < count:
+            n = self.accepted
+            self._take_checkpoint(n)
+            if self._loop is not None and n < count - 1:
+                began = clock.perf_counter()
+                last = min(n + chunk, count - 1)
+                rows, self.accepted, failure = self._loop.run(start, step, n, last)
+                self.recorder.add(rows)
+                self.t = start + self.accepted * step
+                if failure is not None:
+                    self._redo(failure, step)
+                elif clock.perf_counter() - began < PATIENCE:
+                    chunk = min(2 * chunk, MOST_ROWS * every)
+            else:
+                last_one = n == count - 1
+                rest = stop - self.t
+                h = rest if last_one and abs(rest - step) > 1e-6 * step else step
+                try:
+                    self._advance(self.t, h)
+                except Discarded as failure:
+                    self._redo(failure, step)
+                    self._advance(self.t, h)
+                self.accepted = n + 1
+                self.t = stop if last_one else start + (n + 1) * step
+                if last_one or (n + 1) % every == 0:
+                    add(self.row(self.t))
+            yield self.accepted / count
+
+    def _take_checkpoint(self, n: int) -> None:
+        """Remember the parts every CHECKPOINT steps, to come back to if one discards a step."""
+        if self._checkpoint is not None:
+            before, snapshot = self._checkpoint
+            if n == 0 or n >= before + CHECKPOINT:
+                snapshot.take()
+                self._checkpoint = (n, snapshot)
+
+    def _redo(self, failure: PartFailure, step: float) -> None:
+        """After a discarded step, come back to before it, from now on ready to step less."""
+        if not isinstance(failure, Discarded):
+            raise failure
+        if self._checkpoint is None:
+            raise PartFailure(
+                f"{failure}; it computed up to t = {failure.reached!r} s, and to step less, every "
+                "part must be able to restore its state and to vary its step"
+            )
+        before, snapshot = self._checkpoint
+        self._checkpoint = self._loop = None
+        self.loop = "Python, since a part discards steps"
+        snapshot.restore()
+        t = self.plan.start + before * step
+        forget_after(self.parts, t)
+        self._advance = self._careful(self._advance, snapshot)
+        for n in range(before, self.accepted):
+            self._advance(self.plan.start + n * step, step)
+
+    def _careful(self, advance: Advance, snapshot: Snapshot) -> Advance:
+        """The same step in as many pieces as the parts ask for."""
+
+        def go(t: float, h: float) -> None:
+            end, size = t + h, h
+            while True:
+                snapshot.take()
+                try:
+                    advance(t, size)
+                except Discarded as discarded:
+                    self.discarded += 1
+                    snapshot.restore()
+                    forget_after(self.parts, t)
+                    reached = discarded.reached - t
+                    size = reached if SHORTEST * h < reached < 0.9 * size else size / 2
+                    if size < SHORTEST * h:
+                        raise
+                    continue
+                t += size
+                if t >= end or same(t, end):
+                    return
+                size = end - t
+
+        return go
+
+    def statistics(self) -> dict[str, Any]:
+        """What the run took."""
+        return {
+            "control": self.control,
+            "steps": self.accepted,
+            "rejected": len(self.rejected),
+            "discarded": self.discarded,
+            "do_steps": {part.name: part.do_steps for part in self.parts},
+            "loop": self.loop,
+        }
+
+
+def _plain(parts: Sequence[Part]) -> bool:
+    """Whether all wires carry Real values that are held over a step."""
+    blocks = (block for part in parts for block in (*part.inputs, *part.outputs))
+    return all(block.real for block in blocks) and all(part.curves is None for part in parts)
