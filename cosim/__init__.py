@@ -2,7 +2,7 @@
 
 from .adaptive import Adaptive
 from .algorithms import ALGORITHMS, ORDERS
-from .certify import Estimate, estimate
+from .certify import Certified, Estimate, certify, estimate, summary
 from .errors import Interrupted, SetupError, SimulationError
 from .master import run, versions
 from .result import Result
@@ -13,14 +13,17 @@ __all__ = [
     "ALGORITHMS",
     "ORDERS",
     "Adaptive",
+    "Certified",
     "Estimate",
     "Interrupted",
     "Result",
     "SetupError",
     "SimulationError",
     "System",
+    "certify",
     "estimate",
     "run",
+    "summary",
     "versions",
     "write_ssp",
 ]

@@ -69,9 +69,12 @@ class Scale:
         """The outputs as they stand."""
         return [cell for block in self.blocks for cell in block.cells]
 
+    def accept(self) -> None:
+        """Let the outputs as they stand count."""
+        self.largest = [max(a, abs(b)) for a, b in zip(self.largest, self.values())]
+
     def share(self, errors: Sequence[float]) -> float:
         """The worst error over what is allowed for the whole run."""
-        self.largest = [max(a, abs(b)) for a, b in zip(self.largest, self.values())]
         allowed = (
             self.tolerance * size if given is None else given
             for size, given in zip(self.largest, self.absolute)
@@ -138,6 +141,7 @@ def doubling(
             snapshot.restore()
             forget_after(parts, t)
             continue
+        scale.accept()
         t = stop if same(t + h, stop) else t + h
         h = controller.next(h, used)
         yield t

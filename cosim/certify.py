@@ -3,11 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+from .adaptive import Adaptive
+from .master import run
+from .result import Result
+from .system import System
 
 NEGLIGIBLE = 1e-10
 SLOWER, FASTER = 0.5, 1.5
+HALVED, TENTH = 2.0, 10.0
 
 
 class Estimate(NamedTuple):
@@ -30,16 +37,77 @@ class Estimate(NamedTuple):
         return f"{self.value:.{digits}f} +- {shown:.{digits}f} {unit}"
 
 
-def estimate(values: Sequence[float], order: int) -> Estimate:
-    """The estimate from runs with steps h, 2 h and 4 h, in this order, of an algorithm's order p.
+def estimate(values: Sequence[float], order: float, ratio: float = HALVED) -> Estimate:
+    """The estimate from runs with steps h, r h and r^2 h, in this order, of an algorithm's order p.
 
-    The error is |v(h) - v(2h)| / (2^q - 1), with q the observed order where that is below p.
+    The error is |v(h) - v(r h)| / (r^q - 1), with q the observed order where that is below p.
     """
     fine, middle, coarse = values
     last, before = fine - middle, middle - coarse
     if abs(last) <= NEGLIGIBLE * abs(fine):
         return Estimate(fine, abs(last), float(order))
-    observed = math.log2(abs(before / last)) if last * before > 0.0 else math.nan
+    observed = math.log(abs(before / last), ratio) if last * before > 0.0 else math.nan
     if not order - SLOWER <= observed <= order + FASTER:
         return Estimate(fine, None, observed)
-    return Estimate(fine, abs(last) / (2 ** min(observed, order) - 1), observed)
+    return Estimate(fine, abs(last) / (ratio ** min(observed, order) - 1), observed)
+
+
+class Certified(NamedTuple):
+    """The finest of three runs, and every figure with its coupling error."""
+
+    result: Result
+    figures: dict[str, Estimate]
+
+
+def certify(
+    system: System,
+    figures: Callable[[Result], Mapping[str, float]],
+    *,
+    step: float | Adaptive,
+    **settings: Any,
+) -> Certified:
+    """Run with the step, a half and a quarter of it, or the tolerance, a tenth and a hundredth.
+
+    `figures` takes the scalars from a result. Rows are `step` apart in all runs unless the settings,
+    which are those of `run`, say otherwise. Raises what `run` raises.
+    """
+    progress = settings.pop("progress", None)
+    csv = settings.pop("csv", None)
+    if isinstance(step, Adaptive):
+        ratio = TENTH
+        steps: list[Any] = [replace(step, tolerance=step.tolerance / ratio**k) for k in range(3)]
+    else:
+        ratio = HALVED
+        steps = [step / ratio**k for k in range(3)]
+        settings = {"output_step": step} | settings
+    values = []
+    for k, h in enumerate(steps):
+        done = (ratio**k - 1) / (ratio**3 - 1)
+        share = ratio**k * (ratio - 1) / (ratio**3 - 1)
+        told = None if progress is None else _within(progress, done, share)
+        result = run(system, step=h, **settings, progress=told, csv=csv if k == 2 else None)
+        values.append(figures(result))
+    order = 1.0 if isinstance(step, Adaptive) else result.provenance["convergence_order"]
+    finest_first = values[::-1]
+    names = finest_first[0]
+    found = {name: estimate([v[name] for v in finest_first], order, ratio) for name in names}
+    return Certified(result, found)
+
+
+def _within(
+    progress: Callable[[float], None], done: float, share: float
+) -> Callable[[float], None]:
+    """Tells a progress that has done a share already what a run adds to it."""
+    return lambda part: progress(done + part * share)
+
+
+def summary(result: Result) -> dict[str, float]:
+    """The last, smallest, largest and mean value of every column over time."""
+    t = result["time"]
+    found: dict[str, float] = {}
+    for name in result.columns[1:]:
+        x = result[name]
+        mean = float(((x[1:] + x[:-1]) / 2 * (t[1:] - t[:-1])).sum() / (t[-1] - t[0]))
+        found |= {f"{name} at the end": float(x[-1]), f"{name}, smallest": float(x.min())}
+        found |= {f"{name}, largest": float(x.max()), f"{name}, mean": mean}
+    return found

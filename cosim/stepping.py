@@ -256,6 +256,7 @@ class Run:
         """What the run took."""
         return {
             "control": self.control,
+            "convergence_order": self._order,
             "steps": self.accepted,
             "rejected": len(self.rejected),
             "discarded": self.discarded,

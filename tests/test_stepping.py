@@ -1,0 +1,246 @@
+"""How runs step: two loops with the same bits, adaptive steps, moving inputs, rows on any grid."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+from oracle import monolithic
+from test_cosim import NU, RECORD, REST, WIRES, pair
+
+from cosim import Adaptive, Result, SetupError, System, run, stepping
+from cosim.result import CHUNK, Grid, Recorder
+from scenarios.theory import SETS
+
+START = SETS["A"].start(NU)
+PEAK = 1396.458
+
+
+@pytest.fixture
+def interpreted(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """No compiled loop."""
+
+    def missing(*_: Any) -> None:
+        raise OSError("no compiler")
+
+    monkeypatch.setattr(stepping, "Loop", missing)
+    yield
+
+
+def from_rest(fmus: Path, **settings: Any) -> Result:
+    """The drive runs up for a second."""
+    settings = {"stop": 1.0, "record": ["motor.tau", "conveyor.w"]} | settings
+    return run(pair(fmus, START | REST), **settings)
+
+
+def torque_error(result: Result) -> float:
+    """Largest error of the motor's torque, over its largest value."""
+    exact = monolithic(START | REST, 1.0, t_eval=result["time"]).y[2]
+    return float(np.abs(result["motor.tau"] - exact).max()) / PEAK
+
+
+@pytest.mark.parametrize("algorithm", ["jacobi", "gauss-seidel", "strang"])
+@pytest.mark.parametrize("rates", [{}, {"motor": 3, "conveyor": 2}])
+def test_both_loops_give_the_same_bits(
+    fmus: Path, algorithm: str, rates: dict[str, int], request: pytest.FixtureRequest
+) -> None:
+    wires = ("motor.tau * 0.5 + 1 -> conveyor.tau", "conveyor.w * 2 -> motor.w")
+    settings = {"stop": 0.3004, "step": 1e-3, "algorithm": algorithm, "record": RECORD}
+    settings |= {"substeps": rates, "output_step": 3e-3}
+    compiled = run(pair(fmus, START, wires), **settings)
+    request.getfixturevalue("interpreted")
+    plain = run(pair(fmus, START, wires), **settings)
+    assert compiled.provenance["loop"] == "compiled"
+    assert plain.provenance["loop"] == "Python, the compiled one is not there: no compiler"
+    assert_array_equal(compiled.data, plain.data)
+    assert compiled.energy == plain.energy
+    assert compiled.provenance["do_steps"] == plain.provenance["do_steps"]
+    assert plain["time"][-1] == 0.3004
+
+
+def test_substeps_are_steps_with_held_inputs(fmus: Path) -> None:
+    """The motor's step is exact: three instead of one change rounding only."""
+    one = from_rest(fmus, step=1e-3)
+    three = from_rest(fmus, step=1e-3, substeps={"motor": 3})
+    assert three["motor.tau"] == pytest.approx(one["motor.tau"], abs=1e-8)
+    assert three.provenance["do_steps"] == {"motor": 6000, "conveyor": 1000}
+
+
+def test_adaptive_error_follows_the_tolerance_over_four_decades(fmus: Path) -> None:
+    tolerances = [1e-1, 1e-2, 1e-3, 1e-4, 1e-5]
+    errors = [torque_error(from_rest(fmus, step=Adaptive(tol))) for tol in tolerances]
+    slopes = [math.log10(a / b) for a, b in pairwise(errors)]
+    assert slopes == pytest.approx([1.0] * 4, abs=0.15)
+    assert errors[0] < tolerances[0]
+
+
+def test_rejected_steps_leave_no_trace(fmus: Path) -> None:
+    """A first step far too long is taken back; energy and rows are those of a good start."""
+    good = from_rest(fmus, step=Adaptive(1e-3, first=1e-4))
+    hasty = from_rest(fmus, step=Adaptive(1e-3, first=0.3))
+    assert hasty.provenance["rejected"] > 2
+    assert hasty.provenance["steps"] < 1.2 * good.provenance["steps"]
+    assert torque_error(hasty) == pytest.approx(torque_error(good), rel=0.2)
+    (bond,) = hasty.energy.values()
+    assert bond["given"] == pytest.approx(next(iter(good.energy.values()))["given"], rel=1e-3)
+
+
+def test_an_absolute_tolerance_stands_in_the_unit_of_its_signal(fmus: Path) -> None:
+    tight = Adaptive(1.0, absolute={"motor.tau": 0.01, "conveyor.w": 1.0})
+    assert torque_error(from_rest(fmus, step=tight)) * PEAK < 0.01
+
+
+def test_longest_step_is_kept(fmus: Path) -> None:
+    times = from_rest(fmus, step=Adaptive(1.0, longest=2e-3))["time"]
+    assert np.diff(times).max() <= 2e-3 * (1 + 1e-12)
+    assert times[-1] == 1.0
+
+
+def test_energy_control_holds_what_the_bond_creates(fmus: Path) -> None:
+    """The power that the coupling makes follows the tolerance, without going back."""
+    steps, made = [], []
+    for tolerance in (1e-2, 1e-3):
+        control = Adaptive(tolerance, control="energy")
+        result = from_rest(fmus, step=control, algorithm="gauss-seidel")
+        (bond,) = result.energy.values()
+        made.append(abs(bond["residual"]))
+        steps.append(result.provenance["steps"])
+        assert result.provenance["rejected"] == 0
+    assert made[1] < 0.2 * made[0]
+    assert 5 < steps[1] / steps[0] < 20
+
+
+@pytest.mark.parametrize("algorithm", ["jacobi", "gauss-seidel", "iterated"])
+def test_inputs_of_first_order_make_the_coupling_second_order(fmus: Path, algorithm: str) -> None:
+    """These FMUs cannot interpolate: they get the mean of the line over the step."""
+    errors = []
+    for n in (1000, 2000, 4000):
+        result = from_rest(fmus, step=1 / n, algorithm=algorithm, input_order=1, stop=0.25)
+        exact = monolithic(START | REST, 0.25, t_eval=result["time"]).y
+        errors.append(np.abs(result["conveyor.w"] - exact[1]).max())
+    assert [math.log2(a / b) for a, b in pairwise(errors)] == pytest.approx([2.0, 2.0], abs=0.2)
+
+
+def test_ledger_is_the_work_of_the_torque(fmus: Path) -> None:
+    """Both sides against the motor's own power, integrated from fine rows."""
+    result = from_rest(fmus, step=1e-4, record=["motor.P"])
+    (bond,) = result.energy.values()
+    work = np.trapezoid(result["motor.P"], result["time"])
+    assert bond["given"] == pytest.approx(work, rel=1e-4)
+    assert bond["taken"] == pytest.approx(work, rel=1e-4)
+    assert bond["residual"] == pytest.approx(bond["given"] - bond["taken"])
+    assert abs(bond["residual"]) < 1e-5 * bond["given"]
+
+
+def test_energy_stands_in_joules_whatever_the_units(fmus: Path) -> None:
+    """A gear between the shafts: speed down, torque up, no energy lost."""
+    wires = ("motor.tau * 2 -> conveyor.tau", "conveyor.w * 2 -> motor.w")
+    result = run(pair(fmus, START, wires), stop=0.5, step=1e-4, record=["motor.P"])
+    (bond,) = result.energy.values()
+    assert abs(bond["residual"]) < 1e-4 * abs(bond["given"])
+    assert abs(bond["given"]) > 1.0
+
+
+def test_a_bond_can_be_named(fmus: Path) -> None:
+    parts = {"motor": fmus / "DriveMotor.fmu", "conveyor": fmus / "CrankConveyor.fmu"}
+    named = System(parts, WIRES, START, bonds=["conveyor.w * motor.tau"])
+    result = run(named, stop=0.1, step=1e-3, record=["motor.tau"])
+    plain = run(pair(fmus), stop=0.1, step=1e-3, record=["motor.tau"])
+    (bond,), (other,) = result.energy.values(), plain.energy.values()
+    assert bond["given"] == other["taken"]
+    for text, message in (
+        ("motor.tau", "must read 'part.output * part.output'"),
+        ("motor.tau * motor.P", "must be two Real outputs, wired there and back once"),
+    ):
+        with pytest.raises(SetupError, match=message.replace("*", r"\*")):
+            run(System(parts, WIRES, START, bonds=[text]), stop=0.1, step=1e-3)
+
+
+@pytest.mark.parametrize("step", [1e-3, 7e-4, Adaptive(1e-3)])
+def test_rows_lie_on_the_users_grid_whatever_the_steps(fmus: Path, step: Any) -> None:
+    result = from_rest(fmus, step=step, output_step=2.5e-3)
+    assert result["time"] == pytest.approx(np.arange(401) * 2.5e-3, abs=1e-15)
+    assert torque_error(result) < 2e-3
+
+
+def test_interpolated_rows_are_of_fourth_order() -> None:
+    """A sine given at some of its times, asked for at all; a step does not ring."""
+    errors = []
+    for every in (8, 4, 2):
+        rows: list[Any] = []
+        grid = Grid(rows.append, 1e-3, [2])
+        for n in range(0, 2000 + 1, every):
+            grid.take([n * 1e-3, math.sin(20 * n * 1e-3), float(n >= 1000)])
+        grid.flush()
+        t, x, switch = np.array(rows).T
+        inner = (t > 0.02) & (abs(t - 1.0) > 0.02) & (t < 1.98)
+        assert t == pytest.approx(np.arange(2001) * 1e-3, abs=1e-12)
+        assert_array_equal(switch, t >= 1.0)
+        errors.append(np.abs(x - np.sin(20 * t))[inner].max())
+    assert [math.log2(a / b) for a, b in pairwise(errors)] == pytest.approx([4.0] * 2, abs=0.1)
+
+
+def test_events_get_rows_of_their_own(fmus: Path) -> None:
+    """The stages of the orientator, far faster than the rows asked for."""
+    start = {"orientator.w": 6.0, "orientator.release": True}
+    system = System({"orientator": fmus / "GravityOrientator.fmu"}, (), start)
+    settings: dict[str, Any] = {"stop": 1.0, "step": 1e-3, "record": ["orientator.stage"]}
+    every = run(system, **settings)
+    few = run(system, **settings, output_step=0.25)
+    stage = every["orientator.stage"]
+    changes = every["time"][1:][np.diff(stage) != 0]
+    assert len(changes) > 2
+    assert set(changes) <= set(few["time"])
+    assert len(few.data) <= 5 + len(changes)
+    seen = dict(zip(every["time"], stage))
+    assert [seen[t] for t in few["time"]] == few["orientator.stage"].tolist()
+
+
+def test_streamed_rows_are_not_kept_in_memory(fmus: Path, tmp_path: Path) -> None:
+    recorder = Recorder(["x"], {}, tmp_path / "rows.csv")
+    for n in range(50_000):
+        recorder.add([n, n / 3])
+    assert len(recorder.rows) < 3 * CHUNK
+    result = recorder.finish({"status": "complete"})
+    assert_array_equal(result["x"], np.arange(50_000) / 3)
+    streamed = from_rest(fmus, step=1e-3, csv=tmp_path / "run.csv")
+    assert_array_equal(streamed.data, from_rest(fmus, step=1e-3).data)
+
+
+def test_a_part_s_columns_are_written_under_bare_names(fmus: Path, tmp_path: Path) -> None:
+    result = from_rest(fmus, step=1e-2)
+    result.write(tmp_path / "motor.csv", part="motor")
+    assert (tmp_path / "motor.csv").read_text().startswith("time,tau\n0.0,0.0\n")
+    with pytest.raises(SetupError, match="no column of part 'pump'"):
+        result.write(tmp_path / "pump.csv", part="pump")
+    with pytest.raises(SetupError, match=r"must end in \.csv or \.parquet"):
+        result.write(tmp_path / "run.xlsx")
+
+
+def test_plot_has_an_axis_per_unit(fmus: Path, tmp_path: Path) -> None:
+    figure = from_rest(fmus, step=1e-2).plot(path=tmp_path / "run.png")
+    assert [axis.get_ylabel() for axis in figure.axes] == ["N.m", "rad/s"]
+    assert (tmp_path / "run.png").stat().st_size > 10_000
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"step": Adaptive(0.0)}, "tolerance = 0.0 must be above 0"),
+        ({"step": Adaptive(1.0, control="guess")}, "control 'guess' must be doubling or energy"),
+        ({"step": Adaptive(1.0, absolute={"motor.P": 1.0})}, "absolute tolerance of motor.P"),
+        ({"step": 1e-3, "input_order": -1}, "input_order = -1 must be at least 0"),
+        ({"step": 1e-3, "substeps": {"pump": 2}}, "there is no part 'pump'"),
+        ({"step": 1e-3, "substeps": {"motor": 0}}, "substeps of motor = 0 must be at least 1"),
+        ({"step": 1e-3, "output_step": math.inf}, "output_step = inf s must be a finite number"),
+    ],
+)
+def test_bad_settings_are_refused(fmus: Path, settings: dict[str, Any], message: str) -> None:
+    with pytest.raises(SetupError, match=message):
+        from_rest(fmus, **settings)
