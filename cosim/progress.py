@@ -1,0 +1,42 @@
+"""A progress bar of simulated time on a terminal; nothing anywhere else."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, Task, TextColumn, TimeRemainingColumn
+from rich.text import Text
+
+
+class Pace(TextColumn):
+    """Simulated time, and how many times faster it passes than real time."""
+
+    def __init__(self) -> None:
+        super().__init__("")
+
+    def render(self, task: Task) -> Text:
+        """Of a task whose progress is simulated time in s."""
+        pace = task.completed / task.elapsed if task.elapsed else 0.0
+        return Text(f"{task.completed:.4g} of {task.total:.4g} s, {pace:.3g} x real time")
+
+
+@contextmanager
+def bar(title: str, start: float, stop: float) -> Iterator[Callable[[float], None]]:
+    """A function to call with the share of a run from `start` to `stop` [s] that is done."""
+    columns = (TextColumn("{task.description}"), BarColumn(), Pace(), TimeRemainingColumn())
+    console = Console(stderr=True)
+    with Progress(*columns, console=console, disable=not console.is_terminal) as progress:
+        task = progress.add_task(title, total=stop - start)
+        shown = 0.0
+
+        def show(share: float) -> None:
+            nonlocal shown
+            now = time.monotonic()
+            if now - shown > 0.1 or share >= 1.0:
+                shown = now
+                progress.update(task, completed=share * (stop - start))
+
+        yield show
