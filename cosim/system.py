@@ -17,11 +17,13 @@ Value = float | int | bool | str
 NUMERIC = {"Real": float, "Integer": int, "Enumeration": int, "Boolean": int}
 
 
-NUMBER = r"[+-]?\s*(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
+NUMBER = r"\s*(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 WIRE = re.compile(
-    rf"\s*(?P<source>[^*+\s]+)\s*(?:\*\s*(?P<factor>{NUMBER}))?\s*(?P<offset>[+-]{NUMBER})?"
-    r"\s*->\s*(?P<target>[^*+\s]+)\s*"
+    rf"\s*(?P<source>[^*+\s]+)\s*(?:\*\s*(?P<factor>[+-]?{NUMBER}))?\s*(?P<offset>[+-]{NUMBER})?"
+    r"\s*(?P<arrow>->|=>)\s*(?P<target>[^*+\s]+)\s*"
 )
+PIECE = r"[^\W\d][\w\[\]-]*"
+PART = re.compile(rf"{PIECE}(\.{PIECE})*")
 
 
 @dataclass(frozen=True)
@@ -29,9 +31,10 @@ class System:
     """FMU files by part name, wires, start values by variable.
 
     A wire reads "motor.tau -> conveyor.tau", or with a factor and an offset in the source's unit
-    "cam.w * 2.5 + 0.1 -> rotor.w". Convertible units are converted (rpm -> rad/s). A bond names two
-    outputs that are wired there and back and multiply to a power: "motor.tau * conveyor.w". Wires
-    whose units show a bond beyond doubt need not be named.
+    "cam.w * 2.5 + 0.1 -> rotor.w". Convertible units are converted (rpm -> rad/s). With "=>" the
+    target takes the number as it stands, whatever the units. A bond names two outputs that are wired
+    there and back and multiply to a power: "motor.tau * conveyor.w". Wires whose units show a bond
+    beyond doubt need not be named. A part of a subsystem has a dotted name, "line.motor".
     """
 
     parts: Mapping[str, Path]
@@ -93,6 +96,7 @@ def connect(system: System) -> Network:
     that is not finite, out of bounds or cannot be set.
     """
     descriptions = {name: _describe(name, Path(path)) for name, path in system.parts.items()}
+    _require_distinct(descriptions)
     wires = [_wire(descriptions, text) for text in system.wires]
     start = [_start(descriptions, name, value) for name, value in system.start.items()]
     driven: dict[str, Wire] = {}
@@ -111,8 +115,11 @@ def connect(system: System) -> Network:
 
 
 def _describe(name: str, path: Path) -> ModelDescription:
-    if not name.isidentifier():
-        raise SetupError(f"part name {name!r} must be letters, digits and underscores")
+    if PART.fullmatch(name) is None:
+        raise SetupError(
+            f"part name {name!r} must begin with a letter, then letters, digits, _, - and [], "
+            "or be such names with dots between"
+        )
     if not path.is_file():
         raise SetupError(f"part {name}: there is no file {path}")
     try:
@@ -124,15 +131,29 @@ def _describe(name: str, path: Path) -> ModelDescription:
     return description
 
 
+def _require_distinct(descriptions: Mapping[str, ModelDescription]) -> None:
+    """Refuse variables of two parts that have one dotted name: a, b.c and a.b, c."""
+    for inner in descriptions:
+        for outer in descriptions:
+            if inner.startswith(f"{outer}."):
+                names = {f"{inner}.{v.name}" for v in descriptions[inner].modelVariables}
+                names &= {f"{outer}.{v.name}" for v in descriptions[outer].modelVariables}
+                if names:
+                    raise SetupError(f"parts {outer} and {inner} both have a {min(names)}")
+
+
 def _port(descriptions: Mapping[str, ModelDescription], name: str) -> Port:
-    part, _, variable = name.strip().partition(".")
-    if part not in descriptions:
+    name = name.strip()
+    parts = sorted((p for p in descriptions if name.startswith(f"{p}.")), key=len, reverse=True)
+    for part in parts:
+        for candidate in descriptions[part].modelVariables:
+            if f"{part}.{candidate.name}" == name:
+                return Port(part, candidate)
+    if not parts:
         known = ", ".join(descriptions)
-        raise SetupError(f"{name.strip()}: there is no part {part!r}, only {known}")
-    for candidate in descriptions[part].modelVariables:
-        if candidate.name == variable:
-            return Port(part, candidate)
-    names = [v.name for v in descriptions[part].modelVariables]
+        raise SetupError(f"{name}: there is no part {name.partition('.')[0]!r}, only {known}")
+    part, names = parts[0], [v.name for v in descriptions[parts[0]].modelVariables]
+    variable = name.removeprefix(f"{part}.")
     raise SetupError(f"{part} has no variable {variable!r}, only {', '.join(names)}")
 
 
@@ -140,7 +161,8 @@ def _wire(descriptions: Mapping[str, ModelDescription], text: str) -> Wire:
     match = WIRE.fullmatch(text)
     if match is None:
         raise SetupError(
-            f"wire {text!r} must read 'part.output [* factor] [+ offset] -> part.input'"
+            f"wire {text!r} must read 'part.output [* factor] [+ offset] -> part.input', "
+            "or => to convert no units"
         )
     source, target = (_port(descriptions, match[end]) for end in ("source", "target"))
     if source.variable.causality != "output":
@@ -151,7 +173,8 @@ def _wire(descriptions: Mapping[str, ModelDescription], text: str) -> Wire:
         raise SetupError(f"wire {text!r}: {source.type} cannot drive {target.type}")
     factor, offset = (float((match[key] or default).replace(" ", ""))
                       for key, default in (("factor", "1"), ("offset", "0")))  # fmt: skip
-    scale, shift = _conversion(descriptions, source, target)
+    raw = match["arrow"] == "=>"
+    scale, shift = (1.0, 0.0) if raw else _conversion(descriptions, source, target)
     wire = Wire(source, target, scale * factor, scale * offset + shift)
     if wire[2:] != (1.0, 0.0) and source.type != "Real":
         raise SetupError(f"wire {text!r}: {source.type} cannot be scaled")
@@ -189,7 +212,8 @@ def _start(
 ) -> tuple[Port, Value]:
     port = _port(descriptions, name)
     variable = port.variable
-    if variable.causality not in ("parameter", "input") and variable.initial != "exact":
+    free = variable.causality in ("parameter", "input") or variable.initial in ("exact", "approx")
+    if variable.variability == "constant" or not free:
         raise SetupError(f"{port} is {variable.causality} and cannot be given a start value")
     if port.type == "String":
         return port, str(value)
