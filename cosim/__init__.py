@@ -6,7 +6,7 @@ from .certify import Certified, Estimate, certify, estimate, summary
 from .errors import Interrupted, SetupError, SimulationError
 from .master import run, versions
 from .result import Result
-from .ssp import write_ssp
+from .ssp import Package, read_ssp, write_ssp
 from .system import System
 
 __all__ = [
@@ -16,12 +16,14 @@ __all__ = [
     "Certified",
     "Estimate",
     "Interrupted",
+    "Package",
     "Result",
     "SetupError",
     "SimulationError",
     "System",
     "certify",
     "estimate",
+    "read_ssp",
     "run",
     "summary",
     "versions",

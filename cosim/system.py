@@ -95,7 +95,7 @@ def connect(system: System) -> Network:
     a wire of wrong direction, type or unit, an input driven twice or not at all, and a start value
     that is not finite, out of bounds or cannot be set.
     """
-    descriptions = {name: _describe(name, Path(path)) for name, path in system.parts.items()}
+    descriptions = {name: describe_fmu(name, Path(path)) for name, path in system.parts.items()}
     _require_distinct(descriptions)
     wires = [_wire(descriptions, text) for text in system.wires]
     start = [_start(descriptions, name, value) for name, value in system.start.items()]
@@ -114,7 +114,8 @@ def connect(system: System) -> Network:
     return Network(system, descriptions, wires, start)
 
 
-def _describe(name: str, path: Path) -> ModelDescription:
+def describe_fmu(name: str, path: Path) -> ModelDescription:
+    """The description of a part's FMU; raises SetupError if name or file cannot be used."""
     if PART.fullmatch(name) is None:
         raise SetupError(
             f"part name {name!r} must begin with a letter, then letters, digits, _, - and [], "
@@ -187,10 +188,17 @@ def _conversion(
     """Factor and offset from the source's unit to the target's; no unit fits every unit."""
     if not source.unit or not target.unit or source.unit == target.unit:
         return 1.0, 0.0
-    units = [base_unit(descriptions, port) for port in (source, target)]
-    if None in units or exponents(units[0]) != exponents(units[1]):
+    here, there = (base_unit(descriptions, port) for port in (source, target))
+    factors = convert(here, there) if here and there else None
+    if factors is None:
         raise SetupError(f"{source} cannot drive {target}")
-    here, there = units
+    return factors
+
+
+def convert(here: Any, there: Any) -> tuple[float, float] | None:
+    """Factor and offset from one base unit to another; None if they measure different things."""
+    if exponents(here) != exponents(there):
+        return None
     return here.factor / there.factor, (here.offset - there.offset) / there.factor
 
 

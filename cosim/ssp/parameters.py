@@ -1,0 +1,167 @@
+"""Parameter sets (SSV) with their mappings (SSM): values by the name they are applied to."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+from fmpy.model_description import ScalarVariable
+
+from ..errors import SetupError
+from ..system import Value
+from .files import Element, children, parse, plain, qualified, validate
+from .units import Definitions, Step, Unit, definitions
+
+Locate = Callable[[str, str], Path]
+FALSE_TRUE = {"false": False, "0": False, "true": True, "1": True}
+READ: dict[str, Callable[[str], Value]] = {
+    "Real": float,
+    "Integer": int,
+    "Boolean": lambda text: FALSE_TRUE[text.strip()],
+    "String": str,
+    "Enumeration": str,
+}
+TABLES = {
+    "BooleanMappingTransformation": "Boolean",
+    "IntegerMappingTransformation": "Integer",
+    "EnumerationMappingTransformation": "Enumeration",
+}
+FITS = {
+    "Real": ("Real", "Integer"),
+    "Integer": ("Integer",),
+    "Boolean": ("Boolean",),
+    "String": ("String",),
+    "Enumeration": ("Enumeration", "Integer"),
+}
+
+
+class Parameter(NamedTuple):
+    """A value, an enumeration's as item name, and the linear step it takes before it is applied."""
+
+    where: str
+    name: str
+    type: str
+    value: Value
+    unit: Unit | None
+    step: Step = Step("", None)
+
+    def fit(self, variable: ScalarVariable) -> Value:
+        """The value for a variable, not yet scaled; raises SetupError for a wrong type or item."""
+        kind = str(variable.type)
+        scaled = (self.step.factor, self.step.offset) != (1.0, 0.0)
+        if self.type not in FITS[kind] or (scaled and kind != "Real"):
+            given = "a linear transformation" if scaled else self.type
+            raise SetupError(f"{self.where}: {given} does not fit {variable.name} of type {kind}")
+        if self.type != "Enumeration":
+            return self.value
+        items = {str(item.name): int(item.value) for item in variable.declaredType.items}
+        if self.value not in items:
+            known = ", ".join(items)
+            raise SetupError(f"{self.where}: {self.value!r} must be one of {known}")
+        return items[str(self.value)]
+
+
+def bound(binding: Element, file: str, outer: Definitions, locate: Locate) -> list[Parameter]:
+    """The parameters of a ParameterBinding under the names they are applied to.
+
+    Raises SetupError for what is invalid or not supported.
+    """
+    _require_type(binding, "application/x-ssp-parameter-set", file)
+    inline = children(binding, "ssd:ParameterValues")
+    source, values = _content(binding, inline, "ssv:ParameterSet", file, locate)
+    known = definitions(values, source)
+    if source == file:
+        known = known.over(outer)
+    prefix = binding.get("prefix", "")
+    parameters: dict[str, Parameter] = {}
+    for element in children(values, "ssv:Parameters", "ssv:Parameter"):
+        parameter = _parameter(element, prefix, source, known)
+        if parameter.name in parameters:
+            raise SetupError(f"{parameter.where} is given twice")
+        parameters[parameter.name] = parameter
+    for mapping in children(binding, "ssd:ParameterMapping"):
+        _require_type(mapping, "application/x-ssp-parameter-mapping", file)
+        source, entries = _content(mapping, [mapping], "ssm:ParameterMapping", file, locate)
+        return _mapped(parameters, entries, source)
+    return list(parameters.values())
+
+
+def _require_type(element: Element, expected: str, file: str) -> None:
+    if element.get("type", expected) != expected:
+        where = f"{file}, line {element.sourceline}"
+        raise SetupError(f"{where}: type {element.get('type')!r} is not supported")
+
+
+def _content(
+    element: Element, inline: list[Element], tag: str, file: str, locate: Locate
+) -> tuple[str, Element]:
+    """Name of the file and element of what is given by the `source` attribute or inline."""
+    where = f"{file}, line {element.sourceline}"
+    given = [part for holder in inline for part in holder.iterchildren("*")]
+    if element.get("source"):
+        if given:
+            raise SetupError(f"{where}: source and inline content exclude each other")
+        path = locate(element.get("source"), element.get("sourceBase", "SSD"))
+        return path.name, parse(path, tag)
+    if len(given) != 1:
+        raise SetupError(f"{where}: one {tag} or a source is needed")
+    validate(given[0], tag, file)
+    return file, given[0]
+
+
+def _parameter(element: Element, prefix: str, source: str, known: Definitions) -> Parameter:
+    name = prefix + element.get("name")
+    where = f"{source}, line {element.sourceline}: parameter {name}"
+    content = next(element.iterchildren("*"))
+    kind = plain(content.tag)
+    if kind not in READ:
+        raise SetupError(f"{where}: type {kind} is not supported")
+    value = READ[kind](content.get("value"))
+    items = known.items.get(content.get("name")) if kind == "Enumeration" else None
+    if items and value not in items:
+        raise SetupError(f"{where}: {value!r} must be one of {', '.join(items)}")
+    return Parameter(where, name, kind, value, known.unit(content.get("unit")))
+
+
+def _mapped(parameters: dict[str, Parameter], mapping: Element, source: str) -> list[Parameter]:
+    mapped: dict[str, Parameter] = {}
+    for entry in children(mapping, "ssm:MappingEntry"):
+        name, target = entry.get("source"), entry.get("target")
+        where = f"{source}, line {entry.sourceline}: mapping {name} -> {target}"
+        if name not in parameters:
+            raise SetupError(f"{where}: the parameter set has no {name}")
+        if target in mapped:
+            raise SetupError(f"{where}: {target} is mapped twice")
+        mapped[target] = _transformed(parameters[name]._replace(name=target), entry, where)
+    return list(mapped.values())
+
+
+def _transformed(parameter: Parameter, entry: Element, where: str) -> Parameter:
+    parameter = parameter._replace(step=linear(entry, where))
+    for tag, kind in TABLES.items():
+        for table in children(entry, f"ssc:{tag}"):
+            if parameter.type != kind:
+                raise SetupError(
+                    f"{where}: {tag} does not fit a parameter of type {parameter.type}"
+                )
+            rows = {
+                READ[kind](row.get("source")): READ[kind](row.get("target"))
+                for row in children(table, "ssc:MapEntry")
+            }
+            if parameter.value not in rows:
+                raise SetupError(f"{where}: there is no entry for {parameter.value!r}")
+            return parameter._replace(value=rows[parameter.value])
+    return parameter
+
+
+def linear(element: Element, where: str) -> Step:
+    """The linear step of a mapping entry or a connection."""
+    suppressed = FALSE_TRUE[element.get("suppressUnitConversion", "false").strip()]
+    scale = element.find(qualified("ssc:LinearTransformation"))
+    factor, offset = (
+        (1.0, 0.0)
+        if scale is None
+        else (float(scale.get("factor", 1.0)), float(scale.get("offset", 0.0)))
+    )
+    return Step(where, None, not suppressed, factor, offset)

@@ -1,0 +1,212 @@
+"""A flattened SSP system: connectors, the arrows between them, and what flows along the arrows."""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections import defaultdict
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import NamedTuple
+
+from fmpy.model_description import ModelDescription, ScalarVariable
+
+from ..errors import SetupError
+from ..system import Port, Value
+from .parameters import READ, Parameter
+from .units import Step, Unit, chain, defined, unit_of
+
+Node = tuple[str, str]
+DOWNWARD = ("input", "parameter")
+IDENTITY = (1.0, 0.0)
+log = logging.getLogger("cosim")
+
+
+class Connector(NamedTuple):
+    """A connector of a system or a variable of an FMU."""
+
+    kind: str
+    type: str | None
+    unit: Unit | None
+
+
+class Arrow(NamedTuple):
+    """Flow of values from one connector to another."""
+
+    source: Node
+    target: Node
+    step: Step
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Elements by dotted path, the outermost system by ""; connectors by path and name."""
+
+    elements: dict[str, dict[str, str]] = field(default_factory=dict)
+    connectors: dict[Node, Connector] = field(default_factory=dict)
+    fmus: dict[str, Path] = field(default_factory=dict)
+    descriptions: dict[str, ModelDescription] = field(default_factory=dict)
+    variables: dict[Node, ScalarVariable] = field(default_factory=dict)
+    into: dict[Node, Arrow] = field(default_factory=dict)
+    declared: set[Node] = field(default_factory=set)
+    out: dict[Node, list[Arrow]] = field(default_factory=lambda: defaultdict(list))
+    start: dict[Node, Value] = field(default_factory=dict)
+
+    def add_fmu(self, path: str, file: Path, description: ModelDescription) -> None:
+        """An element that is an FMU, with all its variables as connectors."""
+        self.fmus[path], self.descriptions[path] = file, description
+        for variable in description.modelVariables:
+            node, unit = (path, variable.name), unit_of(Port(path, variable), description)
+            self.variables[node] = variable
+            self.connectors[node] = Connector(str(variable.causality), str(variable.type), unit)
+
+    def add_arrow(self, arrow: Arrow) -> None:
+        """A connection; raises SetupError if its target has one already or is its own source."""
+        if arrow.target in self.into:
+            other = dotted(self.into[arrow.target].source)
+            raise SetupError(f"{arrow.step.where}: {dotted(arrow.target)} is driven by {other} too")
+        self.into[arrow.target] = arrow
+        self.out[arrow.source].append(arrow)
+        node = arrow.source
+        while node in self.into:
+            if node == arrow.target:
+                raise SetupError(f"{arrow.step.where}: {dotted(node)} is connected to itself")
+            node = self.into[node].source
+
+    def origin(self, node: Node) -> tuple[Node, list[Step]]:
+        """Where the values of a connector come from, and the steps they take."""
+        steps: list[Step] = []
+        while node in self.into:
+            arrow = self.into[node]
+            steps.insert(0, arrow.step._replace(unit=self.connectors[node].unit))
+            node = arrow.source
+        return node, steps
+
+    def leaves(self, node: Node, steps: tuple[Step, ...] = ()) -> Iterator[tuple[Node, list[Step]]]:
+        """The variables that the values of a connector reach, and the steps they take."""
+        if node in self.variables:
+            yield node, list(steps)
+            return
+        for arrow in self.out[node]:
+            step = arrow.step._replace(unit=self.connectors[arrow.target].unit)
+            yield from self.leaves(arrow.target, (*steps, step))
+
+    def bind(self, path: str, parameter: Parameter) -> None:
+        """Apply a parameter to an element: to all variables and connectors of its name."""
+        reached = [self._assign(node, parameter) for node in self._named(path, parameter.name)]
+        if not any(reached):
+            log.warning("%s fits no variable and is ignored", parameter.where)
+
+    def _named(self, path: str, name: str) -> Iterator[Node]:
+        if (path, name) in self.connectors:
+            yield path, name
+        for child, inner in self.elements.get(path, {}).items():
+            if name.startswith(f"{child}."):
+                yield from self._named(inner, name.removeprefix(f"{child}."))
+
+    def _assign(self, node: Node, parameter: Parameter) -> bool:
+        """Give the variables behind a connector a start value; whether there are any."""
+        connector = self.connectors[node]
+        first = parameter.step._replace(unit=connector.unit, where=parameter.where)
+        if node in self.variables or connector.kind in DOWNWARD:
+            leaves = list(self.leaves(node))
+            for leaf, steps in leaves:
+                unit = self._meant(parameter.unit, leaf)
+                self._set(leaf, parameter, chain(unit, [first, *steps]))
+            return bool(leaves)
+        source, steps = self.origin(node)
+        if source not in self.variables:
+            return False
+        unit = self._meant(parameter.unit, source)
+        last = Step(parameter.where, connector.unit or unit)
+        factor, offset = chain(self.connectors[source].unit, [*steps, last])
+        scale, shift = chain(unit, [first])
+        if factor == 0.0:
+            raise SetupError(f"{parameter.where}: the factor of the connection is zero")
+        self._set(source, parameter, (scale / factor, (shift - offset) / factor))
+        return True
+
+    def _meant(self, unit: Unit | None, node: Node) -> Unit | None:
+        return defined(unit, self.descriptions[node[0]]) if unit else None
+
+    def _set(self, node: Node, parameter: Parameter, scale: tuple[float, float]) -> None:
+        value = parameter.fit(self.variables[node])
+        if scale != IDENTITY:
+            if self.variables[node].type != "Real":
+                raise SetupError(
+                    f"{parameter.where}: {dotted(node)} is no Real and cannot be scaled"
+                )
+            value = scale[0] * float(value) + scale[1]
+        self.start[node] = value
+
+    def wires(self) -> list[str]:
+        """The connections between FMUs as wires of a System."""
+        wires = []
+        for node in self.into:
+            source, steps = self.origin(node)
+            if node not in self.variables or source not in self.variables:
+                continue
+            if self.connectors[node].kind != "input" or self.connectors[source].kind != "output":
+                raise SetupError(
+                    f"{steps[-1].where}: {self.connectors[source].kind} {dotted(source)} cannot "
+                    f"drive {self.connectors[node].kind} {dotted(node)}, only an output an input"
+                )
+            wires.append(self._wire(source, node, steps))
+        return wires
+
+    def _wire(self, source: Node, target: Node, steps: list[Step]) -> str:
+        where = steps[-1].where
+        for name in (dotted(source), dotted(target)):
+            if any(letter in "*+" or letter.isspace() for letter in name):
+                raise SetupError(f"{where}: {name!r} has a blank, * or +, which is not supported")
+        factor, offset = chain(self.connectors[source].unit, steps)
+        if not math.isfinite(factor + offset):
+            raise SetupError(f"{where}: factor {factor!r} and offset {offset!r} must be finite")
+        here, there = (self._own_unit(node) for node in (source, target))
+        try:
+            plain = chain(here, [Step(where, there)])
+        except SetupError:
+            plain = None
+        if (factor, offset) == plain:
+            return f"{dotted(source)} -> {dotted(target)}"
+        scale = f" * {factor!r}" if factor != 1.0 else ""
+        sign = "-" if offset < 0.0 else "+"
+        shift = f" {sign} {abs(offset)!r}" if offset != 0.0 else ""
+        arrow = "->" if plain == IDENTITY else "=>"
+        return f"{dotted(source)}{scale}{shift} {arrow} {dotted(target)}"
+
+    def _own_unit(self, node: Node) -> Unit | None:
+        return unit_of(Port(node[0], self.variables[node]), self.descriptions[node[0]])
+
+    def starts(self) -> dict[str, Value]:
+        """The start values that are bound, and those of the FMUs for inputs that nothing drives."""
+        driven = {node for node in self.into if self.origin(node)[0] in self.variables}
+        values = {dotted(node): value for node, value in self.start.items()}
+        for node, variable in self.variables.items():
+            idle = variable.causality == "input" and node not in driven
+            if idle and node not in self.start and variable.start is not None:
+                kind = "Integer" if variable.type == "Enumeration" else str(variable.type)
+                values[dotted(node)] = READ[kind](str(variable.start))
+        return values
+
+    def outer(self) -> dict[str, str]:
+        """The connectors of the outermost system that stand for one variable as it is."""
+        ports: dict[str, str] = {}
+        for (path, name), connector in self.connectors.items():
+            if path:
+                continue
+            if connector.kind in DOWNWARD:
+                ends = [(leaf, connector.unit, steps) for leaf, steps in self.leaves((path, name))]
+            else:
+                source, steps = self.origin((path, name))
+                ends = [(source, self.connectors[source].unit, steps)]
+            same = [leaf for leaf, unit, steps in ends if chain(unit, steps) == IDENTITY]
+            if len(ends) == 1 and same and same[0] in self.variables:
+                ports[name] = dotted(same[0])
+        return ports
+
+
+def dotted(node: Node) -> str:
+    """The name of a connector with its element's path."""
+    return ".".join(filter(None, node))

@@ -1,0 +1,302 @@
+"""An .ssp as a System: nested systems flattened, connectors resolved, parameters bound."""
+
+from __future__ import annotations
+
+import hashlib
+import shutil
+import zipfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from tempfile import mkdtemp
+from typing import NamedTuple
+from urllib.parse import unquote, urldefrag
+
+from ..errors import SetupError
+from ..system import PART, System, connect, describe_fmu
+from .files import NAMESPACES, Element, children, locate, parse, plain, unpack
+from .parameters import Locate, bound, linear
+from .plan import DOWNWARD, Arrow, Connector, Node, Plan, dotted
+from .units import Definitions, definitions, same
+
+FMU = "application/x-fmu-sharedlibrary"
+DEFINITION = "application/x-ssp-definition"
+PACKAGE = "application/x-ssp-package"
+PARAMETERS = ("parameter", "calculatedParameter")
+TYPES = ("Real", "Integer", "Boolean", "String", "Enumeration")
+ROOT = "SystemStructure.ssd"
+
+
+class Package(NamedTuple):
+    """What an .ssp holds: the system, its default experiment [s], and its outer connectors.
+
+    `connectors` gives the dotted port of every connector of the outermost system that stands for
+    one variable as it is, without factor, offset or conversion of units.
+    """
+
+    system: System
+    start: float | None
+    stop: float | None
+    connectors: dict[str, str]
+
+
+class Document(NamedTuple):
+    """An open SSD file in its package; `nesting` names what it is nested in, by identity."""
+
+    path: Path
+    root: Path
+    content: Element
+    known: Definitions
+    nesting: dict[tuple[str, str], str]
+
+    def at(self, element: Element) -> str:
+        """File and line of an element, and its name if it has one."""
+        name = f": {element.get('name')}" if element.get("name") else ""
+        return f"{self.path.name}, line {element.sourceline}{name}"
+
+    def inside(self, key: tuple[str, str], name: str) -> Document:
+        """The same document one level deeper; raises SetupError if it is nested in itself."""
+        if key in self.nesting:
+            chain = " -> ".join([*self.nesting.values(), name])
+            raise SetupError(f"cyclic nesting: {chain}")
+        return self._replace(nesting=self.nesting | {key: name})
+
+
+def read_ssp(path: Path, folder: Path) -> Package:
+    """Unpack an .ssp (1.0) into `folder`, which must be empty or not exist, and read its system.
+
+    Inputs that nothing drives keep the start value of their FMU. A parameter that fits no variable
+    is ignored with a logged warning, as the standard asks. Raises SetupError for what is invalid or
+    not supported; the folder is left as it was.
+    """
+    with _emptied_on_error(folder):
+        try:
+            return _read(Path(path), folder)
+        except SetupError as error:
+            raise SetupError(f"{Path(path).name}: {error}") from error
+
+
+@contextmanager
+def _emptied_on_error(folder: Path) -> Iterator[None]:
+    existed = folder.exists()
+    if existed and (not folder.is_dir() or any(folder.iterdir())):
+        raise SetupError(f"{folder} must be an empty folder")
+    try:
+        yield
+    except BaseException:
+        if folder.exists():
+            shutil.rmtree(folder)
+        if existed:
+            folder.mkdir()
+        raise
+
+
+def _read(path: Path, folder: Path) -> Package:
+    unpack(path, folder)
+    plan = Plan()
+    document = _open(folder / ROOT, folder, {}, (_digest(path), ROOT), path.name)
+    (whole,) = children(document.content, "ssd:System")
+    _system(plan, document, whole, "")
+    system = System(plan.fmus, plan.wires(), plan.starts())
+    connect(system)
+    experiment = document.content.find("ssd:DefaultExperiment", NAMESPACES)
+    given = {} if experiment is None else experiment.attrib
+    start, stop = (float(given[key]) if key in given else None for key in ("startTime", "stopTime"))
+    return Package(system, start, stop, plan.outer())
+
+
+def _digest(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def _open(
+    path: Path, root: Path, nesting: dict[tuple[str, str], str], key: tuple[str, str], name: str
+) -> Document:
+    if not path.is_file():
+        raise SetupError(f"there is no file {path.name!r} in {name}")
+    content = parse(path, "ssd:SystemStructureDescription")
+    document = Document(path, root, content, definitions(content, path.name), nesting)
+    return document.inside(key, name)
+
+
+def _system(plan: Plan, document: Document, system: Element, path: str) -> None:
+    """Add a system and all that is in it to the plan, then apply its parameters."""
+    if system.get("id"):
+        document = document.inside((str(document.path), system.get("id")), system.get("name"))
+    plan.elements[path] = {}
+    for name, connector in _connectors(document, system).items():
+        plan.connectors[path, name] = connector
+    for dictionary in children(system, "ssd:SignalDictionaries", "*"):
+        raise SetupError(f"{document.at(dictionary)}: SignalDictionary is not supported")
+    for element in children(system, "ssd:Elements", "*"):
+        _element(plan, document, element, path)
+    for connection in children(system, "ssd:Connections", "ssd:Connection"):
+        _connection(plan, document, connection, path)
+    _bind(plan, document, system, path, None)
+
+
+def _element(plan: Plan, document: Document, element: Element, outer: str) -> None:
+    name, where = element.get("name"), document.at(element)
+    path = f"{outer}.{name}" if outer else name
+    if PART.fullmatch(name) is None:
+        raise SetupError(
+            f"{where}: an element's name must begin with a letter, then letters, digits, _, - and []"
+        )
+    if path in plan.elements or path in plan.fmus:
+        raise SetupError(f"{where}: there are two elements {path}")
+    plan.elements[outer][name] = path
+    match plain(element.tag):
+        case "System":
+            _system(plan, document, element, path)
+        case "Component":
+            _component(plan, document, element, path)
+        case other:
+            raise SetupError(f"{where}: {other} is not supported")
+
+
+def _component(plan: Plan, document: Document, component: Element, path: str) -> None:
+    where, kind = document.at(component), component.get("type", FMU)
+    source, fragment = urldefrag(component.get("source"))
+    if component.get("implementation") == "ModelExchange":
+        raise SetupError(f"{where}: ModelExchange is not supported")
+    if kind == FMU:
+        file = _locate(document, source, where)
+        plan.add_fmu(path, file, describe_fmu(path, file))
+        base = file
+    elif kind in (DEFINITION, PACKAGE):
+        inner, system = _nested(document, kind, source, unquote(fragment), where)
+        _system(plan, inner, system, path)
+        base = inner.path.parent
+    else:
+        raise SetupError(f"{where}: component type {kind!r} is not supported")
+    for name, connector in _connectors(document, component).items():
+        _declare(plan, (path, name), connector, f"{where}: connector {name}", document)
+    _bind(plan, document, component, path, base)
+
+
+def _locate(document: Document, source: str, where: str) -> Path:
+    try:
+        return locate(source, document.path.parent, document.root)
+    except SetupError as error:
+        raise SetupError(f"{where}: {error}") from None
+
+
+def _nested(
+    document: Document, kind: str, source: str, fragment: str, where: str
+) -> tuple[Document, Element]:
+    """The document and the system that a component stands for."""
+    if not source:
+        found = document.content.xpath("//*[@id=$id]", id=fragment)
+        if len(found) != 1 or plain(found[0].tag) != "System":
+            raise SetupError(f"{where}: there is no System with the id {fragment!r}")
+        return document, found[0]
+    file = _locate(document, source, where)
+    if kind == PACKAGE:
+        name = fragment or ROOT
+        key = (_digest(file), name)
+        document.inside(key, file.name)
+        folder = Path(mkdtemp(prefix=f"{file.stem}_", dir=document.root))
+        unpack(file, folder)
+        ssd = _locate(Document(folder / ROOT, folder, None, document.known, {}), name, where)
+        inner = _open(ssd, folder, document.nesting, key, file.name)
+    elif fragment:
+        raise SetupError(f"{where}: an id in another file, {fragment!r}, is not supported")
+    else:
+        inner = _open(file, document.root, document.nesting, (str(file), ""), file.name)
+    (system,) = children(inner.content, "ssd:System")
+    return inner, system
+
+
+def _connectors(document: Document, element: Element) -> dict[str, Connector]:
+    """The connectors that an element declares."""
+    connectors: dict[str, Connector] = {}
+    for declared in children(element, "ssd:Connectors", "ssd:Connector"):
+        name, where = declared.get("name"), document.at(declared)
+        if name in connectors:
+            raise SetupError(f"{where}: {element.get('name')} has two connectors {name}")
+        if declared.get("kind") == "inout":
+            raise SetupError(f"{where}: connector kind inout is not supported")
+        kind, unit = None, None
+        for content in children(declared, "ssc:*"):
+            kind = plain(content.tag)
+            if kind not in TYPES:
+                raise SetupError(f"{where}: connector type {kind} is not supported")
+            if kind == "Enumeration" and content.get("name") not in document.known.items:
+                raise SetupError(f"{where}: there is no Enumeration {content.get('name')!r}")
+            unit = document.known.unit(content.get("unit"))
+        connectors[name] = Connector(declared.get("kind"), kind, unit)
+    return connectors
+
+
+def _declare(plan: Plan, node: Node, declared: Connector, where: str, document: Document) -> None:
+    """Compare the connector of a component with what it stands for."""
+    own = plan.connectors.get(node)
+    if own is None:
+        raise SetupError(f"{where}: {node[0]} has no {node[1]}")
+    if declared.kind != own.kind:
+        raise SetupError(f"{where} must be of kind {own.kind}, not {declared.kind}")
+    if declared.type and own.type and declared.type != own.type:
+        raise SetupError(f"{where} must be of type {own.type}, not {declared.type}")
+    if declared.unit and own.unit and not same(declared.unit, own.unit):
+        raise SetupError(f"{where} must be in {own.unit.name}, not {declared.unit.name}")
+    unit = own.unit or declared.unit
+    plan.connectors[node] = own._replace(type=own.type or declared.type, unit=unit)
+    plan.declared.add(node)
+
+
+def _connection(plan: Plan, document: Document, connection: Element, path: str) -> None:
+    where = document.at(connection)
+    sources: list[Node] = []
+    sinks: list[Node] = []
+    for end in ("start", "end"):
+        element, name = connection.get(f"{end}Element"), connection.get(f"{end}Connector")
+        if element is not None and element not in plan.elements[path]:
+            raise SetupError(f"{where}: there is no element {element!r} in {path or 'the system'}")
+        node = (path if element is None else plan.elements[path][element], name)
+        if node not in plan.connectors or (node in plan.variables and node not in plan.declared):
+            raise SetupError(f"{where}: there is no connector {dotted(node)}")
+        outward = (plan.connectors[node].kind in DOWNWARD) == (element is None)
+        (sources if outward else sinks).append(node)
+    if len(sources) != 1:
+        ends = " and ".join(f"{plan.connectors[n].kind} {dotted(n)}" for n in sources + sinks)
+        raise SetupError(f"{where}: {ends} cannot be connected")
+    source, sink = sources[0], sinks[0]
+    here, there = plan.connectors[source], plan.connectors[sink]
+    if there.kind in PARAMETERS and here.kind not in PARAMETERS:
+        raise SetupError(f"{where}: {here.kind} {dotted(source)} cannot drive a {there.kind}")
+    if here.type and there.type and here.type != there.type:
+        raise SetupError(f"{where}: {here.type} {dotted(source)} cannot drive {there.type}")
+    for content in children(connection, "ssc:*"):
+        if plain(content.tag) != "LinearTransformation":
+            raise SetupError(f"{where}: {plain(content.tag)} of a connection is not supported")
+    plan.add_arrow(Arrow(source, sink, linear(connection, where)))
+
+
+def _bind(
+    plan: Plan, document: Document, element: Element, path: str, component: Path | None
+) -> None:
+    """Apply the parameter bindings of an element, the later ones over the earlier ones."""
+    for binding in children(element, "ssd:ParameterBindings", "ssd:ParameterBinding"):
+        where = document.at(binding)
+        find = _finder(document, component, where)
+        for parameter in bound(binding, document.path.name, document.known, find):
+            plan.bind(path, parameter)
+
+
+def _finder(document: Document, component: Path | None, where: str) -> Locate:
+    """How a binding finds the files it names."""
+
+    def find(source: str, base: str) -> Path:
+        if base == "SSD":
+            return _locate(document, source, where)
+        if component is None:
+            raise SetupError(f"{where}: a system has no files of its own")
+        folder = component
+        if component.is_file():
+            folder = Path(mkdtemp(prefix=f"{component.stem}_", dir=document.root))
+            with zipfile.ZipFile(component) as archive:
+                if unquote(source) in archive.namelist():
+                    archive.extract(unquote(source), folder)
+        return _locate(document._replace(path=folder / ROOT, root=folder), source, where)
+
+    return find

@@ -1,0 +1,125 @@
+"""Units and enumerations of an SSP file, and what linear steps make of a value on its way."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any, NamedTuple
+
+from fmpy.model_description import BaseUnit, ModelDescription
+
+from ..errors import SetupError
+from ..system import Port, convert
+from .files import Element, children
+
+POWERS = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
+SCALE = {"factor": 1.0, "offset": 0.0}
+
+
+class Unit(NamedTuple):
+    """A unit by name and, if it is defined anywhere, its base units."""
+
+    name: str
+    base: Any = None
+
+
+UNKNOWN = Unit("")
+
+
+class Step(NamedTuple):
+    """One step of a value: conversion to `unit`, unless suppressed, then factor and offset."""
+
+    where: str
+    unit: Unit | None
+    convert: bool = True
+    factor: float = 1.0
+    offset: float = 0.0
+
+
+class Definitions(NamedTuple):
+    """Units and enumerations that a file defines."""
+
+    units: dict[str, Unit]
+    items: dict[str, dict[str, int]]
+
+    def unit(self, name: str | None) -> Unit | None:
+        """The unit of a name; without base units if the file does not define it."""
+        return self.units.get(name, Unit(name)) if name else None
+
+    def over(self, outer: Definitions) -> Definitions:
+        """These definitions, and the outer ones where they have none."""
+        return Definitions(outer.units | self.units, outer.items | self.items)
+
+
+def definitions(root: Element, file: str) -> Definitions:
+    """What the Units and Enumerations of a file define; raises SetupError for doubles."""
+    units: dict[str, Unit] = {}
+    items: dict[str, dict[str, int]] = {}
+    for unit in children(root, "{*}Units", "ssc:Unit"):
+        (base,) = children(unit, "ssc:BaseUnit")
+        powers = {key: int(base.get(key, 0)) for key in POWERS}
+        scale = {key: float(base.get(key, default)) for key, default in SCALE.items()}
+        name = _new(unit, units, file)
+        units[name] = Unit(name, BaseUnit(**powers, **scale))
+    for enumeration in children(root, "{*}Enumerations", "ssc:Enumeration"):
+        items[_new(enumeration, items, file)] = {
+            item.get("name"): int(item.get("value")) for item in children(enumeration, "ssc:Item")
+        }
+    return Definitions(units, items)
+
+
+def _new(element: Element, known: Iterable[str], file: str) -> str:
+    name = str(element.get("name"))
+    if name in known:
+        raise SetupError(f"{file}, line {element.sourceline}: {name!r} is defined twice")
+    return name
+
+
+def unit_of(port: Port, description: ModelDescription) -> Unit | None:
+    """The unit that an FMU gives a variable."""
+    return defined(Unit(port.unit), description) if port.unit else None
+
+
+def defined(unit: Unit, description: ModelDescription) -> Unit:
+    """A unit with the base units of the FMU that knows it, if the file did not define it."""
+    bases = {u.name: u.baseUnit for u in description.unitDefinitions}
+    return unit if unit.base is not None else Unit(unit.name, bases.get(unit.name))
+
+
+def same(one: Unit, other: Unit) -> bool:
+    """Whether two units have one name or one meaning."""
+    if one.name == other.name:
+        return True
+    try:
+        return _conversion(one, other, "") == (1.0, 0.0)
+    except SetupError:
+        return False
+
+
+def chain(unit: Unit | None, steps: Iterable[Step]) -> tuple[float, float]:
+    """Factor and offset of all steps together for a value in `unit`.
+
+    Where no unit is given, that of the step before is meant. Raises SetupError where units do not
+    fit each other or a unit cannot be deduced.
+    """
+    factor, offset = 1.0, 0.0
+    for step in steps:
+        if step.convert and step.unit is not None and unit is not None:
+            scale, shift = _conversion(unit, step.unit, step.where)
+            factor, offset = scale * factor, scale * offset + shift
+        factor, offset = step.factor * factor, step.factor * offset + step.offset
+        unit = step.unit or (unit if step.convert or unit is None else UNKNOWN)
+    return factor, offset
+
+
+def _conversion(here: Unit, there: Unit, where: str) -> tuple[float, float]:
+    if here is UNKNOWN:
+        raise SetupError(f"{where}: its source has no unit to convert to {there.name} from")
+    if here.name == there.name:
+        return 1.0, 0.0
+    for unit in (here, there):
+        if unit.base is None:
+            raise SetupError(f"{where}: unit {unit.name!r} is not defined")
+    factors = convert(here.base, there.base)
+    if factors is None:
+        raise SetupError(f"{where}: {here.name} cannot be converted to {there.name}")
+    return factors
