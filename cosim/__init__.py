@@ -3,8 +3,10 @@
 from .adaptive import Adaptive
 from .algorithms import ALGORITHMS, ORDERS
 from .certify import Certified, Estimate, certify, estimate, summary
+from .container import write_container
 from .errors import Interrupted, SetupError, SimulationError
 from .master import run, versions
+from .osp import write_osp
 from .result import Result
 from .ssp import Package, read_ssp, write_ssp
 from .system import System
@@ -27,5 +29,7 @@ __all__ = [
     "run",
     "summary",
     "versions",
+    "write_container",
+    "write_osp",
     "write_ssp",
 ]

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import os
 import zipfile
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from urllib.parse import quote
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
@@ -33,7 +33,7 @@ def write_ssp(system: System, path: Path, stop: float | None = None, start: floa
             archive.writestr("SystemStructure.ssd", structure)
             for fmu, name in files.items():
                 archive.write(fmu, f"resources/{name}")
-        os.replace(whole, path)
+        whole.replace(path)
 
 
 def archived(network: Network) -> dict[Path, str]:
@@ -58,7 +58,7 @@ def _structure(
     elements = SubElement(whole, qualified("ssd:Elements"))
     known: Enumerations = {}
     for part, fmu in network.system.parts.items():
-        _component(elements, network, part, f"resources/{files[Path(fmu)]}", known)
+        _component(elements, network, part, f"resources/{quote(files[Path(fmu)])}", known)
     if network.wires:
         connections = SubElement(whole, qualified("ssd:Connections"))
         for wire in network.wires:

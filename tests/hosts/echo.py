@@ -1,0 +1,23 @@
+"""Source of an FMU with a parameter of every type that the project's own FMUs do not have."""
+
+from pythonfmu import Boolean, Fmi2Causality, Fmi2Slave, Fmi2Variability, Integer, Real, String
+
+
+class Echo(Fmi2Slave):
+    """Says what it was given as one number: y = r + 10 i + 1000 b + 1e4 * first letter of s + u."""
+
+    def __init__(self, **kwargs):
+        super().__init__(**kwargs)
+        self.r, self.i, self.b, self.s, self.u, self.y = 0.0, 0, False, "A", 0.0, 0.0
+        fixed = {"causality": Fmi2Causality.parameter, "variability": Fmi2Variability.fixed}
+        for kind, name in ((Real, "r"), (Integer, "i"), (Boolean, "b"), (String, "s")):
+            self.register_variable(kind(name, **fixed))
+        self.register_variable(Real("u", causality=Fmi2Causality.input))
+        self.register_variable(Real("y", causality=Fmi2Causality.output))
+
+    def exit_initialization_mode(self):
+        self.do_step(0.0, 0.0)
+
+    def do_step(self, t, h):
+        self.y = self.r + 10 * self.i + 1000 * self.b + 1e4 * ord(self.s[0]) + self.u
+        return True

@@ -1,0 +1,743 @@
+"""SSP packages, written here feature by feature, give the numbers of the system they describe."""
+
+import logging
+import math
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import fmpy
+import numpy as np
+import pytest
+from lxml import etree
+from numpy.testing import assert_allclose, assert_array_equal
+from pythonfmu import FmuBuilder
+
+from cosim import Package, SetupError, System, read_ssp, run, write_ssp
+from cosim.system import connect
+
+STANDARD = "http://ssp-standard.org/SSP1/SystemStructure"
+SPACES = " ".join(
+    f'xmlns:{prefix}="{STANDARD}{name}"'
+    for prefix, name in (
+        ("ssd", "Description"),
+        ("ssc", "Common"),
+        ("ssv", "ParameterValues"),
+        ("ssm", "ParameterMapping"),
+    )
+)
+RPM = f'<ssc:Unit name="rpm"><ssc:BaseUnit s="-1" rad="1" factor="{math.pi / 30!r}"/></ssc:Unit>'
+RECORD = ["tau", "w"]
+
+MOTOR = """
+<ssd:Component name="motor" source="resources/DriveMotor.fmu"><ssd:Connectors>
+  <ssd:Connector name="w" kind="input"><ssc:Real unit="rad/s"/></ssd:Connector>
+  <ssd:Connector name="tau" kind="output"/></ssd:Connectors>{}</ssd:Component>"""
+CONVEYOR = """
+<ssd:Component name="conveyor" source="resources/CrankConveyor.fmu"><ssd:Connectors>
+  <ssd:Connector name="tau" kind="input"/><ssd:Connector name="w" kind="output"/>
+  </ssd:Connectors>{}</ssd:Component>"""
+TAU = (
+    '<ssd:Connection startElement="motor" startConnector="tau" endElement="{}" endConnector="tau"/>'
+)
+W = '<ssd:Connection startElement="{}" startConnector="{}" endElement="motor" endConnector="w"{}'
+ENDS = W.format("conveyor", "w", "/>")
+
+
+def ssd(elements: str, connections: str = "", more: str = "", tail: str = "") -> str:
+    """An SSD: `more` comes before the elements of the system, `tail` after it."""
+    if connections:
+        connections = f"<ssd:Connections>{connections}</ssd:Connections>"
+    return (
+        f'<ssd:SystemStructureDescription {SPACES} version="1.0" name="test"><ssd:System name="all">'
+        f"{more}<ssd:Elements>{elements}</ssd:Elements>{connections}</ssd:System>{tail}"
+        "</ssd:SystemStructureDescription>"
+    )
+
+
+def connectors(*triples: tuple[str, str, str]) -> str:
+    """Connectors of a system: name, kind, content."""
+    return (
+        "<ssd:Connectors>"
+        + "".join(
+            f'<ssd:Connector name="{name}" kind="{kind}">{content}</ssd:Connector>'
+            for name, kind, content in triples
+        )
+        + "</ssd:Connectors>"
+    )
+
+
+def values(parameters: str, more: str = "") -> str:
+    """A parameter set: text with {} -> as 'name Type attributes;...'."""
+    rows = "".join(
+        f'<ssv:Parameter name="{name}"><ssv:{content}/></ssv:Parameter>'
+        for name, content in (row.strip().split(" ", 1) for row in parameters.split(";"))
+    )
+    return (
+        f'<ssv:ParameterSet {SPACES} version="1.0" name="set">'
+        f"<ssv:Parameters>{rows}</ssv:Parameters>{more}</ssv:ParameterSet>"
+    )
+
+
+def mapping(*entries: tuple[str, str, str]) -> str:
+    """A parameter mapping: source, rest of the attributes, content."""
+    rows = "".join(
+        f'<ssm:MappingEntry source="{source}" {target}>{content}</ssm:MappingEntry>'
+        for source, target, content in entries
+    )
+    return f'<ssm:ParameterMapping {SPACES} version="1.0">{rows}</ssm:ParameterMapping>'
+
+
+def bindings(*sets: str, mapped: str = "", attributes: str = "") -> str:
+    """Parameter bindings with inline sets."""
+    if mapped:
+        mapped = f"<ssd:ParameterMapping>{mapped}</ssd:ParameterMapping>"
+    inner = "".join(
+        f"<ssd:ParameterBinding {attributes}><ssd:ParameterValues>{one}</ssd:ParameterValues>"
+        f"{mapped}</ssd:ParameterBinding>"
+        for one in sets
+    )
+    return f"<ssd:ParameterBindings>{inner}</ssd:ParameterBindings>"
+
+
+Files = dict[str, str | bytes | Path]
+Read = Callable[..., Package]
+
+
+def pack(path: Path, files: Files) -> Path:
+    """A zip file with these texts and files."""
+    with zipfile.ZipFile(path, "w") as archive:
+        for name, content in files.items():
+            if isinstance(content, Path):
+                archive.write(content, name)
+            else:
+                archive.writestr(name, content)
+    return path
+
+
+@pytest.fixture(scope="module")
+def echo(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """An FMU with Integer and String parameters."""
+    folder = tmp_path_factory.mktemp("echo")
+    FmuBuilder.build_FMU(Path(__file__).parent / "hosts" / "echo.py", dest=folder)
+    return folder / "Echo.fmu"
+
+
+@pytest.fixture
+def resources(fmus: Path, echo: Path) -> Files:
+    """The FMUs of all tests as files of a package."""
+    names = ("DriveMotor", "CrankConveyor", "LinearSystem")
+    return {f"resources/{name}.fmu": fmus / f"{name}.fmu" for name in names} | {
+        "resources/Echo.fmu": echo
+    }
+
+
+@pytest.fixture
+def read(resources: Files, tmp_path: Path) -> Read:
+    """Read a package of this SSD and these other files, beside the FMUs."""
+
+    def read(structure: str, **others: str | bytes | Path) -> Package:
+        files = {"SystemStructure.ssd": structure, **resources, **others}
+        return read_ssp(pack(tmp_path / "test.ssp", files), tmp_path / "unpacked")
+
+    return read
+
+
+def same(package: Package, system: System, rtol: float = 0.0, **names: str) -> None:
+    """The package and the system give the same torque and speed; `names` are parts' other names."""
+    settings: dict[str, Any] = {"stop": 0.02, "step": 1e-3, "algorithm": "jacobi"}
+    result, expected = run(package.system, **settings), run(system, **settings)
+    for name in expected.columns[1:]:
+        part, _, variable = name.partition(".")
+        column = f"{names.get(part, part)}.{variable}"
+        assert_allclose(result[column], expected[name], rtol=rtol, atol=rtol, err_msg=column)
+    assert len(result.columns) == len(expected.columns)
+
+
+def pair(fmus: Path, wires: list[str] | None = None, **start: Any) -> System:
+    """The system that most packages describe; start values with __ for the dot."""
+    return System(
+        {"motor": fmus / "DriveMotor.fmu", "conveyor": fmus / "CrankConveyor.fmu"},
+        wires or ["motor.tau -> conveyor.tau", "conveyor.w -> motor.w"],
+        {name.replace("__", "."): value for name, value in start.items()},
+    )
+
+
+def flat(
+    motor: str = "", conveyor: str = "", ends: str = ENDS, more: str = "", tail: str = ""
+) -> str:
+    """The pair as an SSD without nesting."""
+    elements = MOTOR.format(motor) + CONVEYOR.format(conveyor)
+    return ssd(elements, TAU.format("conveyor") + ends, more, tail)
+
+
+def test_flat_system_and_default_experiment(fmus: Path, read: Read) -> None:
+    package = read(flat(tail='<ssd:DefaultExperiment startTime="0.5" stopTime="2.5"/>'))
+    assert (package.start, package.stop, package.connectors) == (0.5, 2.5, {})
+    assert list(package.system.wires) == list(pair(fmus).wires)
+    same(package, pair(fmus))
+
+
+INNER = connectors(("tau", "input", ""), ("w", "output", "<ssc:Real/>"))
+INWARD = '<ssd:Connection startConnector="tau" endElement="conveyor" endConnector="tau"/>'
+OUTWARD = '<ssd:Connection startElement="conveyor" startConnector="w" endConnector="w"{}'
+INSIDE = CONVEYOR.format(""), INWARD + OUTWARD.format("/>"), INNER
+
+
+def nested(kind: str, source: str, more: str = "") -> str:
+    """The pair with the conveyor in a file of its own."""
+    component = f'<ssd:Component name="line" type="{kind}" source="{source}">{more}</ssd:Component>'
+    return ssd(MOTOR.format("") + component, TAU.format("line") + W.format("line", "w", "/>"))
+
+
+def test_nested_systems_are_flattened_three_deep(fmus: Path, read: Read) -> None:
+    elements, connections, ports = INSIDE
+    inner = (
+        f'<ssd:System name="hall">{ports}<ssd:Elements>{elements}</ssd:Elements>'
+        f"<ssd:Connections>{connections}</ssd:Connections></ssd:System>"
+    )
+    through = INWARD.replace("conveyor", "hall") + OUTWARD.format("/>").replace("conveyor", "hall")
+    middle = (
+        f'<ssd:System name="line">{ports}<ssd:Elements>{inner}</ssd:Elements>'
+        f"<ssd:Connections>{through}</ssd:Connections></ssd:System>"
+    )
+    outer = connectors(("speed", "output", ""))
+    top = '<ssd:Connection startElement="line" startConnector="w" endConnector="speed"/>'
+    ends = TAU.format("line") + W.format("line", "w", "/>") + top
+    package = read(ssd(MOTOR.format("") + middle, ends, outer))
+    assert list(package.system.parts) == ["motor", "line.hall.conveyor"]
+    assert package.connectors == {"speed": "line.hall.conveyor.w"}
+    same(package, pair(fmus), conveyor="line.hall.conveyor")
+
+
+def test_connections_may_be_written_from_either_end(fmus: Path, read: Read) -> None:
+    ends = '<ssd:Connection endElement="conveyor" endConnector="w" startElement="motor" startConnector="w"/>'
+    same(read(flat(ends=ends)), pair(fmus))
+
+
+@pytest.mark.parametrize("kind", ["definition", "package"])
+def test_components_may_be_structures_or_packages(
+    fmus: Path, read: Read, resources: Files, tmp_path: Path, kind: str
+) -> None:
+    """Their own parameters give way to those of the component."""
+    parameters = bindings(values('conveyor.trough.m Real value="150"'))
+    inner = ssd(
+        CONVEYOR.format(""),
+        INSIDE[1],
+        INNER
+        + bindings(values('conveyor.trough.m Real value="99";conveyor.trough.d Real value="3000"')),
+    )
+    if kind == "definition":
+        name, content = "resources/line.ssd", inner.replace("resources/", "")
+    else:
+        name = "resources/line.ssp"
+        content = pack(tmp_path / "line.ssp", {"SystemStructure.ssd": inner, **resources})
+    package = read(nested(f"application/x-ssp-{kind}", name, parameters), **{name: content})
+    expected = pair(fmus, conveyor__trough__m=150.0, conveyor__trough__d=3000.0)
+    same(package, expected, conveyor="line.conveyor")
+
+
+def test_an_embedded_system_can_be_used_again_by_its_id(fmus: Path, read: Read) -> None:
+    spring = '<ssd:Component name="spring" source="resources/LinearSystem.fmu"/>'
+    first = f'<ssd:System name="first" id="one"><ssd:Elements>{spring}</ssd:Elements></ssd:System>'
+    second = '<ssd:Component name="second" type="application/x-ssp-definition" source="#one">'
+    parameters = bindings(values('spring.x[1] Real value="2"'))
+    package = read(ssd(f"{first}{second}{parameters}</ssd:Component>"))
+    result = run(package.system, stop=0.1, step=0.01)
+    assert_allclose(result["second.spring.y[1]"], 2 * result["first.spring.y[1]"], rtol=1e-14)
+
+
+def test_inputs_without_a_source_keep_the_value_of_the_fmu(fmus: Path, read: Read) -> None:
+    package = read(ssd(CONVEYOR.format("")))
+    assert package.system.start == {"conveyor.tau": 8.0}
+
+
+EVERY_TYPE = 'r Real value="0.5";i Integer value="3";b Boolean value="true";s String value="B"'
+
+
+@pytest.mark.parametrize("where", ["inline", "external", "in the FMU"])
+def test_parameters_of_every_type(read: Read, resources: Files, tmp_path: Path, where: str) -> None:
+    component = '<ssd:Component name="echo" source="resources/Echo.fmu">{}</ssd:Component>'
+    files: Files = {}
+    if where == "inline":
+        binding = bindings(values(EVERY_TYPE))
+    else:
+        base = ' sourceBase="component"' if where == "in the FMU" else ""
+        source = f'source="resources/my%20values.ssv"{base}'
+        binding = f"<ssd:ParameterBindings><ssd:ParameterBinding {source}/></ssd:ParameterBindings>"
+        files = {"resources/my values.ssv": values(EVERY_TYPE)}
+    if where == "in the FMU":
+        fmu = tmp_path / "Echo.fmu"
+        echo = resources["resources/Echo.fmu"]
+        assert isinstance(echo, Path)
+        with zipfile.ZipFile(echo) as old:
+            pack(fmu, {name: old.read(name) for name in old.namelist()} | files)
+        files = {"resources/Echo.fmu": fmu}
+    package = read(ssd(component.format(binding)), **files)
+    result = run(package.system, stop=0.01, step=0.01)
+    assert result["echo.y"][0] == 0.5 + 30 + 1000 + 1e4 * ord("B")
+
+
+def test_enumerations_by_the_name_of_their_item(fmus: Path, read: Read) -> None:
+    parameters = 'characteristic Enumeration value="kloss";input_hold Integer value="1"'
+    package = read(flat(motor=bindings(values(parameters))))
+    same(package, pair(fmus, motor__characteristic=1, motor__input_hold=1))
+
+
+def test_higher_and_later_bindings_win(fmus: Path, read: Read) -> None:
+    """Of component and system, and of two bindings at one level."""
+    low = bindings(
+        values('T Real value="1";A Real value="7000";B Real value="190"'),
+        values('T Real value="2";A Real value="7500"'),
+    )
+    high = bindings(values('motor.T Real value="0.3"'), values('motor.T Real value="0.05"'))
+    package = read(flat(motor=low, more=high))
+    same(package, pair(fmus, motor__T=0.05, motor__A=7500.0, motor__B=190.0))
+
+
+def test_prefix_and_names_of_nested_elements(fmus: Path, read: Read) -> None:
+    with_prefix = bindings(values('T Real value="0.05"'), attributes='prefix="motor."')
+    same(read(flat(more=with_prefix)), pair(fmus, motor__T=0.05))
+
+
+def test_a_parameter_that_fits_nothing_is_ignored_aloud(
+    fmus: Path, read: Read, caplog: pytest.LogCaptureFixture
+) -> None:
+    with caplog.at_level(logging.WARNING, "cosim"):
+        same(read(flat(motor=bindings(values('Tt Real value="1"')))), pair(fmus))
+    (message,) = caplog.messages
+    assert "parameter Tt fits no variable and is ignored" in message
+
+
+def test_system_connectors_hand_parameters_down(fmus: Path, read: Read) -> None:
+    """A parameter in minutes for all parts that the connector leads to, an input, an output."""
+    ports = connectors(
+        ("lag", "parameter", '<ssc:Real unit="min"/>'),
+        ("load", "input", ""),
+        ("speed", "output", '<ssc:Real unit="rpm"/>'),
+    )
+    inner = (
+        f'<ssd:System name="drive">{ports}<ssd:Elements>{MOTOR.format("").replace("</ssd:Connectors>", PARAMETER)}'
+        f"{CONVEYOR.format('')}</ssd:Elements><ssd:Connections>"
+        '<ssd:Connection startConnector="lag" endElement="motor" endConnector="T"/>'
+        '<ssd:Connection startConnector="load" endElement="conveyor" endConnector="tau">'
+        '<ssc:LinearTransformation factor="2" offset="1"/></ssd:Connection>'
+        '<ssd:Connection startElement="conveyor" startConnector="w" endConnector="speed"/>'
+        "</ssd:Connections></ssd:System>"
+    )
+    rows = 'drive.lag Real value="0.001";drive.load Real value="3";drive.speed Real value="300"'
+    minute = '<ssc:Unit name="min"><ssc:BaseUnit s="1" factor="60"/></ssc:Unit>'
+    units = f"<ssd:Units>{RPM}{minute}</ssd:Units>"
+    start = read(ssd(inner, more=bindings(values(rows)), tail=units)).system.start
+    assert start["drive.motor.T"] == pytest.approx(0.06, rel=1e-14)
+    assert start["drive.conveyor.tau"] == 7.0
+    assert start["drive.conveyor.w"] == pytest.approx(10 * math.pi, rel=1e-14)
+
+
+PARAMETER = '<ssd:Connector name="T" kind="parameter"/></ssd:Connectors>'
+LINEAR = '<ssc:LinearTransformation factor="2" offset="0.01"/>'
+
+
+@pytest.mark.parametrize("external", [False, True])
+def test_mapping_renames_converts_then_transforms(fmus: Path, read: Read, external: bool) -> None:
+    """20 ms are 0.02 s, twice that and 0.01 more is 0.05 s; what is not mapped is not applied."""
+    rows = 'lag Real value="20" unit="ms";A Real value="1";flag Boolean value="false"'
+    rows += ';kind Enumeration value="straight";number Integer value="7";same Real value="190"'
+    unit = (
+        '<ssv:Units><ssc:Unit name="ms"><ssc:BaseUnit s="1" factor="0.001"/></ssc:Unit></ssv:Units>'
+    )
+    tables = {
+        "Boolean": '<ssc:MapEntry source="false" target="true"/>',
+        "Enumeration": '<ssc:MapEntry source="straight" target="kloss"/>',
+        "Integer": '<ssc:MapEntry source="1" target="0"/><ssc:MapEntry source="7" target="1"/>',
+    }
+    table = {
+        kind: f"<ssc:{kind}MappingTransformation>{rows}</ssc:{kind}MappingTransformation>"
+        for kind, rows in tables.items()
+    }
+    entries = mapping(
+        ("lag", 'target="motor.T"', LINEAR),
+        ("same", 'target="motor.B"', ""),
+        ("flag", 'target="conveyor.rod.finite"', table["Boolean"]),
+        ("kind", 'target="motor.characteristic"', table["Enumeration"]),
+        ("number", 'target="motor.input_hold"', table["Integer"]),
+        ("number", 'target="conveyor.input_hold"', table["Integer"]),
+    )
+    if external:
+        source = (
+            '<ssd:ParameterBindings><ssd:ParameterBinding source="v.ssv">'
+            '<ssd:ParameterMapping source="m.ssm"/></ssd:ParameterBinding></ssd:ParameterBindings>'
+        )
+        package = read(flat(more=source), **{"v.ssv": values(rows, unit), "m.ssm": entries})
+    else:
+        package = read(flat(more=bindings(values(rows, unit), mapped=entries)))
+    expected = pair(
+        fmus,
+        motor__T=2 * (20 * 0.001) + 0.01,
+        motor__B=190.0,
+        conveyor__rod__finite=True,
+        motor__characteristic=1,
+        motor__input_hold=1,
+        conveyor__input_hold=1,
+    )
+    assert package.system.start == expected.start
+    same(package, expected)
+
+
+def test_mapping_can_suppress_the_conversion_of_units(read: Read) -> None:
+    unit = (
+        '<ssv:Units><ssc:Unit name="ms"><ssc:BaseUnit s="1" factor="0.001"/></ssc:Unit></ssv:Units>'
+    )
+    suppressed = 'target="motor.T" suppressUnitConversion="true"'
+    entries = mapping(("lag", suppressed, '<ssc:LinearTransformation factor="0.01"/>'))
+    binding = bindings(values('lag Real value="20" unit="ms"', unit), mapped=entries)
+    assert read(flat(more=binding)).system.start["motor.T"] == 0.2
+
+
+def test_units_may_be_those_of_the_fmu(read: Read) -> None:
+    """kg is a unit of the conveyor, not of the parameter set."""
+    package = read(flat(conveyor=bindings(values('trough.m Real value="150" unit="kg"'))))
+    assert package.system.start == {"conveyor.trough.m": 150.0}
+
+
+RPM_INSIDE = INSIDE[0], INWARD + OUTWARD, connectors(
+    ("tau", "input", ""), ("w", "output", '<ssc:Real unit="rpm"/>')
+)  # fmt: skip
+OMEGA = math.pi / 30
+
+
+@pytest.mark.parametrize(
+    ("inside", "outside", "wire"),
+    [
+        ("/>", "/>", "conveyor.w -> motor.w"),
+        (
+            '><ssc:LinearTransformation factor="2" offset="3"/></ssd:Connection>',
+            "/>",
+            f"conveyor.w * 2 + {3 * OMEGA!r} -> motor.w",
+        ),
+        (
+            "/>",
+            '><ssc:LinearTransformation factor="0.5" offset="-1.5"/></ssd:Connection>',
+            "conveyor.w * 0.5 - 1.5 -> motor.w",
+        ),
+        ("/>", ' suppressUnitConversion="true"/>', f"conveyor.w * {1 / OMEGA!r} -> motor.w"),
+        (' suppressUnitConversion="true"/>', "/>", f"conveyor.w * {OMEGA!r} -> motor.w"),
+        (
+            "/>",
+            ' suppressUnitConversion="true"><ssc:LinearTransformation factor="0.1"/></ssd:Connection>',
+            f"conveyor.w * {0.1 / OMEGA!r} -> motor.w",
+        ),
+    ],
+)
+def test_units_and_transformations_on_the_way(
+    fmus: Path, read: Read, inside: str, outside: str, wire: str
+) -> None:
+    """The speed leaves its system in rpm: convert to the target's unit, then transform."""
+    elements, connections, ports = RPM_INSIDE
+    line = (
+        f'<ssd:System name="line">{ports}<ssd:Elements>{elements}</ssd:Elements>'
+        f"<ssd:Connections>{connections.format(inside)}</ssd:Connections></ssd:System>"
+    )
+    ends = TAU.format("line") + W.format("line", "w", outside)
+    package = read(ssd(MOTOR.format("") + line, ends, tail=f"<ssd:Units>{RPM}</ssd:Units>"))
+    expected = pair(fmus, ["motor.tau -> conveyor.tau", wire])
+    same(package, expected, rtol=1e-11, conveyor="line.conveyor")
+
+
+def test_suppressed_conversion_lets_any_unit_pass(fmus: Path, read: Read) -> None:
+    """A torque as a speed, number by number."""
+    ends = (
+        '<ssd:Connection startElement="motor" startConnector="tau" endElement="motor" '
+        'endConnector="w" suppressUnitConversion="true"/>'
+    )
+    package = read(flat(ends=ends))
+    assert list(package.system.wires)[1] == "motor.tau => motor.w"
+    same(package, pair(fmus, ["motor.tau -> conveyor.tau", "motor.tau => motor.w"]))
+
+
+def test_graphics_and_annotations_are_ignored(fmus: Path, read: Read) -> None:
+    note = '<ssd:GraphicalElements><ssd:Note x1="0" y1="0" x2="1" y2="1" text="*"/></ssd:GraphicalElements>'
+    annotation = (
+        '<ssc:Annotations><ssc:Annotation type="org.me"><x/></ssc:Annotation></ssc:Annotations>'
+    )
+    geometry = '<ssd:ElementGeometry x1="0" y1="0" x2="1" y2="1"/>'
+    structure = flat(motor=geometry, tail=annotation.replace("ssc:Annotations", "ssd:Annotations"))
+    structure = structure.replace("</ssd:System>", note + "</ssd:System>", 1)
+    same(read(structure), pair(fmus))
+
+
+def everything(fmus: Path, echo: Path) -> System:
+    """Dotted names, every type, scaled, converted and unconverted wires."""
+    return System(
+        {
+            "line.motor": fmus / "DriveMotor.fmu",
+            "line.conveyor": fmus / "CrankConveyor.fmu",
+            "chute": fmus / "GravityOrientator.fmu",
+            "iron": fmus / "IronDrive.fmu",
+            "echo": echo,
+        },
+        [
+            "line.motor.tau * 1.5 - 0.25 -> line.conveyor.tau",
+            "line.conveyor.w => line.motor.w",
+            "line.motor.tau => echo.u",
+            "iron.top_dwell -> chute.release",
+            "iron.w_cam * 2.5 -> chute.w",
+        ],
+        {
+            "line.motor.characteristic": 1,
+            "line.motor.tau": 3.0,
+            "line.conveyor.rod.finite": True,
+            "iron.tau": 0.1,
+            "iron.spring.side": -1,
+            "echo.i": 7,
+            "echo.s": "Blanks & <signs>",
+        },
+    )
+
+
+def test_what_is_written_is_read_again(fmus: Path, echo: Path, tmp_path: Path) -> None:
+    system = everything(fmus, echo)
+    write_ssp(system, tmp_path / "all.ssp", stop=2.0, start=0.5)
+    assert [path.name for path in tmp_path.iterdir()] == ["all.ssp"]
+    package = read_ssp(tmp_path / "all.ssp", tmp_path / "unpacked")
+    assert (package.start, package.stop) == (0.5, 2.0)
+    assert list(package.system.parts) == list(system.parts)
+    for path, name in package.system.parts.items():
+        assert name.read_bytes() == Path(system.parts[path]).read_bytes()
+    written, given = connect(package.system), connect(system)
+    assert [(w.source.name, w.target.name, *w[2:]) for w in written.wires] == [
+        (w.source.name, w.target.name, *w[2:]) for w in given.wires
+    ]
+    assert {p.name: v for p, v in written.start} == {p.name: v for p, v in given.start}
+    schemas = Path(fmpy.__file__).with_name("ssp") / "schema"
+    tree = etree.parse(str(tmp_path / "unpacked" / "SystemStructure.ssd"))
+    etree.XMLSchema(file=str(schemas / "SystemStructureDescription.xsd")).assertValid(tree)
+    parameters = etree.XMLSchema(file=str(schemas / "SystemStructureParameterValues.xsd"))
+    sets = list(tree.iter(f"{{{STANDARD}ParameterValues}}ParameterSet"))
+    assert len(sets) == 4
+    for found in sets:
+        parameters.assertValid(found)
+
+
+def test_fmus_of_one_name_do_not_overwrite_each_other(fmus: Path, tmp_path: Path) -> None:
+    other = tmp_path / "other" / "LinearSystem.fmu"
+    other.parent.mkdir()
+    other.write_bytes((fmus / "CrankConveyor.fmu").read_bytes())
+    parts = {"a": fmus / "LinearSystem.fmu", "b": other}
+    start = {f"a.u[{i}]": 0.0 for i in range(1, 5)} | {"b.tau": 8.0}
+    write_ssp(System(parts, [], start), tmp_path / "two.ssp")
+    system = read_ssp(tmp_path / "two.ssp", tmp_path / "unpacked").system
+    assert [path.name for path in system.parts.values()] == [
+        "LinearSystem.fmu",
+        "LinearSystem_2.fmu",
+    ]
+    assert connect(system).descriptions["b"].modelName == "CrankConveyor"
+
+
+def system_in(name: str, inner: str, more: str = "") -> str:
+    return f'<ssd:System name="{name}"><ssd:Elements>{inner}</ssd:Elements>{more}</ssd:System>'
+
+
+def component(attributes: str, inner: str = "") -> str:
+    return ssd(f'<ssd:Component name="part" {attributes}>{inner}</ssd:Component>')
+
+
+FMU = 'source="resources/DriveMotor.fmu"'
+TABLE = (
+    "<ssc:BooleanMappingTransformation>"
+    '<ssc:MapEntry source="true" target="false"/></ssc:BooleanMappingTransformation>'
+)
+LOOP = '<ssd:Component name="{}" type="application/x-ssp-definition" source="{}"/>'
+SPACE = '<ssd:Connection startElement="{}" startConnector="{}" endElement="{}" endConnector="{}"/>'
+
+BAD: dict[str, tuple[str, Files, str]] = {
+    "missing FMU": (
+        component('source="resources/No.fmu"'),
+        {},
+        "SystemStructure.ssd, line 1: part: there is no file 'resources/No.fmu'",
+    ),
+    "missing SSV": (
+        flat(more='<ssd:ParameterBindings><ssd:ParameterBinding source="x.ssv"/></ssd:ParameterBindings>'),
+        {},
+        "there is no file 'x.ssv'",
+    ),
+    "file outside": (component('source="../other.fmu"'), {}, "'../other.fmu' leaves the folder"),
+    "file elsewhere": (component('source="http://a.b/c.fmu"'), {}, "only files inside the package"),
+    "no FMU": (component('source="text.fmu"'), {"text.fmu": "text"}, "is not a valid FMU"),
+    "dangling element": (flat(ends=SPACE.format("engine", "w", "motor", "w")), {}, "there is no element 'engine' in the system"),
+    "dangling connector": (flat(ends=SPACE.format("conveyor", "speed", "motor", "w")), {}, "there is no connector conveyor.speed"),
+    "undeclared connector": (flat(ends=SPACE.format("conveyor", "phi", "motor", "w")), {}, "there is no connector conveyor.phi"),
+    "connector without variable": (component(FMU, connectors(("speed", "input", ""))), {}, "part has no speed"),
+    "duplicate connector": (component(FMU, connectors(("w", "input", ""), ("w", "input", ""))), {}, "part has two connectors w"),
+    "duplicate element": (ssd(MOTOR.format("") * 2), {}, "motor: there are two elements motor"),
+    "two names for one": (
+        ssd(system_in("a", MOTOR.format("")) + MOTOR.format("").replace("motor", "a.motor", 1)),
+        {},
+        "there are two elements a.motor",
+    ),
+    "driven twice": (flat(ends=ENDS + ENDS), {}, "motor.w is driven by conveyor.w too"),
+    "two outputs": (flat(ends=SPACE.format("conveyor", "w", "motor", "tau")), {}, "output conveyor.w and output motor.tau cannot be connected"),
+    "wrong kind": (component(FMU, connectors(("w", "output", ""))), {}, "connector w must be of kind input, not output"),
+    "wrong type": (component(FMU, connectors(("w", "input", "<ssc:Boolean/>"))), {}, "connector w must be of type Real, not Boolean"),
+    "wrong unit": (component(FMU, connectors(("w", "input", '<ssc:Real unit="N.m"/>'))), {}, "connector w must be in rad/s, not N.m"),
+    "types on a wire": (
+        ssd(
+            CONVEYOR.format("").replace("</ssd:Connectors>", '<ssd:Connector name="rod.finite" kind="parameter"/></ssd:Connectors>'),
+            '<ssd:Connection startConnector="p" endElement="conveyor" endConnector="rod.finite"/>',
+            connectors(("p", "parameter", "<ssc:Real/>")),
+        ),
+        {},
+        "Real p cannot drive Boolean",
+    ),
+    "units on a wire": (flat(ends=SPACE.format("motor", "tau", "motor", "w")), {}, "N.m cannot be converted to rad/s"),
+    "binary": (component(FMU, connectors(("w", "input", "<ssc:Binary/>"))), {}, "connector type Binary is not supported"),
+    "inout": (component(FMU, connectors(("w", "inout", ""))), {}, "connector kind inout is not supported"),
+    "unknown enumeration": (
+        component(FMU, connectors(("characteristic", "parameter", '<ssc:Enumeration name="E"/>'))),
+        {},
+        "there is no Enumeration 'E'",
+    ),
+    "mapping on a connection": (flat(ends=ENDS.replace("/>", f">{TABLE}</ssd:Connection>")), {}, "BooleanMappingTransformation of a connection is not supported"),
+    "model exchange": (component(f'{FMU} implementation="ModelExchange"'), {}, "ModelExchange is not supported"),
+    "component type": (component(f'{FMU} type="text/x-modelica"'), {}, "component type 'text/x-modelica' is not supported"),
+    "signal dictionary": (
+        ssd(MOTOR.format("")).replace(
+            "</ssd:Elements>",
+            '</ssd:Elements><ssd:SignalDictionaries><ssd:SignalDictionary name="bus" source="b.ssb"/></ssd:SignalDictionaries>',
+        ),
+        {},
+        "bus: SignalDictionary is not supported",
+    ),
+    "signal dictionary reference": (
+        ssd('<ssd:SignalDictionaryReference name="bus" dictionary="b"/>'),
+        {},
+        "bus: SignalDictionaryReference is not supported",
+    ),
+    "version": (ssd("").replace('version="1.0"', 'version="2.0"'), {}, "version 2.0 of SSP is not supported, only 1.0"),
+    "unknown element": (ssd("<ssd:Motor/>"), {}, "SystemStructure.ssd, line 1: Element 'Motor': This element is not expected"),
+    "unknown attribute": (component(f'{FMU} speed="1"'), {}, "attribute 'speed' is not allowed"),
+    "broken XML": (ssd("")[:-9], {}, "SystemStructure.ssd, line 1: "),
+    "other XML": ("<html/>", {}, "ssd:SystemStructureDescription is needed, not html"),
+    "cyclic files": (ssd(LOOP.format("a", "a.ssd")), {"a.ssd": ssd(LOOP.format("b", "SystemStructure.ssd"))}, "cyclic nesting: test.ssp -> a.ssd -> SystemStructure.ssd -> a.ssd"),
+    "cyclic systems": (
+        ssd(f'<ssd:System name="a" id="a"><ssd:Elements>{LOOP.format("b", "#a")}</ssd:Elements></ssd:System>'),
+        {},
+        "cyclic nesting: test.ssp -> a -> a",
+    ),
+    "connected to itself": (
+        ssd(
+            '<ssd:System name="a">' + connectors(("i", "input", ""), ("o", "output", ""))
+            + '<ssd:Connections><ssd:Connection startConnector="i" endConnector="o"/></ssd:Connections></ssd:System>',
+            SPACE.format("a", "o", "a", "i"),
+        ),
+        {},
+        "a.i is connected to itself",
+    ),
+    "no such id": (ssd(LOOP.format("a", "#b")), {}, "there is no System with the id 'b'"),
+    "name with a blank": (ssd(MOTOR.format("").replace('"motor"', '"my motor"')), {}, "my motor: an element's name must begin with a letter"),
+    "parameter twice": (flat(motor=bindings(values('T Real value="1";T Real value="2"'))), {}, "parameter T is given twice"),
+    "parameter type": (flat(motor=bindings(values('T Boolean value="true"'))), {}, "parameter T: Boolean does not fit T of type Real"),
+    "parameter unit": (flat(motor=bindings(values('T Real value="1" unit="N.m"'))), {}, "parameter T: N.m cannot be converted to s"),
+    "undefined unit": (flat(motor=bindings(values('T Real value="1" unit="h"'))), {}, "unit 'h' is not defined"),
+    "binary parameter": (flat(motor=bindings(values('T Binary value="00"'))), {}, "parameter T: type Binary is not supported"),
+    "item": (flat(motor=bindings(values('characteristic Enumeration value="round"'))), {}, "'round' must be one of linear, kloss"),
+    "out of bounds": (flat(conveyor=bindings(values('trough.m Real value="-1"'))), {}, "conveyor.trough.m [kg] = -1.0 must be at least"),
+    "not finite": (flat(motor=bindings(values('T Real value="INF"'))), {}, "motor.T [s] = inf must be a finite number"),
+    "output of the FMU": (flat(motor=bindings(values('P Real value="1"'))), {}, "motor.P [W] is output and cannot be given a start value"),
+    "set of another type": (flat(motor=bindings("<x/>", attributes='type="text/csv"')), {}, "type 'text/csv' is not supported"),
+    "no set": (flat(motor=bindings("<x/>")), {}, "ssv:ParameterSet is needed, not x"),
+    "invalid set": (flat(motor=bindings(values('T Real value="fast"'))), {}, "'fast' is not a valid value"),
+    "set and source": (flat(motor=bindings(values('T Real value="1"'), attributes='source="x.ssv"')), {}, "source and inline content exclude each other"),
+    "mapped name": (flat(motor=bindings(values('T Real value="1"'), mapped=mapping(("U", 'target="T"', "")))), {}, "mapping U -> T: the parameter set has no U"),
+    "mapped twice": (
+        flat(motor=bindings(values('T Real value="1"'), mapped=mapping(("T", 'target="T"', ""), ("T", 'target="T"', "")))),
+        {},
+        "T is mapped twice",
+    ),
+    "no entry": (
+        flat(conveyor=bindings(values('b Boolean value="false"'), mapped=mapping(("b", 'target="rod.finite"', TABLE)))),
+        {},
+        "there is no entry for False",
+    ),
+    "table of another type": (
+        flat(motor=bindings(values('T Real value="1"'), mapped=mapping(("T", 'target="T"', TABLE)))),
+        {},
+        "BooleanMappingTransformation does not fit a parameter of type Real",
+    ),
+    "scaled Boolean": (
+        flat(conveyor=bindings(values('b Boolean value="false"'), mapped=mapping(("b", 'target="rod.finite"', LINEAR)))),
+        {},
+        "a linear transformation does not fit rod.finite of type Boolean",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", BAD)
+@pytest.mark.parametrize("existing", [False, True])
+def test_bad_packages_are_refused(read: Read, tmp_path: Path, name: str, existing: bool) -> None:
+    """The message names file and element, and nothing is left behind."""
+    structure, files, message = BAD[name]
+    if existing:
+        (tmp_path / "unpacked").mkdir()
+    with pytest.raises(SetupError) as caught:
+        read(structure, **files)
+    assert str(caught.value).startswith("test.ssp: ")
+    assert message in str(caught.value)
+    assert "\n" not in str(caught.value)
+    left = sorted(path.relative_to(tmp_path).as_posix() for path in tmp_path.rglob("*"))
+    assert left == (["test.ssp", "unpacked"] if existing else ["test.ssp"])
+
+
+def test_broken_archives_are_refused(fmus: Path, tmp_path: Path) -> None:
+    whole = write(fmus, tmp_path / "whole.ssp")
+    data = bytearray(whole.read_bytes())
+    (tmp_path / "cut.ssp").write_bytes(data[: len(data) // 2])
+    data[len(data) // 2] ^= 0xFF
+    (tmp_path / "flipped.ssp").write_bytes(data)
+    (tmp_path / "text.ssp").write_text("no zip")
+    pack(tmp_path / "empty.ssp", {"readme.txt": "nothing"})
+    pack(tmp_path / "slip.ssp", {"../evil.txt": "x", "SystemStructure.ssd": ssd("")})
+    pack(tmp_path / "root.ssp", {"/tmp/evil.txt": "x", "SystemStructure.ssd": ssd("")})
+    before = sorted(tmp_path.rglob("*"))
+    for name, message in (
+        ("cut", "cut.ssp is not a readable zip file"),
+        ("flipped", "flipped.ssp is not a readable zip file"),
+        ("text", "text.ssp is not a readable zip file"),
+        ("empty", "there is no file 'SystemStructure.ssd' in empty.ssp"),
+        ("slip", "'../evil.txt' leaves the folder of the package"),
+        ("root", "'/tmp/evil.txt' leaves the folder of the package"),
+        ("absent", "there is no file "),
+    ):
+        with pytest.raises(SetupError) as caught:
+            read_ssp(tmp_path / f"{name}.ssp", tmp_path / "unpacked")
+        assert message in str(caught.value)
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def write(fmus: Path, path: Path) -> Path:
+    write_ssp(pair(fmus), path)
+    return path
+
+
+def test_nothing_is_mixed_into_a_folder_in_use(fmus: Path, tmp_path: Path) -> None:
+    path = write(fmus, tmp_path / "pair.ssp")
+    with pytest.raises(SetupError, match="must be an empty folder"):
+        read_ssp(path, tmp_path)
+    assert [file.name for file in tmp_path.iterdir()] == ["pair.ssp"]
+
+
+def test_a_system_that_cannot_be_written_leaves_no_file(fmus: Path, tmp_path: Path) -> None:
+    with pytest.raises(SetupError, match="is driven twice"):
+        write_ssp(pair(fmus, ["conveyor.w -> motor.w"] * 2), tmp_path / "bad.ssp")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_results_of_package_and_system_are_equal_to_the_bit(fmus: Path, tmp_path: Path) -> None:
+    system = pair(fmus, ["motor.tau * 1.1 + 0.3 -> conveyor.tau", "conveyor.w -> motor.w"])
+    write_ssp(system, tmp_path / "pair.ssp")
+    package = read_ssp(tmp_path / "pair.ssp", tmp_path / "unpacked")
+    settings: dict[str, Any] = {"stop": 0.1, "step": 1e-3, "algorithm": "strang"}
+    first, second = run(system, **settings), run(package.system, **settings)
+    assert_array_equal(first.data, second.data)
+    assert np.ptp(first["conveyor.w"]) > 1.0
