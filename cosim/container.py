@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from copy import copy
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -87,6 +88,17 @@ def _fill(container: FMUContainer, network: Network, sequence: Sequence[str]) ->
         link.name = f"wired.{link.name}"
     for port, value in network.start:
         container.add_start_value(_file(port.part), port.variable.name, _text(port, value))
+    _set_once(container)
+
+
+def _set_once(container: FMUContainer) -> None:
+    """Keep the library from setting start values of inputs once more, over what the host has set.
+
+    It does so for what it finds to be an input.
+    """
+    for ends in container.start_values:
+        ends.port = copy(ends.port)
+        ends.port.causality = "local"
 
 
 def _file(part: str) -> str:

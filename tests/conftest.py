@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from pythonfmu import FmuBuilder
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -24,3 +25,11 @@ def hear_ctrl_c() -> None:
 def fmus() -> Path:
     """The folder of the built FMUs."""
     return ROOT / "fmus"
+
+
+@pytest.fixture(scope="session")
+def echo(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """An FMU with Integer and String parameters, which the project's own do not have."""
+    folder = tmp_path_factory.mktemp("echo")
+    FmuBuilder.build_FMU(ROOT / "tests" / "hosts" / "echo.py", dest=folder)
+    return folder / "Echo.fmu"

@@ -20,7 +20,7 @@ import pytest
 from lxml import etree
 from numpy.testing import assert_allclose, assert_array_equal
 
-from cosim import System, run, write_ssp
+from cosim import SetupError, System, run, write_osp, write_ssp
 
 HOSTS = Path(__file__).with_name("hosts")
 STEPS, STEP = 200, 1e-3
@@ -147,6 +147,72 @@ def test_libcosim_runs_our_ssp(fmus: Path, case: Case, tmp_path: Path) -> None:
     done = finish(sys.executable, HOSTS / "libcosim_system.py", case.task(fmus), ssp)
     _, *values = np.transpose(json.loads(done.stdout))
     assert_allclose(np.transpose(values), case.ours(fmus)[1:], rtol=1e-10, atol=1e-12)
+
+
+@pytest.mark.parametrize("kind", ["ssp", "osp"])
+def test_libcosim_runs_every_type_and_scaled_wires(
+    fmus: Path, echo: Path, kind: str, tmp_path: Path
+) -> None:
+    """Parts of subsystems, factors, offsets, unconverted numbers, Integer, Boolean and String."""
+    system = System(
+        {
+            "line.motor": fmus / "DriveMotor.fmu",
+            "line.conveyor": fmus / "CrankConveyor.fmu",
+            "echo": echo,
+        },
+        [
+            "line.motor.tau * 1.25 - 0.5 -> line.conveyor.tau",
+            "line.conveyor.w -> line.motor.w",
+            "line.conveyor.w => echo.u",
+        ],
+        {
+            "line.motor.T": 0.05,
+            "line.conveyor.rod.finite": True,
+            "echo.i": 3,
+            "echo.b": True,
+            "echo.s": "B",
+            "echo.r": 0.5,
+        },
+    )
+    record = ["line.motor.tau", "line.conveyor.w", "line.conveyor.x", "echo.y"]
+    place = tmp_path / f"system.{kind}"
+    if kind == "ssp":
+        write_ssp(system, place)
+    else:
+        write_osp(system, place, step=STEP)
+    parts = {name: str(fmu).removesuffix(".fmu") for name, fmu in system.parts.items()}
+    task = Case(parts, [], {}, record).task(fmus)
+    done = finish(sys.executable, HOSTS / "libcosim_system.py", task, place)
+    _, *values = np.transpose(json.loads(done.stdout))
+    result = run(system, stop=STEPS * STEP, step=STEP, algorithm="jacobi", record=record)
+    ours = [result[name][1:] for name in record]
+    assert_allclose(values, ours, rtol=1e-10, atol=1e-12)
+    assert ours[-1][0] > 1e4 * ord("B") + 1030.5
+
+
+def test_osp_structure_carries_initial_outputs_and_times(fmus: Path, tmp_path: Path) -> None:
+    """libcosim takes the start of an output from this file, not from an SSP."""
+    case = replace(CHANGED, start={**CHANGED.start, "motor.tau": 3.0, "motor.characteristic": 0})
+    write_osp(case.system(fmus), tmp_path / "osp", step=STEP, stop=2.0)
+    done = finish(sys.executable, HOSTS / "libcosim_system.py", case.task(fmus), tmp_path / "osp")
+    _, *values = np.transpose(json.loads(done.stdout))
+    assert_allclose(np.transpose(values), case.ours(fmus)[1:], rtol=1e-10, atol=1e-12)
+    text = (tmp_path / "osp" / "OspSystemStructure.xml").read_text()
+    assert "<BaseStepSize>0.001</BaseStepSize>" in text
+    assert "<EndTime>2.0</EndTime>" in text
+
+
+def test_osp_structure_refuses_what_libcosim_would_drop(fmus: Path, tmp_path: Path) -> None:
+    system = replace(CHANGED, start={"motor.characteristic": 1}).system(fmus)
+    with pytest.raises(SetupError, match=r"motor\.characteristic = 1: libcosim cannot set an Enum"):
+        write_osp(system, tmp_path / "osp", step=STEP)
+    with pytest.raises(SetupError, match=r"step = 0\.0 s must be above 0"):
+        write_osp(PAIR.system(fmus), tmp_path / "osp", step=0.0)
+    parts = dict.fromkeys(("first", "second"), fmus / "GravityOrientator.fmu")
+    inputs = {f"{name}.{x}": 1 for name in parts for x in ("w", "release")}
+    with pytest.raises(SetupError, match="Enumeration"):
+        write_osp(System(parts, ["first.stage -> second.w"], inputs), tmp_path, step=STEP)
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_ssp_is_valid_and_carries_scaled_wires(fmus: Path, tmp_path: Path) -> None:

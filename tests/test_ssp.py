@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 from lxml import etree
 from numpy.testing import assert_allclose, assert_array_equal
-from pythonfmu import FmuBuilder
 
 from cosim import Package, SetupError, System, read_ssp, run, write_ssp
 from cosim.system import connect
@@ -114,14 +113,6 @@ def pack(path: Path, files: Files) -> Path:
             else:
                 archive.writestr(name, content)
     return path
-
-
-@pytest.fixture(scope="module")
-def echo(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """An FMU with Integer and String parameters."""
-    folder = tmp_path_factory.mktemp("echo")
-    FmuBuilder.build_FMU(Path(__file__).parent / "hosts" / "echo.py", dest=folder)
-    return folder / "Echo.fmu"
 
 
 @pytest.fixture

@@ -1,7 +1,11 @@
-"""A system in libcosim: JSON task [SSP] -> JSON rows, time [ns] and recorded reals per step."""
+"""A system in libcosim: JSON task [FILE] -> JSON rows, time [ns] and recorded reals per step.
+
+FILE, an SSP or the folder of an OSP system structure, stands in for what the task says.
+"""
 
 import json
 import sys
+from pathlib import Path
 
 from libcosimpy.CosimExecution import CosimExecution
 from libcosimpy.CosimLogging import CosimLogLevel, log_output_level
@@ -12,8 +16,13 @@ log_output_level(CosimLogLevel.ERROR)
 task = json.loads(sys.argv[1])
 step = round(task["step"] * 1e9)
 slaves, references = {}, {}
-if ssp := sys.argv[2:]:
-    execution = CosimExecution.from_ssp_file(ssp[0], step)
+if given := sys.argv[2:]:
+    folder = Path(given[0]).is_dir()
+    execution = (
+        CosimExecution.from_osp_config_file(given[0])
+        if folder
+        else CosimExecution.from_ssp_file(given[0], step)
+    )
     slaves = {name: execution.slave_index_from_instance_name(name) for name in task["parts"]}
 else:
     execution = CosimExecution.from_step_size(step)
@@ -26,14 +35,15 @@ for name, slave in slaves.items():
 
 def port(name: str) -> tuple[int, int]:
     """Slave index and value reference of a dotted name."""
-    return slaves[name.partition(".")[0]], references[name]
+    part = max((part for part in slaves if name.startswith(f"{part}.")), key=len)
+    return slaves[part], references[name]
 
 
-for name, value in () if ssp else task["start"].items():
+for name, value in () if given else task["start"].items():
     kind = "boolean" if isinstance(value, bool) else "real"
     if not getattr(execution, f"{kind}_initial_value")(*port(name), value):
         sys.exit(f"{name} is not set")
-for source, target in () if ssp else task["wires"]:
+for source, target in () if given else task["wires"]:
     if execution.connect_real_variables(*port(source), *port(target)):
         sys.exit(f"{target} is not connected")
 observer = CosimObserver.create_last_value()
