@@ -94,12 +94,6 @@ CASES = {
 
 
 @pytest.fixture(scope="module")
-def pair(fmus: Path) -> np.ndarray:
-    """Motor torque, crank speed and angle of our Jacobi master, a row per communication point."""
-    return PAIR.ours(fmus)
-
-
-@pytest.fixture(scope="module")
 def starter(fmus: Path) -> list[str]:
     """What comes before a program without Python, as the FMU's own documentation says."""
     library = Path(*map(str, sysconfig.get_config_vars("LIBDIR", "INSTSONAME")))
@@ -240,24 +234,38 @@ def test_ecos_reproduces_our_jacobi_master_to_the_bit(fmus: Path, name: str) -> 
     assert_allclose(np.transpose(values), case.ours(fmus), rtol=0.0, atol=case.clock)
 
 
+@pytest.mark.parametrize("motor", ["motor", "line.motor"])
 def test_ecos_program_without_python_prints_what_our_jacobi_master_computes(
-    fmus: Path, pair: np.ndarray, starter: list[str], tmp_path: Path
+    fmus: Path, starter: list[str], motor: str, tmp_path: Path
 ) -> None:
-    """The program of the Ecos wheel reads the pair as an SSP and prints six decimals."""
+    """The program of the Ecos wheel reads our SSP and prints six decimals.
+
+    One system with FMUs as they are, and one with a subsystem, scaled wires and parameters.
+    """
+    parts = {motor: fmus / "DriveMotor.fmu", "conveyor": fmus / "CrankConveyor.fmu"}
+    system = System(parts, [f"{motor}.tau -> conveyor.tau", f"conveyor.w -> {motor}.w"])
+    if motor != "motor":
+        wires = [f"{motor}.tau * 1.25 - 0.5 -> conveyor.tau", f"conveyor.w => {motor}.w"]
+        start = {f"{motor}.T": 0.05, "conveyor.rod.finite": True, "conveyor.trough.d": 3000.0}
+        system = System(parts, wires, start)
     spec = find_spec("ecospy")
     assert spec and spec.origin
     program = Path(shutil.copy(Path(spec.origin).parent / "binaries" / "ecos", tmp_path))
     program.chmod(0o755)
-    write_ssp(PAIR.system(fmus), tmp_path / "pair.ssp")
+    write_ssp(system, tmp_path / "pair.ssp")
     call = [program, "simulate", "--path", "pair.ssp", "--stepSize", STEP]
     call += ["--stopTime", (STEPS + 0.5) * STEP]
+    call += ["--parameterSet", "start"] if system.start else []
     folders = {"LD_LIBRARY_PATH": f"{sys.prefix}/lib", "TMPDIR": str(tmp_path)}
     finish(*starter, *call, cwd=tmp_path, **folders)
     with (tmp_path / "pair.csv").open(newline="") as file:
         rows = list(csv.DictReader(file, skipinitialspace=True))
-    columns = [f"{name.replace('.', '::')}[REAL]" for name in RECORD]
+    columns = {f"{motor}::tau[REAL]": f"{motor}.tau"}
+    columns |= {f"conveyor::{name}[REAL]": f"conveyor.{name}" for name in ("w", "phi", "x")}
     printed = [[row[column] for column in columns] for row in rows]
-    assert printed == [[f"{value:.6f}" for value in row] for row in pair]
+    result = run(system, stop=STEPS * STEP, step=STEP, algorithm="jacobi")
+    ours = zip(*(result[name] for name in columns.values()))
+    assert printed == [[f"{value:.6f}" for value in row] for row in ours]
 
 
 def test_c_program_without_python_agrees_with_our_master_to_the_bit(

@@ -239,6 +239,34 @@ def test_an_embedded_system_can_be_used_again_by_its_id(fmus: Path, read: Read) 
     assert_allclose(result["second.spring.y[1]"], 2 * result["first.spring.y[1]"], rtol=1e-14)
 
 
+def test_outer_connectors_that_stand_for_one_variable_as_it_is(read: Read) -> None:
+    """Not those that lead to two, or that scale or convert."""
+    ports = connectors(
+        ("load", "input", ""),
+        ("half", "input", ""),
+        ("both", "parameter", ""),
+        ("speed", "output", '<ssc:Real unit="rad/s"/>'),
+        ("rpm", "output", '<ssc:Real unit="rpm"/>'),
+        ("loose", "output", ""),
+    )
+    inward = '<ssd:Connection startConnector="{}" endElement="{}" endConnector="{}"{}'
+    outward = '<ssd:Connection startElement="conveyor" startConnector="w" endConnector="{}"/>'
+    half = '><ssc:LinearTransformation factor="0.5"/></ssd:Connection>'
+    hold = '<ssd:Connector name="input_hold" kind="parameter"/></ssd:Connectors>'
+    elements = (MOTOR + CONVEYOR).format("", "").replace("</ssd:Connectors>", hold)
+    connections = (
+        inward.format("load", "conveyor", "tau", "/>")
+        + inward.format("half", "motor", "w", half)
+        + inward.format("both", "conveyor", "input_hold", "/>")
+        + inward.format("both", "motor", "input_hold", "/>")
+        + outward.format("speed")
+        + outward.format("rpm")
+    )
+    units = f"<ssd:Units>{RPM}</ssd:Units>"
+    package = read(ssd(elements, connections, ports, units))
+    assert package.connectors == {"load": "conveyor.tau", "speed": "conveyor.w"}
+
+
 def test_inputs_without_a_source_keep_the_value_of_the_fmu(fmus: Path, read: Read) -> None:
     package = read(ssd(CONVEYOR.format("")))
     assert package.system.start == {"conveyor.tau": 8.0}
@@ -589,6 +617,26 @@ BAD: dict[str, tuple[str, Files, str]] = {
         {},
         "there is no Enumeration 'E'",
     ),
+    "calculated parameter": (
+        ssd(
+            '<ssd:Component name="echo" source="resources/Echo.fmu">'
+            + connectors(("twice", "calculatedParameter", ""), ("r", "parameter", ""))
+            + "</ssd:Component>",
+            SPACE.format("echo", "twice", "echo", "r"),
+        ),
+        {},
+        "calculatedParameter echo.twice cannot drive parameter echo.r, only an output an input",
+    ),
+    "output to parameter": (
+        ssd(
+            '<ssd:Component name="echo" source="resources/Echo.fmu">'
+            + connectors(("y", "output", ""), ("r", "parameter", ""))
+            + "</ssd:Component>",
+            SPACE.format("echo", "y", "echo", "r"),
+        ),
+        {},
+        "output echo.y cannot drive a parameter",
+    ),
     "mapping on a connection": (flat(ends=ENDS.replace("/>", f">{TABLE}</ssd:Connection>")), {}, "BooleanMappingTransformation of a connection is not supported"),
     "model exchange": (component(f'{FMU} implementation="ModelExchange"'), {}, "ModelExchange is not supported"),
     "component type": (component(f'{FMU} type="text/x-modelica"'), {}, "component type 'text/x-modelica' is not supported"),
@@ -662,6 +710,18 @@ BAD: dict[str, tuple[str, Files, str]] = {
         "a linear transformation does not fit rod.finite of type Boolean",
     ),
 }  # fmt: skip
+
+
+def test_names_that_no_wire_can_spell_are_refused(read: Read, echo: Path, tmp_path: Path) -> None:
+    with zipfile.ZipFile(echo) as old:
+        texts = {name: old.read(name) for name in old.namelist()}
+    description = texts["modelDescription.xml"]
+    texts["modelDescription.xml"] = description.replace(b'name="y"', b'name="y *2"')
+    fmu = pack(tmp_path / "Odd.fmu", dict(texts))
+    odd = f'<ssd:Component name="odd" source="Odd.fmu">{connectors(("y *2", "output", ""))}'
+    connection = SPACE.format("odd", "y *2", "motor", "w")
+    with pytest.raises(SetupError, match=r"'odd\.y \*2' has a blank, \* or \+"):
+        read(ssd(MOTOR.format("") + f"{odd}</ssd:Component>", connection), **{"Odd.fmu": fmu})
 
 
 @pytest.mark.parametrize("name", BAD)

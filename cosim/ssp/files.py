@@ -41,7 +41,7 @@ def unpack(archive: Path, folder: Path) -> None:
             file.extractall(folder)
     except FileNotFoundError:
         raise SetupError(f"there is no file {archive}") from None
-    except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError) as error:
+    except (OSError, zipfile.BadZipFile, zlib.error, EOFError, RuntimeError) as error:
         raise SetupError(f"{archive.name} is not a readable zip file: {error}") from error
 
 

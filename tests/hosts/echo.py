@@ -12,6 +12,9 @@ class Echo(Fmi2Slave):
         fixed = {"causality": Fmi2Causality.parameter, "variability": Fmi2Variability.fixed}
         for kind, name in ((Real, "r"), (Integer, "i"), (Boolean, "b"), (String, "s")):
             self.register_variable(kind(name, **fixed))
+        self.twice = 0.0
+        made = {"causality": Fmi2Causality.calculatedParameter}
+        self.register_variable(Real("twice", variability=Fmi2Variability.fixed, **made))
         self.register_variable(Real("u", causality=Fmi2Causality.input))
         self.register_variable(Real("y", causality=Fmi2Causality.output))
 
