@@ -47,6 +47,7 @@ def write_container(
         raise SetupError(f"algorithm {algorithm!r} must be one of {', '.join(ALGORITHMS)}")
     if not 0.0 < step < float("inf"):
         raise SetupError(f"step = {step!r} s must be above 0")
+    path = path.resolve()
     with TemporaryDirectory(dir=path.parent, prefix=f".{path.stem}_") as folder:
         whole = Path(folder) / "Container.fmu"
         try:

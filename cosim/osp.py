@@ -63,7 +63,7 @@ def _structure(
 
 def _initial(values: Element, port: Port, value: Value) -> None:
     if port.type == "Enumeration":
-        if value == int(port.variable.start):
+        if str(value) == port.variable.start:
             return
         raise SetupError(f"{port} = {value!r}: libcosim cannot set an Enumeration")
     initial = SubElement(values, "InitialValue", variable=port.variable.name)

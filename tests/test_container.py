@@ -53,9 +53,12 @@ def test_container_equals_our_master_to_the_bit(
     assert np.ptp(result["conveyor.w"]) > 1.0
 
 
-def test_parameters_and_open_inputs_can_be_set_from_outside(fmus: Path, tmp_path: Path) -> None:
+def test_parameters_and_open_inputs_can_be_set_from_outside(
+    fmus: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
     path = tmp_path / "drive.fmu"
-    write_container(pair(fmus), path, step=1e-3)
+    write_container(pair(fmus), Path("drive.fmu"), step=1e-3)
     changed = {"conveyor__trough__m": 150.0, "line__motor__characteristic": 0}
     result = run(pair(fmus, **changed), stop=0.1, step=1e-3, algorithm="jacobi")
     assert_array_equal(simulate(path, **changed)["conveyor.w"], result["conveyor.w"])

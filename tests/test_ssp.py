@@ -272,7 +272,10 @@ def test_inputs_without_a_source_keep_the_value_of_the_fmu(fmus: Path, read: Rea
     assert package.system.start == {"conveyor.tau": 8.0}
 
 
-EVERY_TYPE = 'r Real value="0.5";i Integer value="3";b Boolean value="true";s String value="B"'
+EVERY_TYPE = (
+    'r Real value="0.5";i Integer value="3";b Boolean value="true";s String value="B";'
+    'x Real value="0.25"'
+)
 
 
 @pytest.mark.parametrize("where", ["inline", "external", "in the FMU"])
@@ -295,7 +298,7 @@ def test_parameters_of_every_type(read: Read, resources: Files, tmp_path: Path, 
         files = {"resources/Echo.fmu": fmu}
     package = read(ssd(component.format(binding)), **files)
     result = run(package.system, stop=0.01, step=0.01)
-    assert result["echo.y"][0] == 0.5 + 30 + 1000 + 1e4 * ord("B")
+    assert result["echo.y"][0] == 0.5 + 30 + 1000 + 1e4 * ord("B") + 0.25
 
 
 def test_enumerations_by_the_name_of_their_item(fmus: Path, read: Read) -> None:
@@ -361,7 +364,7 @@ LINEAR = '<ssc:LinearTransformation factor="2" offset="0.01"/>'
 @pytest.mark.parametrize("external", [False, True])
 def test_mapping_renames_converts_then_transforms(fmus: Path, read: Read, external: bool) -> None:
     """20 ms are 0.02 s, twice that and 0.01 more is 0.05 s; what is not mapped is not applied."""
-    rows = 'lag Real value="20" unit="ms";A Real value="1";flag Boolean value="false"'
+    rows = 'lag Real value="20" unit="ms";motor.A Real value="1";flag Boolean value="false"'
     rows += ';kind Enumeration value="straight";number Integer value="7";same Real value="190"'
     unit = (
         '<ssv:Units><ssc:Unit name="ms"><ssc:BaseUnit s="1" factor="0.001"/></ssc:Unit></ssv:Units>'
@@ -476,6 +479,7 @@ def test_suppressed_conversion_lets_any_unit_pass(fmus: Path, read: Read) -> Non
 
 
 def test_graphics_and_annotations_are_ignored(fmus: Path, read: Read) -> None:
+    comment = "<!-- a comment --><?tool an instruction?>"
     note = '<ssd:GraphicalElements><ssd:Note x1="0" y1="0" x2="1" y2="1" text="*"/></ssd:GraphicalElements>'
     annotation = (
         '<ssc:Annotations><ssc:Annotation type="org.me"><x/></ssc:Annotation></ssc:Annotations>'
@@ -483,6 +487,8 @@ def test_graphics_and_annotations_are_ignored(fmus: Path, read: Read) -> None:
     geometry = '<ssd:ElementGeometry x1="0" y1="0" x2="1" y2="1"/>'
     structure = flat(motor=geometry, tail=annotation.replace("ssc:Annotations", "ssd:Annotations"))
     structure = structure.replace("</ssd:System>", note + "</ssd:System>", 1)
+    for tag in ("ssd:Elements>", "ssd:Connectors>", "ssd:Connections>"):
+        structure = structure.replace(f"<{tag}", f"<{tag}{comment}")
     same(read(structure), pair(fmus))
 
 
@@ -498,7 +504,7 @@ def everything(fmus: Path, echo: Path) -> System:
         },
         [
             "line.motor.tau * 1.5 - 0.25 -> line.conveyor.tau",
-            "line.conveyor.w => line.motor.w",
+            "line.conveyor.x => line.motor.w",
             "line.motor.tau => echo.u",
             "iron.top_dwell -> chute.release",
             "iron.w_cam * 2.5 -> chute.w",
@@ -627,6 +633,28 @@ BAD: dict[str, tuple[str, Files, str]] = {
         {},
         "calculatedParameter echo.twice cannot drive parameter echo.r, only an output an input",
     ),
+    "constant": (
+        ssd(
+            '<ssd:Component name="echo" source="resources/Echo.fmu">'
+            + bindings(values('g Real value="1"'))
+            + "</ssd:Component>"
+        ),
+        {},
+        "echo.g is local and cannot be given a start value",
+    ),
+    "unit that cannot be deduced": (
+        ssd(
+            MOTOR.format("")
+            + '<ssd:System name="line">'
+            + INNER
+            + f"<ssd:Elements>{INSIDE[0]}</ssd:Elements><ssd:Connections>"
+            + OUTWARD.format(' suppressUnitConversion="true"/>')
+            + "</ssd:Connections></ssd:System>",
+            W.format("line", "w", "/>"),
+        ),
+        {},
+        "its source has no unit to convert to rad/s from",
+    ),
     "output to parameter": (
         ssd(
             '<ssd:Component name="echo" source="resources/Echo.fmu">'
@@ -636,6 +664,61 @@ BAD: dict[str, tuple[str, Files, str]] = {
         ),
         {},
         "output echo.y cannot drive a parameter",
+    ),
+    "enumeration of other items": (
+        ssd(
+            f'<ssd:Component name="part" {FMU}>'
+            + connectors(("characteristic", "parameter", '<ssc:Enumeration name="E"/>'))
+            + "</ssd:Component>",
+            tail='<ssd:Enumerations><ssc:Enumeration name="E"><ssc:Item name="linear" value="1"/>'
+            "</ssc:Enumeration></ssd:Enumerations>",
+        ),
+        {},
+        "connector characteristic: its Enumeration has other items than that of part",
+    ),
+    "unit defined twice": (
+        ssd(MOTOR.format(""), tail=f"<ssd:Units>{RPM}{RPM}</ssd:Units>"),
+        {},
+        "'rpm' is defined twice",
+    ),
+    "item not in its set": (
+        flat(
+            motor=bindings(
+                values(
+                    'characteristic Enumeration value="kloss" name="E"',
+                    '<ssv:Enumerations><ssc:Enumeration name="E"><ssc:Item name="linear" value="0"/>'
+                    "</ssc:Enumeration></ssv:Enumerations>",
+                )
+            )
+        ),
+        {},
+        "parameter characteristic: 'kloss' must be one of linear",
+    ),
+    "file of a system": (
+        flat(
+            more='<ssd:ParameterBindings><ssd:ParameterBinding source="x.ssv" '
+            'sourceBase="component"/></ssd:ParameterBindings>'
+        ),
+        {},
+        "a system has no files of its own",
+    ),
+    "file missing in the FMU": (
+        flat(
+            motor='<ssd:ParameterBindings><ssd:ParameterBinding source="x.ssv" '
+            'sourceBase="component"/></ssd:ParameterBindings>'
+        ),
+        {},
+        "there is no file 'x.ssv'",
+    ),
+    "broken nested package": (
+        component('type="application/x-ssp-package" source="b.ssp"'),
+        {"b.ssp": "no zip"},
+        "b.ssp is not a readable zip file",
+    ),
+    "id in another file": (
+        ssd(LOOP.format("a", "b.ssd#c")),
+        {"b.ssd": ssd("")},
+        "an id in another file, 'c', is not supported",
     ),
     "mapping on a connection": (flat(ends=ENDS.replace("/>", f">{TABLE}</ssd:Connection>")), {}, "BooleanMappingTransformation of a connection is not supported"),
     "model exchange": (component(f'{FMU} implementation="ModelExchange"'), {}, "ModelExchange is not supported"),
@@ -722,6 +805,26 @@ def test_names_that_no_wire_can_spell_are_refused(read: Read, echo: Path, tmp_pa
     connection = SPACE.format("odd", "y *2", "motor", "w")
     with pytest.raises(SetupError, match=r"'odd\.y \*2' has a blank, \* or \+"):
         read(ssd(MOTOR.format("") + f"{odd}</ssd:Component>", connection), **{"Odd.fmu": fmu})
+
+
+def test_dotted_names_mean_one_variable(fmus: Path, echo: Path, tmp_path: Path) -> None:
+    """motor, kloss.tau_b and motor.kloss, tau_b would be one name."""
+    with zipfile.ZipFile(echo) as old:
+        texts = {name: old.read(name) for name in old.namelist()}
+    description = texts["modelDescription.xml"]
+    texts["modelDescription.xml"] = description.replace(b'name="y"', b'name="tau_b"')
+    parts = {
+        "motor": fmus / "DriveMotor.fmu",
+        "motor.kloss": pack(tmp_path / "Odd.fmu", dict(texts)),
+    }
+    with pytest.raises(SetupError, match=r"motor and motor.kloss both have a motor.kloss.tau_b"):
+        connect(System(parts, [], {"motor.w": 1.0, "motor.kloss.u": 1.0}))
+    parts["motor.kloss"] = echo
+    network = connect(System(parts, ["motor.kloss.y -> motor.w"], {"motor.kloss.u": 1.0}))
+    assert network.port("motor.kloss.y").part == "motor.kloss"
+    assert network.port("motor.kloss.s_b").part == "motor"
+    with pytest.raises(SetupError, match=r"motor\.kloss has no variable 'speed'"):
+        network.port("motor.kloss.speed")
 
 
 @pytest.mark.parametrize("name", BAD)

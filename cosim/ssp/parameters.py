@@ -36,6 +36,13 @@ FITS = {
 }
 
 
+def enumeration(variable: ScalarVariable) -> dict[str, int] | None:
+    """The items of an FMU's variable by name; None if it is no enumeration."""
+    if variable.type != "Enumeration":
+        return None
+    return {str(item.name): int(item.value) for item in variable.declaredType.items}
+
+
 class Parameter(NamedTuple):
     """A value, an enumeration's as item name, and the linear step it takes before it is applied."""
 
@@ -55,7 +62,7 @@ class Parameter(NamedTuple):
             raise SetupError(f"{self.where}: {given} does not fit {variable.name} of type {kind}")
         if self.type != "Enumeration":
             return self.value
-        items = {str(item.name): int(item.value) for item in variable.declaredType.items}
+        items = enumeration(variable) or {}
         if self.value not in items:
             known = ", ".join(items)
             raise SetupError(f"{self.where}: {self.value!r} must be one of {known}")

@@ -14,7 +14,7 @@ from fmpy.model_description import ModelDescription, ScalarVariable
 
 from ..errors import SetupError
 from ..system import Port, Value
-from .parameters import READ, Parameter
+from .parameters import READ, Parameter, enumeration
 from .units import Step, Unit, chain, defined, unit_of
 
 Node = tuple[str, str]
@@ -24,11 +24,12 @@ log = logging.getLogger("cosim")
 
 
 class Connector(NamedTuple):
-    """A connector of a system or a variable of an FMU."""
+    """A connector of a system or a variable of an FMU; `items` are those of an enumeration."""
 
     kind: str
     type: str | None
     unit: Unit | None
+    items: dict[str, int] | None = None
 
 
 class Arrow(NamedTuple):
@@ -58,8 +59,11 @@ class Plan:
         self.fmus[path], self.descriptions[path] = file, description
         for variable in description.modelVariables:
             node, unit = (path, variable.name), unit_of(Port(path, variable), description)
+            items = enumeration(variable)
             self.variables[node] = variable
-            self.connectors[node] = Connector(str(variable.causality), str(variable.type), unit)
+            self.connectors[node] = Connector(
+                str(variable.causality), str(variable.type), unit, items
+            )
 
     def add_arrow(self, arrow: Arrow) -> None:
         """A connection; raises SetupError if its target has one already or is its own source."""

@@ -160,7 +160,7 @@ def _component(plan: Plan, document: Document, component: Element, path: str) ->
     if component.get("implementation") == "ModelExchange":
         raise SetupError(f"{where}: ModelExchange is not supported")
     if kind == FMU:
-        file = _locate(document, source, where)
+        file = _locate(source, document.path.parent, document.root, where)
         plan.add_fmu(path, file, describe_fmu(path, file))
         base = file
     elif kind in (DEFINITION, PACKAGE):
@@ -174,9 +174,9 @@ def _component(plan: Plan, document: Document, component: Element, path: str) ->
     _bind(plan, document, component, path, base)
 
 
-def _locate(document: Document, source: str, where: str) -> Path:
+def _locate(source: str, base: Path, root: Path, where: str) -> Path:
     try:
-        return locate(source, document.path.parent, document.root)
+        return locate(source, base, root)
     except SetupError as error:
         raise SetupError(f"{where}: {error}") from None
 
@@ -190,14 +190,14 @@ def _nested(
         if len(found) != 1 or plain(found[0].tag) != "System":
             raise SetupError(f"{where}: there is no System with the id {fragment!r}")
         return document, found[0]
-    file = _locate(document, source, where)
+    file = _locate(source, document.path.parent, document.root, where)
     if kind == PACKAGE:
         name = fragment or ROOT
         key = (_digest(file), name)
         document.inside(key, file.name)
         folder = Path(mkdtemp(prefix=f"{file.stem}_", dir=document.root))
         unpack(file, folder)
-        ssd = _locate(Document(folder / ROOT, folder, None, document.known, {}), name, where)
+        ssd = _locate(name, folder, folder, where)
         inner = _open(ssd, folder, document.nesting, key, file.name)
     elif fragment:
         raise SetupError(f"{where}: an id in another file, {fragment!r}, is not supported")
@@ -216,15 +216,16 @@ def _connectors(document: Document, element: Element) -> dict[str, Connector]:
             raise SetupError(f"{where}: {element.get('name')} has two connectors {name}")
         if declared.get("kind") == "inout":
             raise SetupError(f"{where}: connector kind inout is not supported")
-        kind, unit = None, None
+        kind, unit, items = None, None, None
         for content in children(declared, "ssc:*"):
             kind = plain(content.tag)
             if kind not in TYPES:
                 raise SetupError(f"{where}: connector type {kind} is not supported")
-            if kind == "Enumeration" and content.get("name") not in document.known.items:
+            items = document.known.items.get(content.get("name"))
+            if kind == "Enumeration" and items is None:
                 raise SetupError(f"{where}: there is no Enumeration {content.get('name')!r}")
             unit = document.known.unit(content.get("unit"))
-        connectors[name] = Connector(declared.get("kind"), kind, unit)
+        connectors[name] = Connector(declared.get("kind"), kind, unit, items)
     return connectors
 
 
@@ -239,6 +240,8 @@ def _declare(plan: Plan, node: Node, declared: Connector, where: str, document: 
         raise SetupError(f"{where} must be of type {own.type}, not {declared.type}")
     if declared.unit and own.unit and not same(declared.unit, own.unit):
         raise SetupError(f"{where} must be in {own.unit.name}, not {declared.unit.name}")
+    if declared.items and own.items and declared.items != own.items:
+        raise SetupError(f"{where}: its Enumeration has other items than that of {node[0]}")
     unit = own.unit or declared.unit
     plan.connectors[node] = own._replace(type=own.type or declared.type, unit=unit)
     plan.declared.add(node)
@@ -288,7 +291,7 @@ def _finder(document: Document, component: Path | None, where: str) -> Locate:
 
     def find(source: str, base: str) -> Path:
         if base == "SSD":
-            return _locate(document, source, where)
+            return _locate(source, document.path.parent, document.root, where)
         if component is None:
             raise SetupError(f"{where}: a system has no files of its own")
         folder = component
@@ -297,6 +300,6 @@ def _finder(document: Document, component: Path | None, where: str) -> Locate:
             with zipfile.ZipFile(component) as archive:
                 if unquote(source) in archive.namelist():
                     archive.extract(unquote(source), folder)
-        return _locate(document._replace(path=folder / ROOT, root=folder), source, where)
+        return _locate(source, folder, folder, where)
 
     return find
