@@ -588,6 +588,11 @@ BAD: dict[str, tuple[str, Files, str]] = {
         "there is no file 'x.ssv'",
     ),
     "file outside": (component('source="../other.fmu"'), {}, "'../other.fmu' leaves the folder"),
+    "part of an FMU": (
+        component('source="resources/DriveMotor.fmu#2"'),
+        {},
+        "only files inside the package",
+    ),
     "file elsewhere": (component('source="http://a.b/c.fmu"'), {}, "only files inside the package"),
     "no FMU": (component('source="text.fmu"'), {"text.fmu": "text"}, "is not a valid FMU"),
     "dangling element": (flat(ends=SPACE.format("engine", "w", "motor", "w")), {}, "there is no element 'engine' in the system"),

@@ -48,7 +48,7 @@ def unpack(archive: Path, folder: Path) -> None:
 def locate(uri: str, base: Path, root: Path) -> Path:
     """The file of a relative URI; raises SetupError if there is none or it is outside of `root`."""
     parts = urlsplit(uri)
-    if parts.scheme or parts.netloc or parts.query or not parts.path:
+    if not parts.path or any((parts.scheme, parts.netloc, parts.query, parts.fragment)):
         raise SetupError(f"source {uri!r} is not supported, only files inside the package")
     path = (base / unquote(parts.path)).resolve()
     if not path.is_relative_to(root.resolve()):

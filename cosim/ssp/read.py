@@ -160,7 +160,7 @@ def _component(plan: Plan, document: Document, component: Element, path: str) ->
     if component.get("implementation") == "ModelExchange":
         raise SetupError(f"{where}: ModelExchange is not supported")
     if kind == FMU:
-        file = _locate(source, document.path.parent, document.root, where)
+        file = _locate(component.get("source"), document.path.parent, document.root, where)
         plan.add_fmu(path, file, describe_fmu(path, file))
         base = file
     elif kind in (DEFINITION, PACKAGE):
@@ -170,7 +170,7 @@ def _component(plan: Plan, document: Document, component: Element, path: str) ->
     else:
         raise SetupError(f"{where}: component type {kind!r} is not supported")
     for name, connector in _connectors(document, component).items():
-        _declare(plan, (path, name), connector, f"{where}: connector {name}", document)
+        _declare(plan, (path, name), connector, f"{where}: connector {name}")
     _bind(plan, document, component, path, base)
 
 
@@ -229,7 +229,7 @@ def _connectors(document: Document, element: Element) -> dict[str, Connector]:
     return connectors
 
 
-def _declare(plan: Plan, node: Node, declared: Connector, where: str, document: Document) -> None:
+def _declare(plan: Plan, node: Node, declared: Connector, where: str) -> None:
     """Compare the connector of a component with what it stands for."""
     own = plan.connectors.get(node)
     if own is None:
