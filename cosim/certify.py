@@ -31,7 +31,8 @@ class Estimate(NamedTuple):
     def text(self, unit: str) -> str:
         """The figure as it may be printed."""
         if self.error is None:
-            return f"{self.value:.5g} {unit} (not converged: the steps are too long to tell)"
+            seen = f"with order {self.order:.1f}" if math.isfinite(self.order) else "in no order"
+            return f"{self.value:.5g} {unit} (not converged: the error falls {seen})"
         digits = min(7, max(0, 1 - math.floor(math.log10(max(self.error, 1e-7)))))
         shown = max(self.error, 10.0**-digits)
         return f"{self.value:.{digits}f} +- {shown:.{digits}f} {unit}"

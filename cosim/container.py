@@ -7,14 +7,16 @@ from collections.abc import Sequence
 from copy import copy
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING
 
 from fmpy.validation import validate_fmu
-from fmu_manipulation_toolbox.container import FMUContainer, FMUContainerError
-from fmu_manipulation_toolbox.operations import FMUError
 
 from .errors import SetupError
-from .structure import _acts
+from .structure import acts
 from .system import Network, Port, System, Value, connect
+
+if TYPE_CHECKING:
+    from fmu_manipulation_toolbox.container import FMUContainer
 
 ALGORITHMS = ("jacobi", "gauss-seidel")
 
@@ -39,6 +41,9 @@ def write_container(
     factors, offsets and unit conversions on wires, strings with blanks as start values, and start
     values that would have to pass a part before what drives it. Then nothing is written.
     """
+    from fmu_manipulation_toolbox.container import FMUContainer, FMUContainerError
+    from fmu_manipulation_toolbox.operations import FMUError
+
     network = connect(system)
     sequence = list(order) if order is not None else list(system.parts)
     if sorted(sequence) != sorted(system.parts):
@@ -117,7 +122,7 @@ def _require_order(container: FMUContainer, network: Network, sequence: Sequence
     for first in network.wires:
         for then in network.wires:
             late = started.index(first.source.part) >= started.index(first.target.part)
-            if late and _acts(network, first, then):
+            if late and acts(network, first, then):
                 raise SetupError(
                     f"{then.source} follows {first.target} at once, but a container starts "
                     f"{first.target.part} before {first.source.part}: give another order"

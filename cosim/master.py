@@ -54,7 +54,7 @@ def run(
     Raises SetupError before the first step; SimulationError or Interrupted with the rows so far.
     """
     network = connect(system)
-    sequence = _sequence(network, order)
+    sequence = stepping_order(network, order)
     plan = Plan(start, stop, step, output_step)
     plan.check()
     rates = dict(substeps or {})
@@ -177,7 +177,7 @@ def _interrupts() -> Iterator[list[int]]:
         signal.signal(signal.SIGINT, before)
 
 
-def _sequence(network: Network, order: Sequence[str] | None) -> list[str]:
+def stepping_order(network: Network, order: Sequence[str] | None) -> list[str]:
     """The parts, each after those it hears where the wires allow it, else as declared."""
     parts = list(network.descriptions)
     if order is not None:

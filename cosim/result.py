@@ -103,7 +103,7 @@ class Result:
                     axis.plot(self["time"], self[name], label=name, linewidth=1)
             axis.set_ylabel(unit or "1")
             axis.grid(alpha=0.3)
-            axis.legend(loc="upper right", fontsize="small")
+            axis.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize="small")
         axes[-1].set_xlabel("time / s")
         axes[0].set_title(self._subtitle(), fontsize="small", loc="left")
         if path is not None:

@@ -16,17 +16,21 @@ def algebraic_loops(network: Network) -> list[list[Wire]]:
     dependencies is taken to have a state in between.
     """
     wires = network.wires
-    acts = np.array([[_acts(network, first, then) for then in wires] for first in wires], dtype=int)
+    matrix = np.array(
+        [[acts(network, first, then) for then in wires] for first in wires], dtype=int
+    )
     if not wires:
         return []
-    _, label = connected_components(csr_array(acts), connection="strong")
+    _, label = connected_components(csr_array(matrix), connection="strong")
     groups = [[i for i in range(len(wires)) if label[i] == k] for k in sorted(set(label))]
     return [
-        [wires[i] for i in group] for group in groups if len(group) > 1 or acts[group[0], group[0]]
+        [wires[i] for i in group]
+        for group in groups
+        if len(group) > 1 or matrix[group[0], group[0]]
     ]
 
 
-def _acts(network: Network, first: Wire, then: Wire) -> bool:
+def acts(network: Network, first: Wire, then: Wire) -> bool:
     """Whether the input of one wire moves the source of another without delay."""
     if first.target.part != then.source.part:
         return False

@@ -1,0 +1,312 @@
+"""python -m cosim info | check | run | export FILE, for an .ssp or a single .fmu; verify."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, NamedTuple, NoReturn
+
+from . import report
+from .adaptive import Adaptive
+from .algorithms import ALGORITHMS
+from .certify import certify, summary
+from .container import write_container
+from .errors import SetupError, SimulationError
+from .master import run
+from .osp import write_osp
+from .progress import bar
+from .result import Result
+from .ssp import read_ssp, write_ssp
+from .stepping import Plan
+from .system import Network, System, Value, connect, describe_fmu
+
+
+class Parser(argparse.ArgumentParser):
+    """Reports bad input as one line, as everything else does."""
+
+    def error(self, message: str) -> NoReturn:
+        raise SetupError(message)
+
+
+class Task(NamedTuple):
+    """A system that has been read and checked, its start and stop [s] if it has some."""
+
+    network: Network
+    start: float
+    stop: float | None
+    connectors: dict[str, str]
+
+    @property
+    def system(self) -> System:
+        return self.network.system
+
+
+@contextmanager
+def opened(path: Path, given: Sequence[str]) -> Iterator[Task]:
+    """The system of a file, with start values "part.variable=value" in place of its own."""
+    with TemporaryDirectory(prefix="cosim_") as folder:
+        if path.suffix == ".ssp":
+            system, start, stop, connectors = read_ssp(path, Path(folder) / "ssp")
+        elif path.suffix == ".fmu":
+            system, start, stop, connectors = alone(path), 0.0, None, {}
+        else:
+            raise SetupError(f"{path} must be an .ssp or an .fmu")
+        values = dict(assignment(text) for text in given)
+        network = connect(replace(system, start={**system.start, **values}))
+        yield Task(network, start or 0.0, stop, connectors)
+
+
+def alone(path: Path) -> System:
+    """A single FMU, its inputs at their declared start."""
+    name = path.stem
+    description = describe_fmu(name, path)
+    inputs = [v for v in description.modelVariables if v.causality == "input"]
+    start = {f"{name}.{v.name}": literal(str(v.start or "0")) for v in inputs}
+    return System({name: path}, start=start)
+
+
+def assignment(text: str) -> tuple[str, Value]:
+    """ "motor.T=0.05" as name and value."""
+    name, equals, value = text.partition("=")
+    if not equals:
+        raise SetupError(f"{text!r} must read part.variable=value")
+    return name.strip(), literal(value.strip())
+
+
+def literal(text: str) -> Value:
+    """A number or truth value where it is one, else the text."""
+    if text in ("true", "false"):
+        return text == "true"
+    for kind in (int, float):
+        try:
+            return kind(text)
+        except ValueError:
+            continue
+    return text
+
+
+def names(text: str) -> list[str]:
+    """ "a,b" as a list."""
+    return [name.strip() for name in text.split(",") if name.strip()]
+
+
+def rates(texts: Sequence[str]) -> dict[str, int]:
+    """ "motor=4" as substeps by part."""
+    found = {}
+    for name, count in map(assignment, texts):
+        if not isinstance(count, int):
+            raise SetupError(f"substeps of {name} = {count!r} must be a whole number")
+        found[name] = count
+    return found
+
+
+def parser() -> Parser:
+    """The command line."""
+    top = Parser(prog="python -m cosim", description="Couple FMI 2.0 co-simulation FMUs.")
+    commands = top.add_subparsers(required=True, metavar="COMMAND", dest="command")
+
+    def command(name: str, does: Callable[..., int], text: str, *, file: bool = True) -> Parser:
+        one = commands.add_parser(
+            name,
+            help=text,
+            description=text,
+            formatter_class=argparse.ArgumentDefaultsHelpFormatter,
+        )
+        one.set_defaults(does=does)
+        if file:
+            one.add_argument("file", type=Path, help=".ssp, or a single .fmu")
+            one.add_argument(
+                "--set", dest="given", metavar="NAME=VALUE", action="append", default=[],
+                help="start value of a parameter or input, by its dotted name",
+            )  # fmt: skip
+        return one
+
+    command("info", show, "what a system is made of")
+    checks = command("check", examine, "what stands in the way of a run, without running")
+    runs = command("run", simulate, "run a system and write its rows")
+    for one in (checks, runs):
+        stepping(one)
+    add = runs.add_argument
+    add("--out", type=Path, help=".csv or .parquet; JSON with units and provenance beside it")
+    add("--part", help="write this part's columns only, under their bare names")
+    add("--plot", type=Path, help="image of all columns")
+    add("--record", type=names, help="columns by dotted names, a,b,c; all outputs by default")
+    add("--certify", action="store_true", help="run with smaller steps too, tell coupling errors")
+
+    exports = command("export", export, "write a system in another format")
+    exports.add_argument("--to", choices=("ssp", "osp", "container"), required=True, help="format")
+    exports.add_argument("--out", type=Path, required=True, help="file, or folder for osp")
+    exports.add_argument("--step", type=float, help="communication step [s] for osp and container")
+    command("verify", verify, "test the master against closed solutions", file=False)
+    return top
+
+
+def stepping(one: Parser) -> None:
+    """The options of how a system is stepped."""
+    add = one.add_argument
+    add("--start", type=float, help="start time [s]; the file's by default")
+    add("--stop", type=float, help="stop time [s]; the file's by default")
+    add("--step", type=float, help="communication step [s]; the FMUs' preferred one by default")
+    add("--adaptive", type=float, metavar="TOLERANCE", help="choose steps for this coupling error")
+    add("--algorithm", choices=ALGORITHMS, default="strang", help="coupling algorithm")
+    add("--order", type=names, help="order in which parts step: a,b,c")
+    add("--input-order", type=int, default=0, help="polynomial order of inputs within a step")
+    add("--substeps", action="append", default=[], metavar="PART=N", help="steps within a step")
+    add("--tolerance", type=float, help="relative tolerance handed to the FMUs")
+    add("--output-step", type=float, help="distance of rows [s]; every step by default")
+
+
+def plan(task: Task, options: argparse.Namespace) -> Plan:
+    """Times and steps as asked for, as the file says, or as the FMUs prefer."""
+    start = task.start if options.start is None else options.start
+    stop = task.stop if options.stop is None else options.stop
+    if stop is None:
+        raise SetupError("the file has no default experiment: give --stop")
+    if options.step is not None and options.adaptive is not None:
+        raise SetupError("--step and --adaptive exclude each other")
+    step = Adaptive(options.adaptive) if options.adaptive is not None else options.step
+    if step is None:
+        step = min(report.preferred_steps(task.network).values(), default=None)
+        if step is None:
+            raise SetupError("no FMU prefers a communication step: give --step or --adaptive")
+    chosen = Plan(start, stop, step, options.output_step)
+    chosen.check()
+    return chosen
+
+
+def show(options: argparse.Namespace) -> int:
+    """python -m cosim info."""
+    with opened(options.file, options.given) as task:
+        print("\n".join(report.info(task.network)))
+        for connector, port in task.connectors.items():
+            print(f"connector {connector} is {port}")
+        if task.stop is not None:
+            print(f"default experiment: {task.start:g} to {task.stop:g} s")
+    return 0
+
+
+def examine(options: argparse.Namespace) -> int:
+    """python -m cosim check; exit code 1 if something stands in the way."""
+    with opened(options.file, options.given) as task:
+        substeps = rates(options.substeps)
+        way = (options.algorithm, options.input_order, substeps)
+        errors, notes = report.check(task.network, plan(task, options), *way)
+    for note in notes:
+        print(note)
+    for error in errors:
+        print(f"error: {error}")
+    print("ready to run" if not errors else f"{len(errors)} in the way")
+    return 1 if errors else 0
+
+
+def simulate(options: argparse.Namespace) -> int:
+    """python -m cosim run."""
+    with opened(options.file, options.given) as task:
+        chosen = plan(task, options)
+        settings: dict[str, Any] = {
+            "start": chosen.start,
+            "stop": chosen.stop,
+            "step": chosen.step,
+            "algorithm": options.algorithm,
+            "order": options.order,
+            "input_order": options.input_order,
+            "substeps": rates(options.substeps),
+            "tolerance": options.tolerance,
+            "record": options.record,
+        }
+        if chosen.output_step is not None:
+            settings["output_step"] = chosen.output_step
+        whole = options.out is not None and options.part is None and options.out.suffix == ".csv"
+        settings["csv"] = options.out if whole else None
+        with bar(options.file.stem, chosen.start, chosen.stop) as progress:
+            if options.certify:
+                result, figures = certify(task.system, summary, progress=progress, **settings)
+            else:
+                result, figures = run(task.system, progress=progress, **settings), {}
+    if options.out is not None and not whole:
+        result.write(options.out, part=options.part)
+    if options.plot is not None:
+        result.plot(path=options.plot)
+    for line in told(result):
+        print(line)
+    if figures:
+        print(
+            "figures with their coupling errors, from runs with a step, a half and a quarter of it"
+        )
+        rows = [
+            (name, found.text(result.units[name.partition(" at ")[0].partition(",")[0]]),
+             "" if found.error is None or math.isnan(found.order) else f"order {found.order:.1f}")
+            for name, found in figures.items()
+        ]  # fmt: skip
+        print("\n".join(f"  {line}" for line in report.table(rows)))
+    return 0
+
+
+def told(result: Result) -> Iterator[str]:
+    """What a run did, in a few lines."""
+    ran = result.provenance
+    did = f"{ran['steps']} steps"
+    for what in ("rejected", "discarded"):
+        did += f", {ran[what]} {what}" if ran[what] else ""
+    pace = (ran["stop"] - ran["start"]) / ran["wall_time"]
+    yield (
+        f"{ran['algorithm']}, {ran['communication']}: {did} in {ran['wall_time']:.3g} s "
+        f"({pace:.3g} x real time), {len(result.data)} rows"
+    )
+    for bond, energy in result.energy.items():
+        yield (
+            f"{bond}: {energy['given']:.6g} J given, {energy['taken']:.6g} J taken, "
+            f"{energy['residual']:+.2g} J made by the coupling"
+        )
+    for name, part in ran["parts"].items():
+        for warning in part["warnings"]:
+            yield f"warning of {name}: {warning}"
+
+
+def export(options: argparse.Namespace) -> int:
+    """python -m cosim export."""
+    with opened(options.file, options.given) as task:
+        if options.to == "ssp":
+            write_ssp(task.system, options.out, task.stop)
+        else:
+            step = options.step or min(report.preferred_steps(task.network).values(), default=None)
+            if step is None:
+                raise SetupError("no FMU prefers a communication step: give --step")
+            if options.to == "osp":
+                write_osp(task.system, options.out, step=step, start=task.start, stop=task.stop)
+            else:
+                stop = task.start + 1.0 if task.stop is None else task.stop
+                write_container(task.system, options.out, step=step, start=task.start, stop=stop)
+    print(f"{options.out} written")
+    return 0
+
+
+def verify(options: argparse.Namespace) -> int:
+    """python -m cosim verify."""
+    raise SetupError("not there yet")
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Exit code 0, 1 for a run that failed on the way, 2 for bad input, 130 after Ctrl-C."""
+    try:
+        options = parser().parse_args(arguments)
+        return int(options.does(options))
+    except SetupError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    except SimulationError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt as interrupt:
+        print(f"interrupted, what was computed is kept: {interrupt}", file=sys.stderr)
+        return 130
+
+
+if __name__ == "__main__":
+    sys.exit(main())

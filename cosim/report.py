@@ -1,0 +1,131 @@
+"""What a system is made of and what stands in the way of a run, in plain words."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+
+from fmpy import supported_platforms
+from fmpy.model_description import ModelDescription
+
+from .ledger import bonds
+from .master import problems, stepping_order
+from .stepping import Plan
+from .structure import algebraic_loops, describe
+from .system import Network, Port, Wire, base_unit, exponents
+
+ANGLE = (0, 0, 0, 0, 0, 0, 0, 1)
+ABILITIES = {
+    "canGetAndSetFMUstate": "restores its state",
+    "canHandleVariableCommunicationStepSize": "varies its step",
+    "canInterpolateInputs": "interpolates inputs",
+    "providesDirectionalDerivative": "gives directional derivatives",
+    "needsExecutionTool": "needs its tool",
+}
+
+
+def info(network: Network) -> Iterator[str]:
+    """Parts with their inputs and outputs, wires, start values, power bonds."""
+    for name, description in network.descriptions.items():
+        yield from _part(name, description, Path(network.system.parts[name]))
+    for title, lines in (
+        ("wires", [_wire(wire) for wire in network.wires]),
+        ("start values", [f"{port} = {value!r}" for port, value in network.start]),
+        ("power bonds", [bond.name for bond in bonds(network)]),
+    ):
+        if lines:
+            yield title
+            yield from (f"  {line}" for line in lines)
+
+
+def _part(name: str, description: ModelDescription, path: Path) -> Iterator[str]:
+    yield f"{name}: {description.modelName}, {path.name}"
+    if description.description:
+        yield f"  {description.description}"
+    yield f"  for {', '.join(supported_platforms(str(path)))}; {_abilities(description)}"
+    for causality in ("input", "output"):
+        ports = [Port(name, v) for v in description.modelVariables if v.causality == causality]
+        for port in ports:
+            yield f"  {causality:<7} {port}: {port.type}{_said(port)}"
+    parameters = [v for v in description.modelVariables if v.causality == "parameter"]
+    yield f"  {len(parameters)} parameters"
+
+
+def _said(port: Port) -> str:
+    return f", {port.variable.description}" if port.variable.description else ""
+
+
+def _abilities(description: ModelDescription) -> str:
+    can = [text for flag, text in ABILITIES.items() if getattr(description.coSimulation, flag)]
+    return ", ".join(can) or "fixed steps forward only"
+
+
+def _wire(wire: Wire) -> str:
+    scaled = "" if wire.factor == 1.0 else f" * {wire.factor:.12g}"
+    shifted = "" if wire.offset == 0.0 else f" {wire.offset:+.12g}"
+    return f"{wire.source}{scaled}{shifted} -> {wire.target}"
+
+
+def check(
+    network: Network, plan: Plan, algorithm: str, input_order: int, substeps: Mapping[str, int]
+) -> tuple[list[str], list[str]]:
+    """What keeps the system from being run like this, and what is worth knowing about it."""
+    errors = list(problems(network, plan, algorithm, input_order, substeps))
+    return errors, list(_notes(network, algorithm))
+
+
+def _notes(network: Network, algorithm: str) -> Iterator[str]:
+    yield f"order of steps: {', '.join(stepping_order(network, None))}"
+    for loop in algebraic_loops(network):
+        yield f"algebraic loop: {describe(loop)}"
+    silent = [
+        name
+        for name, description in network.descriptions.items()
+        if any(unknown.dependencies is None for unknown in description.outputs)
+    ]
+    if silent:
+        yield f"{', '.join(silent)}: dependencies of outputs not declared; loops may go unseen"
+    for wire in network.wires:
+        if wire.source.type != "Real":
+            continue
+        if not wire.source.unit or not wire.target.unit:
+            yield f"{_wire(wire)}: without a unit at both ends nothing is checked"
+        unit = base_unit(network.descriptions, wire.source)
+        if unit is not None and exponents(unit) == ANGLE:
+            yield (
+                f"{_wire(wire)}: an angle that is held over a step pushes a stiff shaft ahead of "
+                "itself; exchange its speed and let the other side integrate"
+            )
+    for bond in bonds(network):
+        yield f"power bond: {bond.name}"
+    yield from _steps(network)
+    if algorithm == "jacobi" and bonds(network):
+        yield (
+            "jacobi delays every loop by a step, which takes damping away from its oscillations: "
+            "see what it does with diagnose"
+        )
+
+
+def preferred_steps(network: Network) -> dict[str, float]:
+    """The communication step that each FMU prefers [s], as far as they say."""
+    return {
+        name: float(description.defaultExperiment.stepSize)
+        for name, description in network.descriptions.items()
+        if description.defaultExperiment and description.defaultExperiment.stepSize
+    }
+
+
+def _steps(network: Network) -> Iterator[str]:
+    preferred = preferred_steps(network)
+    if preferred:
+        part = min(preferred, key=lambda name: preferred[name])
+        yield f"recommended step: {preferred[part]!r} s, which {part} prefers"
+    else:
+        yield "recommended step: no FMU prefers one; diagnose measures what a step does"
+
+
+def table(rows: Sequence[Sequence[str]]) -> Iterator[str]:
+    """Rows in aligned columns."""
+    widths = [max(map(len, column)) for column in zip(*rows)]
+    for row in rows:
+        yield "  ".join(cell.ljust(width) for cell, width in zip(row, widths)).rstrip()

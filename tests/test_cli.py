@@ -1,0 +1,182 @@
+"""The command line of the master, used as a user would."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from conftest import ROOT
+from fmpy import simulate_fmu
+from numpy.testing import assert_array_equal
+from test_cosim import NU, pair
+
+from cosim import System, run, write_ssp
+from cosim.__main__ import main
+from scenarios.theory import SETS
+
+
+@pytest.fixture
+def drive(fmus: Path, tmp_path: Path) -> Path:
+    """Motor and conveyor at resonance as an .ssp of one second."""
+    path = tmp_path / "drive.ssp"
+    write_ssp(pair(fmus), path, stop=1.0)
+    return path
+
+
+def said(capsys: pytest.CaptureFixture[str], *arguments: object) -> str:
+    """What a command that succeeds prints."""
+    assert main([str(argument) for argument in arguments]) == 0
+    return capsys.readouterr().out
+
+
+def test_info_tells_what_a_system_is_made_of(drive: Path, capsys) -> None:
+    text = said(capsys, "info", drive)
+    for line in (
+        "motor: DriveMotor, DriveMotor.fmu",
+        "output  conveyor.w [rad/s]: Real, Crank speed",
+        "motor.tau [N.m] -> conveyor.tau [N.m]",
+        "motor.T [s] = 0.0625",
+        "power bonds\n  motor.tau * conveyor.w",
+        "default experiment: 0 to 1 s",
+    ):
+        assert line in text
+
+
+def test_run_writes_what_the_api_computes(drive: Path, fmus: Path, tmp_path: Path, capsys) -> None:
+    out = tmp_path / "out.csv"
+    options = (
+        "--stop",
+        0.5,
+        "--step",
+        1e-3,
+        "--algorithm",
+        "gauss-seidel",
+        "--set",
+        "motor.T=0.05",
+    )
+    text = said(capsys, "run", drive, "--out", out, "--plot", tmp_path / "out.png", *options)
+    assert "gauss-seidel, steps of 0.001 s: 500 steps" in text
+    assert "motor.tau * conveyor.w" in text
+    system = pair(fmus, SETS["A"].start(NU) | {"motor.T": 0.05})
+    ours = run(system, stop=0.5, step=1e-3, algorithm="gauss-seidel")
+    frame = pd.read_csv(out)
+    assert frame.columns.tolist() == ours.columns
+    assert_array_equal(frame.to_numpy(), ours.data)
+    told = json.loads(out.with_suffix(".json").read_text())
+    assert told["parts"]["motor"]["parameters"]["T"] == 0.05
+    assert told["units"]["motor.tau"] == "N.m"
+    assert (tmp_path / "out.png").exists()
+
+
+def test_step_and_stop_come_from_the_files(drive: Path, tmp_path: Path, capsys) -> None:
+    assert "steps of 0.001 s: 1000 steps" in said(capsys, "run", drive)
+
+
+def test_columns_of_a_part_drive_its_fmu_in_fmpy(
+    drive: Path, fmus: Path, tmp_path: Path, capsys
+) -> None:
+    """The conveyor's speed, taken by fmpy as the motor's input, gives the motor's torque."""
+    speed, torque = tmp_path / "w.csv", tmp_path / "tau.csv"
+    common = ("run", drive, "--step", 1e-3, "--algorithm", "jacobi")
+    said(capsys, *common, "--part", "conveyor", "--record", "conveyor.w", "--out", speed)
+    said(capsys, *common, "--part", "motor", "--out", torque)
+    start = {k.partition(".")[2]: v for k, v in SETS["A"].start(NU).items() if k[:5] == "motor"}
+    frame = pd.read_csv(speed)
+    made = simulate_fmu(
+        str(fmus / "DriveMotor.fmu"),
+        stop_time=1.0,
+        output_interval=1e-3,
+        start_values=start,
+        input=np.array([tuple(row) for row in frame.to_numpy()], [("time", "<f8"), ("w", "<f8")]),
+        output=["tau"],
+    )
+    ours = pd.read_csv(torque)["tau"]
+    assert made["tau"] == pytest.approx(ours.to_numpy(), abs=1e-6)
+
+
+def test_certify_states_errors_and_orders(drive: Path, capsys) -> None:
+    text = said(capsys, "run", drive, "--certify", "--record", "motor.tau,conveyor.a")
+    (mean,) = [line for line in text.splitlines() if "motor.tau, mean" in line]
+    assert " +- " in mean
+    assert "order 2.0" in mean
+    (rate,) = [line for line in text.splitlines() if "conveyor.a, mean" in line]
+    assert "not converged: the error falls with order" in rate
+
+
+def test_adaptive_run(drive: Path, tmp_path: Path, capsys) -> None:
+    out = tmp_path / "out.csv"
+    text = said(capsys, "run", drive, "--adaptive", 0.01, "--output-step", 0.01, "--out", out)
+    assert "adaptive steps, tolerance 0.01" in text
+    assert pd.read_csv(out)["time"].to_numpy() == pytest.approx(np.arange(101) * 0.01, abs=1e-15)
+
+
+def test_a_single_fmu_runs_with_its_own_inputs(fmus: Path, tmp_path: Path, capsys) -> None:
+    out = tmp_path / "out.csv"
+    options = ("--stop", 2, "--set", "DriveMotor.w=30", "--out", out)
+    said(capsys, "run", fmus / "DriveMotor.fmu", *options)
+    assert pd.read_csv(out)["DriveMotor.tau"].iloc[-1] == pytest.approx(8000 - 199.8 * 30)
+
+
+def test_check_tells_what_stands_in_the_way(
+    drive: Path, fmus: Path, tmp_path: Path, capsys
+) -> None:
+    text = said(capsys, "check", drive)
+    assert "order of steps: motor, conveyor" in text
+    assert "recommended step: 0.001 s, which motor prefers" in text
+    assert text.endswith("ready to run\n")
+    parts = {"a": fmus / "LinearSystem.fmu", "b": fmus / "LinearSystem.fmu"}
+    wires = ["a.z[1] -> b.u[1]", "b.z[1] -> a.u[1]"]
+    start = {f"{part}.u[{i}]": 0.0 for part in parts for i in (2, 3, 4)}
+    loop = tmp_path / "loop.ssp"
+    write_ssp(System(parts, wires, start), loop, stop=1.0)
+    assert main(["check", str(loop), "--step", "0.01"]) == 1
+    text = capsys.readouterr().out
+    assert "error: algebraic loop: a.z[1] -> b.u[1], b.z[1] -> a.u[1]" in text
+    assert main(["check", str(loop), "--step", "0.01", "--algorithm", "iterated"]) == 0
+
+
+def test_exports_are_files_of_their_kind(drive: Path, tmp_path: Path, capsys) -> None:
+    said(capsys, "export", drive, "--to", "ssp", "--out", tmp_path / "again.ssp")
+    said(capsys, "export", drive, "--to", "osp", "--out", tmp_path / "osp")
+    said(capsys, "export", drive, "--to", "container", "--out", tmp_path / "drive.fmu")
+    assert "steps of 0.001 s: 1000" in said(capsys, "run", tmp_path / "again.ssp")
+    assert (tmp_path / "osp" / "OspSystemStructure.xml").exists()
+    assert "drive: " in said(capsys, "info", tmp_path / "drive.fmu")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["run", "no.ssp"], "there is no file"),
+        (["run", "system.xml"], "must be an .ssp or an .fmu"),
+        (["run", "DRIVE", "--set", "motor.X=3"], "motor has no variable 'X'"),
+        (["run", "DRIVE", "--set", "motor.T"], "must read part.variable=value"),
+        (["run", "DRIVE", "--set", "motor.T=-1"], "motor.T [s] = -1 must be"),
+        (["run", "DRIVE", "--step", "0"], "step = 0.0 s must be above 0"),
+        (["run", "DRIVE", "--step", "1", "--adaptive", "1"], "exclude each other"),
+        (["run", "DRIVE", "--algorithm", "euler"], "invalid choice: 'euler'"),
+        (["run", "DRIVE", "--substeps", "motor=1.5"], "must be a whole number"),
+        (["run", "DRIVE", "--out", "x.xls"], "must end in .csv or .parquet"),
+        (["frobnicate"], "invalid choice"),
+        ([], "the following arguments are required: COMMAND"),
+    ],
+)
+def test_bad_input_is_one_line_and_exit_code_2(
+    drive: Path, capsys, arguments: list[str], message: str
+) -> None:
+    assert main([str(drive) if word == "DRIVE" else word for word in arguments]) == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert error.count("\n") == 1
+
+
+def test_the_module_is_a_program(drive: Path) -> None:
+    command = [sys.executable, "-m", "cosim", "run", str(drive), "--stop", "0.1"]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
+    assert "strang, steps of 0.001 s: 100 steps" in done.stdout
+    assert done.stderr == ""
