@@ -5,9 +5,14 @@ from __future__ import annotations
 import math
 
 import pytest
+from oracle import monolithic, revolution_samples
 from test_cosim import HELD_TAU2, ripple
 
 from cosim import ORDERS, estimate
+from scenarios import fmus, pool
+from scenarios.orders import last_revolutions, order
+from scenarios.resonance import SPEEDS, Case, simulate
+from scenarios.theory import SETS
 
 
 @pytest.mark.parametrize("order", [1, 2])
@@ -47,3 +52,39 @@ def test_stated_error_of_the_resonance_holds_the_true_one(fmus, algorithm: str, 
 def test_jacobi_with_long_steps_is_called_not_converged(fmus) -> None:
     values = [ripple(fmus, "jacobi", steps, 48)[1] for steps in (320, 160, 80)]
     assert estimate(values, 1).error is None
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("algorithm", "n"), [("jacobi", 2048), ("gauss-seidel", 256), ("strang", 256)]
+)
+def test_stated_errors_hold_at_every_speed_of_the_sweep(algorithm: str, n: int) -> None:
+    """Both amplitudes at 31 speeds, from runs at n, 2 n and 4 n steps, against one solver.
+
+    The bound holds the true error and is no more than ten times as wide, or 1e-4 of the figure.
+    """
+    machine = SETS["A"]
+    nus = [float(text) for text in SPEEDS["A"].split(",")]
+    assert len(nus) == 31
+    fmus.build(*fmus.DRIVE.values())
+    cases = [Case(machine, nu, n * k, algorithm) for nu in nus for k in (4, 2, 1)]
+    points = iter(list(pool.each(simulate, cases, pool.available_cores(), "speeds")))
+    told = 0
+    for nu in nus:
+        runs = [next(points) for _ in range(3)]
+        times = revolution_samples(nu, 24, 512)
+        phi, w, tau = monolithic(machine.start(nu), times[-1], t_eval=times).y[:3]
+        late = last_revolutions(phi, 8)
+        for exact, seen in (
+            (abs(order(phi[late], tau[late], 2)), [p.tau2 for p in runs]),
+            (abs(order(phi[late], w[late], 2)), [p.w2 for p in runs]),
+        ):
+            got = estimate(seen, ORDERS[algorithm])
+            if got.error is None:
+                assert "not converged" in got.text("")
+                continue
+            told += 1
+            true = abs(got.value - exact)
+            assert true <= got.error + 1e-6 * exact, (nu, got, exact)
+            assert got.error <= max(10 * true, 1e-4 * exact), (nu, got, exact)
+    assert told >= 50

@@ -244,3 +244,29 @@ def test_plot_has_an_axis_per_unit(fmus: Path, tmp_path: Path) -> None:
 def test_bad_settings_are_refused(fmus: Path, settings: dict[str, Any], message: str) -> None:
     with pytest.raises(SetupError, match=message):
         from_rest(fmus, **settings)
+
+
+@pytest.mark.slow
+def test_a_day_in_one_run_needs_no_more_memory_than_its_first_hours(
+    fmus: Path, tmp_path: Path
+) -> None:
+    """24 h of the drive at 20 ms, a row per minute; pages in use at a tenth and at the end."""
+    used: list[int] = []
+
+    def look(_: float) -> None:
+        used.append(int(Path("/proc/self/statm").read_text().split()[1]))
+
+    result = run(
+        pair(fmus),
+        stop=86400.0,
+        step=0.02,
+        algorithm="gauss-seidel",
+        output_step=60.0,
+        csv=tmp_path / "day.csv",
+        progress=look,
+    )
+    assert result.provenance["steps"] == 4_320_000
+    assert_array_equal(result["time"], np.arange(1441) * 60.0)
+    early, late = used[len(used) // 10], used[-1]
+    assert (late - early) * 4096 < 1 << 20
+    assert np.abs(result["conveyor.w"] - NU).max() < 4.0
