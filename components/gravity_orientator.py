@@ -478,7 +478,12 @@ def derivatives(p: Parameters, t: float, x: State, u: Inputs) -> State:
 
 def exact(p: Parameters, x: State, u0: Inputs, u1: Inputs, h: float) -> State | None:
     """Nothing moves while no product is under way."""
-    return None if x.stage in MECHANICS else x
+    return None if under_way(x) else x
+
+
+def under_way(x: State) -> bool:
+    """Whether a product moves, or is held in the chute."""
+    return x.stage in MECHANICS
 
 
 def settle(p: Parameters, x: State) -> State:
@@ -546,7 +551,7 @@ def jump(p: Parameters, t: float, x: State, u: Inputs, which: int) -> State:
             return replace(x, contact=False) if x.contact else touch(p, x)
         case Stage.released, 4:
             return replace(x, phi1=p.catcher.phi, w1=0.0)
-    return jam(x, t, Reason(JAMS[x.stage] + which))
+    return jam(x, t, JAMS[x.stage] + which)
 
 
 JAMS = {
@@ -556,13 +561,16 @@ JAMS = {
 }
 
 
+DURATIONS = {stage: f"t_{stage.name}" for stage in MECHANICS}
+
+
 def over(x: State, t: float, stage: Stage, **changes: float) -> State:
     """The state x at the end of its stage and the beginning of the next."""
-    duration = {f"t_{Stage(x.stage).name}": t - x.since}
+    duration = {DURATIONS[x.stage]: t - x.since}
     return replace(x, stage=stage, since=t, **duration, **changes)
 
 
-def jam(x: State, t: float, reason: Reason) -> State:
+def jam(x: State, t: float, reason: int) -> State:
     x = replace(x, w1=0.0, w2=0.0, vxc=0.0, vyc=0.0, orientation_time=0.0)
     return over(x, t, Stage.jammed, reason=reason, jammed=x.jammed + 1)
 

@@ -303,19 +303,25 @@ def check(p: Parameters) -> Iterator[str]:
             "friction: -1 < K_down <= 0 <= K_up violated: "
             f"friction.K_down = {K.K_down!r}, friction.K_up = {K.K_up!r}"
         )
-    if problem := first_obstacle(p):
-        raise ValueError(problem)
+    turns(p)
     slope = pi - min(position(p, phi).beta for phi in (0.0, c.rise))
     if p.wrap == Wrap.top and slope > 0.25:
         yield f"the run to the sprocket rises by {slope!r} rad: wrap = top (0) is a poor assumption"
 
 
 @lru_cache(maxsize=16)
-def first_obstacle(p: Parameters) -> str:
-    """What is in the way first in a turn in steps of half a degree, empty if nothing is."""
-    angles = (radians(step / 2) for step in range(720))
-    found = (f"{what} at phi = {phi!r} rad" for phi in angles for what in obstacles(p, phi))
-    return next(found, "")
+def turns(p: Parameters) -> bool:
+    """True; raises ValueError for what is in the way first in a turn in steps of half a degree."""
+    for step in range(720):
+        passes(p, radians(step / 2))
+    return True
+
+
+def passes(p: Parameters, phi: float) -> bool:
+    """True; raises ValueError if something is in the way at this cam angle."""
+    for what in obstacles(p, phi):
+        raise ValueError(f"{what} at phi = {phi!r} rad")
+    return True
 
 
 def obstacles(p: Parameters, phi: float) -> Iterator[str]:

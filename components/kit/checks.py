@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
+from math import isfinite
 from typing import Any
 
 from .interface import Interface, Variable
@@ -17,7 +17,7 @@ def number(value: Value, unit: str) -> str:
 
 def finite(variable: Variable, value: Value) -> None:
     """Raise ValueError for NaN and infinity."""
-    if isinstance(value, float) and not math.isfinite(value):
+    if variable.kind == "Real" and not isfinite(value):  # type: ignore[arg-type]
         raise ValueError(
             f"{variable.name} = {number(value, variable.unit)} must be a finite number"
         )
@@ -28,7 +28,7 @@ def bounds(variable: Variable, value: Value) -> None:
     finite(variable, value)
     d = variable.declaration
     if d.items is not None:
-        if value not in set(d.items):
+        if all(value != item for item in d.items):
             allowed = ", ".join(f"{item.value} ({item.name})" for item in d.items)
             raise ValueError(f"{variable.name} = {value!r} must be one of {allowed}")
         return

@@ -17,13 +17,14 @@ value between events.
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import cache
+from math import inf
 from types import ModuleType
 from typing import Any, NamedTuple
 
 from . import ode
+from .flow import repeat
 from .interface import InputHold
 from .record import declarations
 
@@ -46,12 +47,16 @@ class Course(NamedTuple):
 
     def at(self, s: float) -> Any:
         """The inputs s seconds after the beginning."""
-        if self.start == self.end:
-            return self.end
-        share = s / self.h
-        return self.end._make(
-            a + (b - a) * share if type(b) is float else b for a, b in zip(self.start, self.end)
-        )
+        return along(self, s)
+
+
+def along(inputs: Course, s: float) -> Any:
+    """The inputs s seconds after the beginning of their course."""
+    start, end, h = inputs
+    if start == end:
+        return end
+    share, places = s / h, continuous(end.__class__)
+    return state(end, places, [start[i] + (end[i] - start[i]) * share for i in places])
 
 
 def course(hold: int, before: Any, now: Any, past: float, h: float) -> Course:
@@ -64,6 +69,20 @@ def course(hold: int, before: Any, now: Any, past: float, h: float) -> Course:
     if hold == InputHold.extrapolate and past > 0.0 and before != now:
         return Course(now, Course(before, now, past).at(past + h), h)
     return Course(now, now, h)
+
+
+def step(
+    model: ModuleType,
+    p: Any,
+    t: float,
+    x: Any,
+    before: Any,
+    now: Any,
+    inputs: Course,
+    note: Note = silent,
+) -> Any:
+    """The state at the end of a communication step that begins at t with the inputs `now`."""
+    return advance(model, p, t, sample(model, p, t, x, before, now, note), inputs, note)
 
 
 def advance(
@@ -83,13 +102,11 @@ def advance(
         end = model.exact(p, x, inputs.start, inputs.end, inputs.h)
         if end is not None:
             return end
-    if hasattr(model, "guard"):
-        for s, old, new in events(model, p, t, x, inputs):
-            announce(model, p, t + s, old, new, inputs.at(s), note)
-        return settle(model, p, new)
-    places, _ = continuous(model.State)
-    flow = slopes(model, p, t, x, inputs)
-    return state(x, places, ode.integrate(flow, pick(x, places), inputs.h, tolerances(model.State)))
+
+    def happened(s: float, old: Any, new: Any) -> None:
+        announce(model, p, t + s, old, new, inputs.at(s), note)
+
+    return settle(model, p, travel(model, p, t, x, inputs, happened))
 
 
 def sample(
@@ -123,96 +140,149 @@ def announce(model: ModuleType, p: Any, t: float, old: Any, new: Any, u: Any, no
 
 def events(
     model: ModuleType, p: Any, t: float, x: Any, inputs: Course
-) -> Iterator[tuple[float, Any, Any]]:
+) -> list[tuple[float, Any, Any]]:
     """The events of a step: time since its beginning, state before and after; last the step's end.
 
-    Raises ArithmeticError for a system that chatters.
+    Raises what `travel` raises.
     """
-    places, _ = continuous(model.State)
-    tolerance, longest = tolerances(model.State), getattr(model, "LONGEST_STEP", math.inf)
-    s = 0.0
-    for _ in range(MOST_EVENTS):
-        which = fallen(model, p, t, s, x, inputs)
-        if which is None:
-            flow = slopes(model, p, t, x, inputs)
-            for step in ode.walk(flow, s, pick(x, places), inputs.h, tolerance, longest):
-                after = state(x, places, step.end)
-                if fallen(model, p, t, step.s + step.h, after, inputs) is not None:
-                    s, x = locate(model, p, t, x, step, inputs)
-                    which = fallen(model, p, t, s, x, inputs)
-                    break
-            else:
-                yield inputs.h, after, after
-                return
-        new = model.jump(p, t + s, x, inputs.at(s), which)
-        yield s, x, new
-        x = new
-    raise ArithmeticError(f"more than {MOST_EVENTS} events, the last at {t + s!r} s")
+    seen: list[tuple[float, Any, Any]] = []
+    end = travel(model, p, t, x, inputs, lambda *event: seen.append(event))
+    return [*seen, (inputs.h, end, end)]
 
 
-def fallen(model: ModuleType, p: Any, t: float, s: float, x: Any, inputs: Course) -> int | None:
-    """The first guard that is below zero."""
-    for which, value in enumerate(model.guard(p, t + s, x, inputs.at(s))):
-        if value < 0.0:
-            return which
-    return None
+class Stage(NamedTuple):
+    """On the way: the guard that has fallen or -1, the state, the walk from it, events so far."""
+
+    which: int
+    x: Any
+    walk: ode.Walk
+    events: int
+
+
+def travel(
+    model: ModuleType,
+    p: Any,
+    t: float,
+    x: Any,
+    inputs: Course,
+    happened: Callable[[float, Any, Any], None],
+) -> Any:
+    """The state at the end of a step, through its events, of which `happened` is told.
+
+    Raises ArithmeticError for a system that chatters, and what `ode.substep` raises.
+    """
+    places, tolerance = continuous(model.State), tolerances(model.State)
+    h, longest, hybrid = inputs.h, getattr(model, "LONGEST_STEP", inf), hasattr(model, "guard")
+
+    def begin(s: float, x: Any) -> ode.Walk:
+        y = pick(x, places)
+        return ode.Walk(s, y, slope(model, p, t, x, inputs, s, y), smaller(h - s, longest), 0)
+
+    def body(at: Stage) -> tuple[bool, Stage]:
+        which, x, walk, events = at
+        if hybrid and which >= 0:
+            if events >= MOST_EVENTS:
+                raise ArithmeticError(
+                    f"more than {MOST_EVENTS} events, the last at {t + walk.s!r} s"
+                )
+            new = model.jump(p, t + walk.s, x, inputs.at(walk.s), which)
+            happened(walk.s, x, new)
+            which = fallen(model, p, t, walk.s, new, inputs)
+            walk = begin(walk.s, new) if which < 0 else walk
+            return which < 0 and walk.s >= h, Stage(which, new, walk, events + 1)
+
+        def flow(s: float, y: ode.Vector) -> ode.Vector:
+            return slope(model, p, t, x, inputs, s, y)
+
+        good, size, further = ode.substep(flow, walk, h, tolerance, longest)
+        if not good:
+            return False, Stage(-1, x, further, events)
+        after = state(x, places, further.x)
+        if fallen(model, p, t, further.s, after, inputs) < 0:
+            return further.s >= h, Stage(-1, after, further, events)
+        s, x = locate(model, p, t, x, inputs, walk, size, after)
+        return False, Stage(fallen(model, p, t, s, x, inputs), x, further._replace(s=s), events)
+
+    which = fallen(model, p, t, 0.0, x, inputs)
+    return repeat(body, Stage(which, x, begin(0.0, x), 0)).x
+
+
+def smaller(a: float, b: float) -> float:
+    return min(a, b)
+
+
+def fallen(model: ModuleType, p: Any, t: float, s: float, x: Any, inputs: Course) -> int:
+    """The first guard that is below zero, -1 if none is."""
+    if hasattr(model, "guard"):
+        for which, value in enumerate(model.guard(p, t + s, x, inputs.at(s))):
+            if value < 0.0:
+                return which
+    return -1
 
 
 def locate(
-    model: ModuleType, p: Any, t: float, x: Any, step: ode.SubStep, inputs: Course
+    model: ModuleType,
+    p: Any,
+    t: float,
+    x: Any,
+    inputs: Course,
+    walk: ode.Walk,
+    size: float,
+    end: Any,
 ) -> tuple[float, Any]:
     """The first instant at which a guard is below zero, to the last bit of the time."""
-    places, _ = continuous(model.State)
-    tolerance, flow = tolerances(model.State), slopes(model, p, t, x, inputs)
+    places, tolerance = continuous(model.State), tolerances(model.State)
 
-    def there(h: float) -> Any:
-        return state(x, places, ode.attempt(flow, step.s, step.x, step.slope, h, tolerance)[0])
+    def flow(s: float, y: ode.Vector) -> ode.Vector:
+        return slope(model, p, t, x, inputs, s, y)
 
-    before, after, end = 0.0, step.h, state(x, places, step.end)
-    while True:
+    def body(at: tuple[float, float, Any]) -> tuple[bool, tuple[float, float, Any]]:
+        before, after, end = at
         middle = (before + after) / 2
-        if middle in (before, after) or step.s + before == step.s + after:
-            return step.s + after, end
-        candidate = there(middle)
-        if fallen(model, p, t, step.s + middle, candidate, inputs) is None:
-            before = middle
-        else:
-            after, end = middle, candidate
+        if middle in (before, after) or walk.s + before == walk.s + after:
+            return True, at
+        y, _, _ = ode.attempt(flow, walk.s, walk.x, walk.slope, middle, tolerance)
+        candidate = state(x, places, y)
+        if fallen(model, p, t, walk.s + middle, candidate, inputs) < 0:
+            return False, (middle, after, end)
+        return False, (before, middle, candidate)
+
+    _, after, end = repeat(body, (0.0, size, end))
+    return walk.s + after, end
 
 
-def slopes(model: ModuleType, p: Any, t: float, x: Any, inputs: Course) -> ode.RightHandSide:
-    """The right-hand side of the continuous states, the others as they are in x."""
-    places, whole = continuous(model.State)
-    derivatives, make, held = model.derivatives, model.State._make, inputs.start == inputs.end
-    u = inputs.end
-    if whole and held:
-        return lambda s, y: derivatives(p, t + s, make(y), u)
-    return lambda s, y: pick(derivatives(p, t + s, state(x, places, y), inputs.at(s)), places)
+def slope(
+    model: ModuleType, p: Any, t: float, x: Any, inputs: Course, s: float, y: ode.Vector
+) -> ode.Vector:
+    """The right-hand side of the continuous states y, the others as they are in x."""
+    places = continuous(model.State)
+    return pick(model.derivatives(p, t + s, state(x, places, y), inputs.at(s)), places)
 
 
 def state(x: Any, places: tuple[int, ...], y: ode.Vector) -> Any:
     """The state x with the continuous ones replaced."""
+    if len(places) == len(x):
+        return x._make(y)
     values = list(x)
     for place, value in zip(places, y):
         values[place] = value
     return x._make(values)
 
 
-def pick(x: Any, places: tuple[int, ...]) -> list[float]:
+def pick(x: Any, places: tuple[int, ...]) -> ode.Vector:
     """The continuous states of x."""
     return [x[place] for place in places]
 
 
 @cache
-def continuous(cls: Any) -> tuple[tuple[int, ...], bool]:
-    """Where the continuous states are in a State, and whether they are all of it."""
-    fields = [d for _, d in declarations(cls)]
-    places = tuple(i for i, d in enumerate(fields) if d.kind == "Real" and not d.held)
-    return places, len(places) == len(fields)
+def continuous(cls: Any) -> tuple[int, ...]:
+    """Where the Reals of a record are that change between events."""
+    fields = enumerate(d for _, d in declarations(cls))
+    return tuple(i for i, d in fields if d.kind == "Real" and not d.held)
 
 
 @cache
 def tolerances(cls: Any) -> list[float]:
     """The error of each continuous state that a sub-step may make: a share of its nominal."""
     fields = [d for _, d in declarations(cls)]
-    return [TOLERANCE * (fields[i].nominal or 1.0) for i in continuous(cls)[0]]
+    return [TOLERANCE * (fields[i].nominal or 1.0) for i in continuous(cls)]

@@ -6,9 +6,11 @@ nothing but x is remembered between calls and a repeated step repeats every bit.
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
+from math import inf, sqrt
 from typing import NamedTuple
+
+from .flow import attempted, repeat
 
 Vector = Sequence[float]
 RightHandSide = Callable[[float, Vector], Vector]
@@ -17,51 +19,59 @@ SAFETY, SHRINK, GROW = 0.9, 0.2, 5.0
 MOST_SUBSTEPS = 1_000_000
 
 
-class SubStep(NamedTuple):
-    """An accepted sub-step: from x with this slope at s, over h seconds, to `end`."""
+class Walk(NamedTuple):
+    """On the way: at s with x and its slope; the size of the next sub-step and how many were tried."""
 
     s: float
     x: Vector
     slope: Vector
-    h: float
-    end: Vector
+    size: float
+    tried: int
 
 
 def integrate(f: RightHandSide, x: Vector, h: float, tolerance: Vector) -> Vector:
-    """Carry x from s = 0 to s = h; raises what `walk` raises."""
-    for step in walk(f, 0.0, x, h, tolerance):
-        x = step.end
-    return x
+    """Carry x from s = 0 to s = h; raises what `substep` raises."""
+
+    def body(at: Walk) -> tuple[bool, Walk]:
+        _, _, at = substep(f, at, h, tolerance)
+        return at.s >= h, at
+
+    return repeat(body, Walk(0.0, x, f(0.0, x), h, 0)).x
 
 
-def walk(
-    f: RightHandSide, s: float, x: Vector, stop: float, tolerance: Vector, longest: float = math.inf
-) -> Iterator[SubStep]:
-    """Carry x from s to `stop` in sub-steps whose error over the tolerance has a norm below 1.
+def substep(
+    f: RightHandSide, at: Walk, stop: float, tolerance: Vector, longest: float = inf
+) -> tuple[bool, float, Walk]:
+    """Try one sub-step towards `stop` whose error over the tolerance has a norm below 1.
 
-    Raises ArithmeticError if the right-hand side is not finite, if no sub-step is small enough or
-    if there are more than MOST_SUBSTEPS.
+    Returns whether there is one, its size, and the walk that goes on. Raises
+    ArithmeticError if no sub-step is small enough beside what is left, or after MOST_SUBSTEPS.
     """
-    size, slope, whole = min(stop - s, longest), f(s, x), stop - s
-    for _ in range(MOST_SUBSTEPS):
-        if s >= stop:
-            return
-        last = s + size >= stop
-        if last:
-            size = stop - s
-        try:
-            end, end_slope, error = attempt(f, s, x, slope, size, tolerance)
-        except (ArithmeticError, ValueError):
-            end, end_slope, error = x, slope, math.inf
-        if error <= 1.0:
-            yield SubStep(s, x, slope, size, end)
-            s, x, slope = stop if last else s + size, end, end_slope
-        elif not size > 1e-9 * whole:
-            raise ArithmeticError(f"no sub-step is small enough at {s!r} s of the step")
-        change = SAFETY * error**-0.2 if error > 0.0 else GROW
-        size *= min(GROW, max(SHRINK, change)) if math.isfinite(error) else SHRINK
-        size = min(size, longest)
-    raise ArithmeticError(f"more than {MOST_SUBSTEPS} sub-steps up to {s!r} s of the step")
+    if at.tried >= MOST_SUBSTEPS:
+        raise ArithmeticError(f"more than {MOST_SUBSTEPS} sub-steps up to {at.s!r} s of the step")
+    h, end = reach(at.s, at.size, stop)
+    x, slope, error = attempted(
+        lambda: attempt(f, at.s, at.x, at.slope, h, tolerance), (at.x, at.slope, inf)
+    )
+    size, tried = resized(h, error, longest), at.tried + 1
+    if error <= 1.0:
+        return True, h, Walk(end, x, slope, size, tried)
+    if not h > 1e-9 * (stop - at.s):
+        raise ArithmeticError(f"no sub-step is small enough at {at.s!r} s of the step")
+    return False, h, Walk(at.s, at.x, at.slope, size, tried)
+
+
+def reach(s: float, size: float, stop: float) -> tuple[float, float]:
+    """The size of a sub-step that ends at `stop` at the latest, and where it ends."""
+    return (stop - s, stop) if s + size >= stop else (size, s + size)
+
+
+def resized(h: float, error: float, longest: float) -> float:
+    """The size of the next sub-step, after one of size h."""
+    if not error < inf:
+        return min(h * SHRINK, longest)
+    change = SAFETY * error**-0.2 if error > 0.0 else GROW
+    return min(h * min(GROW, max(SHRINK, change)), longest)
 
 
 def attempt(
@@ -110,4 +120,4 @@ def attempt(
         )
         share = defect / allowed
         error += share * share
-    return new, k7, math.sqrt(error)
+    return new, k7, sqrt(error)

@@ -206,8 +206,7 @@ class ModelSlave(Fmi2Slave):  # type: ignore[misc]
         before = model.Inputs._make(v[self.before])
         inputs = motion.course(v[interface.input_hold], before, now, v[self.past], h)
         try:
-            x = motion.sample(model, p, t, x, before, now, self.warn)
-            end = motion.advance(model, p, t, x, inputs, self.warn)
+            end = motion.step(model, p, t, x, before, now, inputs, self.warn)
             for state, value in zip(interface.variables[interface.states], end):
                 checks.finite(state, value)
         except (ArithmeticError, ValueError) as error:
