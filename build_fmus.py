@@ -1,24 +1,32 @@
 """Build the FMUs: components/NAME.py -> fmus/Name.fmu, each validated before it is kept.
 
-usage: python build_fmus.py [COMPONENT ...] [--into DIR] [--force] [--docs]
+usage: python build_fmus.py [COMPONENT ...] [--flavour python|native|both] [--into DIR] [--force]
+                            [--docs]
+
+Native FMUs go to a folder `native` of their own.
 """
 
 import argparse
 import sys
 import tempfile
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from typing import TypeVar
 
-from components import CATALOGUE
+from components import CATALOGUE, PYTHON_ONLY
 from components.kit.interface import Interface, title
+from components.native import build as native
+from components.packing import pack as python
 from components.packing import page, validate
-from components.packing.pack import Build, collect, is_current, pack
 
 ROOT = Path(__file__).resolve().parent
+Build = TypeVar("Build", python.Build, native.NativeBuild)
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(description="Build and validate the FMUs.")
     parser.add_argument("component", nargs="*", help=f"one of {', '.join(CATALOGUE)} (default all)")
+    parser.add_argument("--flavour", choices=("python", "native", "both"), default="python")
     parser.add_argument("--into", type=Path, default=ROOT / "fmus", help="folder of the FMUs")
     parser.add_argument("--force", action="store_true", help="build also what is up to date")
     parser.add_argument("--docs", action="store_true", help="also write docs/variables.md")
@@ -26,34 +34,48 @@ def main() -> int:
     unknown = [name for name in options.component if name not in CATALOGUE]
     if unknown:
         parser.error(f"unknown component {unknown[0]!r}; there are {', '.join(CATALOGUE)}")
-    builds = [collect(name) for name in options.component or CATALOGUE]
     if options.docs:
-        write_tables([collect(name) for name in CATALOGUE])
-    return max(make(build, options.into, options.force) for build in builds)
+        write_tables([python.collect(name) for name in CATALOGUE])
+    return max(make_all(options.component or CATALOGUE, options))
 
 
-def make(build: Build, folder: Path, force: bool) -> int:
+def make_all(components: Sequence[str], options: argparse.Namespace) -> Iterator[int]:
+    """Make every FMU that is asked for; 1 for each that is not valid."""
+    for name in components:
+        if options.flavour != "native":
+            build = python.collect(name)
+            yield make(build, python.pack, options.into, "", options.force)
+        if options.flavour != "python" and name in PYTHON_ONLY:
+            print(f"{name} has no native flavour: {PYTHON_ONLY[name]}")
+            yield int(name in options.component)
+        elif options.flavour != "python":
+            compiled = native.collect(name)
+            yield make(compiled, native.pack, options.into, "native/", options.force)
+
+
+def make(
+    build: Build, pack: Callable[[Build, Path], None], into: Path, folder: str, force: bool
+) -> int:
     """Build one FMU unless it is up to date; 1 if it is not valid, and then nothing is kept."""
-    fmu = folder / f"{build.name}.fmu"
-    if not force and is_current(build, fmu):
-        print(f"{fmu.name} is up to date")
+    label = f"{folder}{build.name}.fmu"
+    fmu = into / label
+    if not force and python.is_current(build.guid, fmu):
+        print(f"{label} is up to date")
         return 0
-    folder.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(dir=folder, prefix=".building-") as temporary:
+    fmu.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=fmu.parent, prefix=".building-") as temporary:
         candidate = Path(temporary) / fmu.name
         pack(build, candidate)
         problems = validate.problems(candidate)
         if problems:
-            print(
-                f"{fmu.name} is not valid and was not kept:", *problems, sep="\n  ", file=sys.stderr
-            )
+            print(f"{label} is not valid and was not kept:", *problems, sep="\n  ", file=sys.stderr)
             return 1
         candidate.replace(fmu)
-    print(f"{fmu.name} built and valid, {fmu.stat().st_size // 1024} KiB, guid {build.guid}")
+    print(f"{label} built and valid, {fmu.stat().st_size // 1024} KiB, guid {build.guid}")
     return 0
 
 
-def write_tables(builds: list[Build]) -> None:
+def write_tables(builds: list[python.Build]) -> None:
     """Write the variable tables of the documentation."""
     sections = [
         f"## {build.name}\n\n{title(build.model)}.\n\n{page.markdown_table(Interface(build.model))}\n"

@@ -4,32 +4,58 @@ from __future__ import annotations
 
 import os
 from datetime import datetime, timezone
+from typing import NamedTuple
 from xml.etree.ElementTree import Element, SubElement
 
 from . import VERSION
 from .interface import Interface, Variable, class_name, title
 from .record import Declaration
 
-CAPABILITIES = {
-    "needsExecutionTool": "true",
-    "canHandleVariableCommunicationStepSize": "true",
-    "canInterpolateInputs": "false",
-    "maxOutputDerivativeOrder": "0",
-    "canRunAsynchronuously": "false",
-    "canBeInstantiatedOnlyOncePerProcess": "false",
-    "canNotUseMemoryManagementFunctions": "true",
-    "canGetAndSetFMUstate": "true",
-    "canSerializeFMUstate": "true",
-    "providesDirectionalDerivative": "false",
-}
-LOG_CATEGORIES = {
-    "logStatusWarning": "What is unusual but can be simulated",
-    "logStatusFatal": "Why a call failed",
-    "logAll": "All messages",
-}
+
+class Flavour(NamedTuple):
+    """What one way to make an FMU of a component can do, and how it reports failures."""
+
+    tool: str
+    needs_tool: bool
+    derivatives: bool
+    failure: str
+
+    @property
+    def capabilities(self) -> dict[str, str]:
+        """The attributes of CoSimulation."""
+        return {
+            "needsExecutionTool": boolean(self.needs_tool),
+            "canHandleVariableCommunicationStepSize": "true",
+            "canInterpolateInputs": boolean(self.derivatives),
+            "maxOutputDerivativeOrder": str(int(self.derivatives)),
+            "canRunAsynchronuously": "false",
+            "canBeInstantiatedOnlyOncePerProcess": "false",
+            "canNotUseMemoryManagementFunctions": boolean(self.needs_tool),
+            "canGetAndSetFMUstate": "true",
+            "canSerializeFMUstate": "true",
+            "providesDirectionalDerivative": boolean(self.derivatives),
+        }
+
+    @property
+    def log_categories(self) -> dict[str, str]:
+        """The categories of messages and their meaning."""
+        return {
+            "logStatusWarning": "What is unusual but can be simulated",
+            self.failure: "Why a call failed",
+            "logAll": "All messages",
+        }
 
 
-def to_xml(interface: Interface, guid: str) -> Element:
+def boolean(value: bool) -> str:
+    """A Boolean as XML writes it."""
+    return "true" if value else "false"
+
+
+PYTHON = Flavour("PythonFMU 0.7.0", True, False, "logStatusFatal")
+NATIVE = Flavour(f"build_fmus.py {VERSION}", False, True, "logStatusError")
+
+
+def to_xml(interface: Interface, guid: str, flavour: Flavour = PYTHON) -> Element:
     """The FMI 2.0 model description of a component with this guid."""
     model = interface.model
     root = Element(
@@ -41,17 +67,17 @@ def to_xml(interface: Interface, guid: str) -> Element:
         author="The drive FMU authors",
         version=VERSION,
         license="MIT",
-        generationTool="PythonFMU 0.7.0",
+        generationTool=flavour.tool,
         variableNamingConvention="structured",
     )
     if "SOURCE_DATE_EPOCH" in os.environ:
         date = datetime.fromtimestamp(int(os.environ["SOURCE_DATE_EPOCH"]), timezone.utc)
         root.set("generationDateAndTime", date.strftime("%Y-%m-%dT%H:%M:%SZ"))
-    SubElement(root, "CoSimulation", {"modelIdentifier": class_name(model), **CAPABILITIES})
+    SubElement(root, "CoSimulation", {"modelIdentifier": class_name(model), **flavour.capabilities})
     _units(root, interface)
     _types(root, interface)
     categories = SubElement(root, "LogCategories")
-    for name, meaning in LOG_CATEGORIES.items():
+    for name, meaning in flavour.log_categories.items():
         SubElement(categories, "Category", name=name, description=meaning)
     experiment = model.EXPERIMENT
     SubElement(
@@ -148,7 +174,7 @@ def start_text(declaration: Declaration) -> str:
     """The start value as XML writes it; floats with all their digits."""
     value = declaration.start
     if declaration.kind == "Boolean":
-        return "true" if value else "false"
+        return boolean(bool(value))
     return str(int(value)) if declaration.items else str(value)
 
 

@@ -23,10 +23,10 @@ from pythonfmu import FmuBuilder
 from ..kit.interface import Interface, class_name
 from ..kit.slave import slave_class
 from . import page, reference
+from .archive import write_archive
 
 ROOT = Path(__file__).resolve().parents[2]
 WRAPPERS = Path(pythonfmu.__file__).parent / "resources" / "binaries"
-EPOCH = (1980, 1, 1, 0, 0, 0)
 
 
 class Build(NamedTuple):
@@ -67,14 +67,14 @@ def collect(component: str) -> Build:
     return Build(model, files, digest.hexdigest())
 
 
-def is_current(build: Build, fmu: Path) -> bool:
-    """Whether this file is already what the build would make."""
+def is_current(guid: str, fmu: Path) -> bool:
+    """Whether this file is already the build of this guid."""
     if not zipfile.is_zipfile(fmu):
         return False
     with zipfile.ZipFile(fmu) as archive:
         if "modelDescription.xml" not in archive.namelist():
             return False
-    return bool(read_model_description(str(fmu), validate=False).guid == build.guid)
+    return bool(read_model_description(str(fmu), validate=False).guid == guid)
 
 
 def pack(build: Build, fmu: Path) -> None:
@@ -132,9 +132,4 @@ def _write_documentation(build: Build, folder: Path) -> None:
 def _repack(raw: Path, clean: Path, more: dict[str, bytes]) -> None:
     with zipfile.ZipFile(raw) as source:
         contents = {name: source.read(name) for name in source.namelist()} | more
-    with zipfile.ZipFile(clean, "w") as target:
-        for name in sorted(contents):
-            entry = zipfile.ZipInfo(name, EPOCH)
-            entry.compress_type = zipfile.ZIP_DEFLATED
-            entry.create_system, entry.external_attr = 3, 0o644 << 16
-            target.writestr(entry, contents[name])
+    write_archive(contents, clean)

@@ -11,6 +11,9 @@ from fmpy.validation import validate_fmu
 
 DISPLAY_FACTORS = {("rad", "deg"): 180 / math.pi, ("rad/s", "rpm"): 30 / math.pi}
 BINARIES = {"linux64": "so", "win64": "dll"}
+NATIVE_BINARIES = BINARIES | {
+    "aarch64-linux": "so", "darwin64": "dylib", "aarch64-darwin": "dylib"
+}  # fmt: skip
 DOCUMENTS = ("index.html", "externalDependencies.txt", "licenses/license.txt")
 
 
@@ -26,8 +29,10 @@ def problems(fmu: Path) -> list[str]:
 def _files(fmu: Path, description: ModelDescription) -> Iterator[str]:
     with zipfile.ZipFile(fmu) as archive:
         names = set(archive.namelist())
-    identifier = description.coSimulation.modelIdentifier
-    wanted = [f"binaries/{folder}/{identifier}.{end}" for folder, end in BINARIES.items()]
+    slave = description.coSimulation
+    identifier = slave.modelIdentifier
+    libraries = BINARIES if slave.needsExecutionTool else NATIVE_BINARIES
+    wanted = [f"binaries/{folder}/{identifier}.{end}" for folder, end in libraries.items()]
     wanted += [f"documentation/{name}" for name in DOCUMENTS]
     yield from (f"{name} is missing" for name in wanted if name not in names)
 

@@ -1,0 +1,1 @@
+"""C from the very functions of a component: traced, printed, compiled for every platform."""

@@ -1,0 +1,16 @@
+"""Write an FMU's files in fixed order with fixed times: same content, same bytes."""
+
+import zipfile
+from pathlib import Path
+
+EPOCH = (1980, 1, 1, 0, 0, 0)
+
+
+def write_archive(contents: dict[str, bytes], fmu: Path) -> None:
+    """Write these files, given by their path, as a zip archive."""
+    with zipfile.ZipFile(fmu, "w") as target:
+        for name in sorted(contents):
+            entry = zipfile.ZipInfo(name, EPOCH)
+            entry.compress_type = zipfile.ZIP_DEFLATED
+            entry.create_system, entry.external_attr = 3, 0o644 << 16
+            target.writestr(entry, contents[name])
