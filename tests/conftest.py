@@ -13,7 +13,7 @@ ROOT = Path(__file__).resolve().parents[1]
 
 def pytest_sessionstart(session: pytest.Session) -> None:
     if not hasattr(session.config, "workerinput"):
-        subprocess.run([sys.executable, "build_fmus.py"], cwd=ROOT, check=True)
+        subprocess.run([sys.executable, "build_fmus.py", "--flavour", "both"], cwd=ROOT, check=True)
 
 
 def hear_ctrl_c() -> None:
@@ -33,3 +33,9 @@ def echo(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("echo")
     FmuBuilder.build_FMU(ROOT / "tests" / "hosts" / "echo.py", dest=folder)
     return folder / "Echo.fmu"
+
+
+@pytest.fixture(scope="session", params=["python", "native"])
+def both(request: pytest.FixtureRequest, fmus: Path) -> Path:
+    """The folder of the FMUs of one flavour, then of the other."""
+    return fmus / {"python": "", "native": "native"}[request.param]

@@ -24,11 +24,12 @@ from fmpy.validation import validate_fmu
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
-from components import CATALOGUE, crank_conveyor
+from components import CATALOGUE, PYTHON_ONLY, crank_conveyor
 from components.kit import VERSION
 from components.kit.interface import InputHold, Interface, Variable, class_name
 from components.kit.record import Declaration, declarations, fill, start
-from components.packing.pack import collect
+from components.native import build as native
+from components.packing import pack as python
 from components.packing.validate import problems
 from tests.hosts import fmus as hosts
 from tests.hosts.host import Unit
@@ -36,10 +37,24 @@ from tests.hosts.host import Unit
 ROOT = Path(__file__).resolve().parents[1]
 MODELS = [importlib.import_module(f"components.{name}") for name in CATALOGUE]
 MOTOR, CONVEYOR = "DriveMotor.fmu", "CrankConveyor.fmu"
+NATIVE = [model for name, model in zip(CATALOGUE, MODELS) if name not in PYTHON_ONLY]
+PATHS = {f"{class_name(model)}.fmu": model for model in MODELS}
+PATHS |= {f"native/{class_name(model)}.fmu": model for model in NATIVE}
 each_model = pytest.mark.parametrize("model", MODELS, ids=class_name)
+each_fmu = pytest.mark.parametrize("path", PATHS)
 
 
-def path(model: Any, fmus: Path) -> Path:
+@pytest.fixture
+def fmu(path: str, fmus: Path) -> Path:
+    return fmus / path
+
+
+@pytest.fixture
+def model(path: str) -> Any:
+    return PATHS[path]
+
+
+def path_of(model: Any, fmus: Path) -> Path:
     return fmus / f"{class_name(model)}.fmu"
 
 
@@ -53,9 +68,9 @@ def xml(fmu: Path) -> Element:
     return ElementTree.fromstring(content(fmu, "modelDescription.xml"))
 
 
-def variables(model: Any, fmus: Path) -> list[tuple[Variable, Element, Element]]:
+def variables(model: Any, fmu: Path) -> list[tuple[Variable, Element, Element]]:
     """Each variable as declared, its ScalarVariable and the element of its type."""
-    elements = xml(path(model, fmus)).findall("ModelVariables/ScalarVariable")
+    elements = xml(fmu).findall("ModelVariables/ScalarVariable")
     return [(v, e, e[0]) for v, e in zip(Interface(model).variables, elements, strict=True)]
 
 
@@ -83,10 +98,10 @@ def change(file: Path, old: str, new: str) -> None:
     file.write_text(text.replace(old, new))
 
 
-@each_model
-def test_fmu_is_valid(model: Any, fmus: Path) -> None:
-    assert validate_fmu(str(path(model, fmus))) == []
-    assert problems(path(model, fmus)) == []
+@each_fmu
+def test_fmu_is_valid(model: Any, fmu: Path) -> None:
+    assert validate_fmu(str(fmu)) == []
+    assert problems(fmu) == []
 
 
 @pytest.mark.parametrize(
@@ -120,9 +135,9 @@ def test_our_own_checks_find_what_no_public_checker_reports(
     assert any(problem in found for found in problems(spoilt))
 
 
-@each_model
-def test_every_variable_is_in_the_fmu_as_declared(model: Any, fmus: Path) -> None:
-    for variable, scalar, typed in variables(model, fmus):
+@each_fmu
+def test_every_variable_is_in_the_fmu_as_declared(model: Any, fmu: Path) -> None:
+    for variable, scalar, typed in variables(model, fmu):
         declared = variable.declaration
         assert scalar.get("name") == variable.name
         assert scalar.get("description") == declared.meaning
@@ -136,11 +151,11 @@ def test_every_variable_is_in_the_fmu_as_declared(model: Any, fmus: Path) -> Non
             assert typed.attrib["start"] == json.dumps(declared.start)
 
 
-@each_model
-def test_every_real_has_a_unit_and_angles_are_shown_in_deg_and_rpm(model: Any, fmus: Path) -> None:
-    units = {u.get("name"): u for u in xml(path(model, fmus)).findall("UnitDefinitions/Unit")}
+@each_fmu
+def test_every_real_has_a_unit_and_angles_are_shown_in_deg_and_rpm(model: Any, fmu: Path) -> None:
+    units = {u.get("name"): u for u in xml(fmu).findall("UnitDefinitions/Unit")}
     shown = {"rad": ["deg", 180 / math.pi], "rad/s": ["rpm", 30 / math.pi]}
-    for variable, _, typed in variables(model, fmus):
+    for variable, _, typed in variables(model, fmu):
         if typed.tag == "Real":
             base, *displays = units[typed.attrib["unit"]]
             exponents = {name: int(power) for name, power in base.attrib.items()}
@@ -151,16 +166,16 @@ def test_every_real_has_a_unit_and_angles_are_shown_in_deg_and_rpm(model: Any, f
             assert typed.get("displayUnit") == (found[0][0] if found else None)
 
 
-@each_model
-def test_model_structure_is_complete_and_in_order(model: Any, fmus: Path) -> None:
-    rows = [(v, scalar) for v, scalar, _ in variables(model, fmus) if v.causality == "output"]
+@each_fmu
+def test_model_structure_is_complete_and_in_order(model: Any, fmu: Path) -> None:
+    rows = [(v, scalar) for v, scalar, _ in variables(model, fmu) if v.causality == "output"]
     names = [v.name for v in Interface(model).variables]
     outputs, initial = (
         {
             names[int(u.attrib["index"]) - 1]: [
                 names[int(i) - 1] for i in u.attrib["dependencies"].split()
             ]
-            for u in xml(path(model, fmus)).findall(f"ModelStructure/{part}/Unknown")
+            for u in xml(fmu).findall(f"ModelStructure/{part}/Unknown")
         }
         for part in ("Outputs", "InitialUnknowns")
     )
@@ -175,22 +190,21 @@ def test_model_structure_is_complete_and_in_order(model: Any, fmus: Path) -> Non
             assert {*states, *outputs[variable.name]} <= {*initial[variable.name]}
 
 
-@each_model
-def test_names_are_structured_and_the_guid_is_the_hash_of_the_source(
-    model: Any, fmus: Path
-) -> None:
-    root = xml(path(model, fmus))
+@each_fmu
+def test_names_are_structured_and_the_guid_is_the_hash_of_the_source(model: Any, fmu: Path) -> None:
+    root = xml(fmu)
     assert root.get("variableNamingConvention") == "structured"
     for element in root.iter("ScalarVariable"):
         part = r"[A-Za-z_]\w*(\[\d+(,\d+)*\])?"
         assert re.fullmatch(rf"{part}(\.{part})*", element.attrib["name"], re.ASCII)
-    assert root.get("guid") == collect(model.__name__.rpartition(".")[2]).guid
+    maker = native if fmu.parent.name == "native" else python
+    assert root.get("guid") == maker.collect(model.__name__.rpartition(".")[2]).guid
 
 
 def test_project_and_fmus_have_one_version(fmus: Path) -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     assert project["version"] == VERSION
-    assert {xml(path(model, fmus)).get("version") for model in MODELS} == {VERSION}
+    assert {xml(fmus / name).get("version") for name in PATHS} == {VERSION}
 
 
 def draw(rng: random.Random, declared: Declaration) -> Any:
@@ -225,7 +239,7 @@ def test_two_builds_are_identical_to_the_byte(tmp_path: Path) -> None:
     for folder in ("a", "b"):
         assert build(ROOT, "--into", tmp_path / folder).count("built and valid") == len(MODELS)
     for model in MODELS:
-        one, other = (path(model, tmp_path / folder).read_bytes() for folder in ("a", "b"))
+        one, other = (path_of(model, tmp_path / folder).read_bytes() for folder in ("a", "b"))
         assert one == other
 
 
@@ -248,7 +262,7 @@ def test_an_invalid_fmu_is_not_kept_and_ends_with_code_1(tree: Path) -> None:
     said = build(tree, code=1)
     assert "CrankConveyor.fmu is not valid and was not kept:\n  nominal of phi is 0" in said
     kept = {file.name for file in (tree / "fmus").iterdir()}
-    assert kept == {path(model, tree).name for model in MODELS} - {CONVEYOR}
+    assert kept == {path_of(model, tree).name for model in MODELS} - {CONVEYOR}
 
 
 def test_two_versions_in_one_process_compute_their_own_numbers(fmus: Path, tree: Path) -> None:
@@ -267,11 +281,11 @@ def test_the_variable_tables_of_the_documentation_are_up_to_date(tree: Path) -> 
     assert (ROOT / "docs" / "variables.md").read_text() == written
 
 
-@each_model
+@each_fmu
 def test_the_page_in_the_fmu_needs_no_network_and_names_every_variable(
-    model: Any, fmus: Path
+    model: Any, fmu: Path
 ) -> None:
-    page = content(path(model, fmus), "documentation/index.html")
+    page = content(fmu, "documentation/index.html")
     formulas = re.findall(r"<math.*?</math>", page, re.DOTALL)
     assert formulas
     for formula in formulas:
@@ -287,7 +301,7 @@ def test_the_page_in_the_fmu_needs_no_network_and_names_every_variable(
 
 @each_model
 def test_the_fmu_runs_on_the_standard_library_alone(model: Any, fmus: Path, tmp_path: Path) -> None:
-    with zipfile.ZipFile(path(model, fmus)) as archive:
+    with zipfile.ZipFile(path_of(model, fmus)) as archive:
         archive.extractall(tmp_path)
     for source in (tmp_path / "resources").rglob("*.py"):
         ast.parse(source.read_text(), feature_version=(3, 10))
@@ -305,10 +319,10 @@ def test_the_fmu_runs_on_the_standard_library_alone(model: Any, fmus: Path, tmp_
     assert all(map(math.isfinite, numbers))
 
 
-@each_model
-def test_the_default_experiment_ends_as_the_shipped_reference_says(model: Any, fmus: Path) -> None:
-    end = hosts.default_experiment(path(model, fmus))
-    with zipfile.ZipFile(path(model, fmus)) as archive:
+@each_fmu
+def test_the_default_experiment_ends_as_the_shipped_reference_says(model: Any, fmu: Path) -> None:
+    end = hosts.default_experiment(fmu)
+    with zipfile.ZipFile(fmu) as archive:
         (name,) = [n for n in archive.namelist() if n.endswith("_ref.csv")]
         shipped = archive.read(name).decode().splitlines()
     last = dict(zip(shipped[0].split(","), map(float, shipped[-1].split(","))))
@@ -320,9 +334,9 @@ def test_the_default_experiment_ends_as_the_shipped_reference_says(model: Any, f
 
 
 @pytest.mark.parametrize("hold", InputHold)
-def test_motor_steps_are_exact_for_every_course_of_the_speed(hold: InputHold, fmus: Path) -> None:
+def test_motor_steps_are_exact_for_every_course_of_the_speed(hold: InputHold, both: Path) -> None:
     A, B, T = 8000.0, 199.8, 0.0625
-    unit = Unit(fmus / MOTOR).start(input_hold=hold, w=40.0, tau=8.0)
+    unit = Unit(both / MOTOR).start(input_hold=hold, w=40.0, tau=8.0)
     rng = random.Random(1)
     t, tau, before, past = 0.0, 8.0, 40.0, None
     for _ in range(50):
@@ -359,10 +373,10 @@ def revolution(finite: bool) -> tuple[dict[str, Any], float, list[float]]:
 @pytest.mark.parametrize("finite", [False, True])
 @pytest.mark.parametrize("h", [1e-4, 1e-3, 7e-3, 0.05, 1.0])
 def test_conveyor_follows_its_equations_over_a_revolution_at_any_communication_step(
-    h: float, finite: bool, fmus: Path
+    h: float, finite: bool, both: Path
 ) -> None:
     values, stop, expected = revolution(finite)
-    unit = Unit(fmus / CONVEYOR).start(**values)
+    unit = Unit(both / CONVEYOR).start(**values)
     count = math.ceil(stop / h)
     times = [*(n * h for n in range(count)), stop]
     for begin, end in itertools.pairwise(times):
@@ -370,17 +384,17 @@ def test_conveyor_follows_its_equations_over_a_revolution_at_any_communication_s
     assert [unit.get("phi"), unit.get("w")] == pytest.approx(expected, rel=1e-9)
 
 
-@each_model
-def test_a_thousand_lives_leave_less_than_4_kB_each_and_no_path(model: Any, fmus: Path) -> None:
-    leak, paths = hosts.lives(path(model, fmus))
+@each_fmu
+def test_a_thousand_lives_leave_less_than_4_kB_each_and_no_path(model: Any, fmu: Path) -> None:
+    leak, paths = hosts.lives(fmu)
     assert leak < 4096
     assert paths == 0
 
 
-def test_sixty_instances_live_side_by_side(fmus: Path) -> None:
+def test_sixty_instances_live_side_by_side(both: Path) -> None:
     speeds = [30.0 + 0.25 * n for n in range(60)]
     lag = math.exp(-0.010 / 0.0625)
-    for w, (tau, static, power) in zip(speeds, hosts.crowd(fmus / MOTOR, "w", speeds)):
+    for w, (tau, static, power) in zip(speeds, hosts.crowd(both / MOTOR, "w", speeds)):
         final = 8000.0 - 199.8 * w
         expected = final + (8.0 - final) * lag
         assert [tau, static, power] == pytest.approx([expected, final, expected * w], rel=1e-11)

@@ -16,17 +16,17 @@ MOTOR, CONVEYOR = "DriveMotor.fmu", "CrankConveyor.fmu"
     ("unit", "reason"), [(unit, row) for unit in safety.MISUSE for row in safety.MISUSE[unit]]
 )
 def test_a_misuse_is_refused_by_name_and_value_and_harms_nobody(
-    unit: str, reason: str, fmus: Path
+    unit: str, reason: str, both: Path, fmus: Path
 ) -> None:
-    refusal, plausible, recovered, alive, paths = safety.misuse(fmus / f"{unit}.fmu", reason)
+    refusal, plausible, recovered, alive, paths = safety.misuse(both / f"{unit}.fmu", reason)
     assert "unit 7: " in refusal
     assert reason in refusal
     assert plausible == []
-    assert (recovered, alive, paths) == (1, 1, 0)
+    assert (recovered, alive, paths) == (1, int(both == fmus), 0)
 
 
-def test_what_is_unusual_only_warns_and_a_percent_sign_harms_no_logger(fmus: Path) -> None:
-    warning, outputs, refusal = safety.unusual(fmus / CONVEYOR)
+def test_what_is_unusual_only_warns_and_a_percent_sign_harms_no_logger(both: Path) -> None:
+    warning, outputs, refusal = safety.unusual(both / CONVEYOR)
     assert "100%s%n%d: crank.r = 0.15 m is not small against rod.l = 0.4 m" in warning
     assert all(map(math.isfinite, outputs))
     assert "100%s%n%d: communication step = 0.0 s" in refusal
@@ -44,24 +44,24 @@ def test_a_failure_does_not_swallow_the_warnings_before_it() -> None:
 @pytest.mark.parametrize("hold", [0, 1, 2])
 @pytest.mark.parametrize("fmu", [MOTOR, CONVEYOR])
 def test_a_repeated_passage_repeats_every_bit(
-    fmu: str, hold: int, serialised: bool, fmus: Path
+    fmu: str, hold: int, serialised: bool, both: Path
 ) -> None:
-    undisturbed, *repeated = safety.redone(fmus / fmu, hold, serialised)
+    undisturbed, *repeated = safety.redone(both / fmu, hold, serialised)
     assert all(map(math.isfinite, undisturbed))
     assert repeated == 3 * [undisturbed]
 
 
-def test_a_thousand_states_live_at_once(fmus: Path) -> None:
-    assert safety.many_states(fmus / MOTOR)
+def test_a_thousand_states_live_at_once(both: Path) -> None:
+    assert safety.many_states(both / MOTOR)
 
 
 @pytest.mark.parametrize(
-    "damage", ["another build", "one digit", "cut", "nothing", "binary", "deep", "forged"]
+    "damage", ["another build", "one bit", "cut", "nothing", "binary", "deep", "forged"]
 )
 def test_a_foreign_or_damaged_state_is_refused_and_rollback_leads_out(
-    damage: str, fmus: Path
+    damage: str, both: Path
 ) -> None:
-    refusal, seen, same = safety.foreign_state(fmus / MOTOR, fmus / CONVEYOR, damage)
+    refusal, seen, same = safety.foreign_state(both / MOTOR, both / CONVEYOR, damage)
     assert "unit 7: FMU state is damaged or not of this build {" in refusal
     assert all(map(math.isnan, seen))
     assert same

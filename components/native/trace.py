@@ -339,11 +339,14 @@ def leaves(tree: Tree) -> Iterator[Leaf]:
         yield tree
 
 
-def function(name: str, run: Callable[..., Any], shapes: dict[str, Any]) -> Function | None:
+def function(
+    name: str, run: Callable[..., Any], shapes: dict[str, Any], types: Sequence[str] = ()
+) -> Function | None:
     """Trace `run` with symbols of these shapes; None where its paths return unlike things."""
+    known = list(zip(shapes.items(), types or ["Real"] * len(shapes)))
 
     def call() -> Any:
-        return run(**{parameter: parameter_of(parameter, s) for parameter, s in shapes.items()})
+        return run(**{name: parameter_of(name, shape, kind) for (name, shape), kind in known})
 
     paths, PATHS[:] = PATHS[:], []
     try:
@@ -357,9 +360,9 @@ def function(name: str, run: Callable[..., Any], shapes: dict[str, Any]) -> Func
     return Function(name, shapes, tree, next(iter(found)))
 
 
-def parameter_of(name: str, shape: Any) -> Any:
+def parameter_of(name: str, shape: Any, kind: str) -> Any:
     if shape == "number":
-        return symbol("symbol", name)
+        return symbol("symbol", name, kind=kind)
     return symbols(shape, lambda place: ("element", name, place))
 
 
@@ -432,11 +435,12 @@ class Tracer:
             if named_args or len(args) != len(parameters) or not any(n for _, n in flat):
                 return original(*args, **named_args)
             shapes = {name: unified(shape) for name, (shape, _) in zip(parameters, flat)}
-            identity = (original, tuple(shapes.items()))
+            types = tuple(arg.kind if isinstance(arg, Node) else "Real" for arg in args)
+            identity = (original, tuple(shapes.items()), types)
             if identity not in self.functions:
                 name = f"{original.__name__}_{len(self.functions)}"
                 self.functions[identity] = None
-                traced = function(name, original, shapes)
+                traced = function(name, original, shapes, types)
                 del self.functions[identity]
                 self.functions[identity] = traced
             traced = self.functions[identity]

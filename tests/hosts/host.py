@@ -111,11 +111,12 @@ class Unit:
         return self
 
     def refusal(self, call: Callable[["Unit"], Any]) -> str:
-        """What is logged when a call ends fatally; empty if it does not."""
+        """What is logged when a call fails, fatally for pythonfmu; empty if it does not."""
         MESSAGES.clear()
         try:
             call(self)
         except FMICallException as error:
-            assert error.status == fmi2.fmi2Fatal
+            is_python = self.description.coSimulation.needsExecutionTool
+            assert error.status == (fmi2.fmi2Fatal if is_python else fmi2.fmi2Error)
             return "\n".join(MESSAGES)
         return ""

@@ -169,7 +169,7 @@ def foreign_state(fmu: str, other: str, damage: str) -> list[Any]:
     content = unit.fmi.serializeFMUstate(good)
     damaged = {
         "another build": foreign.fmi.serializeFMUstate(foreign.fmi.getFMUstate()),
-        "one digit": content.replace(b"0.5", b"0.6"),
+        "one bit": content[:99] + bytes([content[99] ^ 1]) + content[100:],
         "cut": content[:-1],
         "nothing": b"",
         "binary": bytes(range(256)),
