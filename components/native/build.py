@@ -115,20 +115,24 @@ def binaries(name: str, sources: dict[str, bytes]) -> Iterator[tuple[str, bytes]
         folder = Path(temporary)
         for file, content in sources.items():
             (folder / file).write_bytes(content)
-        compiled = pool.map(lambda target: compile_for(target, name, folder), TARGETS.values())
-        libraries = dict(zip((path.format(name) for path in TARGETS), compiled))
+        places = [path.format(name) for path in TARGETS]
+        compiled = pool.map(
+            lambda target, place: compile_for(target, place, name, folder), TARGETS.values(), places
+        )
+        libraries = dict(zip(places, compiled))
     yield from ((path, code) for path, code in libraries.items() if "x86_64-darwin" not in path)
     slices = [code for path, code in libraries.items() if path.endswith(".dylib")]
     yield f"darwin64/{name}.dylib", universal(slices)
 
 
-def compile_for(target: str, name: str, folder: Path) -> bytes:
+def compile_for(target: str, place: str, name: str, folder: Path) -> bytes:
     """The shared library for one target of Zig."""
-    library = folder / target / f"{name}.bin"
+    library = folder / place
     library.parent.mkdir()
     command = [sys.executable, "-m", "ziglang", "cc", "-target", target, *OPTIONS]
-    command += ["-o", str(library), f"{name}.c"]
+    command += ["-o", place, f"{name}.c"]
     command += [] if "windows" in target else ["-lm"]
+    command += [f"-Wl,-install_name,@rpath/{library.name}"] if "macos" in target else []
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
     if done.returncode:
         raise RuntimeError(f"{name} does not compile for {target}:\n{done.stderr}")

@@ -1,4 +1,5 @@
-/* A host without Python: LIBRARY RESOURCES GUID J_REF J TAU_REF TAU W_REF -> w after every step. */
+/* A host without Python: LIBRARY RESOURCES GUID J_REF J TAU_REF TAU W_REF STATUS -> w after every step.
+   STATUS is what a refused step returns. */
 
 #include <dlfcn.h>
 #include <stdarg.h>
@@ -46,6 +47,7 @@ static void logger(fmi2ComponentEnvironment environment, fmi2String instance, fm
 static fmi2Component unit;
 static fmi2ValueReference J_ref, tau_ref, w_ref;
 static double J, tau;
+static int refused;
 
 static void initialise(void) {
     FUNCTION(fmi2SetupExperiment);
@@ -70,14 +72,14 @@ static void run(int from, int to, double *w) {
 
 static void fail(void) {
     FUNCTION(fmi2DoStep);
-    EXPECT(fmi2Fatal, fmi2DoStep(unit, STEPS * H, -H, fmi2True));
+    EXPECT(refused, fmi2DoStep(unit, STEPS * H, -H, fmi2True));
 }
 
 int main(int count, char **arguments) {
     double w[STEPS], again[STEPS];
     fmi2CallbackFunctions callbacks = {logger, calloc, free, NULL, NULL};
     fmi2FMUstate state = NULL;
-    EXPECT(9, count);
+    EXPECT(10, count);
     library = dlopen(arguments[1], RTLD_NOW | RTLD_LOCAL);
     if (!library) {
         fprintf(stderr, "%s\n", dlerror());
@@ -92,7 +94,7 @@ int main(int count, char **arguments) {
     FUNCTION(fmi2FreeInstance);
     J_ref = atoi(arguments[4]), J = atof(arguments[5]);
     tau_ref = atoi(arguments[6]), tau = atof(arguments[7]);
-    w_ref = atoi(arguments[8]);
+    w_ref = atoi(arguments[8]), refused = atoi(arguments[9]);
 
     unit = fmi2Instantiate("conveyor", fmi2CoSimulation, arguments[3], arguments[2], &callbacks,
                            fmi2False, fmi2True);

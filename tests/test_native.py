@@ -1,0 +1,465 @@
+"""Native FMUs: the Python ones to the last bit, more of FMI than those, and safe in any host."""
+
+import itertools
+import math
+import random
+import shutil
+import subprocess
+import sys
+import threading
+import zipfile
+from collections.abc import Callable
+from ctypes import c_double, c_int, c_size_t, c_uint
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import fmpy
+import numpy as np
+import pytest
+from conftest import ROOT
+from fmpy.fmi1 import FMICallException
+
+from components import CATALOGUE, PYTHON_ONLY
+from components.native import trace
+from tests.hosts.host import MESSAGES, Unit
+
+HOSTS = Path(__file__).with_name("hosts")
+HEADERS = Path(fmpy.__file__).with_name("c-code")
+NAMES = ["DriveMotor", "CrankConveyor", "IronDrive", "GravityOrientator"]
+each = pytest.mark.parametrize("name", NAMES)
+
+
+def wave(**amplitudes: tuple[float, float, float]) -> Callable[[float], dict[str, Any]]:
+    """Inputs that swing: mean, amplitude and angular frequency by name."""
+    return lambda t: {n: a + b * math.sin(c * t) for n, (a, b, c) in amplitudes.items()}
+
+
+def drops(rpm: float) -> Callable[[float], dict[str, Any]]:
+    """A rotor whose speed swings, and a new product every half second."""
+    speed = rpm * math.pi / 30
+    return lambda t: {"w": speed * (1 + 0.1 * math.sin(10 * t)), "release": t % 0.5 < 0.2}
+
+
+TORQUE, SPEED = wave(tau=(8.0, 5.0, 37.0)), wave(w=(40.0, 3.0, 30.0))
+SCENARIOS = [
+    *(
+        ("DriveMotor", {"input_hold": hold, "characteristic": kind}, SPEED, 1e-3, 300)
+        for hold in (0, 1, 2)
+        for kind in (0, 1)
+    ),
+    ("CrankConveyor", {}, TORQUE, 1e-3, 1000),
+    ("CrankConveyor", {"rod.finite": True, "input_hold": 2}, TORQUE, 1e-3, 500),
+    ("CrankConveyor", {"crank.r": 0.05, "rod.l": 0.2, "input_hold": 1}, TORQUE, 0.05, 100),
+    ("IronDrive", {}, wave(tau=(0.1, 0.0, 0.0)), 1e-3, 400),
+    ("IronDrive", {"phi": 0.9, "friction.K_up": 0.6, "friction.K_down": -0.5},
+     wave(tau=(0.0, 0.1, 2.0)), 1e-3, 3000),
+    *(
+        ("IronDrive", {"wrap": w, "spring.side": side, "on_invalid": 1}, wave(tau=(0.1, 0.15, 3.0)),
+         1e-3, 2500)
+        for w in (0, 1)
+        for side in (1, -1)
+    ),
+    *(
+        ("GravityOrientator", {"chute.mu": mu, "input_hold": hold}, drops(rpm), h, round(2.0 / h))
+        for mu, rpm in ((0.2, 40), (0.2, 100), (0.35, 75), (0.5, 60), (0.5, 75), (0.5, 100))
+        for hold, h in ((0, 1e-3), (2, 0.013))
+    ),
+]  # fmt: skip
+
+
+def rows(fmu: Path, start: dict[str, Any], inputs: Any, h: float, steps: int) -> list[list[Any]]:
+    """All outputs after every step."""
+    unit = Unit(fmu).start(**start, **inputs(0.0))
+    return [unit.set(**inputs(n * h)).step(n * h, h).outputs() for n in range(steps)]
+
+
+@pytest.mark.parametrize("case", SCENARIOS, ids=lambda c: f"{c[0]}-{c[1]}-{c[3]}")
+def test_both_flavours_agree_to_the_last_bit(case: Any, fmus: Path) -> None:
+    name, *scenario = case
+    expected = rows(fmus / f"{name}.fmu", *scenario)
+    assert rows(fmus / "native" / f"{name}.fmu", *scenario) == expected
+    assert all(map(math.isfinite, itertools.chain(*expected)))
+
+
+def test_the_scenarios_contain_stick_reversal_impacts_flight_and_jams(fmus: Path) -> None:
+    seen: dict[str, set[Any]] = {}
+    for name, *scenario in SCENARIOS:
+        fmu = fmus / "native" / f"{name}.fmu"
+        names = [v.name for v in Unit(fmu).variables.values() if v.causality == "output"]
+        for row in rows(fmu, *scenario):  # type: ignore[arg-type]
+            for variable, value in zip(names, row):
+                if isinstance(value, int):
+                    seen.setdefault(f"{name}.{variable}", set()).add(value)
+    assert seen["IronDrive.direction"] == {-1, 0, 1}
+    assert seen["IronDrive.motion"] == {0, 1, 2, 3}
+    assert seen["IronDrive.valid"] == {0, 1}
+    assert seen["GravityOrientator.stage"] >= {0, 1, 2, 3, 4, 5}
+    assert seen["GravityOrientator.contact"] == {0, 1}
+    assert len(seen["GravityOrientator.reason"]) >= 4
+    assert max(seen["GravityOrientator.missed"]) > 0
+
+
+@each
+def test_descriptions_differ_only_in_what_native_ones_can_do(name: str, fmus: Path) -> None:
+    python, native = (
+        ElementTree.fromstring(zipfile.ZipFile(fmu).read("modelDescription.xml"))
+        for fmu in (fmus / f"{name}.fmu", fmus / "native" / f"{name}.fmu")
+    )
+    told = [native.find("CoSimulation"), python.find("CoSimulation")]
+    changed = {k: v for k, v in told[0].items() if told[1].get(k) != v}  # type: ignore[union-attr]
+    assert changed == {
+        "needsExecutionTool": "false",
+        "canInterpolateInputs": "true",
+        "maxOutputDerivativeOrder": "1",
+        "canNotUseMemoryManagementFunctions": "false",
+        "providesDirectionalDerivative": "true",
+    }
+    assert python.attrib.keys() == native.attrib.keys()
+    assert {k for k in python.attrib if python.get(k) != native.get(k)} == {
+        "guid",
+        "generationTool",
+    }
+    for part in ("UnitDefinitions", "TypeDefinitions", "ModelVariables", "ModelStructure"):
+        texts = [[list(e.items()) for e in root.iter(part)] for root in (python, native)]
+        inner = [
+            [[(e.tag, e.attrib) for e in found.iter()] for found in root.iter(part)]
+            for root in (python, native)
+        ]
+        assert texts[0] == texts[1] and inner[0] == inner[1]
+
+
+def derivative(unit: Unit, unknown: list[str], known: str) -> list[float]:
+    """fmi2GetDirectionalDerivative of some outputs by one variable."""
+    refs = [unit.variables[n].valueReference for n in unknown]
+    return list(
+        unit.fmi.getDirectionalDerivative(refs, [unit.variables[known].valueReference], [1.0])
+    )
+
+
+def reals(unit: Unit, *causalities: str) -> list[str]:
+    return [n for n, v in unit.variables.items() if v.type == "Real" and v.causality in causalities]
+
+
+@each
+@pytest.mark.parametrize("seed", range(3))
+def test_directional_derivatives_at_the_start_match_finite_differences(
+    name: str, seed: int, fmus: Path
+) -> None:
+    """By every Real parameter, state and input; Richardson's extrapolation of central differences."""
+    rng = random.Random(seed)
+    fmu = fmus / "native" / f"{name}.fmu"
+    start = {
+        "DriveMotor": {"characteristic": seed % 2, "w": rng.uniform(30, 60)},
+        "CrankConveyor": {"phi": rng.uniform(0, 6), "w": 35.0, "rod.finite": seed > 0},
+        "IronDrive": {"phi": [0.6, 3.5, -1.0][seed], "w_cam": [2.0, 3.0, 0.0][seed],
+                      "wrap": seed % 2, "direction": int(seed < 2)},
+        "GravityOrientator": [
+            {"stage": 1, "phi1": 0.7, "w1": 3.0},
+            {"stage": 2, "phi1": 1.0, "phi2": 5.8, "w1": 4.0, "w2": 9.0},
+            {"stage": 3, "phi1": 0.7, "phi2": 6.9, "w1": -1.0, "w2": 9.0, "vyc": 1.0},
+        ][seed],
+    }[name]  # fmt: skip
+    unit = Unit(fmu)
+    unit.fmi.setupExperiment()
+    unit.set(**start)
+    unit.fmi.enterInitializationMode()
+    outputs = reals(unit, "output")
+    state = unit.fmi.getFMUstate()
+    found = 0
+    for known in [n for n in reals(unit, "parameter", "input", "output") if settable(unit, n)]:
+        unit.fmi.setFMUstate(state)
+        exact = derivative(unit, outputs, known)
+        value = unit.get(known)
+        steps = [1e-3 * (abs(value) or 1.0), 5e-4 * (abs(value) or 1.0)]
+        differences = []
+        for step in steps:
+            sides = []
+            for sign in (1, -1):
+                unit.fmi.setFMUstate(state)
+                unit.set(**{known: value + sign * step})
+                unit.get(first_calculated(unit))
+                sides.append([unit.get(n) for n in outputs])
+            differences.append((np.array(sides[0]) - np.array(sides[1])) / (2 * step))
+        estimate = (4 * differences[1] - differences[0]) / 3
+        scale = np.maximum(np.abs(estimate), 1e-6 * np.max(np.abs(estimate)))
+        error = np.abs(exact - estimate)
+        assert np.all(error <= 1e-6 * np.maximum(scale, noise(unit, outputs, steps[1]))), known
+        found += np.count_nonzero(exact)
+    assert found > len(outputs)
+
+
+def settable(unit: Unit, name: str) -> bool:
+    return unit.variables[name].start is not None
+
+
+def first_calculated(unit: Unit) -> str:
+    return next(n for n, v in unit.variables.items() if v.initial == "calculated")
+
+
+def noise(unit: Unit, outputs: list[str], step: float) -> np.ndarray:
+    """What rounding makes of a difference quotient, over 1e-6."""
+    return np.array([1e-13 * (1.0 + abs(unit.get(n))) / step / 1e-6 for n in outputs])
+
+
+@each
+def test_directional_derivatives_after_a_step_are_those_by_the_inputs(
+    name: str, fmus: Path
+) -> None:
+    """The outputs are affine in the inputs of all but the motor and the orientator's square of w."""
+    unit = Unit(fmus / "native" / f"{name}.fmu").start(**({"stage": 0} if "G" in name else {}))
+    outputs = reals(unit, "output")
+    saved = unit.fmi.getFMUstate()
+    for known in reals(unit, "input"):
+        value, h = unit.get(known), 1e-12
+        sides = []
+        for sign in (1, -1):
+            unit.fmi.setFMUstate(saved)
+            unit.set(**{known: value + sign * 1e-3}).step(0.0, h)
+            sides.append(np.array([unit.get(n) for n in outputs]))
+        unit.fmi.setFMUstate(saved)
+        exact = derivative(unit.step(0.0, h), outputs, known)
+        assert np.any(exact)
+        assert exact == pytest.approx((sides[0] - sides[1]) / 2e-3, rel=1e-6, abs=1e-5)
+    with pytest.raises(FMICallException):
+        derivative(unit, outputs, reals(unit, "parameter")[0])
+    assert "is not known in its own right after initialisation" in MESSAGES[-1]
+
+
+@each
+def test_output_derivatives_are_the_slopes_of_the_outputs(name: str, fmus: Path) -> None:
+    """Central differences over two steps of an input that runs on a line."""
+    unit = Unit(fmus / "native" / f"{name}.fmu")
+    (known,) = reals(unit, "input")
+    unit.start(**({"phi": 0.6, "w_cam": 2.0} if name == "IronDrive" else {}))
+    outputs = [n for n in reals(unit, "output") if not n.startswith(("t_", "S_", "P_B", "P_K"))]
+    references = [unit.variables[n].valueReference for n in outputs]
+    value, h = unit.get(known), 1e-4
+    rows = []
+    for n in range(41):
+        rate(unit, known, 3.0)
+        unit.set(**{known: value + 3.0 * n * h}).step(n * h, h)
+        rows.append([unit.get(o) for o in outputs])
+        if n == 39:
+            slopes = output_rates(unit, references)
+    estimate = (np.array(rows[40]) - np.array(rows[38])) / (2 * h)
+    scale = np.abs(np.array(rows[40])) / h
+    assert np.count_nonzero(slopes) > 2
+    assert np.all(np.abs(slopes - estimate) <= 1e-4 * np.abs(estimate) + 1e-12 * scale + 1e-5)
+
+
+def rate(unit: Unit, name: str, value: float) -> int:
+    """fmi2SetRealInputDerivatives of one input."""
+    reference = (c_uint * 1)(unit.variables[name].valueReference)
+    call = unit.fmi.dll.fmi2SetRealInputDerivatives
+    return int(
+        call(unit.fmi.component, reference, c_size_t(1), (c_int * 1)(1), (c_double * 1)(value))
+    )
+
+
+def output_rates(unit: Unit, references: list[int]) -> np.ndarray:
+    """fmi2GetRealOutputDerivatives."""
+    count = len(references)
+    values = (c_double * count)()
+    orders = (c_int * count)(*[1] * count)
+    call = unit.fmi.dll.fmi2GetRealOutputDerivatives
+    status = call(
+        unit.fmi.component, (c_uint * count)(*references), c_size_t(count), orders, values
+    )
+    assert status == 0
+    return np.array(values)
+
+
+def test_a_given_input_derivative_is_as_good_as_interpolation(fmus: Path) -> None:
+    """The motor's exact step over a line, given by its slope or by its two ends."""
+    motor = fmus / "native" / "DriveMotor.fmu"
+    driven, between = Unit(motor).start(), Unit(motor).start(input_hold=2)
+    for n in range(20):
+        w, slope = 40.0 + 0.3 * n, 30.0
+        assert rate(driven.set(w=w), "w", slope) == 0
+        driven.step(n * 0.01, 0.01)
+        between.set(w=w + 0.3).step(n * 0.01, 0.01)
+        if n:
+            assert driven.get("tau_static") == pytest.approx(between.get("tau_static"), rel=1e-12)
+    before = driven.get("tau")
+    driven.set(w=46.0).step(0.2, 0.01)
+    final = 8000.0 - 199.8 * 46.0
+    held = final + (before - final) * math.exp(-0.01 / 0.0625)
+    assert driven.get("tau") == pytest.approx(held, rel=1e-12)
+
+
+def test_derivatives_of_other_orders_and_of_other_variables_are_refused(fmus: Path) -> None:
+    for name, value, said in (
+        ("tau", 1.0, "the derivative of tau cannot be set: continuous output, after init"),
+        ("w", math.nan, "the derivative of w = nan must be a finite number"),
+    ):
+        unit = Unit(fmus / "native" / "DriveMotor.fmu", "unit 7").start()
+        assert rate(unit, name, value) == 3
+        assert f"unit 7: {said}" in MESSAGES[-1]
+
+
+def test_many_threads_with_an_instance_each_compute_what_one_computes(fmus: Path) -> None:
+    fmu = fmus / "native" / "CrankConveyor.fmu"
+    found: dict[float, list[float]] = {}
+
+    def work(tau: float) -> None:
+        unit = Unit(fmu).start(tau=tau)
+        for n in range(300):
+            unit.step(n * 1e-3, 1e-3)
+        found[tau] = unit.outputs()
+
+    torques = [4.0, 6.0, 8.0, 10.0]
+    threads = [threading.Thread(target=work, args=(tau,)) for tau in torques]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    together = dict(found)
+    for tau in torques:
+        work(tau)
+    assert together == found
+    assert len({tuple(row) for row in found.values()}) == len(torques)
+
+
+def test_the_binary_needs_the_c_library_of_2012_and_nothing_else(
+    fmus: Path, tmp_path: Path
+) -> None:
+    if shutil.which("readelf") is None:
+        pytest.skip("there is no readelf")
+    for name in NAMES:
+        folder = Path(fmpy.extract(fmus / "native" / f"{name}.fmu", tmp_path / name))
+        library = folder / "binaries" / "linux64" / f"{name}.so"
+        said = subprocess.run(
+            ["readelf", "-dV", library], check=True, capture_output=True, text=True
+        ).stdout
+        needed = {line.split("[")[1].strip("]") for line in said.splitlines() if "(NEEDED)" in line}
+        assert needed <= {"libc.so.6", "libm.so.6"}
+        versions = {word.strip("(),") for word in said.split() if word.startswith("GLIBC_2")}
+        assert max(tuple(map(int, v[6:].split("."))) for v in versions) <= (2, 17)
+
+
+@pytest.fixture(scope="session")
+def host(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The host that calls everything, in C."""
+    if shutil.which("gcc") is None:
+        pytest.skip("there is no gcc")
+    program = tmp_path_factory.mktemp("host") / "every_call"
+    compile_c(HOSTS / "every_call.c", program, "-ldl")
+    return program
+
+
+def compile_c(source: Path, target: Path, *options: Any) -> None:
+    command = ["gcc", "-std=gnu99", "-g", "-Wall", "-Wextra", "-Wno-unused-parameter"]
+    command += ["-Wno-unused-variable", "-Wno-unused-but-set-variable", "-Werror"]
+    subprocess.run([*command, f"-I{HEADERS}", source, "-o", target, *map(str, options)], check=True)
+
+
+def unpacked(name: str, fmus: Path, folder: Path) -> tuple[Path, list[str]]:
+    """An FMU's folder, and what the host must know: guid, number of variables."""
+    fmu = fmus / "native" / f"{name}.fmu"
+    description = fmpy.read_model_description(fmu)
+    known = [description.guid, str(len(description.modelVariables))]
+    return Path(fmpy.extract(fmu, folder)), known
+
+
+@each
+def test_every_call_in_every_phase_is_survived(
+    name: str, host: Path, fmus: Path, tmp_path: Path
+) -> None:
+    """Without any Python, from a path that pythonfmu could not stand."""
+    folder, known = unpacked(name, fmus, tmp_path / "a 100%s #1 + ærø")
+    library = folder / "binaries" / "linux64" / f"{name}.so"
+    done = subprocess.run([host, library, *known, "40"], check=False, env={})
+    assert done.returncode == 0
+
+
+@each
+def test_valgrind_finds_nothing(name: str, host: Path, fmus: Path, tmp_path: Path) -> None:
+    if shutil.which("valgrind") is None:
+        pytest.skip("there is no valgrind")
+    folder, known = unpacked(name, fmus, tmp_path)
+    library = folder / "binaries" / "linux64" / f"{name}.so"
+    valgrind = ["valgrind", "-q", "--leak-check=full", "--error-exitcode=9"]
+    done = subprocess.run(
+        [*valgrind, host, library, *known, "2"], check=False, capture_output=True, text=True
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+@each
+def test_sanitizers_find_nothing(name: str, host: Path, fmus: Path, tmp_path: Path) -> None:
+    folder, known = unpacked(name, fmus, tmp_path)
+    sanitize = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
+    program, library = tmp_path / "host", tmp_path / f"{name}.so"
+    compile_c(HOSTS / "every_call.c", program, *sanitize, "-ldl")
+    compile_c(folder / "sources" / f"{name}.c", library, *sanitize, "-fPIC", "-shared", "-lm")
+    done = subprocess.run(
+        [program, library, *known, "5"], check=False, capture_output=True, text=True
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_an_importing_tool_can_compile_the_sources(fmus: Path, tmp_path: Path) -> None:
+    """FMPy with CMake, as it would on a platform without a binary; the numbers stay."""
+    if shutil.which("gcc") is None:
+        pytest.skip("there is no compiler")
+    script = (
+        "import sys; from fmpy import extract; from fmpy.build import build_platform_binary\n"
+        "build_platform_binary(sys.argv[1], generator='Unix Makefiles')"
+    )
+    fmu = fmus / "native" / "IronDrive.fmu"
+    folder = Path(fmpy.extract(fmu, tmp_path / "fmu"))
+    library = folder / "binaries" / "linux64" / "IronDrive.so"
+    shipped = library.read_bytes()
+    library.unlink()
+    path = f"{Path(sys.executable).parent}:/usr/bin:/bin"
+    subprocess.run(
+        [sys.executable, "-c", script, folder], check=True, env={"PATH": path}, capture_output=True
+    )
+    assert library.read_bytes() != shipped
+    again = tmp_path / "IronDrive.fmu"
+    with zipfile.ZipFile(again, "w") as archive:
+        for file in folder.rglob("*.*"):
+            archive.write(file, file.relative_to(folder))
+    scenario: Any = ({"on_invalid": 1}, wave(tau=(0.1, 0.15, 3.0)), 1e-3, 1000)
+    assert rows(again, *scenario) == rows(fmu, *scenario)
+
+
+def test_two_native_builds_are_identical_to_the_byte(fmus: Path, tmp_path: Path) -> None:
+    command = [sys.executable, "build_fmus.py", "drive_motor", "--flavour", "native"]
+    subprocess.run([*command, "--into", tmp_path], cwd=ROOT, check=True, capture_output=True)
+    again = tmp_path / "native" / "DriveMotor.fmu"
+    assert again.read_bytes() == (fmus / "native" / "DriveMotor.fmu").read_bytes()
+
+
+def test_a_component_without_native_flavour_is_named_with_the_reason() -> None:
+    command = [sys.executable, "build_fmus.py", "linear_system", "--flavour", "native"]
+    done = subprocess.run(command, cwd=ROOT, check=False, capture_output=True, text=True)
+    assert done.returncode == 1
+    assert "linear_system has no native flavour: its matrix exp" in done.stdout
+    assert set(PYTHON_ONLY) < set(CATALOGUE)
+
+
+@pytest.mark.parametrize(
+    ("run", "what"),
+    [
+        (lambda x: [1, 2][x], "used as a key, an index or a choice"),
+        (lambda x: 2.0**x, "unsupported operand"),
+        (lambda x: x**x, "a power whose exponent is not a constant"),
+        (lambda x: f"{x:.3f}", "the format '.3f'"),
+    ],
+)
+def test_what_cannot_be_told_in_c_is_refused(run: Any, what: str) -> None:
+    with pytest.raises(TypeError, match=what):
+        trace.function("f", lambda x: run(x), {"x": "number"})
+
+
+def test_traced_conditions_are_followed_once_for_each_answer() -> None:
+    def run(x: Any) -> Any:
+        if x > 1.0 and x < 2.0:
+            return x + 1.0
+        return -x if x > 1.0 else abs(x)
+
+    made = trace.function("f", run, {"x": "number"})
+    assert made is not None
+    assert [leaf.values[0].op for leaf in trace.leaves(made.tree)] == ["+", "neg", "fabs"]
