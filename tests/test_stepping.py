@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from contextlib import contextmanager
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+import fmpy
 import numpy as np
 import pytest
+from fmpy.fmi2 import FMU2Slave
 from numpy.testing import assert_array_equal
 from oracle import monolithic
+from scipy.integrate import solve_ivp
 from test_cosim import NU, RECORD, REST, WIRES, pair
 
 from cosim import Adaptive, Result, SetupError, System, run, stepping
@@ -270,3 +274,68 @@ def test_a_day_in_one_run_needs_no_more_memory_than_its_first_hours(
     early, late = used[len(used) // 10], used[-1]
     assert (late - early) * 4096 < 1 << 20
     assert np.abs(result["conveyor.w"] - NU).max() < 4.0
+
+
+def native(fmus: Path) -> System:
+    """The drive of native FMUs, from rest."""
+    names = {"motor": "DriveMotor", "conveyor": "CrankConveyor"}
+    parts = {part: fmus / "native" / f"{name}.fmu" for part, name in names.items()}
+    return System(parts, WIRES, START | REST)
+
+
+def test_adaptive_steps_reach_a_permille_with_a_fifth_of_the_steps(fmus: Path) -> None:
+    """Against the cheapest fixed-step Gauss-Seidel; all doSteps count, also rejected ones."""
+    settings = {"stop": 1.0, "algorithm": "gauss-seidel", "record": ["motor.tau"]}
+
+    def fixed(n: int) -> Result:
+        return run(native(fmus), step=1 / n, **settings)
+
+    enough, few = 2048, 256
+    while enough - few > 8:
+        middle = (enough + few) // 2
+        few, enough = (few, middle) if torque_error(fixed(middle)) < 1e-3 else (middle, enough)
+    adaptive = run(native(fmus), step=Adaptive(1.0), input_order=6, **settings)
+    assert torque_error(adaptive) < 1e-3
+    spent = [sum(r.provenance["do_steps"].values()) for r in (fixed(few), adaptive)]
+    assert spent[0] >= 5 * spent[1]
+
+
+@contextmanager
+def fmu_instance(path: Path, folder: Path) -> Iterator[tuple[FMU2Slave, dict[str, int]]]:
+    """An initialised instance, and its value references by name."""
+    description = fmpy.read_model_description(path)
+    slave = FMU2Slave(
+        guid=description.guid,
+        unzipDirectory=fmpy.extract(str(path), str(folder)),
+        modelIdentifier=description.coSimulation.modelIdentifier,
+        instanceName="part",
+    )
+    slave.instantiate()
+    slave.setupExperiment(startTime=0.0)
+    slave.enterInitializationMode()
+    slave.exitInitializationMode()
+    yield slave, {v.name: v.valueReference for v in description.modelVariables}
+    slave.terminate()
+    slave.freeInstance()
+
+
+def test_native_fmus_follow_polynomials(fmus: Path, tmp_path: Path) -> None:
+    """Derivatives up to order 6 over one long step, against an independent solver."""
+    rates = [3.0, -40.0, 500.0, -2e4, 3e5, -4e6]
+    with fmu_instance(fmus / "native" / "DriveMotor.fmu", tmp_path) as (slave, reference):
+        w = reference["w"]
+        slave.setReal([w], [35.0])
+        slave.setRealInputDerivatives([w] * 6, [1, 2, 3, 4, 5, 6], rates)
+        slave.doStep(0.0, 0.1)
+        (torque,) = slave.getReal([reference["tau"]])
+        (slope,) = slave.getRealOutputDerivatives([reference["tau"]], [1])
+
+    def speed(t: float) -> float:
+        return 35.0 + sum(r * t**k / math.factorial(k) for k, r in enumerate(rates, 1))
+
+    def rate(t: float, tau: Any) -> Any:
+        return (8000.0 - 199.8 * speed(t) - tau) / 0.0625
+
+    path = solve_ivp(rate, (0.0, 0.1), [8.0], "DOP853", rtol=1e-12, atol=1e-10)
+    assert torque == pytest.approx(path.y[0, -1], rel=1e-9)
+    assert slope == pytest.approx(float(rate(0.1, torque)), rel=1e-9)

@@ -30,6 +30,7 @@ from .record import declarations
 
 TOLERANCE = 1e-11
 MOST_EVENTS = 1000
+HIGHEST_DEGREE = 6
 
 Note = Callable[[str], None]
 
@@ -39,11 +40,16 @@ def silent(sentence: str) -> None:
 
 
 class Course(NamedTuple):
-    """Inputs over a step of h seconds: Reals run on a line from `start` to `end`."""
+    """Inputs over a step of h seconds: Reals run on a line from `start` to `end`.
+
+    With a degree above 1, s (s - h) (b_0 + b_1 s + ...) is added, with b in `bends`.
+    """
 
     start: Any
     end: Any
     h: float
+    degree: int = 1
+    bends: tuple[Any, ...] = ()
 
     def at(self, s: float) -> Any:
         """The inputs s seconds after the beginning."""
@@ -52,11 +58,17 @@ class Course(NamedTuple):
 
 def along(inputs: Course, s: float) -> Any:
     """The inputs s seconds after the beginning of their course."""
-    start, end, h = inputs
-    if start == end:
+    start, end, h, degree, bends = inputs
+    if degree == 1 and start == end:
         return end
     share, places = s / h, continuous(end.__class__)
-    return state(end, places, [start[i] + (end[i] - start[i]) * share for i in places])
+    line = [start[i] + (end[i] - start[i]) * share for i in places]
+    if degree == 1:
+        return state(end, places, line)
+    bent = [0.0] * len(places)
+    for bend in reversed(bends):
+        bent = [b * s + bend[i] for b, i in zip(bent, places)]
+    return state(end, places, [x + s * (s - h) * b for x, b in zip(line, bent)])
 
 
 def course(hold: int, before: Any, now: Any, past: float, h: float) -> Course:
@@ -95,10 +107,11 @@ def advance(
 ) -> Any:
     """The state at the end of a step that begins at t with state x.
 
-    A component with a closed solution gives it in `exact(p, x, u0, u1, h)`, None where it has none.
+    A component with a closed solution for inputs on a line gives it in `exact(p, x, u0, u1, h)`,
+    None where it has none.
     `note` takes what a hybrid component has to say about its events.
     """
-    if hasattr(model, "exact"):
+    if hasattr(model, "exact") and inputs.degree == 1:
         end = model.exact(p, x, inputs.start, inputs.end, inputs.h)
         if end is not None:
             return end

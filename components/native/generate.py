@@ -26,6 +26,7 @@ def source(interface: Interface, guid: str) -> str:
         "GUID": json.dumps(guid),
         "VARIABLES": len(interface.variables),
         "INPUT_HOLD": interface.input_hold,
+        "HIGHEST_DEGREE": motion.HIGHEST_DEGREE,
         **{f"FIRST_{name[:-1].upper()}": place.start for name, place in width.items()},
         **{name.upper(): place.stop - place.start for name, place in width.items()},
     }
@@ -56,7 +57,7 @@ def traced(interface: Interface) -> list[trace.Function]:
     model = interface.model
     tracer = trace.Tracer(model, BOUNDARIES)
     p, x, u = (start(cls) for cls in (model.Parameters, model.State, model.Inputs))
-    inputs = motion.Course(u, u, 0.0)
+    inputs = motion.Course(u, u, 0.0, 1, (u,) * (motion.HIGHEST_DEGREE - 1))
 
     def check(p: Any) -> None:
         values: list[Value] = [

@@ -12,6 +12,9 @@
 
 #include "fmi2FunctionTypes.h"
 
+/* Numbers of a course of the inputs: start, end, length, degree, bends. */
+#define COURSE (2 * INPUTS + 2 + (HIGHEST_DEGREE - 1) * INPUTS)
+
 #ifdef FMI2_FUNCTION_PREFIX
 #define PASTED(a, b) a##b
 #define PASTE(a, b) PASTED(a, b)
@@ -49,7 +52,8 @@ typedef struct {
 
 /* Everything that evolves. */
 typedef struct {
-    double values[VARIABLES], before[INPUTS], end[INPUTS], slopes[INPUTS], rates[INPUTS];
+    double values[VARIABLES], before[INPUTS], end[INPUTS], slopes[INPUTS];
+    double rates[HIGHEST_DEGREE][INPUTS];
     double time, past, stale, phase, driven;
 } State;
 
@@ -537,26 +541,40 @@ EXPORT fmi2Status API(fmi2Reset)(fmi2Component component) {
     return fmi2OK;
 }
 
-/* The inputs over the next step: at its beginning, at its end, and its length. */
-static void course(Instance *i, double h, double *inputs) {
+/* The inputs over the next step as kit/motion.py describes them, and their slopes at its end. The
+   polynomial of the derivatives given, a_n s^n, is the line between its ends and s (s - h) times
+   the sum of a_n h^(n-2-j) s^j over n >= 2 and j <= n - 2. */
+static void course(Instance *i, double h, double *inputs, double *slopes) {
     State *s = &i->state;
-    double *now = part(i, FIRST_INPUT);
+    double *now = part(i, FIRST_INPUT), *bends = inputs + 2 * INPUTS + 2;
+    memset(inputs, 0, COURSE * sizeof *inputs);
     if (s->driven == 0.0) {
         model_course(&i->context, s->values[INPUT_HOLD], s->before, now, s->past, h, inputs);
+        for (int k = 0; k < INPUTS; k++) slopes[k] = (inputs[INPUTS + k] - inputs[k]) / h;
         return;
     }
     for (int k = 0; k < INPUTS; k++) {
-        inputs[k] = now[k];
-        inputs[INPUTS + k] = s->rates[k] != 0.0 ? now[k] + s->rates[k] * h : now[k];
+        double a[HIGHEST_DEGREE + 1] = {now[k]}, factorial = 1.0;
+        inputs[k] = inputs[INPUTS + k] = now[k];
+        slopes[k] = 0.0;
+        for (int n = 1; n <= (int)s->driven; n++) {
+            a[n] = s->rates[n - 1][k] / (factorial *= n);
+            if (a[n] != 0.0) inputs[INPUTS + k] += a[n] * pow(h, n);
+            slopes[k] += n * a[n] * pow(h, n - 1);
+        }
+        for (int j = 0; j <= (int)s->driven - 2; j++)
+            for (int n = j + 2; n <= (int)s->driven; n++)
+                bends[j * INPUTS + k] += a[n] * pow(h, n - 2 - j);
     }
     inputs[2 * INPUTS] = h;
+    inputs[2 * INPUTS + 1] = s->driven;
 }
 
 EXPORT fmi2Status API(fmi2DoStep)(fmi2Component component, fmi2Real t, fmi2Real h, fmi2Boolean final) {
     Instance *i = component;
     Context *c;
     State *s;
-    double *x, *now, inputs[2 * INPUTS + 1], result[STATES];
+    double *x, *now, inputs[COURSE], slopes[INPUTS], result[STATES];
     (void)final;
     if (!i) return fmi2Error;
     c = &i->context, s = &i->state, x = part(i, FIRST_STATE), now = part(i, FIRST_INPUT);
@@ -567,7 +585,7 @@ EXPORT fmi2Status API(fmi2DoStep)(fmi2Component component, fmi2Real t, fmi2Real 
         fail(c, "communication point = %r s must be %r s, no jump", t, s->time);
     if (c->failed) return finish(i);
 
-    course(i, h, inputs);
+    course(i, h, inputs, slopes);
     model_step(c, s->values, t, x, s->before, now, inputs, result);
     for (int k = 0; k < STATES; k++) check_finite(c, &variables[FIRST_STATE + k], result[k]);
     if (c->failed) {
@@ -581,7 +599,7 @@ EXPORT fmi2Status API(fmi2DoStep)(fmi2Component component, fmi2Real t, fmi2Real 
         }
         return finish(i);
     }
-    for (int k = 0; k < INPUTS; k++) s->slopes[k] = (inputs[INPUTS + k] - inputs[k]) / h;
+    memcpy(s->slopes, slopes, sizeof slopes);
     memcpy(x, result, sizeof result);
     memcpy(s->before, now, sizeof s->before);
     memcpy(s->end, inputs + INPUTS, sizeof s->end);
@@ -589,13 +607,14 @@ EXPORT fmi2Status API(fmi2DoStep)(fmi2Component component, fmi2Real t, fmi2Real 
     return finish(i);
 }
 
-static int first_order(Context *c, const fmi2Integer order[], size_t n) {
+static int of_order(Context *c, const fmi2Integer order[], size_t n, int highest) {
     for (size_t k = 0; k < n; k++)
-        if (order[k] != 1) fail(c, "derivatives are of order 1, not %d", (double)order[k]);
+        if (order[k] < 1 || order[k] > highest)
+            fail(c, "derivatives are of order 1 to %d, not %d", (double)highest, (double)order[k]);
     return !c->failed;
 }
 
-/* Slopes of the inputs over the next step; where one is given, the others are held. */
+/* Derivatives of the inputs over the next step; where some are given, the others are 0. */
 EXPORT fmi2Status API(fmi2SetRealInputDerivatives)(fmi2Component component,
                                             const fmi2ValueReference vr[], size_t n,
                                             const fmi2Integer order[], const fmi2Real value[]) {
@@ -603,7 +622,7 @@ EXPORT fmi2Status API(fmi2SetRealInputDerivatives)(fmi2Component component,
     State *s;
     if (!i) return fmi2Error;
     s = &i->state;
-    if (!first_order(&i->context, order, n)) return finish(i);
+    if (!of_order(&i->context, order, n, HIGHEST_DEGREE)) return finish(i);
     for (size_t k = 0; k < n; k++) {
         const Variable *v = variable(&i->context, "Real", vr[k]);
         if (!v) return finish(i);
@@ -618,8 +637,8 @@ EXPORT fmi2Status API(fmi2SetRealInputDerivatives)(fmi2Component component,
             return finish(i);
         }
         if (s->driven == 0.0) memset(s->rates, 0, sizeof s->rates);
-        s->driven = 1.0;
-        s->rates[vr[k] - FIRST_INPUT] = value[k];
+        if (s->driven < order[k]) s->driven = order[k];
+        s->rates[order[k] - 1][vr[k] - FIRST_INPUT] = value[k];
     }
     return finish(i);
 }
@@ -632,7 +651,7 @@ EXPORT fmi2Status API(fmi2GetRealOutputDerivatives)(fmi2Component component,
     double result[STATES + OUTPUTS];
     if (!i) return fmi2Error;
     s = &i->state;
-    if (!allowed(i, "getRealOutputDerivatives", STEPPING) || !first_order(&i->context, order, n))
+    if (!allowed(i, "getRealOutputDerivatives", STEPPING) || !of_order(&i->context, order, n, 1))
         return finish(i);
     model_rates(&i->context, s->values, s->time, part(i, FIRST_STATE), s->end, s->slopes, result);
     for (size_t k = 0; k < n && !i->context.failed; k++) {
