@@ -16,7 +16,7 @@ from typing import Any, NoReturn
 from .algorithms import Stages, Turn
 from .errors import PartFailure
 from .ledger import End
-from .part import Block
+from .part import WARNING, Block
 
 SOURCE = Path(__file__).with_name("loop.c")
 COPY, SCALE, SET, GET, FINITE, STEP, BOOK = range(7)
@@ -31,6 +31,7 @@ class Operation(ctypes.Structure):
         *((name, ctypes.c_void_p) for name in ("target", "source", "first", "last")),
         *((name, ctypes.c_double) for name in ("a", "b")),
         *((name, ctypes.c_void_p) for name in ("energy", "before")),
+        ("warned", ctypes.c_longlong),
     ]
 
 
@@ -77,10 +78,10 @@ class Loop:
         self._ends = list(dict.fromkeys(end for turn in self._turns for end in turn.part.ends))
         self._energy = (ctypes.c_double * len(self._ends))()
         self._before = (ctypes.c_double * len(self._ends))()
-        self._fail: list[Callable[[float, float, int], PartFailure]] = []
+        self._tell: list[Callable[[float, float, int], None]] = []
         operations = [*chain.from_iterable(map(self._stage, stages))]
         self._row_begin = len(operations)
-        operations += [*chain.from_iterable(map(self._get, extra))]
+        operations += [*chain.from_iterable(self._get(block, 1.0) for block in extra)]
         self._program = (Operation * len(operations))(*operations)
         cells = (Column(_address(block.cells, i), block.real) for block, i in columns)
         self._columns = (Column * len(columns))(*cells)
@@ -92,34 +93,34 @@ class Loop:
             yield from self._step(turn)
         for turn in stage:
             for block in turn.part.outputs:
-                yield from self._get(block)
+                yield from self._get(block, turn.at + turn.size)
             for end in turn.part.ends:
                 yield self._book(end, turn.size)
 
     def _step(self, turn: Turn) -> Iterator[Operation]:
         part, at, size = turn
         for target, i, source, j in part.copies:
-            self._fail.append(_cannot)
+            self._tell.append(_cannot)
             ends = {"target": _address(target, i), "source": _address(source, j)}
             yield Operation(code=COPY, **ends)
         for target, i, source, j, factor, offset in part.scaled:
-            self._fail.append(_cannot)
+            self._tell.append(_cannot)
             ends = {"target": _address(target, i), "source": _address(source, j)}
             yield Operation(code=SCALE, a=factor, b=offset, **ends)
         for block in part.inputs:
             yield self._exchange(SET, block)
-        self._fail.append(lambda t, h, status: part.stopped(t + at * h, size * h, status))
+        self._tell.append(lambda t, h, status: part.stepped(t + at * h, size * h, status))
         function = ctypes.cast(part.library.fmi2DoStep, ctypes.c_void_p)
         yield Operation(STEP, part.substeps, function, part.component, a=at, b=size)
 
-    def _get(self, block: Block) -> Iterator[Operation]:
+    def _get(self, block: Block, at: float) -> Iterator[Operation]:
         yield self._exchange(GET, block)
         if block.real:
-            self._fail.append(lambda t, h, status: block.not_finite())
+            self._tell.append(lambda t, h, status: block.require_finite(t + at * h))
             yield Operation(FINITE, len(block.cells), cells=_address(block.cells, 0))
 
     def _exchange(self, code: int, block: Block) -> Operation:
-        self._fail.append(lambda t, h, status: block.part.failure(block.call, status))
+        self._tell.append(lambda t, h, status: block.part.answered(block.call, status))
         return Operation(
             code,
             len(block.cells),
@@ -130,7 +131,7 @@ class Loop:
         )
 
     def _book(self, end: End, size: float) -> Operation:
-        self._fail.append(_cannot)
+        self._tell.append(_cannot)
         k = self._ends.index(end)
         return Operation(
             BOOK,
@@ -175,8 +176,16 @@ class Loop:
             end.energy, end.before = self._energy[k], self._before[k]
         for turn in self._turns:
             turn.part.do_steps += turn.part.substeps * (done.value - first)
-        t = start + done.value * h
-        failure = None if failed.value < 0 else self._fail[failed.value](t, h, status.value)
+        failure = None
+        try:
+            for tell, operation in zip(self._tell, self._program):
+                if operation.warned:
+                    tell(start + (operation.warned - 1) * h, h, WARNING)
+                    operation.warned = 0
+            if failed.value >= 0:
+                self._tell[failed.value](start + done.value * h, h, status.value)
+        except PartFailure as error:
+            failure = error
         return rows[: count * self._width], done.value, failure
 
 

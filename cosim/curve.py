@@ -151,8 +151,8 @@ class Curves:
         """Remember the watched outputs as they stand, and their rates, as nodes at time t [s]."""
         if self._get_rates is not None:
             status = self._get_rates()
-            if status > 1:
-                raise self.part.failure("GetRealOutputDerivatives", status)
+            if status:
+                self.part.answered("GetRealOutputDerivatives", status)
         for k, (signal, cells, i) in enumerate(self.signals):
             signal.add(Node(t, cells[i], None if self._rates is None else self._rates[k]))
 
@@ -180,8 +180,8 @@ class Curves:
         """Hand the derivatives over."""
         if self._set_derivatives is not None:
             status = self._set_derivatives()
-            if status > 1:
-                raise self.part.failure("SetRealInputDerivatives", status)
+            if status:
+                self.part.answered("SetRealInputDerivatives", status)
 
 
 def _call(

@@ -24,6 +24,10 @@ class Discarded(PartFailure):
         self.reached = reached
 
 
+class Ended(PartFailure):
+    """A part ended the simulation of its own accord."""
+
+
 class SimulationError(RuntimeError):
     """A part failed on the way; `result` holds every row up to there."""
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from itertools import chain
@@ -15,14 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .curve import Curves, Entry, Signal
-from .errors import SetupError
+from .errors import PartFailure, SetupError
 from .ledger import End, bonds, watt
 from .part import Block, Part
 from .system import Network, Wire
 
 Vector = NDArray[np.float64]
-log = logging.getLogger("cosim")
-
 MOST_ITERATIONS = 20
 TOLERANCE = 1e-10
 SINGULAR = 1e8
@@ -49,7 +46,10 @@ def initialise(
     for name, path in network.system.parts.items():
         if path not in folders:
             folders[path] = Path(stack.enter_context(TemporaryDirectory(prefix="cosim_")))
-            fmpy.extract(str(path), str(folders[path]))
+            try:
+                fmpy.extract(str(path), str(folders[path]))
+            except Exception as error:
+                raise PartFailure(f"{name}: {path} cannot be unpacked: {error}") from error
         count = (substeps or {}).get(name, 1)
         parts[name] = Part(name, network.descriptions[name], folders[path], count)
         stack.callback(parts[name].close)
@@ -58,9 +58,12 @@ def initialise(
     for part in parts.values():
         part.call("setupExperiment", tolerance, start, stop)
         part.call("enterInitializationMode")
+    for port, value in network.start:
+        if port.variable.causality == "input":
+            parts[port.part].set(port.variable, value)
     _make_blocks(network, parts)
     _connect(network, parts)
-    settle([parts[name] for name in sequence])
+    settle([parts[name] for name in sequence], start)
     for part in parts.values():
         part.begin()
     if input_order:
@@ -70,8 +73,6 @@ def initialise(
         part.read(start)
         for end in part.ends:
             end.before = end.value()
-        for sentence in part.warnings:
-            log.warning(sentence)
     return parts
 
 
@@ -151,7 +152,7 @@ def _open_ledger(network: Network, parts: Mapping[str, Part]) -> None:
         parts[bond.back.source.part].ends.append(end(bond.name, 1, bond.back, bond.there))
 
 
-def settle(parts: Sequence[Part]) -> None:
+def settle(parts: Sequence[Part], t: float) -> None:
     """Propagate start values in initialisation mode; solve what feeds back on itself by Newton."""
     for part in parts:
         part.fetch()
@@ -168,7 +169,7 @@ def settle(parts: Sequence[Part]) -> None:
         newton(lambda z: _response(parts, z), _inputs(parts), names)
     for part in parts:
         for block in part.outputs:
-            block.require_finite()
+            block.require_finite(t)
 
 
 def _listen(part: Part) -> bool:

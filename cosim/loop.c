@@ -18,6 +18,7 @@ typedef struct {
     const double *source, *first, *last;
     double a, b;
     double *energy, *before;
+    long long warned;
 } operation;
 
 typedef struct {
@@ -44,11 +45,13 @@ static int run(const operation *op, double t, double h)
         return 0;
     case STEP: {
         double size = op->b * h / op->count;
+        int warned = 0;
         for (int k = 0; k < op->count; k++) {
             int status = ((do_step)op->function)(op->component, t + op->a * h + k * size, size, 0);
-            if (status > 1) return status;
+            if (status > 1 || status < 0) return status;
+            warned |= status;
         }
-        return 0;
+        return warned;
     }
     default: {
         double size = op->b * h;
@@ -62,8 +65,8 @@ static int run(const operation *op, double t, double h)
 /* Steps number first + 1 to last of size h from start on; after every `every`-th step the operations
    from row_begin on are done too and a row of the columns goes to rows. Returns the number of rows;
    *done is the last step that was completed, *failed the index of the operation that stopped it or
-   -1, *status why. */
-int advance(const operation *program, int length, int row_begin, const column *columns, int width,
+   -1, *status why; `warned` of an operation the first step in which it returned a warning. */
+int advance(operation *program, int length, int row_begin, const column *columns, int width,
             double start, double h, long long first, long long last, long long every, double *rows,
             long long *done, int *failed, int *status)
 {
@@ -74,6 +77,7 @@ int advance(const operation *program, int length, int row_begin, const column *c
         int due = n % every == 0;
         for (int i = 0; i < (due ? length : row_begin); i++) {
             *status = run(&program[i], t, h);
+            if (*status == 1 && !program[i].warned) program[i].warned = n;
             if (*status > 1 || *status < 0) {
                 *failed = i;
                 *done = n - 1;

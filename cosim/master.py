@@ -14,6 +14,7 @@ from typing import Any
 
 from .adaptive import Adaptive
 from .algorithms import ALGORITHMS
+from .curve import same
 from .errors import Interrupted, PartFailure, SetupError, SimulationError
 from .initial import initialise
 from .ledger import balance, bonds
@@ -57,6 +58,8 @@ def run(
     sequence = stepping_order(network, order)
     plan = Plan(start, stop, step, output_step)
     plan.check()
+    if tolerance is not None and not tolerance > 0.0:
+        raise SetupError(f"tolerance = {tolerance!r} must be above 0")
     rates = dict(substeps or {})
     for problem in problems(network, plan, algorithm, input_order, rates):
         raise SetupError(problem)
@@ -66,7 +69,7 @@ def run(
 
     began = clock.perf_counter()
     with ExitStack() as stack:
-        interrupted = stack.enter_context(_interrupts())
+        interrupted = stack.enter_context(interrupts())
         if tolerance is None and isinstance(step, Adaptive):
             tolerance = step.tolerance
         try:
@@ -74,6 +77,7 @@ def run(
                 network, sequence, stack, start, stop,
                 tolerance=tolerance, substeps=rates, input_order=input_order,
             )  # fmt: skip
+            identities = {name: _identity(p, system.parts[name]) for name, p in parts.items()}
         except PartFailure as error:
             raise SetupError(str(error)) from error
         provenance: dict[str, Any] = {
@@ -86,12 +90,12 @@ def run(
             "stop": stop,
             "tolerance": tolerance,
             "wires": list(system.wires),
-            "parts": {name: _identity(part, system.parts[name]) for name, part in parts.items()},
+            "parts": identities,
             "versions": versions(),
         }
         row = Row([parts[name] for name in parts], ports)
         units = {port.name: port.unit for port in ports}
-        recorder = Recorder([port.name for port in ports], units, csv)
+        recorder = Recorder([port.name for port in ports], units, csv, provenance)
         run = Run([parts[name] for name in sequence], algorithm, input_order, plan, row, recorder)
         status, reason = "failed", "stopped by an error outside the FMUs"
         try:
@@ -133,6 +137,11 @@ def problems(
             yield f"substeps: there is no part {name!r}, only {', '.join(network.descriptions)}"
         if count < 1:
             yield f"substeps of {name} = {count!r} must be at least 1"
+    by_guid: dict[str, str] = {}
+    for name, description in network.descriptions.items():
+        twin = by_guid.setdefault(description.guid, name)
+        if twin != name and description.coSimulation.canBeInstantiatedOnlyOncePerProcess:
+            yield f"{name}: its FMU lives only once in a process, and {twin} is another of it"
     capabilities = {name: d.coSimulation for name, d in network.descriptions.items()}
     lost = [name for name, can in capabilities.items() if not can.canGetAndSetFMUstate]
     steady = [
@@ -155,7 +164,7 @@ def problems(
                 yield f"step doubling needs the FMU state, which {name} cannot save"
         elif (plan.step.control == "energy" or lost) and not bonds(network):
             yield "step control by energy needs a power bond, and the system has none"
-    elif steady and abs(plan.number() * plan.step - (plan.stop - plan.start)) > 1e-6 * plan.step:
+    elif steady and not same(plan.start + plan.number() * plan.step, plan.stop):
         yield (
             f"stop = {plan.stop!r} s must be a whole number of steps of {plan.step!r} s after "
             f"start, since {steady[0]} cannot vary its step"
@@ -163,7 +172,7 @@ def problems(
 
 
 @contextmanager
-def _interrupts() -> Iterator[list[int]]:
+def interrupts() -> Iterator[list[int]]:
     """A list that fills when the user presses Ctrl-C, so that no FMU is interrupted half-way."""
     seen: list[int] = []
     elsewhere = threading.current_thread() is not threading.main_thread()

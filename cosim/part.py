@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import ctypes
+import logging
+import os
 from collections import deque
 from collections.abc import Sequence
 from contextlib import suppress
 from functools import partial
+from itertools import count
 from math import isfinite
 from pathlib import Path
 from typing import Any
 from weakref import WeakValueDictionary
 
 from fmpy import calloc, free
+from fmpy.fmi1 import FMICallException
 from fmpy.fmi2 import (
     FMU2Slave,
     fmi2CallbackAllocateMemoryTYPE,
@@ -24,13 +28,14 @@ from fmpy.logging import addLoggerProxy
 from fmpy.model_description import ModelDescription, ScalarVariable
 
 from .curve import Curves
-from .errors import Discarded, PartFailure
+from .errors import Discarded, Ended, PartFailure
 from .ledger import End
 from .system import Value
 
-WARNING, DISCARD, ERROR, FATAL = 1, 2, 3, 4
+OK, WARNING, DISCARD, ERROR, FATAL = range(5)
 STATUS = ("OK", "Warning", "Discard", "Error", "Fatal", "Pending")
-LAST_SUCCESSFUL_TIME = 2
+LAST_SUCCESSFUL_TIME, TERMINATED = 2, 3
+MOST_WARNINGS = 100
 CELL: dict[str, Any] = {
     "Real": ctypes.c_double,
     "Integer": ctypes.c_int,
@@ -40,23 +45,33 @@ CELL: dict[str, Any] = {
 }
 CALL = {"Enumeration": "Integer"}
 
+log = logging.getLogger("cosim")
 
-PARTS: WeakValueDictionary[bytes, Part] = WeakValueDictionary()
+PARTS: WeakValueDictionary[int, Part] = WeakValueDictionary()
+NUMBERS = count(1)
 
 
-def _message(_: Any, instance: bytes, status: int, __: bytes, message: bytes) -> None:
-    """Hand a log message to the part of that name; fmpy's proxy has room for one logger only."""
-    part = PARTS.get(instance)
+def _message(environment: int | None, _: bytes, status: int, __: bytes, message: bytes) -> None:
+    """Hand a log message to the part of that number."""
+    part = PARTS.get(environment or 0)
     if part is not None:
-        part.hear(status, message.decode("utf-8", "replace"))
+        part.hear(status, (message or b"").decode("utf-8", "replace"))
 
 
-CALLBACKS = fmi2CallbackFunctions(
-    fmi2CallbackLoggerTYPE(_message),
-    fmi2CallbackAllocateMemoryTYPE(calloc),
-    fmi2CallbackFreeMemoryTYPE(free),
-)
-addLoggerProxy(ctypes.byref(CALLBACKS))
+def _callbacks(number: int) -> fmi2CallbackFunctions:
+    """What the part of that number may call.
+
+    Made anew for each: the proxy of fmpy, which formats the messages, has room for one logger, and
+    others in this process may have put theirs there.
+    """
+    callbacks = fmi2CallbackFunctions(
+        fmi2CallbackLoggerTYPE(_message),
+        fmi2CallbackAllocateMemoryTYPE(calloc),
+        fmi2CallbackFreeMemoryTYPE(free),
+        componentEnvironment=number,
+    )
+    addLoggerProxy(ctypes.byref(callbacks))
+    return callbacks
 
 
 class Block:
@@ -66,6 +81,7 @@ class Block:
         kind = variables[0].type
         count = len(variables)
         self.real = kind == "Real"
+        self._text = kind == "String"
         self.names = [f"{part.name}.{v.name}" for v in variables]
         self.cells = (CELL[kind] * count)()
         self.part = part
@@ -79,18 +95,24 @@ class Block:
     def __call__(self) -> None:
         """Move the buffer's values; raises PartFailure."""
         status = self._move()
-        if status > WARNING:
-            raise self.part.failure(self.call, status)
+        if status != OK:
+            self.part.answered(self.call, status)
+        if self._text:
+            self._keep()
 
-    def require_finite(self) -> None:
-        """Raise PartFailure for a value that no wire may carry."""
+    def _keep(self) -> None:
+        """Copy texts out of the FMU's memory, where they last only until its next call."""
+        self.cells[:] = [text or b"" for text in self.cells]
+
+    def require_finite(self, t: float) -> None:
+        """Raise PartFailure for a value that no wire may carry; t is its time [s]."""
         if self.real and not all(map(isfinite, self.cells)):
-            raise self.not_finite()
+            raise self.not_finite(t)
 
-    def not_finite(self) -> PartFailure:
+    def not_finite(self, t: float) -> PartFailure:
         """The error for the first value that is not a finite number."""
         bad = next((cell, name) for cell, name in zip(self.cells, self.names) if not isfinite(cell))
-        return PartFailure(f"{bad[1]} = {bad[0]!r} must be a finite number")
+        return PartFailure(f"{bad[1]} = {bad[0]!r} at t = {t!r} s must be a finite number")
 
 
 class Part:
@@ -103,10 +125,12 @@ class Part:
         self, name: str, description: ModelDescription, folder: Path, substeps: int = 1
     ) -> None:
         self.name = name
+        self.folder = folder
         self.description = description
         self.substeps = substeps
         self.log: deque[str] = deque(maxlen=20)
         self.warnings: list[str] = []
+        self._complaint = ""
         self.inputs: list[Block] = []
         self.outputs: list[Block] = []
         self.copies: list[tuple[Any, int, Any, int]] = []
@@ -117,7 +141,9 @@ class Part:
         self._states: list[ctypes.c_void_p] = []
         self._worst = 0
         self._initialised = False
-        PARTS[name.encode()] = self
+        number = next(NUMBERS)
+        PARTS[number] = self
+        here = Path.cwd()
         try:
             self.slave = FMU2Slave(
                 guid=description.guid,
@@ -125,9 +151,19 @@ class Part:
                 modelIdentifier=description.coSimulation.modelIdentifier,
                 instanceName=name,
             )
-            self.slave.instantiate(callbacks=CALLBACKS, loggingOn=True)
         except Exception as error:
-            raise PartFailure(f"{name}: instantiate failed: {self.reason() or error}") from error
+            os.chdir(here)
+            raise PartFailure(f"{name}: {error}") from error
+        callbacks = _callbacks(number)
+        try:
+            self.slave.instantiate(callbacks=callbacks, loggingOn=True)
+        except Exception as error:
+            self.slave.freeLibrary()
+            tool = description.coSimulation.needsExecutionTool
+            raise PartFailure(
+                f"{name}: instantiate failed: {self.reason()}"
+                + (f"; it needs {description.generationTool or 'its tool'} to run" if tool else "")
+            ) from error
         self.library = ctypes.PyDLL(None, handle=self.slave.dll._handle)
         self.component = ctypes.c_void_p(self.slave.component)
         self._time, self._size = ctypes.c_double(), ctypes.c_double()
@@ -137,28 +173,44 @@ class Part:
 
     def hear(self, status: int, message: str) -> None:
         """Keep the last line of a log message."""
-        text = message.strip().splitlines()[-1:]
-        self.log.extend(text)
-        if status == WARNING:
-            self.warnings.extend(text)
+        for text in message.strip().splitlines()[-1:]:
+            self.log.append(text)
+            if status == WARNING:
+                self.warn(text)
+            if status in (ERROR, FATAL):
+                self._complaint = text
+
+    def warn(self, sentence: str) -> None:
+        """Log a warning and keep it for the result, each sentence once."""
+        if sentence not in self.warnings and len(self.warnings) < MOST_WARNINGS:
+            self.warnings.append(sentence)
+            log.warning("%s: %s", self.name, sentence)
 
     def reason(self) -> str:
-        """The FMU's last log message."""
-        return self.log[-1] if self.log else ""
+        """What the FMU last complained of, or else said."""
+        return self._complaint or (self.log[-1] if self.log else "the FMU gives no reason")
+
+    def answered(self, call: str, status: int) -> None:
+        """Keep a warning that the FMU did not put in words; raise PartFailure for what is worse."""
+        if status != WARNING:
+            raise self.failure(call, status)
+        if not self.warnings:
+            self.warn(f"{call} returned Warning")
 
     def failure(self, call: str, status: int) -> PartFailure:
         """The error for a call that returned this status."""
-        self._worst = max(self._worst, status if status <= FATAL else ERROR)
-        reason = self.reason() or "the FMU gives no reason"
-        return PartFailure(f"{self.name}: {call} returned {STATUS[status]}: {reason}")
+        known = OK < status < len(STATUS)
+        self._worst = max(self._worst, status if status in (DISCARD, FATAL) else ERROR)
+        answer = STATUS[status] if known else f"the unknown status {status}"
+        return PartFailure(f"{self.name}: {call} returned {answer}: {self.reason()}")
 
-    def call(self, function: str, *arguments: Any) -> None:
+    def call(self, function: str, *arguments: Any) -> Any:
         """An fmpy method with its status checked; for what is not called every step."""
         try:
-            getattr(self.slave, function)(*arguments)
-        except Exception as error:
-            self._worst = max(self._worst, getattr(error, "status", ERROR))
-            raise PartFailure(f"{self.name}: {function}: {self.reason() or error}") from error
+            return getattr(self.slave, function)(*arguments)
+        except FMICallException as error:
+            self._worst = max(self._worst, error.status)
+            raise PartFailure(f"{self.name}: {function}: {self.reason()}") from error
 
     def set(self, variable: ScalarVariable, value: Value) -> None:
         """Set one variable."""
@@ -168,8 +220,8 @@ class Part:
     def get(self, variable: ScalarVariable) -> Value:
         """Get one variable."""
         kind = CALL.get(variable.type, variable.type)
-        value: Value = getattr(self.slave, f"get{kind}")([variable.valueReference])[0]
-        return value.decode() if isinstance(value, bytes) else value
+        value: Value = self.call(f"get{kind}", [variable.valueReference])[0]
+        return value.decode("utf-8", "replace") if isinstance(value, bytes) else value
 
     def begin(self) -> None:
         """Leave initialisation mode for the first step."""
@@ -197,7 +249,7 @@ class Part:
         """Get the wired outputs at time t [s]; they must be finite."""
         for block in self.outputs:
             block()
-            block.require_finite()
+            block.require_finite(t)
         if self.curves is not None:
             self.curves.read(t)
 
@@ -227,18 +279,28 @@ class Part:
             self._time.value, self._size.value = begin, size
             self.do_steps += 1
             status = self._do_step()
-            if status > WARNING:
-                raise self.stopped(begin, size, status)
+            if status != OK:
+                self.stepped(begin, size, status)
 
-    def stopped(self, t: float, h: float, status: int) -> PartFailure:
-        """The error for a step from t by h [s] that returned this status."""
-        failure = self.failure(f"doStep(t = {t!r} s, h = {h!r} s)", status)
+    def stepped(self, t: float, h: float, status: int) -> None:
+        """Keep a warning of a step from t by h [s]; raise PartFailure for a worse status."""
+        call = f"doStep(t = {t!r} s, h = {h!r} s)"
         if status != DISCARD:
-            return failure
-        reached = ctypes.c_double(t)
-        kind = ctypes.c_int(LAST_SUCCESSFUL_TIME)
-        told = self.library.fmi2GetRealStatus(self.component, kind, ctypes.byref(reached))
-        return Discarded(str(failure), reached.value if told <= WARNING else t)
+            self.answered(call, status)
+            return
+        failure = self.failure(call, status)
+        time, ended = ctypes.c_double(t), ctypes.c_int()
+        told = [
+            function(self.component, ctypes.c_int(kind), ctypes.byref(answer)) in (OK, WARNING)
+            for function, kind, answer in (
+                (self.library.fmi2GetRealStatus, LAST_SUCCESSFUL_TIME, time),
+                (self.library.fmi2GetBooleanStatus, TERMINATED, ended),
+            )
+        ]
+        reached = time.value if told[0] else t
+        if told[1] and ended.value:
+            raise Ended(f"{self.name} ended the simulation at t = {reached!r} s: {self.reason()}")
+        raise Discarded(str(failure), reached)
 
     def state(self) -> ctypes.c_void_p:
         """A place for a state of the FMU, freed with it."""
@@ -249,14 +311,14 @@ class Part:
         """Put the FMU's state into a place, instead of what was there."""
         self._free(state)
         status = self.library.fmi2GetFMUstate(self.component, ctypes.byref(state))
-        if status > WARNING:
-            raise self.failure("GetFMUstate", status)
+        if status != OK:
+            self.answered("GetFMUstate", status)
 
     def restore(self, state: ctypes.c_void_p) -> None:
         """Return to a saved state."""
         status = self.library.fmi2SetFMUstate(self.component, state)
-        if status > WARNING:
-            raise self.failure("SetFMUstate", status)
+        if status != OK:
+            self.answered("SetFMUstate", status)
 
     def _free(self, state: ctypes.c_void_p) -> None:
         if state:
@@ -269,8 +331,11 @@ class Part:
             end.book(h)
 
     def close(self) -> None:
-        """Terminate and free as far as the worst status of the FMU allows."""
-        if self._worst >= FATAL:
+        """Terminate and free as far as the worst status of the FMU allows.
+
+        After Fatal, no instance of that FMU may be called.
+        """
+        if any(p._worst >= FATAL and p.folder == self.folder for p in PARTS.values()):
             return
         for state in self._states:
             with suppress(Exception):

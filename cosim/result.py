@@ -5,8 +5,9 @@ from __future__ import annotations
 import csv
 import json
 import math
+import time as clock
 from array import array
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 CHUNK = 4096
+LONGEST = 0.5
 Rows = NDArray[np.float64]
 
 
@@ -121,10 +123,17 @@ class Recorder:
     """Takes rows; with a path it streams them to NAME.partial.csv, which becomes NAME.csv.
 
     A run that does not end leaves NAME.partial.csv and NAME.partial.json, which says where and why.
-    Rows that are streamed are not kept in memory.
+    Rows that are streamed are not kept in memory; they reach the file within a second. Until it
+    ends, the JSON says that the run is "running".
     """
 
-    def __init__(self, columns: Sequence[str], units: dict[str, str], path: Path | None) -> None:
+    def __init__(
+        self,
+        columns: Sequence[str],
+        units: dict[str, str],
+        path: Path | None,
+        provenance: Mapping[str, Any],
+    ) -> None:
         self.columns = ["time", *columns]
         self.units = {"time": "s", **units}
         self.count = 0
@@ -135,18 +144,28 @@ class Recorder:
             path.parent.mkdir(parents=True, exist_ok=True)
             self._file = partial(path).open("w", newline="", encoding="utf-8")
             csv.writer(self._file).writerow(self.columns)
+            self._file.flush()
+            self._flushed = clock.perf_counter()
+            write_json(
+                partial(path).with_suffix(".json"),
+                {**provenance, "status": "running", "units": self.units},
+            )
 
     def add(self, row: Sequence[float]) -> None:
         """Append one row, or several one after the other: the time, then the columns' values."""
         self.rows.extend(row)
         self.count += len(row) // len(self.columns)
-        if self._file is not None and len(self.rows) >= CHUNK * len(self.columns):
+        if self._file is not None and (
+            len(self.rows) >= CHUNK * len(self.columns)
+            or clock.perf_counter() > self._flushed + LONGEST
+        ):
             self._flush(self._file)
 
     def _flush(self, file: IO[str]) -> None:
         fresh = np.array(self.rows).reshape(-1, len(self.columns))
         csv.writer(file).writerows(fresh.tolist())
         file.flush()
+        self._flushed = clock.perf_counter()
         self.rows = array("d")
 
     def finish(self, provenance: dict[str, Any]) -> Result:
@@ -160,6 +179,7 @@ class Recorder:
         self._file.close()
         target = partial(self._path)
         if provenance["status"] == "complete":
+            target.with_suffix(".json").unlink()
             target = target.replace(self._path)
         write_json(target.with_suffix(".json"), {**provenance, "units": self.units})
         return Result(self.columns, self.units, provenance, lambda: read_rows(target))

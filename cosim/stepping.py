@@ -86,7 +86,7 @@ class Row:
         """The time and the values of the columns; raises PartFailure."""
         for block in self.extra:
             block()
-            block.require_finite()
+            block.require_finite(t)
         return [t, *(cells[i] for cells, i in self._cells)]
 
 
@@ -163,9 +163,9 @@ class Run:
         else:
             times = adaptive.by_energy(*common)
         for t in times:
-            self.t = t
-            self.accepted += 1
-            add(self.row(t))
+            row = self.row(t)
+            self.accepted, self.t = self.accepted + 1, t
+            add(row)
             yield (t - start) / (stop - start)
 
     def _fixed(self, step: float, add: Callable[[Sequence[float]], None]) -> Iterator[float]:
@@ -188,16 +188,17 @@ class Run:
             else:
                 last_one = n == count - 1
                 rest = stop - self.t
-                h = rest if last_one and abs(rest - step) > 1e-6 * step else step
+                h = rest if last_one and not same(self.t + step, stop) else step
                 try:
                     self._advance(self.t, h)
                 except Discarded as failure:
                     self._redo(failure, step)
                     self._advance(self.t, h)
-                self.accepted = n + 1
-                self.t = stop if last_one else start + (n + 1) * step
-                if last_one or (n + 1) % every == 0:
-                    add(self.row(self.t))
+                end = stop if last_one else start + (n + 1) * step
+                row = self.row(end) if last_one or (n + 1) % every == 0 else None
+                self.accepted, self.t = n + 1, end
+                if row is not None:
+                    add(row)
             yield self.accepted / count
 
     def _take_checkpoint(self, n: int) -> None:
@@ -243,7 +244,9 @@ class Run:
                     reached = discarded.reached - t
                     size = reached if SHORTEST * h < reached < 0.9 * size else size / 2
                     if size < SHORTEST * h:
-                        raise
+                        raise PartFailure(
+                            f"{discarded}; it takes no step from t = {t!r} s, however short"
+                        ) from discarded
                     continue
                 t += size
                 if t >= end or same(t, end):

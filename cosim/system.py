@@ -8,7 +8,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
+from zipfile import BadZipFile, ZipFile
 
+import fmpy
 from fmpy.model_description import ModelDescription, ScalarVariable, read_model_description
 
 from .errors import SetupError
@@ -124,11 +126,36 @@ def describe_fmu(name: str, path: Path) -> ModelDescription:
     if not path.is_file():
         raise SetupError(f"part {name}: there is no file {path}")
     try:
+        return _read(path)
+    except SetupError as error:
+        raise SetupError(f"part {name}: {path} {error}") from error
+
+
+def _read(path: Path) -> ModelDescription:
+    """The model description of an FMU that this master can run on this platform."""
+    wanted = "this master runs FMI 2.0 co-simulation"
+    try:
+        with ZipFile(path) as archive:
+            files = archive.namelist()
+    except (BadZipFile, OSError) as error:
+        raise SetupError(f"is not a valid FMU, it cannot be opened as zip: {error}") from error
+    if "modelDescription.xml" not in files:
+        raise SetupError("is not a valid FMU, it has no modelDescription.xml")
+    try:
         description = read_model_description(str(path))
     except Exception as error:
-        raise SetupError(f"part {name}: {path} is not a valid FMU: {error}") from error
-    if description.fmiVersion != "2.0" or description.coSimulation is None:
-        raise SetupError(f"part {name}: {path} is not an FMI 2.0 co-simulation FMU")
+        reason = "; ".join(line.removeprefix("- ") for line in str(error).splitlines()[-3:])
+        raise SetupError(f"is not a valid FMU: modelDescription.xml: {reason}") from error
+    if description.fmiVersion != "2.0":
+        raise SetupError(f"is FMI {description.fmiVersion}; {wanted}")
+    if description.coSimulation is None:
+        raise SetupError(f"offers model exchange only; {wanted}")
+    library = f"{description.coSimulation.modelIdentifier}{fmpy.sharedLibraryExtension}"
+    if f"binaries/{fmpy.platform}/{library}" not in files:
+        there = ", ".join(fmpy.supported_platforms(str(path))) or "no platform"
+        raise SetupError(
+            f"has no binary for this platform, binaries/{fmpy.platform}/{library}; it is for {there}"
+        )
     return description
 
 
@@ -224,7 +251,12 @@ def _start(
     if variable.variability == "constant" or not free:
         raise SetupError(f"{port} is {variable.causality} and cannot be given a start value")
     if port.type == "String":
-        return port, str(value)
+        if not isinstance(value, str):
+            raise SetupError(f"{port} = {value!r} must be of type String")
+        return port, value
+    items = _items(port)
+    if isinstance(value, str) and value in items:
+        value = items[value]
     try:
         number = NUMERIC[port.type](value)
     except (TypeError, ValueError):
@@ -237,12 +269,24 @@ def _start(
     for limit, allowed in _limits(port):
         if not allowed(number):
             raise SetupError(f"{port} = {value!r} must be {limit} {port.unit}".rstrip())
+    if items and number not in items.values():
+        known = ", ".join(f"{item} = {n}" for item, n in items.items())
+        raise SetupError(f"{port} = {value!r} must be one of {known}")
     return port, number
+
+
+def _items(port: Port) -> dict[str, int]:
+    """The names of an enumeration and what they stand for."""
+    if port.type != "Enumeration" or port.variable.declaredType is None:
+        return {}
+    return {item.name: int(item.value) for item in port.variable.declaredType.items or ()}
 
 
 def _limits(port: Port) -> Iterator[tuple[str, Any]]:
     if port.type == "Boolean":
         return
+    if port.type == "Integer":
+        yield "a 32-bit integer", lambda number: -(2**31) <= number < 2**31
     if port.variable.min is not None:
         low = float(port.variable.min)
         yield f"at least {low!r}", lambda number: number >= low
