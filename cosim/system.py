@@ -255,12 +255,12 @@ def _start(
             raise SetupError(f"{port} = {value!r} must be of type String")
         return port, value
     items = _items(port)
-    if isinstance(value, str) and value in items:
-        value = items[value]
     try:
+        value = items.get(value, value) if isinstance(value, str) else value
         number = NUMERIC[port.type](value)
     except (TypeError, ValueError):
-        raise SetupError(f"{port} = {value!r} must be of type {port.type}") from None
+        expected = f"one of {', '.join(items)}" if items else f"of type {port.type}"
+        raise SetupError(f"{port} = {value!r} must be {expected}") from None
     if isinstance(value, str) or number != value:
         given = "a finite number" if port.type == "Real" else f"of type {port.type}"
         raise SetupError(f"{port} = {value!r} must be {given}")
@@ -270,7 +270,7 @@ def _start(
         if not allowed(number):
             raise SetupError(f"{port} = {value!r} must be {limit} {port.unit}".rstrip())
     if items and number not in items.values():
-        known = ", ".join(f"{item} = {n}" for item, n in items.items())
+        known = ", ".join(f"{n} ({item})" for item, n in items.items())
         raise SetupError(f"{port} = {value!r} must be one of {known}")
     return port, number
 
@@ -284,6 +284,7 @@ def _items(port: Port) -> dict[str, int]:
 
 def _limits(port: Port) -> Iterator[tuple[str, Any]]:
     if port.type == "Boolean":
+        yield "true or false", lambda number: number in (0, 1)
         return
     if port.type == "Integer":
         yield "a 32-bit integer", lambda number: -(2**31) <= number < 2**31

@@ -1,10 +1,11 @@
 """FMUs as others build them: one C file, packed with any start values, capabilities and defects.
 
 x' = a x + b u from x(start) = x0 is stepped exactly for an input with up to two derivatives, which
-hold for one step; y = x, z = x + d u. Each `..._out` is the `..._in` set before the last step. In
+hold for one step; y = x, z = x + d u. Each `..._out` is the `..._in` set before the last step, or
+(`counts`) tells how many steps of the first one's size were taken; `spelled` is string_out as a number. In
 step mode outputs are those of the last step (`fresh`: z follows u at once). Steps above
 `longest_step` end there with Discard (`stubborn`: do not start); afterwards only a saved state helps
-(`resumes`: or going on from there). Discard at `end_at` says Terminated. A `..._at` is the time at
+(`resumes`: or going on from there). So do steps beyond `pause_at`, once. Discard at `end_at` says Terminated. A `..._at` is the time at
 which the call that reaches it, also the end of initialisation, logs and returns that status, kills
 the process (`crash`: SIGSEGV, `exit`: code 3), or makes y NaN. `needs_input`: u must be set while
 initialising. Other calls out of order, wrong times, steps beyond the stop time and returns to times
@@ -66,6 +67,7 @@ VARIABLES = [
     Variable("boolean_out", "Boolean", "output", initial="boolean_in"),
     Variable("string_out", "String", "output", initial="string_in"),
     Variable("enumeration_out", "Enumeration", "output", initial="enumeration_in"),
+    Variable("spelled", "Integer", "output", initial="string_in"),
     Variable("start_time", "Real", "output"),
     Variable("stop_time", "Real", "output"),
     Variable("stop_time_defined", "Boolean", "output"),
@@ -82,6 +84,7 @@ VARIABLES = [
     Variable("d", "Real", "parameter", 0.5),
     Variable("x0", "Real", "parameter", 1.0),
     Variable("fresh", "Boolean", "parameter", False),
+    Variable("counts", "Boolean", "parameter", False),
     Variable("longest_step", "Real", "parameter", NEVER),
     Variable("stubborn", "Boolean", "parameter", False),
     Variable("resumes", "Boolean", "parameter", False),
@@ -93,6 +96,7 @@ VARIABLES = [
     Variable("crash_at", "Real", "parameter", NEVER),
     Variable("exit_at", "Real", "parameter", NEVER),
     Variable("end_at", "Real", "parameter", NEVER),
+    Variable("pause_at", "Real", "parameter", NEVER),
     Variable("diary", "String", "parameter", ""),
     Variable("canHandleVariableCommunicationStepSize", "Boolean", "capability", True),
     Variable("canInterpolateInputs", "Boolean", "capability", True),

@@ -74,6 +74,12 @@ static void show(Model *m) {
     m->integer_out = m->integer_in, m->boolean_out = m->boolean_in;
     m->enumeration_out = m->enumeration_in;
     strcpy(m->string_out, m->string_in);
+    if (m->counts && m->first_step) {
+        int n = m->integer_out = (int)lround((m->time - m->start_time) / m->first_step);
+        m->boolean_out = n % 2, m->enumeration_out = (int[]){1, 2, 5}[n % 3];
+        sprintf(m->string_out, "%d", n);
+    }
+    m->spelled = atoi(m->string_out);
 }
 static void look(Model *m) {
     if (m->mode == INITIALIZING) m->x = m->x0, show(m);
@@ -268,6 +274,7 @@ fmi2Status fmi2DoStep(fmi2Component p, fmi2Real t, fmi2Real h, fmi2Boolean final
     if (final) c->promise = t;
     m->time = t;
     if (h > m->longest_step * (1.0 + 1e-9)) size = m->stubborn ? 0.0 : m->longest_step;
+    if (later(m->pause_at, t) && later(t + size, m->pause_at)) size = m->pause_at - t;
     if (later(t + size, m->end_at)) size = fmax(m->end_at - t, 0.0);
     m->ended = !later(m->end_at, t + size);
     fmi2Status status = reach(c, t, t + size);

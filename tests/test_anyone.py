@@ -1,0 +1,708 @@
+"""The master with FMUs of anyone: every type, every capability missing, every way to fail."""
+
+from __future__ import annotations
+
+import json
+import logging
+import math
+import re
+import tempfile
+from collections.abc import Callable, Iterator
+from itertools import product
+from pathlib import Path
+from typing import Any
+from zipfile import ZipFile
+
+import fmpy
+import numpy as np
+import pytest
+
+from cosim import ALGORITHMS, Adaptive, SetupError, SimulationError, System, run
+from tests.foreign import DEFECTS, Value, library, pack, pack_broken
+
+Make = Callable[..., Path]
+H = 0.1
+EXPLICIT = ("jacobi", "gauss-seidel", "strang")
+LOOPS = {"compiled": {}, "Python": {"output_step": H * 0.37}}
+KINDS: dict[str, Callable[[int], float]] = {
+    "integer": lambda n: n,
+    "boolean": lambda n: n % 2,
+    "enumeration": lambda n: (1, 2, 5)[n % 3],
+    "string": lambda n: n,
+}
+
+
+@pytest.fixture
+def make(tmp_path: Path) -> Make:
+    """A foreign FMU with these start values and capabilities."""
+
+    def foreign(**start: Value) -> Path:
+        return pack(tmp_path / f"{len(list(tmp_path.glob('*.fmu')))}.fmu", **start)
+
+    return foreign
+
+
+@pytest.fixture(autouse=True)
+def scratch(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """The folder of temporary files; nothing of the master's is left in it after a test."""
+    library()
+    folder = tmp_path / "scratch"
+    folder.mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(folder))
+    yield folder
+    assert list(folder.iterdir()) == []
+
+
+def system(parts: dict[str, Path], *wires: str, **settings: Any) -> System:
+    """Parts and wires; every input that is not wired stays at its start value."""
+    inputs = ("u", "integer_in", "boolean_in", "string_in", "enumeration_in")
+    start = dict(zip(inputs, (0.0, 0, False, "", 1)))
+    wired = {wire.split("-> ")[1] for wire in wires}
+    rest = {f"{p}.{i}": start[i] for p in parts for i in inputs if f"{p}.{i}" not in wired}
+    return System(parts, wires, rest | settings.pop("start", {}), **settings)
+
+
+def ring(parts: dict[str, Path], **settings: Any) -> System:
+    """Two parts that hear each other's y."""
+    first, second = parts
+    return system(parts, f"{first}.y -> {second}.u", f"{second}.y -> {first}.u", **settings)
+
+
+def held(x: float, u: float, h: float, a: float = -1.0) -> float:
+    """x after h of x' = a x + u with u held."""
+    return x * math.exp(a * h) + u * math.expm1(a * h) / a
+
+
+def events(diary: Path) -> list[str]:
+    return diary.read_text().splitlines() if diary.exists() else []
+
+
+def failed(system: System, **settings: Any) -> SimulationError:
+    """The error of a run that fails on its way."""
+    with pytest.raises(SimulationError) as caught:
+        run(system, **settings)
+    return caught.value
+
+
+@pytest.mark.parametrize("algorithm", ALGORITHMS)
+@pytest.mark.parametrize("kind", KINDS)
+def test_discrete_wires_are_as_late_as_the_algorithm_says(
+    kind: str, algorithm: str, make: Make
+) -> None:
+    """What A counts comes to B and from there to C: with Jacobi one step late each.
+
+    Strang's B and C hear A half a step before its end.
+    """
+    parts = {"A": make(counts=True), "B": make(), "C": make()}
+    wires = [f"{a}.{kind}_out -> {b}.{kind}_in" for a, b in ("AB", "BC")]
+    shown = {p: f"{p}.spelled" if kind == "string" else f"{p}.{kind}_out" for p in "ABC"}
+    start = {f"{p}.string_in": "0" for p in "A"}
+    result = run(
+        system(parts, *wires, start=start), stop=6 * H, step=H, algorithm=algorithm,
+        record=[*shown.values()],
+    )  # fmt: skip
+    begin = {"integer": 0, "boolean": 0, "enumeration": 1, "string": 0}[kind]
+    per_step = 2 if algorithm == "strang" else 1
+    late = {"jacobi": (0, 1, 2), "strang": (0, 1, 1)}.get(algorithm, (0, 0, 0))
+    for part, delay in zip("ABC", late):
+        counts = [per_step * n - delay for n in range(7)]
+        told = [KINDS[kind](n) if n > 0 else begin for n in counts]
+        assert result[shown[part]].tolist() == told, part
+
+
+@pytest.mark.parametrize("gear", [5, "high"])
+def test_start_values_of_every_type_arrive(gear: Value, make: Make, tmp_path: Path) -> None:
+    diary = tmp_path / "ä 100 %.txt"
+    given: dict[str, Value] = {"A.u": 2.5, "A.integer_in": -(2**31), "A.boolean_in": True}
+    given |= {"A.string_in": "12 ö", "A.enumeration_in": gear, "A.a": 0.0, "A.diary": str(diary)}
+    result = run(system({"A": make()}, start=given), stop=H, step=H)
+    last = {name: result[f"A.{name}"][-1] for name in ("integer_out", "boolean_out", "spelled")}
+    assert last == {"integer_out": -(2**31), "boolean_out": 1, "spelled": 12}
+    assert result["A.enumeration_out"].tolist() == [5, 5]
+    assert result["A.y"].tolist() == [1.0, pytest.approx(1.0 + 2.5 * H, rel=1e-14)]
+    assert result.provenance["parts"]["A"]["parameters"]["diary"] == str(diary)
+    assert events(diary) == ["terminated A", "freed A"]
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "message"),
+    [
+        ("integer_in", 2**31, "A.integer_in = 2147483648 must be a 32-bit integer"),
+        ("integer_in", 0.5, "A.integer_in = 0.5 must be of type Integer"),
+        ("boolean_in", 2, "A.boolean_in = 2 must be true or false"),
+        ("boolean_in", "true", "A.boolean_in = 'true' must be of type Boolean"),
+        ("string_in", 7, "A.string_in = 7 must be of type String"),
+        ("enumeration_in", 3, "A.enumeration_in = 3 must be one of 1 (low), 2 (middle), 5 (high)"),
+        ("enumeration_in", "top", "A.enumeration_in = 'top' must be one of low, middle, high"),
+        ("u", math.inf, "A.u = inf must be a finite number"),
+    ],
+)
+def test_start_values_of_another_type_are_refused(
+    name: str, value: Value, message: str, make: Make
+) -> None:
+    with pytest.raises(SetupError, match=re.escape(message)):
+        run(system({"A": make()}, start={f"A.{name}": value}), stop=H, step=H)
+
+
+def test_parts_have_their_resources_times_and_tolerance(make: Make) -> None:
+    """What a part is told before the start; an adaptive run hands its own tolerance over."""
+    names = ("start_time", "stop_time", "stop_time_defined", "tolerance", "tolerance_defined")
+    told = {}
+    for key, settings in {
+        "none": {"step": H},
+        "given": {"step": H, "tolerance": 1e-5},
+        "adaptive": {"step": Adaptive(1e-3)},
+        "both": {"step": Adaptive(1e-3), "tolerance": 1e-7},
+    }.items():
+        parts = {"A": make(), "B": make()}
+        chain = system(parts, "A.token -> B.string_in", "A.y -> B.u")
+        result = run(chain, start=-2.5, stop=9.0, **settings)
+        told[key] = tuple(result[f"B.{name}"][-1] for name in names)
+    first = (-2.5, 9.0, 1.0)
+    assert told == {
+        "none": (*first, 0.0, 0.0),
+        "given": (*first, 1e-5, 1.0),
+        "adaptive": (*first, 1e-3, 1.0),
+        "both": (*first, 1e-7, 1.0),
+    }
+    with pytest.raises(SetupError, match=r"tolerance = -1.0 must be above 0"):
+        run(chain, stop=1.0, step=H, tolerance=-1.0)
+
+
+def test_resources_are_there(make: Make) -> None:
+    """The token comes from the resource folder; without it the FMU does not start."""
+    fmu = make()
+    bare = fmu.with_name("bare.fmu")
+    with ZipFile(fmu) as old, ZipFile(bare, "w") as new:
+        for name in old.namelist():
+            if "token" not in name:
+                new.writestr(name, old.read(name))
+    with pytest.raises(SetupError, match=r"A: instantiate failed: A finds no resources at file:"):
+        run(system({"A": bare}), stop=H, step=H)
+
+
+@pytest.mark.parametrize("wired", [True, False])
+def test_inputs_are_set_while_initialising(wired: bool, make: Make) -> None:
+    """Some FMUs insist on it, be the input wired or given as a start value."""
+    parts = {"A": make(), "B": make(needs_input=True)}
+    chain = system(parts, *(["A.y -> B.u"] if wired else []))
+    result = run(chain, stop=H, step=H, algorithm="jacobi")
+    assert result["B.y"][-1] == pytest.approx(held(1.0, float(wired), H), rel=1e-13)
+
+
+def test_an_fmu_with_its_tool_runs_and_names_it_where_it_does_not(make: Make) -> None:
+    fmu = make(needsExecutionTool=True)
+    assert len(run(system({"A": fmu}), stop=H, step=H).data) == 2
+    bare = fmu.with_name("bare.fmu")
+    with ZipFile(fmu) as old, ZipFile(bare, "w") as new:
+        for name in old.namelist():
+            text = old.read(name)
+            if name == "modelDescription.xml":
+                text = text.replace(b'modelName="', b'generationTool="SimTool 7" modelName="')
+            if "token" not in name:
+                new.writestr(name, text)
+    with pytest.raises(SetupError, match="it needs SimTool 7 to run"):
+        run(system({"A": bare}), stop=H, step=H)
+
+
+@pytest.mark.parametrize("copy", [True, False])
+def test_an_fmu_that_lives_only_once_is_not_taken_twice(copy: bool, make: Make) -> None:
+    fmu = make(canBeInstantiatedOnlyOncePerProcess=True)
+    other = fmu.with_name("copy.fmu")
+    other.write_bytes(fmu.read_bytes())
+    with pytest.raises(SetupError, match="B: its FMU lives only once in a process, and A is"):
+        run(system({"A": fmu, "B": other if copy else fmu}), stop=H, step=H)
+    for _ in range(2):
+        run(system({"A": fmu}), stop=H, step=H)
+
+
+LONGEST = 0.04
+PIECES = {False: (0.04, 0.04, 0.02), True: (0.025, 0.0375, 0.0375)}
+
+
+@pytest.mark.parametrize("loop", LOOPS)
+@pytest.mark.parametrize("algorithm", ["jacobi", "gauss-seidel", "iterated"])
+@pytest.mark.parametrize("stubborn", [True, False])
+def test_a_discarded_step_is_taken_in_pieces_by_all(
+    stubborn: bool, algorithm: str, loop: str, make: Make
+) -> None:
+    """A discards what is longer than it likes; B hears it and integrates piece by piece.
+
+    A tells how far it came, a stubborn one does not and the steps are halved.
+    """
+    parts = {"A": make(longest_step=LONGEST, stubborn=stubborn), "B": make(x0=0.0)}
+    result = run(
+        system(parts, "A.y -> B.u"), stop=20 * H, step=H, algorithm=algorithm,
+        record=["A.y", "B.y"], **LOOPS[loop],
+    )  # fmt: skip
+    a, b, expected = 1.0, 0.0, [(1.0, 0.0)]
+    for _ in range(20):
+        for h in PIECES[stubborn]:
+            before, a = a, a * math.exp(-h)
+            b = held(b, before if algorithm == "jacobi" else a, h)
+        expected.append((a, b))
+    at = np.isin(result["time"].round(9), np.round(H * np.arange(21), 9))
+    got = result.data[at][:, 1:] if loop == "compiled" else result.data[[0, -1]][:, 1:]
+    wanted = expected if loop == "compiled" else [expected[0], expected[-1]]
+    assert got == pytest.approx(np.array(wanted), rel=1e-12, abs=1e-15)
+    assert result.provenance["discarded"] > 0
+    assert "discards" in result.provenance["loop"]
+
+
+@pytest.mark.parametrize("algorithm", EXPLICIT)
+def test_a_part_that_discards_late_is_run_again_from_before(algorithm: str, make: Make) -> None:
+    """The steps since the last checkpoint are repeated, their rows and energies are not."""
+    h, pause, count = 1e-3, 2.5003, 3000
+    parts = {"A": make(pause_at=pause), "B": make(x0=0.0)}
+    settings: dict[str, Any] = {"stop": count * h, "step": h, "algorithm": algorithm}
+    result = run(ring(parts, bonds=["A.y * B.y"]), **settings)
+    assert result.provenance["discarded"] > 0
+    assert result["time"].tolist() == pytest.approx(h * np.arange(count + 1))
+    times = sorted([*(h * np.arange(count + 1)), pause])
+    plain = {"A": make(), "B": make(x0=0.0)}
+    t, x = 0.0, {"A": 1.0, "B": 0.0}
+    energy = 0.0
+    for end in times[1:]:
+        size = end - t
+        a, b = x["A"], x["B"]
+        if algorithm == "jacobi":
+            a, b = held(a, b, size), held(b, a, size)
+            energy += size * (x["A"] + a) / 2 * x["B"]
+        elif algorithm == "gauss-seidel":
+            a = held(a, b, size)
+            energy += size * (x["A"] + a) / 2 * b
+            b = held(b, a, size)
+        else:
+            middle = held(a, b, size / 2)
+            energy += size / 2 * (a + middle) / 2 * b
+            b = held(b, middle, size)
+            a = held(middle, b, size / 2)
+            energy += size / 2 * (middle + a) / 2 * b
+        x, t = {"A": a, "B": b}, float(end)
+    got = {name: result[f"{name}.y"][-1] for name in "AB"}
+    assert got == {name: pytest.approx(value, rel=1e-11) for name, value in x.items()}
+    assert result.energy["A.y * B.y"]["given"] == pytest.approx(energy, rel=1e-9)
+    assert run(ring(plain), **settings).provenance["loop"] == "compiled"
+
+
+@pytest.mark.parametrize("loop", LOOPS)
+@pytest.mark.parametrize(
+    "missing", ["canGetAndSetFMUstate", "canHandleVariableCommunicationStepSize"]
+)
+@pytest.mark.parametrize("who", ["A", "B"])
+def test_where_no_part_can_go_back_a_discarded_step_ends_the_run(
+    who: str, missing: str, loop: str, make: Make, tmp_path: Path
+) -> None:
+    diary = tmp_path / "diary.txt"
+    lacks = {name: {missing: name != who} for name in "AB"}
+    parts = {
+        "A": make(longest_step=LONGEST, diary=str(diary), **lacks["A"]),
+        "B": make(diary=str(diary), **lacks["B"]),
+    }
+    error = failed(system(parts, "A.y -> B.u"), stop=1.0, step=H, algorithm="jacobi", **LOOPS[loop])
+    text = str(error)
+    assert text.startswith("A: doStep(t = 0.0 s, h = 0.1 s) returned Discard: step 1 ends at t = ")
+    assert "it computed up to t = 0.04 s" in text
+    assert "every part must be able to restore its state and to vary its step" in text
+    assert text.endswith("stopped at t = 0.0 s, 1 rows kept")
+    assert sorted(events(diary)) == ["freed A", "freed B", "terminated A", "terminated B"]
+
+
+def test_a_part_that_takes_no_step_however_short_ends_the_run(make: Make) -> None:
+    parts = {"A": make(longest_step=1e-9, stubborn=True), "B": make()}
+    error = failed(system(parts, "A.y -> B.u"), stop=1.0, step=H)
+    assert "it takes no step from t = 0.0 s, however short; stopped at t = 0.0 s" in str(error)
+
+
+@pytest.mark.parametrize("algorithm", ["jacobi", "strang", "iterated", "doubling", "energy"])
+@pytest.mark.parametrize("loop", LOOPS)
+def test_a_part_may_end_the_simulation(
+    loop: str, algorithm: str, make: Make, tmp_path: Path
+) -> None:
+    diary = tmp_path / "diary.txt"
+    parts = {"A": make(end_at=0.55, diary=str(diary)), "B": make(diary=str(diary))}
+    control = {"doubling": {"control": "doubling"}, "energy": {"control": "energy"}}
+    if algorithm in control:
+        step: Any = Adaptive(1e-2, first=0.01, **control[algorithm])
+        settings = {"step": step, "algorithm": "jacobi"}
+    else:
+        settings = {"step": H, "algorithm": algorithm}
+    error = failed(
+        ring(parts, bonds=["A.y * B.y"]), stop=1.0, record=["A.y"], **settings, **LOOPS[loop]
+    )
+    assert str(error).startswith("A ended the simulation at t = 0.55 s")
+    assert 0.3 < error.result.data[-1, 0] <= 0.55
+    assert error.result.provenance["status"] == "failed"
+    assert sorted(events(diary)) == ["freed A", "freed B", "terminated A", "terminated B"]
+
+
+@pytest.mark.parametrize("algorithm", ALGORITHMS)
+@pytest.mark.parametrize("loop", LOOPS)
+def test_a_warning_is_told_once_and_kept(
+    loop: str, algorithm: str, make: Make, caplog: pytest.LogCaptureFixture
+) -> None:
+    parts = {"A": make(warn_at=0.55), "B": make(warn_at=0.0)}
+    with caplog.at_level(logging.WARNING, "cosim"):
+        result = run(ring(parts), stop=1.0, step=H, algorithm=algorithm, **LOOPS[loop])
+    told = ["B: t = 0 s in B", "A: t = 0.55 s in A"]
+    assert [record.getMessage() for record in caplog.records] == told
+    kept = {name: part["warnings"] for name, part in result.provenance["parts"].items()}
+    assert kept == {"A": ["t = 0.55 s in A"], "B": ["t = 0 s in B"]}
+    assert result.provenance["status"] == "complete"
+
+
+@pytest.mark.parametrize("loop", LOOPS)
+def test_a_warning_without_words_is_told_too(
+    loop: str, make: Make, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("cosim.part.Part.hear", lambda *_: None)
+    parts = {"A": make(warn_at=0.55), "B": make()}
+    result = run(ring(parts), stop=1.0, step=H, algorithm="jacobi", **LOOPS[loop])
+    (told,) = result.provenance["parts"]["A"]["warnings"]
+    assert told == f"doStep(t = {5 * H!r} s, h = 0.1 s) returned Warning"
+
+
+@pytest.mark.parametrize("algorithm", [*ALGORITHMS, "doubling", "energy"])
+@pytest.mark.parametrize("loop", LOOPS)
+@pytest.mark.parametrize("ending", ["error", "fatal"])
+def test_what_breaks_on_the_way_is_named_and_the_rest_is_closed(
+    ending: str, loop: str, algorithm: str, make: Make, tmp_path: Path
+) -> None:
+    """Nothing is called on an FMU after Fatal, nor on another instance of it; the rows stay."""
+    diary, path = tmp_path / "diary.txt", tmp_path / "run.csv"
+    fmu = make(diary=str(diary))
+    parts = {"A": make(diary=str(diary), **{f"{ending}_at": 0.55}), "B": fmu}
+    settings: dict[str, Any] = {"step": H, "algorithm": algorithm}
+    if algorithm not in ALGORITHMS:
+        settings = {"step": Adaptive(1e-2, first=0.01, control=algorithm), "algorithm": "strang"}
+    pair = ring(parts, bonds=["A.y * B.y"])
+    error = failed(pair, stop=1.0, csv=path, record=["A.y"], **settings, **LOOPS[loop])
+    status, reason = {
+        "error": ("Error", r"error at t = 0\.55 s, step \d+"),
+        "fatal": ("Fatal", r"A broke down at t = 0\.55 s"),
+    }[ending]
+    assert re.match(rf"A: doStep\(t = \S+ s, h = \S+ s\) returned {status}: {reason};", str(error))
+    assert 0.3 < error.result.data[-1, 0] <= 0.55
+    assert json.loads((tmp_path / "run.partial.json").read_text())["reason"] in str(error)
+    assert len((tmp_path / "run.partial.csv").read_text().splitlines()) - 1 == len(
+        error.result.data
+    )
+    freed = ["freed A"] if ending == "error" else []
+    assert sorted(events(diary)) == [*freed, "freed B", "terminated B"]
+
+
+@pytest.mark.parametrize("loop", LOOPS)
+def test_after_fatal_no_instance_of_that_fmu_is_called(
+    loop: str, make: Make, tmp_path: Path
+) -> None:
+    diary = tmp_path / "diary.txt"
+    fmu, other = make(diary=str(diary)), make(diary=str(diary), b=2.0)
+    start = {"A.fatal_at": 0.55}
+    parts = {"A": fmu, "B": fmu, "C": other}
+    failed(system(parts, "A.y -> B.u", start=start), stop=1.0, step=H, **LOOPS[loop])
+    assert events(diary) == ["terminated C", "freed C"]
+
+
+@pytest.mark.parametrize("ending", ["error", "fatal", "nan"])
+def test_what_breaks_while_initialising_is_refused(ending: str, make: Make, tmp_path: Path) -> None:
+    diary = tmp_path / "diary.txt"
+    parts = {"A": make(diary=str(diary)), "B": make(diary=str(diary), **{f"{ending}_at": 0.0})}
+    reason = {
+        "error": "B: exitInitializationMode: error at t = 0 s, step 0",
+        "fatal": "B: exitInitializationMode: B broke down at t = 0 s",
+        "nan": "B.y = nan at t = 0.0 s must be a finite number",
+    }[ending]
+    with pytest.raises(SetupError, match=re.escape(reason)):
+        run(ring(parts), stop=1.0, step=H, csv=tmp_path / "run.csv")
+    left = {"error": ["freed B", "terminated A", "freed A"], "fatal": ["terminated A", "freed A"]}
+    assert events(diary) == left.get(ending, ["freed B", "freed A"])
+    assert list(tmp_path.glob("run*")) == []
+
+
+@pytest.mark.parametrize(
+    ("algorithm", "wired"),
+    [*product(ALGORITHMS, (True, False)), ("doubling", True), ("energy", True)],
+)
+@pytest.mark.parametrize("loop", LOOPS)
+def test_what_is_no_number_is_named_with_its_time(
+    loop: str, algorithm: str, wired: bool, make: Make, tmp_path: Path
+) -> None:
+    """Whether it comes over a wire or is recorded only."""
+    diary = tmp_path / "diary.txt"
+    parts = {"A": make(diary=str(diary)), "B": make(diary=str(diary), nan_at=0.55)}
+    settings: dict[str, Any] = {"step": H, "algorithm": algorithm}
+    if algorithm not in ALGORITHMS:
+        step = Adaptive(1e-2, first=0.01, longest=H, control=algorithm)
+        settings = {"step": step, "algorithm": "strang"}
+    told = system(
+        parts, "A.y -> B.u", *(["B.y -> A.u"] if wired else ["B.z -> A.u"]),
+        bonds=[f"A.y * B.{'y' if wired else 'z'}"],
+    )  # fmt: skip
+    record = ["A.y"] if wired else ["B.y"]
+    error = failed(told, stop=1.0, record=record, **settings, **LOOPS[loop])
+    match = re.match(r"B\.y = nan at t = (\S+) s must be a finite number; stopped", str(error))
+    assert match is not None, str(error)
+    assert 0.55 <= float(match[1]) <= 0.65
+    assert np.isfinite(error.result.data).all()
+    assert 0.44 < error.result.data[-1, 0] < 0.55
+    assert sorted(events(diary)) == ["freed A", "freed B", "terminated A", "terminated B"]
+
+
+@pytest.mark.parametrize("algorithm", EXPLICIT)
+@pytest.mark.parametrize("loop", LOOPS)
+def test_parts_without_variable_steps_run_in_whole_steps(
+    loop: str, algorithm: str, make: Make
+) -> None:
+    """Each at one size, be it a half or a third of the communication step."""
+    plain = {"A": make(), "B": make(x0=0.5)}
+    steady = {"canHandleVariableCommunicationStepSize": False}
+    parts = {"A": make(**steady), "B": make(x0=0.5, **steady)}
+    settings: dict[str, Any] = {"stop": 3.0, "step": 0.3, "algorithm": algorithm}
+    settings |= {"substeps": {"B": 3}, "record": ["A.y", "B.y"]} | LOOPS[loop]
+    same = [run(ring(each), **settings).data for each in (plain, parts)]
+    assert np.array_equal(*same)
+
+
+def test_parts_without_variable_steps_refuse_others(make: Make) -> None:
+    parts = {"A": make(), "B": make(canHandleVariableCommunicationStepSize=False)}
+    with pytest.raises(SetupError, match=r"stop = 1.05 s must be a whole number of steps of 0.1 s"):
+        run(ring(parts), stop=1.05, step=H)
+    with pytest.raises(SetupError, match="adaptive steps: B cannot vary its step"):
+        run(ring(parts), stop=1.0, step=Adaptive(1e-3))
+
+
+@pytest.mark.parametrize("step", [0.33333334, 0.3, 0.4])
+def test_the_last_step_ends_at_the_stop_time(step: float, make: Make) -> None:
+    """Some FMUs refuse to go a little beyond the stop time that they were told."""
+    result = run(system({"A": make()}), stop=1.0, step=step)
+    assert result["A.last_step"][-1] == pytest.approx(1.0 - result["time"][-2], rel=1e-12)
+    assert result["A.y"][-1] == pytest.approx(math.exp(-1.0), rel=1e-13)
+
+
+def test_parts_without_a_state_are_not_iterated(make: Make) -> None:
+    parts = {"A": make(), "B": make(canGetAndSetFMUstate=False)}
+    with pytest.raises(SetupError, match="iterated needs the FMU state, which B cannot save"):
+        run(ring(parts), stop=1.0, step=H, algorithm="iterated")
+    with pytest.raises(SetupError, match="step doubling needs the FMU state, which B cannot save"):
+        run(ring(parts), stop=1.0, step=Adaptive(1e-3, control="doubling"))
+    with pytest.raises(SetupError, match="by energy needs a power bond, and the system has none"):
+        run(ring(parts), stop=1.0, step=Adaptive(1e-3))
+
+
+@pytest.mark.parametrize("algorithm", EXPLICIT)
+@pytest.mark.parametrize("loop", LOOPS)
+def test_parts_without_a_state_run_explicitly(loop: str, algorithm: str, make: Make) -> None:
+    settings: dict[str, Any] = {"stop": 2.0, "step": H, "algorithm": algorithm}
+    settings |= {"record": ["A.y", "B.y"]} | LOOPS[loop]
+    same = [
+        run(ring({"A": make(x0=0.0), "B": make(canGetAndSetFMUstate=can)}), **settings).data
+        for can in (True, False)
+    ]
+    assert np.array_equal(*same)
+    assert abs(same[0][-1, 1] - 0.5 * (1 - math.exp(-4.0))) < 0.03
+
+
+def test_parts_without_a_state_step_adaptively_by_energy(make: Make) -> None:
+    parts = {"A": make(x0=0.0), "B": make(canGetAndSetFMUstate=False)}
+    result = run(ring(parts, bonds=["A.y * B.y"]), stop=2.0, step=Adaptive(1e-3))
+    assert result.provenance["control"] == "energy"
+    assert result["A.y"][-1] == pytest.approx(0.5 * (1 - math.exp(-4.0)), abs=2e-3)
+    assert len(set(np.diff(result["time"]).round(6))) > 5
+
+
+WAYS: dict[str, dict[str, Any]] = {
+    **{algorithm: {"algorithm": algorithm} for algorithm in ALGORITHMS},
+    **{f"{a}, order {n}": {"algorithm": a, "input_order": n} for a in ALGORITHMS for n in (1, 2)},
+    **{
+        f"doubling, order {n}": {
+            "algorithm": "jacobi", "input_order": n, "step": Adaptive(1e-3, control="doubling"),
+        }
+        for n in (1, 2)
+    },
+    "energy": {"algorithm": "jacobi", "step": Adaptive(1e-2, control="energy")},
+    "discarding": {"algorithm": "gauss-seidel"},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("loop", LOOPS)
+@pytest.mark.parametrize("way", WAYS)
+def test_cached_and_fresh_outputs_are_the_same(
+    way: str, loop: str, make: Make, tmp_path: Path
+) -> None:
+    """To the bit; and no output is read after an input was set without a step between."""
+    diary = tmp_path / "diary.txt"
+    settings = {"step": H} | WAYS[way] | LOOPS[loop]
+    longest = 0.06 if way == "discarding" else 1e9
+    wires = ["A.z -> B.u", "B.y -> A.u", "A.integer_out -> B.integer_in"]
+    runs = []
+    for fresh in (False, True):
+        parts = {
+            "A": make(x0=0.0, fresh=fresh, diary=str(diary)),
+            "B": make(fresh=fresh, longest_step=longest, diary=str(diary)),
+        }
+        coupled = system(parts, *wires, bonds=["A.z * B.y"], start={"A.integer_in": 4})
+        runs.append(run(coupled, stop=2.0, **settings))
+    one, other = runs
+    assert np.array_equal(one.data, other.data)
+    for part in "AB":
+        assert not one[f"{part}.gets_after_set"].any()
+        assert one[f"{part}.steps"][-1] >= 3
+    assert abs(one["A.z"][-1] - one["A.z"][0]) > 0.1
+    assert sorted(events(diary)) == sorted(
+        2 * ["freed A", "freed B", "terminated A", "terminated B"]
+    )
+
+
+@pytest.mark.parametrize("algorithm", EXPLICIT)
+def test_discarded_steps_are_not_taken_twice_where_rows_lie_between(
+    algorithm: str, make: Make
+) -> None:
+    """A part of several steps within one, none of which may be too long."""
+    parts = {"A": make(longest_step=0.03), "B": make(x0=0.0)}
+    settings: dict[str, Any] = {"stop": 1.0, "algorithm": algorithm, "record": ["A.y"]}
+    result = run(system(parts, "A.y -> B.u"), step=0.06, substeps={"A": 2}, **settings)
+    assert result.provenance["discarded"] == 0
+    assert result["A.y"] == pytest.approx(np.exp(-result["time"]), rel=1e-12)
+
+
+def moving(make: Make, order: int, **capabilities: Value) -> tuple[System, Callable[[Any], Any]]:
+    """A source that runs as t^order, what listens to it (x' = u - x), and what it must show."""
+    rises = {"a": 0.0, "x0": 0.0}
+    source = {"S": make(u=1.0, **rises)}
+    if order == 2:
+        source["P"] = make(**rises)
+    last = list(source)[-1]
+    wires = ["S.y -> P.u"] * (order == 2) + [f"{last}.y -> B.u"]
+    parts = source | {"B": make(x0=0.0, **capabilities)}
+
+    def exact(t: Any) -> Any:
+        ramp = t - 1 + np.exp(-t)
+        return ramp if order == 1 else t**2 / 2 - ramp
+
+    return system(parts, *wires, start={"S.u": 1.0}), exact
+
+
+@pytest.mark.parametrize("algorithm", [*ALGORITHMS])
+@pytest.mark.parametrize("order", [1, 2])
+def test_moving_inputs_are_exact_for_capable_parts(order: int, algorithm: str, make: Make) -> None:
+    """A ramp or a parabola, through its derivatives; Jacobi knows it after a step or two."""
+    coupled, exact = moving(make, order)
+    result = run(coupled, stop=2.0, step=H, algorithm=algorithm, input_order=order, record=["B.y"])
+    error = result["B.y"] - exact(result["time"])
+    known = order == 1 or algorithm in ("gauss-seidel", "iterated")
+    if known:
+        assert np.abs(error).max() < 1e-13
+    else:
+        decay = error[1] * np.exp(-(result["time"][1:] - H))
+        assert error[1:] == pytest.approx(decay, abs=1e-13)
+        assert abs(error[1]) < H**3 / 2
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_moving_inputs_are_means_for_other_parts(order: int, make: Make) -> None:
+    """x' = u - x with the mean of the source over each step."""
+    coupled, exact = moving(make, order, canInterpolateInputs=False)
+    result = run(
+        coupled, stop=2.0, step=H, algorithm="gauss-seidel", input_order=order, record=["B.y"]
+    )
+    x, expected = 0.0, [0.0]
+    for n in range(20):
+        a, b = n * H, (n + 1) * H
+        mean = (b ** (order + 1) - a ** (order + 1)) / (order * (order + 1)) / H
+        x = held(x, mean, H)
+        expected.append(x)
+    assert result["B.y"] == pytest.approx(expected, rel=1e-12)
+    assert 1e-5 < np.abs(result["B.y"] - exact(result["time"])).max() < 1e-2
+
+
+@pytest.mark.parametrize(("told", "late"), [(0, True), (1, False)])
+def test_output_derivatives_serve_the_first_step(told: int, late: bool, make: Make) -> None:
+    """Without them, Jacobi can but hold the ramp's first value over the first step."""
+    parts = {
+        "S": make(a=0.0, x0=0.0, u=1.0, maxOutputDerivativeOrder=told),
+        "B": make(a=0.0, x0=0.0),
+    }
+    coupled = system(parts, "S.y -> B.u", start={"S.u": 1.0})
+    result = run(coupled, stop=1.0, step=H, algorithm="jacobi", input_order=1, record=["B.y"])
+    missing = result["time"] ** 2 / 2 - result["B.y"]
+    lost = H**2 / 2 if late else 0.0
+    assert missing[1:] == pytest.approx(np.full(10, lost), abs=1e-15)
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {"step": H, "algorithm": "iterated"},
+        {"step": Adaptive(1e-4, control="doubling")},
+        {"step": H, "algorithm": "jacobi"},
+    ],
+)
+def test_every_state_is_freed(settings: dict[str, Any], make: Make, tmp_path: Path) -> None:
+    diary = tmp_path / "diary.txt"
+    parts = {"A": make(x0=0.0, diary=str(diary)), "B": make(diary=str(diary))}
+    result = run(ring(parts), stop=2.0, record=["A.states_alive", "A.restores"], **settings)
+    assert 0 < result["A.states_alive"].max() <= 3
+    assert sorted(events(diary)) == ["freed A", "freed B", "terminated A", "terminated B"]
+
+
+REFUSED = {
+    "FMI 1.0": "is FMI 1.0; this master runs FMI 2.0 co-simulation",
+    "FMI 3.0": "is FMI 3.0; this master runs FMI 2.0 co-simulation",
+    "model exchange only": "offers model exchange only; this master runs FMI 2.0 co-simulation",
+    "wrong GUID": "A: instantiate failed: the GUID {1} is not {",
+    "no binary": f"has no binary for this platform, binaries/{fmpy.platform}/foreign"
+    f"{fmpy.sharedLibraryExtension}; it is for win32",
+    "no description": "is not a valid FMU, it has no modelDescription.xml",
+    "malformed XML": "is not a valid FMU: modelDescription.xml: Opening and ending tag mismatch",
+    "truncated": "is not a valid FMU, it cannot be opened as zip: File is not a zip file",
+    "other schema": "is not a valid FMU: modelDescription.xml: ",
+    "damaged": "A.fmu cannot be unpacked: ",
+    "no library": "A: Failed to load shared library",
+    "no file": "there is no file",
+}
+
+
+def spoiled(path: Path, defect: str) -> Path:
+    """An FMU with a defect of those in REFUSED."""
+    if defect in DEFECTS:
+        return pack_broken(path, defect)
+    if defect == "no file":
+        return path
+    pack(path)
+    if defect == "damaged":
+        with ZipFile(path) as archive:
+            entry = archive.getinfo("resources/token.txt")
+        content = bytearray(path.read_bytes())
+        content[entry.header_offset + 30 + len(entry.filename) + 3] ^= 0xFF
+        path.write_bytes(content)
+        return path
+    whole = path.with_suffix(".whole")
+    path.rename(whole)
+    with ZipFile(whole) as old, ZipFile(path, "w") as new:
+        for name in old.namelist():
+            text = old.read(name)
+            if defect == "no library" and name.startswith("binaries"):
+                text = b"no library"
+            if defect == "other schema":
+                text = text.replace(b'fmiVersion="2.0"', b'fmiVersion="2.0" colour="red"')
+            new.writestr(name, text)
+    return path
+
+
+def test_every_defect_is_tried() -> None:
+    assert set(DEFECTS) < set(REFUSED)
+
+
+@pytest.mark.parametrize("defect", REFUSED)
+def test_what_is_no_fmu_for_this_master_says_why(defect: str, make: Make, tmp_path: Path) -> None:
+    here = Path.cwd()
+    diary = tmp_path / "diary.txt"
+    parts = {"B": make(diary=str(diary)), "A": spoiled(tmp_path / "A.fmu", defect)}
+    with pytest.raises(SetupError) as caught:
+        run(system(parts), stop=1.0, step=H)
+    text = str(caught.value)
+    assert REFUSED[defect] in text
+    assert re.match("part A: .*A.fmu |A: |part A: there", text)
+    assert "\n" not in text
+    assert Path.cwd() == here
+    assert events(diary) in ([], ["freed B"])
