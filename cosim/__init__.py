@@ -5,6 +5,7 @@ from .algorithms import ALGORITHMS, ORDERS
 from .certify import Certified, Estimate, certify, estimate, summary
 from .container import write_container
 from .errors import Interrupted, SetupError, SimulationError
+from .isolated import run_isolated
 from .master import run, versions
 from .osp import write_osp
 from .result import Result
@@ -27,6 +28,7 @@ __all__ = [
     "estimate",
     "read_ssp",
     "run",
+    "run_isolated",
     "summary",
     "versions",
     "write_container",

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 CHUNK = 4096
-LONGEST = 0.5
+LONGEST = 0.1
 Rows = NDArray[np.float64]
 
 
@@ -123,7 +123,7 @@ class Recorder:
     """Takes rows; with a path it streams them to NAME.partial.csv, which becomes NAME.csv.
 
     A run that does not end leaves NAME.partial.csv and NAME.partial.json, which says where and why.
-    Rows that are streamed are not kept in memory; they reach the file within a second. Until it
+    Rows that are streamed are not kept in memory; they reach the file at once, as far as that is cheap. Until it
     ends, the JSON says that the run is "running".
     """
 

@@ -5,8 +5,13 @@ from __future__ import annotations
 import json
 import logging
 import math
+import os
 import re
+import signal
+import subprocess
+import sys
 import tempfile
+import time
 from collections.abc import Callable, Iterator
 from itertools import product
 from pathlib import Path
@@ -16,8 +21,9 @@ from zipfile import ZipFile
 import fmpy
 import numpy as np
 import pytest
+from conftest import ROOT, hear_ctrl_c
 
-from cosim import ALGORITHMS, Adaptive, SetupError, SimulationError, System, run
+from cosim import ALGORITHMS, Adaptive, SetupError, SimulationError, System, run, run_isolated
 from tests.foreign import DEFECTS, Value, library, pack, pack_broken
 
 Make = Callable[..., Path]
@@ -706,3 +712,188 @@ def test_what_is_no_fmu_for_this_master_says_why(defect: str, make: Make, tmp_pa
     assert "\n" not in text
     assert Path.cwd() == here
     assert events(diary) in ([], ["freed B"])
+
+
+def read(path: Path) -> Any:
+    """The rows of a CSV file."""
+    return np.array([row.split(",") for row in path.read_text().splitlines()[1:]], dtype=float)
+
+
+def test_an_isolated_run_is_the_same_run(
+    make: Make, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """To the bit; its progress and its warnings come over."""
+    coupled = ring({"A": make(x0=0.0, warn_at=1.0), "B": make()}, bonds=["A.y * B.y"])
+    shares: list[float] = []
+    settings: dict[str, Any] = {"stop": 100.0, "step": H, "output_step": 0.03}
+    plain = run(coupled, **settings)
+    caplog.clear()
+    result = run_isolated(coupled, csv=tmp_path / "run.csv", progress=shares.append, **settings)
+    assert np.array_equal(result.data, plain.data)
+    assert (result.columns, result.units, result.energy) == (
+        plain.columns,
+        plain.units,
+        plain.energy,
+    )
+    assert [record.getMessage() for record in caplog.records] == ["A: t = 1 s in A"]
+    assert shares == sorted(shares)
+    assert len(shares) > 1
+    assert shares[-1] == 1.0
+    assert sorted(path.name for path in tmp_path.glob("run*")) == ["run.csv", "run.json"]
+
+
+@pytest.mark.parametrize(
+    ("loop", "ending", "says"),
+    [
+        ("compiled", "crash", "was killed by signal SIGSEGV (an FMU crashed)"),
+        ("Python", "exit", "ended with exit code 3 (an FMU ended it)"),
+    ],
+)
+def test_an_fmu_that_ends_its_process_leaves_the_rows(
+    ending: str, says: str, loop: str, make: Make, tmp_path: Path
+) -> None:
+    """All but those of the last moment, in a file that says what happened."""
+    path, h, at = tmp_path / "run.csv", 1e-3, {"compiled": 200.0, "Python": 30.0}[loop]
+    parts = {"A": make(**{f"{ending}_at": at}), "B": make(x0=0.5)}
+    settings: dict[str, Any] = {"step": h, "record": ["A.y", "B.y"], "algorithm": "jacobi"}
+    settings |= {"output_step": 2.5 * h} if loop == "Python" else {}
+    with pytest.raises(SimulationError) as caught:
+        run_isolated(ring(parts), csv=path, stop=2 * at, **settings)
+    rows = read(tmp_path / "run.partial.csv")
+    reached = float(rows[-1, 0])
+    assert str(caught.value) == (
+        f"the process that ran the parts A, B {says} after t = {reached!r} s, "
+        f"{len(rows)} rows in run.partial.csv"
+    )
+    assert 0.0 < reached < at
+    facts = json.loads((tmp_path / "run.partial.json").read_text())
+    assert (facts["status"], facts["reached"]) == ("failed", reached)
+    assert facts["reason"] in str(caught.value)
+    assert facts["parts"]["A"]["parameters"][f"{ending}_at"] == at
+    assert np.array_equal(caught.value.result.data, rows)
+    short = run(ring(parts), stop=round(rows[9, 0] + 5 * h, 4), **settings)
+    assert np.array_equal(short.data[:10], rows[:10])
+
+
+def test_an_fmu_that_ends_its_process_at_once_leaves_what_was_there(
+    make: Make, tmp_path: Path
+) -> None:
+    (tmp_path / "run.partial.csv").write_text("an earlier run")
+    (tmp_path / "run.partial.json").write_text("{}")
+    parts = {"A": make(crash_at=0.0)}
+    with pytest.raises(SetupError, match=r"SIGSEGV \(an FMU crashed\) before the first step"):
+        run_isolated(system(parts), csv=tmp_path / "run.csv", stop=1.0, step=H)
+    assert (tmp_path / "run.partial.csv").read_text() == "an earlier run"
+
+
+@pytest.mark.parametrize("fails", [True, False])
+def test_an_fmu_may_end_its_process_when_it_is_closed(
+    fails: bool, make: Make, tmp_path: Path
+) -> None:
+    """The rows are complete, or as far as the run came; what failed first is said first."""
+    parts = {"A": make(crash_at_end=True, nan_at=0.55 if fails else 9.0)}
+    with pytest.raises(SimulationError) as caught:
+        run_isolated(system(parts), csv=tmp_path / "run.csv", stop=1.0, step=H, record=["A.y"])
+    text, dead = str(caught.value), "the process that ran the parts A was killed by signal SIGSEGV"
+    if fails:
+        assert text.startswith(f"A.y = nan at t = 0.6 s must be a finite number; {dead}")
+        assert text.endswith("after t = 0.5 s, 6 rows in run.partial.csv")
+    else:
+        assert text.startswith(f"{dead} (an FMU crashed) when it closed them after t = 1.0 s")
+    facts = caught.value.result.provenance
+    assert facts["status"] == ("failed" if fails else "complete")
+    assert len(caught.value.result.data) == (6 if fails else 11)
+
+
+def test_errors_of_an_isolated_run_are_those_of_a_run(make: Make, tmp_path: Path) -> None:
+    path = tmp_path / "run.csv"
+    with pytest.raises(SetupError, match="'euler' must be one of"):
+        run_isolated(system({"A": make()}), csv=path, stop=1.0, step=H, algorithm="euler")
+    assert list(tmp_path.glob("run*")) == []
+    broken = system({"A": make(error_at=0.55)})
+    with pytest.raises(SimulationError, match=r"A: doStep.*error at t = 0.55 s") as caught:
+        run_isolated(broken, csv=path, stop=1.0, step=H)
+    assert len(caught.value.result.data) == 6
+    assert caught.value.result.provenance["status"] == "failed"
+
+
+def test_an_error_of_the_caller_ends_an_isolated_run(make: Make, tmp_path: Path) -> None:
+    def progress(share: float) -> None:
+        raise ZeroDivisionError
+
+    path = tmp_path / "run.csv"
+    with pytest.raises(ZeroDivisionError):
+        run_isolated(system({"A": make()}), csv=path, stop=1e9, step=H, progress=progress)
+    facts = json.loads((tmp_path / "run.partial.json").read_text())
+    assert facts["status"] == "failed"
+    assert len(read(tmp_path / "run.partial.csv")) > 1
+
+
+def size(path: Path) -> int:
+    """Bytes in a file that may not be there yet."""
+    return path.stat().st_size if path.exists() else 0
+
+
+SCRIPT = """
+import sys, tempfile
+from pathlib import Path
+from cosim import System, run_isolated
+if __name__ == "__main__":
+    start = {"A.u": 0.0, "A.integer_in": 0, "A.boolean_in": False, "A.string_in": "",
+             "A.enumeration_in": 1}
+    fmu, csv = sys.argv[1:]
+    print("started", flush=True)
+    run_isolated(System({"A": Path(fmu)}, (), start), csv=Path(csv), stop=1e7, step=0.1,
+                 output_step=0.25, record=["A.y"])
+"""
+
+
+@pytest.mark.parametrize(
+    ("when", "whom", "hangs"),
+    [
+        ("early", "all", False),
+        ("running", "parent", False),
+        ("running", "all", True),
+    ],
+)
+def test_ctrl_c_ends_an_isolated_run(
+    when: str, whom: str, hangs: bool, make: Make, tmp_path: Path, scratch: Path
+) -> None:
+    """Be it heard by all processes or by the first; a child that hangs takes a second one."""
+    script, partial = tmp_path / "script.py", tmp_path / "run.partial.csv"
+    script.write_text(SCRIPT)
+    fmu = make(hang_at=3e3 if hangs else 1e300)
+    process = subprocess.Popen(
+        [sys.executable, str(script), str(fmu), str(tmp_path / "run.csv")],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        env=os.environ | {"TMPDIR": str(scratch), "PYTHONPATH": str(ROOT)},
+        start_new_session=True,
+        preexec_fn=hear_ctrl_c,  # noqa: PLW1509
+    )
+    assert process.stdout is not None
+    assert process.stdout.readline() == b"started\n"
+    deadline = time.monotonic() + 60
+    if when == "running":
+        while not size(partial) and time.monotonic() < deadline:
+            time.sleep(0.05)
+    time.sleep(0.3)
+    known = -1
+    while hangs and known != size(partial):
+        known = size(partial)
+        time.sleep(0.7)
+    kill = os.killpg if whom == "all" else os.kill
+    kill(process.pid, signal.SIGINT)
+    if hangs:
+        time.sleep(1.0)
+        assert process.poll() is None
+        kill(process.pid, signal.SIGINT)
+    _, errors = process.communicate(timeout=60)
+    text = errors.decode()
+    assert text.count("Traceback") == 1, text
+    assert ("killed by signal SIGKILL" if hangs else "interrupted by the user; stopped at") in text
+    facts = json.loads((tmp_path / "run.partial.json").read_text())
+    assert facts["status"] == "interrupted"
+    rows = read(partial)
+    assert facts["reached"] == rows[-1, 0]
+    assert len(rows) > (when == "running")

@@ -7,7 +7,7 @@ step mode outputs are those of the last step (`fresh`: z follows u at once). Ste
 `longest_step` end there with Discard (`stubborn`: do not start); afterwards only a saved state helps
 (`resumes`: or going on from there). So do steps beyond `pause_at`, once. Discard at `end_at` says Terminated. A `..._at` is the time at
 which the call that reaches it, also the end of initialisation, logs and returns that status, kills
-the process (`crash`: SIGSEGV, `exit`: code 3), or makes y NaN. `needs_input`: u must be set while
+the process (`crash`: SIGSEGV, also `crash_at_end`, when terminated; `exit`: code 3), never returns (`hang`), or makes y NaN. `needs_input`: u must be set while
 initialising. Other calls out of order, wrong times, steps beyond the stop time and returns to times
 that noSetFMUStatePriorToCurrentPoint excluded are errors, after which a state or a reset helps.
 
@@ -94,6 +94,8 @@ VARIABLES = [
     Variable("fatal_at", "Real", "parameter", NEVER),
     Variable("nan_at", "Real", "parameter", NEVER),
     Variable("crash_at", "Real", "parameter", NEVER),
+    Variable("crash_at_end", "Boolean", "parameter", False),
+    Variable("hang_at", "Real", "parameter", NEVER),
     Variable("exit_at", "Real", "parameter", NEVER),
     Variable("end_at", "Real", "parameter", NEVER),
     Variable("pause_at", "Real", "parameter", NEVER),

@@ -91,6 +91,7 @@ static fmi2Status reach(Foreign *c, double from, double to) {
 #define NOW(at) (later(c->m.at, from) && !later(c->m.at, to))
     if (NOW(crash_at)) *(volatile int *)NULL = 0;
     if (NOW(exit_at)) exit(3);
+    for (volatile int forever = NOW(hang_at); forever;);
     if (NOW(fatal_at)) END(FATAL, fmi2Fatal, "%s broke down at t = %g s", c->name, c->m.fatal_at);
     if (NOW(error_at)) FAIL("error at t = %g s, step %d", c->m.error_at, c->m.steps);
     if (NOW(warn_at)) END(c->m.mode, fmi2Warning, "t = %g s in %s", c->m.warn_at, c->name);
@@ -162,7 +163,7 @@ CALL(SetupExperiment, (fmi2Component p, fmi2Boolean tolerance_defined, fmi2Real 
      c->m.stop_time_defined = stops, c->m.stop_time = stop, c->m.start_time = c->m.time = start)
 CALL(EnterInitializationMode, (fmi2Component p), BIT(INSTANTIATED), c->m.mode = INITIALIZING)
 CALL(Terminate, (fmi2Component p), BIT(STEPPING) | BIT(DISCARDED),
-     c->m.mode = TERMINATED, note(c, "terminated"))
+     c->m.crash_at_end && (*(volatile int *)NULL = 0), c->m.mode = TERMINATED, note(c, "terminated"))
 CALL(Reset, (fmi2Component p), ANY, restore(c, &c->start), c->promise = -INFINITY)
 #define SAVES (c->m.canGetAndSetFMUstate ? ANY : 0)
 CALL(GetFMUstate, (fmi2Component p, fmi2FMUstate *state), SAVES,

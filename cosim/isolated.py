@@ -1,0 +1,200 @@
+"""Run FMUs in a process of their own, so that one that crashes takes no more than that with it."""
+
+from __future__ import annotations
+
+import json
+import logging
+import multiprocessing
+import os
+import signal
+import tempfile
+import time as clock
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from multiprocessing.connection import Connection, wait
+from multiprocessing.process import BaseProcess
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from .errors import Interrupted, SetupError, SimulationError
+from .master import interrupts, run
+from .result import Result, partial, read_rows, write_json
+from .system import System
+
+PATIENCE = 0.1
+GRACE = 10.0
+BETWEEN = 0.05
+CRASHES = ("SIGSEGV", "SIGABRT", "SIGBUS", "SIGFPE", "SIGILL")
+
+
+def run_isolated(
+    system: System, *, csv: Path, progress: Callable[[float], None] | None = None, **settings: Any
+) -> Result:
+    """What `run` does with these settings, in a child process; the rows stream to `csv`.
+
+    Raises what `run` raises. If an FMU ends the process, SimulationError with the rows that reached
+    the file, or SetupError before the first step. Ctrl-C ends the child, a second one kills it; both
+    keep the rows. As always with child processes, a script needs `if __name__ == "__main__"`.
+    """
+    before = _stamps(csv)
+    context = multiprocessing.get_context("spawn")
+    with TemporaryDirectory(prefix="cosim_") as folder, interrupts() as pressed:
+        ours, its = context.Pipe(duplex=False)
+        process = context.Process(target=_work, args=(folder, its, system, csv, settings))
+        with _deaf():
+            process.start()
+        its.close()
+        try:
+            for kind, content in _messages(ours, process, pressed):
+                if kind == "progress" and progress is not None:
+                    progress(content)
+                elif kind == "log":
+                    logging.getLogger(content.name).handle(content)
+                elif kind == "end":
+                    return _end(csv, *content)
+                elif kind == "error":
+                    raise content
+        finally:
+            ours.close()
+            process.join(GRACE)
+            process.kill()
+            process.join()
+    dead = f"the process that ran the parts {', '.join(system.parts)} {_death(process)}"
+    after = _stamps(csv)
+    if before == after:
+        if pressed:
+            raise KeyboardInterrupt(dead)
+        raise SetupError(f"{dead} before the first step")
+    raise _remains(csv if before[1] != after[1] else partial(csv), dead, bool(pressed))
+
+
+def _work(
+    folder: str, pipe: Connection, system: System, csv: Path, settings: dict[str, Any]
+) -> None:
+    """Run in the child and tell the parent of the progress, the log and the end."""
+    signal.signal(signal.SIGINT, lambda *_: None)
+    tempfile.tempdir = os.environ["TMPDIR"] = folder
+    logging.getLogger().addHandler(_Forward(pipe))
+    told = clock.perf_counter()
+
+    def progress(share: float) -> None:
+        nonlocal told
+        if clock.perf_counter() > told + BETWEEN:
+            pipe.send(("progress", share))
+            told = clock.perf_counter()
+
+    with suppress(BrokenPipeError):
+        try:
+            result = run(system, csv=csv, progress=progress, **settings)
+        except (SimulationError, Interrupted) as error:
+            pipe.send(("end", (type(error), str(error), *_parcel(error.result))))
+        except BrokenPipeError:
+            raise
+        except Exception as error:  # noqa: BLE001
+            pipe.send(("error", error))
+        else:
+            pipe.send(("progress", 1.0))
+            pipe.send(("end", (None, "", *_parcel(result))))
+
+
+class _Forward(logging.Handler):
+    """Hands log records to the parent."""
+
+    def __init__(self, pipe: Connection) -> None:
+        super().__init__()
+        self._pipe = pipe
+
+    def emit(self, record: logging.LogRecord) -> None:
+        record.msg, record.args = record.getMessage(), None
+        self._pipe.send(("log", record))
+
+
+def _parcel(result: Result) -> tuple[list[str], dict[str, str], dict[str, Any]]:
+    """What of a result does not stand in its file."""
+    return result.columns, result.units, result.provenance
+
+
+def _end(
+    csv: Path,
+    error: type[SimulationError | Interrupted] | None,
+    text: str,
+    columns: list[str],
+    units: dict[str, str],
+    provenance: dict[str, Any],
+) -> Result:
+    """The result of a run whose child came to its end; raises the error of one that failed."""
+    path = csv if error is None else partial(csv)
+    result = Result(columns, units, provenance, lambda: read_rows(path))
+    if error is not None:
+        raise error(text, result)
+    return result
+
+
+@contextmanager
+def _deaf() -> Iterator[None]:
+    """Ignore Ctrl-C, as a child that is started then does until it is ready to hear it."""
+    try:
+        before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    except ValueError:  # only the main thread may, and only there Ctrl-C is heard
+        yield
+        return
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def _messages(pipe: Connection, process: BaseProcess, pressed: Sequence[int]) -> Iterator[Any]:
+    """What the child tells until it ends; hands Ctrl-C on to it until it hears."""
+    while True:
+        ready = wait([pipe, process.sentinel], PATIENCE)
+        if len(pressed) > 1:
+            process.kill()
+        elif pressed and process.pid is not None:
+            os.kill(process.pid, signal.SIGINT)
+        if pipe in ready:
+            try:
+                yield pipe.recv()
+            except (EOFError, OSError):
+                return
+        elif ready:
+            return
+
+
+def _death(process: BaseProcess) -> str:
+    """How a process ended."""
+    code = process.exitcode or 0
+    if code >= 0:
+        return f"ended with exit code {code} (an FMU ended it)"
+    name = signal.Signals(-code).name
+    return f"was killed by signal {name}" + (" (an FMU crashed)" if name in CRASHES else "")
+
+
+def _stamps(csv: Path) -> list[int]:
+    """When the facts of a partial and of a complete run were written last [ns]."""
+    facts = [path.with_suffix(".json") for path in (partial(csv), csv)]
+    return [path.stat().st_mtime_ns if path.exists() else 0 for path in facts]
+
+
+def _remains(path: Path, dead: str, pressed: bool) -> SimulationError | Interrupted:
+    """The error for a child that died, with the rows in its file, which is left readable."""
+    content = path.read_bytes()
+    whole = content[: content.rfind(b"\n") + 1]
+    path.write_bytes(whole)
+    header, *rows = whole.decode().splitlines()
+    facts = json.loads(path.with_suffix(".json").read_text())
+    facts.setdefault("bonds", {})
+    reached = float(rows[-1].split(",")[0]) if rows else facts["start"]
+    if facts["status"] == "running":
+        facts["status"] = "interrupted" if pressed else "failed"
+        facts |= {"reason": dead, "reached": reached}
+    elif facts["status"] == "complete":
+        dead = f"{dead} when it closed them"
+    else:
+        dead = f"{facts['reason']}; {dead}"
+    write_json(path.with_suffix(".json"), facts)
+    units = facts.pop("units")
+    result = Result(header.split(","), units, facts, lambda: read_rows(path))
+    text = f"{dead} after t = {reached!r} s, {len(rows)} rows in {path.name}"
+    return Interrupted(text, result) if pressed else SimulationError(text, result)
