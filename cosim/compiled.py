@@ -181,7 +181,6 @@ class Loop:
             for tell, operation in zip(self._tell, self._program):
                 if operation.warned:
                     tell(start + (operation.warned - 1) * h, h, WARNING)
-                    operation.warned = 0
             if failed.value >= 0:
                 self._tell[failed.value](start + done.value * h, h, status.value)
         except PartFailure as error:

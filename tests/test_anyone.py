@@ -23,7 +23,17 @@ import numpy as np
 import pytest
 from conftest import ROOT, hear_ctrl_c
 
-from cosim import ALGORITHMS, Adaptive, SetupError, SimulationError, System, run, run_isolated
+from cosim import (
+    ALGORITHMS,
+    Adaptive,
+    Interrupted,
+    SetupError,
+    SimulationError,
+    System,
+    run,
+    run_isolated,
+)
+from cosim.isolated import _remains
 from tests.foreign import DEFECTS, Value, library, pack, pack_broken
 
 Make = Callable[..., Path]
@@ -55,6 +65,7 @@ def scratch(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     folder = tmp_path / "scratch"
     folder.mkdir()
     monkeypatch.setattr(tempfile, "tempdir", str(folder))
+    monkeypatch.setenv("TMPDIR", str(folder))
     yield folder
     assert list(folder.iterdir()) == []
 
@@ -347,7 +358,7 @@ def test_a_part_may_end_the_simulation(
 def test_a_warning_is_told_once_and_kept(
     loop: str, algorithm: str, make: Make, caplog: pytest.LogCaptureFixture
 ) -> None:
-    parts = {"A": make(warn_at=0.55), "B": make(warn_at=0.0)}
+    parts = {"A": make(x0=0.0, warn_at=0.55), "B": make(warn_at=0.0)}
     with caplog.at_level(logging.WARNING, "cosim"):
         result = run(ring(parts), stop=1.0, step=H, algorithm=algorithm, **LOOPS[loop])
     told = ["B: t = 0 s in B", "A: t = 0.55 s in A"]
@@ -377,7 +388,7 @@ def test_what_breaks_on_the_way_is_named_and_the_rest_is_closed(
     """Nothing is called on an FMU after Fatal, nor on another instance of it; the rows stay."""
     diary, path = tmp_path / "diary.txt", tmp_path / "run.csv"
     fmu = make(diary=str(diary))
-    parts = {"A": make(diary=str(diary), **{f"{ending}_at": 0.55}), "B": fmu}
+    parts = {"A": make(diary=str(diary), talks=True, **{f"{ending}_at": 0.55}), "B": fmu}
     settings: dict[str, Any] = {"step": H, "algorithm": algorithm}
     if algorithm not in ALGORITHMS:
         settings = {"step": Adaptive(1e-2, first=0.01, control=algorithm), "algorithm": "strang"}
@@ -604,6 +615,22 @@ def test_moving_inputs_are_exact_for_capable_parts(order: int, algorithm: str, m
         assert abs(error[1]) < H**3 / 2
 
 
+def test_moving_inputs_know_nothing_of_a_discarded_step(make: Make) -> None:
+    """B hears A on straight lines between the ends of the pieces that it accepts."""
+    parts = {"A": make(maxOutputDerivativeOrder=0), "B": make(x0=0.0, longest_step=LONGEST)}
+    result = run(
+        system(parts, "A.y -> B.u"), stop=1.0, step=H, algorithm="gauss-seidel", input_order=1,
+        record=["B.y"],
+    )  # fmt: skip
+    t, x, expected = 0.0, 0.0, [0.0]
+    for _ in range(10):
+        for h in PIECES[False]:
+            u, slope = math.exp(-t), (math.exp(-t - h) - math.exp(-t)) / h
+            x, t = held(x, u, h) + slope * (h + math.expm1(-h)), t + h
+        expected.append(x)
+    assert result["B.y"] == pytest.approx(expected, rel=1e-12)
+
+
 @pytest.mark.parametrize("order", [1, 2])
 def test_moving_inputs_are_means_for_other_parts(order: int, make: Make) -> None:
     """x' = u - x with the mean of the source over each step."""
@@ -771,6 +798,7 @@ def test_an_fmu_that_ends_its_process_leaves_the_rows(
     assert facts["reason"] in str(caught.value)
     assert facts["parts"]["A"]["parameters"][f"{ending}_at"] == at
     assert np.array_equal(caught.value.result.data, rows)
+    assert caught.value.result.energy == {}
     short = run(ring(parts), stop=round(rows[9, 0] + 5 * h, 4), **settings)
     assert np.array_equal(short.data[:10], rows[:10])
 
@@ -817,7 +845,35 @@ def test_errors_of_an_isolated_run_are_those_of_a_run(make: Make, tmp_path: Path
     assert caught.value.result.provenance["status"] == "failed"
 
 
-def test_an_error_of_the_caller_ends_an_isolated_run(make: Make, tmp_path: Path) -> None:
+def test_a_row_that_was_being_written_is_cut_off(tmp_path: Path) -> None:
+    path = tmp_path / "run.partial.csv"
+    path.write_text("time,A.y\n0.0,1.0\n0.5,2.0\n1.")
+    path.with_suffix(".json").write_text('{"status": "running", "start": 0.0, "units": {}}')
+    error = _remains(path, "killed", pressed=True)
+    assert str(error) == "killed after t = 0.5 s, 2 rows in run.partial.csv"
+    assert isinstance(error, Interrupted)
+    assert error.result.data.tolist() == [[0.0, 1.0], [0.5, 2.0]]
+
+
+def test_rows_reach_their_file_while_a_run_goes_on(make: Make, tmp_path: Path) -> None:
+    """However few there are, and with the facts of a run that is not over."""
+    seen: list[int] = []
+
+    def progress(share: float) -> None:
+        time.sleep(0.06)
+        facts = json.loads((tmp_path / "run.partial.json").read_text())
+        assert facts["status"] == "running"
+        seen.append(len(read(tmp_path / "run.partial.csv")))
+
+    fine = {"record": ["A.y"], "output_step": H / 2, "csv": tmp_path / "run.csv"}
+    run(system({"A": make()}), stop=1.0, step=H, progress=progress, **fine)
+    assert seen[-1] >= 10
+    assert sorted(path.name for path in tmp_path.glob("run*")) == ["run.csv", "run.json"]
+
+
+def test_an_error_of_the_caller_ends_an_isolated_run(
+    make: Make, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
     def progress(share: float) -> None:
         raise ZeroDivisionError
 
@@ -827,6 +883,7 @@ def test_an_error_of_the_caller_ends_an_isolated_run(make: Make, tmp_path: Path)
     facts = json.loads((tmp_path / "run.partial.json").read_text())
     assert facts["status"] == "failed"
     assert len(read(tmp_path / "run.partial.csv")) > 1
+    assert "Traceback" not in capfd.readouterr().err
 
 
 def size(path: Path) -> int:

@@ -6,14 +6,14 @@ hold for one step; y = x, z = x + d u. Each `..._out` is the `..._in` set before
 step mode outputs are those of the last step (`fresh`: z follows u at once). Steps above
 `longest_step` end there with Discard (`stubborn`: do not start); afterwards only a saved state helps
 (`resumes`: or going on from there). So do steps beyond `pause_at`, once. Discard at `end_at` says Terminated. A `..._at` is the time at
-which the call that reaches it, also the end of initialisation, logs and returns that status, kills
+which the call that reaches it, also the end of initialisation, logs and returns that status (`talks`: and says more), kills
 the process (`crash`: SIGSEGV, also `crash_at_end`, when terminated; `exit`: code 3), never returns (`hang`), or makes y NaN. `needs_input`: u must be set while
 initialising. Other calls out of order, wrong times, steps beyond the stop time and returns to times
 that noSetFMUStatePriorToCurrentPoint excluded are errors, after which a state or a reset helps.
 
 `steps` (doStep calls), `restores`, `states_alive` and `gets_after_set` (calls that get outputs after
 a set without a step between) count over the life of an instance. Lines of the file `diary`:
-"terminated NAME", "leaked states NAME", "used after fatal NAME", "freed NAME".
+"terminated NAME", "refused NAME" (a call out of order), "leaked states NAME", "used after fatal NAME", "freed NAME".
 """
 
 import re
@@ -89,6 +89,7 @@ VARIABLES = [
     Variable("stubborn", "Boolean", "parameter", False),
     Variable("resumes", "Boolean", "parameter", False),
     Variable("needs_input", "Boolean", "parameter", False),
+    Variable("talks", "Boolean", "parameter", False),
     Variable("warn_at", "Real", "parameter", NEVER),
     Variable("error_at", "Real", "parameter", NEVER),
     Variable("fatal_at", "Real", "parameter", NEVER),

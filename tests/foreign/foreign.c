@@ -17,14 +17,19 @@
 #define WRITABLE (BIT(STEPPING) | (c->m.resumes ? BIT(DISCARDED) : 0))
 #define LOG(status, ...) \
     c->host->logger(c->host->componentEnvironment, c->name, status, "all", __VA_ARGS__)
-#define END(next, status, ...) return (LOG(status, __VA_ARGS__), c->m.mode = next, status)
+#define END(next, status, ...) \
+    return (LOG(status, __VA_ARGS__), c->m.talks ? LOG(fmi2OK, "that was %s", __func__) : (void)0, \
+            c->m.mode = next, status)
 #define FAIL(...) END(FAILED, fmi2Error, __VA_ARGS__)
 #define REJECT(ref, what) FAIL("%s: %s, reference %u, %s", __func__, what, ref, MODES[c->m.mode])
 #define REFS const fmi2ValueReference ref[], size_t n
 #define ENTER(modes) \
     Foreign *c = p; \
     if (c->m.mode == FATAL) return (note(c, "used after fatal"), fmi2Fatal); \
-    if (!(BIT(c->m.mode) & (modes))) FAIL("%s while %s", __func__, MODES[c->m.mode])
+    if (!(BIT(c->m.mode) & (modes))) { \
+        note(c, "refused"); \
+        FAIL("%s while %s", __func__, MODES[c->m.mode]); \
+    }
 #define BLOCK(Type, Cell) \
     union { struct { Cell Type##_NAMES; }; Cell Type[sizeof (char[]){Type##_CAUSALITIES}]; }
 
