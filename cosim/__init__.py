@@ -4,6 +4,7 @@ from .adaptive import Adaptive
 from .algorithms import ALGORITHMS, ORDERS
 from .certify import Certified, Estimate, certify, estimate, summary
 from .container import write_container
+from .damping import Diagnosis, diagnose
 from .errors import Interrupted, SetupError, SimulationError
 from .isolated import run_isolated
 from .master import run, versions
@@ -17,6 +18,7 @@ __all__ = [
     "ORDERS",
     "Adaptive",
     "Certified",
+    "Diagnosis",
     "Estimate",
     "Interrupted",
     "Package",
@@ -25,6 +27,7 @@ __all__ = [
     "SimulationError",
     "System",
     "certify",
+    "diagnose",
     "estimate",
     "read_ssp",
     "run",

@@ -1,0 +1,338 @@
+"""What a coupling does to the damping of a mode, measured on the running system.
+
+A value that is held over a communication step arrives late, and a delay tau around a loop changes
+the damping ratio of an oscillation that runs through it by -omega tau / 2. Two runs, one of them
+with a small kick, differ by the free response of the coupled system; its modes at several steps
+tell the artificial damping from the real one.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass
+
+import numpy as np
+
+from .errors import PartFailure, SetupError
+from .initial import initialise
+from .master import problems, stepping_order
+from .modes import Array, Fit, Mode, fit
+from .part import Part
+from .result import Recorder
+from .stepping import Plan, Row, Run
+from .system import Network, System, connect
+
+KICK = 1e-3
+FEWEST_STEPS, MOST_STEPS = 256, 1 << 12
+FEWEST_ROWS = 32
+PERIODS, SEEN, TRIED = 4.0, 0.25, 0.125
+NOTICEABLE, VISIBLE, FAINT = 0.1, 1e-3, 1e-6
+ALMOST, AT_ONCE = 0.9, 32
+PROPORTIONAL, LEAST_GROWTH = 0.1, 0.05
+UNEXPLAINED, UNCERTAIN, UNDAMPED = 0.02, 0.1, 1e-4
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """What an algorithm with communication steps of `step` [s] does to a mode of a system.
+
+    `frequency` is its natural frequency [rad/s], `damping` the damping ratio of the system itself,
+    extrapolated to steps of zero, with its `error`; `damping_seen` the one at `step`. `delay` [s]
+    is the delay around the loop that makes the difference, -2 (damping_seen - damping) / frequency.
+    All of these are NaN if no oscillation was seen.
+
+    `recommended_step` [s] kept the difference within `share` of the damping when it was tried; None
+    if no step did. `drift` is the rate [1/s] at which the coupling lets a motion without
+    oscillation grow. `residual` is the rms share of the response that the modes do not explain.
+    """
+
+    algorithm: str
+    step: float
+    share: float
+    frequency: float
+    damping: float
+    error: float
+    damping_seen: float
+    delay: float
+    recommended_step: float | None
+    drift: float
+    residual: float
+
+    @property
+    def trusted(self) -> bool:
+        """Whether the modes explain the response and the damping at steps of zero is known."""
+        known = self.error <= max(UNCERTAIN * abs(self.damping), UNDAMPED)
+        return known and self.residual <= UNEXPLAINED
+
+    def text(self) -> str:
+        """The diagnosis in plain words."""
+        return " ".join(self._sentences())
+
+    def _sentences(self) -> Iterator[str]:
+        if math.isnan(self.frequency):
+            yield f"No oscillation shows on the wires with {self.algorithm} and {self.step:.4g} s."
+        else:
+            yield from self._mode()
+        if self.drift:
+            yield (
+                f"A motion that does not oscillate grows at {self.drift:.3g} 1/s, in proportion to "
+                "the step: a held angle or position pushes; couple by speed."
+            )
+        if self.residual > UNEXPLAINED:
+            yield f"Do not trust this: the modes leave {self.residual:.1%} unexplained."
+        elif not self.trusted and not math.isnan(self.frequency):
+            yield "Do not trust this: the damping does not converge, begin with a shorter step."
+
+    def _mode(self) -> Iterator[str]:
+        yield (
+            f"The oscillation at {self.frequency / (2 * math.pi):.4g} Hz has the damping ratio "
+            f"{self.damping:.4g} +- {self.error:.1g}; {self.algorithm} with steps of "
+            f"{self.step:.4g} s shows {self.damping_seen:.4g}, a loop delay of {self.delay:.3g} s."
+        )
+        if self.damping_seen < 0.0 < self.damping:
+            yield "That is unstable: the oscillation grows by itself."
+        kept = f"the damping within {100 * self.share:.3g} % of its value"
+        if self.recommended_step is None and abs(self.damping) < UNDAMPED:
+            yield "The system does not damp it, so that there is no share of that to keep."
+        elif self.recommended_step is None:
+            yield f"No step that could be tried keeps {kept}: choose another algorithm."
+        elif self.recommended_step == self.step:
+            yield f"This step keeps {kept}."
+        else:
+            yield f"Steps of {self.recommended_step:.3g} s keep {kept}."
+
+
+def diagnose(
+    system: System,
+    *,
+    step: float,
+    algorithm: str = "strang",
+    share: float = 0.05,
+    start: float = 0.0,
+    settle: float = 0.0,
+    order: Sequence[str] | None = None,
+    input_order: int = 0,
+) -> Diagnosis:
+    """Measure the loop delay of an algorithm on a system, and find the step that keeps it small.
+
+    From `start` [s] the system runs for `settle` [s], then all its Real wires are kicked. The least
+    damped of the oscillations that they show well is followed from `step` [s] to a half and a
+    quarter of it and from there to zero; then shorter steps are tried until the artificial damping
+    is at most `share` of the real one. `order` and `input_order` are those of `run`.
+
+    Works on a steady motion too, as long as the kick is small to it: what it sees then are the
+    modes of the deviations from that motion. Raises SetupError for what cannot be run.
+    """
+    network = connect(system)
+    plan = Plan(start, start + step, step, None)
+    plan.check()
+    for problem in problems(network, plan, algorithm, input_order, {}):
+        raise SetupError(problem)
+    if not 0.0 < share < math.inf:
+        raise SetupError(f"share = {share!r} must be a finite number above 0")
+    if not 0.0 <= settle < math.inf:
+        raise SetupError(f"settle = {settle!r} s must be a finite number of at least 0")
+    if not any(wire.source.type == "Real" for wire in network.wires):
+        raise SetupError("a diagnosis needs a wire that carries a Real")
+    sequence = stepping_order(network, order)
+    bench = Bench(network, sequence, algorithm, input_order, start, settle, step)
+    try:
+        return _diagnose(bench, step, share)
+    except PartFailure as failure:
+        raise SetupError(str(failure)) from failure
+
+
+@dataclass(frozen=True)
+class Bench:
+    """A system whose free response is measured again and again; `start`, `settle`, `kick` in s."""
+
+    network: Network
+    sequence: Sequence[str]
+    algorithm: str
+    input_order: int
+    start: float
+    settle: float
+    kick: float
+
+    def modes(self, h: float, span: float) -> Fit:
+        """The modes at steps of h [s], from what is seen for `span` [s]; raises PartFailure."""
+        count = min(MOST_STEPS, round(span / h))
+        calm, kicked = (self._run(h, count, kick) for kick in (0.0, KICK))
+        rows = min(len(calm), len(kicked))
+        dead_beat = len(self.sequence) * (1 + self.input_order)
+        response = (kicked[:rows] - calm[:rows])[dead_beat:]
+        if len(response) < FEWEST_ROWS:
+            raise SetupError(f"with steps of {h!r} s a part fails soon after the kick")
+        return fit(response, h)
+
+    def _run(self, h: float, count: int, kick: float) -> Array:
+        """The outputs from the end of the kick on, shape (times, outputs); to where a part fails."""
+        real = (wire.source for wire in self.network.wires if wire.source.type == "Real")
+        ports = list({port.name: port for port in real}.values())
+        settled = round(self.settle / h)
+        begin = settled + max(1, round(self.kick / h))
+        end = begin + count
+
+        names = [port.name for port in ports]
+        before, after = Recorder(names, {}, None), Recorder(names, {}, None)
+
+        def go(first: int, last: int, recorder: Recorder) -> None:
+            plan = Plan(self.start + first * h, self.start + last * h, h, None)
+            row = Row(parts, ports)
+            run = Run(parts, self.algorithm, self.input_order, plan, row, recorder)
+            for _ in run.steps():
+                pass
+
+        with ExitStack() as stack:
+            named = initialise(
+                self.network, self.sequence, stack, self.start, self.start + end * h,
+                input_order=self.input_order,
+            )  # fmt: skip
+            parts = [named[name] for name in self.sequence]
+            if settled:
+                go(0, settled, before)
+            with _kicked(parts, kick):
+                go(settled, begin, before)
+            with suppress(PartFailure):
+                go(begin, end, after)
+        return np.array(after.rows).reshape(after.count, -1)[:, 1:]
+
+
+@contextmanager
+def _kicked(parts: Sequence[Part], kick: float) -> Iterator[None]:
+    """Let every wired Real input be off by `kick` times the size of what it hears."""
+    held = [(part, part.copies, part.scaled) for part in parts]
+    moving = [(e, e.offset) for part in parts if part.curves for e in part.curves.entries]
+    for part, copies, scaled in held:
+        wires = [*((*copy, 1.0, 0.0) for copy in copies if _real(copy[0])), *scaled]
+        part.copies = [copy for copy in copies if not _real(copy[0])]
+        part.scaled = [
+            (target, i, source, j, factor, offset + factor * kick * (1.0 + abs(source[j])))
+            for target, i, source, j, factor, offset in wires
+        ]
+    for entry, _ in moving:
+        entry.offset += entry.factor * kick * (1.0 + abs(entry.signal.nodes[-1].value))
+    yield
+    for part, copies, scaled in held:
+        part.copies, part.scaled = copies, scaled
+    for entry, offset in moving:
+        entry.offset = offset
+
+
+def _real(cells: Sequence[float]) -> bool:
+    return isinstance(cells[0], float)
+
+
+def _diagnose(bench: Bench, step: float, share: float) -> Diagnosis:
+    found, span = _watch(bench, step / 4)
+    first = _chosen(found, span)
+    if first is None:
+        nan = math.nan
+        return Diagnosis(
+            bench.algorithm, step, share, nan, nan, nan, nan, nan, None, 0.0, found.residual
+        )
+    fits, modes = {step / 4: found}, {step / 4: first}
+
+    def follow(h: float) -> Law:
+        fits[h] = bench.modes(h, span)
+        modes[h] = _nearest(fits[h], modes, h)
+        return Law(modes)
+
+    follow(step / 2)
+    law = follow(step)
+    recommended: float | None = step
+    longest = step
+    while recommended is not None and not law.keeps(recommended, share):
+        recommended = min(longest, max(law.step(share), min(modes) / AT_ONCE))
+        longest = ALMOST * recommended
+        if recommended * MOST_STEPS * law.frequency < 2 * math.pi * TRIED:
+            recommended = None
+        else:
+            law = follow(recommended)
+    seen = modes[step].damping
+    return Diagnosis(
+        algorithm=bench.algorithm,
+        step=step,
+        share=share,
+        frequency=law.frequency,
+        damping=law.damping,
+        error=law.error,
+        damping_seen=seen,
+        delay=-2 * (seen - law.damping) / law.frequency,
+        recommended_step=recommended,
+        drift=_drift(fits, step, span),
+        residual=max(found.residual for found in fits.values()),
+    )
+
+
+class Law:
+    """A mode's damping ratio over the step: the parabola through the three shortest steps."""
+
+    def __init__(self, modes: Mapping[float, Mode]) -> None:
+        self.modes = modes
+        steps = sorted(modes)[:3]
+        ratios = [modes[h].damping for h in steps]
+        degree = len(steps) - 1
+        self.curve = np.polyfit(steps, ratios, degree)
+        self.damping = float(self.curve[-1])
+        line = np.polyfit(steps[:2], ratios[:2], 1)
+        self.error = abs(self.damping - float(line[-1]))
+        self.frequency = float(np.polyfit(steps, [modes[h].frequency for h in steps], degree)[-1])
+
+    def keeps(self, h: float, share: float) -> bool:
+        """Whether a step that was tried keeps the damping within its share for certain."""
+        off = abs(self.modes[h].damping - self.damping) + self.error
+        return off <= share * abs(self.damping)
+
+    def step(self, share: float) -> float:
+        """The step at which the damping all but leaves its share."""
+        allowed = ALMOST * share * abs(self.damping)
+        roots = np.concatenate([np.roots([*self.curve[:-1], side]) for side in (-allowed, allowed)])
+        real = roots.real[(np.abs(roots.imag) <= 1e-9 * np.abs(roots)) & (roots.real > 0.0)]
+        return float(real.min(initial=math.inf))
+
+
+def _watch(bench: Bench, h: float) -> tuple[Fit, float]:
+    """The modes at a step [s], and the time [s] that shows PERIODS of the one of interest."""
+    count = FEWEST_STEPS
+    while True:
+        found = bench.modes(h, count * h)
+        mode = _chosen(found, count * h)
+        wanted = 4 * count
+        if mode is not None:
+            wanted = math.ceil(PERIODS * 2 * math.pi / (mode.frequency * h))
+        if wanted <= count or count == MOST_STEPS:
+            return found, count * h
+        count = min(wanted, MOST_STEPS)
+
+
+def _chosen(found: Fit, span: float) -> Mode | None:
+    """The least damped oscillation that the response shows well."""
+    shown = [
+        mode
+        for mode in found.modes
+        if mode.share >= NOTICEABLE and mode.s.imag * span > 2 * math.pi * SEEN
+    ]
+    return min(shown, key=lambda mode: mode.damping, default=None)
+
+
+def _nearest(found: Fit, modes: Mapping[float, Mode], h: float) -> Mode:
+    """The mode that was seen at other steps, where the line through the nearest two expects it."""
+    steps = sorted(modes, key=lambda other: abs(other - h))[:2]
+    expected = complex(
+        np.polyval(np.polyfit(steps, [modes[n].s for n in steps], len(steps) - 1), h)
+    )
+    shown = [mode for mode in found.modes if mode.share >= VISIBLE and mode.s.imag > 0.0]
+    return min(shown or found.modes, key=lambda mode: abs(mode.s - expected))
+
+
+def _drift(fits: Mapping[float, Fit], step: float, span: float) -> float:
+    """The rate [1/s] at which a motion without oscillation grows, if the step is what makes it."""
+    whole, half = (
+        max((m.s.real for m in fits[h].modes if m.share >= FAINT and not m.s.imag), default=0.0)
+        for h in (step, step / 2)
+    )
+    made = abs(whole - 2 * half) <= PROPORTIONAL * whole
+    return whole if made and whole * span >= LEAST_GROWTH else 0.0

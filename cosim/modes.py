@@ -1,0 +1,80 @@
+"""Modes of a free response: frequency and damping from samples at equal distances."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+WINDOWS, COLUMNS = 16, 256
+SIGNIFICANT, MOST_MODES = 1e-9, 24
+DEAD, CANCELLING = 1e-6, 1e-4
+
+
+class Mode(NamedTuple):
+    """exp(s t) with s in 1/s; `share` is its part of the energy of the signal that shows it most."""
+
+    s: complex
+    share: float
+
+    @property
+    def frequency(self) -> float:
+        """Natural frequency |s| [rad/s]."""
+        return abs(self.s)
+
+    @property
+    def damping(self) -> float:
+        """Damping ratio, negative if the mode grows."""
+        return -self.s.real / abs(self.s)
+
+
+class Fit(NamedTuple):
+    """The modes, a conjugate pair as one; `residual` is the rms share that they do not explain."""
+
+    modes: list[Mode]
+    residual: float
+
+
+def fit(samples: Array, h: float) -> Fit:
+    """The modes of samples of shape (times, signals) that are h [s] apart, in no order.
+
+    Eigensystem realisation (Juang and Pappa 1985): windows of the response at many delays stand
+    side by side, their strongest directions are the state, and a step h maps it linearly. Exact for
+    a linear system without noise, also over part of a period and for modes that grow.
+    """
+    largest = np.abs(samples).max(axis=0)
+    y = samples[:, largest > 0.0] / largest[largest > 0.0]
+    if y.size == 0:
+        return Fit([], 0.0)
+    count = len(y)
+    z = eigenvalues(y)
+    z = z[np.abs(z) > DEAD]
+    times = np.arange(count)[:, None] - np.where(np.abs(z) > 1.0, count - 1, 0)
+    powers = np.exp(times * np.log(z))
+    powers = powers / np.linalg.norm(powers, axis=0)
+    amplitudes = np.linalg.lstsq(powers, y.astype(complex), rcond=CANCELLING)[0]
+    energy = np.sum(y**2, axis=0)
+    shares = (np.abs(amplitudes) ** 2 / energy).max(axis=1)
+    modes = [
+        Mode(complex(np.log(v)) / h, float(2.0 * share if v.imag else share))
+        for v, share in zip(z, shares)
+        if v.imag >= 0.0
+    ]
+    rest = np.sum((y - (powers @ amplitudes).real) ** 2, axis=0)
+    return Fit(modes, float(np.sqrt(np.max(rest / energy))))
+
+
+def eigenvalues(y: Array) -> NDArray[np.complex128]:
+    """The factors by which modes of y, shape (times, signals), change from one sample to the next."""
+    windows = min(WINDOWS, len(y) // 2)
+    delay = len(y) // 2 // windows
+    begins = np.linspace(0, len(y) - 2 - (windows - 1) * delay, COLUMNS).astype(int)
+    places = np.unique(begins) + delay * np.arange(windows)[:, None]
+    now, then = (np.moveaxis(y[places + k], 2, 0).reshape(-1, places.shape[1]) for k in (0, 1))
+    left, sigma, right = np.linalg.svd(now, full_matrices=False)
+    order = min(MOST_MODES, int(np.sum(sigma > SIGNIFICANT * sigma[0])))
+    step = left[:, :order].T @ then @ right[:order].T / sigma[:order]
+    return np.linalg.eigvals(step).astype(complex)
