@@ -28,10 +28,11 @@ KICK = 1e-3
 FEWEST_STEPS, MOST_STEPS = 256, 1 << 12
 FEWEST_ROWS = 32
 PERIODS, SEEN, TRIED = 4.0, 0.25, 0.125
-NOTICEABLE, VISIBLE, FAINT = 0.1, 1e-3, 1e-6
+NOTICEABLE, VISIBLE, ABOVE_NOISE = 0.1, 1e-3, 100.0
 ALMOST, AT_ONCE = 0.9, 32
 PROPORTIONAL, LEAST_GROWTH = 0.1, 0.05
-UNEXPLAINED, UNCERTAIN, UNDAMPED = 0.02, 0.1, 1e-4
+SPREAD = 3.0
+UNEXPLAINED, UNCERTAIN, NEGLIGIBLE, UNDAMPED = 0.02, 0.1, 1e-4, 1e-6
 
 
 @dataclass(frozen=True)
@@ -63,7 +64,7 @@ class Diagnosis:
     @property
     def trusted(self) -> bool:
         """Whether the modes explain the response and the damping at steps of zero is known."""
-        known = self.error <= max(UNCERTAIN * abs(self.damping), UNDAMPED)
+        known = self.error <= max(UNCERTAIN * abs(self.damping), NEGLIGIBLE)
         return known and self.residual <= UNEXPLAINED
 
     def text(self) -> str:
@@ -94,7 +95,7 @@ class Diagnosis:
         if self.damping_seen < 0.0 < self.damping:
             yield "That is unstable: the oscillation grows by itself."
         kept = f"the damping within {100 * self.share:.3g} % of its value"
-        if self.recommended_step is None and abs(self.damping) < UNDAMPED:
+        if abs(self.damping) <= UNDAMPED:
             yield "The system does not damp it, so that there is no share of that to keep."
         elif self.recommended_step is None:
             yield f"No step that could be tried keeps {kept}: choose another algorithm."
@@ -235,14 +236,14 @@ def _diagnose(bench: Bench, step: float, share: float) -> Diagnosis:
         )
     fits, modes = {step / 4: found}, {step / 4: first}
 
-    def follow(h: float) -> Law:
+    def follow(h: float) -> None:
         fits[h] = bench.modes(h, span)
         modes[h] = _nearest(fits[h], modes, h)
-        return Law(modes)
 
     follow(step / 2)
-    law = follow(step)
-    recommended: float | None = step
+    follow(step)
+    law = Law(modes, fits)
+    recommended = step if abs(law.damping) > UNDAMPED else None
     longest = step
     while recommended is not None and not law.keeps(recommended, share):
         recommended = min(longest, max(law.step(share), min(modes) / AT_ONCE))
@@ -250,7 +251,8 @@ def _diagnose(bench: Bench, step: float, share: float) -> Diagnosis:
         if recommended * MOST_STEPS * law.frequency < 2 * math.pi * TRIED:
             recommended = None
         else:
-            law = follow(recommended)
+            follow(recommended)
+            law = Law(modes, fits)
     seen = modes[step].damping
     return Diagnosis(
         algorithm=bench.algorithm,
@@ -268,18 +270,23 @@ def _diagnose(bench: Bench, step: float, share: float) -> Diagnosis:
 
 
 class Law:
-    """A mode's damping ratio over the step: the parabola through the three shortest steps."""
+    """A mode's damping ratio over the step: the parabola through the three shortest steps.
 
-    def __init__(self, modes: Mapping[float, Mode]) -> None:
+    The error of its value at zero is the difference to a line, and SPREAD times what the modes
+    leave unexplained, as it goes through the extrapolation.
+    """
+
+    def __init__(self, modes: Mapping[float, Mode], fits: Mapping[float, Fit]) -> None:
         self.modes = modes
         steps = sorted(modes)[:3]
+        powers = np.vander(steps)
         ratios = [modes[h].damping for h in steps]
-        degree = len(steps) - 1
-        self.curve = np.polyfit(steps, ratios, degree)
+        self.curve = np.linalg.solve(powers, ratios)
         self.damping = float(self.curve[-1])
-        line = np.polyfit(steps[:2], ratios[:2], 1)
-        self.error = abs(self.damping - float(line[-1]))
-        self.frequency = float(np.polyfit(steps, [modes[h].frequency for h in steps], degree)[-1])
+        self.frequency = float(np.linalg.solve(powers, [modes[h].frequency for h in steps])[-1])
+        line = ratios[0] - steps[0] * (ratios[1] - ratios[0]) / (steps[1] - steps[0])
+        noise = np.abs(np.linalg.inv(powers)[-1]) @ [fits[h].residual for h in steps]
+        self.error = abs(self.damping - line) + SPREAD * float(noise)
 
     def keeps(self, h: float, share: float) -> bool:
         """Whether a step that was tried keeps the damping within its share for certain."""
@@ -330,8 +337,12 @@ def _nearest(found: Fit, modes: Mapping[float, Mode], h: float) -> Mode:
 
 def _drift(fits: Mapping[float, Fit], step: float, span: float) -> float:
     """The rate [1/s] at which a motion without oscillation grows, if the step is what makes it."""
+
+    def clear(mode: Mode, found: Fit) -> bool:
+        return mode.share >= (ABOVE_NOISE * found.residual) ** 2
+
     whole, half = (
-        max((m.s.real for m in fits[h].modes if m.share >= FAINT and not m.s.imag), default=0.0)
+        max((m.s.real for m in fits[h].modes if not m.s.imag and clear(m, fits[h])), default=0.0)
         for h in (step, step / 2)
     )
     made = abs(whole - 2 * half) <= PROPORTIONAL * whole

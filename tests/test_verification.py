@@ -94,7 +94,14 @@ def entries(rows: Any) -> Any:
 def master(fmus: Path, units: dict[str, Unit], scheme: str, stop: float, h: float) -> Any:
     """The states at every communication point from our master, shape (steps + 1, states)."""
     algorithm, hold = SCHEMES[scheme]
-    wires, start, record = [], {}, []
+    states = [f"{name}.x[{i}]" for name, u in units.items() for i in range(1, len(u.x) + 1)]
+    coupled = system(fmus, units, hold)
+    return run(coupled, stop=stop, step=h, algorithm=algorithm, record=states).data[:, 1:]
+
+
+def system(fmus: Path, units: dict[str, Unit], hold: int = 0) -> System:
+    """The units as FMUs."""
+    wires, start = [], {}
     for name, unit in units.items():
         zero = {f"{m}[{i},{j}]": 0.0 for m in "ABCD" for i in range(1, 5) for j in range(1, 5)}
         matrices = {"A": unit.A, "B": unit.B, "C": unit.C, "D": unit.feedthrough}
@@ -113,9 +120,7 @@ def master(fmus: Path, units: dict[str, Unit], scheme: str, stop: float, h: floa
                 zero[f"u[{i}]"] = source
         start |= {f"{name}.{key}": value for key, value in zero.items()}
         start[f"{name}.input_hold"] = hold
-        record += [f"{name}.x[{i}]" for i in range(1, len(unit.x) + 1)]
-    system = System(dict.fromkeys(units, fmus / "LinearSystem.fmu"), wires, start)
-    return run(system, stop=stop, step=h, algorithm=algorithm, record=record).data[:, 1:]
+    return System(dict.fromkeys(units, fmus / "LinearSystem.fmu"), wires, start)
 
 
 class Ideal:

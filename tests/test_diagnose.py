@@ -1,0 +1,263 @@
+"""The loop delay that is measured on FMUs is that of the ideal algorithm, and of the theory."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from test_verification import DAMP, DC_MOTOR, DRIVE, J_1, J_2, OSCILLATOR, STIFF, Ideal, Unit
+from test_verification import system as coupled
+
+from cosim import SetupError, System, diagnose
+from cosim.modes import fit
+from scenarios.fmus import conveyor_drive
+from scenarios.theory import SETS
+
+RESONANCE = math.sqrt(STIFF * (1 / J_1 + 1 / J_2))
+LOOSE = 1e4
+
+
+def with_damper(d: float) -> dict[str, Unit]:
+    """DRIVE with another damping of the shaft [N.m.s/rad]."""
+    shaft = DRIVE["shaft"]
+    return DRIVE | {
+        "shaft": replace(
+            shaft,
+            A=[[0, 1], [-STIFF / J_1, -d / J_1]],
+            B=[[0, 0], [STIFF / J_1, d / J_1]],
+            C=[[STIFF, d]],
+            D=[[-STIFF, -d]],
+        )
+    }
+
+
+INERTIA = [[0, 1], [0, 0]]
+THREE = {
+    "drive": Unit(INERTIA, [[0], [-1 / J_1]], np.eye(2), [0, 1], ("shaft.1",)),
+    "shaft": Unit(
+        [[0]], [[0] * 4], [[0]], [0], ("drive.1", "drive.2", "load.1", "load.2"),
+        D=[[STIFF, DAMP, -STIFF, -DAMP]],
+    ),
+    "load": Unit(INERTIA, [[0], [1 / J_2]], np.eye(2), [0, 0], ("shaft.1",)),
+}  # fmt: skip
+BY_SPEED = {
+    "shaft": Unit(
+        [[0, 1], [-STIFF / J_1, -DAMP / J_1]], [[-1], [DAMP / J_1]], [[STIFF, DAMP]], [0, 1],
+        ("load.1",), D=[[-DAMP]],
+    ),
+    "load": Unit([[0]], [[1 / J_2]], [[1]], [0], ("shaft.1",)),
+}  # fmt: skip
+DELAYS = {
+    ("two", "jacobi"): 7 / 18,
+    ("two", "gauss-seidel"): 1 / 18,
+    ("three", "jacobi"): 3 / 2,
+    ("three", "gauss-seidel"): 1 / 2,
+}
+DRIVES = {"two": DRIVE, "three": THREE, "soft": with_damper(100.0)}
+
+
+def damping_ratio(d: float) -> float:
+    """Of the shaft's oscillation, in closed form."""
+    return d * RESONANCE / (2 * STIFF)
+
+
+def one_step(units: dict[str, Unit], algorithm: str, h: float) -> Any:
+    """The map of states, held inputs and the inputs heard before over a communication step."""
+    ideal = Ideal(units)
+    E, G_0, G_1 = ideal.flow(h)
+    n, m = ideal.B.shape
+
+    def advance(z: Any) -> Any:
+        x, u, past = z[:n], z[n : n + m], z[n + m :]
+        now = ideal.heard(x, u)
+        if algorithm == "gauss-seidel":
+            for part in range(len(units)):
+                x, u = ideal.turn(part, x, u, (E, G_0 + G_1))
+        elif algorithm == "jacobi with means":
+            u = now + (now - past) / 2
+            x = E @ x + (G_0 + G_1) @ u
+        else:
+            x, u = E @ x + (G_0 + G_1) @ now, now
+        return np.concatenate([x, u, now])
+
+    return np.array([advance(z) for z in np.eye(n + 2 * m)]).T
+
+
+def rates(units: dict[str, Unit], algorithm: str, h: float) -> Any:
+    """ln z / h [1/s] of the eigenvalues z of the ideal step."""
+    z = np.linalg.eigvals(one_step(units, algorithm, h)).astype(complex)
+    return np.log(z[np.abs(z) > 1e-3]) / h
+
+
+def ideal_damping(units: dict[str, Unit], algorithm: str, h: float) -> float:
+    """The damping ratio of the shaft's oscillation as the ideal algorithm shows it."""
+    s = min(rates(units, algorithm, h), key=lambda s: abs(s - 1j * RESONANCE))
+    return float(-s.real / abs(s))
+
+
+TABLE = [
+    ("two", "jacobi", 1e-3, -0.01671),
+    ("two", "jacobi", 5e-4, -0.00550),
+    ("two", "jacobi", 1e-4, 0.00357),
+    ("two", "gauss-seidel", 1e-3, 0.00260),
+    ("two", "gauss-seidel", 5e-4, 0.00422),
+    ("two", "gauss-seidel", 1e-4, 0.00551),
+    ("three", "jacobi", 1e-3, -0.08079),
+    ("three", "jacobi", 5e-4, -0.03786),
+    ("three", "jacobi", 1e-4, -0.00292),
+    ("three", "gauss-seidel", 1e-3, -0.02331),
+    ("three", "gauss-seidel", 5e-4, -0.00875),
+    ("three", "gauss-seidel", 1e-4, 0.00292),
+    ("soft", "jacobi", 1e-3, 0.5745),
+    ("soft", "gauss-seidel", 1e-3, 0.5827),
+]
+
+
+@pytest.mark.parametrize(("drive", "algorithm", "h", "seen"), TABLE)
+def test_damping_is_seen_as_the_ideal_algorithm_shows_it(
+    fmus: Path, drive: str, algorithm: str, h: float, seen: float
+) -> None:
+    """Also the drive's momentum, which a held angle lets grow at c H / (2 (J1 + J2))."""
+    got = diagnose(coupled(fmus, DRIVES[drive]), step=h, algorithm=algorithm, share=LOOSE)
+    real = damping_ratio(100.0 if drive == "soft" else DAMP)
+    ideal = ideal_damping(DRIVES[drive], algorithm, h)
+    assert got.trusted
+    assert got.damping_seen == pytest.approx(seen, rel=3e-3)
+    assert got.damping_seen == pytest.approx(ideal, rel=1e-6)
+    assert got.frequency == pytest.approx(RESONANCE, rel=1e-3)
+    assert abs(got.damping - real) <= got.error
+    assert got.error < 0.05 * real
+    assert got.delay == pytest.approx(2 * (real - ideal) / RESONANCE, rel=0.05)
+    if h == 1e-4:
+        assert got.delay / h == pytest.approx(DELAYS[drive, algorithm], rel=3e-3)
+    pushes = drive != "three" and h >= 5e-4
+    assert got.drift == pytest.approx(pushes * STIFF * h / (2 * (J_1 + J_2)), rel=3e-3)
+    assert ("a held angle or position pushes" in got.text()) is pushes
+    assert got.recommended_step == h
+    assert "This step keeps" in got.text()
+    assert ("unstable" in got.text()) is (seen < 0.0)
+
+
+@pytest.mark.parametrize("algorithm", ["jacobi", "gauss-seidel"])
+@pytest.mark.parametrize("drive", ["two", "three"])
+def test_the_recommended_step_meets_its_share_and_is_no_shorter_than_it_must(
+    fmus: Path, drive: str, algorithm: str
+) -> None:
+    got = diagnose(coupled(fmus, DRIVES[drive]), step=1e-3, algorithm=algorithm, share=0.05)
+    assert got.recommended_step is not None
+    kept = ideal_damping(DRIVES[drive], algorithm, got.recommended_step)
+    assert 0.04 < abs(kept / damping_ratio(DAMP) - 1) < 0.05
+    assert got.damping == pytest.approx(damping_ratio(DAMP), rel=1e-3)
+    assert f"Steps of {got.recommended_step:.3g} s keep the damping within 5 %" in got.text()
+
+
+def test_gauss_seidel_coupled_by_speed_has_no_delay(fmus: Path) -> None:
+    system = coupled(fmus, BY_SPEED)
+    got = diagnose(system, step=1e-3, algorithm="gauss-seidel")
+    assert abs(got.delay) < 1e-4 * got.step
+    assert got.damping_seen == pytest.approx(0.0058386, abs=5e-8)
+    assert (got.recommended_step, got.drift) == (got.step, 0.0)
+    late = diagnose(system, step=1e-3, algorithm="jacobi", share=LOOSE)
+    assert late.damping_seen == pytest.approx(-0.01360, abs=5e-6)
+
+
+def test_moving_inputs_are_measured_too(fmus: Path) -> None:
+    """Extrapolating FMUs, a master that extrapolates means, and a wire with a factor."""
+    extrapolating = diagnose(coupled(fmus, DRIVE, hold=1), step=1e-3, algorithm="jacobi", share=1.0)
+    assert extrapolating.damping_seen == pytest.approx(0.00564, abs=5e-6)
+    system = coupled(fmus, DRIVE)
+    doubled = {"shaft.C[1,1]": STIFF / 2, "shaft.C[1,2]": DAMP / 2}
+    doubled |= {"shaft.D[1,1]": -STIFF / 2, "shaft.D[1,2]": -DAMP / 2}
+    wires = [w.replace("shaft.z[1]", "shaft.z[1] * 2") for w in system.wires]
+    geared = replace(system, wires=wires, start={**system.start, **doubled})
+    got = diagnose(geared, step=1e-3, algorithm="jacobi", input_order=1, share=1.0)
+    ideal = ideal_damping(DRIVE, "jacobi with means", 1e-3)
+    assert got.damping_seen == pytest.approx(ideal, rel=1e-6)
+
+
+@pytest.mark.parametrize(("algorithm", "delay"), [("jacobi", 1.0), ("gauss-seidel", 0.0)])
+def test_loop_delay_of_the_conveyor_drive_on_its_orbit(algorithm: str, delay: float) -> None:
+    """The rule for the lagging motor, J - B tau in place of J, on the nonlinear FMUs."""
+    machine = SETS["A"]
+    nu = machine.nu_res
+    got = diagnose(
+        conveyor_drive(machine.start(nu)),
+        step=2 * math.pi / nu / 128,
+        algorithm=algorithm,
+        settle=4 * 2 * math.pi / nu,
+    )
+    assert got.trusted
+    assert got.frequency == pytest.approx(2 * nu, rel=1e-3)
+    assert got.damping == pytest.approx(machine.zeta, rel=2e-3)
+    assert got.delay / got.step == pytest.approx(delay, abs=0.02)
+    if delay:
+        assert got.recommended_step == pytest.approx(0.9 * 0.05 * machine.J / machine.B, rel=0.05)
+    else:
+        assert got.recommended_step == got.step
+
+
+def test_an_undamped_system_has_no_share_to_keep(fmus: Path) -> None:
+    got = diagnose(coupled(fmus, OSCILLATOR), step=0.01, algorithm="jacobi")
+    assert got.trusted
+    assert got.damping == pytest.approx(0.0, abs=1e-6)
+    assert got.damping_seen == pytest.approx(0.062894, rel=1e-4)
+    assert got.recommended_step is None
+    assert "does not damp it" in got.text()
+
+
+def test_a_system_that_does_not_oscillate_is_told(fmus: Path) -> None:
+    got = diagnose(coupled(fmus, DC_MOTOR), step=1e-3)
+    assert math.isnan(got.frequency)
+    assert got.recommended_step is None
+    assert got.text() == "No oscillation shows on the wires with strang and 0.001 s."
+
+
+def test_figures_that_are_not_trustworthy_say_so(fmus: Path) -> None:
+    good = diagnose(coupled(fmus, DRIVE), step=1e-3, algorithm="jacobi", share=LOOSE)
+    unexplained = replace(good, residual=0.05)
+    assert not unexplained.trusted
+    assert "Do not trust this: the modes leave 5.0% unexplained." in unexplained.text()
+    coarse = diagnose(coupled(fmus, THREE), step=6e-3, algorithm="jacobi", share=LOOSE)
+    assert not coarse.trusted
+    assert "the damping does not converge" in coarse.text()
+
+
+def test_what_cannot_be_diagnosed_is_refused(fmus: Path) -> None:
+    system = coupled(fmus, DRIVE)
+    wrong: list[tuple[dict[str, Any], str]] = [
+        ({"share": 0.0}, "share = 0.0 must be a finite number above 0"),
+        ({"settle": -1.0}, "settle = -1.0 s must be a finite number of at least 0"),
+        ({"algorithm": "newmark"}, "algorithm 'newmark' must be one of"),
+        ({"step": 0.0}, "step = 0.0 s must be above 0"),
+        ({"order": ["load"]}, "must name each of"),
+    ]
+    for settings, reason in wrong:
+        with pytest.raises(SetupError, match=reason):
+            diagnose(system, **{"step": 1e-3} | settings)
+    alone = System({"a": fmus / "LinearSystem.fmu"}, start={f"a.u[{i}]": 0.0 for i in range(1, 5)})
+    with pytest.raises(SetupError, match="needs a wire that carries a Real"):
+        diagnose(alone, step=1e-3)
+
+
+def test_modes_are_found_over_part_of_a_period_growing_or_not() -> None:
+    h, count = 1e-3, 400
+    t = h * np.arange(count)
+    s = [complex(-0.3, 5.0), complex(2.0, 40.0), complex(-7.0, 0.0)]
+    waves = [(np.exp(v * t) * complex(1.0, -0.5)).real for v in s]
+    y = np.array([[1.0, 0.1, 0.4], [0.2, 1.0, -1.0]]) @ waves
+    found = fit(np.transpose(y), h)
+    best = [min(found.modes, key=lambda mode: abs(mode.s - v)) for v in s]
+    assert [mode.s for mode in best] == pytest.approx(s, rel=1e-5)
+    assert best[1].damping == pytest.approx(-2.0 / abs(s[1]), rel=1e-5)
+    assert found.residual < 1e-9
+    assert {mode.s for mode in best} == {mode.s for mode in found.modes if mode.share > 1e-6}
+
+
+def test_a_response_that_is_no_sum_of_modes_leaves_a_residual() -> None:
+    noise = np.random.default_rng(7).standard_normal((400, 2))
+    assert fit(noise, 1e-3).residual > 0.5
+    assert fit(np.zeros((400, 2)), 1e-3).modes == []
