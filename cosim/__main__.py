@@ -1,4 +1,4 @@
-"""python -m cosim info | check | run | export FILE, for an .ssp or a single .fmu; verify."""
+"""python -m cosim info | check | run | diagnose | export FILE, an .ssp or a single .fmu; verify."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple, NoReturn
@@ -15,10 +16,11 @@ from typing import Any, NamedTuple, NoReturn
 from . import report
 from .adaptive import Adaptive
 from .algorithms import ALGORITHMS
-from .certify import certify, summary
+from .certify import Estimate, certify, summary
 from .container import write_container
+from .damping import diagnose
 from .errors import SetupError, SimulationError
-from .master import run
+from .isolated import run_isolated
 from .osp import write_osp
 from .progress import bar
 from .result import Result
@@ -139,6 +141,18 @@ def parser() -> Parser:
     add("--record", type=names, help="columns by dotted names, a,b,c; all outputs by default")
     add("--certify", action="store_true", help="run with smaller steps too, tell coupling errors")
 
+    measures = command("diagnose", measure, "what the coupling does to the damping")
+    add = measures.add_argument
+    add("--step", type=float, help="communication step [s]; the FMUs' preferred one by default")
+    add("--algorithm", choices=ALGORITHMS, default="strang", help="coupling algorithm")
+    add("--share", type=float, default=0.05, help="artificial damping allowed, of the real one")
+    add(
+        "--settle",
+        type=float,
+        default=0.0,
+        help="time [s] to a steady motion before the measurement",
+    )
+
     exports = command("export", export, "write a system in another format")
     exports.add_argument("--to", choices=("ssp", "osp", "container"), required=True, help="format")
     exports.add_argument("--out", type=Path, required=True, help="file, or folder for osp")
@@ -171,10 +185,7 @@ def plan(task: Task, options: argparse.Namespace) -> Plan:
     if options.step is not None and options.adaptive is not None:
         raise SetupError("--step and --adaptive exclude each other")
     step = Adaptive(options.adaptive) if options.adaptive is not None else options.step
-    if step is None:
-        step = min(report.preferred_steps(task.network).values(), default=None)
-        if step is None:
-            raise SetupError("no FMU prefers a communication step: give --step or --adaptive")
+    step = preferred_step(task.network) if step is None else step
     chosen = Plan(start, stop, step, options.output_step)
     chosen.check()
     return chosen
@@ -223,18 +234,25 @@ def simulate(options: argparse.Namespace) -> int:
         if chosen.output_step is not None:
             settings["output_step"] = chosen.output_step
         whole = options.out is not None and options.part is None and options.out.suffix == ".csv"
-        settings["csv"] = options.out if whole else None
-        with bar(options.file.stem, chosen.start, chosen.stop) as progress:
+        figures: dict[str, Estimate] = {}
+        with (
+            TemporaryDirectory(prefix="cosim_") as folder,
+            bar(options.file.stem, chosen.start, chosen.stop) as progress,
+        ):
+            settings |= {"progress": progress}
+            runner = partial(run_isolated, csv=Path(folder) / "rows.csv")
+            if whole:
+                settings["csv"] = options.out
             if options.certify:
-                result, figures = certify(task.system, summary, progress=progress, **settings)
+                result, figures = certify(task.system, summary, runner=runner, **settings)
             else:
-                result, figures = run(task.system, progress=progress, **settings), {}
-    if options.out is not None and not whole:
-        result.write(options.out, part=options.part)
-    if options.plot is not None:
-        result.plot(path=options.plot)
-    for line in told(result):
-        print(line)
+                result = runner(task.system, **settings)
+            if options.out is not None and not whole:
+                result.write(options.out, part=options.part)
+            if options.plot is not None:
+                result.plot(path=options.plot)
+            for line in told(result):
+                print(line)
     if figures:
         print(
             "figures with their coupling errors, from runs with a step, a half and a quarter of it"
@@ -269,15 +287,36 @@ def told(result: Result) -> Iterator[str]:
             yield f"warning of {name}: {warning}"
 
 
+def measure(options: argparse.Namespace) -> int:
+    """python -m cosim diagnose."""
+    with opened(options.file, options.given) as task:
+        found = diagnose(
+            task.system,
+            step=options.step or preferred_step(task.network),
+            algorithm=options.algorithm,
+            share=options.share,
+            start=task.start,
+            settle=options.settle,
+        )
+    print(found.text())
+    return 0
+
+
+def preferred_step(network: Network) -> float:
+    """The shortest communication step [s] that an FMU prefers; raises SetupError if none does."""
+    preferred = report.preferred_steps(network).values()
+    if not preferred:
+        raise SetupError("no FMU prefers a communication step: give --step")
+    return min(preferred)
+
+
 def export(options: argparse.Namespace) -> int:
     """python -m cosim export."""
     with opened(options.file, options.given) as task:
         if options.to == "ssp":
             write_ssp(task.system, options.out, task.stop)
         else:
-            step = options.step or min(report.preferred_steps(task.network).values(), default=None)
-            if step is None:
-                raise SetupError("no FMU prefers a communication step: give --step")
+            step = options.step or preferred_step(task.network)
             if options.to == "osp":
                 write_osp(task.system, options.out, step=step, start=task.start, stop=task.stop)
             else:

@@ -65,12 +65,14 @@ def certify(
     figures: Callable[[Result], Mapping[str, float]],
     *,
     step: float | Adaptive,
+    runner: Callable[..., Result] = run,
     **settings: Any,
 ) -> Certified:
     """Run with the step, a half and a quarter of it, or the tolerance, a tenth and a hundredth.
 
     `figures` takes the scalars from a result. Rows are `step` apart in all runs unless the settings,
-    which are those of `run`, say otherwise. Raises what `run` raises.
+    which are those of `run`, say otherwise. `runner` is what runs a system, `run` or the like; it
+    gets `csv` in the last run only. Raises what it raises.
     """
     progress = settings.pop("progress", None)
     csv = settings.pop("csv", None)
@@ -86,7 +88,8 @@ def certify(
         done = (ratio**k - 1) / (ratio**3 - 1)
         share = ratio**k * (ratio - 1) / (ratio**3 - 1)
         told = None if progress is None else _within(progress, done, share)
-        result = run(system, step=h, **settings, progress=told, csv=csv if k == 2 else None)
+        last = {} if csv is None or k < 2 else {"csv": csv}
+        result = runner(system, step=h, **settings, progress=told, **last)
         values.append(figures(result))
     order = 1.0 if isinstance(step, Adaptive) else result.provenance["convergence_order"]
     finest_first = values[::-1]

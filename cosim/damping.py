@@ -177,7 +177,7 @@ class Bench:
         end = begin + count
 
         names = [port.name for port in ports]
-        before, after = Recorder(names, {}, None), Recorder(names, {}, None)
+        before, after = Recorder(names, {}, None, {}), Recorder(names, {}, None, {})
 
         def go(first: int, last: int, recorder: Recorder) -> None:
             plan = Plan(self.start + first * h, self.start + last * h, h, None)
