@@ -53,7 +53,10 @@ def substep(
     x, slope, error = attempted(
         lambda: attempt(f, at.s, at.x, at.slope, h, tolerance), (at.x, at.slope, inf)
     )
-    size, tried = resized(h, error, longest), at.tried + 1
+    tried = at.tried + 1
+    if error <= 1.0 and end >= stop:
+        return True, h, Walk(end, x, slope, h, tried)
+    size = resized(h, error, longest)
     if error <= 1.0:
         return True, h, Walk(end, x, slope, size, tried)
     if not h > 1e-9 * (stop - at.s):

@@ -30,7 +30,7 @@ def declaration(function: Function) -> str:
     if has_array(function):
         parameters.append("double *result")
     returned = "double" if function.shape == "number" else "void"
-    return f"static {returned} {function.name}({', '.join(parameters)})"
+    return f"static inline {returned} {function.name}({', '.join(parameters)})"
 
 
 def has_array(function: Function) -> bool:

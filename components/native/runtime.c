@@ -315,7 +315,7 @@ static int allowed(Instance *i, const char *call, int phase) {
 }
 
 static void check_finite(Context *c, const Variable *v, double value) {
-    if (!strcmp(v->kind, "Real") && !(fabs(value) < INFINITY))
+    if (!(fabs(value) < INFINITY) && !strcmp(v->kind, "Real"))
         fail(c, "%s = %v must be a finite number", v->name, v, value);
 }
 

@@ -207,6 +207,7 @@ class Path:
             self.choices[left.number] = [item for item in known if (item == right) == answer]
 
 
+SHORT = 40
 PATHS: list[Path] = []
 TABLE: dict[Any, Node] = {}
 NODES: list[Node] = []
@@ -442,7 +443,7 @@ class Tracer:
                 self.functions[identity] = None
                 traced = function(name, original, shapes, types)
                 del self.functions[identity]
-                self.functions[identity] = traced
+                self.functions[identity] = None if traced and is_short(traced) else traced
             traced = self.functions[identity]
             if traced is None:
                 return original(*args)
@@ -451,6 +452,13 @@ class Tracer:
             return arranged(traced.shape, iter(result))
 
         return call
+
+
+def is_short(traced: Function) -> bool:
+    """Whether a function is better followed than called: one path, and a short one."""
+    return (
+        isinstance(traced.tree, Leaf) and len(traced.tree.nodes) <= SHORT and size(traced.shape) > 0
+    )
 
 
 def called(traced: Function, numbers: list[tuple[Any, ...]]) -> list[Any]:
