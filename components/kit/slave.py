@@ -200,13 +200,12 @@ class ModelSlave(Fmi2Slave):  # type: ignore[misc]
             raise ValueError(f"communication point = {t!r} s must be {v[self.time]!r} s, no jump")
 
         model = interface.model
-        p = self.parameters or self.read_parameters()
         x = model.State._make(v[interface.states])
         now = model.Inputs._make(v[interface.inputs])
         before = model.Inputs._make(v[self.before])
         inputs = motion.course(v[interface.input_hold], before, now, v[self.past], h)
         try:
-            end = motion.step(model, p, t, x, before, now, inputs, self.warn)
+            end = self.step(t, x, before, now, inputs)
             for state, value in zip(interface.variables[interface.states], end):
                 checks.finite(state, value)
         except (ArithmeticError, ValueError) as error:
@@ -227,6 +226,17 @@ class ModelSlave(Fmi2Slave):  # type: ignore[misc]
                 f"{call} is not allowed {PHASES[self.values[self.phase]]}, only {PHASES[phase]}"
             )
 
+    def step(self, t: float, x: Any, before: Any, now: Any, inputs: motion.Course) -> Any:
+        """The state at the end of a communication step."""
+        p = self.parameters or self.read_parameters()
+        return motion.step(self.interface.model, p, t, x, before, now, inputs, self.warn)
+
+    def outputs(self, t: float, x: Any, u: Any) -> Sequence[Value]:
+        """The outputs of a state."""
+        p = self.parameters or self.read_parameters()
+        outputs: Sequence[Value] = self.interface.model.outputs(p, t, x, u)
+        return outputs
+
     def read_parameters(self) -> Any:
         """The record of the parameters as they stand in the list."""
         self.parameters = fill(
@@ -245,11 +255,10 @@ class ModelSlave(Fmi2Slave):  # type: ignore[misc]
         if v[self.phase] == INITIALIZING:
             self.check()
             v[self.end] = v[interface.inputs]
-        p = self.parameters or self.read_parameters()
         x, u = model.State._make(v[interface.states]), model.Inputs._make(v[self.end])
         if v[self.phase] == INITIALIZING:
-            x = v[interface.states] = motion.settle(model, p, x)
-        outputs = model.outputs(p, v[self.time], x, u)
+            x = v[interface.states] = motion.settle(model, self.parameters, x)
+        outputs = self.outputs(v[self.time], x, u)
         for output, value in zip(interface.variables[interface.outputs], outputs):
             checks.finite(output, value)
         v[interface.outputs] = outputs
@@ -370,8 +379,38 @@ def named(variables: Sequence[Variable], values: Sequence[Value]) -> str:
     )
 
 
-def slave_class(model: ModuleType, guid: str) -> type[ModelSlave]:
-    """The class that pythonfmu's wrapper instantiates for a component."""
+class StraightSlave(ModelSlave):
+    """The slave that steps by the functions that build_fmus.py has written in straight lines."""
+
+    straight: ClassVar[ModuleType]
+    types: ClassVar[dict[str, list[tuple[int, type]]]]
+
+    def step(self, t: float, x: Any, before: Any, now: Any, inputs: motion.Course) -> Any:
+        course = (*inputs.start, *inputs.end, inputs.h)
+        end = self.straight.model_step(self.warn, self.values, t, x, before, now, course)
+        return self.typed("states", end)
+
+    def outputs(self, t: float, x: Any, u: Any) -> Sequence[Value]:
+        return self.typed("outputs", self.straight.model_outputs(self.warn, self.values, t, x, u))
+
+    def typed(self, part: str, numbers: Sequence[float]) -> Sequence[Value]:
+        """The numbers of a record, Integers and Booleans as such."""
+        types = self.types[part]
+        if not types:
+            return numbers
+        values: list[Value] = list(numbers)
+        for place, kind in types:
+            values[place] = kind(values[place])
+        return values
+
+
+def slave_class(
+    model: ModuleType, guid: str, straight: ModuleType | None = None
+) -> type[ModelSlave]:
+    """The class that pythonfmu's wrapper instantiates for a component.
+
+    `straight` is the module that `components.native.python` makes of it, if there is one.
+    """
     interface = Interface(model)
     references = {
         kind: frozenset(v.reference for v in interface.variables if v.kind == kind)
@@ -389,4 +428,15 @@ def slave_class(model: ModuleType, guid: str) -> type[ModelSlave]:
         },
         "held_reals": references["Real"] - set(everything[interface.outputs]),
     }
-    return type(class_name(model), (ModelSlave,), body)
+    if straight is None:
+        return type(class_name(model), (ModelSlave,), body)
+    types = {
+        part: [
+            (place, bool if v.kind == "Boolean" else int)
+            for place, v in enumerate(interface.variables[getattr(interface, part)])
+            if v.kind != "Real"
+        ]
+        for part in ("states", "outputs")
+    }
+    body |= {"straight": straight, "types": types}
+    return type(class_name(model), (StraightSlave,), body)

@@ -20,8 +20,10 @@ import pythonfmu
 from fmpy.model_description import read_model_description
 from pythonfmu import FmuBuilder
 
+from .. import PYTHON_ONLY
 from ..kit.interface import Interface, class_name
 from ..kit.slave import slave_class
+from ..native import generate, python
 from . import page, reference
 from .archive import write_archive
 
@@ -56,6 +58,9 @@ def collect(component: str) -> Build:
     files = {"__init__.py": b"", f"{component}.py": (folder / f"{component}.py").read_bytes()}
     for source in sorted((folder / "kit").glob("*.py")):
         files[f"kit/{source.name}"] = source.read_bytes()
+    if component not in PYTHON_ONLY:
+        functions = generate.traced(Interface(model))
+        files["straight.py"] = python.module(functions, ("model_step", "model_outputs")).encode()
     digest = hashlib.sha256(importlib.metadata.version("pythonfmu").encode())
     makers = [*sorted(Path(__file__).parent.glob("*.py")), ROOT / "LICENSE"]
     for maker in (*makers, *sorted(WRAPPERS.rglob("*.*"))):
@@ -96,10 +101,11 @@ def pack(build: Build, fmu: Path) -> None:
 
 def _write_sources(build: Build, folder: Path) -> Path:
     component = build.model.__name__.rpartition(".")[2]
+    straight = "straight" if "straight.py" in build.files else "None"
     entry = (
-        f"from . import {component}\n"
+        f"from . import {component}{', straight' if straight != 'None' else ''}\n"
         f"from .kit.slave import slave_class\n\n"
-        f'{build.name} = slave_class({component}, "{build.guid}")\n'
+        f'{build.name} = slave_class({component}, "{build.guid}", {straight})\n'
     )
     for name, content in {**build.files, "fmu.py": entry.encode()}.items():
         target = folder / build.package / name

@@ -1,0 +1,200 @@
+"""Print traced functions as Python: straight lines of local floats, for the FMU that needs Python."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Any
+
+from .c import MARK, acts, has_array, marked, needed, used
+from .trace import COMPARISONS, NODES, Branch, Function, Leaf, Node, Tree, Untraceable, size
+
+HEAD = '''"""The step of a component in straight lines, written by build_fmus.py from its equations."""
+
+from math import acos, atan, atan2, cos, exp, expm1, inf, nan, sin, sqrt, tan
+
+'''
+INFIX = {"+", "-", "*", "/", *COMPARISONS} | {"power", "modulo"}
+SIGNS = {"power": "**", "modulo": "%", "fabs": "abs"}
+SMALL = 8
+
+
+def module(functions: list[Function], entries: tuple[str, ...]) -> str:
+    """A module with these entries and all that they call; each takes `note` first."""
+    wanted = set(entries)
+    for function in reversed(functions):
+        if function.name in wanted:
+            wanted |= {node.args[0].name for node in calls(function.tree)}
+    kept = [function for function in functions if function.name in wanted]
+    return HEAD + "\n\n".join(definition(function) for function in kept)
+
+
+def calls(tree: Tree) -> Iterator[Node]:
+    """All calls in a tree."""
+    for node in tree.nodes:
+        if node.op == "call":
+            yield node
+        elif node.op == "loop":
+            yield from calls(node.args[2])
+    if isinstance(tree, Branch):
+        yield from calls(tree.true)
+        yield from calls(tree.false)
+
+
+def definition(function: Function) -> str:
+    parameters = [name for name, shape in function.parameters.items() if size(shape)]
+    head = f"def {function.name}({', '.join(['note', *parameters])}):"
+    return "\n".join([head, *Printer(function).tree(function.tree, 1, None), ""])
+
+
+def real(value: float) -> str:
+    if not math.isfinite(value):
+        return {math.inf: "inf", -math.inf: "-inf"}.get(value, "nan")
+    return repr(float(value))
+
+
+class Printer:
+    """One function in Python."""
+
+    def __init__(self, function: Function) -> None:
+        self.function = function
+        self.names: dict[int, str] = {}
+        self.trying = False
+        self.used: set[int] = set()
+        waiting = list(needed(function.tree))
+        while waiting:
+            value = waiting.pop()
+            if isinstance(value, Node) and value.number not in self.used:
+                self.used.add(value.number)
+                waiting += used(value)
+
+    def tree(self, tree: Tree, depth: int, loop: Node | None) -> Iterator[str]:
+        for node in tree.nodes:
+            if node.number in self.used or acts(node):
+                yield from self.statement(node, depth)
+        if self.trying:
+            raise Untraceable("a condition within what is attempted")
+        indent = "    " * depth
+        if isinstance(tree, Branch):
+            condition, short, long = self.value(tree.condition), tree.true, tree.false
+            if isinstance(long, Leaf) and isinstance(short, Branch):
+                condition, short, long = f"not {condition}", long, short
+            yield f"{indent}if {condition}:"
+            yield from self.tree(short, depth + 1, loop)
+            yield from self.tree(long, depth, loop)
+        elif tree.error is not None:
+            yield f"{indent}raise ValueError({self.text(tree.error)})"
+        elif loop is not None:
+            yield from self.turn(tree, loop, indent)
+        elif has_array(self.function) or not tree.values:
+            yield f"{indent}return {self.array(tree.values)}"
+        else:
+            yield f"{indent}return {self.value(tree.values[0])}"
+
+    def turn(self, leaf: Leaf, loop: Node, indent: str) -> Iterator[str]:
+        """The end of a loop's body: the next values of its variables."""
+        done, *values = leaf.values
+        old = [f"v{loop.args[0]}_{place}" for place in range(len(values))]
+        moves = {
+            name: new for name, value in zip(old, values) if (new := self.value(value)) != name
+        }
+        if moves:
+            yield f"{indent}{', '.join(moves)} = {', '.join(moves.values())}"
+        yield f"{indent}{'break' if done else 'continue'}"
+
+    def statement(self, node: Node, depth: int) -> Iterator[str]:
+        indent = "    " * (depth + self.trying)
+        if node.op == "note":
+            yield f"{indent}note({self.text(node.args[0])})"
+        elif node.op == "leave if failed":
+            yield f"{indent}try:"
+            self.trying = True
+        elif node.op == "forget failure":
+            self.trying = False
+            yield f"{indent}{self.name(node)} = False"
+            yield f"{indent[4:]}except (ArithmeticError, ValueError):"
+            yield f"{indent}{self.name(node)} = True"
+        elif node.op == "loop":
+            number, start, body = node.args
+            for place, value in enumerate(start):
+                yield f"{indent}v{number}_{place} = {self.value(value)}"
+            yield f"{indent}while True:"
+            yield from self.tree(body, depth + 1, node)
+        elif node.op == "call":
+            yield f"{indent}{self.call(node)}"
+        else:
+            yield f"{indent}{self.name(node)} = {self.expression(node)}"
+
+    def name(self, node: Node) -> str:
+        return self.names.setdefault(node.number, f"n{len(self.names)}")
+
+    def call(self, node: Node) -> str:
+        traced, groups = node.args
+        shapes = [shape for shape in traced.parameters.values() if size(shape)]
+        arguments = ["note"]
+        for shape, group in zip(shapes, groups, strict=True):
+            arguments.append(self.value(group[0]) if shape == "number" else self.array(group))
+        name, count = self.name(node), size(traced.shape)
+        parts = [f"{name}_{place}" for place in range(count)]
+        small = has_array(traced) and count <= SMALL
+        target = f"{', '.join(parts)}, = {name}" if small else name
+        return f"{target} = {traced.name}({', '.join(arguments)})"
+
+    def array(self, group: list[Any]) -> str:
+        """Numbers side by side: where they already are, or as a new tuple."""
+        first = group[0] if group else None
+        if isinstance(first, Node) and first.op in ("element", "result"):
+            base, place = first.args
+            row = [(first.op, (base, place + offset)) for offset in range(len(group))]
+            is_array = first.op == "element" or has_array(NODES[base].args[0])
+            if is_array and row == [(getattr(v, "op", ""), getattr(v, "args", ())) for v in group]:
+                name, shape = str(base), self.function.parameters.get(str(base))
+                if first.op == "result":
+                    name, shape = self.names[base], NODES[base].args[0].shape
+                whole = shape is not None and size(shape) == len(group)
+                return name if whole else f"{name}[{place}:{place + len(group)}]"
+        return f"({''.join(f'{self.value(value)}, ' for value in group)})"
+
+    def value(self, value: Any) -> str:
+        """A number where it is used."""
+        if not isinstance(value, Node):
+            return real(value)
+        if value.op == "symbol":
+            return str(value.args[0])
+        if value.op == "element":
+            return f"{value.args[0]}[{value.args[1]}]"
+        if value.op == "variable":
+            return f"v{value.args[0]}_{value.args[1]}"
+        if value.op == "result":
+            call, place = value.args
+            traced, name = NODES[call].args[0], self.names[call]
+            if not has_array(traced):
+                return name
+            return f"{name}_{place}" if size(traced.shape) <= SMALL else f"{name}[{place}]"
+        if value.op in COMPARISONS:
+            return f"({self.expression(value)})"
+        return self.names[value.number]
+
+    def expression(self, node: Node) -> str:
+        """What a node computes."""
+        values = [self.value(arg) for arg in node.args]
+        sign = SIGNS.get(node.op, node.op)
+        if node.op == "select":
+            return f"{values[2]} if {values[0]} else {values[1]}"
+        if node.op in INFIX:
+            return f"{values[0]} {sign} {values[1]}"
+        if node.op == "neg":
+            return f"-{values[0]}"
+        return f"{sign}({', '.join(values)})"
+
+    def text(self, text: str) -> str:
+        """A text with its values, as an f-string."""
+        types = {"Real": "", "Boolean": "bool"}
+        form = repr(text.replace("{", "{{").replace("}", "}}"))
+        values = iter(list(marked(text)))
+
+        def written(_: Any) -> str:
+            node = next(values)
+            return f"{{{types.get(node.kind, 'int')}({self.value(node)})!r}}"
+
+        return "f" + MARK.sub(written, form.replace("\\x01", "\x01").replace("\\x02", "\x02"))
