@@ -207,7 +207,7 @@ def test_events_get_rows_of_their_own(fmus: Path) -> None:
 
 
 def test_streamed_rows_are_not_kept_in_memory(fmus: Path, tmp_path: Path) -> None:
-    recorder = Recorder(["x"], {}, tmp_path / "rows.csv")
+    recorder = Recorder(["x"], {}, tmp_path / "rows.csv", {})
     for n in range(50_000):
         recorder.add([n, n / 3])
     assert len(recorder.rows) < 3 * CHUNK

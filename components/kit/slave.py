@@ -386,7 +386,7 @@ class StraightSlave(ModelSlave):
     types: ClassVar[dict[str, list[tuple[int, type]]]]
 
     def step(self, t: float, x: Any, before: Any, now: Any, inputs: motion.Course) -> Any:
-        course = (*inputs.start, *inputs.end, inputs.h)
+        course = (*inputs.start, *inputs.end, inputs.h, inputs.degree)
         end = self.straight.model_step(self.warn, self.values, t, x, before, now, course)
         return self.typed("states", end)
 
