@@ -13,6 +13,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -928,24 +929,28 @@ def test_ctrl_c_ends_an_isolated_run(
         start_new_session=True,
         preexec_fn=hear_ctrl_c,  # noqa: PLW1509
     )
-    assert process.stdout is not None
-    assert process.stdout.readline() == b"started\n"
-    deadline = time.monotonic() + 60
-    if when == "running":
-        while not size(partial) and time.monotonic() < deadline:
-            time.sleep(0.05)
-    time.sleep(0.3)
-    known = -1
-    while hangs and known != size(partial):
-        known = size(partial)
-        time.sleep(0.7)
-    kill = os.killpg if whom == "all" else os.kill
-    kill(process.pid, signal.SIGINT)
-    if hangs:
-        time.sleep(1.0)
-        assert process.poll() is None
+    try:
+        assert process.stdout is not None
+        assert process.stdout.readline() == b"started\n"
+        deadline = time.monotonic() + 60
+        if when == "running":
+            while not size(partial) and time.monotonic() < deadline:
+                time.sleep(0.05)
+        time.sleep(0.3)
+        known = -1
+        while hangs and known != size(partial):
+            known = size(partial)
+            time.sleep(0.7)
+        kill = os.killpg if whom == "all" else os.kill
         kill(process.pid, signal.SIGINT)
-    _, errors = process.communicate(timeout=60)
+        if hangs:
+            time.sleep(1.0)
+            assert process.poll() is None
+            kill(process.pid, signal.SIGINT)
+        _, errors = process.communicate(timeout=60)
+    finally:
+        with suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
     text = errors.decode()
     assert text.count("Traceback") == 1, text
     assert ("killed by signal SIGKILL" if hangs else "interrupted by the user; stopped at") in text
