@@ -728,7 +728,9 @@ def test_every_defect_is_tried() -> None:
 
 
 @pytest.mark.parametrize("defect", REFUSED)
-def test_what_is_no_fmu_for_this_master_says_why(defect: str, make: Make, tmp_path: Path) -> None:
+def test_what_is_no_fmu_for_this_master_says_why(
+    defect: str, make: Make, tmp_path: Path, scratch: Path
+) -> None:
     here = Path.cwd()
     diary = tmp_path / "diary.txt"
     parts = {"B": make(diary=str(diary)), "A": spoiled(tmp_path / "A.fmu", defect)}
@@ -740,6 +742,8 @@ def test_what_is_no_fmu_for_this_master_says_why(defect: str, make: Make, tmp_pa
     assert "\n" not in text
     assert Path.cwd() == here
     assert events(diary) in ([], ["freed B"])
+    loaded = Path("/proc/self/maps")
+    assert not loaded.exists() or str(scratch) not in loaded.read_text()
 
 
 def read(path: Path) -> Any:
