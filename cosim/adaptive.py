@@ -64,6 +64,13 @@ class Scale:
             if v.type == "Real"
         }
         self.largest = [nominal[name] for name in self.names]
+        fed_through = {
+            f"{part.name}.{unknown.variable.name}"
+            for part in parts
+            for unknown in part.description.outputs
+            if any(v.causality == "input" for v in unknown.dependencies or ())
+        }
+        self.instant = [name in fed_through for name in self.names]
 
     def values(self) -> list[float]:
         """The outputs as they stand."""
@@ -73,13 +80,18 @@ class Scale:
         """Let the outputs as they stand count."""
         self.largest = [max(a, abs(b)) for a, b in zip(self.largest, self.values())]
 
-    def share(self, errors: Sequence[float]) -> float:
-        """The worst error over what is allowed for the whole run."""
+    def share(self, errors: Sequence[float], steps: float) -> float:
+        """The worst error over what is allowed, if as many steps like this one make the run.
+
+        The errors of a run add up, except those of an output that inputs act on at once: it shows
+        the error of its own instant, which the next step does not inherit.
+        """
         allowed = (
             self.tolerance * size if given is None else given
             for size, given in zip(self.largest, self.absolute)
         )
-        return max((abs(e) / a for e, a in zip(errors, allowed)), default=0.0)
+        times = (1.0 if instant else steps for instant in self.instant)
+        return max((abs(e) / a * n for e, a, n in zip(errors, allowed, times)), default=0.0)
 
 
 class Controller:
@@ -131,7 +143,7 @@ def doubling(
             used, smaller = math.inf, min(h / 2, max(0.0, discarded.reached - t)) or h / 2
         else:
             errors = [a - b for a, b in zip(scale.values(), whole)]
-            used = scale.share(errors) * (stop - start) / h
+            used = scale.share(errors, (stop - start) / h)
             smaller = controller.again(h, used) if used > ACCEPT else h
         if used > ACCEPT:
             rejected.append(h)
