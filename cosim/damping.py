@@ -18,7 +18,7 @@ import numpy as np
 from .errors import PartFailure, SetupError
 from .initial import initialise
 from .master import problems, stepping_order
-from .modes import Array, Fit, Mode, fit
+from .modes import SIGNIFICANT, Array, Fit, Mode, fit
 from .part import Part
 from .result import Recorder
 from .stepping import Plan, Row, Run
@@ -26,7 +26,7 @@ from .system import Network, System, connect
 
 KICK = 1e-3
 FEWEST_STEPS, MOST_STEPS = 256, 1 << 12
-FEWEST_ROWS = 32
+FEWEST_ROWS, MEMORY = 32, 4
 PERIODS, SEEN, TRIED = 4.0, 0.25, 0.125
 NOTICEABLE, VISIBLE, ABOVE_NOISE = 0.1, 1e-3, 100.0
 ALMOST, AT_ONCE = 0.9, 32
@@ -162,8 +162,8 @@ class Bench:
         count = min(MOST_STEPS, round(span / h))
         calm, kicked = (self._run(h, count, kick) for kick in (0.0, KICK))
         rows = min(len(calm), len(kicked))
-        dead_beat = len(self.sequence) * (1 + self.input_order)
-        response = (kicked[:rows] - calm[:rows])[dead_beat:]
+        memory = MEMORY * len(self.sequence) * (1 + self.input_order)
+        response = (kicked[:rows] - calm[:rows])[memory:]
         if len(response) < FEWEST_ROWS:
             raise SetupError(f"with steps of {h!r} s a part fails soon after the kick")
         return fit(response, h)
@@ -244,10 +244,11 @@ def _diagnose(bench: Bench, step: float, share: float) -> Diagnosis:
     follow(step)
     law = Law(modes, fits)
     recommended = step if abs(law.damping) > UNDAMPED else None
-    longest = step
     while recommended is not None and not law.keeps(recommended, share):
-        recommended = min(longest, max(law.step(share), min(modes) / AT_ONCE))
-        longest = ALMOST * recommended
+        shorter = law.step(share)
+        if shorter > ALMOST * recommended:
+            shorter = recommended / 2
+        recommended = max(shorter, min(modes) / AT_ONCE)
         if recommended * MOST_STEPS * law.frequency < 2 * math.pi * TRIED:
             recommended = None
         else:
@@ -272,8 +273,8 @@ def _diagnose(bench: Bench, step: float, share: float) -> Diagnosis:
 class Law:
     """A mode's damping ratio over the step: the parabola through the three shortest steps.
 
-    The error of its value at zero is the difference to a line, and SPREAD times what the modes
-    leave unexplained, as it goes through the extrapolation.
+    The error of its value at zero is the difference to a line, and what goes through the
+    extrapolation of SPREAD times the residuals and of what a fit neglects per radian.
     """
 
     def __init__(self, modes: Mapping[float, Mode], fits: Mapping[float, Fit]) -> None:
@@ -285,8 +286,8 @@ class Law:
         self.damping = float(self.curve[-1])
         self.frequency = float(np.linalg.solve(powers, [modes[h].frequency for h in steps])[-1])
         line = ratios[0] - steps[0] * (ratios[1] - ratios[0]) / (steps[1] - steps[0])
-        noise = np.abs(np.linalg.inv(powers)[-1]) @ [fits[h].residual for h in steps]
-        self.error = abs(self.damping - line) + SPREAD * float(noise)
+        unknown = [SPREAD * fits[h].residual + SIGNIFICANT / (self.frequency * h) for h in steps]
+        self.error = abs(self.damping - line) + float(np.abs(np.linalg.inv(powers)[-1]) @ unknown)
 
     def keeps(self, h: float, share: float) -> bool:
         """Whether a step that was tried keeps the damping within its share for certain."""

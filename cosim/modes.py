@@ -43,7 +43,8 @@ def fit(samples: Array, h: float) -> Fit:
 
     Eigensystem realisation (Juang and Pappa 1985): windows of the response at many delays stand
     side by side, their strongest directions are the state, and a step h maps it linearly. Exact for
-    a linear system without noise, also over part of a period and for modes that grow.
+    a linear system without noise, also over part of a period and for modes that grow. The shares
+    leave aside what several modes add and take away again.
     """
     largest = np.abs(samples).max(axis=0)
     y = samples[:, largest > 0.0] / largest[largest > 0.0]
@@ -55,7 +56,9 @@ def fit(samples: Array, h: float) -> Fit:
     times = np.arange(count)[:, None] - np.where(np.abs(z) > 1.0, count - 1, 0)
     powers = np.exp(times * np.log(z))
     powers = powers / np.linalg.norm(powers, axis=0)
-    amplitudes = np.linalg.lstsq(powers, y.astype(complex), rcond=CANCELLING)[0]
+    exact, amplitudes = (
+        np.linalg.lstsq(powers, y.astype(complex), rcond=limit)[0] for limit in (None, CANCELLING)
+    )
     energy = np.sum(y**2, axis=0)
     shares = (np.abs(amplitudes) ** 2 / energy).max(axis=1)
     modes = [
@@ -63,7 +66,7 @@ def fit(samples: Array, h: float) -> Fit:
         for v, share in zip(z, shares)
         if v.imag >= 0.0
     ]
-    rest = np.sum((y - (powers @ amplitudes).real) ** 2, axis=0)
+    rest = np.sum((y - (powers @ exact).real) ** 2, axis=0)
     return Fit(modes, float(np.sqrt(np.max(rest / energy))))
 
 
