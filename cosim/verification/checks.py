@@ -1,0 +1,282 @@
+"""The master against theory: ideal algorithms, orders, stability limits, energies, tolerances."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import pairwise
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from scipy.optimize import brentq
+
+from ..adaptive import Adaptive
+from ..master import run
+from ..result import Result
+from .ideal import Ideal, Scheme
+from .systems import (
+    BENCHMARKS,
+    DUAL_MASS,
+    SPRING_AND_MASS,
+    UNDAMPED,
+    Benchmark,
+    Matrix,
+    Unit,
+    couple,
+    lagging_motor,
+    states,
+)
+
+SAME = 1e-10
+ORDER = 0.1
+MARGIN = 0.02
+
+SCHEMES = {
+    "jacobi": Scheme("jacobi"),
+    "gauss-seidel": Scheme("gauss-seidel"),
+    "strang": Scheme("strang"),
+    "iterated": Scheme("iterated"),
+    "jacobi, input order 1": Scheme("jacobi", input_order=1),
+    "gauss-seidel, input order 1": Scheme("gauss-seidel", input_order=1),
+    "strang, input order 1": Scheme("strang", input_order=1),
+    "iterated, input order 1": Scheme("iterated", input_order=1),
+    "jacobi, FMUs extrapolate": Scheme("jacobi", hold=1),
+    "iterated, FMUs interpolate": Scheme("iterated", hold=2),
+}
+SUBSTEPS = {
+    "jacobi, input order 1, 3 substeps": Scheme("jacobi", input_order=1, substeps=3),
+    "iterated, input order 1, 3 substeps": Scheme("iterated", input_order=1, substeps=3),
+}
+HELD = {name: scheme for name, scheme in SCHEMES.items() if not scheme.hold}
+EXPLICIT = {name: scheme for name, scheme in HELD.items() if scheme.algorithm != "iterated"}
+MOTOR = lagging_motor(lag=0.06, inertia=0.9, slope=0.9 / 2.565e-3)
+
+
+class Row(NamedTuple):
+    """How far a scheme is off its ideal, relative, and what else theory says of a quantity."""
+
+    system: str
+    scheme: str
+    match: float
+    quantity: str
+    found: float
+    theory: float
+    passed: bool
+
+
+def verify(fmu: Path) -> Iterator[Row]:
+    """Run all checks with an FMU of x' = A x + B u, y = C x, z = C x + D u that is exact."""
+    for name, benchmark in BENCHMARKS.items():
+        more = {} if benchmark.feedthrough else SUBSTEPS
+        for title, scheme in (SCHEMES | more).items():
+            yield from orders(fmu, name, benchmark, title, scheme)
+    for title, scheme in EXPLICIT.items():
+        yield limit(fmu, "lagging motor", MOTOR, title, scheme)
+    for title in ("jacobi", "gauss-seidel"):
+        yield limit(fmu, "dual mass", DUAL_MASS, title, SCHEMES[title])
+    for title, scheme in HELD.items():
+        yield spring_energy(fmu, title, scheme)
+    for title in ("jacobi", "gauss-seidel", "strang", "iterated"):
+        yield shaft_energy(fmu, title, SCHEMES[title])
+    quarter_car = BENCHMARKS["quarter car"]
+    yield tolerance(fmu, "quarter car", quarter_car, "strang", "doubling", (1e-3, 1e-4, 1e-5))
+    yield tolerance(fmu, "undamped drive", UNDAMPED, "jacobi", "energy", (1e-1, 3e-2, 1e-2))
+
+
+def simulate(
+    fmu: Path,
+    units: Mapping[str, Unit],
+    scheme: Scheme,
+    stop: float,
+    step: float | Adaptive,
+    bond: tuple[str, str] | None = None,
+) -> Result:
+    """A run of the master, all states recorded."""
+    return run(
+        couple(units, fmu, input_hold=scheme.hold, bond=bond),
+        stop=stop,
+        step=step,
+        algorithm=scheme.algorithm,
+        order=list(units),
+        input_order=scheme.input_order,
+        substeps={list(units)[-1]: scheme.substeps},
+        record=states(units),
+    )
+
+
+def deviation(got: Matrix, want: Matrix) -> float:
+    """The largest difference in a column over the largest value there."""
+    if got.shape != want.shape:
+        return math.inf
+    return float((np.abs(got - want).max(axis=0) / np.abs(want).max(axis=0)).max())
+
+
+def order(scheme: Scheme, feedthrough: bool) -> int:
+    """The order of the states: means and half steps lose theirs over direct feedthrough.
+
+    An output with feedthrough shows what its part heard last. That belongs to the end of the step
+    if the FMU moves its input, and otherwise to a time that is late by a part of the step.
+    """
+    if scheme.hold:
+        return 2
+    second = scheme.algorithm == "strang" or scheme.input_order == 1
+    return 2 if second and not feedthrough else 1
+
+
+def residual_order(scheme: Scheme, units: Mapping[str, Unit]) -> int:
+    """The order of what a power bond makes.
+
+    Held old values against new ones leave a term of first order. Half steps cancel it, unless a
+    part that takes them has feedthrough; so do means, that lie in the middle for both sides.
+    """
+    if scheme.input_order:
+        return 2
+    *first, _ = units.values()
+    halves = scheme.algorithm == "strang" and all(unit.D is None for unit in first)
+    return 2 if halves else 1
+
+
+def slope(errors: Sequence[float], theory: float) -> float:
+    """The binary logarithm of the quotient of neighbours that is farthest from theory."""
+    slopes = [math.log2(abs(a / b)) if a * b else math.inf for a, b in pairwise(errors)]
+    return max(slopes, key=lambda found: abs(found - theory))
+
+
+def orders(fmu: Path, name: str, benchmark: Benchmark, title: str, scheme: Scheme) -> Iterator[Row]:
+    """States, and energies over a bond, against the ideal and its order over halved steps."""
+    ideal = Ideal(benchmark.units)
+    bond = None if scheme.hold else benchmark.bond
+    matches, errors, booked, residuals, shares = [], [], [], [], []
+    for count in benchmark.counts:
+        h = benchmark.stop / count
+        result = simulate(fmu, benchmark.units, scheme, benchmark.stop, h, bond)
+        got = result.data[:, 1:]
+        matches.append(deviation(got, ideal.states(scheme, [h] * count)))
+        errors.append(deviation(got, ideal.exact([h] * count)))
+        if bond:
+            energy = next(iter(result.energy.values()))
+            want = ideal.energy(scheme, [h] * count, bond)
+            ledger = np.array([energy["given"], energy["taken"]])
+            booked.append(float(np.abs(ledger - want).max() / np.abs(want).max()))
+            residuals.append(energy["residual"])
+            shares.append(energy["residual"] / np.abs(want).max())
+    theory = order(scheme, benchmark.feedthrough)
+    yield judge(
+        name, title, max(matches), "order of the states", slope(errors, theory), theory, ORDER
+    )
+    if bond and (scheme.algorithm, scheme.input_order) == ("iterated", 1):
+        largest = max(shares, key=abs)
+        yield judge(name, title, max(booked), "residual of the energy", largest, 0.0, SAME)
+    elif bond:
+        theory = residual_order(scheme, benchmark.units)
+        found = slope(residuals, theory)
+        yield judge(name, title, max(booked), "order of the residual", found, theory, ORDER)
+
+
+def judge(
+    system: str,
+    scheme: str,
+    match: float,
+    quantity: str,
+    found: float,
+    theory: float,
+    within: float,
+) -> Row:
+    """The row, passed if it matches the ideal and is within this distance of theory."""
+    passed = match < SAME and abs(found - theory) <= within
+    return Row(system, scheme, match, quantity, found, theory, passed)
+
+
+def longest_step(ideal: Ideal, scheme: Scheme) -> float:
+    """The step [s] at which the spectral radius of the ideal algorithm first reaches 1."""
+
+    def growth(h: float) -> float:
+        return ideal.radius(scheme, h) - 1.0
+
+    h = 1e-3
+    while growth(h) < 0.0:
+        h *= 1.05
+    return float(brentq(growth, h / 1.05, h, xtol=1e-15))
+
+
+def limit(fmu: Path, name: str, units: Mapping[str, Unit], title: str, scheme: Scheme) -> Row:
+    """Where the master turns unstable, from its growth below and above the ideal's limit."""
+    ideal = Ideal(units)
+    theory = longest_step(ideal, scheme)
+    matches, growth = [], []
+    for h in (theory * (1 - MARGIN), theory * (1 + MARGIN)):
+        count = math.ceil(4.0 / abs(math.log(ideal.radius(scheme, h))))
+        got = simulate(fmu, units, scheme, count * h, h).data[:, 1:]
+        matches.append(deviation(got, ideal.states(scheme, [h] * count)))
+        size = np.log(np.linalg.norm(got / np.abs(got).max(axis=0), axis=1))[count // 4 :]
+        growth.append(float(np.polynomial.polynomial.polyfit(range(len(size)), size, 1)[1]))
+    below, above = growth
+    found = theory * (1 - MARGIN * (above + below) / (above - below))
+    row = judge(name, title, max(matches), "stability limit [s]", found, theory, MARGIN * theory)
+    return row._replace(passed=row.passed and below < 0.0 < above)
+
+
+def spring_energy(fmu: Path, title: str, scheme: Scheme) -> Row:
+    """A spring drives a mass: what the bond makes is what their energy changes by, exactly.
+
+    Spring and mass only exchange energy, and under a held input the output of either is linear in
+    time, so that the ledger's trapezoids are their works.
+    """
+    h, count = 0.01, 200
+    ideal = Ideal(SPRING_AND_MASS)
+    result = simulate(fmu, SPRING_AND_MASS, scheme, count * h, h, ("spring.1", "mass.1"))
+    place, speed = result.data[:, 1], result.data[:, 2]
+    energy = 50 * place**2 / 2 + 2.0 * speed**2 / 2
+    made = -next(iter(result.energy.values()))["residual"] / energy[0]
+    change = float(energy[-1] / energy[0]) - 1.0
+    match = deviation(result.data[:, 1:], ideal.states(scheme, [h] * count))
+    return judge("spring and mass", title, match, "energy made, of the first", made, change, SAME)
+
+
+def shaft_energy(fmu: Path, title: str, scheme: Scheme) -> Row:
+    """Two inertias: what the bond makes is what their energy changes by, up to second order.
+
+    The shaft's torque bends within a step; the trapezoids miss h^2 / 12 times its curvature.
+    """
+    ideal = Ideal(UNDAMPED.units)
+    matches, gaps = [], []
+    for count in UNDAMPED.counts:
+        h = UNDAMPED.stop / count
+        result = simulate(fmu, UNDAMPED.units, scheme, UNDAMPED.stop, h, UNDAMPED.bond)
+        matches.append(deviation(result.data[:, 1:], ideal.states(scheme, [h] * count)))
+        twist, w_1, w_2 = result.data[:, 1:].T
+        energy = (1e4 * twist**2 + 1.1 * w_1**2 + 2.2 * w_2**2) / 2
+        made = -next(iter(result.energy.values()))["residual"]
+        gaps.append(float(energy[-1] - energy[0]) - made)
+    found = slope(gaps, 2)
+    quantity = "order of energy beyond made"
+    return judge("undamped drive", title, max(matches), quantity, found, 2, ORDER)
+
+
+def tolerance(
+    fmu: Path,
+    name: str,
+    benchmark: Benchmark,
+    title: str,
+    control: str,
+    tolerances: Sequence[float],
+) -> Row:
+    """The largest error of adaptive runs is proportional to the tolerance.
+
+    By energy that holds where the power that the bond makes keeps its sign, as it does under Jacobi
+    for a torque and a speed that swing a quarter of a period apart.
+    """
+    ideal, scheme = Ideal(benchmark.units), SCHEMES[title]
+    pieces = 2 if control == "doubling" else 1
+    matches, errors = [], []
+    for allowed in tolerances:
+        step = Adaptive(allowed, control=control)
+        result = simulate(fmu, benchmark.units, scheme, benchmark.stop, step, benchmark.bond)
+        got, sizes = result.data[:, 1:], np.diff(result["time"])
+        want = ideal.states(scheme, np.repeat(sizes / pieces, pieces).tolist())[::pieces]
+        matches.append(deviation(got, want))
+        errors.append(deviation(got, ideal.exact(sizes.tolist())))
+    found = math.log(errors[0] / errors[-1], tolerances[0] / tolerances[-1])
+    quantity = "exponent of the tolerance"
+    return judge(name, f"{title}, adaptive by {control}", max(matches), quantity, found, 1, ORDER)

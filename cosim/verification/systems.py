@@ -1,0 +1,187 @@
+"""Linear benchmarks of co-simulation as parts x' = A x + B u, y = C x + D u."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..system import System, Value
+
+Matrix = NDArray[np.float64]
+Rows = Sequence[Sequence[float]]
+SIZE = range(1, 5)
+
+
+@dataclass(frozen=True)
+class Unit:
+    """A part; `u` gives for each input its source "part.output", outputs counted from 1, or a value."""
+
+    A: Rows
+    B: Rows
+    C: Rows
+    x: Sequence[float]
+    u: Sequence[str | float]
+    D: Rows | None = None
+
+    @property
+    def feedthrough(self) -> Matrix:
+        """D, or zeros of its shape."""
+        return np.zeros((len(self.C), len(self.u))) if self.D is None else np.array(self.D, float)
+
+
+@dataclass(frozen=True)
+class Benchmark:
+    """Units by name, the time that a run lasts [s], the number of steps of its shortest run.
+
+    A bond names two outputs that are wired there and back and multiply to a power.
+    """
+
+    units: Mapping[str, Unit]
+    stop: float
+    steps: int
+    bond: tuple[str, str] | None = None
+
+    @property
+    def counts(self) -> list[int]:
+        """The numbers of steps of four runs, each with half the steps' size of the one before."""
+        return [self.steps * 2**halvings for halvings in range(4)]
+
+    @property
+    def feedthrough(self) -> bool:
+        """Whether any input acts on an output at once."""
+        return any(unit.D is not None for unit in self.units.values())
+
+
+PI2 = math.pi**2
+SPRINGS: Rows = [[0, 1], [-20 * PI2, 0]]
+# Two masses between three springs, of the preCICE tutorials, after Schüller.
+OSCILLATOR = {
+    "a": Unit(SPRINGS, [[0], [16 * PI2]], [[1, 0]], [1, 0], ["b.1"]),
+    "b": Unit(SPRINGS, [[0], [16 * PI2]], [[1, 0]], [0, 0], ["a.1"]),
+}
+# Two masses with dampers, force against place and speed, of OMSimulator's tests.
+DUAL_MASS = {
+    "a": Unit([[0, 1], [-10, -0.2]], [[0], [1]], [[1, 0], [0, 1]], [0, 0], ["b.1"]),
+    "b": Unit(
+        [[0, 1], [-30, -0.8]], [[0, 0], [10, 0.5]], [[10, 0.5]], [0.5, 0], ["a.1", "a.2"],
+        D=[[-10, -0.5]],
+    ),
+}  # fmt: skip
+# A quarter car that drives onto a step of 0.1 m, after Schierz, Arnold and Clauß.
+QUARTER_CAR = {
+    "chassis": Unit(
+        [[0, 1], [-37.5, -2.5]], [[0, 0], [37.5, 2.5]], [[1, 0], [0, 1]], [0, 0],
+        ["wheel.1", "wheel.2"],
+    ),
+    "wheel": Unit(
+        [[0, 1], [-4125, -25]], [[0, 0, 0], [375, 25, 3750]], [[1, 0], [0, 1]], [0, 0],
+        ["chassis.1", "chassis.2", 0.1],
+    ),
+}  # fmt: skip
+# A DC motor switched on under load, a stiff armature circuit against a slow shaft.
+DC_MOTOR = {
+    "electric": Unit([[-1000]], [[-10, 1000]], [[0.01]], [0], ["shaft.1", 12.0]),
+    "shaft": Unit([[-0.5]], [[500, -500]], [[1]], [0], ["electric.1", 0.05]),
+}
+
+
+def drive(damping: float) -> dict[str, Unit]:
+    """Two inertias on an elastic shaft [N.m.s/rad], torque against angle and speed."""
+    J_1, J_2, c, d = 1.1, 2.2, 1e4, damping
+    return {
+        "shaft": Unit(
+            [[0, 1], [-c / J_1, -d / J_1]], [[0, 0], [c / J_1, d / J_1]],
+            [[c, d]], [0, 1], ["load.1", "load.2"], D=[[-c, -d]],
+        ),
+        "load": Unit([[0, 1], [0, 0]], [[0], [1 / J_2]], [[1, 0], [0, 1]], [0, 0], ["shaft.1"]),
+    }  # fmt: skip
+
+
+def lagging_motor(lag: float, inertia: float, slope: float) -> dict[str, Unit]:
+    """A motor whose torque follows -slope * speed with a lag [s], and the inertia it drives."""
+    return {
+        "motor": Unit([[-1 / lag]], [[-slope / lag]], [[1]], [1.0], ["load.1"]),
+        "load": Unit([[0]], [[1 / inertia]], [[1]], [0.3], ["motor.1"]),
+    }
+
+
+def twisting_drive(damping: float) -> dict[str, Unit]:
+    """The two inertias, torque against speed: the shaft keeps its twist to itself."""
+    J_1, J_2, c, d = 1.1, 2.2, 1e4, damping
+    return {
+        "shaft": Unit(
+            [[0, 1], [-c / J_1, -d / J_1]], [[-1], [d / J_1]], [[c, d]], [0, 1], ["load.1"],
+            D=[[-d]] if d else None,
+        ),
+        "load": Unit([[0]], [[1 / J_2]], [[1]], [0], ["shaft.1"]),
+    }  # fmt: skip
+
+
+# Force of a spring against speed of a mass: each is linear in time while it hears a constant.
+SPRING_AND_MASS = {
+    "spring": Unit([[0]], [[1]], [[-50]], [0.1], ["mass.1"]),
+    "mass": Unit([[0]], [[0.5]], [[1]], [1.0], ["spring.1"]),
+}
+
+BENCHMARKS = {
+    "oscillator": Benchmark(OSCILLATOR, 0.2, 40),
+    "dual mass": Benchmark(DUAL_MASS, 0.5, 80, bond=("a.2", "b.1")),
+    "quarter car": Benchmark(QUARTER_CAR, 0.1, 25),
+    "DC motor": Benchmark(DC_MOTOR, 0.005, 30),
+    "drive": Benchmark(drive(1.0), 0.015, 40, bond=("shaft.1", "load.2")),
+}
+
+
+UNDAMPED = Benchmark(twisting_drive(0.0), 0.03, 40, bond=("shaft.1", "load.1"))
+
+
+def couple(
+    units: Mapping[str, Unit],
+    fmu: Path,
+    *,
+    input_hold: int = 0,
+    bond: tuple[str, str] | None = None,
+) -> System:
+    """The units as parts of a system, each an instance of LinearSystem.fmu.
+
+    `input_hold` is what the FMUs themselves do between two settings of their inputs.
+    """
+
+    def output(name: str) -> str:
+        part, _, number = name.partition(".")
+        return f"{part}.{'y' if units[part].D is None else 'z'}[{number}]"
+
+    wires: list[str] = []
+    start: dict[str, Value] = {}
+    for name, unit in units.items():
+        given: dict[str, Value] = {f"{m}[{i},{j}]": 0.0 for m in "ABCD" for i in SIZE for j in SIZE}
+        given |= {f"{v}[{i}]": 0.0 for v in "xu" for i in SIZE}
+        given |= dict(_entries("A", unit.A)) | dict(_entries("B", unit.B))
+        given |= dict(_entries("C", unit.C)) | dict(_entries("D", unit.feedthrough))
+        given |= dict(_entries("x", unit.x)) | {"input_hold": input_hold}
+        for i, source in enumerate(unit.u, 1):
+            if isinstance(source, str):
+                wires.append(f"{output(source)} -> {name}.u[{i}]")
+                del given[f"u[{i}]"]
+            else:
+                given[f"u[{i}]"] = source
+        start |= {f"{name}.{key}": value for key, value in given.items()}
+    bonds = [" * ".join(map(output, bond))] if bond else []
+    return System(dict.fromkeys(units, fmu), wires, start, bonds)
+
+
+def states(units: Mapping[str, Unit]) -> list[str]:
+    """The names of the states, in the order of the units."""
+    return [f"{name}.x[{i + 1}]" for name, unit in units.items() for i in range(len(unit.x))]
+
+
+def _entries(name: str, values: Any) -> Iterator[tuple[str, float]]:
+    """Names M[1,1], M[1,2] and values of a matrix, v[1], v[2] of a vector."""
+    for place, value in np.ndenumerate(np.array(values, float)):
+        yield f"{name}[{','.join(str(i + 1) for i in place)}]", float(value)
