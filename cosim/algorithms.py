@@ -163,7 +163,8 @@ ALGORITHMS = tuple(ORDERS)
 def order(algorithm: str, input_order: int, capable: bool) -> int:
     """The order at which the states converge.
 
-    `capable` is whether every FMU can interpolate; one that cannot gets means, of order 2.
+    `capable` is whether every FMU can interpolate; one that cannot gets means, of order 2. Means
+    and the half steps of Strang are of order 1 over outputs with direct feedthrough.
     """
     if input_order:
         return input_order + 1 if capable else 2

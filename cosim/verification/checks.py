@@ -161,7 +161,7 @@ def orders(fmu: Path, name: str, benchmark: Benchmark, title: str, scheme: Schem
             ledger = np.array([energy["given"], energy["taken"]])
             booked.append(float(np.abs(ledger - want).max() / np.abs(want).max()))
             residuals.append(energy["residual"])
-            shares.append(energy["residual"] / np.abs(want).max())
+            shares.append(float(energy["residual"] / np.abs(want).max()))
     theory = order(scheme, benchmark.feedthrough)
     yield judge(name, title, matches, "order of the states", slope(errors, theory), theory, ORDER)
     if bond and (scheme.algorithm, scheme.input_order) == ("iterated", 1):
