@@ -326,9 +326,11 @@ def export(options: argparse.Namespace) -> int:
     return 0
 
 
-def verify(options: argparse.Namespace) -> int:
-    """python -m cosim verify."""
-    raise SetupError("not there yet")
+def verify(_: argparse.Namespace) -> int:
+    """python -m cosim verify; exit code 1 if anything differs from theory."""
+    from .verification import main as verified
+
+    return 0 if verified() else 1
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -9,30 +9,17 @@ from typing import Any
 
 import numpy as np
 import pytest
-from test_verification import DAMP, DC_MOTOR, DRIVE, J_1, J_2, OSCILLATOR, STIFF, Ideal, Unit
-from test_verification import system as coupled
 
 from cosim import SetupError, System, diagnose
 from cosim.modes import fit
+from cosim.verification.ideal import Ideal, Scheme
+from cosim.verification.systems import DC_MOTOR, OSCILLATOR, Unit, couple, drive, twisting_drive
 from scenarios.fmus import conveyor_drive
 from scenarios.theory import SETS
 
+J_1, J_2, STIFF, DAMP = 1.1, 2.2, 1e4, 1.0
 RESONANCE = math.sqrt(STIFF * (1 / J_1 + 1 / J_2))
 LOOSE = 1e4
-
-
-def with_damper(d: float) -> dict[str, Unit]:
-    """DRIVE with another damping of the shaft [N.m.s/rad]."""
-    shaft = DRIVE["shaft"]
-    return DRIVE | {
-        "shaft": replace(
-            shaft,
-            A=[[0, 1], [-STIFF / J_1, -d / J_1]],
-            B=[[0, 0], [STIFF / J_1, d / J_1]],
-            C=[[STIFF, d]],
-            D=[[-STIFF, -d]],
-        )
-    }
 
 
 INERTIA = [[0, 1], [0, 0]]
@@ -44,20 +31,13 @@ THREE = {
     ),
     "load": Unit(INERTIA, [[0], [1 / J_2]], np.eye(2), [0, 0], ("shaft.1",)),
 }  # fmt: skip
-BY_SPEED = {
-    "shaft": Unit(
-        [[0, 1], [-STIFF / J_1, -DAMP / J_1]], [[-1], [DAMP / J_1]], [[STIFF, DAMP]], [0, 1],
-        ("load.1",), D=[[-DAMP]],
-    ),
-    "load": Unit([[0]], [[1 / J_2]], [[1]], [0], ("shaft.1",)),
-}  # fmt: skip
 DELAYS = {
     ("two", "jacobi"): 7 / 18,
     ("two", "gauss-seidel"): 1 / 18,
     ("three", "jacobi"): 3 / 2,
     ("three", "gauss-seidel"): 1 / 2,
 }
-DRIVES = {"two": DRIVE, "three": THREE, "soft": with_damper(100.0)}
+DRIVES = {"two": drive(DAMP), "three": THREE, "soft": drive(100.0)}
 
 
 def damping_ratio(d: float) -> float:
@@ -65,37 +45,20 @@ def damping_ratio(d: float) -> float:
     return d * RESONANCE / (2 * STIFF)
 
 
-def one_step(units: dict[str, Unit], algorithm: str, h: float) -> Any:
-    """The map of states, held inputs and the inputs heard before over a communication step."""
-    ideal = Ideal(units)
-    E, G_0, G_1 = ideal.flow(h)
-    n, m = ideal.B.shape
-
-    def advance(z: Any) -> Any:
-        x, u, past = z[:n], z[n : n + m], z[n + m :]
-        now = ideal.heard(x, u)
-        if algorithm == "gauss-seidel":
-            for part in range(len(units)):
-                x, u = ideal.turn(part, x, u, (E, G_0 + G_1))
-        elif algorithm == "jacobi with means":
-            u = now + (now - past) / 2
-            x = E @ x + (G_0 + G_1) @ u
-        else:
-            x, u = E @ x + (G_0 + G_1) @ now, now
-        return np.concatenate([x, u, now])
-
-    return np.array([advance(z) for z in np.eye(n + 2 * m)]).T
+def coupled(fmus: Path, units: dict[str, Unit], hold: int = 0) -> System:
+    """The units as FMUs."""
+    return couple(units, fmus / "LinearSystem.fmu", input_hold=hold)
 
 
-def rates(units: dict[str, Unit], algorithm: str, h: float) -> Any:
+def rates(units: dict[str, Unit], scheme: Scheme, h: float) -> Any:
     """ln z / h [1/s] of the eigenvalues z of the ideal step."""
-    z = np.linalg.eigvals(one_step(units, algorithm, h)).astype(complex)
+    z = Ideal(units).eigenvalues(scheme, h)
     return np.log(z[np.abs(z) > 1e-3]) / h
 
 
-def ideal_damping(units: dict[str, Unit], algorithm: str, h: float) -> float:
+def ideal_damping(units: dict[str, Unit], algorithm: str, h: float, input_order: int = 0) -> float:
     """The damping ratio of the shaft's oscillation as the ideal algorithm shows it."""
-    s = min(rates(units, algorithm, h), key=lambda s: abs(s - 1j * RESONANCE))
+    s = min(rates(units, Scheme(algorithm, input_order), h), key=lambda s: abs(s - 1j * RESONANCE))
     return float(-s.real / abs(s))
 
 
@@ -156,7 +119,7 @@ def test_the_recommended_step_meets_its_share_and_is_no_shorter_than_it_must(
 
 
 def test_gauss_seidel_coupled_by_speed_has_no_delay(fmus: Path) -> None:
-    system = coupled(fmus, BY_SPEED)
+    system = coupled(fmus, twisting_drive(DAMP))
     got = diagnose(system, step=1e-3, algorithm="gauss-seidel")
     assert abs(got.delay) < 1e-4 * got.step
     assert got.damping_seen == pytest.approx(0.0058386, abs=5e-8)
@@ -167,15 +130,17 @@ def test_gauss_seidel_coupled_by_speed_has_no_delay(fmus: Path) -> None:
 
 def test_moving_inputs_are_measured_too(fmus: Path) -> None:
     """Extrapolating FMUs, a master that extrapolates means, and a wire with a factor."""
-    extrapolating = diagnose(coupled(fmus, DRIVE, hold=1), step=1e-3, algorithm="jacobi", share=1.0)
+    extrapolating = diagnose(
+        coupled(fmus, DRIVES["two"], hold=1), step=1e-3, algorithm="jacobi", share=1.0
+    )
     assert extrapolating.damping_seen == pytest.approx(0.00564, abs=5e-6)
-    system = coupled(fmus, DRIVE)
+    system = coupled(fmus, DRIVES["two"])
     doubled = {"shaft.C[1,1]": STIFF / 2, "shaft.C[1,2]": DAMP / 2}
     doubled |= {"shaft.D[1,1]": -STIFF / 2, "shaft.D[1,2]": -DAMP / 2}
     wires = [w.replace("shaft.z[1]", "shaft.z[1] * 2") for w in system.wires]
     geared = replace(system, wires=wires, start={**system.start, **doubled})
     got = diagnose(geared, step=1e-3, algorithm="jacobi", input_order=1, share=1.0)
-    ideal = ideal_damping(DRIVE, "jacobi with means", 1e-3)
+    ideal = ideal_damping(DRIVES["two"], "jacobi", 1e-3, input_order=1)
     assert got.damping_seen == pytest.approx(ideal, rel=1e-6)
 
 
@@ -217,7 +182,7 @@ def test_a_system_that_does_not_oscillate_is_told(fmus: Path) -> None:
 
 
 def test_figures_that_are_not_trustworthy_say_so(fmus: Path) -> None:
-    good = diagnose(coupled(fmus, DRIVE), step=1e-3, algorithm="jacobi", share=LOOSE)
+    good = diagnose(coupled(fmus, DRIVES["two"]), step=1e-3, algorithm="jacobi", share=LOOSE)
     unexplained = replace(good, residual=0.05)
     assert not unexplained.trusted
     assert "Do not trust this: the modes leave 5.0% unexplained." in unexplained.text()
@@ -227,7 +192,7 @@ def test_figures_that_are_not_trustworthy_say_so(fmus: Path) -> None:
 
 
 def test_what_cannot_be_diagnosed_is_refused(fmus: Path) -> None:
-    system = coupled(fmus, DRIVE)
+    system = coupled(fmus, DRIVES["two"])
     wrong: list[tuple[dict[str, Any], str]] = [
         ({"share": 0.0}, "share = 0.0 must be a finite number above 0"),
         ({"settle": -1.0}, "settle = -1.0 s must be a finite number of at least 0"),
