@@ -8,6 +8,7 @@ from itertools import chain
 from math import isfinite
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from zipfile import ZipFile
 
 import fmpy
 import numpy as np
@@ -47,7 +48,7 @@ def initialise(
         if path not in folders:
             folders[path] = Path(stack.enter_context(TemporaryDirectory(prefix="cosim_")))
             try:
-                fmpy.extract(str(path), str(folders[path]))
+                unpack(Path(path), folders[path])
             except Exception as error:
                 raise PartFailure(f"{name}: {path} cannot be unpacked: {error}") from error
         count = (substeps or {}).get(name, 1)
@@ -74,6 +75,16 @@ def initialise(
         for end in part.ends:
             end.before = end.value()
     return parts
+
+
+def unpack(path: Path, folder: Path) -> None:
+    """Unpack of an FMU what this platform runs: not its documentation, sources, other binaries."""
+    here = {fmpy.platform, fmpy.platform_tuple}
+    with ZipFile(path) as archive:
+        for name in archive.namelist():
+            top, _, rest = name.partition("/")
+            if top == "resources" or not rest or (top == "binaries" and rest.split("/")[0] in here):
+                archive.extract(name, folder)
 
 
 def _make_blocks(network: Network, parts: Mapping[str, Part]) -> None:

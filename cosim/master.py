@@ -222,6 +222,7 @@ def _identity(part: Part, path: Path) -> dict[str, Any]:
         "fmu": Path(path).name,
         "model": description.modelName,
         "guid": description.guid,
+        "tool": description.generationTool,
         "parameters": {v.name: part.get(v) for v in parameters},
         "warnings": part.warnings,
     }

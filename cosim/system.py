@@ -6,6 +6,7 @@ import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 from zipfile import BadZipFile, ZipFile
@@ -126,13 +127,18 @@ def describe_fmu(name: str, path: Path) -> ModelDescription:
     if not path.is_file():
         raise SetupError(f"part {name}: there is no file {path}")
     try:
-        return _read(path)
+        file = path.stat()
+        return _read(path, (file.st_mtime_ns, file.st_size))
     except SetupError as error:
         raise SetupError(f"part {name}: {path} {error}") from error
 
 
-def _read(path: Path) -> ModelDescription:
-    """The model description of an FMU that this master can run on this platform."""
+@lru_cache(maxsize=64)
+def _read(path: Path, version: tuple[int, int]) -> ModelDescription:
+    """The model description of an FMU that this master can run on this platform.
+
+    Kept for as long as the file has this `version`, its time of change and its size.
+    """
     wanted = "this master runs FMI 2.0 co-simulation"
     try:
         with ZipFile(path) as archive:

@@ -8,6 +8,8 @@ from typing import NoReturn
 
 from cosim.errors import SetupError, SimulationError
 
+from . import fmus
+
 SCENARIOS = (
     "resonance",
     "run_up",
@@ -43,6 +45,9 @@ def parser(name: str) -> Parser:
         )
         if module:
             module.arguments(one)
+            one.add_argument(
+                "--flavour", choices=fmus.FOLDERS, default="native", help="flavour of the FMUs"
+            )
     return top
 
 
@@ -65,6 +70,7 @@ def main() -> int:
             for name in SCENARIOS:
                 print(f"{name:<17} {question(name)}")
         else:
+            fmus.choose(options.pop("flavour"))
             load(options.pop("scenario")).run(**options)
     except SetupError as error:
         print(f"error: {error}", file=sys.stderr)

@@ -1,5 +1,10 @@
-"""The FMUs a scenario needs, built on the way if they are missing or out of date."""
+"""The FMUs a scenario needs, built on the way if they are missing or out of date.
 
+One flavour serves a process and its workers: native unless `choose` says otherwise. It is the
+faster one, and needs neither Python nor a compiler of the user's own.
+"""
+
+import os
 import subprocess
 import sys
 from collections.abc import Mapping
@@ -12,11 +17,23 @@ from cosim import SetupError, System
 ROOT = Path(__file__).resolve().parents[1]
 DRIVE = {"motor": "drive_motor", "conveyor": "crank_conveyor"}
 WIRES = ("motor.tau -> conveyor.tau", "conveyor.w -> motor.w")
+FOLDERS = {"native": ROOT / "fmus" / "native", "python": ROOT / "fmus"}
+CHOICE = "DRIVE_FMUS_FLAVOUR"
+
+
+def choose(flavour: str) -> None:
+    """Take FMUs of this flavour from now on, also in processes started later."""
+    os.environ[CHOICE] = flavour
+
+
+def flavour() -> str:
+    """The flavour that is taken: "native" or "python"."""
+    return os.environ.get(CHOICE, "native")
 
 
 def build(*components: str) -> None:
     """Run build_fmus.py for these components; raises SetupError with its reason."""
-    command = [sys.executable, str(ROOT / "build_fmus.py"), *components]
+    command = [sys.executable, str(ROOT / "build_fmus.py"), *components, "--flavour", flavour()]
     done = subprocess.run(command, check=False, capture_output=True, text=True)
     if done.returncode:
         raise SetupError(f"the FMUs could not be built: {done.stderr.strip()}")
@@ -26,8 +43,8 @@ def build(*components: str) -> None:
 
 
 def fmu(component: str) -> Path:
-    """drive_motor -> fmus/DriveMotor.fmu."""
-    return ROOT / "fmus" / f"{component.title().replace('_', '')}.fmu"
+    """drive_motor -> fmus/native/DriveMotor.fmu."""
+    return FOLDERS[flavour()] / f"{component.title().replace('_', '')}.fmu"
 
 
 def guid(component: str) -> str:

@@ -219,6 +219,7 @@ def run(
             "meetings": {str(T): meetings(machine, T, nus) for T in LAGS},
             "follower_lifts": limit,
             "steps_per_rev": PER_REV,
+            "flavour": fmus.flavour(),
             "versions": cosim.versions(),
         },
     )

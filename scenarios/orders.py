@@ -18,11 +18,12 @@ def last_revolutions(phi: Samples, count: int) -> NDArray[np.bool_]:
 def harmonics(phi: Samples, x: Samples, highest: int = HIGHEST) -> NDArray[np.complex128]:
     """Complex amplitudes of the orders 1..highest, X = Im(X_hat exp(i k phi)), fitted together.
 
-    phi [rad] and x have shape (n,); needs more than 2 * highest samples per revolution.
+    phi [rad] and x have shape (n,); needs more than 2 * highest samples per revolution. Over whole
+    revolutions the normal equations are nearly diagonal.
     """
     angles = np.outer(phi, np.arange(1, highest + 1))
     design = np.hstack([np.ones((len(phi), 1)), np.sin(angles), np.cos(angles)])
-    fit = np.linalg.lstsq(design, x, rcond=None)[0]
+    fit = np.linalg.solve(design.T @ design, design.T @ x)
     return np.asarray(fit[1 : highest + 1] + 1j * fit[highest + 1 :])
 
 

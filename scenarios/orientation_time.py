@@ -166,6 +166,7 @@ def run(
         {
             "limits_rpm": limits,
             "step": STEP,
+            "flavour": fmus.flavour(),
             "fmu": fmus.guid("gravity_orientator"),
             "versions": cosim.versions(),
             "rad_per_s_per_rpm": math.pi / 30,

@@ -331,6 +331,7 @@ def run(
             "algorithm": algorithm,
             "steps_per_rev": steps_per_rev,
             "revolutions": {"skipped": SKIP, "evaluated": EVALUATE},
+            "flavour": fmus.flavour(),
             "fmus": {part: fmus.guid(component) for part, component in fmus.DRIVE.items()},
             "versions": cosim.versions(),
             "wall_time": time.perf_counter() - began,

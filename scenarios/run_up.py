@@ -120,7 +120,10 @@ def run(
             )
     passing = {motor: passes(result, machine.nu_res) for motor, result in runs.items()}
     plots.run_up(folder / "run_up.png", machine, runs, passing)
-    write_json(folder / "run_up.json", {"nu_res": machine.nu_res, "passing": passing, "set": name})
+    write_json(
+        folder / "run_up.json",
+        {"nu_res": machine.nu_res, "passing": passing, "set": name, "flavour": fmus.flavour()},
+    )
     for motor, result in runs.items():
         print(verdict(machine, motor, result, passing[motor]))
     print(f"{', '.join(f'{m}.csv' for m in runs)}, run_up.json and run_up.png written to {folder}")
