@@ -282,7 +282,7 @@ def arguments(parser: ArgumentParser) -> None:
         default=SUPPRESS,
         help="from:to:number or a,b,c [rad/s]; the speeds of the set by default",
     )
-    add("--jobs", type=int, default=pool.available_cores(), help="parallel processes")
+    add("--jobs", type=int, default=1, help="parallel processes; they pay with Python FMUs only")
     add(
         "--out",
         type=Path,
