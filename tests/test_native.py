@@ -432,6 +432,37 @@ def test_sanitizers_find_nothing(name: str, host: Path, fmus: Path, tmp_path: Pa
     assert (done.returncode, done.stderr) == (0, "")
 
 
+WINE = next(filter(None, [*map(shutil.which, ("wine64", "wine", "/usr/lib/wine/wine64"))]), None)
+ARM = Path("/usr/aarch64-linux-gnu")
+
+
+@pytest.mark.parametrize(
+    ("target", "place", "emulator"),
+    [
+        ("x86_64-windows-gnu", "win64/{}.dll", [WINE]),
+        (
+            "aarch64-linux-gnu.2.17",
+            "aarch64-linux/{}.so",
+            [shutil.which("qemu-aarch64"), "-L", str(ARM) if ARM.exists() else None],
+        ),
+    ],
+    ids=["wine", "qemu"],
+)
+@each
+def test_other_platforms_survive_every_call_in_an_emulator(
+    name: str, target: str, place: str, emulator: list[Any], fmus: Path, tmp_path: Path
+) -> None:
+    if None in emulator:
+        pytest.skip(f"there is no emulator of {target} with its C library")
+    folder, known = unpacked(name, fmus, tmp_path)
+    program, library = tmp_path / "host.exe", folder / "binaries" / place.format(name)
+    command = [sys.executable, "-m", "ziglang", "cc", "-target", target, f"-I{HEADERS}"]
+    subprocess.run([*command, HOSTS / "every_call.c", "-o", program], check=True)
+    quiet = {"WINEDEBUG": "-all", "HOME": str(tmp_path), "PATH": "/usr/bin:/bin"}
+    done = subprocess.run([*emulator, program, library, *known, "20"], check=False, env=quiet)
+    assert done.returncode == 0
+
+
 def test_an_importing_tool_can_compile_the_sources(fmus: Path, tmp_path: Path) -> None:
     """FMPy with CMake, as it would on a platform without a binary; the numbers stay."""
     if shutil.which("gcc") is None:
