@@ -65,7 +65,11 @@ def make(
     fmu.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=fmu.parent, prefix=".building-") as temporary:
         candidate = Path(temporary) / fmu.name
-        pack(build, candidate)
+        try:
+            pack(build, candidate)
+        except RuntimeError as error:
+            print(f"{label} cannot be built: {error}", file=sys.stderr)
+            return 1
         problems = validate.problems(candidate)
         if problems:
             print(f"{label} is not valid and was not kept:", *problems, sep="\n  ", file=sys.stderr)

@@ -436,6 +436,12 @@ WINE = next(filter(None, [*map(shutil.which, ("wine64", "wine", "/usr/lib/wine/w
 ARM = Path("/usr/aarch64-linux-gnu")
 
 
+@pytest.fixture(scope="session")
+def home(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A home for Wine, which furnishes it once."""
+    return tmp_path_factory.mktemp("home")
+
+
 @pytest.mark.parametrize(
     ("target", "place", "emulator"),
     [
@@ -450,7 +456,13 @@ ARM = Path("/usr/aarch64-linux-gnu")
 )
 @each
 def test_other_platforms_survive_every_call_in_an_emulator(
-    name: str, target: str, place: str, emulator: list[Any], fmus: Path, tmp_path: Path
+    name: str,
+    target: str,
+    place: str,
+    emulator: list[Any],
+    home: Path,
+    fmus: Path,
+    tmp_path: Path,
 ) -> None:
     if None in emulator:
         pytest.skip(f"there is no emulator of {target} with its C library")
@@ -458,7 +470,7 @@ def test_other_platforms_survive_every_call_in_an_emulator(
     program, library = tmp_path / "host.exe", folder / "binaries" / place.format(name)
     command = [sys.executable, "-m", "ziglang", "cc", "-target", target, f"-I{HEADERS}"]
     subprocess.run([*command, HOSTS / "every_call.c", "-o", program], check=True)
-    quiet = {"WINEDEBUG": "-all", "HOME": str(tmp_path), "PATH": "/usr/bin:/bin"}
+    quiet = {"WINEDEBUG": "-all", "HOME": str(home), "PATH": "/usr/bin:/bin"}
     done = subprocess.run([*emulator, program, library, *known, "20"], check=False, env=quiet)
     assert done.returncode == 0
 
@@ -494,6 +506,20 @@ def test_two_native_builds_are_identical_to_the_byte(fmus: Path, tmp_path: Path)
     subprocess.run([*command, "--into", tmp_path], cwd=ROOT, check=True, capture_output=True)
     again = tmp_path / "native" / "DriveMotor.fmu"
     assert again.read_bytes() == (fmus / "native" / "DriveMotor.fmu").read_bytes()
+
+
+def test_what_the_compiler_refuses_is_said_and_not_kept(tmp_path: Path) -> None:
+    tree = tmp_path / "tree"
+    shutil.copytree(ROOT / "components", tree / "components")
+    for name in ("build_fmus.py", "LICENSE"):
+        shutil.copy(ROOT / name, tree)
+    runtime = tree / "components" / "native" / "runtime.c"
+    runtime.write_text(runtime.read_text().replace("static void fail(", "static wrong fail("))
+    command = [sys.executable, "build_fmus.py", "drive_motor", "--flavour", "native"]
+    done = subprocess.run(command, cwd=tree, check=False, capture_output=True, text=True)
+    assert done.returncode == 1
+    assert "native/DriveMotor.fmu cannot be built: DriveMotor does not compile for" in done.stderr
+    assert not list(tree.rglob("*.fmu"))
 
 
 def test_a_component_without_native_flavour_is_named_with_the_reason() -> None:

@@ -8,7 +8,7 @@ import re
 from collections.abc import Iterator
 from typing import Any
 
-from .trace import COMPARISONS, NODES, Branch, Function, Leaf, Node, Tree, leaves, size
+from .trace import COMPARISONS, NODES, Branch, Function, Leaf, Node, Tree, size
 
 INFIX = {"+", "-", "*", *COMPARISONS}
 FAILING = {"/", "power", "modulo", "sin", "cos", "tan", "acos", "sqrt", "exp", "expm1"}
@@ -272,6 +272,3 @@ class Printer:
         form = text.replace("%", "%%")
         form = MARK.sub(lambda m: CONVERSIONS.get(NODES[int(m[1])].kind, "%d"), form)
         return ", ".join(["c", json.dumps(form, ensure_ascii=False), *values])
-
-
-__all__ = ["declaration", "definition", "leaves"]

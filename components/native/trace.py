@@ -462,8 +462,9 @@ def is_short(traced: Function) -> bool:
 
 
 def called(traced: Function, numbers: list[tuple[Any, ...]]) -> list[Any]:
-    """The numbers that a call of this function returns."""
-    identity = ("call", traced.name, *(tuple(map(key, group)) for group in numbers))
+    """The numbers that a call of this function returns; one without any is called each time."""
+    identity: tuple[Any, ...] = ("call", traced.name, *(tuple(map(key, g)) for g in numbers))
+    identity += () if size(traced.shape) else (PATHS[-1].mark(),)
     call = PATHS[-1].visit(unique(identity, (traced, [plain(group) for group in numbers])))
     return [
         symbol("result", call.number, place, kind=kind, items=items)
