@@ -1,4 +1,4 @@
-"""Print traced functions as C."""
+"""Print traced functions as C: one operation a statement, which compilers do not fuse with the next."""
 
 from __future__ import annotations
 
