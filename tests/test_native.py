@@ -553,3 +553,23 @@ def test_traced_conditions_are_followed_once_for_each_answer() -> None:
     made = trace.function("f", run, {"x": "number"})
     assert made is not None
     assert [leaf.values[0].op for leaf in trace.leaves(made.tree)] == ["+", "neg", "fabs"]
+
+
+@pytest.mark.parametrize("name", ["IronDrive", "GravityOrientator"])
+def test_both_flavours_say_the_same_of_what_happens(name: str, fmus: Path) -> None:
+    """Warnings with the values of the event, and the reason of a failure, digit by digit."""
+    said = []
+    for folder in (fmus, fmus / "native"):
+        cases = [case for case in SCENARIOS if case[0] == name and case[3] == 1e-3]
+        MESSAGES.clear()
+        for _, *scenario in cases:
+            rows(folder / f"{name}.fmu", *scenario)  # type: ignore[arg-type]
+        warnings = list(MESSAGES)
+        unit = Unit(folder / f"{name}.fmu").start()
+        key = "tau" if name == "IronDrive" else "w"
+        unit.refusal(lambda u, key=key: u.set(**{key: 1e200}).step(0.0, 1e-3))  # type: ignore[misc]
+        said.append(
+            [re.sub(r"(?s).*?(unit: )", r"\1", text, count=1) for text in warnings + MESSAGES]
+        )
+    assert len(said[0]) > 3
+    assert said[0] == said[1]

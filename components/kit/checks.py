@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from enum import IntEnum
 from math import isfinite
 from typing import Any
 
@@ -12,7 +13,8 @@ from .record import Value
 
 def number(value: Value, unit: str) -> str:
     """A value with its unit, as it stands in messages; a ratio has none."""
-    return repr(value) if unit in ("", "1") else f"{value!r} {unit}"
+    plain = value.value if isinstance(value, IntEnum) else value
+    return repr(plain) if unit in ("", "1") else f"{plain!r} {unit}"
 
 
 def finite(variable: Variable, value: Value) -> None:
