@@ -1,9 +1,10 @@
 """Time per communication step of motor and conveyor: python benchmarks/coupling.py [--steps N].
 
-All ways of running the same FMUs with Jacobi and 1 ms steps, side by side: every way in a process
+All ways of running the same drive with Jacobi and 1 ms steps, side by side: every way in a process
 of its own, round after round, free and pinned to one core. Shown are medians of the wall time per
-step, start-up taken off, the ratio to a loop over fmpy's methods, and what remains above the bare
-slaves over what remains of that loop.
+step, start-up taken off, the ratio to a loop over fmpy's methods on Python FMUs, and what remains
+above the bare Python slaves over what remains of that loop. Then the resonance sweep of 31 speeds
+at 256 steps per revolution, start-up included, on one core.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -118,6 +119,39 @@ def ecos(steps: int, fmus: Path) -> Callable[[], object]:
     return lambda: simulation.step(steps)
 
 
+def dop853(steps: int, _: Path) -> Callable[[], object]:
+    """The drive as one system in scipy, as precise as the FMUs; no communication at all."""
+    from scipy.integrate import solve_ivp
+
+    from components import crank_conveyor as conveyor
+    from components import drive_motor as motor
+    from components.kit.record import start
+
+    p, q = start(motor.Parameters), start(conveyor.Parameters)
+
+    def rates(t: float, y: Sequence[float]) -> list[float]:
+        phi, w, tau = y
+        x, u = conveyor.State(phi, w), conveyor.Inputs(tau)
+        lag = motor.derivatives(p, t, motor.State(tau), motor.Inputs(w))
+        return [*conveyor.derivatives(q, t, x, u), *lag]
+
+    start_values = [0.0, 40.0, 8.0]
+    settings = {"method": "DOP853", "rtol": 1e-10, "atol": 1e-10, "max_step": 1.0}
+    return lambda: solve_ivp(rates, (0.0, steps * H), start_values, **settings)
+
+
+def sweep(_: int, fmus: Path) -> Callable[[], object]:
+    """The 31 speeds of set A by our master, Strang with 256 steps per revolution."""
+    from scenarios import fmus as chosen
+    from scenarios.resonance import SPEEDS, Case, simulate
+    from scenarios.theory import SETS
+
+    chosen.choose("native" if fmus.name == "native" else "python")
+    cases = [Case(SETS["A"], float(nu), 256, "strang") for nu in SPEEDS["A"].split(",")]
+    simulate(cases[0])
+    return lambda: [simulate(case) for case in cases]
+
+
 def bare_slaves(steps: int, _: Path) -> Callable[[], object]:
     """The Python slaves' steps without any FMI."""
     from components import crank_conveyor, drive_motor
@@ -139,26 +173,37 @@ def bare_slaves(steps: int, _: Path) -> Callable[[], object]:
     return loop
 
 
-WAYS = {
-    "fmpy methods": fmpy_methods,
-    "our master": master,
-    "our master, Python loop": master_in_python,
-    "libcosim": libcosim,
-    "Ecos": ecos,
-    "bare slaves": bare_slaves,
+PYTHON, NATIVE = ROOT / "fmus", ROOT / "fmus" / "native"
+WAYS: dict[str, tuple[Callable[[int, Path], Callable[[], object]], Path]] = {
+    "fmpy methods, Python FMUs": (fmpy_methods, PYTHON),
+    "our master, Python FMUs": (master, PYTHON),
+    "  its loop in Python": (master_in_python, PYTHON),
+    "libcosim, Python FMUs": (libcosim, PYTHON),
+    "Ecos, Python FMUs": (ecos, PYTHON),
+    "bare Python slaves": (bare_slaves, PYTHON),
+    "fmpy methods, native FMUs": (fmpy_methods, NATIVE),
+    "our master, native FMUs": (master, NATIVE),
+    "  its loop in Python, native": (master_in_python, NATIVE),
+    "libcosim, native FMUs": (libcosim, NATIVE),
+    "Ecos, native FMUs": (ecos, NATIVE),
+    "DOP853, one system": (dop853, PYTHON),
 }
+SWEEPS = {"sweep, Python FMUs": (sweep, PYTHON), "sweep, native FMUs": (sweep, NATIVE)}
+NAIVE, BARE = "fmpy methods, Python FMUs", "bare Python slaves"
+MANY = 10
 
 
 def seconds(way: str, steps: int) -> float:
     """Wall time of so many steps."""
-    task = WAYS[way](steps, ROOT / "fmus")
+    make, fmus = (WAYS | SWEEPS)[way]
+    task = make(steps, fmus)
     began = time.perf_counter()
     task()
     return time.perf_counter() - began
 
 
 def measure(way: str, steps: int, pinned: bool) -> float:
-    """Seconds per step of one way, in a process of its own."""
+    """What a way prints in a process of its own: seconds per step, or of a sweep."""
     command = [sys.executable, __file__, "--way", way, "--steps", str(steps)]
     done = subprocess.run(
         command + ["--pinned"] * pinned, capture_output=True, text=True, check=True
@@ -166,33 +211,63 @@ def measure(way: str, steps: int, pinned: bool) -> float:
     return float(done.stdout.split()[-1])
 
 
+def by_hand(program: Path, steps: int, pinned: bool) -> float:
+    """Seconds per step of the program in limit.c, with as many evaluations as the FMUs need."""
+    command = [str(program), str(steps * MANY), "1"]
+    if pinned:
+        core = min(os.sched_getaffinity(0))
+        command = ["taskset", "-c", str(core), *command]
+    return float(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
+
+
+def child(way: str, steps: int) -> None:
+    """Print the figure of one way and leave without tidying up."""
+    if way in SWEEPS:
+        print(seconds(way, 1), flush=True)
+    else:
+        many = steps * MANY if "our master, native" in way else steps
+        start_up, whole = (seconds(way, count) for count in (1, many))
+        print((whole - start_up) / (many - 1), flush=True)
+    os._exit(0)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--steps", type=int, default=20_000)
     parser.add_argument("--rounds", type=int, default=5)
-    parser.add_argument("--way", choices=WAYS, help=argparse.SUPPRESS)
+    parser.add_argument("--way", help=argparse.SUPPRESS)
     parser.add_argument("--pinned", action="store_true", help=argparse.SUPPRESS)
     options = parser.parse_args()
+    if options.pinned:
+        os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
     if options.way:
-        if options.pinned:
-            os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
-        start_up, whole = (seconds(options.way, steps) for steps in (1, options.steps))
-        print((whole - start_up) / (options.steps - 1), flush=True)
-        os._exit(0)
-    subprocess.run([sys.executable, ROOT / "build_fmus.py"], check=True, capture_output=True)
-    for pinned in (False, True):
-        rounds = [
-            {way: measure(way, options.steps, pinned) for way in WAYS}
-            for _ in range(options.rounds)
-        ]
-        median = {way: statistics.median(times[way] for times in rounds) for way in WAYS}
-        base, slaves = median["fmpy methods"], median["bare slaves"]
-        print(
-            f"{'pinned to one core' if pinned else 'free':<26}{'us/step':>9}{'ratio':>8}{'overhead':>10}"
-        )
-        for way, value in median.items():
-            share = (value - slaves) / (base - slaves)
-            print(f"{way:<26}{value * 1e6:>9.2f}{value / base:>8.3f}{share:>10.3f}")
+        child(options.way, options.steps)
+    build = [sys.executable, ROOT / "build_fmus.py", "--flavour", "both"]
+    subprocess.run([*build, "drive_motor", "crank_conveyor"], check=True, capture_output=True)
+    with tempfile.TemporaryDirectory() as folder:
+        program = Path(folder) / "limit"
+        compiler = [sys.executable, "-m", "ziglang", "cc", "-O2", "-o", program]
+        subprocess.run([*compiler, ROOT / "benchmarks" / "limit.c", "-lm"], check=True)
+        for pinned in (False, True):
+            rounds = [
+                {way: measure(way, options.steps, pinned) for way in WAYS}
+                | {"one program in C, by hand": by_hand(program, options.steps, pinned)}
+                for _ in range(options.rounds)
+            ]
+            show("pinned to one core" if pinned else "free", rounds)
+    for way in SWEEPS:
+        times = [measure(way, 1, True) for _ in range(options.rounds)]
+        print(f"{way:<30}{statistics.median(times):>9.2f} s")
+
+
+def show(title: str, rounds: list[dict[str, float]]) -> None:
+    """The table of medians."""
+    median = {way: statistics.median(times[way] for times in rounds) for way in rounds[0]}
+    base, slaves = median[NAIVE], median[BARE]
+    print(f"{title:<30}{'us/step':>9}{'faster':>9}{'overhead':>10}")
+    for way, value in median.items():
+        share = (value - slaves) / (base - slaves)
+        print(f"{way:<30}{value * 1e6:>9.3f}{base / value:>9.2f}{share:>10.3f}")
 
 
 if __name__ == "__main__":

@@ -58,18 +58,21 @@ def _message(environment: int | None, _: bytes, status: int, __: bytes, message:
         part.hear(status, (message or b"").decode("utf-8", "replace"))
 
 
+FUNCTIONS = (
+    fmi2CallbackLoggerTYPE(_message),
+    fmi2CallbackAllocateMemoryTYPE(calloc),
+    fmi2CallbackFreeMemoryTYPE(free),
+)
+
+
 def _callbacks(number: int) -> fmi2CallbackFunctions:
     """What the part of that number may call.
 
     Made anew for each: the proxy of fmpy, which formats the messages, has room for one logger, and
-    others in this process may have put theirs there.
+    others in this process may have put theirs there. The functions themselves stay for good, since
+    the proxy goes on calling the logger for those that come later.
     """
-    callbacks = fmi2CallbackFunctions(
-        fmi2CallbackLoggerTYPE(_message),
-        fmi2CallbackAllocateMemoryTYPE(calloc),
-        fmi2CallbackFreeMemoryTYPE(free),
-        componentEnvironment=number,
-    )
+    callbacks = fmi2CallbackFunctions(*FUNCTIONS, componentEnvironment=number)
     addLoggerProxy(ctypes.byref(callbacks))
     return callbacks
 

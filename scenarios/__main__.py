@@ -46,7 +46,7 @@ def parser(name: str) -> Parser:
         if module:
             module.arguments(one)
             one.add_argument(
-                "--flavour", choices=fmus.FOLDERS, default="native", help="flavour of the FMUs"
+                "--flavour", choices=fmus.FOLDERS, default="python", help="flavour of the FMUs"
             )
     return top
 

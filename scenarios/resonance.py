@@ -282,7 +282,12 @@ def arguments(parser: ArgumentParser) -> None:
         default=SUPPRESS,
         help="from:to:number or a,b,c [rad/s]; the speeds of the set by default",
     )
-    add("--jobs", type=int, default=1, help="parallel processes; they pay with Python FMUs only")
+    add(
+        "--jobs",
+        type=int,
+        default=SUPPRESS,
+        help="parallel processes, by default all cores with Python FMUs and 1 with native ones",
+    )
     add(
         "--out",
         type=Path,
@@ -296,7 +301,7 @@ def run(
     algorithm: str = "strang",
     steps_per_rev: int = 512,
     speeds: str | None = None,
-    jobs: int = 1,
+    jobs: int | None = None,
     out: Path | None = None,
 ) -> None:
     """Sweep, refine, write resonance.csv, .json and .png, print the verdict.
@@ -309,6 +314,8 @@ def run(
     for nu in nus:
         options.positive("speed", nu, "rad/s")
     check_steps(machine, algorithm, steps_per_rev, nus[0])
+    if jobs is None:
+        jobs = 1 if fmus.flavour() == "native" else pool.available_cores()
     options.at_least("jobs", jobs, 1)
     folder = out or Path("results") / "resonance" / name
     fmus.build(*fmus.DRIVE.values())

@@ -44,15 +44,21 @@ def answer() -> None:
     print(json.dumps(function.__wrapped__(*json.loads(args))))
 
 
-@functools.cache
-def callbacks() -> Any:
-    """A logger in C that uses the message as a printf format, as hosts in C do."""
-    functions = fmi2.fmi2CallbackFunctions()
-    functions.logger = fmi2.fmi2CallbackLoggerTYPE(
+FUNCTIONS = (
+    fmi2.fmi2CallbackLoggerTYPE(
         lambda environment, name, status, category, text: MESSAGES.append(text.decode())
-    )
-    functions.allocateMemory = fmi2.fmi2CallbackAllocateMemoryTYPE(calloc)
-    functions.freeMemory = fmi2.fmi2CallbackFreeMemoryTYPE(free)
+    ),
+    fmi2.fmi2CallbackAllocateMemoryTYPE(calloc),
+    fmi2.fmi2CallbackFreeMemoryTYPE(free),
+)
+
+
+def callbacks() -> Any:
+    """A logger in C that uses the message as a printf format, as hosts in C do.
+
+    fmpy's proxy has room for one logger in a process: it is taken anew for every unit.
+    """
+    functions = fmi2.fmi2CallbackFunctions(*FUNCTIONS)
     addLoggerProxy(byref(functions))
     return functions
 
