@@ -12,6 +12,7 @@ from __future__ import annotations
 import argparse
 import ctypes
 import os
+import runpy
 import statistics
 import subprocess
 import sys
@@ -19,6 +20,7 @@ import tempfile
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from types import SimpleNamespace
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
@@ -153,22 +155,35 @@ def sweep(_: int, fmus: Path) -> Callable[[], object]:
 
 
 def bare_slaves(steps: int, _: Path) -> Callable[[], object]:
-    """The Python slaves' steps without any FMI."""
-    from components import crank_conveyor, drive_motor
+    """The steps of the slaves in the Python FMUs without any FMI."""
     from components.kit.slave import slave_class
+    from components.packing.pack import collect
 
     slaves = []
-    for model in (drive_motor, crank_conveyor):
-        slave = slave_class(model, "benchmark")(instance_name=model.__name__)
+    for name in ("drive_motor", "crank_conveyor"):
+        build = collect(name)
+        with tempfile.TemporaryDirectory() as folder:
+            source = Path(folder) / "straight.py"
+            source.write_bytes(build.files[source.name])
+            straight = SimpleNamespace(**runpy.run_path(str(source)))
+        slave = slave_class(build.model, "benchmark", straight)(instance_name=name)
         slave.setup_experiment(0.0, None, None)
         slave.enter_initialization_mode()
         slave.exit_initialization_mode()
         slaves.append(slave)
 
+    motor, conveyor = slaves
+    places = [
+        (b, b.interface.by_name[y].reference, a, a.interface.by_name[x].reference)
+        for b, y, a, x in ((conveyor, "tau", motor, "tau"), (motor, "w", conveyor, "w"))
+    ]
+    (b, j, a, i), (d, m, c, k) = places
+
     def loop() -> None:
         for n in range(steps):
-            for slave in slaves:
-                slave.do_step(n * H, H)
+            b.values[j], d.values[m] = a.values[i], c.values[k]
+            motor.do_step(n * H, H)
+            conveyor.do_step(n * H, H)
 
     return loop
 

@@ -340,9 +340,9 @@ static void refresh(Instance *i) {
     s->stale = 0.0;
 }
 
-/* An Enumeration is got and set as an Integer. */
+/* The types differ in their first letters; an Enumeration is got and set as an Integer. */
 static int is_of(const Variable *v, const char *kind) {
-    return !strcmp(v->kind, kind) || (!strcmp(v->kind, "Enumeration") && !strcmp(kind, "Integer"));
+    return *v->kind == *kind || (*v->kind == 'E' && *kind == 'I');
 }
 
 /* The variable of this reference; refuses what is unknown or of another type. */
