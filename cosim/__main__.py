@@ -11,15 +11,16 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, NamedTuple, NoReturn
+from typing import Any, NamedTuple
 
 from . import report
 from .adaptive import Adaptive
 from .algorithms import ALGORITHMS
 from .certify import Estimate, certify, summary
+from .commandline import Parser, exit_code
 from .container import write_container
 from .damping import diagnose
-from .errors import SetupError, SimulationError
+from .errors import SetupError
 from .isolated import run_isolated
 from .osp import write_osp
 from .progress import bar
@@ -27,13 +28,6 @@ from .result import Result
 from .ssp import read_ssp, write_ssp
 from .stepping import Plan
 from .system import Network, System, Value, connect, describe_fmu
-
-
-class Parser(argparse.ArgumentParser):
-    """Reports bad input as one line, as everything else does."""
-
-    def error(self, message: str) -> NoReturn:
-        raise SetupError(message)
 
 
 class Task(NamedTuple):
@@ -334,19 +328,13 @@ def verify(_: argparse.Namespace) -> int:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Exit code 0, 1 for a run that failed on the way, 2 for bad input, 130 after Ctrl-C."""
-    try:
+    """Run the command that was typed; its exit code."""
+
+    def act() -> int:
         options = parser().parse_args(arguments)
         return int(options.does(options))
-    except SetupError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
-    except SimulationError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 1
-    except KeyboardInterrupt as interrupt:
-        print(f"interrupted, what was computed is kept: {interrupt}", file=sys.stderr)
-        return 130
+
+    return exit_code(act)
 
 
 if __name__ == "__main__":

@@ -64,12 +64,7 @@ class Scale:
             if v.type == "Real"
         }
         self.largest = [nominal[name] for name in self.names]
-        fed_through = {
-            f"{part.name}.{unknown.variable.name}"
-            for part in parts
-            for unknown in part.description.outputs
-            if any(v.causality == "input" for v in unknown.dependencies or ())
-        }
+        fed_through = frozenset[str]().union(*(part.fed_through() for part in parts))
         self.instant = [name in fed_through for name in self.names]
 
     def values(self) -> list[float]:

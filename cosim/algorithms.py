@@ -160,12 +160,14 @@ ORDERS = {"jacobi": 1, "gauss-seidel": 1, "strang": 2, "iterated": 1}
 ALGORITHMS = tuple(ORDERS)
 
 
-def order(algorithm: str, input_order: int, capable: bool) -> int:
+def order(algorithm: str, input_order: int, parts: Sequence[Part]) -> int:
     """The order at which the states converge.
 
-    `capable` is whether every FMU can interpolate; one that cannot gets means, of order 2. Means
-    and the half steps of Strang are of order 1 over outputs with direct feedthrough.
+    An FMU that cannot interpolate gets means, of order 2. Means and the half steps of Strang are of
+    order 1 over outputs with direct feedthrough, which show an input from within the step.
     """
-    if input_order:
-        return input_order + 1 if capable else 2
-    return ORDERS[algorithm]
+    if input_order and all(part.curves is None or part.curves.capable for part in parts):
+        return input_order + 1
+    if any(part.fed_through() for part in parts):
+        return 1
+    return 2 if input_order else ORDERS[algorithm]

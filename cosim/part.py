@@ -236,6 +236,16 @@ class Part:
         kinds = dict.fromkeys(v.type for v in variables)
         return [Block(self, action, [v for v in variables if v.type == kind]) for kind in kinds]
 
+    def fed_through(self) -> frozenset[str]:
+        """The wired Real outputs on which a wired input acts at once, as far as it is declared."""
+        wired = {name for block in self.inputs for name in block.names}
+        shown = {name for block in self.outputs if block.real for name in block.names}
+        return frozenset(shown) & {
+            f"{self.name}.{unknown.variable.name}"
+            for unknown in self.description.outputs
+            if any(f"{self.name}.{v.name}" in wired for v in unknown.dependencies or ())
+        }
+
     def wire(self, target: Any, i: int, source: Any, j: int, factor: float, offset: float) -> None:
         """Let input cell `target[i]` follow factor * source[j] + offset."""
         if (factor, offset) == (1.0, 0.0):

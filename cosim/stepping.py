@@ -108,8 +108,7 @@ class Run:
         self.rejected: list[float] = []
         stages = EXPLICIT[algorithm](parts) if algorithm in EXPLICIT else None
         self._advance: Advance = explicit(stages) if stages is not None else iterated(parts)
-        capable = all(part.curves is None or part.curves.capable for part in parts)
-        self._order = order(algorithm, input_order, capable)
+        self._order = order(algorithm, input_order, parts)
         every = plan.every()
         if plan.output_step is not None and self.row.discrete:
             every = None

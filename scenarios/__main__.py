@@ -4,9 +4,8 @@ import argparse
 import importlib
 import sys
 from types import ModuleType
-from typing import NoReturn
 
-from cosim.errors import SetupError, SimulationError
+from cosim.commandline import Parser, exit_code
 
 from . import fmus
 
@@ -19,13 +18,6 @@ SCENARIOS = (
     "orientation_time",
     "orientator_cycle",
 )
-
-
-class Parser(argparse.ArgumentParser):
-    """Reports bad input as one line, as everything else does."""
-
-    def error(self, message: str) -> NoReturn:
-        raise SetupError(message)
 
 
 def parser(name: str) -> Parser:
@@ -62,8 +54,9 @@ def question(name: str) -> str:
 
 
 def main() -> int:
-    """Exit code 0, 1 for a run that failed on the way, 2 for bad input, 130 after Ctrl-C."""
-    try:
+    """Run the command that was typed; its exit code."""
+
+    def act() -> int:
         name = sys.argv[2] if sys.argv[1:2] == ["run"] and len(sys.argv) > 2 else ""
         options = vars(parser(name).parse_args())
         if options.pop("command") == "list":
@@ -72,16 +65,9 @@ def main() -> int:
         else:
             fmus.choose(options.pop("flavour"))
             load(options.pop("scenario")).run(**options)
-    except SetupError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
-    except SimulationError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 1
-    except KeyboardInterrupt as interrupt:
-        print(f"interrupted, what was computed is kept: {interrupt}", file=sys.stderr)
-        return 130
-    return 0
+        return 0
+
+    return exit_code(act)
 
 
 if __name__ == "__main__":

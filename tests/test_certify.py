@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import pytest
 from oracle import monolithic, revolution_samples
 from test_cosim import HELD_TAU2, ripple
 
-from cosim import ORDERS, estimate
-from scenarios import fmus, pool
+from cosim import ORDERS, certify, estimate
+from cosim.verification.ideal import Ideal
+from cosim.verification.systems import couple, drive
+from scenarios import fmus as drive_fmus
+from scenarios import pool
 from scenarios.orders import last_revolutions, order
 from scenarios.resonance import SPEEDS, Case, simulate
 from scenarios.theory import SETS
@@ -68,8 +72,8 @@ def test_stated_errors_hold_at_every_speed_of_the_sweep(
     machine = SETS["A"]
     nus = [float(text) for text in SPEEDS["A"].split(",")]
     assert len(nus) == 31
-    monkeypatch.setenv(fmus.CHOICE, "native")
-    fmus.build(*fmus.DRIVE.values())
+    monkeypatch.setenv(drive_fmus.CHOICE, "native")
+    drive_fmus.build(*drive_fmus.DRIVE.values())
     cases = [Case(machine, nu, n * k, algorithm) for nu in nus for k in (4, 2, 1)]
     points = iter(list(pool.each(simulate, cases, pool.available_cores(), "speeds")))
     told = 0
@@ -91,3 +95,22 @@ def test_stated_errors_hold_at_every_speed_of_the_sweep(
             assert true <= got.error + 1e-6 * exact, (nu, got, exact)
             assert got.error <= max(10 * true, 1e-4 * exact), (nu, got, exact)
     assert told >= 50
+
+
+def test_the_order_stated_knows_of_direct_feedthrough(fmus: Path) -> None:
+    """Strang on the drive at its torsional resonance: outputs with feedthrough make it order 1."""
+    units = drive(1.0)
+    system = couple(units, fmus / "LinearSystem.fmu")
+    certified = certify(
+        system,
+        lambda result: {"w": float(result["load.x[2]"][-1])},
+        stop=0.01,
+        step=1e-4,
+        record=["load.x[2]"],
+    )
+    assert certified.result.provenance["convergence_order"] == 1
+    found = certified.figures["w"]
+    exact = Ideal(units).exact([0.01])[-1][3]
+    assert found.error is not None
+    assert abs(found.value - exact) <= 1.2 * found.error
+    assert found.order == pytest.approx(1.0, abs=0.2)

@@ -1,0 +1,32 @@
+"""What command lines share: bad input is one line, and every way to end has its exit code."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Callable
+from typing import NoReturn
+
+from .errors import SetupError, SimulationError
+
+
+class Parser(argparse.ArgumentParser):
+    """Reports bad input as one line, as everything else does."""
+
+    def error(self, message: str) -> NoReturn:
+        raise SetupError(message)
+
+
+def exit_code(action: Callable[[], int]) -> int:
+    """What the action returns; 1 for a run that failed on the way, 2 for bad input, 130 for Ctrl-C."""
+    try:
+        return action()
+    except SetupError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    except SimulationError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt as interrupt:
+        print(f"interrupted, what was computed is kept: {interrupt}", file=sys.stderr)
+        return 130
