@@ -261,7 +261,7 @@ def test_a_day_in_one_run_needs_no_more_memory_than_its_first_hours(
         used.append(int(Path("/proc/self/statm").read_text().split()[1]))
 
     result = run(
-        pair(fmus),
+        native(fmus),
         stop=86400.0,
         step=0.02,
         algorithm="gauss-seidel",
@@ -273,7 +273,7 @@ def test_a_day_in_one_run_needs_no_more_memory_than_its_first_hours(
     assert_array_equal(result["time"], np.arange(1441) * 60.0)
     early, late = used[len(used) // 10], used[-1]
     assert (late - early) * 4096 < 1 << 20
-    assert np.abs(result["conveyor.w"] - NU).max() < 4.0
+    assert np.abs(result["conveyor.w"][1:] - NU).max() < 4.0
 
 
 def native(fmus: Path) -> System:
