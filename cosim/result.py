@@ -86,7 +86,9 @@ class Result:
             try:
                 frame.to_parquet(path)
             except ImportError:
-                raise SetupError(f"{path}: Parquet needs the package pyarrow") from None
+                raise SetupError(
+                    f"{path}: Parquet needs the package pyarrow, the extra `parquet`"
+                ) from None
         else:
             raise SetupError(f"{path} must end in .csv or .parquet")
         write_json(path.with_suffix(".json"), {**self.provenance, "units": units})

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -11,6 +12,7 @@ from typing import Any
 
 import fmpy
 import numpy as np
+import pandas as pd
 import pytest
 from fmpy.fmi2 import FMU2Slave
 from numpy.testing import assert_array_equal
@@ -225,6 +227,13 @@ def test_a_part_s_columns_are_written_under_bare_names(fmus: Path, tmp_path: Pat
         result.write(tmp_path / "pump.csv", part="pump")
     with pytest.raises(SetupError, match=r"must end in \.csv or \.parquet"):
         result.write(tmp_path / "run.xlsx")
+
+
+def test_parquet_carries_the_frame(fmus: Path, tmp_path: Path) -> None:
+    result = from_rest(fmus, step=1e-2)
+    result.write(tmp_path / "run.parquet")
+    pd.testing.assert_frame_equal(pd.read_parquet(tmp_path / "run.parquet"), result.frame)
+    assert json.loads((tmp_path / "run.json").read_text())["units"]["motor.tau"] == "N.m"
 
 
 def test_plot_has_an_axis_per_unit(fmus: Path, tmp_path: Path) -> None:
