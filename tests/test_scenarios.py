@@ -61,9 +61,11 @@ def turn(a: float, b: float) -> float:
 
 @pytest.fixture(scope="module", params=["A", "B"])
 def sweep(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Any:
-    """The resonance scenario with its defaults: name, folder, what it printed."""
+    """The resonance scenario with its defaults: name, folder, what it printed; B on native FMUs."""
     folder = tmp_path_factory.mktemp("resonance")
-    done = scenario("run", "resonance", "--set", request.param, "--out", folder, "--jobs", 1)
+    flavour = {"A": "python", "B": "native"}[request.param]
+    options = ("--set", request.param, "--out", folder, "--jobs", 1, "--flavour", flavour)
+    done = scenario("run", "resonance", *options)
     assert done.returncode == 0, done.stderr
     return request.param, folder, done.stdout
 
@@ -105,19 +107,21 @@ def test_resonance_and_peaks_lie_where_theory_puts_them(sweep: Any) -> None:
     assert max(facts["peak_error"].values()) < 1e-3 * facts["peak"]["nu_peak_tau"]
     assert (facts["algorithm"], facts["steps_per_rev"]) == ("strang", 512)
     assert {"parameters", "fmus", "versions", "wall_time"} <= facts.keys()
+    assert facts["flavour"] == {"A": "python", "B": "native"}[name]
     assert (folder / "resonance.png").stat().st_size > 20_000
     assert f"Formula (22) puts the resonance at {EXPECTED[name]['nu_res']:.3f} rad/s" in said
     assert "lags the load ripple by 90 degrees: found at" in said
     assert "These speeds differ because" in said
 
 
-def test_parallel_and_serial_tables_are_identical(tmp_path: Path) -> None:
+def test_tables_are_identical_in_parallel_and_with_native_fmus(tmp_path: Path) -> None:
     options = ("--speeds", "38:42:5", "--steps-per-rev", "48")
-    for jobs in (1, 2):
-        done = scenario("run", "resonance", *options, "--jobs", jobs, "--out", tmp_path / str(jobs))
+    ways = {"one": ("--jobs", 1), "two": ("--jobs", 2), "native": ("--flavour", "native")}
+    for name, way in ways.items():
+        done = scenario("run", "resonance", *options, *way, "--out", tmp_path / name)
         assert done.returncode == 0, done.stderr
-    one, two = (tmp_path / str(jobs) / "resonance.csv" for jobs in (1, 2))
-    assert one.read_bytes() == two.read_bytes()
+    one, two, native = (tmp_path / name / "resonance.csv" for name in ways)
+    assert one.read_bytes() == two.read_bytes() == native.read_bytes()
     assert len(table(one)) == 5
 
 
