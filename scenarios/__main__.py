@@ -17,6 +17,7 @@ SCENARIOS = (
     "iron_orders",
     "orientation_time",
     "orientator_cycle",
+    "packing_line",
 )
 
 

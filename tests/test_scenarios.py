@@ -229,6 +229,7 @@ def test_list_names_every_scenario_and_its_question() -> None:
         "iron_orders",
         "orientation_time",
         "orientator_cycle",
+        "packing_line",
     ]
     assert all(line.endswith("?") for line in lines)
 
