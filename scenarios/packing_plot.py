@@ -16,7 +16,7 @@ from .plots import MARK, SPEED, THEORY, TORQUE, save
 if TYPE_CHECKING:
     from cosim import Result
 
-    from .packing_line import Pace
+    from .packing import Pace
 
 COLORS = ("#7fb3d5", "#82c99d", "#f0b27a", "#bb9fd0", "#dfe6e9", "#e08283", "#f4f4f4")
 
