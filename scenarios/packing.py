@@ -39,6 +39,7 @@ RECORD = (
 )  # fmt: skip
 DRIVES = {"iron": "iron.phi", "conveyor": "conveyor.phi"}
 HIGHEST = {"iron": 12, "conveyor": 4}
+I_G = 36.0
 START, FIRST_RELEASE = math.radians(-60.0), math.radians(100.0)
 
 
@@ -65,23 +66,16 @@ class Line(NamedTuple):
 def system(gear: float, iron_speed: float, conveyor_set: str, speed: float) -> System:
     """The line; all start values are parameters, because some hosts set no other ones."""
     start: dict[str, float | int | bool | str] = {
-        "iron_motor.A": no_speed_torque(iron_speed),
+        "iron_motor.A": iron.MOTOR["motor.B"] * I_G * iron_speed,
         "iron_motor.B": iron.MOTOR["motor.B"],
         "iron_motor.T": iron.MOTOR["motor.T"],
+        "iron.reducer.i_g": I_G,
     }
     for name, value in SETS[conveyor_set].start(speed).items():
         if name not in ("motor.tau", "conveyor.phi", "conveyor.w"):
             start[name.replace("motor.", "conveyor_motor.")] = value
     wires = [*WIRES, f"iron.w_cam * {gear!r} -> orientator.w"]
     return System({part: fmus.fmu(name) for part, name in PARTS.items()}, wires, start)
-
-
-def no_speed_torque(speed: float) -> float:
-    """A of the iron's motor for a mean speed of the cam [rad/s], which carries the friction [N.m]."""
-    turn = iron.turn(1.0, {}, 360, iron.names(("E_friction",)))
-    i_g = float(turn.provenance["parts"]["iron"]["parameters"]["reducer.i_g"])
-    friction = float(turn["iron.E_friction"][-1]) / (2 * math.pi * i_g)
-    return iron.MOTOR["motor.B"] * i_g * speed + friction
 
 
 def powers(result: Result) -> dict[str, iron.Samples]:

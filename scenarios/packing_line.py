@@ -24,6 +24,7 @@ from . import fmus, iron, options, orientator, packing, packing_plot
 from .packing import Line
 from .theory import SETS
 
+SHAFTS = {"iron": "cam", "conveyor": "crank"}
 MAIN, APART = 0.1, 0.05
 UNITS = {"orientation": "s", "cycle": "s", "cam": "rad/s", "mean": "W", "rms": "W"}
 
@@ -68,13 +69,14 @@ def _supply(result: Result, told: Mapping[str, str]) -> str:
     text = []
     for name in ("iron", "conveyor", "supply"):
         swing = power[name][rows]
-        main = [x for x in sorted(lines, key=lambda x: -x.own) if x.drive == name][:3]
-        orders = ", ".join(f"{x.order} ({x.frequency:.2f} Hz) {x.own:.4g} W" for x in main)
-        shaft = "cam" if name == "iron" else "crank"
-        end = f"; main orders of the {shaft}: {orders}" if main else ""
+        sizes = {x: x.supply if name == "supply" else x.own for x in lines}
+        main = [x for x in sorted(lines, key=lambda x: -sizes[x]) if name in (x.drive, "supply")]
+        orders = ", ".join(
+            f"{SHAFTS[x.drive]} {x.order} ({x.frequency:.2f} Hz) {sizes[x]:.4g} W" for x in main[:3]
+        )
         text.append(
             f"Power of the {name}: mean {told[f'mean {name}']}, ripple {told[f'rms {name}']} rms, "
-            f"{swing.min():.4g} .. {swing.max():.4g} W{end}."
+            f"{swing.min():.4g} .. {swing.max():.4g} W; main orders: {orders}."
         )
     return "\n".join([*text, together(result, lines)])
 
@@ -109,7 +111,7 @@ def arguments(parser: ArgumentParser) -> None:
     """The options of the scenario."""
     add = parser.add_argument
     add("--gear", type=float, default=1.25, help="speed of the rotor over speed of the cam")
-    add("--iron-speed", type=float, default=iron.NOMINAL, help="mean speed of the cam [rad/s]")
+    add("--iron-speed", type=float, default=iron.NOMINAL, help="no-load speed of the cam [rad/s]")
     add("--conveyor-set", choices=SETS, default="B", help="parameter set of the conveyor's drive")
     add("--speed", type=float, default=60.0, help="mean speed of the crank [rad/s]")
     add("--stop", type=float, default=5.5, help="simulated time [s]")
