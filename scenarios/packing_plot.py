@@ -68,7 +68,7 @@ def timing(path: Path, result: Result, pace: Pace, gear: float) -> None:
         axes.axvline(period, color=THEORY, linestyle="--", linewidth=1.0)
     motor.set_xlim(-0.05 * period, 1.05 * period)
     figure.suptitle(
-        f"One cycle of the packing line: {60 / period:.1f} releases/min, "
+        f"One cycle of the packing line: {60 / period:.2f} releases/min, "
         f"rotor {gear:g} times as fast as the cam"
     )
     save(figure, path)
