@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import argparse
 import ctypes
+import gc
 import os
 import runpy
 import statistics
@@ -172,6 +173,8 @@ def bare_slaves(steps: int, _: Path) -> Callable[[], object]:
         slave.exit_initialization_mode()
         slaves.append(slave)
 
+    gc.collect()
+    gc.freeze()
     motor, conveyor = slaves
     places = [
         (b, b.interface.by_name[y].reference, a, a.interface.by_name[x].reference)
