@@ -1,4 +1,4 @@
-"""Couple FMI 2.0 co-simulation FMUs: a system of parts and wires, run with a fixed step."""
+"""Couple FMI 2.0 co-simulation FMUs: a system of parts and wires, and the error of its coupling."""
 
 from .adaptive import Adaptive
 from .algorithms import ALGORITHMS, ORDERS

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import argparse
-import math
+import re
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 from . import report
 from .adaptive import Adaptive
 from .algorithms import ALGORITHMS
-from .certify import Estimate, certify, summary
+from .certify import SUMMARY, Estimate, certify, summary
 from .commandline import Parser, exit_code
 from .container import write_container
 from .damping import diagnose
@@ -27,7 +27,7 @@ from .progress import bar
 from .result import Result
 from .ssp import read_ssp, write_ssp
 from .stepping import Plan
-from .system import Network, System, Value, connect, describe_fmu
+from .system import Network, System, Value, connect, describe_fmu, own_start
 
 
 class Task(NamedTuple):
@@ -53,7 +53,12 @@ def opened(path: Path, given: Sequence[str]) -> Iterator[Task]:
             system, start, stop, connectors = alone(path), 0.0, None, {}
         else:
             raise SetupError(f"{path} must be an .ssp or an .fmu")
-        values = dict(assignment(text) for text in given)
+        network = connect(system)
+        texts = dict(assignment(text) for text in given)
+        values = {
+            name: text if network.port(name).type == "String" else literal(text)
+            for name, text in texts.items()
+        }
         network = connect(replace(system, start={**system.start, **values}))
         yield Task(network, start or 0.0, stop, connectors)
 
@@ -63,16 +68,16 @@ def alone(path: Path) -> System:
     name = path.stem
     description = describe_fmu(name, path)
     inputs = [v for v in description.modelVariables if v.causality == "input"]
-    start = {f"{name}.{v.name}": literal(str(v.start or "0")) for v in inputs}
-    return System({name: path}, start=start)
+    declared = {f"{name}.{v.name}": own_start(v) for v in inputs}
+    return System({name: path}, start={k: v for k, v in declared.items() if v is not None})
 
 
-def assignment(text: str) -> tuple[str, Value]:
+def assignment(text: str) -> tuple[str, str]:
     """ "motor.T=0.05" as name and value."""
     name, equals, value = text.partition("=")
     if not equals:
-        raise SetupError(f"{text!r} must read part.variable=value")
-    return name.strip(), literal(value.strip())
+        raise SetupError(f"{text!r} must read NAME=VALUE")
+    return name.strip(), value.strip()
 
 
 def literal(text: str) -> Value:
@@ -88,18 +93,17 @@ def literal(text: str) -> Value:
 
 
 def names(text: str) -> list[str]:
-    """ "a,b" as a list."""
-    return [name.strip() for name in text.split(",") if name.strip()]
+    """ "a,b" as a list; commas in brackets, as in A[2,1], belong to the name."""
+    return [name.strip() for name in re.split(r",(?![^\[]*\])", text) if name.strip()]
 
 
 def rates(texts: Sequence[str]) -> dict[str, int]:
     """ "motor=4" as substeps by part."""
-    found = {}
-    for name, count in map(assignment, texts):
-        if not isinstance(count, int):
-            raise SetupError(f"substeps of {name} = {count!r} must be a whole number")
-        found[name] = count
-    return found
+    found = dict(map(assignment, texts))
+    for name, count in found.items():
+        if not count.isdecimal():
+            raise SetupError(f"substeps of {name} = {count} must be a whole number")
+    return {name: int(count) for name, count in found.items()}
 
 
 def parser() -> Parser:
@@ -229,35 +233,37 @@ def simulate(options: argparse.Namespace) -> int:
             settings["output_step"] = chosen.output_step
         whole = options.out is not None and options.part is None and options.out.suffix == ".csv"
         figures: dict[str, Estimate] = {}
-        with (
-            TemporaryDirectory(prefix="cosim_") as folder,
-            bar(options.file.stem, chosen.start, chosen.stop) as progress,
-        ):
-            settings |= {"progress": progress}
+        with TemporaryDirectory(prefix="cosim_") as folder:
             runner = partial(run_isolated, csv=Path(folder) / "rows.csv")
             if whole:
                 settings["csv"] = options.out
-            if options.certify:
-                result, figures = certify(task.system, summary, runner=runner, **settings)
-            else:
-                result = runner(task.system, **settings)
+            with bar(options.file.stem, chosen.start, chosen.stop) as progress:
+                settings["progress"] = progress
+                if options.certify:
+                    result, figures = certify(task.system, summary, runner=runner, **settings)
+                else:
+                    result = runner(task.system, **settings)
             if options.out is not None and not whole:
                 result.write(options.out, part=options.part)
             if options.plot is not None:
                 result.plot(path=options.plot)
-            for line in told(result):
-                print(line)
+            print("\n".join(told(result)))
     if figures:
-        print(
-            "figures with their coupling errors, from runs with a step, a half and a quarter of it"
-        )
-        rows = [
-            (name, found.text(result.units[name.partition(" at ")[0].partition(",")[0]]),
-             "" if found.error is None or math.isnan(found.order) else f"order {found.order:.1f}")
-            for name, found in figures.items()
-        ]  # fmt: skip
-        print("\n".join(f"  {line}" for line in report.table(rows)))
+        ways = ("step, a half and a quarter", "tolerance, a tenth and a hundredth")
+        print(f"coupling errors, from runs with the {ways[options.adaptive is not None]} of it")
+        print("\n".join(certified(result, figures)))
     return 0
+
+
+def certified(result: Result, figures: Mapping[str, Estimate]) -> Iterator[str]:
+    """The figures with their errors and orders, in columns."""
+    columns = [(column, what) for column in result.columns[1:] for what in SUMMARY]
+    units = {f"{column}{what}": result.units[column] for column, what in columns}
+    rows = [
+        (name, found.text(units[name]), "" if found.error is None else f"order {found.order:.1f}")
+        for name, found in figures.items()
+    ]
+    yield from (f"  {line}" for line in report.table(rows))
 
 
 def told(result: Result) -> Iterator[str]:

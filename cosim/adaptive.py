@@ -37,9 +37,10 @@ class Adaptive:
 
     def check(self) -> None:
         """Raise SetupError for a setting out of range."""
-        steps = {"first": self.first or FIRST, "longest": self.longest}
-        allowed = {f"absolute tolerance of {name}": a for name, a in self.absolute.items()}
-        for name, value in ({"tolerance": self.tolerance} | allowed | steps).items():
+        given = {"tolerance": self.tolerance, "longest": self.longest}
+        given |= {f"absolute tolerance of {name}": a for name, a in self.absolute.items()}
+        given |= {} if self.first is None else {"first": self.first}
+        for name, value in given.items():
             if not value > 0.0:
                 raise SetupError(f"{name} = {value!r} must be above 0")
         if self.control not in (None, "doubling", "energy"):
@@ -188,7 +189,8 @@ def by_energy(
 def first_step(settings: Adaptive, span: tuple[float, float]) -> float:
     """The step to begin with."""
     start, stop = span
-    return min(settings.first or FIRST * (stop - start), settings.longest)
+    first = FIRST * (stop - start) if settings.first is None else settings.first
+    return min(first, settings.longest)
 
 
 def last_step(t: float, h: float, stop: float) -> float:

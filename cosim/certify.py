@@ -7,14 +7,24 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from .adaptive import Adaptive
 from .master import run
-from .result import Result
+from .result import Result, Rows
 from .system import System
 
 NEGLIGIBLE = 1e-10
 SLOWER, FASTER = 0.5, 1.5
 HALVED, TENTH = 2.0, 10.0
+
+
+SUMMARY: dict[str, Callable[[Rows, Rows], float]] = {
+    " at the end": lambda t, x: x[-1],
+    ", smallest": lambda t, x: x.min(),
+    ", largest": lambda t, x: x.max(),
+    ", mean": lambda t, x: np.trapezoid(x, t) / (t[-1] - t[0]),
+}
 
 
 class Estimate(NamedTuple):
@@ -108,10 +118,8 @@ def _within(
 def summary(result: Result) -> dict[str, float]:
     """The last, smallest, largest and mean value of every column over time."""
     t = result["time"]
-    found: dict[str, float] = {}
-    for name in result.columns[1:]:
-        x = result[name]
-        mean = float(((x[1:] + x[:-1]) / 2 * (t[1:] - t[:-1])).sum() / (t[-1] - t[0]))
-        found |= {f"{name} at the end": float(x[-1]), f"{name}, smallest": float(x.min())}
-        found |= {f"{name}, largest": float(x.max()), f"{name}, mean": mean}
-    return found
+    return {
+        f"{name}{what}": float(figure(t, result[name]))
+        for name in result.columns[1:]
+        for what, figure in SUMMARY.items()
+    }

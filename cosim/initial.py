@@ -100,18 +100,15 @@ def _make_blocks(network: Network, parts: Mapping[str, Part]) -> None:
                 block.cells[:] = [float(declared[name] or 0.0) for name in block.names]
 
 
-def _places(blocks: Sequence[Block]) -> dict[str, tuple[Block, int]]:
-    """Where each variable's value stands."""
+def _places(parts: Mapping[str, Part]) -> dict[str, tuple[Block, int]]:
+    """Where each wired variable's value stands."""
+    blocks = (block for part in parts.values() for block in chain(part.outputs, part.inputs))
     return {name: (block, i) for block in blocks for i, name in enumerate(block.names)}
-
-
-def _places_of(parts: Mapping[str, Part]) -> dict[str, tuple[Block, int]]:
-    return _places([b for part in parts.values() for b in chain(part.outputs, part.inputs)])
 
 
 def _connect(network: Network, parts: Mapping[str, Part]) -> None:
     """Let every input follow its source."""
-    place = _places_of(parts)
+    place = _places(parts)
     for wire in network.wires:
         (target, i), (source, j) = place[wire.target.name], place[wire.source.name]
         ends = (target.cells, i, source.cells, j)
@@ -147,7 +144,7 @@ def _watch(network: Network, parts: Mapping[str, Part], degree: int) -> None:
 
 def _open_ledger(network: Network, parts: Mapping[str, Part]) -> None:
     """Give every part its sides of the power bonds."""
-    place = _places_of(parts)
+    place = _places(parts)
 
     def end(bond: str, side: int, out: Wire, into: Wire) -> End:
         (block, i), (entry, j) = place[out.source.name], place[into.target.name]

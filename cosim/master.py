@@ -23,7 +23,7 @@ from .part import Part
 from .result import Recorder, Result
 from .stepping import Plan, Row, Run
 from .structure import algebraic_loops, describe
-from .system import Network, Port, System, connect
+from .system import STATE, VARIABLE_STEP, Network, Port, System, connect, lacking
 
 
 def run(
@@ -143,11 +143,8 @@ def problems(
         twin = by_guid.setdefault(description.guid, name)
         if twin != name and description.coSimulation.canBeInstantiatedOnlyOncePerProcess:
             yield f"{name}: its FMU lives only once in a process, and {twin} is another of it"
-    capabilities = {name: d.coSimulation for name, d in network.descriptions.items()}
-    lost = [name for name, can in capabilities.items() if not can.canGetAndSetFMUstate]
-    steady = [
-        name for name, can in capabilities.items() if not can.canHandleVariableCommunicationStepSize
-    ]
+    lost = lacking(network.descriptions, STATE)
+    steady = lacking(network.descriptions, VARIABLE_STEP)
     if algorithm == "iterated":
         for name in lost:
             yield f"iterated needs the FMU state, which {name} cannot save"

@@ -30,7 +30,7 @@ from fmpy.model_description import ModelDescription, ScalarVariable
 from .curve import Curves
 from .errors import Discarded, Ended, PartFailure
 from .ledger import End
-from .system import Value
+from .system import Value, feedthrough
 
 OK, WARNING, DISCARD, ERROR, FATAL = range(5)
 STATUS = ("OK", "Warning", "Discard", "Error", "Fatal", "Pending")
@@ -239,11 +239,11 @@ class Part:
     def fed_through(self) -> frozenset[str]:
         """The wired Real outputs on which a wired input acts at once, as far as it is declared."""
         wired = {name for block in self.inputs for name in block.names}
-        shown = {name for block in self.outputs if block.real for name in block.names}
-        return frozenset(shown) & {
-            f"{self.name}.{unknown.variable.name}"
-            for unknown in self.description.outputs
-            if any(f"{self.name}.{v.name}" in wired for v in unknown.dependencies or ())
+        shown = frozenset(name for block in self.outputs if block.real for name in block.names)
+        return shown & {
+            f"{self.name}.{output}"
+            for output, inputs in feedthrough(self.description).items()
+            if any(f"{self.name}.{name}" in wired for name in inputs)
         }
 
     def wire(self, target: Any, i: int, source: Any, j: int, factor: float, offset: float) -> None:

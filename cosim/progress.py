@@ -28,7 +28,9 @@ def bar(title: str, start: float, stop: float) -> Iterator[Callable[[float], Non
     """A function to call with the share of a run from `start` to `stop` [s] that is done."""
     columns = (TextColumn("{task.description}"), BarColumn(), Pace(), TimeRemainingColumn())
     console = Console(stderr=True)
-    with Progress(*columns, console=console, disable=not console.is_terminal) as progress:
+    with Progress(
+        *columns, console=console, redirect_stdout=False, disable=not console.is_terminal
+    ) as progress:
         task = progress.add_task(title, total=stop - start)
         shown = 0.0
 

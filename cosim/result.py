@@ -125,8 +125,8 @@ class Recorder:
     """Takes rows; with a path it streams them to NAME.partial.csv, which becomes NAME.csv.
 
     A run that does not end leaves NAME.partial.csv and NAME.partial.json, which says where and why.
-    Rows that are streamed are not kept in memory; they reach the file at once, as far as that is cheap. Until it
-    ends, the JSON says that the run is "running".
+    Rows that are streamed are not kept in memory; they reach the file at once, as far as that is
+    cheap. Until it ends, the JSON says that the run is "running".
     """
 
     def __init__(

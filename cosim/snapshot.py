@@ -44,8 +44,3 @@ def forget_after(parts: Sequence[Part], t: float) -> None:
     for part in parts:
         for signal, _, _ in part.curves.signals if part.curves else ():
             signal.forget_after(t)
-
-
-def incapable(parts: Sequence[Part]) -> list[str]:
-    """The parts that cannot go back to an earlier state."""
-    return [p.name for p in parts if not p.description.coSimulation.canGetAndSetFMUstate]

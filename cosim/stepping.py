@@ -15,8 +15,8 @@ from .curve import same
 from .errors import Discarded, PartFailure, SetupError
 from .part import Block, Part
 from .result import Grid, Recorder
-from .snapshot import Snapshot, forget_after, incapable
-from .system import Port
+from .snapshot import Snapshot, forget_after
+from .system import STATE, VARIABLE_STEP, Port, lacking
 
 CHECKPOINT = 1000
 SHORTEST = 2.0**-20
@@ -117,15 +117,12 @@ class Run:
         self._loop: Loop | None = None
         self.control = "fixed"
         self.loop = "Python"
+        descriptions = {part.name: part.description for part in parts}
+        lost = lacking(descriptions, STATE)
         if isinstance(plan.step, Adaptive):
-            self.control = plan.step.control or ("energy" if incapable(parts) else "doubling")
+            self.control = plan.step.control or ("energy" if lost else "doubling")
             return
-        steady = [
-            p
-            for p in parts
-            if not p.description.coSimulation.canHandleVariableCommunicationStepSize
-        ]
-        if not steady and not incapable(parts):
+        if not lost and not lacking(descriptions, VARIABLE_STEP):
             self._checkpoint = (0, Snapshot(parts))
         if stages is None or every is None or not _plain(parts):
             return

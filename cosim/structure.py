@@ -6,7 +6,7 @@ import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
-from .system import Network, Wire
+from .system import Network, Wire, feedthrough
 
 
 def algebraic_loops(network: Network) -> list[list[Wire]]:
@@ -34,10 +34,8 @@ def acts(network: Network, first: Wire, then: Wire) -> bool:
     """Whether the input of one wire moves the source of another without delay."""
     if first.target.part != then.source.part:
         return False
-    unknowns = network.descriptions[then.source.part].outputs
-    own = next((u for u in unknowns if u.variable.name == then.source.variable.name), None)
-    declared = own.dependencies if own is not None else None
-    return any(v.name == first.target.variable.name for v in declared or ())
+    acting = feedthrough(network.descriptions[then.source.part])
+    return first.target.variable.name in acting.get(then.source.variable.name, ())
 
 
 def describe(loop: list[Wire]) -> str:

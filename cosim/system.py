@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
@@ -17,6 +17,15 @@ from fmpy.model_description import ModelDescription, ScalarVariable, read_model_
 from .errors import SetupError
 
 Value = float | int | bool | str
+STATE, VARIABLE_STEP = "canGetAndSetFMUstate", "canHandleVariableCommunicationStepSize"
+FALSE_TRUE = {"false": False, "0": False, "true": True, "1": True}
+READ: dict[str, Callable[[str], Value]] = {
+    "Real": float,
+    "Integer": int,
+    "Boolean": lambda text: FALSE_TRUE[text.strip()],
+    "String": str,
+    "Enumeration": str,
+}
 NUMERIC = {"Real": float, "Integer": int, "Enumeration": int, "Boolean": int}
 
 
@@ -233,6 +242,29 @@ def convert(here: Any, there: Any) -> tuple[float, float] | None:
     if exponents(here) != exponents(there):
         return None
     return here.factor / there.factor, (here.offset - there.offset) / there.factor
+
+
+def own_start(variable: ScalarVariable) -> Value | None:
+    """The start value that the model description gives a variable, if any."""
+    if variable.start is None:
+        return None
+    kind = "Integer" if variable.type == "Enumeration" else str(variable.type)
+    return READ[kind](str(variable.start))
+
+
+def feedthrough(description: ModelDescription) -> dict[str, frozenset[str]]:
+    """By output, the inputs that act on it at once; only what the model description declares."""
+    return {
+        unknown.variable.name: frozenset(
+            v.name for v in unknown.dependencies or () if v.causality == "input"
+        )
+        for unknown in description.outputs
+    }
+
+
+def lacking(descriptions: Mapping[str, ModelDescription], ability: str) -> list[str]:
+    """The parts whose FMUs do not have a capability, by FMI's name of it."""
+    return [name for name, d in descriptions.items() if not getattr(d.coSimulation, ability)]
 
 
 def exponents(unit: Any) -> tuple[int, ...]:

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
+import pty
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -18,6 +21,7 @@ from test_cosim import NU, pair
 from cosim import System, run, write_ssp
 from cosim.__main__ import main
 from scenarios.theory import SETS
+from tests.foreign import pack
 
 
 @pytest.fixture
@@ -108,6 +112,51 @@ def test_certify_states_errors_and_orders(drive: Path, capsys) -> None:
     assert "not converged: the error falls with order" in rate
 
 
+def test_figures_of_names_with_commas_keep_their_units(fmus: Path, capsys) -> None:
+    record = "LinearSystem.A[2,1],LinearSystem.x[1]"
+    options = ("--stop", 0.1, "--certify", "--record", record)
+    lines = said(capsys, "run", fmus / "LinearSystem.fmu", *options).splitlines()
+    (rate,) = [line for line in lines if "LinearSystem.A[2,1] at the end" in line]
+    assert rate.split()[-6:] == ["-100.0000000", "+-", "0.0000001", "1", "order", "2.0"]
+    assert any("LinearSystem.x[1], largest" in line for line in lines)
+
+
+def test_a_run_that_fails_ends_with_code_1_and_keeps_its_rows(tmp_path: Path, capsys) -> None:
+    fmu = pack(tmp_path / "part.fmu", error_at=0.5)
+    out = tmp_path / "out.csv"
+    arguments = ["run", str(fmu), "--stop", "1", "--step", "0.01", "--out", str(out)]
+    assert main(arguments) == 1
+    error = capsys.readouterr().err
+    assert error.startswith("error: part: doStep(t = ")
+    assert error.count("\n") == 1
+    kept = pd.read_csv(tmp_path / "out.partial.csv")
+    assert 0.45 < kept["time"].iloc[-1] < 0.5
+    assert not out.exists()
+
+
+def test_held_angles_are_warned_of(fmus: Path, tmp_path: Path, capsys) -> None:
+    """A crank that hears an angle of another over a wire."""
+    parts = {"crank": fmus / "CrankConveyor.fmu", "other": fmus / "LinearSystem.fmu"}
+    start = {"crank.tau": 0.0} | {f"other.u[{i}]": 0.0 for i in (2, 3, 4)}
+    path = tmp_path / "angle.ssp"
+    write_ssp(System(parts, ["crank.phi => other.u[1]"], start), path, stop=1.0)
+    assert "an angle that is held over a step pushes a stiff shaft" in said(capsys, "check", path)
+
+
+def test_a_terminal_shows_simulated_time_pace_and_what_is_left(drive: Path) -> None:
+    """On a pseudo-terminal; everywhere else a run is quiet."""
+    ours, its = pty.openpty()
+    command = [sys.executable, "-m", "cosim", "run", str(drive), "--stop", "0.5"]
+    done = subprocess.run(command, cwd=ROOT, stderr=its, stdout=subprocess.PIPE, check=True)
+    os.close(its)
+    shown = os.read(ours, 1 << 16).decode()
+    os.close(ours)
+    assert "drive" in shown
+    assert re.search(r"of 0\.5 s, \S+ x real time", shown)
+    assert re.search(r"\d:\d\d:\d\d", shown)
+    assert b"500 steps" in done.stdout
+
+
 def test_adaptive_run(drive: Path, tmp_path: Path, capsys) -> None:
     out = tmp_path / "out.csv"
     text = said(capsys, "run", drive, "--adaptive", 0.01, "--output-step", 0.01, "--out", out)
@@ -155,7 +204,7 @@ def test_exports_are_files_of_their_kind(drive: Path, tmp_path: Path, capsys) ->
         (["run", "no.ssp"], "there is no file"),
         (["run", "system.xml"], "must be an .ssp or an .fmu"),
         (["run", "DRIVE", "--set", "motor.X=3"], "motor has no variable 'X'"),
-        (["run", "DRIVE", "--set", "motor.T"], "must read part.variable=value"),
+        (["run", "DRIVE", "--set", "motor.T"], "must read NAME=VALUE"),
         (["run", "DRIVE", "--set", "motor.T=-1"], "motor.T [s] = -1 must be"),
         (["run", "DRIVE", "--step", "0"], "step = 0.0 s must be above 0"),
         (["run", "DRIVE", "--step", "1", "--adaptive", "1"], "exclude each other"),

@@ -252,6 +252,9 @@ def test_wires_convert_units(fmus: Path, tmp_path: Path) -> None:
     result = run(System(parts, WIRES, {"conveyor.w": 30.0}), stop=1e-3, step=1e-3)
     assert result.units["conveyor.w"] == "rpm"
     assert result["motor.tau_static"][0] == pytest.approx(8000.0 - 199.8 * math.pi, rel=1e-12)
+    (bond,) = result.energy.values()
+    assert bond["given"] == pytest.approx(bond["taken"], rel=0.1)
+    assert bond["given"] > 0.1
 
 
 def test_start_values_are_coupled_before_the_first_step(fmus: Path) -> None:

@@ -246,6 +246,7 @@ def test_plot_has_an_axis_per_unit(fmus: Path, tmp_path: Path) -> None:
     ("settings", "message"),
     [
         ({"step": Adaptive(0.0)}, "tolerance = 0.0 must be above 0"),
+        ({"step": Adaptive(1.0, first=0.0)}, "first = 0.0 must be above 0"),
         ({"step": Adaptive(1.0, control="guess")}, "control 'guess' must be doubling or energy"),
         ({"step": Adaptive(1.0, absolute={"motor.P": 1.0})}, "absolute tolerance of motor.P"),
         ({"step": 1e-3, "input_order": -1}, "input_order = -1 must be at least 0"),
@@ -337,7 +338,8 @@ def test_native_fmus_follow_polynomials(fmus: Path, tmp_path: Path) -> None:
         slave.setRealInputDerivatives([w] * 6, [1, 2, 3, 4, 5, 6], rates)
         slave.doStep(0.0, 0.1)
         (torque,) = slave.getReal([reference["tau"]])
-        (slope,) = slave.getRealOutputDerivatives([reference["tau"]], [1])
+        names = [reference["tau"], reference["tau_static"]]
+        slope, fed_through = slave.getRealOutputDerivatives(names, [1, 1])
 
     def speed(t: float) -> float:
         return 35.0 + sum(r * t**k / math.factorial(k) for k, r in enumerate(rates, 1))
@@ -348,6 +350,8 @@ def test_native_fmus_follow_polynomials(fmus: Path, tmp_path: Path) -> None:
     path = solve_ivp(rate, (0.0, 0.1), [8.0], "DOP853", rtol=1e-12, atol=1e-10)
     assert torque == pytest.approx(path.y[0, -1], rel=1e-9)
     assert slope == pytest.approx(float(rate(0.1, torque)), rel=1e-9)
+    turning = sum(r * 0.1 ** (k - 1) / math.factorial(k - 1) for k, r in enumerate(rates, 1))
+    assert fed_through == pytest.approx(-199.8 * turning, rel=1e-9)
 
 
 def test_an_output_that_inputs_act_on_at_once_does_not_stall_the_steps(fmus: Path) -> None:

@@ -8,7 +8,6 @@ import struct
 import subprocess
 import sys
 import tempfile
-import uuid
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -23,7 +22,7 @@ from ..kit.description import NATIVE, to_xml
 from ..kit.interface import Interface, class_name
 from ..kit.slave import slave_class
 from ..packing import page, reference
-from ..packing.archive import write_archive
+from ..packing.archive import guid_of, write_archive
 from .generate import source
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -58,7 +57,7 @@ class NativeBuild(NamedTuple):
 
     @property
     def guid(self) -> str:
-        return f"{{{uuid.uuid5(uuid.NAMESPACE_OID, self.digest)}}}"
+        return guid_of(self.digest)
 
 
 def collect(component: str) -> NativeBuild:

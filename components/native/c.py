@@ -98,6 +98,27 @@ def failing(node: Node) -> bool:
     return node.op in FAILING
 
 
+def in_place(group: list[Any]) -> Node | None:
+    """The first of numbers that already stand side by side: in a parameter, or in a result."""
+    first = group[0] if group else None
+    if not isinstance(first, Node) or first.op not in ("element", "result"):
+        return None
+    base, place = first.args
+    row = [(first.op, (base, place + offset)) for offset in range(len(group))]
+    is_array = first.op == "element" or has_array(NODES[base].args[0])
+    found = [(getattr(v, "op", ""), getattr(v, "args", ())) for v in group]
+    return first if is_array and row == found else None
+
+
+def parameter(node: Node) -> str | None:
+    """A number that a function has been given, or carries through a loop; None for any other."""
+    if node.op == "symbol":
+        return str(node.args[0])
+    if node.op == "element":
+        return f"{node.args[0]}[{node.args[1]}]"
+    return f"v{node.args[0]}_{node.args[1]}" if node.op == "variable" else None
+
+
 class Printer:
     """One function in C."""
 
@@ -214,26 +235,20 @@ class Printer:
 
     def array(self, group: list[Any]) -> str:
         """Numbers side by side: where they already are, or copied."""
-        first = group[0]
-        if isinstance(first, Node) and first.op in ("element", "result"):
+        first = in_place(group)
+        if first is not None:
             base, place = first.args
-            row = [(first.op, (base, place + offset)) for offset in range(len(group))]
-            name = base if first.op == "element" else self.names[base]
-            is_array = first.op == "element" or has_array(NODES[base].args[0])
-            if is_array and row == [(getattr(v, "op", ""), getattr(v, "args", ())) for v in group]:
-                return f"{name} + {place}" if place else name
+            name = str(base) if first.op == "element" else self.names[base]
+            return f"{name} + {place}" if place else name
         return f"(const double[]){{{', '.join(map(self.value, group))}}}"
 
     def value(self, value: Any) -> str:
         """A number where it is used."""
         if not isinstance(value, Node):
             return real(float(value))
-        if value.op == "symbol":
-            return str(value.args[0])
-        if value.op == "element":
-            return f"{value.args[0]}[{value.args[1]}]"
-        if value.op == "variable":
-            return f"v{value.args[0]}_{value.args[1]}"
+        given = parameter(value)
+        if given is not None:
+            return given
         if value.op == "result":
             call, place = value.args
             is_array = has_array(NODES[call].args[0])

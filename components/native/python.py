@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator
 from typing import Any
 
-from .c import MARK, acts, has_array, marked, needed, used
+from .c import MARK, acts, has_array, in_place, marked, needed, parameter, used
 from .trace import COMPARISONS, NODES, Branch, Function, Leaf, Node, Tree, Untraceable, size
 
 HEAD = '''"""The step of a component in straight lines, written by build_fmus.py from its equations."""
@@ -142,29 +142,23 @@ class Printer:
 
     def array(self, group: list[Any]) -> str:
         """Numbers side by side: where they already are, or as a new tuple."""
-        first = group[0] if group else None
-        if isinstance(first, Node) and first.op in ("element", "result"):
+        first = in_place(group)
+        if first is not None:
             base, place = first.args
-            row = [(first.op, (base, place + offset)) for offset in range(len(group))]
-            is_array = first.op == "element" or has_array(NODES[base].args[0])
-            if is_array and row == [(getattr(v, "op", ""), getattr(v, "args", ())) for v in group]:
-                name, shape = str(base), self.function.parameters.get(str(base))
-                if first.op == "result":
-                    name, shape = self.names[base], NODES[base].args[0].shape
-                whole = shape is not None and size(shape) == len(group)
-                return name if whole else f"{name}[{place}:{place + len(group)}]"
+            name, shape = str(base), self.function.parameters.get(str(base))
+            if first.op == "result":
+                name, shape = self.names[base], NODES[base].args[0].shape
+            whole = shape is not None and size(shape) == len(group)
+            return name if whole else f"{name}[{place}:{place + len(group)}]"
         return f"({''.join(f'{self.value(value)}, ' for value in group)})"
 
     def value(self, value: Any) -> str:
         """A number where it is used."""
         if not isinstance(value, Node):
             return real(value)
-        if value.op == "symbol":
-            return str(value.args[0])
-        if value.op == "element":
-            return f"{value.args[0]}[{value.args[1]}]"
-        if value.op == "variable":
-            return f"v{value.args[0]}_{value.args[1]}"
+        given = parameter(value)
+        if given is not None:
+            return given
         if value.op == "result":
             call, place = value.args
             traced, name = NODES[call].args[0], self.names[call]

@@ -1,9 +1,15 @@
-"""Write an FMU's files in fixed order with fixed times: same content, same bytes."""
+"""What makes FMUs of the same content the same: one rule for guids, fixed order and times of files."""
 
+import uuid
 import zipfile
 from pathlib import Path
 
 EPOCH = (1980, 1, 1, 0, 0, 0)
+
+
+def guid_of(digest: str) -> str:
+    """The guid of an FMU made from what has this hash."""
+    return f"{{{uuid.uuid5(uuid.NAMESPACE_OID, digest)}}}"
 
 
 def write_archive(contents: dict[str, bytes], fmu: Path) -> None:

@@ -10,7 +10,6 @@ import importlib.metadata
 import os
 import sys
 import tempfile
-import uuid
 import zipfile
 from pathlib import Path
 from types import ModuleType
@@ -25,7 +24,7 @@ from ..kit.interface import Interface, class_name
 from ..kit.slave import slave_class
 from ..native import generate, python
 from . import page, reference
-from .archive import write_archive
+from .archive import guid_of, write_archive
 
 ROOT = Path(__file__).resolve().parents[2]
 WRAPPERS = Path(pythonfmu.__file__).parent / "resources" / "binaries"
@@ -44,7 +43,7 @@ class Build(NamedTuple):
 
     @property
     def guid(self) -> str:
-        return f"{{{uuid.uuid5(uuid.NAMESPACE_OID, self.digest)}}}"
+        return guid_of(self.digest)
 
     @property
     def package(self) -> str:

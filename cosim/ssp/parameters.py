@@ -9,19 +9,11 @@ from typing import NamedTuple
 from fmpy.model_description import ScalarVariable
 
 from ..errors import SetupError
-from ..system import Value
+from ..system import FALSE_TRUE, READ, Value
 from .files import Element, children, parse, plain, qualified, validate
 from .units import Definitions, Step, Unit, definitions
 
 Locate = Callable[[str, str], Path]
-FALSE_TRUE = {"false": False, "0": False, "true": True, "1": True}
-READ: dict[str, Callable[[str], Value]] = {
-    "Real": float,
-    "Integer": int,
-    "Boolean": lambda text: FALSE_TRUE[text.strip()],
-    "String": str,
-    "Enumeration": str,
-}
 TABLES = {
     "BooleanMappingTransformation": "Boolean",
     "IntegerMappingTransformation": "Integer",

@@ -13,8 +13,8 @@ from typing import NamedTuple
 from fmpy.model_description import ModelDescription, ScalarVariable
 
 from ..errors import SetupError
-from ..system import Port, Value
-from .parameters import READ, Parameter, enumeration
+from ..system import Port, Value, own_start
+from .parameters import Parameter, enumeration
 from .units import Step, Unit, chain, defined, unit_of
 
 Node = tuple[str, str]
@@ -189,9 +189,9 @@ class Plan:
         values = {dotted(node): value for node, value in self.start.items()}
         for node, variable in self.variables.items():
             idle = variable.causality == "input" and node not in driven
-            if idle and node not in self.start and variable.start is not None:
-                kind = "Integer" if variable.type == "Enumeration" else str(variable.type)
-                values[dotted(node)] = READ[kind](str(variable.start))
+            own = own_start(variable)
+            if idle and node not in self.start and own is not None:
+                values[dotted(node)] = own
         return values
 
     def outer(self) -> dict[str, str]:
