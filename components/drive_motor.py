@@ -31,7 +31,7 @@ rest.
 from __future__ import annotations
 
 from enum import IntEnum
-from math import exp, expm1
+from math import expm1
 
 from .kit.interface import Experiment
 from .kit.record import discrete, real, record
@@ -99,8 +99,9 @@ def exact(p: Parameters, x: State, u0: Inputs, u1: Inputs, h: float) -> State | 
         return None
     z = h / p.T
     start, end = static_torque(p, u0.w), static_torque(p, u1.w)
-    slip = p.B * (u1.w - u0.w) * -expm1(-z) / z
-    return State(tau=end + (x.tau - start) * exp(-z) + slip)
+    decay = expm1(-z)
+    slip = p.B * (u0.w - u1.w) * decay / z
+    return State(tau=end + (x.tau - start) * (1.0 + decay) + slip)
 
 
 def outputs(p: Parameters, t: float, x: State, u: Inputs) -> Outputs:

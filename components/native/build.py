@@ -38,7 +38,10 @@ TARGETS = {
     "x86_64-darwin/{}.dylib": "x86_64-macos",
     "aarch64-darwin/{}.dylib": "aarch64-macos",
 }
-OPTIONS = ("-std=c99", "-O2", "-ffp-contract=off", "-fvisibility=hidden", "-shared", "-fPIC", "-s")
+OPTIONS = (
+    "-std=c99", "-O2", "-ffp-contract=off", "-fno-slp-vectorize", "-fvisibility=hidden", "-shared",
+    "-fPIC", "-s",
+)  # fmt: skip
 DEPENDENCIES = """\
 linux64 and aarch64-linux with glibc 2.17 or newer, win64, darwin64 (universal): the C library and
 its mathematics, nothing else. Built from sources/, which any C99 compiler takes.

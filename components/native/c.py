@@ -15,6 +15,7 @@ FAILING = {"/", "power", "modulo", "sin", "cos", "tan", "acos", "sqrt", "exp", "
 LIBM = {"sin", "cos", "tan", "acos", "atan", "atan2", "exp", "expm1"}
 NAMES = {"/": "quotient", "power": "power", "modulo": "modulo"}
 ALWAYS = {"call", "loop", "note", "leave if failed", "forget failure"}
+SMALL = 60
 MARK = re.compile("\x01(\\d+)\x02")
 CONVERSIONS = {"Real": "%r", "Boolean": "%b"}
 
@@ -30,7 +31,7 @@ def declaration(function: Function) -> str:
     if has_array(function):
         parameters.append("double *result")
     returned = "double" if function.shape == "number" else "void"
-    return f"static inline {returned} {function.name}({', '.join(parameters)})"
+    return f"{returned} {function.name}({', '.join(parameters)})"
 
 
 def has_array(function: Function) -> bool:
@@ -40,7 +41,9 @@ def has_array(function: Function) -> bool:
 
 def definition(function: Function) -> str:
     """The C function."""
-    return "\n".join([f"{declaration(function)} {{", *Printer(function).lines(), "}\n"])
+    lines = list(Printer(function).lines())
+    kind = "INLINE" if len(lines) <= SMALL else "static inline"
+    return "\n".join([f"{kind} {declaration(function)} {{", *lines, "}\n"])
 
 
 def real(value: float) -> str:

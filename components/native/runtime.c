@@ -29,6 +29,12 @@
 #endif
 #endif
 
+#ifdef __GNUC__
+#define INLINE static inline __attribute__((always_inline))
+#else
+#define INLINE static inline
+#endif
+
 enum { TEXT = 4096, NUMBER = 32 };
 enum { INSTANTIATED, INITIALIZING, STEPPING, TERMINATED, FAILED };
 
@@ -212,7 +218,7 @@ static double (*const volatile libm_pow)(double, double) = pow;
 static double (*const volatile libm_atan2)(double, double) = atan2;
 static double (*const volatile libm_fmod)(double, double) = fmod;
 
-static inline double checked(Context *c, double x, double value) {
+INLINE double checked(Context *c, double x, double value) {
     if (!(fabs(value) < INFINITY)) {
         if (isnan(value) && !isnan(x)) fail(c, "math domain error");
         if (isinf(value) && fabs(x) < INFINITY) fail(c, "math range error");
@@ -220,7 +226,7 @@ static inline double checked(Context *c, double x, double value) {
     return value;
 }
 
-static inline double quotient(Context *c, double a, double b) {
+INLINE double quotient(Context *c, double a, double b) {
     if (b == 0.0) fail(c, "float division by zero");
     return a / b;
 }
@@ -270,8 +276,8 @@ static void tell(fmi2CallbackLogger logger, fmi2ComponentEnvironment environment
     logger(environment, name, status, category, text);
 }
 
-/* End a call: hand on the notes, or the failure with the notes before it. */
-static fmi2Status finish(Instance *i) {
+/* Hand on the notes of a call, or its failure with the notes before it. */
+static fmi2Status told(Instance *i) {
     Context *c = &i->context;
     fmi2Status status = fmi2OK;
     char text[TEXT];
@@ -292,7 +298,7 @@ static fmi2Status finish(Instance *i) {
         i->state.phase = FAILED;
         status = fmi2Error;
         tell(i->logger, i->environment, i->name, status, "logStatusError", text);
-    } else if (c->notes_length) {
+    } else {
         for (char *end, *line = c->notes; i->logging && *line; line = end + 1) {
             if (!(end = strchr(line, '\n'))) break;
             *end = '\0';
@@ -306,15 +312,20 @@ static fmi2Status finish(Instance *i) {
     return status;
 }
 
+/* End a call. */
+INLINE fmi2Status finish(Instance *i) {
+    return i->context.failed || i->context.notes_length ? told(i) : fmi2OK;
+}
+
 /* Whether a call is in order. */
-static int allowed(Instance *i, const char *call, int phase) {
+INLINE int allowed(Instance *i, const char *call, int phase) {
     if (i->state.phase == phase) return 1;
     fail(&i->context, "%s is not allowed %s, only %s", call, PHASES[(int)i->state.phase],
          PHASES[phase]);
     return 0;
 }
 
-static void check_finite(Context *c, const Variable *v, double value) {
+INLINE void check_finite(Context *c, const Variable *v, double value) {
     if (!(fabs(value) < INFINITY) && !strcmp(v->kind, "Real"))
         fail(c, "%s = %v must be a finite number", v->name, v, value);
 }
@@ -341,12 +352,12 @@ static void refresh(Instance *i) {
 }
 
 /* The types differ in their first letters; an Enumeration is got and set as an Integer. */
-static int is_of(const Variable *v, const char *kind) {
+INLINE int is_of(const Variable *v, const char *kind) {
     return *v->kind == *kind || (*v->kind == 'E' && *kind == 'I');
 }
 
 /* The variable of this reference; refuses what is unknown or of another type. */
-static const Variable *variable(Context *c, const char *kind, fmi2ValueReference reference) {
+INLINE const Variable *variable(Context *c, const char *kind, fmi2ValueReference reference) {
     if (reference >= VARIABLES)
         fail(c, "value reference %d is unknown", (double)reference);
     else if (!is_of(&variables[reference], kind))
@@ -355,12 +366,12 @@ static const Variable *variable(Context *c, const char *kind, fmi2ValueReference
     return c->failed ? NULL : &variables[reference];
 }
 
-static int is_input(fmi2ValueReference reference) {
+INLINE int is_input(fmi2ValueReference reference) {
     return reference >= FIRST_INPUT && reference < FIRST_INPUT + INPUTS;
 }
 
 /* Refuse references that are not of this type; bring the outputs up to date. */
-static int prepared(Instance *i, const char *kind, const fmi2ValueReference vr[], size_t n) {
+INLINE int prepared(Instance *i, const char *kind, const fmi2ValueReference vr[], size_t n) {
     int held = !strcmp(kind, "Real");
     for (size_t k = 0; k < n; k++) {
         if (!variable(&i->context, kind, vr[k])) return 0;
@@ -370,7 +381,7 @@ static int prepared(Instance *i, const char *kind, const fmi2ValueReference vr[]
     return !i->context.failed;
 }
 
-static int may_set(Instance *i, const char *kind, fmi2ValueReference reference, double value) {
+INLINE int may_set(Instance *i, const char *kind, fmi2ValueReference reference, double value) {
     Context *c = &i->context;
     const Variable *v = variable(c, kind, reference);
     int phase = (int)i->state.phase;
