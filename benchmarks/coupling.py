@@ -150,7 +150,7 @@ def sweep(_: int, fmus: Path) -> Callable[[], object]:
     from scenarios.theory import SETS
 
     chosen.choose("native" if fmus.name == "native" else "python")
-    cases = [Case(SETS["A"], float(nu), 256, "strang") for nu in SPEEDS["A"].split(",")]
+    cases = [Case(SETS["A"], float(nu), 256, "strang", {}) for nu in SPEEDS["A"].split(",")]
     simulate(cases[0])
     return lambda: [simulate(case) for case in cases]
 

@@ -17,7 +17,7 @@ from . import report
 from .adaptive import Adaptive
 from .algorithms import ALGORITHMS
 from .certify import SUMMARY, Estimate, certify, summary
-from .commandline import Parser, exit_code
+from .commandline import Parser, assignment, exit_code, literal
 from .container import write_container
 from .damping import diagnose
 from .errors import SetupError
@@ -27,7 +27,7 @@ from .progress import bar
 from .result import Result
 from .ssp import read_ssp, write_ssp
 from .stepping import Plan
-from .system import Network, System, Value, connect, describe_fmu, own_start
+from .system import Network, System, connect, describe_fmu, own_start
 
 
 class Task(NamedTuple):
@@ -70,26 +70,6 @@ def alone(path: Path) -> System:
     inputs = [v for v in description.modelVariables if v.causality == "input"]
     declared = {f"{name}.{v.name}": own_start(v) for v in inputs}
     return System({name: path}, start={k: v for k, v in declared.items() if v is not None})
-
-
-def assignment(text: str) -> tuple[str, str]:
-    """ "motor.T=0.05" as name and value."""
-    name, equals, value = text.partition("=")
-    if not equals:
-        raise SetupError(f"{text!r} must read NAME=VALUE")
-    return name.strip(), value.strip()
-
-
-def literal(text: str) -> Value:
-    """A number or truth value where it is one, else the text."""
-    if text in ("true", "false"):
-        return text == "true"
-    for kind in (int, float):
-        try:
-            return kind(text)
-        except ValueError:
-            continue
-    return text
 
 
 def names(text: str) -> list[str]:

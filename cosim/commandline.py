@@ -8,6 +8,7 @@ from collections.abc import Callable
 from typing import NoReturn
 
 from .errors import SetupError, SimulationError
+from .system import Value
 
 
 class Parser(argparse.ArgumentParser):
@@ -30,3 +31,23 @@ def exit_code(action: Callable[[], int]) -> int:
     except KeyboardInterrupt as interrupt:
         print(f"interrupted, what was computed is kept: {interrupt}", file=sys.stderr)
         return 130
+
+
+def assignment(text: str) -> tuple[str, str]:
+    """ "motor.T=0.05" as name and value."""
+    name, equals, value = text.partition("=")
+    if not equals:
+        raise SetupError(f"{text!r} must read NAME=VALUE")
+    return name.strip(), value.strip()
+
+
+def literal(text: str) -> Value:
+    """A number or truth value where it is one, else the text."""
+    if text in ("true", "false"):
+        return text == "true"
+    for kind in (int, float):
+        try:
+            return kind(text)
+        except ValueError:
+            continue
+    return text

@@ -8,6 +8,7 @@ from types import ModuleType
 from cosim.commandline import Parser, exit_code
 
 from . import fmus
+from .answer import question
 
 SCENARIOS = (
     "resonance",
@@ -49,11 +50,6 @@ def load(name: str) -> ModuleType:
     return importlib.import_module(f"scenarios.{name}")
 
 
-def question(name: str) -> str:
-    """The first line of a scenario."""
-    return (load(name).__doc__ or "").splitlines()[0]
-
-
 def main() -> int:
     """Run the command that was typed; its exit code."""
 
@@ -62,7 +58,7 @@ def main() -> int:
         options = vars(parser(name).parse_args())
         if options.pop("command") == "list":
             for name in SCENARIOS:
-                print(f"{name:<17} {question(name)}")
+                print(f"{name:<17} {question(load(name).__doc__)}")
         else:
             fmus.choose(options.pop("flavour"))
             load(options.pop("scenario")).run(**options)

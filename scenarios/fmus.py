@@ -9,11 +9,17 @@ import os
 import subprocess
 import sys
 from collections.abc import Mapping
+from functools import cache
 from pathlib import Path
+from typing import Any
 
-from fmpy.model_description import read_model_description
+from rich.console import Console
 
+import cosim
 from cosim import SetupError, System
+from cosim.system import Value, connect
+
+from .theory import Machine
 
 ROOT = Path(__file__).resolve().parents[1]
 DRIVE = {"motor": "drive_motor", "conveyor": "crank_conveyor"}
@@ -33,14 +39,17 @@ def flavour() -> str:
 
 
 def build(*components: str) -> None:
-    """Run build_fmus.py for these components; raises SetupError with its reason."""
-    command = [sys.executable, str(ROOT / "build_fmus.py"), *components, "--flavour", flavour()]
-    done = subprocess.run(command, check=False, capture_output=True, text=True)
+    """Run build_fmus.py for these components, once in a process; raises SetupError with its reason."""
+    _build(components, flavour())
+
+
+@cache
+def _build(components: tuple[str, ...], flavour: str) -> None:
+    command = [sys.executable, str(ROOT / "build_fmus.py"), *components, "--flavour", flavour]
+    with Console(stderr=True).status("FMUs"):
+        done = subprocess.run(command, check=False, capture_output=True, text=True)
     if done.returncode:
         raise SetupError(f"the FMUs could not be built: {done.stderr.strip()}")
-    for line in done.stdout.splitlines():
-        if "up to date" not in line:
-            print(line)
 
 
 def fmu(component: str) -> Path:
@@ -48,12 +57,33 @@ def fmu(component: str) -> Path:
     return FOLDERS[flavour()] / f"{component.title().replace('_', '')}.fmu"
 
 
-def guid(component: str) -> str:
-    """The guid of the FMU of a component."""
-    return str(read_model_description(str(fmu(component)), validate=False).guid)
+def provenance(system: System, algorithm: str | None, communication: str) -> dict[str, Any]:
+    """How the runs of a sweep were made, in the words in which one run tells it."""
+    descriptions = connect(system).descriptions
+    return {
+        "algorithm": algorithm,
+        "communication": communication,
+        "wires": list(system.wires),
+        "parts": {
+            name: {"fmu": path.name, "model": d.modelName, "guid": d.guid}
+            for (name, path), d in zip(system.parts.items(), descriptions.values())
+        },
+        "versions": cosim.versions(),
+        "flavour": flavour(),
+    }
 
 
-def conveyor_drive(start: Mapping[str, float]) -> System:
+def conveyor_drive(start: Mapping[str, Value]) -> System:
     """Motor and conveyor, coupled by torque and speed."""
     parts = {part: fmu(component) for part, component in DRIVE.items()}
     return System(parts, WIRES, start)
+
+
+def followed(machine: Machine, start: Mapping[str, Value]) -> Machine:
+    """The machine with these start values; raises SetupError for what its FMUs or theory refuse."""
+    build(*DRIVE.values())
+    cosim.run(conveyor_drive(machine.start(1.0) | dict(start)), stop=1e-6, step=1e-6)
+    changed = machine.follow(start)
+    if changed.B == 0.0:
+        raise SetupError("motor.B = 0.0 N.m.s/rad must be above 0: no slope, no resonance")
+    return changed

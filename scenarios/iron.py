@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from argparse import ArgumentParser
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -11,40 +10,19 @@ from numpy.typing import NDArray
 
 import cosim
 from cosim import Result, System
+from cosim.system import Value
 
 from . import fmus
+from .options import Start
 
 Samples = NDArray[np.float64]
-Start = dict[str, float | int | bool | str]
 
 FLYWHEEL = 1e6
 NOMINAL = 4 * math.pi / 3
 MOTOR: dict[str, float] = {"motor.A": 4.0, "motor.B": 0.025, "motor.T": 0.012, "motor.tau": 0.0}
 WIRES = ("motor.tau -> iron.tau", "iron.w -> motor.w")
+IMPOSED = ("iron.tau", "iron.phi", "iron.w_cam", "iron.reducer.J")
 FORCES = ("N", "T_span", "T_iron")
-
-
-def add_start(parser: ArgumentParser) -> None:
-    """The option that changes start values of the iron drive."""
-    parser.add_argument(
-        "--start",
-        action="append",
-        default=[],
-        metavar="NAME=VALUE",
-        help="change a start value of IronDrive, for example spring.side=-1 (repeatable)",
-    )
-
-
-def start_values(settings: Sequence[str]) -> Start:
-    """["spring.side=-1"] -> {"iron.spring.side": -1}; raises SetupError for what does not read so."""
-    values: Start = {}
-    for setting in settings:
-        name, _, text = setting.partition("=")
-        try:
-            values[f"iron.{name.strip()}"] = float(text)
-        except ValueError:
-            raise cosim.SetupError(f"start {setting!r} must read NAME=NUMBER") from None
-    return values
 
 
 def imposed(speed: float, start: Start) -> System:
@@ -54,17 +32,11 @@ def imposed(speed: float, start: Start) -> System:
     below 1e-8 rad/s2, so that forces and cam torque are the kinetostatic ones. A stiff motor would
     need communication steps below 0.1 us to stay stable.
     """
-    drive: Start = {
-        "iron.tau": 0.0,
-        "iron.phi": 0.0,
-        "iron.w_cam": speed,
-        "iron.reducer.J": FLYWHEEL,
-        "iron.on_invalid": 1,
-    }
-    return System({"iron": fmus.fmu("iron_drive")}, start=drive | start)
+    imposed = dict(zip(IMPOSED, (0.0, 0.0, speed, FLYWHEEL)))
+    return System({"iron": fmus.fmu("iron_drive")}, start={"iron.on_invalid": 1} | start | imposed)
 
 
-def driven(motor: Mapping[str, float | int | bool | str], start: Start) -> System:
+def driven(motor: Mapping[str, Value], start: Start) -> System:
     """The iron drive on a DriveMotor, wire to wire."""
     parts = {"motor": fmus.fmu("drive_motor"), "iron": fmus.fmu("iron_drive")}
     return System(parts, WIRES, dict(motor) | start)

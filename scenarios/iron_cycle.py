@@ -6,19 +6,19 @@ friction costs per cycle, and the speeds at which follower or chain let go.
 
 from __future__ import annotations
 
-import csv
 import math
 from argparse import SUPPRESS, ArgumentParser
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.integrate import trapezoid
 
 from cosim import Result
-from cosim.result import partial, write_json
 
 from . import fmus, iron, iron_plots, options
+from .answer import Answer, Figure, Table, finish, parameters, question
 
 COLUMNS = (
     "phi", "lift", "v", "a", "tau_cam", "T_iron", "T_hang", "T_span", "M_rocker", "N", "pressure",
@@ -58,13 +58,25 @@ def verdict(result: Result, speed: float, limits: dict[str, tuple[float, float]]
     return "\n".join(lines)
 
 
-def write_turn(path: Path, result: Result) -> None:
-    """The turn as CSV over the cam angle, under the FMU's own names."""
-    with partial(path).open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow(COLUMNS)
-        writer.writerows(result.data[:, 1:].tolist())
-    partial(path).replace(path)
+def figures(result: Result, limits: dict[str, tuple[float, float]]) -> dict[str, Figure]:
+    """Torque, stroke, work of friction, least loads and limits of the speed; nothing is coupled."""
+    torque = result["iron.tau_cam"]
+    i_g = result.provenance["parts"]["iron"]["parameters"]["reducer.i_g"]
+    found = {
+        "tau_cam_min": (torque.min(), "N.m"),
+        "tau_cam_max": (torque.max(), "N.m"),
+        "tau_motor_max": (np.abs(torque).max() / i_g, "N.m"),
+        "stroke": (result["iron.lift"].max(), "m"),
+        "friction_work": (result["iron.E_friction"][-1], "J"),
+        "work": (trapezoid(torque, result["iron.phi"]), "J"),
+        "follower_force_min": (result["iron.N"].min(), "N"),
+        "run_force_min": (result["iron.T_span"].min(), "N"),
+        "iron_force_min": (result["iron.T_iron"].min(), "N"),
+        "follower_limit": (limits["N"][0], "rad/s"),
+        "run_limit": (limits["T_span"][0], "rad/s"),
+        "iron_limit": (limits["T_iron"][0], "rad/s"),
+    }
+    return {name: Figure(float(value), unit, 0.0) for name, (value, unit) in found.items()}
 
 
 def arguments(parser: ArgumentParser) -> None:
@@ -74,29 +86,44 @@ def arguments(parser: ArgumentParser) -> None:
     add("--samples", type=int, default=1440, help="communication steps per turn")
     add("--animate", action="store_true", help="also write the mechanism in motion, cycle.gif")
     add("--out", type=Path, default=SUPPRESS, help="folder, results/iron_cycle by default")
-    iron.add_start(parser)
+    options.add_start(parser, "iron.spring.side=-1")
 
 
-def run(
+def answer(
     speed: float = iron.NOMINAL,
     samples: int = 1440,
     animate: bool = False,
     start: Sequence[str] = (),
-    out: Path = Path("results/iron_cycle"),
-) -> None:
-    """Write cycle.csv, .json and .png (and .gif), print the verdict."""
+    out: Path | None = None,
+) -> Answer:
+    """One turn of the cam and the limits of its speed; a turn takes a second, `out` keeps nothing."""
     options.positive("speed", speed, "rad/s")
     options.at_least("samples", samples, 36)
-    changes = iron.start_values(start)
+    changes = options.start_values(start, iron.IMPOSED)
     fmus.build("iron_drive")
     result = iron.turn(speed, changes, samples, iron.names(COLUMNS))
     limits = iron.speed_limits(changes)
-    out.mkdir(parents=True, exist_ok=True)
-    iron_plots.cycle(out / "cycle.png", result, speed, limits)
+    files: dict[str, Callable[[Path], None]] = {
+        "cycle.png": lambda path: iron_plots.cycle(path, result, speed, limits)
+    }
     if animate:
-        iron_plots.animation(out / "cycle.gif", result)
-    write_json(out / "cycle.json", {"speed": speed, "limits": limits} | result.provenance)
-    write_turn(out / "cycle.csv", result)
-    print(verdict(result, speed, limits))
-    files = ["cycle.csv", "cycle.json", "cycle.png", *(["cycle.gif"] if animate else [])]
-    print(f"{', '.join(files)} written to {out}")
+        files["cycle.gif"] = lambda path: iron_plots.animation(path, result)
+    table = result.frame[iron.names(COLUMNS)].set_axis(list(COLUMNS), axis="columns")
+    units = {name: result.units[f"iron.{name}"] for name in COLUMNS}
+    return Answer(
+        scenario="iron_cycle",
+        question=question(__doc__),
+        verdict=verdict(result, speed, limits),
+        figures=figures(result, limits),
+        parameters=parameters(iron.imposed(speed, changes)),
+        tables={"cycle.csv": Table(table, units)},
+        provenance=result.provenance | {"flavour": fmus.flavour()},
+        stem="cycle",
+        facts={"speed": speed, "limits": limits},
+        files=files,
+    )
+
+
+def run(out: Path = Path("results/iron_cycle"), **settings: Any) -> None:
+    """Write the answer and print the verdict."""
+    finish(answer(out=out, **settings), out)

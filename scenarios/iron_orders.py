@@ -7,20 +7,21 @@ degrees; theta and the excitation come from turns at constant speed.
 
 from __future__ import annotations
 
-import csv
 import math
 from argparse import SUPPRESS, ArgumentParser
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 import cosim
-from cosim.result import partial, write_json
+from cosim import System
 
 from . import fmus, iron, iron_plots, options, pool
+from .answer import Answer, Figure, Table, finish, parameters, question, stream
 from .orders import harmonics, last_revolutions
 
 ORDERS = range(1, 13)
@@ -29,17 +30,26 @@ SPEEDS = "2:7.5:23"
 SETTLE, EVALUATE, PER_REV = 3, 2, 1440
 RECORD = ("motor.tau", "iron.phi", "iron.w_cam")
 SHARE = 0.1
+TABLE = "orders.csv"
+TOLD = ("motor.B", "iron.reducer.i_g", "iron.reducer.J")
 COLUMNS = ("T", "nu", "order", "torque", "torque_phase", "speed", "excitation", "lag", "gain")
+
+UNITS = {
+    "T": "s", "nu": "rad/s", "order": "1", "torque": "N.m", "torque_phase": "deg",
+    "speed": "rad/s", "excitation": "N.m", "lag": "deg", "gain": "1",
+}  # fmt: skip
 
 Amplitudes = NDArray[np.complex128]
 
 
 class Machine(NamedTuple):
-    """The mechanism at the cam's shaft: gear ratio, mean inertia, friction work per turn, torque.
+    """Slope of the motor; the mechanism at the cam's shaft: gear ratio, mean inertia, friction work
+    per turn, torque.
 
     The excitation of the orders 1..12 at constant speed nu is `still` + `moving` nu^2.
     """
 
+    slope: float
     i_g: float
     theta: float
     work: float
@@ -50,7 +60,7 @@ class Machine(NamedTuple):
     @property
     def B(self) -> float:
         """Slope of the motor line at the cam's shaft [N.m.s/rad]; the iron's friction adds none."""
-        return self.i_g**2 * iron.MOTOR["motor.B"]
+        return self.i_g**2 * self.slope
 
     def w_n(self, T: float) -> float:
         """sqrt(B_eff / (theta T)): order k meets it at the speed w_n / k [rad/s]."""
@@ -75,7 +85,7 @@ class Case(NamedTuple):
     T: float
     nu: float
     machine: Machine
-    start: iron.Start
+    start: options.Start
 
 
 class Spectrum(NamedTuple):
@@ -95,19 +105,24 @@ class Spectrum(NamedTuple):
             yield self.T, self.nu, k, abs(M), phase, abs(w), abs(tau), lag, abs(M) / abs(tau)
 
 
-def measure(start: iron.Start) -> Machine:
+def mechanism(start: options.Start) -> options.Start:
+    """The start values of the iron drive among those of motor and drive."""
+    return {name: value for name, value in start.items() if name.startswith("iron.")}
+
+
+def measure(start: options.Start) -> Machine:
     """The mechanism from two turns at constant speed."""
+    own = parameters(iron.driven(iron.MOTOR, start))
+    slope, i_g, rotor = (float(own[name].value) for name in TOLD)
     record = iron.names(("phi", "w_cam", "tau_cam", "E_kin", "E_friction"))
-    one, two = (iron.turn(speed, start, PER_REV, record) for speed in (1.0, 2.0))
-    parameters = one.provenance["parts"]["iron"]["parameters"]
-    i_g = float(parameters["reducer.i_g"])
-    rotor = float(start.get("iron.reducer.J", 3e-4))
+    one, two = (iron.turn(speed, mechanism(start), PER_REV, record) for speed in (1.0, 2.0))
     moving = (two["iron.tau_cam"] - one["iron.tau_cam"]) / 3
     still = one["iron.tau_cam"] - moving
     phi = one["iron.phi"]
     whole = 2 * one["iron.E_kin"] / one["iron.w_cam"] ** 2
     inertia = (whole - (iron.FLYWHEEL - rotor) * i_g**2)[:-1].mean()
     return Machine(
+        slope=slope,
         i_g=i_g,
         theta=float(inertia),
         work=float(one["iron.E_friction"][-1]),
@@ -117,22 +132,26 @@ def measure(start: iron.Start) -> Machine:
     )
 
 
-def simulate(case: Case) -> Spectrum:
-    """Steady motion at one mean speed, in orders."""
+def system(case: Case) -> System:
+    """The motor of the case, set for the mean speed, on the iron drive."""
     T, nu, machine, start = case
     mean = machine.work / (2 * math.pi * machine.i_g)
-    B = iron.MOTOR["motor.B"]
-    motor: iron.Start = {
-        "motor.A": B * machine.i_g * nu + mean,
-        "motor.B": B,
+    motor: options.Start = {
+        "motor.A": machine.slope * machine.i_g * nu + mean,
+        "motor.B": machine.slope,
         "motor.T": T,
         "motor.tau": mean,
     }
+    mechanism: options.Start = {"iron.w_cam": nu, "iron.on_invalid": 1}
+    return iron.driven(motor, mechanism | start)
+
+
+def simulate(case: Case) -> Spectrum:
+    """Steady motion at one mean speed, in orders."""
+    T, nu, machine, _ = case
     h = 2 * math.pi / (nu * PER_REV)
     steps = (SETTLE + EVALUATE) * PER_REV
-    warn: iron.Start = {"iron.w_cam": nu, "iron.on_invalid": 1}
-    system = iron.driven(motor, warn | start)
-    result = cosim.run(system, stop=steps * h, step=h, record=RECORD)
+    result = cosim.run(system(case), stop=steps * h, step=h, record=RECORD)
     phi = result["iron.phi"]
     late = last_revolutions(phi, EVALUATE)
     torque, speed = (
@@ -147,31 +166,40 @@ def meetings(machine: Machine, T: float, nus: Sequence[float]) -> dict[int, floa
     return {k: w_n / k for k in ORDERS if nus[0] <= w_n / k <= nus[-1]}
 
 
+class Worst(NamedTuple):
+    """Where the lag adds most to an order: share of the largest torque, order, speed, gain."""
+
+    share: float
+    order: int
+    nu: float
+    gain: float
+
+
+def worst(machine: Machine, spectra: Sequence[Spectrum]) -> Worst:
+    """What the lag of one motor does at its worst."""
+    found = Worst(0.0, 0, spectra[0].nu, 0.0)
+    for spectrum in spectra:
+        torque, excitation = np.abs(spectrum.torque), np.abs(spectrum.excitation)
+        more = (torque - excitation) / machine.largest(spectrum.nu)
+        k = int(more.argmax())
+        if more[k] > found.share:
+            gain = float(torque[k] / excitation[k])
+            found = Worst(float(more[k]), k + 1, spectrum.nu, gain)
+    return found
+
+
 def verdict(machine: Machine, T: float, spectra: Sequence[Spectrum]) -> str:
     """What one motor does, in plain words."""
-    nus = [s.nu for s in spectra]
-    met = meetings(machine, T, nus)
+    met = meetings(machine, T, [s.nu for s in spectra])
     orders = ", ".join(f"{k} at {nu:.2f}" for k, nu in met.items()) or "none"
-    lines = []
-    lines.append(
+    at = worst(machine, spectra)
+    word = "of practical importance" if at.share > SHARE else "of no practical importance"
+    return (
         f"T = {1e3 * T:g} ms: w_n = {machine.w_n(T):.2f} rad/s, damping ratio {machine.zeta(T):.2f}; "
-        f"orders that meet it inside the sweep: {orders} rad/s."
+        f"orders that meet it inside the sweep: {orders} rad/s.\n"
+        f"  Resonance is {word}: the lag adds at most {at.share:.1%} of the largest torque, "
+        f"order {at.order} at {at.nu:.2f} rad/s with a gain of {at.gain:.2f}."
     )
-    worst, added, gain = 0, 0.0, 0.0
-    place = spectra[0]
-    for spectrum in spectra:
-        more = (np.abs(spectrum.torque) - np.abs(spectrum.excitation)) / machine.largest(
-            spectrum.nu
-        )
-        if more.max() > added:
-            worst, added, place = int(more.argmax()) + 1, float(more.max()), spectrum
-            gain = abs(spectrum.torque[worst - 1]) / abs(spectrum.excitation[worst - 1])
-    word = "of practical importance" if added > SHARE else "of no practical importance"
-    lines.append(
-        f"  Resonance is {word}: the lag adds at most {added:.1%} of the largest torque, "
-        f"order {worst} at {place.nu:.2f} rad/s with a gain of {gain:.2f}."
-    )
-    return "\n".join(lines)
 
 
 def arguments(parser: ArgumentParser) -> None:
@@ -180,51 +208,75 @@ def arguments(parser: ArgumentParser) -> None:
     add("--speeds", default=SPEEDS, help="from:to:number or a,b,c of the cam [rad/s]")
     add("--jobs", type=int, default=pool.available_cores(), help="parallel processes")
     add("--out", type=Path, default=SUPPRESS, help="folder, results/iron_orders by default")
-    iron.add_start(parser)
+    options.add_start(parser, "iron.spring.side=-1")
 
 
-def run(
+def answer(
     speeds: str = SPEEDS,
-    jobs: int = 1,
     start: Sequence[str] = (),
-    out: Path = Path("results/iron_orders"),
-) -> None:
-    """Sweep three motors, write orders.csv, .json and .png, print the verdicts."""
+    jobs: int = 1,
+    out: Path | None = None,
+) -> Answer:
+    """Sweep three motors; rows are kept in `out` on the way."""
     nus = options.numbers("speeds", speeds)
     for nu in nus:
         options.positive("speed", nu, "rad/s")
     options.at_least("jobs", jobs, 1)
-    changes = iron.start_values(start)
+    changes = options.start_values(start, ("motor.A", "motor.T"))
     fmus.build("drive_motor", "iron_drive")
     machine = measure(changes)
-    limit, _ = iron.speed_limits(changes)["N"]
+    limit, _ = iron.speed_limits(mechanism(changes))["N"]
     cases = [Case(T, nu, machine, changes) for T in LAGS for nu in nus]
-    out.mkdir(parents=True, exist_ok=True)
-    table = out / "orders.csv"
     spectra: list[Spectrum] = []
-    with partial(table).open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow(COLUMNS)
+    with stream(out and out / TABLE, COLUMNS) as keep:
         for spectrum in pool.each(simulate, cases, jobs, "sweep"):
-            writer.writerows(spectrum.rows())
-            file.flush()
+            keep(spectrum.rows())
             spectra.append(spectrum)
-    iron_plots.orders(out / "orders.png", machine, spectra, limit)
-    write_json(
-        out / "orders.json",
-        {
+    by_lag = {T: [s for s in spectra if s.T == T] for T in LAGS}
+    told = [verdict(machine, T, mine) for T, mine in by_lag.items()]
+    told.append(f"The follower lifts off at {limit:.3f} rad/s; speeds beyond are not reached.")
+    rows = pd.DataFrame([row for s in spectra for row in s.rows()], columns=list(COLUMNS))
+    return Answer(
+        scenario="iron_orders",
+        question=question(__doc__),
+        verdict="\n".join(told),
+        figures=figures(machine, by_lag, limit),
+        parameters=parameters(system(cases[0])),
+        tables={TABLE: Table(rows, UNITS)},
+        provenance=fmus.provenance(system(cases[0]), "strang", f"{PER_REV} steps per revolution"),
+        stem="orders",
+        facts={
             "theta": machine.theta,
             "B_eff": machine.B,
             "w_n": {str(T): machine.w_n(T) for T in LAGS},
             "meetings": {str(T): meetings(machine, T, nus) for T in LAGS},
             "follower_lifts": limit,
             "steps_per_rev": PER_REV,
-            "flavour": fmus.flavour(),
-            "versions": cosim.versions(),
         },
+        files={"orders.png": lambda path: iron_plots.orders(path, machine, spectra, limit)},
     )
-    partial(table).replace(table)
-    for T in LAGS:
-        print(verdict(machine, T, [s for s in spectra if s.T == T]))
-    print(f"The follower lifts off at {limit:.3f} rad/s; speeds beyond are not reached.")
-    print(f"{table}, orders.json and orders.png written")
+
+
+def figures(
+    machine: Machine, by_lag: Mapping[float, Sequence[Spectrum]], limit: float
+) -> dict[str, Figure]:
+    """Inertia, slope and limit of the mechanism alone; for each lag the formula and its effect."""
+    told = {
+        "theta": Figure(machine.theta, "kg.m2", 0.0),
+        "slope": Figure(machine.B, "N.m.s/rad", 0.0),
+        "follower_limit": Figure(limit, "rad/s", 0.0),
+    }
+    for T, spectra in by_lag.items():
+        at, lag = worst(machine, spectra), f"{1e3 * T:g}ms"
+        told |= {
+            f"w_n_{lag}": Figure(machine.w_n(T), "rad/s", 0.0),
+            f"zeta_{lag}": Figure(machine.zeta(T), "1", 0.0),
+            f"added_{lag}": Figure(at.share, "1"),
+            f"gain_{lag}": Figure(at.gain, "1"),
+        }
+    return told
+
+
+def run(out: Path = Path("results/iron_orders"), **settings: Any) -> None:
+    """Write the answer and print the verdict."""
+    finish(answer(out=out, **settings), out)

@@ -10,17 +10,17 @@ import math
 from argparse import SUPPRESS, ArgumentParser
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-from rich.console import Console
-from rich.progress import Progress
 from scipy.interpolate import CubicSpline
 
 import cosim
 from cosim import Result
-from cosim.result import partial, write_json
+from cosim.progress import bar
 
-from . import fmus, iron, iron_plots
+from . import fmus, iron, iron_plots, options
+from .answer import Answer, Figure, Table, finish, parameters, question
 
 RECORD = (
     "motor.tau", "motor.P", "iron.phi", "iron.w_cam", "iron.lift", "iron.v", "iron.tau_cam",
@@ -73,10 +73,10 @@ def arguments(parser: ArgumentParser) -> None:
     add("--step", type=float, default=5e-4, help="communication step [s]")
     add("--algorithm", choices=cosim.ALGORITHMS, default="strang", help="coupling algorithm")
     add("--out", type=Path, default=SUPPRESS, help="folder, results/iron_start by default")
-    iron.add_start(parser)
+    options.add_start(parser, "iron.spring.side=-1")
 
 
-def run(
+def answer(
     motor_A: float = iron.MOTOR["motor.A"],
     motor_B: float = iron.MOTOR["motor.B"],
     motor_T: float = iron.MOTOR["motor.T"],
@@ -84,31 +84,59 @@ def run(
     step: float = 5e-4,
     algorithm: str = "strang",
     start: Sequence[str] = (),
-    out: Path = Path("results/iron_start"),
-) -> None:
-    """Write start.csv, .json and .png, print the verdict."""
-    changes = iron.start_values(start)
+    out: Path | None = None,
+) -> Answer:
+    """Start the mechanism from rest; rows are kept in `out` on the way."""
+    changes = options.start_values(start)
     motor = dict(iron.MOTOR) | {"motor.A": motor_A, "motor.B": motor_B, "motor.T": motor_T}
     fmus.build("drive_motor", "iron_drive")
-    console = Console(stderr=True)
-    with Progress(console=console, disable=not console.is_terminal) as bar:
-        task = bar.add_task("start", total=1.0)
+    system = iron.driven(motor, changes)
+    with bar("start", 0.0, stop) as progress:
         result = cosim.run(
-            iron.driven(motor, changes),
+            system,
             stop=stop,
             step=step,
             algorithm=algorithm,
             record=RECORD,
-            csv=out / "run.csv",
-            progress=lambda share: bar.update(task, completed=share),
+            csv=out and out / "start.csv",
+            progress=progress,
         )
     energy = ledger(result)
-    frame = result.frame.assign(**energy)
-    frame.to_csv(partial(out / "start.csv"), index=False)
-    partial(out / "start.csv").replace(out / "start.csv")
-    for suffix in (".csv", ".json"):
-        (out / f"run{suffix}").unlink()
-    write_json(out / "start.json", result.provenance | {"units": result.units})
-    iron_plots.start_up(out / "start.png", result, energy)
-    print(verdict(result, energy))
-    print(f"start.csv, start.json and start.png written to {out}")
+    return Answer(
+        scenario="iron_start",
+        question=question(__doc__),
+        verdict=verdict(result, energy),
+        figures=figures(result, energy),
+        parameters=parameters(system),
+        tables={
+            "start.csv": Table(
+                result.frame.assign(**energy), result.units | dict.fromkeys(energy, "J")
+            )
+        },
+        provenance=result.provenance | {"flavour": fmus.flavour()},
+        stem="start",
+        files={"start.png": lambda path: iron_plots.start_up(path, result, energy)},
+    )
+
+
+def figures(result: Result, energy: dict[str, iron.Samples]) -> dict[str, Figure]:
+    """Largest speed and torque with their times, the speed it settles at, energies at the end."""
+    t, w, tau = (result[name] for name in ("time", "iron.w_cam", "motor.tau"))
+    found = {
+        "w_cam_max": (w.max(), "rad/s"),
+        "w_cam_max_time": (t[np.argmax(w)], "s"),
+        "tau_max": (tau.max(), "N.m"),
+        "tau_max_time": (t[np.argmax(tau)], "s"),
+        "w_cam_mean": (w[t > t[-1] / 2].mean(), "rad/s"),
+        "turns": ((result["iron.phi"][-1] - result["iron.phi"][0]) / (2 * math.pi), "1"),
+        "energy_in": (energy["E_in"][-1], "J"),
+        "energy_stored": (energy["E_stored"][-1], "J"),
+        "energy_friction": (energy["E_friction"][-1], "J"),
+        "energy_missing_max": (np.abs(energy["E_missing"]).max(), "J"),
+    }
+    return {name: Figure(float(value), unit) for name, (value, unit) in found.items()}
+
+
+def run(out: Path = Path("results/iron_start"), **settings: Any) -> None:
+    """Write the answer and print the verdict."""
+    finish(answer(out=out, **settings), out)

@@ -3,10 +3,36 @@
 from __future__ import annotations
 
 import math
+from argparse import ArgumentParser
+from collections.abc import Sequence
 
 import numpy as np
 
 from cosim import SetupError
+from cosim.commandline import assignment, literal
+from cosim.system import Value
+
+Start = dict[str, Value]
+
+
+def add_start(parser: ArgumentParser, example: str) -> None:
+    """The option that changes start values of the system."""
+    parser.add_argument(
+        "--start",
+        action="append",
+        default=[],
+        metavar="NAME=VALUE",
+        help=f"start value of an FMU, {example}, above what other options say (repeatable)",
+    )
+
+
+def start_values(settings: Sequence[str], own: Sequence[str] = ()) -> Start:
+    """["motor.T=0.05"] -> {"motor.T": 0.05}; refuses what a scenario sets on its `own`."""
+    values = {name: literal(text) for name, text in map(assignment, settings)}
+    for name in values:
+        if name in own:
+            raise SetupError(f"start value {name}: this scenario sets it on its own")
+    return values
 
 
 def numbers(name: str, text: str) -> list[float]:

@@ -6,26 +6,38 @@ The limits are located by bisection.
 
 from __future__ import annotations
 
-import csv
 import math
 from argparse import SUPPRESS, ArgumentParser
 from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-
-import cosim
-from cosim.result import partial, write_json
+import pandas as pd
 
 from . import fmus, options, orientator, orientator_plots, pool
+from .answer import Answer, Figure, Table, finish, parameters, question, stream
 
 FRICTIONS = "0.2,0.35,0.5"
 SPEEDS = "0:105:43"
+TABLE = "orientation_time.csv"
+SWEPT = ("orientator.w", "orientator.chute.mu", "orientator.release")
+UNITS = {
+    "mu": "1", "n": "rpm", "stage": "", "reason": "", "orientation_time": "s", "t_falling": "s",
+    "t_joint": "s", "t_turning": "s", "t_released": "s",
+}  # fmt: skip
 STEP = 0.02
 NEAR = 0.01
 RECORD = ["stage", "reason", "orientation_time", "t_falling", "t_joint", "t_turning", "t_released"]
+
+
+class Case(NamedTuple):
+    """Friction on the wall, rotor speed [rpm], start values of the orientator."""
+
+    mu: float
+    n: float
+    start: options.Start
 
 
 class Point(NamedTuple):
@@ -54,24 +66,25 @@ class Gap(NamedTuple):
     bad: float
 
 
-def simulate(case: tuple[float, float]) -> Point:
-    """One product at friction mu and n rpm."""
-    mu, n = case
-    result = orientator.product(n, mu, STEP, orientator.LONGEST, RECORD)
+def simulate(case: Case) -> Point:
+    """One product."""
+    mu, n, start = case
+    result = orientator.product(n, mu, start, STEP, orientator.LONGEST, RECORD)
     stage, reason, *times = result.data[-1, 1:].tolist()
     return Point(mu, n, int(stage), int(reason), *times)
 
 
-def bisect(gap: Gap) -> list[Point]:
+def bisect(task: tuple[Gap, options.Start]) -> list[Point]:
     """Halve the gap until it is narrower than NEAR; all products on the way, and some before."""
+    gap, start = task
     mu, good, bad = gap
     points: list[Point] = []
     while bad - good > NEAR:
         middle = (good + bad) / 2
-        points.append(simulate((mu, middle)))
+        points.append(simulate(Case(mu, middle, start)))
         good, bad = (middle, bad) if points[-1].works else (good, middle)
     before = np.linspace(max(0.0, 2 * gap.good - gap.bad), good, 12)[1:-1]
-    return points + [simulate((mu, float(n))) for n in before]
+    return points + [simulate(Case(mu, float(n), start)) for n in before]
 
 
 def gaps(points: Sequence[Point]) -> list[Gap]:
@@ -129,49 +142,71 @@ def arguments(parser: ArgumentParser) -> None:
     add("--speeds", default=SPEEDS, help="from:to:number or a,b,c of the rotor [rpm]")
     add("--jobs", type=int, default=pool.available_cores(), help="parallel processes")
     add("--out", type=Path, default=SUPPRESS, help="folder, results/orientation_time by default")
+    options.add_start(parser, "orientator.cup.m=0.05")
 
 
-def run(
+def answer(
     frictions: str = FRICTIONS,
     speeds: str = SPEEDS,
+    start: Sequence[str] = (),
     jobs: int = 1,
-    out: Path = Path("results/orientation_time"),
-) -> None:
-    """Sweep, locate the limits, write orientation_time.csv, .json and .png, print the verdict."""
+    out: Path | None = None,
+) -> Answer:
+    """Sweep and locate the limits; rows are kept in `out` on the way."""
     mus, ns = options.numbers("frictions", frictions), options.numbers("speeds", speeds)
     for mu in mus:
         options.not_negative("friction", mu)
     for n in ns:
         options.not_negative("speed", n, "rpm")
     options.at_least("jobs", jobs, 1)
-    orientator.built()
-    out.mkdir(parents=True, exist_ok=True)
-    table = out / "orientation_time.csv"
-    cases = [(mu, n) for mu in mus for n in ns]
+    changes = options.start_values(start, SWEPT)
+    fmus.build("gravity_orientator")
+    system = orientator.system(ns[0], mus[0], changes)
+    given = parameters(system)
     points: list[Point] = []
-    with partial(table).open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow(Point._fields)
+    with stream(out and out / TABLE, Point._fields) as keep:
+        cases = [Case(mu, n, changes) for mu in mus for n in ns]
         for point in pool.each(simulate, cases, jobs, "sweep"):
-            writer.writerow(point)
-            file.flush()
+            keep([point])
             points.append(point)
-        for more in pool.each(bisect, gaps(points), jobs, "limits"):
-            writer.writerows(more)
+        open_gaps = [(gap, changes) for gap in gaps(points)]
+        for more in pool.each(bisect, open_gaps, jobs, "limits"):
+            keep(more)
             points += more
-    orientator_plots.orientation_time(out / "orientation_time.png", points, gaps(points))
-    limits = {str(gap.mu): {"works": gap.good, "jams": gap.bad} for gap in gaps(points)}
-    write_json(
-        out / "orientation_time.json",
-        {
-            "limits_rpm": limits,
+    found = gaps(points)
+    return Answer(
+        scenario="orientation_time",
+        question=question(__doc__),
+        verdict=verdict(points),
+        figures=figures(points, found),
+        parameters={name: value for name, value in given.items() if name not in SWEPT[:2]},
+        tables={TABLE: Table(pd.DataFrame(points), UNITS)},
+        provenance=fmus.provenance(system, None, f"steps of {STEP} s"),
+        stem="orientation_time",
+        facts={
+            "limits_rpm": {str(gap.mu): {"works": gap.good, "jams": gap.bad} for gap in found},
             "step": STEP,
-            "flavour": fmus.flavour(),
-            "fmu": fmus.guid("gravity_orientator"),
-            "versions": cosim.versions(),
             "rad_per_s_per_rpm": math.pi / 30,
         },
+        files={
+            "orientation_time.png": lambda path: orientator_plots.orientation_time(
+                path, points, found
+            )
+        },
     )
-    partial(table).replace(table)
-    print(verdict(points))
-    print(f"{table}, orientation_time.json and orientation_time.png written")
+
+
+def figures(points: Sequence[Point], found: Sequence[Gap]) -> dict[str, Figure]:
+    """For each friction the fastest rotor that works, as near as it was located, and its time."""
+    told = {}
+    for gap in found:
+        last = next(p for p in points if (p.mu, p.n) == (gap.mu, gap.good))
+        name = f"mu_{gap.mu:g}".replace(".", "_")
+        told[f"limit_{name}"] = Figure(gap.good, "rpm", gap.bad - gap.good)
+        told[f"orientation_time_{name}"] = Figure(last.orientation_time, "s", 0.0)
+    return told
+
+
+def run(out: Path = Path("results/orientation_time"), **settings: Any) -> None:
+    """Write the answer and print the verdict."""
+    finish(answer(out=out, **settings), out)

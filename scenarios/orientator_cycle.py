@@ -5,16 +5,19 @@ One cup from the drop to the end, with its trajectory, angles and speeds.
 
 from __future__ import annotations
 
+import math
 from argparse import SUPPRESS, ArgumentParser
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 import cosim
 from cosim import Result
-from cosim.result import partial, write_json
 
-from . import options, orientator, orientator_plots
+from . import fmus, options, orientator, orientator_plots
+from .answer import Answer, Figure, Table, finish, parameters, question
 
 RECORD = [
     "stage", "reason", "phi1", "phi2", "w1", "w2", "xc", "yc", "vxc", "vyc", "v_s", "N_K",
@@ -50,31 +53,60 @@ def arguments(parser: ArgumentParser) -> None:
     add("--step", type=float, default=1e-3, help="communication step [s]")
     add("--animate", action="store_true", help="also write the motion, cycle.gif")
     add("--out", type=Path, default=SUPPRESS, help="folder, results/orientator_cycle by default")
+    options.add_start(parser, "orientator.cup.m=0.05")
 
 
-def run(
+def answer(
     speed: float = 40.0,
     friction: float = 0.35,
     stop: float = orientator.LONGEST,
     step: float = 1e-3,
     animate: bool = False,
-    out: Path = Path("results/orientator_cycle"),
-) -> None:
-    """Write cycle.csv, .json and .png (and .gif), print the verdict."""
+    start: Sequence[str] = (),
+    out: Path | None = None,
+) -> Answer:
+    """One product; it takes a second, `out` keeps nothing on the way."""
     options.not_negative("speed", speed, "rpm")
     options.not_negative("friction", friction)
-    orientator.built()
-    result = shortened(orientator.product(speed, friction, step, stop, RECORD))
-    out.mkdir(parents=True, exist_ok=True)
-    orientator_plots.cycle(out / "cycle.png", result, speed, friction)
+    changes = options.start_values(start, ("orientator.release",))
+    fmus.build("gravity_orientator")
+    result = shortened(orientator.product(speed, friction, changes, step, stop, RECORD))
+    given = parameters(orientator.system(speed, friction, changes))
+    n, mu = (float(given[f"orientator.{name}"].value) for name in ("w", "chute.mu"))
+    n *= 30 / math.pi
+    files: dict[str, Callable[[Path], None]] = {
+        "cycle.png": lambda path: orientator_plots.cycle(path, result, n, mu)
+    }
     if animate:
-        orientator_plots.animation(out / "cycle.gif", result)
-    write_json(out / "cycle.json", result.provenance | {"units": result.units})
-    result.frame.to_csv(partial(out / "cycle.csv"), index=False)
-    partial(out / "cycle.csv").replace(out / "cycle.csv")
-    print(verdict(result))
-    files = ["cycle.csv", "cycle.json", "cycle.png", *(["cycle.gif"] if animate else [])]
-    print(f"{', '.join(files)} written to {out}")
+        files["cycle.gif"] = lambda path: orientator_plots.animation(path, result)
+    return Answer(
+        scenario="orientator_cycle",
+        question=question(__doc__),
+        verdict=verdict(result),
+        figures=figures(result),
+        parameters=given,
+        tables={"cycle.csv": Table.of(result)},
+        provenance=result.provenance | {"flavour": fmus.flavour()},
+        stem="cycle",
+        files=files,
+    )
+
+
+def figures(result: Result) -> dict[str, Figure]:
+    """End, durations and impulses; nothing is coupled."""
+    last = {name: float(result[f"orientator.{name}"][-1]) for name in RECORD}
+    times = ("orientation_time", *(f"t_{stage}" for stage in STAGES))
+    impulses = {"corner_impulse": "S_y", "wall_impulse": "S_k", "hook_impulse": "P_B"}
+    return {
+        "oriented": Figure(float(last["stage"] == orientator.ORIENTED), "1", 0.0),
+        **{name: Figure(last[name], "s", 0.0) for name in times},
+        **{name: Figure(last[column], "N.s", 0.0) for name, column in impulses.items()},
+    }
+
+
+def run(out: Path = Path("results/orientator_cycle"), **settings: Any) -> None:
+    """Write the answer and print the verdict."""
+    finish(answer(out=out, **settings), out)
 
 
 def shortened(result: Result) -> Result:

@@ -12,6 +12,7 @@ import cosim
 from cosim import Result, System
 
 from . import fmus, iron
+from .options import Start
 from .orders import harmonics
 from .theory import SETS
 
@@ -63,19 +64,29 @@ class Line(NamedTuple):
     supply: float
 
 
-def system(gear: float, iron_speed: float, conveyor_set: str, speed: float) -> System:
-    """The line; all start values are parameters, because some hosts set no other ones."""
-    start: dict[str, float | int | bool | str] = {
-        "iron_motor.A": iron.MOTOR["motor.B"] * I_G * iron_speed,
-        "iron_motor.B": iron.MOTOR["motor.B"],
+def system(
+    gear: float, iron_speed: float, conveyor_set: str, speed: float, start: Start | None = None
+) -> System:
+    """The line; all start values are parameters, because some hosts set no other ones.
+
+    `start` stands above what the other values say; the motors are set for their speeds with it.
+    """
+    changes = start or {}
+    slope = changes.get("iron_motor.B", iron.MOTOR["motor.B"])
+    ratio = changes.get("iron.reducer.i_g", I_G)
+    values: Start = {
+        "iron_motor.A": float(slope) * float(ratio) * iron_speed,
+        "iron_motor.B": slope,
         "iron_motor.T": iron.MOTOR["motor.T"],
-        "iron.reducer.i_g": I_G,
+        "iron.reducer.i_g": ratio,
     }
-    for name, value in SETS[conveyor_set].start(speed).items():
+    own = {name.replace("conveyor_motor.", "motor."): value for name, value in changes.items()}
+    for name, value in SETS[conveyor_set].follow(own).start(speed).items():
         if name not in ("motor.tau", "conveyor.phi", "conveyor.w"):
-            start[name.replace("motor.", "conveyor_motor.")] = value
+            values[name.replace("motor.", "conveyor_motor.")] = value
     wires = [*WIRES, f"iron.w_cam * {gear!r} -> orientator.w"]
-    return System({part: fmus.fmu(name) for part, name in PARTS.items()}, wires, start)
+    parts = {part: fmus.fmu(name) for part, name in PARTS.items()}
+    return System(parts, wires, values | changes)
 
 
 def powers(result: Result) -> dict[str, iron.Samples]:
@@ -95,6 +106,10 @@ def pace(result: Result) -> Pace:
             "end: at this iron speed its motor cannot lift the iron"
         )
     releases = (np.flatnonzero(np.diff(result["iron.top_dwell"]) > 0.5) + 1).tolist()
+    if len(releases) < 2:
+        raise cosim.SetupError(
+            f"{len(releases)} top dwells begin until t = {result['time'][-1]:g} s, two must"
+        )
     first, last = releases[0], releases[-1]
     oriented = result["orientator.oriented"]
     reason = int(result["orientator.reason"][last - 1])
@@ -107,7 +122,7 @@ def window(result: Result) -> slice:
     return slice(releases[0], releases[-1] + 1)
 
 
-def figures(result: Result) -> dict[str, float]:
+def averages(result: Result) -> dict[str, float]:
     """Cycle, mean speed of the cam, mean and rms ripple of the powers over whole turns."""
     pace(result)
     angle = result["iron.phi"]
@@ -122,8 +137,8 @@ def figures(result: Result) -> dict[str, float]:
         course = CubicSpline(result["time"], P)
         mean = float(course.integrate(began, ended)) / (ended - began)
         square = CubicSpline(result["time"], (P - mean) ** 2)
-        found[f"mean {name}"] = mean
-        found[f"rms {name}"] = math.sqrt(float(square.integrate(began, ended)) / (ended - began))
+        found[f"mean_{name}"] = mean
+        found[f"rms_{name}"] = math.sqrt(float(square.integrate(began, ended)) / (ended - began))
     return found
 
 

@@ -13,25 +13,24 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
-from rich.progress import Progress
-
 import cosim
 from cosim import Estimate, Result
-from cosim.result import partial, write_json
+from cosim.progress import bar
 
 from . import fmus, iron, options, orientator, packing, packing_plot
+from .answer import Answer, Figure, Table, finish, parameters, question
 from .packing import Line
 from .theory import SETS
 
 SHAFTS = {"iron": "cam", "conveyor": "crank"}
 MAIN, APART = 0.1, 0.05
+TABLE = "packing_line.csv"
 UNITS = {"orientation": "s", "cycle": "s", "cam": "rad/s", "mean": "W", "rms": "W"}
 
 
 def verdict(result: Result, found: Mapping[str, Estimate]) -> str:
     """The answer in plain words."""
-    told = {name: value.text(UNITS[name.split()[0]]) for name, value in found.items()}
+    told = {name: value.text(UNITS[name.partition("_")[0]]) for name, value in found.items()}
     return "\n".join([_pace(result, found, told), _jam(result, found), _supply(result, told)])
 
 
@@ -56,7 +55,7 @@ def _pace(result: Result, found: Mapping[str, Estimate], told: Mapping[str, str]
 def _jam(result: Result, found: Mapping[str, Estimate]) -> str:
     count = packing.pace(result)
     rate = 60 / found["cycle"].value
-    work = found["mean supply"].value * found["cycle"].value
+    work = found["mean_supply"].value * found["cycle"].value
     lost = rate * (1 - count.oriented / count.released)
     return (
         f"Of {rate:.2f} products/min jams cost {lost:.2f}. Each costs its product and the "
@@ -75,7 +74,7 @@ def _supply(result: Result, told: Mapping[str, str]) -> str:
             f"{SHAFTS[x.drive]} {x.order} ({x.frequency:.2f} Hz) {sizes[x]:.4g} W" for x in main[:3]
         )
         text.append(
-            f"Power of the {name}: mean {told[f'mean {name}']}, ripple {told[f'rms {name}']} rms, "
+            f"Power of the {name}: mean {told[f'mean_{name}']}, ripple {told[f'rms_{name}']} rms, "
             f"{swing.min():.4g} .. {swing.max():.4g} W; main orders: {orders}."
         )
     return "\n".join([*text, together(result, lines)])
@@ -118,9 +117,10 @@ def arguments(parser: ArgumentParser) -> None:
     add("--step", type=float, default=2e-3, help="coarsest of three communication steps [s]")
     add("--algorithm", choices=cosim.ALGORITHMS, default="strang", help="coupling algorithm")
     add("--out", type=Path, default=SUPPRESS, help="folder, results/packing_line by default")
+    options.add_start(parser, "conveyor_motor.T=0.05")
 
 
-def run(
+def answer(
     gear: float = 1.25,
     iron_speed: float = iron.NOMINAL,
     conveyor_set: str = "B",
@@ -128,9 +128,10 @@ def run(
     stop: float = 5.5,
     step: float = 2e-3,
     algorithm: str = "strang",
-    out: Path = Path("results/packing_line"),
-) -> None:
-    """Write packing_line.csv, .json, .png and line.ssp, print the verdict."""
+    start: Sequence[str] = (),
+    out: Path | None = None,
+) -> Answer:
+    """Certify the line's figures with three runs; rows of the last are kept in `out` on the way."""
     options.positive("gear", gear, "turns of the rotor per turn of the cam")
     options.positive("iron speed", iron_speed, "rad/s")
     options.positive("speed", speed, "rad/s")
@@ -139,18 +140,17 @@ def run(
         raise cosim.SetupError(
             f"stop = {stop!r} s must be at least {least:.3f} s, two cycles after the first release"
         )
+    changes = options.start_values(start)
     fmus.build(*dict.fromkeys(packing.PARTS.values()))
-    line = packing.system(gear, iron_speed, conveyor_set, speed)
+    line = packing.system(gear, iron_speed, conveyor_set, speed, changes)
     times: list[float] = []
 
     def seen(result: Result) -> dict[str, float]:
-        found = packing.figures(result)
+        found = packing.averages(result)
         times.append(packing.orientation(result))
         return found
 
-    console = Console(stderr=True)
-    with Progress(console=console, disable=not console.is_terminal) as bar:
-        task = bar.add_task("line", total=1.0)
+    with bar("line", 0.0, stop) as progress:
         result, found = cosim.certify(
             line,
             seen,
@@ -158,34 +158,45 @@ def run(
             step=step,
             algorithm=algorithm,
             record=packing.RECORD,
-            csv=out / "packing_line.csv",
-            progress=lambda share: bar.update(task, completed=share),
+            csv=out and out / TABLE,
+            progress=progress,
         )
     # Releases fall on communication points, so that this error falls in no order: it is the spread.
     found["orientation"] = Estimate(times[-1], max(times) - min(times), 0.0)
-    table = out / "packing_line.csv"
-    result.frame.assign(P_supply=packing.powers(result)["supply"]).to_csv(
-        partial(table), index=False
-    )
-    partial(table).replace(table)
-    write_json(out / "packing_line.json", facts(result, found) | {"gear": gear})
-    packing_plot.timing(out / "packing_line.png", result, packing.pace(result), gear)
-    cosim.write_ssp(line, out / "line.ssp", stop=stop)
-    print(verdict(result, found))
-    print(f"packing_line.csv, .json and .png, and line.ssp written to {out}")
-
-
-def facts(result: Result, found: Mapping[str, Estimate]) -> dict[str, Any]:
-    """Provenance, units, the figures with their coupling errors, products and ripple."""
     count = packing.pace(result)
-    return result.provenance | {
-        "units": result.units | {"P_supply": "W"},
-        "figures": {
-            name: {"value": value.value, "error": value.error, "unit": UNITS[name.split()[0]]}
-            for name, value in found.items()
+    frame = result.frame.assign(P_supply=packing.powers(result)["supply"])
+    return Answer(
+        scenario="packing_line",
+        question=question(__doc__),
+        verdict=verdict(result, found),
+        figures=figures(found, count),
+        parameters=parameters(line),
+        tables={TABLE: Table(frame, result.units | {"P_supply": "W"})},
+        provenance=result.provenance | {"flavour": fmus.flavour()},
+        stem="packing_line",
+        facts={
+            "gear": gear,
+            "products": {"released": count.released, "oriented": count.oriented},
+            "reason": orientator.item_names("reason")[count.reason],
+            "ripple": [x._asdict() for x in packing.ripple(result)],
+            "correlation": packing.correlation(result),
         },
-        "products": {"released": count.released, "oriented": count.oriented},
-        "reason": orientator.item_names("reason")[count.reason],
-        "ripple": [x._asdict() for x in packing.ripple(result)],
-        "correlation": packing.correlation(result),
-    }
+        files={
+            "packing_line.png": lambda path: packing_plot.timing(path, result, count, gear),
+            "line.ssp": lambda path: cosim.write_ssp(line, path, stop=stop),
+        },
+    )
+
+
+def figures(found: Mapping[str, Estimate], count: packing.Pace) -> dict[str, Figure]:
+    """What three runs tell, and the products that leave the line."""
+    told = {name: Figure.of(value, UNITS[name.partition("_")[0]]) for name, value in found.items()}
+    cycle = found["cycle"]
+    rate = 60 / cycle.value * count.oriented / count.released
+    error = None if cycle.error is None else rate * cycle.error / cycle.value
+    return told | {"products": Figure(rate, "1/min", error)}
+
+
+def run(out: Path = Path("results/packing_line"), **settings: Any) -> None:
+    """Write the answer and print the verdict."""
+    finish(answer(out=out, **settings), out)

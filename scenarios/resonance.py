@@ -8,24 +8,25 @@ ripple lags 90 degrees behind the load ripple with formula (22).
 from __future__ import annotations
 
 import cmath
-import csv
 import math
 import time
 from argparse import SUPPRESS, ArgumentParser
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+import pandas as pd
 from numpy.polynomial import Chebyshev
 from scipy.optimize import brentq, minimize_scalar
 
 import cosim
 from cosim import Estimate
-from cosim.result import partial, write_json
+from cosim.result import partial
 
 from . import fmus, options, plots, pool
+from .answer import Answer, Figure, Table, finish, parameters, question, stream
 from .orders import HIGHEST, last_revolutions, mean_speed, order
 from .theory import SETS, Machine, longest_step
 
@@ -38,17 +39,25 @@ SPEEDS = {
     "55,60,66",
 }
 RECORD = ("motor.tau", "conveyor.phi", "conveyor.w", "conveyor.f_rod")
+TABLE = "resonance.csv"
+UNITS = {
+    "nu": "rad/s", "w2": "rad/s", "w2_phase": "deg", "tau2": "N.m", "tau2_phase": "deg",
+    "w2_theory": "rad/s", "w2_phase_theory": "deg", "tau2_theory": "N.m",
+    "tau2_phase_theory": "deg", "lag": "deg", "w_mean": "rad/s", "f_rod_peak": "N",
+}  # fmt: skip
+SPEED = ("motor.A", "motor.characteristic")
 NAMES = ("nu_90", "nu_peak_tau", "nu_peak_w")
 ALGORITHMS = ("jacobi", "gauss-seidel", "strang")
 
 
 class Case(NamedTuple):
-    """One run: machine, nominal mean speed nu [rad/s], steps per revolution, algorithm."""
+    """One run: machine, nominal mean speed nu [rad/s], steps per revolution, algorithm, start values."""
 
     machine: Machine
     nu: float
     steps_per_rev: int
     algorithm: str
+    start: options.Start
 
 
 class Point(NamedTuple):
@@ -77,10 +86,10 @@ class Found(NamedTuple):
 
 def simulate(case: Case) -> Point:
     """Run one speed until the orbit is steady and evaluate its last revolutions."""
-    machine, nu, steps_per_rev, algorithm = case
+    machine, nu, steps_per_rev, algorithm, start = case
     h = 2 * math.pi / (nu * steps_per_rev)
     steps = (SKIP + EVALUATE) * steps_per_rev
-    system = fmus.conveyor_drive(machine.start(nu))
+    system = fmus.conveyor_drive(machine.start(nu) | start)
     result = cosim.run(system, stop=steps * h, step=h, algorithm=algorithm, record=RECORD)
     t, tau, phi, w, f_rod = result.data.T
     late = last_revolutions(phi, EVALUATE)
@@ -117,21 +126,17 @@ def check_steps(machine: Machine, algorithm: str, steps_per_rev: int, nu: float)
         )
 
 
-def sweep(cases: Sequence[Case], jobs: int, csv_path: Path) -> list[Point]:
-    """Run the cases; rows go to NAME.partial.csv one by one, which becomes NAME.csv at the end."""
-    csv_path.parent.mkdir(parents=True, exist_ok=True)
+def sweep(cases: Sequence[Case], jobs: int, table: Path | None) -> list[Point]:
+    """Run the cases; rows go to NAME.partial.csv one by one."""
     points: list[Point] = []
-    with partial(csv_path).open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow(Point._fields)
+    with stream(table, Point._fields) as keep:
         try:
             for point in pool.each(simulate, cases, jobs, "sweep"):
-                writer.writerow(point)
-                file.flush()
+                keep([point])
                 points.append(point)
         except KeyboardInterrupt:
-            done = f"{len(points)} of {len(cases)} speeds in {partial(csv_path)}"
-            raise KeyboardInterrupt(done) from None
+            kept = f" in {partial(table)}" if table else ""
+            raise KeyboardInterrupt(f"{len(points)} of {len(cases)} speeds{kept}") from None
     return points
 
 
@@ -187,22 +192,24 @@ def chebyshev_nodes(low: float, high: float) -> list[float]:
     return [(low + high) / 2 + (high - low) / 2 * place for place in places]
 
 
-def refine(
-    wanted: Sequence[Feature], machine: Machine, algorithm: str, steps_per_rev: int, jobs: int
-) -> dict[str, Found]:
-    """Locate each feature on a polynomial through further runs, at N, N/2 and N/4 steps.
+def refine(wanted: Sequence[Feature], like: Case, jobs: int) -> dict[str, Found]:
+    """Locate each feature on a polynomial through further runs like one, at N, N/2 and N/4 steps.
 
     Where N/4 steps are not stable, the coupling error stays unknown.
     """
+    N = like.steps_per_rev
     try:
         slowest = min((f.interval[0] for f in wanted), default=math.inf)
-        check_steps(machine, algorithm, steps_per_rev // 4, slowest)
-        numbers = [steps_per_rev, steps_per_rev // 2, steps_per_rev // 4]
+        check_steps(like.machine, like.algorithm, N // 4, slowest)
+        numbers = [N, N // 2, N // 4]
     except cosim.SetupError:
-        numbers = [steps_per_rev]
+        numbers = [N]
     nodes = {f.name: chebyshev_nodes(*f.interval) for f in wanted}
     cases = [
-        Case(machine, nu, n, algorithm) for n in numbers for f in wanted for nu in nodes[f.name]
+        like._replace(nu=nu, steps_per_rev=n)
+        for n in numbers
+        for f in wanted
+        for nu in nodes[f.name]
     ]
     points = iter(list(pool.each(simulate, cases, jobs, "refine")))
     located: dict[str, list[tuple[float, float]]] = {f.name: [] for f in wanted}
@@ -213,7 +220,7 @@ def refine(
             nu = f.locate(curve)
             located[f.name].append((nu, float(curve(nu))))
     return {
-        name: Found(*(certified(values, algorithm) for values in zip(*places)))
+        name: Found(*(certified(values, like.algorithm) for values in zip(*places)))
         for name, places in located.items()
     }
 
@@ -294,39 +301,44 @@ def arguments(parser: ArgumentParser) -> None:
         default=SUPPRESS,
         help="folder of the results, results/resonance/SET by default",
     )
+    options.add_start(parser, "conveyor.spring.c=7e5")
 
 
-def run(
+def answer(
     name: str = "A",
     algorithm: str = "strang",
     steps_per_rev: int = 512,
     speeds: str | None = None,
-    jobs: int | None = None,
+    start: Sequence[str] = (),
+    jobs: int = 1,
     out: Path | None = None,
-) -> None:
-    """Sweep, refine, write resonance.csv, .json and .png, print the verdict.
+) -> Answer:
+    """Sweep and refine; rows of the sweep are kept in `out` on the way.
 
     Raises cosim.SetupError for settings that cannot give an answer.
     """
     began = time.perf_counter()
-    machine = SETS[name]
+    changes = options.start_values(start, SPEED)
     nus = options.numbers("speeds", speeds or SPEEDS[name])
     for nu in nus:
         options.positive("speed", nu, "rad/s")
-    check_steps(machine, algorithm, steps_per_rev, nus[0])
-    if jobs is None:
-        jobs = 1 if fmus.flavour() == "native" else pool.available_cores()
     options.at_least("jobs", jobs, 1)
-    folder = out or Path("results") / "resonance" / name
-    fmus.build(*fmus.DRIVE.values())
-
-    table = folder / "resonance.csv"
-    points = sweep([Case(machine, nu, steps_per_rev, algorithm) for nu in nus], jobs, table)
-    found = refine(features(points), machine, algorithm, steps_per_rev, jobs)
-    plots.resonance(folder / "resonance.png", name, machine, points, found)
-    write_json(
-        folder / "resonance.json",
-        {
+    machine = fmus.followed(SETS[name], changes)
+    check_steps(machine, algorithm, steps_per_rev, nus[0])
+    cases = [Case(machine, nu, steps_per_rev, algorithm, changes) for nu in nus]
+    points = sweep(cases, jobs, out and out / TABLE)
+    found = refine(features(points), cases[0], jobs)
+    system = fmus.conveyor_drive(machine.start(machine.nu_res) | changes)
+    return Answer(
+        scenario="resonance",
+        question=question(__doc__),
+        verdict=verdict(machine, points, found),
+        figures=figures(machine, points, found),
+        parameters=parameters(system),
+        tables={TABLE: Table(pd.DataFrame(points), UNITS)},
+        provenance=fmus.provenance(system, algorithm, f"{steps_per_rev} steps per revolution"),
+        stem="resonance",
+        facts={
             "nu_res": machine.nu_res,
             **{key: found[key].nu.value if key in found else None for key in NAMES},
             "coupling_error": {key: at.nu.error for key, at in found.items()},
@@ -334,18 +346,35 @@ def run(
             "peak": {key: at.value.value for key, at in found.items() if key != "nu_90"},
             "peak_error": {key: at.value.error for key, at in found.items() if key != "nu_90"},
             "set": name,
-            "parameters": machine.start(machine.nu_res),
-            "algorithm": algorithm,
             "steps_per_rev": steps_per_rev,
             "revolutions": {"skipped": SKIP, "evaluated": EVALUATE},
-            "flavour": fmus.flavour(),
-            "fmus": {part: fmus.guid(component) for part, component in fmus.DRIVE.items()},
-            "versions": cosim.versions(),
             "wall_time": time.perf_counter() - began,
         },
+        files={"resonance.png": lambda path: plots.resonance(path, name, machine, points, found)},
     )
-    partial(table).replace(table)
-    print(verdict(machine, points, found))
-    print(
-        f"{table}, resonance.json and resonance.png written in {time.perf_counter() - began:.0f} s"
-    )
+
+
+def figures(
+    machine: Machine, points: Sequence[Point], found: Mapping[str, Found]
+) -> dict[str, Figure]:
+    """Resonance by formula and as found, the peaks, the largest rod force of the sweep."""
+    told = {
+        "nu_res": Figure(machine.nu_res, "rad/s", 0.0),
+        "zeta": Figure(machine.zeta, "1", 0.0),
+    }
+    told |= {name: Figure.of(at.nu, "rad/s") for name, at in found.items()}
+    for name, peak, unit in (
+        ("nu_peak_tau", "tau2_peak", "N.m"),
+        ("nu_peak_w", "w2_peak", "rad/s"),
+    ):
+        if name in found:
+            told[peak] = Figure.of(found[name].value, unit)
+    return told | {"f_rod_peak": Figure(max(p.f_rod_peak for p in points), "N")}
+
+
+def run(name: str = "A", jobs: int | None = None, out: Path | None = None, **settings: Any) -> None:
+    """Write the answer and print the verdict; native runs are done sooner than workers start."""
+    if jobs is None:
+        jobs = 1 if fmus.flavour() == "native" else pool.available_cores()
+    folder = out or Path("results") / "resonance" / name
+    finish(answer(name, jobs=jobs, out=folder, **settings), folder)

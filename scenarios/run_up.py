@@ -8,17 +8,18 @@ from __future__ import annotations
 
 import math
 from argparse import SUPPRESS, ArgumentParser
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-from rich.console import Console
-from rich.progress import Progress
 
 import cosim
-from cosim import Result
-from cosim.result import write_json
+from cosim import Result, System
+from cosim.progress import bar
 
 from . import fmus, options, plots
+from .answer import Answer, Figure, Table, finish, parameters, question
 from .theory import SETS, Machine
 
 MOTORS = {"linear": 0, "kloss": 1}
@@ -35,10 +36,10 @@ RECORD = (
 )
 
 
-def start_values(machine: Machine, motor: str, nu: float) -> dict[str, float]:
+def drive(machine: Machine, motor: str, nu: float, start: options.Start) -> System:
     """The conveyor at rest; the linear motor set for the mean speed nu [rad/s]."""
     rest = {"motor.tau": 0.0, "conveyor.w": 0.0, "motor.characteristic": MOTORS[motor]}
-    return machine.start(nu) | rest
+    return fmus.conveyor_drive(machine.start(nu) | rest | start)
 
 
 def passes(result: Result, nu: float) -> float | None:
@@ -89,41 +90,71 @@ def arguments(parser: ArgumentParser) -> None:
         default=SUPPRESS,
         help="folder of the results, results/run_up/SET by default",
     )
+    options.add_start(parser, "motor.T=0.05")
 
 
-def run(
+def answer(
     name: str = "B",
     speed: float = 60.0,
     stop: float = 1.0,
     step: float = 2e-4,
     algorithm: str = "strang",
+    start: Sequence[str] = (),
     out: Path | None = None,
-) -> None:
-    """Start both motors, write a CSV for each, run_up.json and .png, print the verdict."""
+) -> Answer:
+    """Start the conveyor with both motors; rows are kept in `out` on the way."""
+    changes = options.start_values(start, ("motor.characteristic",))
     options.positive("speed", speed, "rad/s")
-    machine = SETS[name]
-    folder = out or Path("results") / "run_up" / name
-    fmus.build(*fmus.DRIVE.values())
+    machine = fmus.followed(SETS[name], changes)
     runs: dict[str, Result] = {}
-    console = Console(stderr=True)
-    with Progress(console=console, disable=not console.is_terminal) as bar:
-        for motor in MOTORS:
-            task = bar.add_task(motor, total=1.0)
+    for motor in MOTORS:
+        with bar(motor, 0.0, stop) as progress:
             runs[motor] = cosim.run(
-                fmus.conveyor_drive(start_values(machine, motor, speed)),
+                drive(machine, motor, speed, changes),
                 stop=stop,
                 step=step,
                 algorithm=algorithm,
                 record=RECORD,
-                csv=folder / f"{motor}.csv",
-                progress=lambda share, task=task: bar.update(task, completed=share),  # type: ignore[misc]
+                csv=out and out / f"{motor}.csv",
+                progress=progress,
             )
     passing = {motor: passes(result, machine.nu_res) for motor, result in runs.items()}
-    plots.run_up(folder / "run_up.png", machine, runs, passing)
-    write_json(
-        folder / "run_up.json",
-        {"nu_res": machine.nu_res, "passing": passing, "set": name, "flavour": fmus.flavour()},
+    told = [verdict(machine, motor, result, passing[motor]) for motor, result in runs.items()]
+    return Answer(
+        scenario="run_up",
+        question=question(__doc__),
+        verdict="\n".join(told),
+        figures=figures(machine, runs, passing),
+        parameters=parameters(drive(machine, "linear", speed, changes)),
+        tables={f"{motor}.csv": Table.of(result) for motor, result in runs.items()},
+        provenance=runs["linear"].provenance | {"flavour": fmus.flavour()},
+        stem="run_up",
+        facts={"nu_res": machine.nu_res, "passing": passing, "set": name},
+        files={"run_up.png": lambda path: plots.run_up(path, machine, runs, passing)},
     )
+
+
+def figures(
+    machine: Machine, runs: Mapping[str, Result], passing: Mapping[str, float | None]
+) -> dict[str, Figure]:
+    """Resonance by formula; for each motor when it is passed, and the largest loads."""
+    told = {"nu_res": Figure(machine.nu_res, "rad/s", 0.0)}
     for motor, result in runs.items():
-        print(verdict(machine, motor, result, passing[motor]))
-    print(f"{', '.join(f'{m}.csv' for m in runs)}, run_up.json and run_up.png written to {folder}")
+        at = passing[motor]
+        if at is not None:
+            told[f"{motor}_passing"] = Figure(at, "s")
+        for name, column, unit in (
+            ("w_max", "conveyor.w", "rad/s"),
+            ("tau_max", "motor.tau", "N.m"),
+            ("f_rod_max", "conveyor.f_rod", "N"),
+        ):
+            told[f"{motor}_{name}"] = Figure(float(np.abs(result[column]).max()), unit)
+        near = revolutions_near(result, machine.nu_res)
+        told[f"{motor}_revolutions_near"] = Figure(near, "1")
+    return told
+
+
+def run(name: str = "B", out: Path | None = None, **settings: Any) -> None:
+    """Write the answer and print the verdict."""
+    folder = out or Path("results") / "run_up" / name
+    finish(answer(name, out=folder, **settings), folder)

@@ -8,12 +8,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import expm
 from scipy.optimize import brentq
+
+from cosim.system import Value
 
 
 @dataclass(frozen=True)
@@ -77,23 +79,31 @@ class Machine:
         """M_hat of (26) [N.m]."""
         return self.B * self.load_ripple(nu) / self._denominator(nu)
 
+    def follow(self, start: Mapping[str, Value]) -> Machine:
+        """The machine with start values of the FMUs, as far as the theory knows them."""
+        known = {FIELDS[name]: float(value) for name, value in start.items() if name in FIELDS}
+        return replace(self, **known)
+
     def start(self, nu: float) -> dict[str, float]:
         """Start values of the two FMUs `motor` and `conveyor`, near the orbit of mean speed nu."""
         return {
             "motor.A": self.A(nu),
-            "motor.B": self.B,
-            "motor.T": self.T,
             "motor.tau": self.load_slope * nu,
-            "conveyor.rotor.J": self.theta1,
-            "conveyor.crank.r": self.r,
-            "conveyor.trough.m": self.m,
-            "conveyor.spring.c": self.c,
-            "conveyor.trough.d": self.d,
             "conveyor.phi": 0.0,
             "conveyor.w": nu,
+            **{name: getattr(self, field) for name, field in FIELDS.items()},
         }
 
 
+FIELDS = {
+    "motor.B": "B",
+    "motor.T": "T",
+    "conveyor.rotor.J": "theta1",
+    "conveyor.crank.r": "r",
+    "conveyor.trough.m": "m",
+    "conveyor.spring.c": "c",
+    "conveyor.trough.d": "d",
+}
 SETS: Mapping[str, Machine] = {"A": Machine(B=199.8, T=0.0625), "B": Machine(B=35.8, T=0.02)}
 
 
@@ -129,5 +139,7 @@ def longest_step(machine: Machine, algorithm: str) -> float:
         return float(max(abs(np.linalg.eigvals(coupling_map(machine, algorithm, h))))) - 1.0
 
     steps = np.geomspace(1e-5, 1e2, 700) / machine.nu_res
-    unstable = next(i for i, h in enumerate(steps) if growth(h) > 0.0)
+    unstable = next((i for i, h in enumerate(steps) if growth(h) > 0.0), None)
+    if unstable is None:
+        return math.inf
     return float(brentq(growth, steps[unstable - 1], steps[unstable], xtol=1e-12))

@@ -74,7 +74,7 @@ def test_stated_errors_hold_at_every_speed_of_the_sweep(
     assert len(nus) == 31
     monkeypatch.setenv(drive_fmus.CHOICE, "native")
     drive_fmus.build(*drive_fmus.DRIVE.values())
-    cases = [Case(machine, nu, n * k, algorithm) for nu in nus for k in (4, 2, 1)]
+    cases = [Case(machine, nu, n * k, algorithm, {}) for nu in nus for k in (4, 2, 1)]
     points = iter(list(pool.each(simulate, cases, pool.available_cores(), "speeds")))
     told = 0
     for nu in nus:

@@ -84,10 +84,10 @@ def test_the_supply_gives_what_both_drives_store_and_lose(answer: Any) -> None:
     lost = gain("iron.E_friction") + float(simpson(rows["conveyor.P_loss"], x=t))
     given = float(simpson(rows["P_supply"], x=t))
     assert given == pytest.approx(stored + lost, rel=1e-4)
-    supply = facts["figures"]["mean supply"]["value"]
+    supply = facts["figures"]["mean_supply"]["value"]
     assert supply == pytest.approx(given / (t[-1] - t[0]), rel=2e-3)
     friction = gain("iron.E_friction") / (t[-1] - t[0])
-    assert facts["figures"]["mean iron"]["value"] == pytest.approx(friction, rel=1e-3)
+    assert facts["figures"]["mean_iron"]["value"] == pytest.approx(friction, rel=1e-3)
 
 
 def test_ripple_of_the_supply_is_that_of_its_drives(answer: Any) -> None:
@@ -101,7 +101,7 @@ def test_ripple_of_the_supply_is_that_of_its_drives(answer: Any) -> None:
     ripple_2 = theory.load_slope * nu * theory.speed_ripple(nu) + nu * theory.torque_ripple(nu)
     assert crank["own"] == pytest.approx(abs(ripple_2), rel=1e-2)
     rms = {
-        name: facts["figures"][f"rms {name}"]["value"] for name in ("iron", "conveyor", "supply")
+        name: facts["figures"][f"rms_{name}"]["value"] for name in ("iron", "conveyor", "supply")
     }
     assert rms["supply"] == pytest.approx(math.hypot(rms["iron"], rms["conveyor"]), rel=2e-3)
     assert f"main orders: crank 2 (19.10 Hz) {crank['supply']:.4g} W, cam 1" in said

@@ -106,7 +106,7 @@ def test_resonance_and_peaks_lie_where_theory_puts_them(sweep: Any) -> None:
         assert order == pytest.approx(2.0, abs=0.2)
     assert max(facts["peak_error"].values()) < 1e-3 * facts["peak"]["nu_peak_tau"]
     assert (facts["algorithm"], facts["steps_per_rev"]) == ("strang", 512)
-    assert {"parameters", "fmus", "versions", "wall_time"} <= facts.keys()
+    assert {"parameters", "parts", "versions", "wall_time"} <= facts.keys()
     assert facts["flavour"] == {"A": "python", "B": "native"}[name]
     assert (folder / "resonance.png").stat().st_size > 20_000
     assert f"Formula (22) puts the resonance at {EXPECTED[name]['nu_res']:.3f} rad/s" in said
@@ -158,8 +158,11 @@ REFUSED = [
     (["run", "resonance", "--jobs", "two"], "--jobs: invalid int value: 'two'"),
     (["run", "run_up", "--step", "0"], "step = 0.0 s must be above 0"),
     (["run", "run_up", "--speed", "nan"], "speed = nan rad/s must be a finite number above 0"),
-    (["run", "iron_cycle", "--start", "cam.R_b=0.05"], "cam triangle cannot close: cam.R_b = 0.05"),
-    (["run", "iron_cycle", "--start", "cam.R"], "start 'cam.R' must read NAME=NUMBER"),
+    (
+        ["run", "iron_cycle", "--start", "iron.cam.R_b=0.05"],
+        "cam triangle cannot close: cam.R_b = 0.05",
+    ),
+    (["run", "iron_cycle", "--start", "iron.cam.R"], "'iron.cam.R' must read NAME=VALUE"),
     (["run", "iron_start", "--motor-T", "0"], "T = 0.0 s must be > 0"),
     (["run", "iron_orders", "--speeds", "-1"], "speed = -1.0 rad/s must be a finite"),
     (["run", "orientation_time", "--frictions", "a"], "frictions 'a' must read"),
@@ -257,7 +260,7 @@ def test_iron_cycle_tells_torque_forces_and_limits(tmp_path: Path) -> None:
 
 
 def test_iron_cycle_with_the_spring_above(tmp_path: Path) -> None:
-    done = scenario("run", "iron_cycle", "--start", "spring.side=-1", "--out", tmp_path)
+    done = scenario("run", "iron_cycle", "--start", "iron.spring.side=-1", "--out", tmp_path)
     assert done.returncode == 0, done.stderr
     limits = json.loads((tmp_path / "cycle.json").read_text())["limits"]
     assert limits["N"][0] == pytest.approx(5.15434, rel=1e-4)

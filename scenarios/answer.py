@@ -1,0 +1,171 @@
+"""What a scenario found, and the files that tell it."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import pandas as pd
+
+from cosim import Estimate, Result, System
+from cosim.result import partial, write_json
+from cosim.system import Value, connect, own_start
+
+Rows = Callable[[Iterable[Sequence[float]]], None]
+
+
+class Figure(NamedTuple):
+    """A number with its unit and its coupling error in the same unit.
+
+    `error` is None where it is not known, 0 where nothing is coupled: a formula, an FMU alone.
+    `order` is the one at which the figure converges, None where nobody looked.
+    """
+
+    value: float
+    unit: str
+    error: float | None = None
+    order: float | None = None
+
+    @classmethod
+    def of(cls, estimate: Estimate, unit: str) -> Figure:
+        """The figure that three runs tell."""
+        return cls(estimate.value, unit, estimate.error, estimate.order)
+
+    def text(self) -> str:
+        """The figure as it may be printed."""
+        if self.order is not None or self.error:
+            order = float("nan") if self.order is None else self.order
+            return Estimate(self.value, self.error, order).text(self.unit).rstrip()
+        known = "" if self.error == 0.0 else " (coupling error not known)"
+        return f"{self.value:.6g} {self.unit}".rstrip() + known
+
+
+class Parameter(NamedTuple):
+    """The start value that an FMU was given or has, its unit and meaning."""
+
+    value: Value
+    unit: str
+    meaning: str
+
+
+class Table(NamedTuple):
+    """Rows of a CSV file and the units of its columns."""
+
+    frame: pd.DataFrame
+    units: Mapping[str, str]
+
+    @classmethod
+    def of(cls, result: Result) -> Table:
+        """All that a run recorded."""
+        return cls(result.frame, result.units)
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a scenario found; `tables` and `files` by file name without folder.
+
+    `stem` names the JSON file, `facts` is what else stands in it; `files` write what only this
+    scenario has, a picture or a system, to the path that they get. Names of figures are identifiers,
+    names of parameters those of the system, "motor.T".
+    """
+
+    scenario: str
+    question: str
+    verdict: str
+    figures: Mapping[str, Figure]
+    parameters: Mapping[str, Parameter]
+    tables: Mapping[str, Table]
+    provenance: Mapping[str, Any]
+    stem: str
+    facts: Mapping[str, Any] = field(default_factory=dict)
+    files: Mapping[str, Callable[[Path], object]] = field(default_factory=dict)
+
+
+def question(documentation: str | None) -> str:
+    """The first line of a scenario."""
+    return (documentation or "").splitlines()[0]
+
+
+def parameters(system: System) -> dict[str, Parameter]:
+    """All parameters of a system's FMUs and what else has a start value, by dotted name.
+
+    Raises SetupError for what `cosim.run` refuses in a system.
+    """
+    network = connect(system)
+    given = {port.name: value for port, value in network.start}
+    found = {}
+    for part, description in network.descriptions.items():
+        for variable in description.modelVariables:
+            port = network.port(f"{part}.{variable.name}")
+            if variable.causality == "parameter" or port.name in given:
+                value = given.get(port.name, own_start(variable))
+                if value is not None:
+                    found[port.name] = Parameter(value, port.unit, variable.description or "")
+    return found
+
+
+@contextmanager
+def stream(path: Path | None, columns: Sequence[str]) -> Iterator[Rows]:
+    """Takes rows, which reach NAME.partial.csv at once; without a path it does nothing."""
+    if path is None:
+        yield lambda rows: None
+        return
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with partial(path).open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(columns)
+
+        def keep(rows: Iterable[Sequence[float]]) -> None:
+            writer.writerows(rows)
+            file.flush()
+
+        yield keep
+
+
+def write(answer: Answer, folder: Path) -> list[str]:
+    """Write the tables as CSV, the JSON and the other files to a folder; their names."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, table in answer.tables.items():
+        path = folder / name
+        table.frame.to_csv(partial(path), index=False)
+        partial(path).replace(path)
+    write_json(folder / f"{answer.stem}.json", content(answer))
+    for name, save in answer.files.items():
+        save(folder / name)
+    return [*answer.tables, f"{answer.stem}.json", *answer.files]
+
+
+def content(answer: Answer) -> dict[str, Any]:
+    """What stands in the JSON file."""
+    units = {name: unit for table in answer.tables.values() for name, unit in table.units.items()}
+    return {
+        "scenario": answer.scenario,
+        "question": answer.question,
+        "verdict": answer.verdict.splitlines(),
+        "figures": {name: _finite(figure) for name, figure in answer.figures.items()},
+        "parameters": {name: value._asdict() for name, value in answer.parameters.items()},
+        "units": units,
+        **answer.provenance,
+        **answer.facts,
+    }
+
+
+def _finite(figure: Figure) -> dict[str, Any]:
+    """A figure for JSON, which has no infinity and no NaN."""
+    told = figure._asdict().items()
+    return {
+        name: None if isinstance(value, float) and not math.isfinite(value) else value
+        for name, value in told
+    }
+
+
+def finish(answer: Answer, folder: Path) -> None:
+    """Write the files and print the verdict."""
+    names = write(answer, folder)
+    print(answer.verdict)
+    print(f"{', '.join(names)} written to {folder}")
