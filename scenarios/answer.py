@@ -38,11 +38,12 @@ class Figure(NamedTuple):
 
     def text(self) -> str:
         """The figure as it may be printed."""
+        unit = "" if self.unit == "1" else self.unit
         if self.order is not None or self.error:
             order = float("nan") if self.order is None else self.order
-            return Estimate(self.value, self.error, order).text(self.unit).rstrip()
+            return Estimate(self.value, self.error, order).text(unit).replace("  (", " (").rstrip()
         known = "" if self.error == 0.0 else " (coupling error not known)"
-        return f"{self.value:.6g} {self.unit}".rstrip() + known
+        return f"{self.value:.6g} {unit}".rstrip() + known
 
 
 class Parameter(NamedTuple):

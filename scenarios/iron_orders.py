@@ -30,6 +30,7 @@ SPEEDS = "2:7.5:23"
 SETTLE, EVALUATE, PER_REV = 3, 2, 1440
 RECORD = ("motor.tau", "iron.phi", "iron.w_cam")
 SHARE = 0.1
+ALGORITHM = "strang"
 TABLE = "orders.csv"
 TOLD = ("motor.B", "iron.reducer.i_g", "iron.reducer.J")
 COLUMNS = ("T", "nu", "order", "torque", "torque_phase", "speed", "excitation", "lag", "gain")
@@ -80,12 +81,14 @@ class Machine(NamedTuple):
 
 
 class Case(NamedTuple):
-    """Motor lag T [s], mean speed nu of the cam [rad/s], the machine, start values of the drive."""
+    """Motor lag T [s], mean speed nu of the cam [rad/s], the machine, start values of the drive,
+    communication steps per revolution."""
 
     T: float
     nu: float
     machine: Machine
     start: options.Start
+    per_rev: int = PER_REV
 
 
 class Spectrum(NamedTuple):
@@ -134,7 +137,7 @@ def measure(start: options.Start) -> Machine:
 
 def system(case: Case) -> System:
     """The motor of the case, set for the mean speed, on the iron drive."""
-    T, nu, machine, start = case
+    T, nu, machine, start, _ = case
     mean = machine.work / (2 * math.pi * machine.i_g)
     motor: options.Start = {
         "motor.A": machine.slope * machine.i_g * nu + mean,
@@ -148,10 +151,10 @@ def system(case: Case) -> System:
 
 def simulate(case: Case) -> Spectrum:
     """Steady motion at one mean speed, in orders."""
-    T, nu, machine, _ = case
-    h = 2 * math.pi / (nu * PER_REV)
-    steps = (SETTLE + EVALUATE) * PER_REV
-    result = cosim.run(system(case), stop=steps * h, step=h, record=RECORD)
+    T, nu, machine, _, per_rev = case
+    h = 2 * math.pi / (nu * per_rev)
+    steps = (SETTLE + EVALUATE) * per_rev
+    result = cosim.run(system(case), stop=steps * h, step=h, algorithm=ALGORITHM, record=RECORD)
     phi = result["iron.phi"]
     late = last_revolutions(phi, EVALUATE)
     torque, speed = (
@@ -179,26 +182,48 @@ def worst(machine: Machine, spectra: Sequence[Spectrum]) -> Worst:
     """What the lag of one motor does at its worst."""
     found = Worst(0.0, 0, spectra[0].nu, 0.0)
     for spectrum in spectra:
-        torque, excitation = np.abs(spectrum.torque), np.abs(spectrum.excitation)
-        more = (torque - excitation) / machine.largest(spectrum.nu)
-        k = int(more.argmax())
-        if more[k] > found.share:
-            gain = float(torque[k] / excitation[k])
-            found = Worst(float(more[k]), k + 1, spectrum.nu, gain)
+        k = int((np.abs(spectrum.torque) - np.abs(spectrum.excitation)).argmax()) + 1
+        share, gain = added(machine, spectrum, k)
+        if share > found.share:
+            found = Worst(share, k, spectrum.nu, gain)
     return found
 
 
-def verdict(machine: Machine, T: float, spectra: Sequence[Spectrum]) -> str:
+def added(machine: Machine, spectrum: Spectrum, k: int) -> tuple[float, float]:
+    """What the lag adds to order k as a share of the largest torque, and the gain of the order."""
+    torque, excitation = abs(spectrum.torque[k - 1]), abs(spectrum.excitation[k - 1])
+    share = (torque - excitation) / machine.largest(spectrum.nu)
+    return float(share), float(torque / excitation)
+
+
+def certified(
+    machine: Machine, at: Worst, spectra: Sequence[Spectrum], coarser: Sequence[Spectrum]
+) -> dict[str, Figure]:
+    """Share and gain where the lag adds most, with coupling errors from runs with a half and a
+    quarter of the steps."""
+    if not coarser:
+        return {"added": Figure(at.share, "1"), "gain": Figure(at.gain, "1")}
+    fine = next(s for s in spectra if s.nu == at.nu)
+    values = zip(*(added(machine, run, at.order) for run in (fine, *coarser)))
+    order = cosim.ORDERS[ALGORITHM]
+    return {
+        name: Figure.of(cosim.estimate(value, order), "1")
+        for name, value in zip(("added", "gain"), values)
+    }
+
+
+def verdict(
+    machine: Machine, T: float, nus: Sequence[float], at: Worst, found: Mapping[str, Figure]
+) -> str:
     """What one motor does, in plain words."""
-    met = meetings(machine, T, [s.nu for s in spectra])
-    orders = ", ".join(f"{k} at {nu:.2f}" for k, nu in met.items()) or "none"
-    at = worst(machine, spectra)
+    met = meetings(machine, T, nus)
+    orders = ", ".join(f"{k} at {nu:.2f} rad/s" for k, nu in met.items()) or "none"
     word = "of practical importance" if at.share > SHARE else "of no practical importance"
     return (
         f"T = {1e3 * T:g} ms: w_n = {machine.w_n(T):.2f} rad/s, damping ratio {machine.zeta(T):.2f}; "
-        f"orders that meet it inside the sweep: {orders} rad/s.\n"
+        f"orders that meet it inside the sweep: {orders}.\n"
         f"  Resonance is {word}: the lag adds at most {at.share:.1%} of the largest torque, "
-        f"order {at.order} at {at.nu:.2f} rad/s with a gain of {at.gain:.2f}."
+        f"order {at.order} at {at.nu:.2f} rad/s with a gain of {found['gain'].text()}."
     )
 
 
@@ -233,17 +258,29 @@ def answer(
             keep(spectrum.rows())
             spectra.append(spectrum)
     by_lag = {T: [s for s in spectra if s.T == T] for T in LAGS}
-    told = [verdict(machine, T, mine) for T, mine in by_lag.items()]
+    at = {T: worst(machine, mine) for T, mine in by_lag.items()}
+    again = [
+        Case(T, at[T].nu, machine, changes, PER_REV // n)
+        for T in LAGS
+        for n in (2, 4)
+        if at[T].order
+    ]
+    coarser = list(pool.each(simulate, again, jobs, "coupling errors"))
+    found = {
+        T: certified(machine, at[T], mine, [s for s in coarser if s.T == T])
+        for T, mine in by_lag.items()
+    }
+    told = [verdict(machine, T, nus, at[T], found[T]) for T in LAGS]
     told.append(f"The follower lifts off at {limit:.3f} rad/s; speeds beyond are not reached.")
     rows = pd.DataFrame([row for s in spectra for row in s.rows()], columns=list(COLUMNS))
     return Answer(
         scenario="iron_orders",
         question=question(__doc__),
         verdict="\n".join(told),
-        figures=figures(machine, by_lag, limit),
+        figures=figures(machine, found, limit),
         parameters=parameters(system(cases[0])),
         tables={TABLE: Table(rows, UNITS)},
-        provenance=fmus.provenance(system(cases[0]), "strang", f"{PER_REV} steps per revolution"),
+        provenance=fmus.provenance(system(cases[0]), ALGORITHM, f"{PER_REV} steps per revolution"),
         stem="orders",
         facts={
             "theta": machine.theta,
@@ -258,7 +295,7 @@ def answer(
 
 
 def figures(
-    machine: Machine, by_lag: Mapping[float, Sequence[Spectrum]], limit: float
+    machine: Machine, found: Mapping[float, Mapping[str, Figure]], limit: float
 ) -> dict[str, Figure]:
     """Inertia, slope and limit of the mechanism alone; for each lag the formula and its effect."""
     told = {
@@ -266,13 +303,12 @@ def figures(
         "slope": Figure(machine.B, "N.m.s/rad", 0.0),
         "follower_limit": Figure(limit, "rad/s", 0.0),
     }
-    for T, spectra in by_lag.items():
-        at, lag = worst(machine, spectra), f"{1e3 * T:g}ms"
+    for T, effect in found.items():
+        lag = f"{1e3 * T:g}ms"
         told |= {
             f"w_n_{lag}": Figure(machine.w_n(T), "rad/s", 0.0),
             f"zeta_{lag}": Figure(machine.zeta(T), "1", 0.0),
-            f"added_{lag}": Figure(at.share, "1"),
-            f"gain_{lag}": Figure(at.gain, "1"),
+            **{f"{name}_{lag}": figure for name, figure in effect.items()},
         }
     return told
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from argparse import SUPPRESS, ArgumentParser
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,10 +17,10 @@ from scipy.interpolate import CubicSpline
 
 import cosim
 from cosim import Result
-from cosim.progress import bar
 
-from . import fmus, iron, iron_plots, options
+from . import coupled, fmus, iron, iron_plots, options
 from .answer import Answer, Figure, Table, finish, parameters, question
+from .coupled import largest
 
 RECORD = (
     "motor.tau", "motor.P", "iron.phi", "iron.w_cam", "iron.lift", "iron.v", "iron.tau_cam",
@@ -44,21 +44,40 @@ def ledger(result: Result) -> dict[str, iron.Samples]:
     }
 
 
-def verdict(result: Result, energy: dict[str, iron.Samples]) -> str:
+def figures(result: Result) -> dict[str, tuple[float, str]]:
+    """Largest speed and torque with their times, the speed it settles at, energies at the end."""
+    t, w, tau, phi = (result[n] for n in ("time", "iron.w_cam", "motor.tau", "iron.phi"))
+    energy = ledger(result)
+    (w_max, w_at), (tau_max, tau_at) = largest(t, w), largest(t, tau)
+    half = t[-1] / 2
+    late = float(phi[-1] - CubicSpline(t, phi)(half)) / (t[-1] - half)
+    return {
+        "w_cam_max": (w_max, "rad/s"),
+        "w_cam_max_time": (w_at, "s"),
+        "tau_max": (tau_max, "N.m"),
+        "tau_max_time": (tau_at, "s"),
+        "w_cam_mean": (late, "rad/s"),
+        "turns": (float(phi[-1] - phi[0]) / (2 * math.pi), "1"),
+        "energy_in": (float(energy["E_in"][-1]), "J"),
+        "energy_stored": (float(energy["E_stored"][-1]), "J"),
+        "energy_friction": (float(energy["E_friction"][-1]), "J"),
+        "energy_missing_max": (float(np.abs(energy["E_missing"]).max()), "J"),
+    }
+
+
+def verdict(stop: float, found: Mapping[str, Figure]) -> str:
     """The answer in plain words."""
-    t, w, tau = (result[name] for name in ("time", "iron.w_cam", "motor.tau"))
-    top, pull = int(np.argmax(w)), int(np.argmax(tau))
-    turns = (result["iron.phi"][-1] - result["iron.phi"][0]) / (2 * math.pi)
-    late = t > t[-1] / 2
+    told = {name: figure.text() for name, figure in found.items()}
+    mean = found["w_cam_mean"].value
     return "\n".join(
         [
-            f"The cam shoots up to {w[top]:.4f} rad/s at {t[top]:.4f} s, the motor's torque to "
-            f"{tau[pull]:.4f} N.m at {t[pull]:.4f} s.",
-            f"In the second half it turns at {w[late].mean():.4g} rad/s "
-            f"({iron.per_minute(w[late].mean()):.2f} cycles/min), {turns:.2f} turns in {t[-1]:g} s.",
-            f"Of {energy['E_in'][-1]:.5g} J from the motor {energy['E_stored'][-1]:.5g} J are stored "
-            f"and {energy['E_friction'][-1]:.5g} J went into friction; the coupling made or lost at "
-            f"most {np.abs(energy['E_missing']).max():.2g} J.",
+            f"The cam shoots up to {told['w_cam_max']} at {told['w_cam_max_time']}, the motor's "
+            f"torque to {told['tau_max']} at {told['tau_max_time']}.",
+            f"In the second half it turns at {told['w_cam_mean']} "
+            f"({iron.per_minute(mean):.2f} cycles/min), {found['turns'].value:.2f} turns in {stop:g} s.",
+            f"Of {told['energy_in']} from the motor {told['energy_stored']} are stored and "
+            f"{told['energy_friction']} went into friction; the coupling made or lost at most "
+            f"{found['energy_missing_max'].value:.2g} J.",
         ]
     )
 
@@ -70,7 +89,7 @@ def arguments(parser: ArgumentParser) -> None:
         key = f"motor.{name}"
         add(f"--motor-{name}", type=float, default=iron.MOTOR[key], help=f"{key} [{unit}]")
     add("--stop", type=float, default=3.0, help="simulated time [s]")
-    add("--step", type=float, default=5e-4, help="communication step [s]")
+    add("--step", type=float, default=5e-4, help="finest of three communication steps [s]")
     add("--algorithm", choices=cosim.ALGORITHMS, default="strang", help="coupling algorithm")
     add("--out", type=Path, default=SUPPRESS, help="folder, results/iron_start by default")
     options.add_start(parser, "iron.spring.side=-1")
@@ -91,22 +110,22 @@ def answer(
     motor = dict(iron.MOTOR) | {"motor.A": motor_A, "motor.B": motor_B, "motor.T": motor_T}
     fmus.build("drive_motor", "iron_drive")
     system = iron.driven(motor, changes)
-    with bar("start", 0.0, stop) as progress:
-        result = cosim.run(
-            system,
-            stop=stop,
-            step=step,
-            algorithm=algorithm,
-            record=RECORD,
-            csv=out and out / "start.csv",
-            progress=progress,
-        )
+    result, found = coupled.run(
+        "start",
+        system,
+        figures,
+        stop=stop,
+        step=step,
+        algorithm=algorithm,
+        record=RECORD,
+        csv=out and out / "start.csv",
+    )
     energy = ledger(result)
     return Answer(
         scenario="iron_start",
         question=question(__doc__),
-        verdict=verdict(result, energy),
-        figures=figures(result, energy),
+        verdict=verdict(stop, found),
+        figures=found,
         parameters=parameters(system),
         tables={
             "start.csv": Table(
@@ -117,24 +136,6 @@ def answer(
         stem="start",
         files={"start.png": lambda path: iron_plots.start_up(path, result, energy)},
     )
-
-
-def figures(result: Result, energy: dict[str, iron.Samples]) -> dict[str, Figure]:
-    """Largest speed and torque with their times, the speed it settles at, energies at the end."""
-    t, w, tau = (result[name] for name in ("time", "iron.w_cam", "motor.tau"))
-    found = {
-        "w_cam_max": (w.max(), "rad/s"),
-        "w_cam_max_time": (t[np.argmax(w)], "s"),
-        "tau_max": (tau.max(), "N.m"),
-        "tau_max_time": (t[np.argmax(tau)], "s"),
-        "w_cam_mean": (w[t > t[-1] / 2].mean(), "rad/s"),
-        "turns": ((result["iron.phi"][-1] - result["iron.phi"][0]) / (2 * math.pi), "1"),
-        "energy_in": (energy["E_in"][-1], "J"),
-        "energy_stored": (energy["E_stored"][-1], "J"),
-        "energy_friction": (energy["E_friction"][-1], "J"),
-        "energy_missing_max": (np.abs(energy["E_missing"]).max(), "J"),
-    }
-    return {name: Figure(float(value), unit) for name, (value, unit) in found.items()}
 
 
 def run(out: Path = Path("results/iron_start"), **settings: Any) -> None:

@@ -9,17 +9,19 @@ from __future__ import annotations
 import math
 from argparse import SUPPRESS, ArgumentParser
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 import cosim
 from cosim import Result, System
-from cosim.progress import bar
 
-from . import fmus, options, plots
+from . import coupled, fmus, options, plots
 from .answer import Answer, Figure, Table, finish, parameters, question
+from .coupled import crossings, largest
 from .theory import SETS, Machine
 
 MOTORS = {"linear": 0, "kloss": 1}
@@ -42,37 +44,60 @@ def drive(machine: Machine, motor: str, nu: float, start: options.Start) -> Syst
     return fmus.conveyor_drive(machine.start(nu) | rest | start)
 
 
-def passes(result: Result, nu: float) -> float | None:
-    """When the crank last rises through the speed nu [s]; None if it does not stay above."""
-    below = np.flatnonzero(result["conveyor.w"] < nu)
-    if len(below) == len(result.data):
-        return None
-    return float(result["time"][below[-1]])
+def passing(result: Result, nu: float) -> float:
+    """When the crank rises through the speed nu for good [s]; nan if it does not stay above."""
+    if result["conveyor.w"][-1] < nu:
+        return math.nan
+    return float(crossings(result["time"], result["conveyor.w"], nu)[-1])
 
 
 def revolutions_near(result: Result, nu: float) -> float:
     """Revolutions of the crank while its speed is within 10 % of nu."""
-    w, phi = result["conveyor.w"], result["conveyor.phi"]
-    near = np.abs(w[1:] / nu - 1.0) < 0.1
-    return float(np.diff(phi)[near].sum() / (2 * math.pi))
+    t, w, phi = (result[name] for name in ("time", "conveyor.w", "conveyor.phi"))
+    ends = np.concatenate([crossings(t, w, share * nu) for share in (0.9, 1.1)])
+    ends = np.sort(np.concatenate([t[:1], ends, t[-1:]]))
+    middle = np.abs(CubicSpline(t, w)((ends[1:] + ends[:-1]) / 2) / nu - 1.0) < 0.1
+    return float(np.diff(CubicSpline(t, phi)(ends))[middle].sum() / (2 * math.pi))
 
 
-def verdict(machine: Machine, motor: str, result: Result, passing: float | None) -> str:
+def figures(machine: Machine, result: Result) -> dict[str, tuple[float, str]]:
+    """When the resonance is passed, revolutions near it, the largest loads, where it all ends."""
+    t = result["time"]
+    last = t > 0.8 * t[-1]
+    found = {
+        "passing": (passing(result, machine.nu_res), "s"),
+        "revolutions_near": (revolutions_near(result, machine.nu_res), "1"),
+    }
+    for name, column, unit in (
+        ("w", "conveyor.w", "rad/s"),
+        ("tau", "motor.tau", "N.m"),
+        ("f_rod", "conveyor.f_rod", "N"),
+    ):
+        found[f"{name}_max"] = (largest(t, np.abs(result[column]))[0], unit)
+    for name, column, unit in (("w", "conveyor.w", "rad/s"), ("tau", "motor.tau", "N.m")):
+        x = result[column]
+        found[f"{name}_end_min"] = (-largest(t[last], -x[last])[0], unit)
+        found[f"{name}_end_max"] = (largest(t[last], x[last])[0], unit)
+    return found
+
+
+def verdict(machine: Machine, motor: str, stop: float, found: Mapping[str, Figure]) -> str:
     """What one motor does, in plain words."""
-    w, tau, f_rod = (result[name] for name in ("conveyor.w", "motor.tau", "conveyor.f_rod"))
-    end = result["time"][-1]
-    late = result["time"] > 0.8 * end
-    way = (
-        f"stays above the resonance ({machine.nu_res:.1f} rad/s) from {passing:.3f} s on"
-        if passing is not None
-        else f"does not stay above the resonance ({machine.nu_res:.1f} rad/s) within {end:g} s"
+    told = {name: figure.text() for name, figure in found.items()}
+    if math.isfinite(found["passing"].value):
+        way = f"stays above the resonance ({machine.nu_res:.1f} rad/s) from {told['passing']} on"
+    else:
+        way = f"does not stay above the resonance ({machine.nu_res:.1f} rad/s) within {stop:g} s"
+    build_up = 1 / (4 * math.pi * machine.zeta)
+    ends = (
+        f"{found[f'{name}_end_min'].value:.1f} .. {found[f'{name}_end_max'].value:.1f} {unit}"
+        for name, unit in (("w", "rad/s"), ("tau", "N.m"))
     )
     return (
-        f"{motor}: {way} and spends {revolutions_near(result, machine.nu_res):.2f} revolutions "
-        f"within 10 % of it (building up takes {1 / (4 * math.pi * machine.zeta):.1f}); torque up to {np.abs(tau).max():.0f} N.m, speed up to {w.max():.1f} rad/s, "
-        f"rod force up to {np.abs(f_rod).max():.0f} N on the way; "
-        f"at the end {w[late].min():.1f} .. {w[late].max():.1f} rad/s and "
-        f"{tau[late].min():.1f} .. {tau[late].max():.1f} N.m."
+        f"{motor}: {way} and spends {found['revolutions_near'].value:.2f} revolutions within 10 % "
+        f"of it (building up takes {build_up:.1f}); on the way torque up to {told['tau_max']}, "
+        f"speed up to {told['w_max']}, rod force up to {told['f_rod_max']}; "
+        f"at the end {' and '.join(ends)}."
     )
 
 
@@ -82,7 +107,7 @@ def arguments(parser: ArgumentParser) -> None:
     add("--set", dest="name", choices=SETS, default="B", help="parameter set")
     add("--speed", type=float, default=60.0, help="mean speed of the linear motor [rad/s]")
     add("--stop", type=float, default=1.0, help="simulated time [s]")
-    add("--step", type=float, default=2e-4, help="communication step [s]")
+    add("--step", type=float, default=2e-4, help="finest of three communication steps [s]")
     add("--algorithm", choices=cosim.ALGORITHMS, default="strang", help="coupling algorithm")
     add(
         "--out",
@@ -107,51 +132,35 @@ def answer(
     options.positive("speed", speed, "rad/s")
     machine = fmus.followed(SETS[name], changes)
     runs: dict[str, Result] = {}
+    found: dict[str, dict[str, Figure]] = {}
     for motor in MOTORS:
-        with bar(motor, 0.0, stop) as progress:
-            runs[motor] = cosim.run(
-                drive(machine, motor, speed, changes),
-                stop=stop,
-                step=step,
-                algorithm=algorithm,
-                record=RECORD,
-                csv=out and out / f"{motor}.csv",
-                progress=progress,
-            )
-    passing = {motor: passes(result, machine.nu_res) for motor, result in runs.items()}
-    told = [verdict(machine, motor, result, passing[motor]) for motor, result in runs.items()]
+        runs[motor], found[motor] = coupled.run(
+            motor,
+            drive(machine, motor, speed, changes),
+            partial(figures, machine),
+            stop=stop,
+            step=step,
+            fed=("f_rod_max",),
+            algorithm=algorithm,
+            record=RECORD,
+            csv=out and out / f"{motor}.csv",
+        )
+    told = [verdict(machine, motor, stop, figure) for motor, figure in found.items()]
+    at = {motor: figure["passing"].value for motor, figure in found.items()}
+    passed = {motor: t if math.isfinite(t) else None for motor, t in at.items()}
     return Answer(
         scenario="run_up",
         question=question(__doc__),
         verdict="\n".join(told),
-        figures=figures(machine, runs, passing),
+        figures={"nu_res": Figure(machine.nu_res, "rad/s", 0.0)}
+        | {f"{motor}_{name}": x for motor, mine in found.items() for name, x in mine.items()},
         parameters=parameters(drive(machine, "linear", speed, changes)),
         tables={f"{motor}.csv": Table.of(result) for motor, result in runs.items()},
         provenance=runs["linear"].provenance | {"flavour": fmus.flavour()},
         stem="run_up",
-        facts={"nu_res": machine.nu_res, "passing": passing, "set": name},
-        files={"run_up.png": lambda path: plots.run_up(path, machine, runs, passing)},
+        facts={"nu_res": machine.nu_res, "passing": passed, "set": name},
+        files={"run_up.png": lambda path: plots.run_up(path, machine, runs, passed)},
     )
-
-
-def figures(
-    machine: Machine, runs: Mapping[str, Result], passing: Mapping[str, float | None]
-) -> dict[str, Figure]:
-    """Resonance by formula; for each motor when it is passed, and the largest loads."""
-    told = {"nu_res": Figure(machine.nu_res, "rad/s", 0.0)}
-    for motor, result in runs.items():
-        at = passing[motor]
-        if at is not None:
-            told[f"{motor}_passing"] = Figure(at, "s")
-        for name, column, unit in (
-            ("w_max", "conveyor.w", "rad/s"),
-            ("tau_max", "motor.tau", "N.m"),
-            ("f_rod_max", "conveyor.f_rod", "N"),
-        ):
-            told[f"{motor}_{name}"] = Figure(float(np.abs(result[column]).max()), unit)
-        near = revolutions_near(result, machine.nu_res)
-        told[f"{motor}_revolutions_near"] = Figure(near, "1")
-    return told
 
 
 def run(name: str = "B", out: Path | None = None, **settings: Any) -> None:

@@ -255,6 +255,7 @@ def test_wires_convert_units(fmus: Path, tmp_path: Path) -> None:
     (bond,) = result.energy.values()
     assert bond["given"] == pytest.approx(bond["taken"], rel=0.1)
     assert bond["given"] > 0.1
+    assert bond["residual"] == bond["given"] - bond["taken"] != 0.0
 
 
 def test_start_values_are_coupled_before_the_first_step(fmus: Path) -> None:
