@@ -14,10 +14,11 @@ from pathlib import Path
 from typing import TypeVar
 
 from components import CATALOGUE, PYTHON_ONLY
-from components.kit.interface import Interface, title
+from components.kit.interface import Interface
+from components.kit.slave import slave_class
 from components.native import build as native
 from components.packing import pack as python
-from components.packing import page, validate
+from components.packing import page, plot, reference, validate
 
 ROOT = Path(__file__).resolve().parent
 Build = TypeVar("Build", python.Build, native.NativeBuild)
@@ -29,13 +30,13 @@ def main() -> int:
     parser.add_argument("--flavour", choices=("python", "native", "both"), default="python")
     parser.add_argument("--into", type=Path, default=ROOT / "fmus", help="folder of the FMUs")
     parser.add_argument("--force", action="store_true", help="build also what is up to date")
-    parser.add_argument("--docs", action="store_true", help="also write docs/variables.md")
+    parser.add_argument("--docs", action="store_true", help="also write docs/machines")
     options = parser.parse_args()
     unknown = [name for name in options.component if name not in CATALOGUE]
     if unknown:
         parser.error(f"unknown component {unknown[0]!r}; there are {', '.join(CATALOGUE)}")
     if options.docs:
-        write_tables([python.collect(name) for name in CATALOGUE])
+        write_pages([python.collect(name) for name in CATALOGUE])
     return max(make_all(options.component or CATALOGUE, options))
 
 
@@ -79,14 +80,17 @@ def make(
     return 0
 
 
-def write_tables(builds: list[python.Build]) -> None:
-    """Write the variable tables of the documentation."""
-    sections = [
-        f"## {build.name}\n\n{title(build.model)}.\n\n{page.markdown_table(Interface(build.model))}\n"
-        for build in builds
-    ]
-    text = "# Variables of the FMUs\n\nWritten by `build_fmus.py --docs`.\n\n" + "\n".join(sections)
-    (ROOT / "docs" / "variables.md").write_text(text, encoding="utf-8")
+def write_pages(builds: list[python.Build]) -> None:
+    """Write the page of every component, with the plot of its default experiment."""
+    folder = ROOT / "docs" / "machines"
+    folder.mkdir(parents=True, exist_ok=True)
+    for build in builds:
+        interface = Interface(build.model)
+        rows = reference.experiment(slave_class(build.model, build.guid))
+        picture = folder / f"{build.component}.svg"
+        picture.write_text(plot.svg(interface, rows), encoding="utf-8")
+        text = page.github(interface, picture.name)
+        picture.with_suffix(".md").write_text(text, encoding="utf-8")
 
 
 if __name__ == "__main__":

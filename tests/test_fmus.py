@@ -21,6 +21,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 import pytest
 from fmpy.validation import validate_fmu
+from lxml import html
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
@@ -275,10 +276,14 @@ def test_two_versions_in_one_process_compute_their_own_numbers(fmus: Path, tree:
     assert hosts.versions([old, new]) == pytest.approx(expected, rel=1e-12)
 
 
-def test_the_variable_tables_of_the_documentation_are_up_to_date(tree: Path) -> None:
+def test_the_pages_of_the_machines_are_up_to_date(tree: Path) -> None:
     build(tree, "--docs")
-    written = (tree / "docs" / "variables.md").read_text()
-    assert (ROOT / "docs" / "variables.md").read_text() == written
+    made, kept = (
+        {file.name: file.read_text() for file in (folder / "docs" / "machines").iterdir()}
+        for folder in (tree, ROOT)
+    )
+    assert set(made) == {f"{name}.{end}" for name in CATALOGUE for end in ("md", "svg")}
+    assert made == kept
 
 
 @each_fmu
@@ -291,12 +296,55 @@ def test_the_page_in_the_fmu_needs_no_network_and_names_every_variable(
     for formula in formulas:
         ElementTree.fromstring(formula)
     assert not re.search(r"\b(src|href|data)=|url\(|@import|\$|FORMULA", page)
-    rows = re.findall(r"<tr><td>(.*?)</td>(.*?)</tr>", page)
+    rows = [[*row.itertext()] for row in html.fromstring(page).findall(".//table")[-1].iter("tr")]
     declared = Interface(model).variables
-    assert [name for name, _ in rows] == [v.name for v in declared]
-    for variable, (_, row) in zip(declared, rows):
+    assert [row[1] for row in rows[1:]] == [v.name for v in declared]
+    for variable, row in zip(declared, rows[1:]):
         for item in variable.declaration.items or ():
-            assert f"{item.value} = {item.name}" in row
+            assert f"{item.value} = {item.name}" in row[-2]
+
+
+@each_fmu
+def test_the_page_in_the_fmu_is_the_one_of_the_documentation(model: Any, fmu: Path) -> None:
+    """Its headings, its numbers and its pictures, among them the default experiment."""
+    name = model.__name__.rpartition(".")[2]
+    page = html.fromstring(content(fmu, "documentation/index.html"))
+    written = (ROOT / "docs" / "machines" / f"{name}.md").read_text()
+    headings = re.findall(r"^#+ (.*)$", written, re.MULTILINE)
+    assert [h.text_content() for h in page.iter("h1", "h2")] == headings
+    assert {"Signs", "Validation", "Default experiment", "Variables"} <= {*headings}
+    cells = [cell.text_content() for cell in page.iter("td") if not cell.findall(".//math")]
+    assert len(cells) > 50
+    for cell in cells:
+        assert cell in written.replace("`", "").replace("*", "")
+    plot = (ROOT / "docs" / "machines" / f"{name}.svg").read_text()
+    drawing = (ROOT / "components" / "pages" / f"{name}.svg").read_text()
+    text = content(fmu, "documentation/index.html")
+    assert plot in text and drawing in text
+
+
+@each_model
+def test_the_plot_of_the_default_experiment_shows_its_numbers(model: Any, fmus: Path) -> None:
+    """The range of every output stands beside its panel, and its course fills the panel."""
+    with zipfile.ZipFile(path_of(model, fmus)) as archive:
+        (name,) = [n for n in archive.namelist() if n.endswith("_ref.csv")]
+        header, *lines = archive.read(name).decode().splitlines()
+    columns = np.array([[float(x) for x in line.split(",")] for line in lines]).T[1:]
+    root = ElementTree.parse(ROOT / "docs" / "machines" / f"{model.__name__[11:]}.svg").getroot()
+    found = [text.text for text in root.iter("{http://www.w3.org/2000/svg}text")][:-1]
+    wanted = []
+    for variable, column in zip(header.split(",")[1:], columns):
+        unit = Interface(model).by_name[variable].unit
+        limits = dict.fromkeys(f"{x:.4g}" for x in (column.max(), column.min()))
+        wanted += [f"{variable} [{unit}]" if unit else variable, *limits]
+    assert found == wanted
+    for line, column in zip(root.iter("{http://www.w3.org/2000/svg}polyline"), columns):
+        dots = np.array([dot.split(",") for dot in line.attrib["points"].split()], float)
+        shown = np.interp(np.linspace(0, 1, 20), (dots[:, 0] - dots[0, 0]) / 190, dots[:, 1])
+        if np.ptp(column) > 0 and np.abs(np.diff(column)).max() < 0.02 * np.ptp(column):
+            true = np.interp(np.linspace(0, 1, 20), np.linspace(0, 1, len(column)), column)
+            drawn = column.max() - (shown - dots[:, 1].min()) / 60 * np.ptp(column)
+            assert drawn == pytest.approx(true, abs=0.06 * np.ptp(column))
 
 
 @each_model

@@ -151,13 +151,19 @@ def printed(p: Any, phi: float, erratum: int) -> tuple[float, float]:
     Pi_1 = at.Pi_1 + at.Pi_a * (a_1 - at.alpha_1)
     K = (-1 if erratum == 8 else 1) * iron.friction(p, at, direction)
     B_1, C_1 = J_1 / 2 + K * p.iron.m * H_1 * H_2, -Pi_1 + K * at.W_0 * H_1
+    if erratum == 6:
+        B_1 -= p.spring.m / 6 * H_1 * H_2
+    if erratum == 10:
+        C_1 += K * p.spring.m / 2 * p.g * H_1
+    if erratum == 11:
+        C_1 -= p.spring.m * p.g * H_1
     K = -K if erratum == 7 else K
     return at.J + K * p.iron.m * H_1**2, B_1 * NOMINAL**2 - C_1
 
 
 def test_the_equations_as_printed_do_not_follow_from_the_energies(derived: Any) -> None:
     p = machine()
-    costs = {erratum: [0.0, 0.0] for erratum in (0, 1, 7, 8, 9)}
+    costs = {erratum: [0.0, 0.0] for erratum in (0, 1, 6, 7, 8, 9, 10, 11)}
     for degrees in np.arange(0.5, 360.0, 0.5):
         phi = radians(degrees)
         K, law = iron.friction(p, iron.position(p, phi), 1), iron.cam(p, phi)[2:]
@@ -170,7 +176,25 @@ def test_the_equations_as_printed_do_not_follow_from_the_energies(derived: Any) 
             worst[:] = max(worst[0], abs(printed_M - M)), max(worst[1], abs(printed_A / A - 1))
     assert costs.pop(0) == pytest.approx([0.0, 0.0], abs=1e-10)
     assert costs.pop(7) == pytest.approx([0.0, 0.0127], rel=0.01, abs=1e-10)
-    assert [cost for cost, _ in costs.values()] == pytest.approx([15.1, 1.09, 4.34], rel=0.02)
+    assert [cost for cost, _ in costs.values()] == pytest.approx(
+        [15.1, 6.7e-3, 1.09, 4.34, 5.4e-3, 0.144], rel=0.02
+    )
+
+
+def test_formula_as_printed_has_no_second_derivative_in_the_dwells() -> None:
+    """It divides by R', which is 0 there; the component's does not."""
+    at_rest = [math.radians(deg + 0.25) for deg in range(360)]
+    slopes = [iron.cam(machine(), phi)[3] for phi in at_rest]
+    assert sum(slope == 0.0 for slope in slopes) == 180
+    assert all(math.isfinite(iron.position(machine(), phi).alpha_2) for phi in at_rest)
+
+
+def test_gear_ratio_as_printed_loses_the_rotor() -> None:
+    p = machine()
+    in_the_dwell = iron.position(p, 2.0).J
+    right, printed_13 = (p.cam.J + p.reducer.J * i**2 for i in (36.0, 1 / 36))
+    assert in_the_dwell == pytest.approx(right, rel=1e-12)
+    assert (right, printed_13) == pytest.approx((0.4013, 0.0125), rel=1e-4)
 
 
 def test_friction_as_printed_feeds_energy_in() -> None:

@@ -291,6 +291,57 @@ def test_phase_of_formula_26_as_printed_is_wrong(name: str, nu: float, off: floa
     assert (printed - torque) % 360.0 == pytest.approx(off, abs=0.2)
 
 
+def test_ripple_of_formulas_10_17_and_26_as_printed_is_wrong() -> None:
+    """The sign of (10), the root (1 + 2 T nu^2) of (17), the spring in the root of (26)."""
+    m, nu = SETS["A"], 40.0
+    w2, w2_phase, tau2, *_ = REFERENCE["A", 40]
+    speed, torque = m.speed_ripple(nu), m.torque_ripple(nu)
+    assert (abs(speed), abs(torque)) == pytest.approx((w2, tau2), rel=1e-3)
+    assert math.degrees(cmath.phase(speed)) == pytest.approx(w2_phase, abs=0.1)
+    assert math.degrees(cmath.phase(-speed)) - w2_phase == pytest.approx(180.0, abs=0.1)
+    printed_17 = abs(speed) * math.sqrt((1 + 2 * m.T * nu**2) / (1 + (2 * m.T * nu) ** 2))
+    assert (printed_17, w2) == pytest.approx((7.45, 2.68), rel=2e-3)
+    printed_26 = math.hypot(
+        m.slope - 4 * m.theta0 * m.T * nu**2, 2 * nu * (m.theta0 + m.T * m.c * m.r**2 / 2)
+    )
+    assert m.B * abs(m.load_ripple(nu)) / printed_26 / tau2 - 1 == pytest.approx(-0.81, abs=0.01)
+
+
+def test_energies_12_as_printed_count_the_trough_twice() -> None:
+    p = start(crank_conveyor.Parameters)
+    dx = crank_conveyor.trough(p, 0.7)[1]
+    theta, _ = crank_conveyor.load(p, crank_conveyor.State(0.7, 40.0))
+    printed = 2 * (p.rotor.J / 2 + p.trough.m * dx**2)
+    assert printed - p.rotor.J == pytest.approx(2 * (theta - p.rotor.J), rel=1e-12)
+
+
+def test_speed_equation_16_as_printed_settles_fifty_times_too_fast() -> None:
+    """A kick of the speed on the steady orbit dies out with 2 theta0 T / J, not J / B*."""
+    m, nu = SETS["A"], 40.0
+    values = m.start(nu) | {"conveyor.w": 39.6767723312, "motor.tau": -90.697972024}
+    phi, t = np.linspace(2.0, 18.0, 2001), np.linspace(0.0, 0.5, 2001)
+    runs = (
+        monolithic(values | {"conveyor.w": values["conveyor.w"] + w}, 0.5, t_eval=t).y
+        for w in (0.0, 1e-3)
+    )
+    orbit, kicked = (CubicSpline(y[0], y[2])(phi) for y in runs)
+    off = np.abs(kicked - orbit)
+    tops = np.flatnonzero((off[1:-1] > off[:-2]) & (off[1:-1] > off[2:])) + 1
+    settling = -1 / (nu * np.polyfit(phi[tops], np.log(off[tops]), 1)[0])
+    assert settling == pytest.approx(2 * m.theta0 * m.T / m.J, rel=0.02)
+    assert settling == pytest.approx(0.12195, rel=0.02)
+    assert m.J / m.slope == pytest.approx(2.56e-3, rel=2e-3)
+    assert math.exp(-math.pi * m.zeta / math.sqrt(1 - m.zeta**2)) == pytest.approx(0.72, abs=4e-3)
+
+
+def test_rod_force_is_least_below_the_speed_that_the_text_after_17_names() -> None:
+    m = SETS["A"]
+    nu = np.linspace(50.0, 70.0, 20001)
+    force = [abs(m.load_ripple(float(n))) for n in nu]
+    assert math.sqrt(m.c / m.m) == 60.0
+    assert nu[int(np.argmin(force))] == pytest.approx(58.31, abs=2e-3)
+
+
 def test_finite_rod_adds_the_odd_orders() -> None:
     machine = SETS["A"]
     for nu, k, want in ((26.67, 3, 0.0537), (80.0, 1, 0.0875)):

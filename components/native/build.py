@@ -21,7 +21,7 @@ import fmpy
 from ..kit.description import NATIVE, to_xml
 from ..kit.interface import Interface, class_name
 from ..kit.slave import slave_class
-from ..packing import page, reference
+from ..packing import page, plot, reference
 from ..packing.archive import guid_of, write_archive
 from .generate import source
 
@@ -82,6 +82,7 @@ def collect(component: str) -> NativeBuild:
 def pack(build: NativeBuild, fmu: Path) -> None:
     """Write the FMU; raises RuntimeError with the words of the compiler if it fails."""
     interface = Interface(build.model)
+    rows = reference.experiment(slave_class(build.model, build.guid))
     licence = f"{(ROOT / 'LICENSE').read_text()}\nThe headers of FMI in sources/ carry their own.\n"
     sources = {
         f"{build.name}.c": source(interface, build.guid).encode(),
@@ -90,11 +91,11 @@ def pack(build: NativeBuild, fmu: Path) -> None:
     }
     contents = {
         "modelDescription.xml": description(interface, build),
-        "documentation/index.html": page.html(interface).encode(),
+        "documentation/index.html": page.html(interface, plot.svg(interface, rows)).encode(),
         "documentation/externalDependencies.txt": DEPENDENCIES.encode(),
         "documentation/licenses/license.txt": licence.encode(),
         **{f"sources/{name}": content for name, content in sources.items()},
-        **reference.entries(slave_class(build.model, build.guid)),
+        **reference.entries(interface, rows),
         **{f"binaries/{path}": content for path, content in binaries(build.name, sources)},
     }
     write_archive(contents, fmu)

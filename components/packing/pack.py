@@ -23,7 +23,7 @@ from .. import PYTHON_ONLY
 from ..kit.interface import Interface, class_name
 from ..kit.slave import slave_class
 from ..native import generate, python
-from . import page, reference
+from . import page, plot, reference
 from .archive import guid_of, write_archive
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -46,8 +46,12 @@ class Build(NamedTuple):
         return guid_of(self.digest)
 
     @property
+    def component(self) -> str:
+        return self.model.__name__.rpartition(".")[2]
+
+    @property
     def package(self) -> str:
-        return f"{self.model.__name__.rpartition('.')[2]}_{self.digest[:12]}"
+        return f"{self.component}_{self.digest[:12]}"
 
 
 def collect(component: str) -> Build:
@@ -86,7 +90,11 @@ def pack(build: Build, fmu: Path) -> None:
     with tempfile.TemporaryDirectory(prefix="fmu_") as temporary:
         folder = Path(temporary)
         stub = _write_sources(build, folder)
-        _write_documentation(build, folder / "documentation")
+        interface = Interface(build.model)
+        rows = reference.experiment(slave_class(build.model, build.guid))
+        _write_documentation(
+            folder / "documentation", page.html(interface, plot.svg(interface, rows))
+        )
         raw = folder / "raw.fmu"
         sys.dont_write_bytecode = True
         FmuBuilder.build_FMU(
@@ -95,11 +103,11 @@ def pack(build: Build, fmu: Path) -> None:
             project_files=[folder / build.package],
             documentation_folder=folder / "documentation",
         )
-        _repack(raw, fmu, reference.entries(slave_class(build.model, build.guid)))
+        _repack(raw, fmu, reference.entries(interface, rows))
 
 
 def _write_sources(build: Build, folder: Path) -> Path:
-    component = build.model.__name__.rpartition(".")[2]
+    component = build.component
     straight = "straight" if "straight.py" in build.files else "None"
     entry = (
         f"from . import {component}{', straight' if straight != 'None' else ''}\n"
@@ -121,9 +129,9 @@ def _write_sources(build: Build, folder: Path) -> Path:
     return stub
 
 
-def _write_documentation(build: Build, folder: Path) -> None:
+def _write_documentation(folder: Path, index: str) -> None:
     (folder / "licenses").mkdir(parents=True)
-    (folder / "index.html").write_text(page.html(Interface(build.model)), encoding="utf-8")
+    (folder / "index.html").write_text(index, encoding="utf-8")
     (folder / "externalDependencies.txt").write_text(page.EXTERNAL_DEPENDENCIES, encoding="utf-8")
     metadata = importlib.metadata.distribution("pythonfmu")
     licence = next(f for f in metadata.files or () if f.name == "LICENSE")

@@ -1,14 +1,20 @@
-"""What people read of a component: its equations as a web page, its variables as a table."""
+"""What people read of a component: one page, for the documentation and for the FMU.
 
-import html as escape
+Its text is written once: the equations in the component's docstring, what is said beyond them in
+`components/pages/NAME.md` with the drawing NAME.svg, the variables in their declarations.
+"""
+
 import re
 from collections.abc import Iterator
+from pathlib import Path
 
 import markdown
 from latex2mathml.converter import convert
 
 from ..kit.description import start_text
 from ..kit.interface import Interface, Variable, class_name, title
+
+PAGES = Path(__file__).resolve().parents[1] / "pages"
 
 EXTERNAL_DEPENDENCIES = """\
 linux64 or win64, and CPython 3.10 or newer with its standard library; nothing else.
@@ -27,9 +33,12 @@ wrapper does not decode them. It does not compare the GUID handed to fmi2Instant
 
 STYLE = """\
 body{font:16px/1.5 system-ui,sans-serif;max-width:60rem;margin:2rem auto;padding:0 1rem}
-table{border-collapse:collapse;font-size:.85rem}
-td,th{border-bottom:1px solid #ccc;padding:.2rem .6rem;text-align:left}
-math[display=block]{margin:1rem 0}
+table{border-collapse:collapse;font-size:.85rem;display:block;overflow-x:auto}
+td:last-child{min-width:14rem}
+td,th{border-bottom:1px solid #ccc;padding:.2rem .6rem;text-align:left;vertical-align:top}
+.formula{overflow-x:auto;margin:1rem 0}
+svg{max-width:100%;height:auto}
+code{font-size:.9em;overflow-wrap:anywhere}
 """
 
 HEADER = ("name", "type", "unit", "causality", "variability", "initial", "start", "meaning")
@@ -44,6 +53,8 @@ just set: right for the unit that a Gauss-Seidel master steps last, which is giv
 the step's end. Interpolating only one of two coupled inputs, the other one held, is worse than
 holding both.
 """
+
+FORMULA = re.compile(r"\$\$(.+?)\$\$|\$(.+?)\$", re.DOTALL)
 
 
 def rows(interface: Interface) -> Iterator[tuple[str, ...]]:
@@ -72,28 +83,60 @@ def meaning(variable: Variable) -> str:
     return f"{d.meaning} [{', '.join(limits)}]" if limits else d.meaning
 
 
-def markdown_table(interface: Interface) -> str:
+def table(interface: Interface) -> str:
     """The variable table in Markdown."""
     lines = [" | ".join(HEADER), " | ".join("---" for _ in HEADER)]
     lines += [" | ".join(row) for row in rows(interface)]
     return "\n".join(f"| {line} |" for line in lines)
 
 
-def html(interface: Interface) -> str:
-    """A page that needs no network: equations as MathML, then the variables."""
-    model = interface.model
-    cells = "".join(
-        "<tr>" + "".join(f"<td>{escape.escape(cell)}</td>" for cell in row) + "</tr>\n"
-        for row in rows(interface)
-    )
-    head = "".join(f"<th>{name}</th>" for name in HEADER)
-    text = (model.__doc__ or "").strip().partition("\n")[2]
+def part(interface: Interface, end: str) -> Path:
+    """components/pages/NAME.md or NAME.svg, which a component need not have."""
+    return PAGES / f"{interface.model.__name__.rpartition('.')[2]}{end}"
+
+
+def text(interface: Interface, drawing: str, plot: str) -> str:
+    """The page in Markdown with $ formulas, and with these pictures."""
+    model, notes, (stop, step) = interface.model, part(interface, ".md"), interface.model.EXPERIMENT
+    sections = [
+        f"# {class_name(model)}",
+        f"**{title(model)}.**",
+        drawing,
+        (model.__doc__ or "").strip().partition("\n")[2].strip(),
+        notes.read_text(encoding="utf-8").strip() if notes.exists() else "",
+        f"## Inputs between communication points\n\n{HOLD.strip()}",
+        f"## Default experiment\n\nInputs and parameters at their start values, {stop:g} s in steps "
+        f"of {step:g} s; the FMU carries these numbers as CSV.",
+        plot,
+        f"## Variables\n\n{table(interface)}",
+    ]
+    return "\n\n".join(section for section in sections if section) + "\n"
+
+
+def github(interface: Interface, plot: str) -> str:
+    """The page as GitHub shows it from `docs/machines`, formulas where Markdown cannot touch them."""
+    picture = part(interface, ".svg")
+    drawing = f"![Drawing](../../components/pages/{picture.name})" if picture.exists() else ""
+
+    def keep(match: re.Match[str]) -> str:
+        return f"```math\n{match[1].strip()}\n```" if match[1] else f"$`{match[2]}`$"
+
+    page = text(interface, drawing, f"![Outputs over time]({plot})")
+    return f"<!-- Written by build_fmus.py --docs -->\n\n{FORMULA.sub(keep, page)}"
+
+
+def html(interface: Interface, plot: str = "") -> str:
+    """The page as one file that needs no network: formulas as MathML, pictures as SVG."""
+    picture = part(interface, ".svg")
+    drawing = picture.read_text(encoding="utf-8") if picture.exists() else ""
+    body = prose(text(interface, "DRAWING", "PLOT"))
+    for place, svg in (("DRAWING", drawing), ("PLOT", plot)):
+        body = body.replace(f"<p>{place}</p>", svg)
     return (
         '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
-        f"<title>{class_name(model)}</title><style>{STYLE}</style></head><body>\n"
-        f"<h1>{class_name(model)}</h1>\n<p><strong>{escape.escape(title(model))}</strong></p>\n"
-        f"{prose(text)}\n<h2>Inputs between communication points</h2>\n{prose(HOLD)}\n"
-        f"<h2>Variables</h2>\n<table><tr>{head}</tr>\n{cells}</table>\n</body></html>\n"
+        '<meta name="viewport" content="width=device-width">'
+        f"<title>{class_name(interface.model)}</title><style>{STYLE}</style></head><body>\n"
+        f"{body}\n</body></html>\n"
     )
 
 
@@ -103,9 +146,13 @@ def prose(text: str) -> str:
 
     def keep(match: re.Match[str]) -> str:
         block = match[1] is not None
-        formulas.append(convert(match[1] or match[2], display="block" if block else "inline"))
+        formula = convert(match[1] or match[2], display="block" if block else "inline")
+        formulas.append(f'<div class="formula">{formula}</div>' if block else formula)
         return f"FORMULA{len(formulas) - 1}END"
 
-    kept = re.sub(r"\$\$(.+?)\$\$|\$(.+?)\$", keep, text, flags=re.DOTALL)
-    page = markdown.markdown(kept)
-    return re.sub(r"FORMULA(\d+)END", lambda match: formulas[int(match[1])], page)
+    page = markdown.markdown(FORMULA.sub(keep, text), extensions=["tables"])
+    return re.sub(
+        r"<p>FORMULA(\d+)END</p>|FORMULA(\d+)END",
+        lambda match: formulas[int(match[1] or match[2])],
+        page,
+    )

@@ -3,9 +3,10 @@
 import csv
 import io
 
-from ..kit.interface import Interface
+from ..kit.interface import Interface, Variable, class_name
 from ..kit.slave import ModelSlave
 
+Rows = list[list[float | int]]
 FOLDER = "extra/org.fmi-standard.fmi-ls-ref"
 MANIFEST = """\
 <?xml version="1.0" encoding="UTF-8"?>
@@ -17,27 +18,29 @@ MANIFEST = """\
 """
 
 
-def entries(slave_class: type[ModelSlave]) -> dict[str, bytes]:
+def entries(interface: Interface, rows: Rows) -> dict[str, bytes]:
     """The files by their path in the FMU: a manifest, and the outputs at every step as CSV."""
-    interface = slave_class.interface
-    outputs = [v for v in interface.variables if v.causality == "output"]
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["time", *(v.name for v in outputs)])
-    writer.writerows(rows(slave_class, interface))
+    writer.writerow(["time", *(v.name for v in outputs(interface))])
+    writer.writerows(rows)
     return {
         f"{FOLDER}/fmi-ls-manifest.xml": MANIFEST.encode(),
-        f"{FOLDER}/{slave_class.__name__}_ref.csv": text.getvalue().encode(),
+        f"{FOLDER}/{class_name(interface.model)}_ref.csv": text.getvalue().encode(),
     }
 
 
-def rows(slave_class: type[ModelSlave], interface: Interface) -> list[list[float | int]]:
+def outputs(interface: Interface) -> list[Variable]:
+    """The variables that the experiment records."""
+    return [v for v in interface.variables if v.causality == "output"]
+
+
+def experiment(slave_class: type[ModelSlave]) -> Rows:
     """Time and outputs at every communication point; Booleans as 0 and 1."""
+    interface = slave_class.interface
     stop, step = interface.model.EXPERIMENT
     references = {
-        kind: [
-            v.reference for v in interface.variables if v.causality == "output" and v.kind == kind
-        ]
+        kind: [v.reference for v in outputs(interface) if v.kind == kind]
         for kind in ("Real", "Integer", "Boolean")
     }
     slave = slave_class(instance_name=slave_class.__name__)
