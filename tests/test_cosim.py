@@ -6,12 +6,14 @@ import cmath
 import json
 import math
 import os
+import re
 import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from functools import cache
-from itertools import pairwise
+from itertools import pairwise, takewhile
 from pathlib import Path
 from typing import Any
 from zipfile import ZipFile
@@ -97,6 +99,31 @@ def test_coupling_errors_of_the_input_holds(
     _, amplitude, angle = ripple(fmus, algorithm, n, 48 if torque > 10 else 24, **held)
     assert percent(amplitude, HELD_TAU2) == pytest.approx(torque, rel=0.01, abs=0.002)
     assert angle - HELD_PHASE == pytest.approx(phase, abs=0.02)
+
+
+def figures_of_the_page() -> Iterator[Any]:
+    """Rows of the table in docs/coupling.md: algorithm, input_holds, error in percent by steps."""
+    lines = (ROOT / "docs" / "coupling.md").read_text().splitlines()
+    (top,) = [n for n, line in enumerate(lines) if line.startswith("| algorithm, `input_hold`")]
+    steps = [int(cell) for cell in lines[top].split("|")[3:-1]]
+    for line in takewhile(lambda line: line.startswith("|"), lines[top + 2 :]):
+        name, _, *cells = (cell.strip() for cell in line.split("|")[1:-1])
+        algorithm, motor, conveyor = re.fullmatch(r"(\S+).*, (\d) / (\d)", name).groups()
+        errors = {n: cell.split()[0] for n, cell in zip(steps, cells) if cell[-1:] == "%"}
+        for n, told in errors.items():
+            long = [pytest.mark.slow] if algorithm == "iterated" and n > 256 else []
+            held = {"motor_input_hold": int(motor), "conveyor_input_hold": int(conveyor)}
+            yield pytest.param(algorithm.lower(), held, n, told, id=f"{name}, {n}", marks=long)
+
+
+@pytest.mark.parametrize(("algorithm", "held", "n", "told"), figures_of_the_page())
+def test_every_error_that_the_page_on_coupling_tells(
+    fmus: Path, algorithm: str, held: dict[str, int], n: int, told: str
+) -> None:
+    error = float(told)
+    _, torque, _ = ripple(fmus / "native", algorithm, n, 48 if error > 1 else 24, **held)
+    last = 10.0 ** -len(told.partition(".")[2])
+    assert percent(torque, HELD_TAU2) == pytest.approx(error, abs=0.51 * last)
 
 
 def test_jacobi_is_unstable_below_its_limit(fmus: Path) -> None:

@@ -1,0 +1,30 @@
+"""Run the blocks of a page in order: JSON [[language, place, text], ...] on stdin.
+
+Blocks of Python share their names; the aliases of a shell block hold in the later ones. What is not
+python or sh is the path of a file to write.
+"""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+
+def main() -> None:
+    names: dict[str, Any] = {"__name__": "page"}
+    aliases = ""
+    for language, place, text in json.load(sys.stdin):
+        print(f"--- {place}", flush=True)
+        if language == "python":
+            exec(compile(text, place, "exec"), names)  # noqa: S102
+        elif language == "sh":
+            shell = ["bash", "-O", "expand_aliases", "-e", "-o", "pipefail", "-c"]
+            subprocess.run([*shell, aliases + text], check=True, stdin=subprocess.DEVNULL)
+            aliases += "".join(f"{line}\n" for line in text.splitlines() if line[:6] == "alias ")
+        else:
+            Path(language).write_text(text)
+
+
+if __name__ == "__main__":
+    main()

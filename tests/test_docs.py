@@ -1,0 +1,247 @@
+"""Every command and every block of code of the pages is executed, but for what is listed here."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+from conftest import ROOT
+
+from components.packing.page import EXTERNAL_DEPENDENCIES
+
+PAGES = sorted(
+    str(path.relative_to(ROOT))
+    for path in (*ROOT.glob("*.md"), ROOT / "fmus" / "README.md", *ROOT.glob("docs/**/*.md"))
+    if path.name != "CHANGELOG.md"
+)
+TEST_COMMAND = "uv run pytest"
+NOT_TRIED = {"docs/hosts/omsimulator.md": "lua"}
+SLOW = {
+    "python3 -m venv .venv && .venv/bin/pip install -q uv && "
+    ".venv/bin/uv run --no-dev python -m scenarios run resonance",
+    "scenarios run resonance --set B",
+    "scenarios run resonance --flavour native",
+    "scenarios run iron_cycle --animate",
+    "scenarios run iron_orders",
+    "scenarios run iron_start",
+    "scenarios run orientation_time",
+    "scenarios run orientator_cycle --animate",
+    "scenarios run packing_line",
+    ".venv/bin/uv run --no-dev python -m cosim verify",
+    ".venv/bin/python -m cosim verify",
+    ".venv/bin/python benchmarks/coupling.py",
+    ".venv/bin/python benchmarks/tolerance.py",
+}
+SILENT = {"math", "text", "xml", "csv"}
+PROGRAMS = r"(\.?/?\S*/)?(python3?|pip3?|uv|fmpy|pytest|bash|sh|gcc|git|cosim|scenarios)"
+
+
+class Block(NamedTuple):
+    """A fenced block of a page: what follows its fence, where it is, and its text."""
+
+    info: str
+    place: str
+    text: str
+
+
+def blocks(page: str) -> Iterator[Block]:
+    """The fenced blocks of a page in order."""
+    text = (ROOT / page).read_text()
+    for match in re.finditer(r"^( *)```([^\n`]*)\n(.*?)^ *```$", text, re.MULTILINE | re.DOTALL):
+        line = text.count("\n", 0, match.start()) + 1
+        body = re.sub(rf"^{match[1]}", "", match[3], flags=re.MULTILINE)
+        yield Block(match[2], f"{page}:{line}", body)
+
+
+def spans(page: str) -> Iterator[str]:
+    """The code within the text of a page."""
+    text = re.sub(
+        r"^ *```.*?^ *```$", "", (ROOT / page).read_text(), flags=re.MULTILINE | re.DOTALL
+    )
+    for match in re.finditer(r"(?<!\$)`([^`\n]+)`(?!\$)", text):
+        yield match[1]
+
+
+def commands(text: str) -> Iterator[str]:
+    """The lines of a shell block without what is said about them."""
+    for line in text.splitlines():
+        yield re.split(r"\s+# ", line)[0].strip()
+
+
+def executable(block: Block, slow: bool) -> tuple[str, str, str] | None:
+    """A block as tests/page.py takes it; None for what is not run."""
+    language, _, target = block.info.partition(" ")
+    if target == "not tried" or block.info in SILENT:
+        return None
+    if language == "sh":
+        kept = [
+            "" if TEST_COMMAND in command or (command in SLOW and not slow) else line
+            for line, command in zip(block.text.splitlines(), commands(block.text))
+        ]
+        return ("sh", block.place, "\n".join(kept) + "\n")
+    return (target or language, block.place, block.text)
+
+
+def work(page: str, slow: bool) -> list[tuple[str, str, str]]:
+    """All of a page that is run."""
+    found = [executable(block, slow) for block in blocks(page)]
+    return [item for item in found if item and item[2].strip()]
+
+
+def has_slow(page: str) -> bool:
+    return work(page, True) != work(page, False)
+
+
+@pytest.fixture
+def tree(tmp_path: Path) -> Path:
+    """A fresh copy of the project with its FMUs, in which .venv stands for this environment."""
+    copy = tmp_path / "tree"
+    copy.mkdir()
+    for path in ROOT.iterdir():
+        if path.name.startswith(".") or path.name == "results":
+            continue
+        if path.is_dir():
+            shutil.copytree(path, copy / path.name, ignore=shutil.ignore_patterns("__pycache__"))
+        elif path.suffix in (".py", ".md", ".toml") or path.name == "LICENSE":
+            shutil.copy2(path, copy)
+    programs = Path(sys.executable).parent
+    scripts = {
+        "python": f'exec {sys.executable} "$@"',
+        "fmpy": f'exec {programs}/fmpy "$@"',
+        "pip": '[ "$*" = "install -q uv" ]',
+        "uv": f'[ "$1 $2" = "run --no-dev" ] || exit 2; shift 2; PATH={programs}:$PATH exec "$@"',
+        "python3": f'[ "$*" = "-m venv .venv" ] || exec {sys.executable} "$@"',
+    }
+    for name, script in scripts.items():
+        file = copy / ".venv" / ("path" if name == "python3" else "bin") / name
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(f"#!/bin/sh\n{script}\n")
+        file.chmod(0o755)
+    return copy
+
+
+def perform(tree: Path, items: list[tuple[str, str, str]]) -> str:
+    """Run blocks in a tree, as somebody would who follows the page; all that they print."""
+    path = [tree / ".venv" / "path", ROOT / "tests" / "hosts" / "bin", os.environ["PATH"]]
+    done = subprocess.run(
+        [sys.executable, ROOT / "tests" / "page.py"],
+        input=json.dumps(items),
+        cwd=tree,
+        env=os.environ | {"PATH": os.pathsep.join(map(str, path)), "PYTHONPATH": str(tree)},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout
+    return done.stdout
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if work(page, False)])
+def test_the_commands_of_a_page_work_in_order(page: str, tree: Path) -> None:
+    perform(tree, work(page, slow=False))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", [page for page in PAGES if has_slow(page)])
+def test_so_do_its_long_ones(page: str, tree: Path) -> None:
+    perform(tree, work(page, slow=True))
+
+
+INLINE = sorted({span for page in PAGES for span in spans(page) if span.startswith(".venv/bin/")})
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        pytest.param(command, marks=[pytest.mark.slow] if command in SLOW else [])
+        for command in INLINE
+        if TEST_COMMAND not in command
+    ],
+)
+def test_a_command_within_the_text_works(command: str, tree: Path) -> None:
+    perform(tree, [("sh", "inline", command)])
+
+
+def test_nothing_is_left_out() -> None:
+    """Only known kinds of blocks; only hosts that were not tried; no list that outlives its page."""
+    assert {"README.md", "CONTRIBUTING.md", "docs/component.md", "docs/coupling.md"} <= {*PAGES}
+    left, seen = {}, set(INLINE)
+    for page in PAGES:
+        for block in blocks(page):
+            language, _, target = block.info.partition(" ")
+            if target == "not tried":
+                before = (ROOT / page).read_text().partition(block.text)[0]
+                assert "**Not tried**" in before, block.place
+                left[page] = language
+            elif block.info not in SILENT:
+                assert language in ("sh", "python"), f"{block.place}: unknown block {block.info!r}"
+                assert not target or (language == "python" and target.endswith(".py")), block.place
+            seen |= {*commands(block.text)} if language == "sh" else set()
+    assert left == NOT_TRIED
+    assert seen >= SLOW
+    assert any(TEST_COMMAND in command for command in seen)
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_a_command_within_the_text_is_written_so_that_it_is_run(page: str) -> None:
+    """It begins with .venv/bin/, as it would be entered after the set-up."""
+    for span in spans(page):
+        if not span.startswith((".venv/bin/", "LD_PRELOAD=")):
+            assert not re.match(rf"{PROGRAMS} +[-\w./]", span), span
+
+
+def test_the_line_that_starts_a_host_is_the_one_that_is_tested() -> None:
+    (line,) = [span for span in spans("docs/hosts.md") if span.startswith("LD_PRELOAD=")]
+    assert line in EXTERNAL_DEPENDENCIES
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_links_lead_somewhere_and_tests_that_are_named_exist(page: str) -> None:
+    text = (ROOT / page).read_text()
+    for target in re.findall(r"\]\(([^)#\s]+)[^)]*\)", text):
+        assert "://" in target or ((ROOT / page).parent / target).exists(), target
+    known = "".join(path.read_text() for path in (ROOT / "tests").glob("test_*.py"))
+    for name in re.findall(r"`(test_\w+)`", text):
+        assert f"def {name}(" in known, name
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if "machines" not in page])
+def test_formulas_hold_no_escape_that_markdown_takes_away(page: str) -> None:
+    text = re.sub(
+        r"^ *```.*?^ *```$|`[^`\n]*`", "", (ROOT / page).read_text(), flags=re.MULTILINE | re.DOTALL
+    )
+    for formula in re.findall(r"\$+([^$]+)\$+", text):
+        assert not re.search(r"\\[^a-zA-Z\s]", formula), formula
+
+
+def test_the_example_of_a_component_is_short() -> None:
+    (code,) = [b.text for b in blocks("docs/component.md") if b.info.startswith("python comp")]
+    assert len(code.splitlines()) < 60
+
+
+def test_the_tutorial_prints_what_it_says(tree: Path) -> None:
+    said = perform(tree, [("sh", "tutorial.py", ".venv/bin/python tutorial.py")])
+    promised = re.findall(r"^# prints: (.*)$", (ROOT / "tutorial.py").read_text(), re.MULTILINE)
+    assert said.splitlines()[1:] == promised
+    assert (tree / "results" / "tutorial.png").stat().st_size > 20_000
+
+
+def test_what_fails_on_a_page_is_seen(tree: Path) -> None:
+    """A wrong option, a failed assertion, a missing program and an unset-up environment."""
+    for item in (
+        ("sh", "x", ".venv/bin/python -m scenarios run run_up --sped 3"),
+        ("sh", "x", "frobnicate | cat"),
+        ("sh", "x", ".venv/bin/uv run python -c pass"),
+        ("python", "x", "assert 1 == 2"),
+    ):
+        with pytest.raises(AssertionError, match=r"Error|not found|exit status"):
+            perform(tree, [item])
