@@ -1,7 +1,8 @@
 r"""First-order theory of the crank conveyor with a lagging motor, the paper's formulas corrected.
 
 Complex amplitudes follow the crank angle in the sine convention, X = Im(X_hat exp(i k phi)):
-L_hat load torque, W_hat speed, M_hat motor torque, all of order 2, at mean speed nu.
+L_hat load torque, W_hat speed, M_hat motor torque, all of order 2, at mean speed nu. The ripples
+are plain arithmetic: a machine whose fields are arrays, or an array of speeds, gives arrays.
 """
 
 from __future__ import annotations
@@ -12,7 +13,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import expm
 from scipy.optimize import brentq
 
 from cosim.system import Value
@@ -60,16 +60,21 @@ class Machine:
         """Damping ratio of the torque ripple."""
         return self.J / (2 * math.sqrt(self.slope * self.theta0 * self.T))
 
+    @property
+    def decay_rate(self) -> float:
+        """Rate of the slowest exponential by which deviations from the orbit die out [1/s]."""
+        return -float(np.roots([self.theta0 * self.T, self.J, self.slope]).real.max())
+
     def A(self, nu: float) -> float:
         """No-speed torque of the motor line that gives the mean speed nu, from (18) [N.m]."""
         return self.slope * nu
 
     def load_ripple(self, nu: float) -> complex:
         """L_hat at constant speed [N.m]."""
-        return self.r**2 / 2 * complex(self.c - self.m * nu**2, self.d * nu)
+        return self.r**2 / 2 * (self.c - self.m * nu**2 + 1j * self.d * nu)
 
     def _denominator(self, nu: float) -> complex:
-        return complex(self.slope - 4 * self.theta0 * self.T * nu**2, 2 * nu * self.J)
+        return self.slope - 4 * self.theta0 * self.T * nu**2 + 2j * nu * self.J
 
     def speed_ripple(self, nu: float) -> complex:
         """W_hat of (20) [rad/s]."""
@@ -122,8 +127,9 @@ def coupling_map(machine: Machine, algorithm: str, h: float) -> Matrix:
         return np.array([[1.0, 0.0], [-machine.B * (1 - e), e]])
 
     def conveyor(h: float) -> Matrix:
-        system = np.array([[-machine.load_slope, 1.0], [0.0, 0.0]]) / machine.theta0
-        return np.asarray(expm(system * h))
+        lost = machine.load_slope * h / machine.theta0
+        share = -math.expm1(-lost) / lost if lost else 1.0
+        return np.array([[math.exp(-lost), share * h / machine.theta0], [0.0, 1.0]])
 
     if algorithm == "jacobi":
         return np.vstack([conveyor(h)[0], motor(h)[1]])
