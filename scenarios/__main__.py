@@ -12,6 +12,7 @@ from .answer import question
 
 SCENARIOS = (
     "resonance",
+    "resonance_map",
     "run_up",
     "iron_cycle",
     "iron_start",
@@ -40,7 +41,10 @@ def parser(name: str) -> Parser:
         if module:
             module.arguments(one)
             one.add_argument(
-                "--flavour", choices=fmus.FOLDERS, default="python", help="flavour of the FMUs"
+                "--flavour",
+                choices=fmus.FOLDERS,
+                default=getattr(module, "FLAVOUR", "python"),
+                help="flavour of the FMUs",
             )
     return top
 

@@ -17,6 +17,14 @@ from scenarios.theory import FIELDS, Machine
 
 QUICK: dict[str, dict[str, Any]] = {
     "resonance": {"speeds": "30,44", "steps_per_rev": 64},
+    "resonance_map": {
+        "x": "speed=30:60:5",
+        "y": "motor.T=0.05:0.06:2",
+        "samples": 16,
+        "checks": 2,
+        "check_runs": 2,
+        "steps_per_rev": 80,
+    },
     "run_up": {"stop": 0.3},
     "iron_cycle": {"samples": 180},
     "iron_start": {"stop": 0.1},
@@ -27,6 +35,7 @@ QUICK: dict[str, dict[str, Any]] = {
 }
 CHANGED = {
     "resonance": ("motor.T", 0.06),
+    "resonance_map": ("conveyor.rotor.J", 0.6),
     "run_up": ("motor.T", 0.03),
     "iron_cycle": ("iron.spring.side", -1),
     "iron_start": ("motor.T", 0.05),
@@ -95,6 +104,8 @@ def test_a_start_value_that_no_fmu_has_is_named(name: str, tmp_path: Path) -> No
     [
         ("resonance", "motor.A"),
         ("resonance", "motor.characteristic"),
+        ("resonance_map", "motor.A"),
+        ("resonance_map", "motor.T"),
         ("run_up", "motor.characteristic"),
         ("iron_cycle", "iron.reducer.J"),
         ("iron_cycle", "iron.w_cam"),

@@ -226,6 +226,7 @@ def test_list_names_every_scenario_and_its_question() -> None:
     lines = scenario("list").stdout.splitlines()
     assert [line.split()[0] for line in lines] == [
         "resonance",
+        "resonance_map",
         "run_up",
         "iron_cycle",
         "iron_start",
