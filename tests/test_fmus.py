@@ -31,6 +31,7 @@ from components.kit.interface import InputHold, Interface, Variable, class_name
 from components.kit.record import Declaration, declarations, fill, start
 from components.native import build as native
 from components.packing import pack as python
+from components.packing.plot import HEIGHT, WIDTH
 from components.packing.validate import problems
 from tests.hosts import fmus as hosts
 from tests.hosts.host import Unit
@@ -340,10 +341,10 @@ def test_the_plot_of_the_default_experiment_shows_its_numbers(model: Any, fmus: 
     assert found == wanted
     for line, column in zip(root.iter("{http://www.w3.org/2000/svg}polyline"), columns):
         dots = np.array([dot.split(",") for dot in line.attrib["points"].split()], float)
-        shown = np.interp(np.linspace(0, 1, 20), (dots[:, 0] - dots[0, 0]) / 190, dots[:, 1])
+        shown = np.interp(np.linspace(0, 1, 20), (dots[:, 0] - dots[0, 0]) / WIDTH, dots[:, 1])
         if np.ptp(column) > 0 and np.abs(np.diff(column)).max() < 0.02 * np.ptp(column):
             true = np.interp(np.linspace(0, 1, 20), np.linspace(0, 1, len(column)), column)
-            drawn = column.max() - (shown - dots[:, 1].min()) / 60 * np.ptp(column)
+            drawn = column.max() - (shown - dots[:, 1].min()) / HEIGHT * np.ptp(column)
             assert drawn == pytest.approx(true, abs=0.06 * np.ptp(column))
 
 
