@@ -31,7 +31,7 @@ from .orders import HIGHEST, last_revolutions, mean_speed, order
 from .theory import SETS, Machine, longest_step
 
 SKIP, EVALUATE = 16, 8
-NODES = 7
+NODES, MARGIN = 7, 0.1
 SPEEDS = {
     "A": "20,24,28,30,32,33,34,35,36,36.5,37,37.5,38,38.5,39,39.5,40,40.5,41,41.5,42,43,44,45,46,"
     "48,50,54,57,60,66",
@@ -172,9 +172,10 @@ def features(points: Sequence[Point]) -> list[Feature]:
 
 
 def crossing(curve: Chebyshev) -> float:
-    """Where the lag passes 90 degrees."""
+    """Where the lag passes 90 degrees; with coarser steps that may be just beyond the interval."""
     low, high = (float(end) for end in curve.domain)
-    return float(brentq(lambda nu: float(curve(nu)) - 90.0, low, high))
+    margin = MARGIN * (high - low)
+    return float(brentq(lambda nu: float(curve(nu)) - 90.0, low - margin, high + margin))
 
 
 def peak(curve: Chebyshev) -> float:

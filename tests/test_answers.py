@@ -168,3 +168,10 @@ def test_a_figure_says_what_is_known_of_its_error() -> None:
     assert Figure(2.0, "N.m", 0.0).text() == "2 N.m"
     lost = Figure.of(Estimate(2.0, None, 0.7), "N.m").text()
     assert lost == "2 N.m (not converged: the error falls with order 0.7)"
+
+
+def test_a_resonance_near_a_speed_of_the_sweep_is_found_with_coarser_steps_too() -> None:
+    wide = load("resonance").answer(speeds="36,42,44", steps_per_rev=128).figures["nu_90"]
+    near = load("resonance").answer(speeds="36,40.03,44", steps_per_rev=128).figures["nu_90"]
+    assert near.value == pytest.approx(wide.value, abs=1e-3)
+    assert near.error == pytest.approx(wide.error, rel=0.05)
