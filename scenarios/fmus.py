@@ -26,6 +26,7 @@ DRIVE = {"motor": "drive_motor", "conveyor": "crank_conveyor"}
 WIRES = ("motor.tau -> conveyor.tau", "conveyor.w -> motor.w")
 FOLDERS = {"native": ROOT / "fmus" / "native", "python": ROOT / "fmus"}
 CHOICE = "DRIVE_FMUS_FLAVOUR"
+SERVED = "DRIVE_FMUS_FOLDER"
 
 
 def choose(flavour: str) -> None:
@@ -38,9 +39,15 @@ def flavour() -> str:
     return os.environ.get(CHOICE, "python")
 
 
+def serve(folder: Path) -> None:
+    """Take the FMUs from this folder from now on, as they are there; nothing is built."""
+    os.environ[SERVED] = str(folder)
+
+
 def build(*components: str) -> None:
     """Run build_fmus.py for these components, once in a process; raises SetupError with its reason."""
-    _build(components, flavour())
+    if SERVED not in os.environ:
+        _build(tuple(dict.fromkeys(components)), flavour())
 
 
 @cache
@@ -54,7 +61,8 @@ def _build(components: tuple[str, ...], flavour: str) -> None:
 
 def fmu(component: str) -> Path:
     """drive_motor -> fmus/DriveMotor.fmu, or its native sister."""
-    return FOLDERS[flavour()] / f"{component.title().replace('_', '')}.fmu"
+    folder = Path(os.environ[SERVED]) if SERVED in os.environ else FOLDERS[flavour()]
+    return folder / f"{component.title().replace('_', '')}.fmu"
 
 
 def provenance(system: System, algorithm: str | None, communication: str) -> dict[str, Any]:

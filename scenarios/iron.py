@@ -19,6 +19,7 @@ Samples = NDArray[np.float64]
 
 FLYWHEEL = 1e6
 NOMINAL = 4 * math.pi / 3
+PARTS = {"motor": "drive_motor", "iron": "iron_drive"}
 MOTOR: dict[str, float] = {"motor.A": 4.0, "motor.B": 0.025, "motor.T": 0.012, "motor.tau": 0.0}
 WIRES = ("motor.tau -> iron.tau", "iron.w -> motor.w")
 IMPOSED = ("iron.tau", "iron.phi", "iron.w_cam", "iron.reducer.J")
@@ -38,7 +39,7 @@ def imposed(speed: float, start: Start) -> System:
 
 def driven(motor: Mapping[str, Value], start: Start) -> System:
     """The iron drive on a DriveMotor, wire to wire."""
-    parts = {"motor": fmus.fmu("drive_motor"), "iron": fmus.fmu("iron_drive")}
+    parts = {part: fmus.fmu(component) for part, component in PARTS.items()}
     return System(parts, WIRES, dict(motor) | start)
 
 

@@ -20,6 +20,7 @@ from cosim import Result
 from . import fmus, iron, iron_plots, options
 from .answer import Answer, Figure, Table, finish, parameters, question
 
+PARTS = {"iron": iron.PARTS["iron"]}
 COLUMNS = (
     "phi", "lift", "v", "a", "tau_cam", "T_iron", "T_hang", "T_span", "M_rocker", "N", "pressure",
     "alpha", "beta", "H", "E_friction", "motion",
@@ -100,7 +101,7 @@ def answer(
     options.positive("speed", speed, "rad/s")
     options.at_least("samples", samples, 36)
     changes = options.start_values(start, iron.IMPOSED)
-    fmus.build("iron_drive")
+    fmus.build(*PARTS.values())
     result = iron.turn(speed, changes, samples, iron.names(COLUMNS))
     limits = iron.speed_limits(changes)
     files: dict[str, Callable[[Path], None]] = {

@@ -24,6 +24,7 @@ from . import fmus, iron, iron_plots, options, pool
 from .answer import Answer, Figure, Table, finish, parameters, question, stream
 from .orders import harmonics, last_revolutions
 
+PARTS = iron.PARTS
 ORDERS = range(1, 13)
 LAGS = (0.012, 0.08, 0.2)
 SPEEDS = "2:7.5:23"
@@ -248,7 +249,7 @@ def answer(
         options.positive("speed", nu, "rad/s")
     options.at_least("jobs", jobs, 1)
     changes = options.start_values(start, ("motor.A", "motor.T"))
-    fmus.build("drive_motor", "iron_drive")
+    fmus.build(*PARTS.values())
     machine = measure(changes)
     limit, _ = iron.speed_limits(mechanism(changes))["N"]
     cases = [Case(T, nu, machine, changes) for T in LAGS for nu in nus]

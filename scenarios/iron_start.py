@@ -22,6 +22,7 @@ from . import coupled, fmus, iron, iron_plots, options
 from .answer import Answer, Figure, Table, finish, parameters, question
 from .coupled import largest
 
+PARTS = iron.PARTS
 RECORD = (
     "motor.tau", "motor.P", "iron.phi", "iron.w_cam", "iron.lift", "iron.v", "iron.tau_cam",
     "iron.N", "iron.T_iron", "iron.E_kin", "iron.E_pot", "iron.E_friction", "iron.motion",
@@ -108,7 +109,7 @@ def answer(
     """Start the mechanism from rest; rows are kept in `out` on the way."""
     changes = options.start_values(start)
     motor = dict(iron.MOTOR) | {"motor.A": motor_A, "motor.B": motor_B, "motor.T": motor_T}
-    fmus.build("drive_motor", "iron_drive")
+    fmus.build(*PARTS.values())
     system = iron.driven(motor, changes)
     result, found = coupled.run(
         "start",

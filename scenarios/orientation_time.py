@@ -19,6 +19,7 @@ import pandas as pd
 from . import fmus, options, orientator, orientator_plots, pool
 from .answer import Answer, Figure, Table, finish, parameters, question, stream
 
+PARTS = orientator.PARTS
 FRICTIONS = "0.2,0.35,0.5"
 SPEEDS = "0:105:43"
 TABLE = "orientation_time.csv"
@@ -160,7 +161,7 @@ def answer(
         options.not_negative("speed", n, "rpm")
     options.at_least("jobs", jobs, 1)
     changes = options.start_values(start, SWEPT)
-    fmus.build("gravity_orientator")
+    fmus.build(*PARTS.values())
     system = orientator.system(ns[0], mus[0], changes)
     given = parameters(system)
     points: list[Point] = []

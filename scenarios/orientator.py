@@ -12,6 +12,7 @@ from cosim import Result, System
 from . import fmus
 from .options import Start
 
+PARTS = {"orientator": "gravity_orientator"}
 LONGEST = 1.5
 ORIENTED, JAMMED = 4, 5
 
@@ -23,7 +24,8 @@ def system(n: float, mu: float, start: Start) -> System:
         "orientator.release": 1,
         "orientator.chute.mu": mu,
     }
-    return System({"orientator": fmus.fmu("gravity_orientator")}, start=dropped | start)
+    parts = {part: fmus.fmu(component) for part, component in PARTS.items()}
+    return System(parts, start=dropped | start)
 
 
 def product(

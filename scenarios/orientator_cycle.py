@@ -19,6 +19,7 @@ from cosim import Result
 from . import fmus, options, orientator, orientator_plots
 from .answer import Answer, Figure, Table, finish, parameters, question
 
+PARTS = orientator.PARTS
 RECORD = [
     "stage", "reason", "phi1", "phi2", "w1", "w2", "xc", "yc", "vxc", "vyc", "v_s", "N_K",
     "contact", "E_kin", "E_pot", "t_falling", "t_joint", "t_turning", "t_released",
@@ -69,7 +70,7 @@ def answer(
     options.not_negative("speed", speed, "rpm")
     options.not_negative("friction", friction)
     changes = options.start_values(start, ("orientator.release",))
-    fmus.build("gravity_orientator")
+    fmus.build(*PARTS.values())
     result = shortened(orientator.product(speed, friction, changes, step, stop, RECORD))
     given = parameters(orientator.system(speed, friction, changes))
     n, mu = (float(given[f"orientator.{name}"].value) for name in ("w", "chute.mu"))

@@ -22,6 +22,7 @@ from .answer import Answer, Figure, Table, finish, parameters, question
 from .packing import Line
 from .theory import SETS
 
+PARTS = packing.PARTS
 SHAFTS = {"iron": "cam", "conveyor": "crank"}
 MAIN, APART = 0.1, 0.05
 TABLE = "packing_line.csv"
@@ -141,7 +142,7 @@ def answer(
             f"stop = {stop!r} s must be at least {least:.3f} s, two cycles after the first release"
         )
     changes = options.start_values(start)
-    fmus.build(*dict.fromkeys(packing.PARTS.values()))
+    fmus.build(*PARTS.values())
     line = packing.system(gear, iron_speed, conveyor_set, speed, changes)
     times: list[float] = []
 

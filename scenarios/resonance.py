@@ -30,6 +30,7 @@ from .answer import Answer, Figure, Table, finish, parameters, question, stream
 from .orders import HIGHEST, last_revolutions, mean_speed, order
 from .theory import SETS, Machine, longest_step
 
+PARTS = fmus.DRIVE
 SKIP, EVALUATE = 16, 8
 NODES, MARGIN = 7, 0.1
 SPEEDS = {

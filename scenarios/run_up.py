@@ -24,6 +24,7 @@ from .answer import Answer, Figure, Table, finish, parameters, question
 from .coupled import crossings, largest
 from .theory import SETS, Machine
 
+PARTS = fmus.DRIVE
 MOTORS = {"linear": 0, "kloss": 1}
 RECORD = (
     "motor.tau",
