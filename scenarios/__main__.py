@@ -1,8 +1,8 @@
-"""python -m scenarios list | run NAME [options]."""
+"""python -m scenarios list | run NAME [options] | study FILE.toml [options]."""
 
-import argparse
 import importlib
 import sys
+from argparse import ArgumentDefaultsHelpFormatter, ArgumentParser
 from types import ModuleType
 
 from cosim.commandline import Parser, exit_code
@@ -21,12 +21,13 @@ SCENARIOS = (
     "orientator_cycle",
     "packing_line",
 )
+STUDY = "study"
 
 
 def parser(name: str) -> Parser:
-    """The command line, with the options of the scenario of this name."""
+    """The command line, with the options of the scenario of this name, or of a study."""
     top = Parser(prog="python -m scenarios", description="Run the scenarios of the drives.")
-    commands = top.add_subparsers(required=True, metavar="list | run", dest="command")
+    commands = top.add_subparsers(required=True, metavar="list | run | study", dest="command")
     commands.add_parser("list", help="list the scenarios and the questions they answer")
     names = commands.add_parser("run", help="run a scenario").add_subparsers(
         required=True, metavar="NAME", dest="scenario"
@@ -36,21 +37,26 @@ def parser(name: str) -> Parser:
         one = names.add_parser(
             known,
             description=module.__doc__ if module else None,
-            formatter_class=argparse.ArgumentDefaultsHelpFormatter,
+            formatter_class=ArgumentDefaultsHelpFormatter,
         )
         if module:
             module.arguments(one)
-            one.add_argument(
-                "--flavour",
-                choices=fmus.FOLDERS,
-                default=getattr(module, "FLAVOUR", "python"),
-                help="flavour of the FMUs",
-            )
+            _add_flavour(one, getattr(module, "FLAVOUR", "python"))
+    many = commands.add_parser("study", help="vary inputs of a scenario as a file says")
+    if name == STUDY:
+        load(f"{STUDY}.command").arguments(many)
+        _add_flavour(many, "python")
     return top
 
 
+def _add_flavour(parser: ArgumentParser, default: str) -> None:
+    parser.add_argument(
+        "--flavour", choices=fmus.FOLDERS, default=default, help="flavour of the FMUs"
+    )
+
+
 def load(name: str) -> ModuleType:
-    """The module of a scenario; each brings the libraries it needs."""
+    """The module of this name; each brings the libraries it needs."""
     return importlib.import_module(f"scenarios.{name}")
 
 
@@ -58,14 +64,18 @@ def main() -> int:
     """Run the command that was typed; its exit code."""
 
     def act() -> int:
-        name = sys.argv[2] if sys.argv[1:2] == ["run"] and len(sys.argv) > 2 else ""
+        words = [*sys.argv[1:], "", ""]
+        name = words[1] if words[0] == "run" else words[0]
         options = vars(parser(name).parse_args())
-        if options.pop("command") == "list":
+        command = options.pop("command")
+        if command == "list":
             for name in SCENARIOS:
                 print(f"{name:<17} {question(load(name).__doc__)}")
-        else:
-            fmus.choose(options.pop("flavour"))
-            load(options.pop("scenario")).run(**options)
+            return 0
+        fmus.choose(options.pop("flavour"))
+        if command == STUDY:
+            return int(load(f"{STUDY}.command").command(**options))
+        load(options.pop("scenario")).run(**options)
         return 0
 
     return exit_code(act)
