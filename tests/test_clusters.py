@@ -15,6 +15,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import dask
 import pytest
 from conftest import ROOT
 from distributed import Client, LocalCluster
@@ -49,9 +50,12 @@ SAME = ("table.csv", "table.parquet", "sensitivity.csv")
 
 @pytest.fixture(scope="module")
 def cluster() -> Iterator[Any]:
-    """Two workers with nannies, one thread each, on this machine."""
+    """Two workers with nannies, one thread each, on this machine; Dask gives up at the first loss."""
     settings: dict[str, Any] = {"dashboard_address": "127.0.0.1:0", "silence_logs": 50}
-    with LocalCluster(n_workers=2, threads_per_worker=1, processes=True, **settings) as made:
+    with (
+        dask.config.set({"distributed.scheduler.allowed-failures": 0}),
+        LocalCluster(n_workers=2, threads_per_worker=1, processes=True, **settings) as made,
+    ):
         yield made
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import hashlib
 import json
 import os
 import re
@@ -18,11 +19,13 @@ import numpy as np
 import pandas as pd
 import pytest
 from conftest import ROOT, hear_ctrl_c
+from fmpy.model_description import read_model_description
 
 from cosim import SetupError
 from scenarios import study
 from scenarios.study import journal, sensitivity
 from scenarios.study.command import command
+from scenarios.study.identity import identity
 from scenarios.study.sampling import Sampling
 
 GRID = """
@@ -391,6 +394,49 @@ def test_another_study_is_not_mixed_into_a_folder(write: Write, tmp_path: Path) 
         study.run(unknown, out=out)
 
 
+def test_the_identity_of_a_study_holds_all_that_its_rows_depend_on(tmp_path: Path) -> None:
+    path = tmp_path / "cup.toml"
+    path.write_text("scenario = 'orientator_cycle'\nfigures = ['t_joint']\n[grid]\nspeed = [40.0]")
+    who = identity(study.load(path))
+    fmu = ROOT / "fmus" / "GravityOrientator.fmu"
+    guid = read_model_description(str(fmu), validate=False).guid
+    assert who["fmus"] == {"orientator": guid}
+    assert who["flavour"] == "python"
+    assert who["file"] == {"scenario": "orientator_cycle", "grid": {"speed": [40.0]}}
+    assert {"cosim/master.py", "scenarios/orientator.py", "cosim/loop.c"} <= set(who["code"])
+    for name in ("cosim/master.py", "scenarios/orientator.py", "scenarios/runs/child.py"):
+        content = (ROOT / name).read_bytes()
+        assert hashlib.sha256(content).hexdigest().startswith(who["code"][name])
+    assert not [name for name in who["code"] if name.startswith("scenarios/study/")]
+    assert set(who["versions"]) == {"python", "numpy", "scipy", "fmpy"}
+
+
+def test_a_start_value_that_no_fmu_has_is_named_before_the_first_run(tmp_path: Path) -> None:
+    path, out = tmp_path / "cup.toml", tmp_path / "out"
+    for table, value in (("grid", "[1.0]"), ("fixed", "1.0\n[grid]\nspeed = [40.0]")):
+        text = f"scenario = 'orientator_cycle'\n[{table}]\n'orientator.chute.nu' = {value}"
+        path.write_text(text)
+        with pytest.raises(SetupError, match=r"orientator has no variable 'chute.nu', only"):
+            study.run(study.load(path), out=out)
+        assert not out.exists()
+    path.write_text("scenario = 'orientator_cycle'\n[grid]\n'cup.m' = [1.0]")
+    with pytest.raises(SetupError, match="orientator_cycle has no part 'cup', only orientator"):
+        study.load(path)
+
+
+def test_the_studies_of_the_project_and_of_the_page_are_sound(tmp_path: Path) -> None:
+    page = (ROOT / "docs" / "studies.md").read_text()
+    (tmp_path / "page.toml").write_text(page.split("```toml\n")[1].split("```")[0])
+    sizes = {path.stem: study.load(path) for path in (ROOT / "studies").glob("*.toml")}
+    assert {name: len(plan.runs()) for name, plan in sizes.items()} == {
+        "cup_scatter": 11 * 256,
+        "drive_tolerances": 256,
+    }
+    plan = study.load(tmp_path / "page.toml")
+    assert len(plan.runs()) == 2 * 6 * 128
+    assert plan.varied[:3] == ["name", "motor.T", "conveyor.rotor.J"]
+
+
 def test_indices_tell_the_shares_of_a_linear_figure() -> None:
     slopes = np.array([4.0, 2.0, 1.0])
     shares = slopes**2 / (slopes**2).sum()
@@ -431,3 +477,7 @@ def test_indices_leave_out_what_failed_and_say_when_there_are_none() -> None:
     told = sensitivity.indices(sampling, "ab", x, "f", y)
     assert told == "14 whole samples are too few, it takes 16"
     assert sensitivity.indices(sampling, "ab", x, "f", 0.0 * x[:, 0] + 3.0) == "it does not vary"
+    sampling = Sampling("lhs", 128, 7)
+    y = np.where(np.arange(128) == 5, 0.0, 1.0)
+    told = sensitivity.indices(sampling, "ab", sampling.cube(2), "f", y)
+    assert told == "too few runs differ to tell a confidence interval"

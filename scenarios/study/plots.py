@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from matplotlib import pyplot as plt
+from matplotlib.axes import Axes
 
 from ..plots import MARK, SPEED, THEORY, TORQUE, save
 from .plan import Study
@@ -42,7 +43,7 @@ def draw(
     save(picture, folder / "overview.png")
     if found.empty:
         return ["overview.png"]
-    save(_sensitivity(study, found, drawn), folder / "sensitivity.png")
+    save(_sensitivity(study, found, drawn, units), folder / "sensitivity.png")
     return ["overview.png", "sensitivity.png"]
 
 
@@ -57,7 +58,7 @@ def _curves(
     figures: Sequence[str],
     units: Mapping[str, str],
 ) -> Any:
-    """Figures over one input: with coupling errors if it varies alone, else median and 90 % band."""
+    """Figures over one input: with coupling errors if it varies alone, else mean and 90 % band."""
     picture, axes = plt.subplots(
         len(figures), 1, figsize=(8, 1.5 + 2.4 * len(figures)), sharex=True, squeeze=False,
         layout="constrained",
@@ -68,10 +69,10 @@ def _curves(
             axis.errorbar(table[x], table[name], error, fmt="o-", color=SPEED, markersize=4)
         else:
             groups = table.groupby(x, sort=False)[name]
-            low, middle, high = (groups.quantile(q) for q in (0.05, 0.5, 0.95))
-            places = [str(i) if isinstance(i, str) else i for i in middle.index]
+            low, middle, high = groups.quantile(0.05), groups.mean(), groups.quantile(0.95)
+            places = list(middle.index)
             axis.fill_between(places, low, high, color=SPEED, alpha=0.25, label="90 % of the runs")
-            axis.plot(places, middle, "o-", color=SPEED, markersize=4, label="median")
+            axis.plot(places, middle, "o-", color=SPEED, markersize=4, label="mean")
             axis.legend()
         axis.set_ylabel(_label(name, units))
     axes[-1, 0].set_xlabel(_label(x, units))
@@ -120,27 +121,56 @@ def _scatter(
     return picture
 
 
-def _sensitivity(study: Study, found: pd.DataFrame, figures: Sequence[str]) -> Any:
-    """Bars with 95 % confidence, of the mean over the grid where there is one."""
+def _sensitivity(
+    study: Study, found: pd.DataFrame, figures: Sequence[str], units: Mapping[str, str]
+) -> Any:
+    """Shares with 95 % confidence: over the grid if it has one input, else as bars."""
     drawn = [name for name in figures if (found["figure"] == name).any()]
-    inputs, kinds = list(study.tolerances), list(found["kind"].unique())
+    inputs = list(study.tolerances)
+    over = next(iter(study.grid)) if len(study.grid) == 1 else None
     picture, axes = plt.subplots(
-        len(drawn), 1, figsize=(2 + 1.4 * len(inputs), 1.2 + 2.2 * len(drawn)), sharex=True,
-        squeeze=False, layout="constrained",
+        len(drawn), 1, figsize=(max(7.0, 2 + 1.4 * len(inputs)), 1.2 + 2.2 * len(drawn)),
+        sharex=True, squeeze=False, layout="constrained",
     )  # fmt: skip
-    width = 0.8 / len(kinds)
     for axis, name in zip(axes[:, 0], drawn):
-        for k, kind in enumerate(kinds):
-            own = found[(found["figure"] == name) & (found["kind"] == kind)]
-            told = own.groupby("input")[["value", "confidence"]].mean().reindex(inputs)
-            places = np.arange(len(inputs)) + (k - (len(kinds) - 1) / 2) * width
-            label = {"S1": "S1, alone", "ST": "ST, with all it acts together with"}[kind]
-            axis.bar(places, told["value"], width, yerr=told["confidence"], capsize=3,
-                     color=COLORS[k], label=label)  # fmt: skip
+        own = found[found["figure"] == name]
+        if over is None:
+            _bars(axis, own, inputs)
+        else:
+            _lines(axis, own, over, inputs)
         axis.axhline(0.0, color="black", linewidth=0.8)
         axis.set_ylabel(f"share of variance\nof {name}")
     axes[0, 0].legend()
-    axes[-1, 0].set_xticks(np.arange(len(inputs)), inputs)
-    where = "" if not study.grid else f", mean over {', '.join(study.grid)}"
-    picture.suptitle(f"{study.name}: what moves the figures, with 95 % confidence{where}")
+    if over is None:
+        axes[-1, 0].set_xticks(np.arange(len(inputs)), inputs)
+    else:
+        axes[-1, 0].set_xlabel(_label(over, units))
+    mean = f"\nmean over {', '.join(study.grid)}" if len(study.grid) > 1 else ""
+    picture.suptitle(f"{study.name}: what moves the figures{mean}")
     return picture
+
+
+def _bars(axis: Axes, found: pd.DataFrame, inputs: Sequence[str]) -> None:
+    """A bar per index and input."""
+    kinds = list(found["kind"].unique())
+    width = 0.8 / len(kinds)
+    for k, kind in enumerate(kinds):
+        own = found[found["kind"] == kind].groupby("input")[["value", "confidence"]]
+        told = own.mean().reindex(inputs)
+        places = np.arange(len(inputs)) + (k - (len(kinds) - 1) / 2) * width
+        label = {"S1": "S1, alone", "ST": "ST, with all it acts together with"}[kind]
+        axis.bar(
+            places, told["value"], width, yerr=told["confidence"], capsize=3, color=COLORS[k],
+            label=label,
+        )  # fmt: skip
+
+
+def _lines(axis: Axes, found: pd.DataFrame, over: str, inputs: Sequence[str]) -> None:
+    """The last index of each input over one of the grid."""
+    kind = found["kind"].iloc[-1]
+    for name in inputs:
+        own = found[(found["kind"] == kind) & (found["input"] == name)]
+        axis.errorbar(
+            own[over], own["value"], own["confidence"], fmt="o-", markersize=4, capsize=3,
+            label=f"{kind} of {name}",
+        )  # fmt: skip

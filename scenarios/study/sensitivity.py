@@ -46,12 +46,16 @@ def indices(
         return f"{count} whole samples are too few, it takes {least}"
     if np.ptp(y) <= FLAT * np.abs(y).max():
         return "it does not vary"
-    found = _saltelli if sampling.method == "saltelli" else _rbd_fast
-    return [
-        Index(figure, name, kind, float(value), float(confidence), len(y))
-        for kind, values, confidences in found(sampling, inputs, x, y)
-        for name, value, confidence in zip(inputs, values, confidences)
-    ]
+    analysis = _saltelli if sampling.method == "saltelli" else _rbd_fast
+    with np.errstate(invalid="ignore", divide="ignore"):
+        found = [
+            Index(figure, name, kind, float(value), float(confidence), len(y))
+            for kind, values, confidences in analysis(sampling, inputs, x, y)
+            for name, value, confidence in zip(inputs, values, confidences)
+        ]
+    if not all(np.isfinite([index.value, index.confidence]).all() for index in found):
+        return "too few runs differ to tell a confidence interval"
+    return found
 
 
 def _problem(inputs: Sequence[str]) -> dict[str, Any]:
