@@ -16,13 +16,18 @@ from cosim import Estimate, Result, System
 from cosim.result import partial, write_json
 from cosim.system import Value, connect, own_start
 
+from .charts import Chart
+from .motion import Motion
+from .report import report
+
 Rows = Callable[[Iterable[Sequence[float]]], None]
 
 
 class Figure(NamedTuple):
-    """A number with its unit and its coupling error in the same unit.
+    """A number with its unit and its error in the same unit.
 
-    `error` is None where it is not known, 0 where nothing is coupled: a formula, an FMU alone.
+    The error is that of the coupling, or of the search that located the number: None where it is
+    not known, 0 where there is none of both, in a formula or an FMU alone.
     `order` is the one at which the figure converges, None where nobody looked.
     """
 
@@ -30,11 +35,12 @@ class Figure(NamedTuple):
     unit: str
     error: float | None = None
     order: float | None = None
+    meaning: str = ""
 
     @classmethod
-    def of(cls, estimate: Estimate, unit: str) -> Figure:
+    def of(cls, estimate: Estimate, unit: str, meaning: str = "") -> Figure:
         """The figure that three runs tell."""
-        return cls(estimate.value, unit, estimate.error, estimate.order)
+        return cls(estimate.value, unit, estimate.error, estimate.order, meaning)
 
     def text(self) -> str:
         """The figure as it may be printed."""
@@ -66,13 +72,20 @@ class Table(NamedTuple):
         return cls(result.frame, result.units)
 
 
+class Show(NamedTuple):
+    """What the page shows besides numbers."""
+
+    charts: Sequence[Chart] = ()
+    motions: Sequence[Motion] = ()
+
+
 @dataclass(frozen=True)
 class Answer:
     """What a scenario found; `tables` and `files` by file name without folder.
 
     `stem` names the JSON file, `facts` is what else stands in it; `files` write what only this
-    scenario has, a picture or a system, to the path that they get. Names of figures are identifiers,
-    names of parameters those of the system, "motor.T".
+    scenario has, a picture or a system, to the path that they get; `show` is called for the page.
+    Names of figures are identifiers, names of parameters those of the system, "motor.T".
     """
 
     scenario: str
@@ -85,6 +98,7 @@ class Answer:
     stem: str
     facts: Mapping[str, Any] = field(default_factory=dict)
     files: Mapping[str, Callable[[Path], object]] = field(default_factory=dict)
+    show: Callable[[], Show] = Show
 
 
 def question(documentation: str | None) -> str:
@@ -129,7 +143,7 @@ def stream(path: Path | None, columns: Sequence[str]) -> Iterator[Rows]:
 
 
 def write(answer: Answer, folder: Path) -> list[str]:
-    """Write the tables as CSV, the JSON and the other files to a folder; their names."""
+    """Write the tables as CSV, the JSON, the other files and the page to a folder; their names."""
     folder.mkdir(parents=True, exist_ok=True)
     for name, table in answer.tables.items():
         path = folder / name
@@ -138,7 +152,8 @@ def write(answer: Answer, folder: Path) -> list[str]:
     write_json(folder / f"{answer.stem}.json", content(answer))
     for name, save in answer.files.items():
         save(folder / name)
-    return [*answer.tables, f"{answer.stem}.json", *answer.files]
+    report(answer, folder / "report.html")
+    return [*answer.tables, f"{answer.stem}.json", *answer.files, "report.html"]
 
 
 def content(answer: Answer) -> dict[str, Any]:

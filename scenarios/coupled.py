@@ -17,7 +17,7 @@ from .orders import Samples
 
 COARSEST = 4
 AROUND = 6
-Figures = Callable[[Result], Mapping[str, tuple[float, str]]]
+Figures = Callable[[Result], Mapping[str, tuple[float, str, str]]]
 
 
 def run(
@@ -30,16 +30,16 @@ def run(
     **settings: Any,
 ) -> tuple[Result, dict[str, Figure]]:
     """The result with steps of `step` [s], and its figures, with coupling errors from runs with four
-    and two times the step. `figures` gives values and units; those of outputs that a held input
+    and two times the step. `figures` gives values, units and meanings; those of outputs that a held input
     moves without delay are `fed` and converge with order 1. Raises what `cosim.run` raises.
     """
-    units: dict[str, str] = {}
+    told: dict[str, list[str]] = {}
     seen: list[dict[str, float]] = []
 
     def values(result: Result) -> dict[str, float]:
         found = figures(result)
-        units.update({name: unit for name, (_, unit) in found.items()})
-        seen.append({name: value for name, (value, _) in found.items()})
+        told.update({name: words for name, (_, *words) in found.items()})
+        seen.append({name: value for name, (value, *_) in found.items()})
         return seen[-1]
 
     def every_step(system: System, output_step: float, **rest: Any) -> Result:
@@ -56,7 +56,7 @@ def run(
             **settings,
         )
     found |= {name: cosim.estimate([run[name] for run in seen[::-1]], 1.0) for name in fed}
-    return result, {name: Figure.of(value, units[name]) for name, value in found.items()}
+    return result, {name: Figure.of(value, *told[name]) for name, value in found.items()}
 
 
 def largest(t: Samples, x: Samples) -> tuple[float, float]:

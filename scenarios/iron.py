@@ -26,6 +26,11 @@ IMPOSED = ("iron.tau", "iron.phi", "iron.w_cam", "iron.reducer.J")
 FORCES = ("N", "T_span", "T_iron")
 
 
+def own(start: Start) -> Start:
+    """The start values of the iron drive among those of a system."""
+    return {name: value for name, value in start.items() if name.startswith("iron.")}
+
+
 def imposed(speed: float, start: Start) -> System:
     """The iron drive alone at a practically constant cam speed [rad/s], from phi = 0.
 

@@ -17,8 +17,8 @@ from scipy.integrate import trapezoid
 
 from cosim import Result
 
-from . import fmus, iron, iron_plots, options
-from .answer import Answer, Figure, Table, finish, parameters, question
+from . import fmus, iron, iron_plots, iron_show, motion, options
+from .answer import Answer, Figure, Show, Table, finish, parameters, question
 
 PARTS = {"iron": iron.PARTS["iron"]}
 COLUMNS = (
@@ -64,20 +64,27 @@ def figures(result: Result, limits: dict[str, tuple[float, float]]) -> dict[str,
     torque = result["iron.tau_cam"]
     i_g = result.provenance["parts"]["iron"]["parameters"]["reducer.i_g"]
     found = {
-        "tau_cam_min": (torque.min(), "N.m"),
-        "tau_cam_max": (torque.max(), "N.m"),
-        "tau_motor_max": (np.abs(torque).max() / i_g, "N.m"),
-        "stroke": (result["iron.lift"].max(), "m"),
-        "friction_work": (result["iron.E_friction"][-1], "J"),
-        "work": (trapezoid(torque, result["iron.phi"]), "J"),
-        "follower_force_min": (result["iron.N"].min(), "N"),
-        "run_force_min": (result["iron.T_span"].min(), "N"),
-        "iron_force_min": (result["iron.T_iron"].min(), "N"),
-        "follower_limit": (limits["N"][0], "rad/s"),
-        "run_limit": (limits["T_span"][0], "rad/s"),
-        "iron_limit": (limits["T_iron"][0], "rad/s"),
+        "tau_cam_min": (torque.min(), "N.m", "least torque at the cam's shaft"),
+        "tau_cam_max": (torque.max(), "N.m", "largest torque at the cam's shaft"),
+        "tau_motor_max": (np.abs(torque).max() / i_g, "N.m", "largest torque of the motor"),
+        "stroke": (result["iron.lift"].max(), "m", "stroke of the iron"),
+        "friction_work": (result["iron.E_friction"][-1], "J", "friction of the guide in a turn"),
+        "work": (trapezoid(torque, result["iron.phi"]), "J", "work of the torque in a turn"),
+        "follower_force_min": (
+            result["iron.N"].min(),
+            "N",
+            "least force of the cam on its follower",
+        ),
+        "run_force_min": (result["iron.T_span"].min(), "N", "least pull in the run of the chain"),
+        "iron_force_min": (result["iron.T_iron"].min(), "N", "least pull of the chain on the iron"),
+        "follower_limit": (limits["N"][0], "rad/s", "cam speed where the follower lifts off"),
+        "run_limit": (limits["T_span"][0], "rad/s", "cam speed where the run goes slack"),
+        "iron_limit": (limits["T_iron"][0], "rad/s", "cam speed where the iron hangs free"),
     }
-    return {name: Figure(float(value), unit, 0.0) for name, (value, unit) in found.items()}
+    return {
+        name: Figure(float(value), unit, 0.0, meaning=meaning)
+        for name, (value, unit, meaning) in found.items()
+    }
 
 
 def arguments(parser: ArgumentParser) -> None:
@@ -104,11 +111,16 @@ def answer(
     fmus.build(*PARTS.values())
     result = iron.turn(speed, changes, samples, iron.names(COLUMNS))
     limits = iron.speed_limits(changes)
+
+    def seen() -> motion.Motion:
+        last = float(result["time"][-1])
+        return iron_show.motion(result, changes, "One turn of the cam", 0.0, last, 4.0)
+
     files: dict[str, Callable[[Path], None]] = {
         "cycle.png": lambda path: iron_plots.cycle(path, result, speed, limits)
     }
     if animate:
-        files["cycle.gif"] = lambda path: iron_plots.animation(path, result)
+        files["cycle.gif"] = lambda path: motion.gif(path, seen())
     table = result.frame[iron.names(COLUMNS)].set_axis(list(COLUMNS), axis="columns")
     units = {name: result.units[f"iron.{name}"] for name in COLUMNS}
     return Answer(
@@ -122,6 +134,7 @@ def answer(
         stem="cycle",
         facts={"speed": speed, "limits": limits},
         files=files,
+        show=lambda: Show([iron_show.cycle(result)], [seen()]),
     )
 
 

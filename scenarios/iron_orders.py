@@ -20,8 +20,9 @@ from numpy.typing import NDArray
 import cosim
 from cosim import System
 
-from . import fmus, iron, iron_plots, options, pool
-from .answer import Answer, Figure, Table, finish, parameters, question, stream
+from . import fmus, iron, iron_plots, iron_show, options, pool
+from .answer import Answer, Figure, Show, Table, finish, parameters, question, stream
+from .motion import Motion
 from .orders import harmonics, last_revolutions
 
 PARTS = iron.PARTS
@@ -72,6 +73,10 @@ class Machine(NamedTuple):
         """Damping ratio of the ripple."""
         return math.sqrt(self.theta / (self.B * T)) / 2
 
+    def gain(self, w: float, T: float) -> complex:
+        """Torque over excitation of a ripple of frequency w [rad/s], the inertia at its mean."""
+        return self.B / complex(self.B - self.theta * T * w**2, self.theta * w)
+
     def excitation(self, nu: float) -> Amplitudes:
         """Torque of the orders 1..12 at constant speed [N.m]."""
         return self.still + self.moving * nu**2
@@ -109,17 +114,12 @@ class Spectrum(NamedTuple):
             yield self.T, self.nu, k, abs(M), phase, abs(w), abs(tau), lag, abs(M) / abs(tau)
 
 
-def mechanism(start: options.Start) -> options.Start:
-    """The start values of the iron drive among those of motor and drive."""
-    return {name: value for name, value in start.items() if name.startswith("iron.")}
-
-
 def measure(start: options.Start) -> Machine:
     """The mechanism from two turns at constant speed."""
     own = parameters(iron.driven(iron.MOTOR, start))
     slope, i_g, rotor = (float(own[name].value) for name in TOLD)
     record = iron.names(("phi", "w_cam", "tau_cam", "E_kin", "E_friction"))
-    one, two = (iron.turn(speed, mechanism(start), PER_REV, record) for speed in (1.0, 2.0))
+    one, two = (iron.turn(speed, iron.own(start), PER_REV, record) for speed in (1.0, 2.0))
     moving = (two["iron.tau_cam"] - one["iron.tau_cam"]) / 3
     still = one["iron.tau_cam"] - moving
     phi = one["iron.phi"]
@@ -202,14 +202,20 @@ def certified(
 ) -> dict[str, Figure]:
     """Share and gain where the lag adds most, with coupling errors from runs with a half and a
     quarter of the steps."""
+    T = spectra[0].T
+    meanings = {
+        "added": f"most that the lag adds, in largest torques, lag {1e3 * T:g} ms",
+        "gain": f"gain of order {at.order} there, at {at.nu:.4g} rad/s of the cam",
+    }
     if not coarser:
-        return {"added": Figure(at.share, "1"), "gain": Figure(at.gain, "1")}
+        values = zip(meanings.items(), (at.share, at.gain))
+        return {name: Figure(x, "1", meaning=meaning) for (name, meaning), x in values}
     fine = next(s for s in spectra if s.nu == at.nu)
-    values = zip(*(added(machine, run, at.order) for run in (fine, *coarser)))
+    runs = zip(*(added(machine, run, at.order) for run in (fine, *coarser)))
     order = cosim.ORDERS[ALGORITHM]
     return {
-        name: Figure.of(cosim.estimate(value, order), "1")
-        for name, value in zip(("added", "gain"), values)
+        name: Figure.of(cosim.estimate(x, order), "1", meaning)
+        for (name, meaning), x in zip(meanings.items(), runs)
     }
 
 
@@ -251,7 +257,7 @@ def answer(
     changes = options.start_values(start, ("motor.A", "motor.T"))
     fmus.build(*PARTS.values())
     machine = measure(changes)
-    limit, _ = iron.speed_limits(mechanism(changes))["N"]
+    limit, _ = iron.speed_limits(iron.own(changes))["N"]
     cases = [Case(T, nu, machine, changes) for T in LAGS for nu in nus]
     spectra: list[Spectrum] = []
     with stream(out and out / TABLE, COLUMNS) as keep:
@@ -292,7 +298,17 @@ def answer(
             "steps_per_rev": PER_REV,
         },
         files={"orders.png": lambda path: iron_plots.orders(path, machine, spectra, limit)},
+        show=lambda: Show(
+            iron_show.orders(machine, by_lag), [turning(nus[len(nus) // 2], changes)]
+        ),
     )
+
+
+def turning(nu: float, start: options.Start) -> Motion:
+    """A turn of the mechanism at constant speed [rad/s]."""
+    turn = iron.turn(nu, iron.own(start), 360, iron.names(iron_show.SEEN))
+    title, last = f"The mechanism at {nu:g} rad/s", float(turn["time"][-1])
+    return iron_show.motion(turn, iron.own(start), title, 0.0, last, 4.0)
 
 
 def figures(
@@ -300,15 +316,19 @@ def figures(
 ) -> dict[str, Figure]:
     """Inertia, slope and limit of the mechanism alone; for each lag the formula and its effect."""
     told = {
-        "theta": Figure(machine.theta, "kg.m2", 0.0),
-        "slope": Figure(machine.B, "N.m.s/rad", 0.0),
-        "follower_limit": Figure(limit, "rad/s", 0.0),
+        "theta": Figure(machine.theta, "kg.m2", 0.0, meaning="mean inertia at the cam's shaft"),
+        "slope": Figure(machine.B, "N.m.s/rad", 0.0, meaning="slope of the motor line there"),
+        "follower_limit": Figure(
+            limit, "rad/s", 0.0, meaning="cam speed where the follower lifts off"
+        ),
     }
     for T, effect in found.items():
         lag = f"{1e3 * T:g}ms"
+        formula = f"frequency where an order lags 90 deg, by formula, lag {1e3 * T:g} ms"
+        damping = f"damping ratio of the ripple, lag {1e3 * T:g} ms"
         told |= {
-            f"w_n_{lag}": Figure(machine.w_n(T), "rad/s", 0.0),
-            f"zeta_{lag}": Figure(machine.zeta(T), "1", 0.0),
+            f"w_n_{lag}": Figure(machine.w_n(T), "rad/s", 0.0, meaning=formula),
+            f"zeta_{lag}": Figure(machine.zeta(T), "1", 0.0, meaning=damping),
             **{f"{name}_{lag}": figure for name, figure in effect.items()},
         }
     return told

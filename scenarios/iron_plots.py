@@ -9,8 +9,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib import pyplot as plt
-from matplotlib.animation import FuncAnimation, PillowWriter
-from matplotlib.patches import Circle
 
 from . import iron
 from .plots import MARK, SPEED, THEORY, TORQUE, save
@@ -19,8 +17,6 @@ if TYPE_CHECKING:
     from cosim import Result
 
     from .iron_orders import Machine, Spectrum
-
-FRAMES = 90
 
 
 def cycle(
@@ -139,58 +135,3 @@ def orders(path: Path, machine: Machine, spectra: Sequence[Spectrum], limit: flo
     figure.colorbar(dots, ax=panels, label="torque over excitation", extend="max", shrink=0.6)
     figure.suptitle("Orders of the cam torque (area of a dot) over the speed, three motor lags")
     save(figure, path)
-
-
-def animation(path: Path, result: Result) -> None:
-    """The mechanism over one turn as a GIF, drawn from the FMU's outputs and parameters."""
-    p = result.provenance["parts"]["iron"]["parameters"]
-    L, l, l_K = p["rocker.L"], p["rocker.l"], p["rocker.l_K"]
-    C, A, R_z, l_T = p["sprocket.C"], p["sprocket.A"], p["sprocket.R"], p["link.l"]
-    phi, alpha, beta, H = (result[f"iron.{name}"][:-1] for name in ("phi", "alpha", "beta", "H"))
-    psi = p["rocker.alpha0"] - alpha
-    axis = math.radians(-35.0)
-    hub = L * np.array([math.cos(axis), math.sin(axis)])
-    roller = l * np.array([np.cos(axis - psi), np.sin(axis - psi)])
-    reach = roller - hub[:, None]
-    distance, bearing = np.hypot(*reach), np.arctan2(reach[1], reach[0])
-    figure, axes = plt.subplots(figsize=(7, 6), layout="constrained")
-    axes.set(aspect="equal", xlim=(-0.52, 0.36), ylim=(-0.34, 0.42))
-    axes.set_axis_off()
-    steel, chain = "#444444", "#b8860b"
-    axes.add_patch(Circle((-C, A), R_z, fill=False, color=chain))
-    axes.plot([0, hub[0], -C], [0, hub[1], A], "o", color=steel, markersize=6)
-    (cam,) = axes.plot([], [], color=TORQUE, linewidth=1.5)
-    (mark,) = axes.plot([], [], color=TORQUE, linewidth=1.0)
-    (rocker,) = axes.plot([], [], color=steel, linewidth=4, solid_capstyle="round")
-    (follower,) = axes.plot([], [], "o", color=TORQUE, markersize=11, fillstyle="none")
-    (link,) = axes.plot([], [], color=SPEED, linewidth=3)
-    (run,) = axes.plot([], [], color=chain, linewidth=1.6)
-    (weight,) = axes.plot([], [], "s", color=MARK, markersize=26)
-    text = axes.text(0.02, 0.98, "", transform=axes.transAxes, va="top")
-    phases = ("dwell", "up", "down", "stuck")
-
-    def draw(frame: int) -> list[Any]:
-        i = frame * len(phi) // FRAMES
-        turned = bearing - phi + phi[i]
-        outline = hub[:, None] + distance * np.array([np.cos(turned), np.sin(turned)])
-        cam.set_data(*np.column_stack([outline, outline[:, :1]]))
-        zero = hub + distance[0] * np.array([math.cos(turned[0]), math.sin(turned[0])])
-        mark.set_data([hub[0], zero[0]], [hub[1], zero[1]])
-        D = l_K * np.array([math.cos(alpha[i]), math.sin(alpha[i])])
-        rocker.set_data([roller[0, i], 0, D[0]], [roller[1, i], 0, D[1]])
-        follower.set_data([roller[0, i]], [roller[1, i]])
-        joint = D + l_T * np.array([math.cos(beta[i]), math.sin(beta[i])])
-        link.set_data([D[0], joint[0]], [D[1], joint[1]])
-        arc = np.linspace(beta[i] - math.pi / 2 if p["wrap"] else math.pi / 2, math.pi, 20)
-        over = np.array([-C + R_z * np.cos(arc), A + R_z * np.sin(arc)])
-        run.set_data([joint[0], *over[0], -C - R_z], [joint[1], *over[1], A - H[i]])
-        weight.set_data([-C - R_z], [A - H[i]])
-        text.set_text(
-            f"cam {math.degrees(phi[i]):5.1f} deg, iron {phases[int(result['iron.motion'][i])]}\n"
-            f"lift {1e3 * result['iron.lift'][i]:.1f} mm, torque {result['iron.tau_cam'][i]:+.2f} N m"
-        )
-        return [cam, mark, rocker, follower, link, run, weight, text]
-
-    path.parent.mkdir(parents=True, exist_ok=True)
-    FuncAnimation(figure, draw, frames=FRAMES).save(path, writer=PillowWriter(fps=25))
-    plt.close(figure)

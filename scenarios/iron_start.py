@@ -18,15 +18,15 @@ from scipy.interpolate import CubicSpline
 import cosim
 from cosim import Result
 
-from . import coupled, fmus, iron, iron_plots, options
-from .answer import Answer, Figure, Table, finish, parameters, question
+from . import coupled, fmus, iron, iron_plots, iron_show, options
+from .answer import Answer, Figure, Show, Table, finish, parameters, question
 from .coupled import largest
 
 PARTS = iron.PARTS
 RECORD = (
     "motor.tau", "motor.P", "iron.phi", "iron.w_cam", "iron.lift", "iron.v", "iron.tau_cam",
     "iron.N", "iron.T_iron", "iron.E_kin", "iron.E_pot", "iron.E_friction", "iron.motion",
-    "iron.valid",
+    "iron.valid", "iron.alpha", "iron.beta", "iron.H",
 )  # fmt: skip
 
 
@@ -45,7 +45,7 @@ def ledger(result: Result) -> dict[str, iron.Samples]:
     }
 
 
-def figures(result: Result) -> dict[str, tuple[float, str]]:
+def figures(result: Result) -> dict[str, tuple[float, str, str]]:
     """Largest speed and torque with their times, the speed it settles at, energies at the end."""
     t, w, tau, phi = (result[n] for n in ("time", "iron.w_cam", "motor.tau", "iron.phi"))
     energy = ledger(result)
@@ -53,17 +53,19 @@ def figures(result: Result) -> dict[str, tuple[float, str]]:
     half = t[-1] / 2
     late = float(phi[-1] - CubicSpline(t, phi)(half)) / (t[-1] - half)
     return {
-        "w_cam_max": (w_max, "rad/s"),
-        "w_cam_max_time": (w_at, "s"),
-        "tau_max": (tau_max, "N.m"),
-        "tau_max_time": (tau_at, "s"),
-        "w_cam_mean": (late, "rad/s"),
-        "turns": (float(phi[-1] - phi[0]) / (2 * math.pi), "1"),
-        "energy_in": (float(energy["E_in"][-1]), "J"),
-        "energy_stored": (float(energy["E_stored"][-1]), "J"),
-        "energy_friction": (float(energy["E_friction"][-1]), "J"),
-        "energy_missing_max": (float(np.abs(energy["E_missing"]).max()), "J"),
-    }
+        "w_cam_max": (w_max, "rad/s", "largest speed of the cam"),
+        "w_cam_max_time": (w_at, "s", "when the cam is fastest"),
+        "tau_max": (tau_max, "N.m", "largest torque of the motor"),
+        "tau_max_time": (tau_at, "s", "when the torque is largest"),
+        "w_cam_mean": (late, "rad/s", "mean speed in the second half"),
+        "turns": (float(phi[-1] - phi[0]) / (2 * math.pi), "1", "turns of the cam"),
+        "energy_in": (float(energy["E_in"][-1]), "J", "work of the motor"),
+        "energy_stored": (float(energy["E_stored"][-1]), "J", "stored in the end"),
+        "energy_friction": (float(energy["E_friction"][-1]), "J", "lost to friction"),
+        "energy_missing_max": (
+            float(np.abs(energy["E_missing"]).max()), "J", "most that the coupling made or lost"
+        ),
+    }  # fmt: skip
 
 
 def verdict(stop: float, found: Mapping[str, Figure]) -> str:
@@ -136,6 +138,10 @@ def answer(
         provenance=result.provenance | {"flavour": fmus.flavour()},
         stem="start",
         files={"start.png": lambda path: iron_plots.start_up(path, result, energy)},
+        show=lambda: Show(
+            [iron_show.start_up(result, energy)],
+            [iron_show.motion(result, iron.own(changes), "The start", 0.0, stop, 2.0)],
+        ),
     )
 
 

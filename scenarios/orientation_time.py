@@ -16,8 +16,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from . import fmus, options, orientator, orientator_plots, pool
-from .answer import Answer, Figure, Table, finish, parameters, question, stream
+from . import fmus, options, orientator, orientator_plots, orientator_show, pool
+from .answer import Answer, Figure, Show, Table, finish, parameters, question, stream
 
 PARTS = orientator.PARTS
 FRICTIONS = "0.2,0.35,0.5"
@@ -194,7 +194,26 @@ def answer(
                 path, points, found
             )
         },
+        show=lambda: show(points, found, changes),
     )
+
+
+def show(points: Sequence[Point], found: Sequence[Gap], start: options.Start) -> Show:
+    """The curves, and for each limit the last product that is oriented beside the first that jams."""
+    motions = []
+    record = list(orientator_show.SEEN)
+    for mu, *speeds in found:
+        runs = {
+            f"{n:.2f} rpm": orientator.product(n, mu, start, 1e-3, orientator.LONGEST, record)
+            for n in speeds
+        }
+        ends = [
+            run["time"][np.argmax(run["orientator.stage"] >= orientator.ORIENTED)]
+            for run in runs.values()
+        ]
+        title = f"Friction {mu:g}: {' works, '.join(runs)} does not"
+        motions.append(orientator_show.motion(title, runs, float(max(ends))))
+    return Show([orientator_show.orientation_time(points, found)], motions)
 
 
 def figures(points: Sequence[Point], found: Sequence[Gap]) -> dict[str, Figure]:
@@ -203,8 +222,10 @@ def figures(points: Sequence[Point], found: Sequence[Gap]) -> dict[str, Figure]:
     for gap in found:
         last = next(p for p in points if (p.mu, p.n) == (gap.mu, gap.good))
         name = f"mu_{gap.mu:g}".replace(".", "_")
-        told[f"limit_{name}"] = Figure(gap.good, "rpm", gap.bad - gap.good)
-        told[f"orientation_time_{name}"] = Figure(last.orientation_time, "s", 0.0)
+        jams = f"fastest rotor that orients, friction {gap.mu:g}"
+        takes = f"time of orientation there, friction {gap.mu:g}"
+        told[f"limit_{name}"] = Figure(gap.good, "rpm", gap.bad - gap.good, meaning=jams)
+        told[f"orientation_time_{name}"] = Figure(last.orientation_time, "s", 0.0, meaning=takes)
     return told
 
 

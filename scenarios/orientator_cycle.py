@@ -16,8 +16,8 @@ import numpy as np
 import cosim
 from cosim import Result
 
-from . import fmus, options, orientator, orientator_plots
-from .answer import Answer, Figure, Table, finish, parameters, question
+from . import fmus, motion, options, orientator, orientator_plots, orientator_show
+from .answer import Answer, Figure, Show, Table, finish, parameters, question
 
 PARTS = orientator.PARTS
 RECORD = [
@@ -75,11 +75,16 @@ def answer(
     given = parameters(orientator.system(speed, friction, changes))
     n, mu = (float(given[f"orientator.{name}"].value) for name in ("w", "chute.mu"))
     n *= 30 / math.pi
+
+    def seen() -> motion.Motion:
+        last = float(result["time"][-1])
+        return orientator_show.motion("One product", {"": result}, last)
+
     files: dict[str, Callable[[Path], None]] = {
         "cycle.png": lambda path: orientator_plots.cycle(path, result, n, mu)
     }
     if animate:
-        files["cycle.gif"] = lambda path: orientator_plots.animation(path, result)
+        files["cycle.gif"] = lambda path: motion.gif(path, seen())
     return Answer(
         scenario="orientator_cycle",
         question=question(__doc__),
@@ -90,18 +95,25 @@ def answer(
         provenance=result.provenance | {"flavour": fmus.flavour()},
         stem="cycle",
         files=files,
+        show=lambda: Show([orientator_show.cycle(result)], [seen()]),
     )
 
 
 def figures(result: Result) -> dict[str, Figure]:
     """End, durations and impulses; nothing is coupled."""
     last = {name: float(result[f"orientator.{name}"][-1]) for name in RECORD}
-    times = ("orientation_time", *(f"t_{stage}" for stage in STAGES))
-    impulses = {"corner_impulse": "S_y", "wall_impulse": "S_k", "hook_impulse": "P_B"}
+    ends = last["stage"] == orientator.ORIENTED
+    found = {
+        "oriented": (float(ends), "1", "1 if the product is oriented"),
+        "orientation_time": (last["orientation_time"], "s", "from drop to end, 0 if it jams"),
+        **{f"t_{x}": (last[f"t_{x}"], "s", f"duration of the stage {x}") for x in STAGES},
+        "corner_impulse": (last["S_y"], "N.s", "landing on the corner of the catcher, down"),
+        "wall_impulse": (last["S_k"], "N.s", "landing on the wall"),
+        "hook_impulse": (last["P_B"], "N.s", "contact with the hook"),
+    }
     return {
-        "oriented": Figure(float(last["stage"] == orientator.ORIENTED), "1", 0.0),
-        **{name: Figure(last[name], "s", 0.0) for name in times},
-        **{name: Figure(last[column], "N.s", 0.0) for name, column in impulses.items()},
+        name: Figure(value, unit, 0.0, meaning=meaning)
+        for name, (value, unit, meaning) in found.items()
     }
 
 

@@ -6,14 +6,12 @@ import math
 from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib import pyplot as plt
-from matplotlib.animation import FuncAnimation, PillowWriter
-from matplotlib.axes import Axes
 
-from . import orientator
+from . import mechanisms, orientator
 from .plots import MARK, SPEED, THEORY, TORQUE, save
 
 if TYPE_CHECKING:
@@ -22,6 +20,7 @@ if TYPE_CHECKING:
     from .orientation_time import Gap, Point
 
 COLORS = (SPEED, MARK, TORQUE, "#8e44ad", "#d68910")
+COLOR = {"red": TORQUE, "blue": SPEED, "grey": "black"}
 BANDS = ("#eef3f9", "#e3f1e7", "#fbeee6", "#f3ecf7")
 
 
@@ -69,10 +68,14 @@ def cycle(path: Path, result: Result, n: float, mu: float) -> None:
     scene = figure.add_subplot(grid[:, 0])
     stages = column["stage"].astype(int)
     starts = [0, *(np.flatnonzero(np.diff(stages)) + 1), len(t) - 1]
-    for i, shade in zip(starts, np.linspace(0.35, 1.0, len(starts))):
-        draw_scene(scene, result, int(i), float(shade))
-    scene.plot(column["xc"], column["yc"], color=TORQUE, linewidth=1.0)
-    frame(scene, result)
+    at = {name: column[name][starts] for name in ("phi1", "phi2", "xc", "yc")}
+    parameters = result.provenance["parts"]["orientator"]["parameters"]
+    for shape in mechanisms.gravity_orientator(parameters, at):
+        for outline, shade in zip(shape.points, np.linspace(0.35, 1.0, len(starts))):
+            scene.plot(*outline.T, color=COLOR[shape.color], alpha=shade, linewidth=2.0)
+    scene.plot(column["xc"], -column["yc"], color=TORQUE, linewidth=1.0)
+    scene.set(aspect="equal")
+    scene.set_axis_off()
     panels = [figure.add_subplot(grid[row, 1]) for row in range(3)]
     for angle, color, label in (("phi1", SPEED, "catcher"), ("phi2", TORQUE, "product")):
         panels[0].plot(t, np.degrees(column[angle]), color=color, label=label)
@@ -98,62 +101,3 @@ def cycle(path: Path, result: Result, n: float, mu: float) -> None:
         )
     figure.suptitle(f"One product at {n:g} rpm, friction {mu:g}")
     save(figure, path)
-
-
-def draw_scene(axes: Axes, result: Result, i: int, shade: float = 1.0) -> list[Any]:
-    """Catcher and cup at row i."""
-    p = result.provenance["parts"]["orientator"]["parameters"]
-    phi1, phi2, xc, yc = (
-        float(result[f"orientator.{name}"][i]) for name in ("phi1", "phi2", "xc", "yc")
-    )
-    r, back, front = p["cup.d"] / 2, p["cup.l"], p["cup.h"] - p["cup.l"]
-    axis = np.array([math.cos(phi2), math.sin(phi2)])
-    normal = np.array([-math.sin(phi2), math.cos(phi2)])
-    centre = np.array([xc, yc])
-    bend = np.linspace(-math.pi / 2, math.pi / 2, 25)
-    bottom = (
-        centre + front * axis + r * (np.cos(bend)[:, None] * axis + np.sin(bend)[:, None] * normal)
-    )
-    rim = centre - back * axis
-    outline = np.vstack([rim - r * normal, bottom, rim + r * normal])
-    corner = p["catcher.l"] * np.array([math.cos(phi1), math.sin(phi1)])
-    tip = corner + p["catcher.h"] * np.array([math.sin(phi1), -math.cos(phi1)])
-    return [
-        *axes.plot(*outline.T, color=TORQUE, alpha=shade, linewidth=1.8),
-        *axes.plot(*np.vstack([[0, 0], corner, tip]).T, color=SPEED, alpha=shade, linewidth=2.4),
-    ]
-
-
-def frame(axes: Axes, result: Result) -> None:
-    """Wall, pivot, and what the eye needs; y points down."""
-    p = result.provenance["parts"]["orientator"]["parameters"]
-    wall = p["catcher.l"] * math.cos(p["catcher.phi"]) + p["cup.d"]
-    axes.axvline(wall, color="black", linewidth=3)
-    axes.plot([0], [0], "o", color=SPEED)
-    axes.set(aspect="equal", xlim=(-0.02, wall + 0.01), ylim=(0.3, -0.07))
-    axes.set_axis_off()
-
-
-def animation(path: Path, result: Result) -> None:
-    """The motion as a GIF, ten times slower than real."""
-    figure, axes = plt.subplots(figsize=(5, 7), layout="constrained")
-    frame(axes, result)
-    text = axes.text(0.02, 0.98, "", transform=axes.transAxes, va="top")
-    names = orientator.item_names("stage")
-    rows = np.unique(np.linspace(0, len(result.data) - 1, 110).astype(int))
-    lines: list[Any] = []
-
-    def draw(frame_number: int) -> list[Any]:
-        while lines:
-            lines.pop().remove()
-        i = int(rows[frame_number])
-        lines.extend(draw_scene(axes, result, i))
-        stage = names[int(result["orientator.stage"][i])]
-        text.set_text(f"{1e3 * result['time'][i]:.0f} ms, {stage}")
-        return lines
-
-    interval = 10 * float(result["time"][-1]) / len(rows)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    writer = PillowWriter(fps=max(1, round(1 / interval)))
-    FuncAnimation(figure, draw, frames=len(rows)).save(path, writer=writer)
-    plt.close(figure)

@@ -33,6 +33,8 @@ WIRES = (
 RECORD = (
     "iron_motor.P", "iron_motor.tau", "iron.phi", "iron.w_cam", "iron.lift", "iron.top_dwell",
     "iron.E_kin", "iron.E_pot", "iron.E_friction",
+    "iron.alpha", "iron.beta", "iron.H", "iron.motion",
+    "orientator.phi1", "orientator.xc", "orientator.yc",
     "orientator.stage", "orientator.reason", "orientator.orientation_time", "orientator.phi2",
     "orientator.oriented", "orientator.jammed", "orientator.missed",
     "conveyor_motor.P", "conveyor_motor.tau", "conveyor.phi", "conveyor.w", "conveyor.x",

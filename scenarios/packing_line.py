@@ -17,12 +17,23 @@ import cosim
 from cosim import Estimate, Result
 from cosim.progress import bar
 
-from . import fmus, iron, options, orientator, packing, packing_plot
-from .answer import Answer, Figure, Table, finish, parameters, question
+from . import fmus, iron, options, orientator, packing, packing_plot, packing_show
+from .answer import Answer, Figure, Show, Table, finish, parameters, question
 from .packing import Line
 from .theory import SETS
 
 PARTS = packing.PARTS
+MEANING = {
+    "cycle": "mean time from release to release",
+    "cam": "mean speed of the cam",
+    "mean_iron": "mean power of the iron's motor",
+    "rms_iron": "its ripple",
+    "mean_conveyor": "mean power of the conveyor's motor",
+    "rms_conveyor": "its ripple",
+    "mean_supply": "mean power of the supply",
+    "rms_supply": "its ripple",
+    "orientation": "time of orientation of the last product, 0 if it jams",
+}
 SHAFTS = {"iron": "cam", "conveyor": "crank"}
 MAIN, APART = 0.1, 0.05
 TABLE = "packing_line.csv"
@@ -186,16 +197,23 @@ def answer(
             "packing_line.png": lambda path: packing_plot.timing(path, result, count, gear),
             "line.ssp": lambda path: cosim.write_ssp(line, path, stop=stop),
         },
+        show=lambda: Show(
+            [packing_show.line(result, count)],
+            [packing_show.motion(result, count, iron.own(dict(line.start)))],
+        ),
     )
 
 
 def figures(found: Mapping[str, Estimate], count: packing.Pace) -> dict[str, Figure]:
     """What three runs tell, and the products that leave the line."""
-    told = {name: Figure.of(value, UNITS[name.partition("_")[0]]) for name, value in found.items()}
+    told = {
+        name: Figure.of(value, UNITS[name.partition("_")[0]], MEANING[name])
+        for name, value in found.items()
+    }
     cycle = found["cycle"]
     rate = 60 / cycle.value * count.oriented / count.released
     error = None if cycle.error is None else rate * cycle.error / cycle.value
-    return told | {"products": Figure(rate, "1/min", error)}
+    return told | {"products": Figure(rate, "1/min", error, meaning="oriented products")}
 
 
 def run(out: Path = Path("results/packing_line"), **settings: Any) -> None:

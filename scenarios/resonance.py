@@ -22,11 +22,11 @@ from numpy.polynomial import Chebyshev
 from scipy.optimize import brentq, minimize_scalar
 
 import cosim
-from cosim import Estimate
+from cosim import Estimate, Result
 from cosim.result import partial
 
-from . import fmus, options, plots, pool
-from .answer import Answer, Figure, Table, finish, parameters, question, stream
+from . import conveyor_show, fmus, options, plots, pool
+from .answer import Answer, Figure, Show, Table, finish, parameters, question, stream
 from .orders import HIGHEST, last_revolutions, mean_speed, order
 from .theory import SETS, Machine, longest_step
 
@@ -48,6 +48,12 @@ UNITS = {
 }  # fmt: skip
 SPEED = ("motor.A", "motor.characteristic")
 NAMES = ("nu_90", "nu_peak_tau", "nu_peak_w")
+MEANING = {
+    "nu_90": ("speed where the torque lags its load by 90 deg", ""),
+    "nu_peak_tau": ("speed of the largest torque ripple", "torque ripple there, order 2"),
+    "nu_peak_w": ("speed of the largest speed ripple", "speed ripple there, order 2"),
+}
+PEAKS = {"nu_peak_tau": ("tau2_peak", "N.m"), "nu_peak_w": ("w2_peak", "rad/s")}
 ALGORITHMS = ("jacobi", "gauss-seidel", "strang")
 
 
@@ -87,11 +93,8 @@ class Found(NamedTuple):
 
 def simulate(case: Case) -> Point:
     """Run one speed until the orbit is steady and evaluate its last revolutions."""
-    machine, nu, steps_per_rev, algorithm, start = case
-    h = 2 * math.pi / (nu * steps_per_rev)
-    steps = (SKIP + EVALUATE) * steps_per_rev
-    system = fmus.conveyor_drive(machine.start(nu) | start)
-    result = cosim.run(system, stop=steps * h, step=h, algorithm=algorithm, record=RECORD)
+    machine, nu, *_ = case
+    result = steady(case, EVALUATE, RECORD)
     t, tau, phi, w, f_rod = result.data.T
     late = last_revolutions(phi, EVALUATE)
     speed, torque = (order(phi[late], x[late], 2) for x in (w, tau))
@@ -105,6 +108,15 @@ def simulate(case: Case) -> Point:
         w_mean=mean_speed(t, phi, EVALUATE),
         f_rod_peak=float(np.abs(f_rod[late]).max()),
     )
+
+
+def steady(case: Case, revolutions: int, record: Sequence[str]) -> Result:
+    """Some revolutions after the orbit has become steady, and those before."""
+    machine, nu, steps_per_rev, algorithm, start = case
+    h = 2 * math.pi / (nu * steps_per_rev)
+    steps = (SKIP + revolutions) * steps_per_rev
+    system = fmus.conveyor_drive(machine.start(nu) | start)
+    return cosim.run(system, stop=steps * h, step=h, algorithm=algorithm, record=record)
 
 
 def polar(z: complex) -> tuple[float, float]:
@@ -353,7 +365,17 @@ def answer(
             "wall_time": time.perf_counter() - began,
         },
         files={"resonance.png": lambda path: plots.resonance(path, name, machine, points, found)},
+        show=lambda: show(cases, points, found),
     )
+
+
+def show(cases: Sequence[Case], points: Sequence[Point], found: Mapping[str, Found]) -> Show:
+    """The sweep against theory, and one revolution nearest to the resonance."""
+    machine = cases[0].machine
+    near = min(cases, key=lambda case: abs(case.nu - machine.nu_res))
+    record = (*RECORD, "conveyor.x", "conveyor.tau_load")
+    course, motion = conveyor_show.revolution(near.nu, steady(near, 1, record))
+    return Show([conveyor_show.ripple(machine, points, found), course], [motion])
 
 
 def figures(
@@ -361,17 +383,18 @@ def figures(
 ) -> dict[str, Figure]:
     """Resonance by formula and as found, the peaks, the largest rod force of the sweep."""
     told = {
-        "nu_res": Figure(machine.nu_res, "rad/s", 0.0),
-        "zeta": Figure(machine.zeta, "1", 0.0),
+        "nu_res": Figure(machine.nu_res, "rad/s", 0.0, meaning="resonance by formula (22)"),
+        "zeta": Figure(machine.zeta, "1", 0.0, meaning="damping ratio by formula"),
     }
-    told |= {name: Figure.of(at.nu, "rad/s") for name, at in found.items()}
-    for name, peak, unit in (
-        ("nu_peak_tau", "tau2_peak", "N.m"),
-        ("nu_peak_w", "w2_peak", "rad/s"),
-    ):
-        if name in found:
-            told[peak] = Figure.of(found[name].value, unit)
-    return told | {"f_rod_peak": Figure(max(p.f_rod_peak for p in points), "N")}
+    for name, at in found.items():
+        place, height = MEANING[name]
+        told[name] = Figure.of(at.nu, "rad/s", place)
+        if name in PEAKS:
+            peak, unit = PEAKS[name]
+            told[peak] = Figure.of(at.value, unit, height)
+    hardest = max(p.f_rod_peak for p in points)
+    told["f_rod_peak"] = Figure(hardest, "N", meaning="largest rod force of the sweep")
+    return told
 
 
 def run(name: str = "A", jobs: int | None = None, out: Path | None = None, **settings: Any) -> None:

@@ -19,8 +19,8 @@ from scipy.interpolate import CubicSpline
 import cosim
 from cosim import Result, System
 
-from . import coupled, fmus, options, plots
-from .answer import Answer, Figure, Table, finish, parameters, question
+from . import conveyor_show, coupled, fmus, options, plots
+from .answer import Answer, Figure, Show, Table, finish, parameters, question
 from .coupled import crossings, largest
 from .theory import SETS, Machine
 
@@ -61,24 +61,27 @@ def revolutions_near(result: Result, nu: float) -> float:
     return float(np.diff(CubicSpline(t, phi)(ends))[middle].sum() / (2 * math.pi))
 
 
-def figures(machine: Machine, result: Result) -> dict[str, tuple[float, str]]:
+def figures(machine: Machine, motor: str, result: Result) -> dict[str, tuple[float, str, str]]:
     """When the resonance is passed, revolutions near it, the largest loads, where it all ends."""
     t = result["time"]
     last = t > 0.8 * t[-1]
+    near = revolutions_near(result, machine.nu_res)
     found = {
-        "passing": (passing(result, machine.nu_res), "s"),
-        "revolutions_near": (revolutions_near(result, machine.nu_res), "1"),
+        "passing": (passing(result, machine.nu_res), "s", f"when the {motor} motor has passed it"),
+        "revolutions_near": (near, "1", f"revolutions within 10 % of it, {motor} motor"),
     }
-    for name, column, unit in (
-        ("w", "conveyor.w", "rad/s"),
-        ("tau", "motor.tau", "N.m"),
-        ("f_rod", "conveyor.f_rod", "N"),
+    for name, column, unit, what in (
+        ("w", "conveyor.w", "rad/s", "speed of the crank"),
+        ("tau", "motor.tau", "N.m", "torque"),
+        ("f_rod", "conveyor.f_rod", "N", "rod force"),
     ):
-        found[f"{name}_max"] = (largest(t, np.abs(result[column]))[0], unit)
-    for name, column, unit in (("w", "conveyor.w", "rad/s"), ("tau", "motor.tau", "N.m")):
         x = result[column]
-        found[f"{name}_end_min"] = (-largest(t[last], -x[last])[0], unit)
-        found[f"{name}_end_max"] = (largest(t[last], x[last])[0], unit)
+        most = largest(t, np.abs(x))[0]
+        found[f"{name}_max"] = (most, unit, f"largest {what}, {motor} motor")
+        if name != "f_rod":
+            low, high = -largest(t[last], -x[last])[0], largest(t[last], x[last])[0]
+            found[f"{name}_end_min"] = (low, unit, f"least {what} in the end, {motor} motor")
+            found[f"{name}_end_max"] = (high, unit, f"largest {what} in the end, {motor} motor")
     return found
 
 
@@ -138,7 +141,7 @@ def answer(
         runs[motor], found[motor] = coupled.run(
             motor,
             drive(machine, motor, speed, changes),
-            partial(figures, machine),
+            partial(figures, machine, motor),
             stop=stop,
             step=step,
             fed=("f_rod_max",),
@@ -153,7 +156,9 @@ def answer(
         scenario="run_up",
         question=question(__doc__),
         verdict="\n".join(told),
-        figures={"nu_res": Figure(machine.nu_res, "rad/s", 0.0)}
+        figures={
+            "nu_res": Figure(machine.nu_res, "rad/s", 0.0, meaning="resonance by formula (22)")
+        }
         | {f"{motor}_{name}": x for motor, mine in found.items() for name, x in mine.items()},
         parameters=parameters(drive(machine, "linear", speed, changes)),
         tables={f"{motor}.csv": Table.of(result) for motor, result in runs.items()},
@@ -161,6 +166,7 @@ def answer(
         stem="run_up",
         facts={"nu_res": machine.nu_res, "passing": passed, "set": name},
         files={"run_up.png": lambda path: plots.run_up(path, machine, runs, passed)},
+        show=lambda: Show(conveyor_show.run_up(machine, runs), [conveyor_show.run_up_motion(runs)]),
     )
 
 

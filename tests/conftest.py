@@ -4,11 +4,30 @@ import signal
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 from pythonfmu import FmuBuilder
 
 ROOT = Path(__file__).resolve().parents[1]
+QUICK: dict[str, dict[str, Any]] = {
+    "resonance": {"speeds": "30,44", "steps_per_rev": 64},
+    "resonance_map": {
+        "x": "speed=30:60:5",
+        "y": "motor.T=0.05:0.06:2",
+        "samples": 16,
+        "checks": 2,
+        "check_runs": 2,
+        "steps_per_rev": 80,
+    },
+    "run_up": {"stop": 0.3},
+    "iron_cycle": {"samples": 180},
+    "iron_start": {"stop": 0.1},
+    "iron_orders": {"speeds": "5"},
+    "orientation_time": {"speeds": "40,80", "frictions": "0.35"},
+    "orientator_cycle": {},
+    "packing_line": {"stop": 4.0, "step": 4e-3},
+}
 
 
 def pytest_sessionstart(session: pytest.Session) -> None:

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 import re
 from pathlib import Path
-from typing import Any
 
 import pytest
+from conftest import QUICK
 
 from cosim import Estimate, SetupError
 from scenarios import fmus
@@ -15,24 +15,6 @@ from scenarios.__main__ import SCENARIOS, load
 from scenarios.answer import Figure, write
 from scenarios.theory import FIELDS, Machine
 
-QUICK: dict[str, dict[str, Any]] = {
-    "resonance": {"speeds": "30,44", "steps_per_rev": 64},
-    "resonance_map": {
-        "x": "speed=30:60:5",
-        "y": "motor.T=0.05:0.06:2",
-        "samples": 16,
-        "checks": 2,
-        "check_runs": 2,
-        "steps_per_rev": 80,
-    },
-    "run_up": {"stop": 0.3},
-    "iron_cycle": {"samples": 180},
-    "iron_start": {"stop": 0.1},
-    "iron_orders": {"speeds": "5"},
-    "orientation_time": {"speeds": "40,80", "frictions": "0.35"},
-    "orientator_cycle": {},
-    "packing_line": {"stop": 4.0, "step": 4e-3},
-}
 CHANGED = {
     "resonance": ("motor.T", 0.06),
     "resonance_map": ("conveyor.rotor.J", 0.6),

@@ -46,7 +46,7 @@ def test_stated_errors_hold_the_true_ones() -> None:
     machine = SETS["B"]
     system = run_up.drive(machine, "linear", 60.0, {})
     settings = {"stop": 0.3, "record": run_up.RECORD, "fed": ("f_rod_max",)}
-    figures = partial(run_up.figures, machine)
+    figures = partial(run_up.figures, machine, "linear")
     _, found = coupled.run("", system, figures, step=4e-4, **settings)
     _, exact = coupled.run("", system, figures, step=5e-5, **settings)
     for name in ("passing", "w_max", "tau_max", "f_rod_max"):
