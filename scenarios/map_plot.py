@@ -40,7 +40,7 @@ def resonance_map(
     """Gain with its ridges; probability at each point; and, over speed, in the operating range."""
     plane, widths = survey.plane, (5, 5, 1.6) if within else (1, 1)
     figure, panels = plt.subplots(
-        1, len(widths), figsize=(12, 6), sharey=True, width_ratios=widths, layout="constrained"
+        1, len(widths), figsize=(11, 5.5), sharey=True, width_ratios=widths, layout="constrained"
     )
     gain(panels[0], survey, rows)
     risk(panels[1], survey, rows, probability, limit)

@@ -124,8 +124,14 @@ def assess(
         plain = [zone.in_range(plane, ratio, nominal, n, within) for n in range(height)]
         worst = np.array([sample.expected[0] for sample in plain])
         few = [over[n] for (n,) in zone.on_edge(rows, checks // 2)]
-    judged = zone.check([*some, *few], runs, limit, setup)
-    return Risk(points, rows, worst, judged[: len(some)], judged[len(some) :], 2**exponent)
+    return Risk(
+        points,
+        rows,
+        worst,
+        zone.check(some, runs, limit, setup),
+        zone.check(few, runs, limit, setup),
+        2**exponent,
+    )
 
 
 def stretches(values: Real, good: NDArray[np.bool_], unit: str) -> str:
@@ -139,15 +145,14 @@ def stretches(values: Real, good: NDArray[np.bool_], unit: str) -> str:
 
 def headline(plane: Plane, risk: Risk, within: tuple[float, float] | None) -> str:
     """The answer as the picture's title has it."""
+    sure = f"in at least {1 - SURE:.0%} of the machines"
     if within is None:
-        return (
-            f"At {plane.speed:g} rad/s {np.nanmean(risk.points <= SURE):.0%} of the map stays clear "
-            f"of resonance in at least {1 - SURE:.0%} of the machines"
-        )
+        share = np.nanmean(risk.points <= SURE)
+        return f"At {plane.speed:g} rad/s {share:.0%} of the map stays clear of resonance\n{sure}"
     clear = stretches(plane.y.values, risk.rows <= SURE, plane.y.unit)
     return (
-        f"{within[0]:g} .. {within[1]:g} rad/s stays clear of resonance in at least "
-        f"{1 - SURE:.0%} of the machines with {plane.y.name} of {clear}"
+        f"{within[0]:g} .. {within[1]:g} rad/s stays clear of resonance\n"
+        f"{sure} with {plane.y.name} of {clear}"
     )
 
 
@@ -263,6 +268,7 @@ def told_checks(risk: Risk) -> list[str]:
     if not checks:
         return [first, "No point of the map was checked by co-simulating machines."]
     total = sum(check.samples for check in checks)
+    restless = sum(check.restless for check in checks)
     wrong = sum(check.above + check.below for check in checks)
     outside = sum(not c.interval[0] <= c.predicted <= c.interval[1] for c in checks)
     spread = np.concatenate([check.off for check in checks])
@@ -276,12 +282,13 @@ def told_checks(risk: Risk) -> list[str]:
         f"{max(abs(c.counted - c.predicted) for c in checks):.3f} from brute force, of which "
         f"{max(abs(c.corrected - c.predicted) for c in checks):.3f} is theory and the rest the "
         f"sampling of {checks[0].samples} machines; {outside} of {len(checks)} places lie outside "
-        f"the {CONFIDENCE:.0%} interval of brute force.",
+        f"the {CONFIDENCE:.0%} interval of brute force."
+        + (f" {restless} further orbits are not steady." if restless else ""),
     ]
 
 
-def figures(survey: Survey, rows: Sequence[Row], errors: Coupling, risk: Risk) -> dict[str, Figure]:
-    """Deviations of the ridges in %, the largest gain and ripple, the checks."""
+def figures(survey: Survey, rows: Sequence[Row], errors: Coupling) -> dict[str, Figure]:
+    """The largest gain and torque ripple, deviations of the ridges in %."""
     told = {}
     biggest = float(np.nanmax(survey.gain))
     told["gain_max"] = Figure(biggest, "1", None if errors.gain is None else errors.gain * biggest)
@@ -406,6 +413,8 @@ def answer(
     setup = Setup(beside, algorithm, steps_per_rev, jobs)
 
     survey, points = sweep(plane, setup, out and out / TABLE)
+    if not survey.steady.any():
+        raise SetupError("no orbit of the map is steady")
     rows = locate(survey, setup)
     errors = coupling(survey, rows, setup)
     exponent = samples.bit_length() - 1
@@ -420,7 +429,7 @@ def answer(
         scenario="resonance_map",
         question=question(__doc__),
         verdict=verdict(survey, rows, errors, risk, ripple, rated, bounds),
-        figures=figures(survey, rows, errors, risk),
+        figures=figures(survey, rows, errors),
         parameters=parameters(system),
         tables={
             TABLE: Table(
@@ -470,6 +479,7 @@ def told(check: Check) -> dict[str, Any]:
         "samples": check.samples,
         "judged_above": check.above,
         "judged_below": check.below,
+        "not_steady": check.restless,
         "ripple_off_rms": float(np.sqrt(np.mean(check.off**2))),
         "ripple_off_max": float(np.abs(check.off).max()),
     }

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import fields, replace
 from typing import Any, NamedTuple
@@ -52,8 +51,9 @@ def ripple(machines: Machine, nu: float | Real) -> Real:
 class Check(NamedTuple):
     """Samples that theory judged and co-simulation judged again, at one place of a map.
 
-    `above` and `below` count those that co-simulation alone puts above or below the limit.
-    `off` are the relative differences of the ripple, shape (samples,).
+    `above` and `below` count those that co-simulation alone puts above or below the limit, `restless`
+    those left out because their orbit is not steady. `off` are the relative differences of the
+    ripple, shape (samples,).
     """
 
     place: dict[str, float]
@@ -61,6 +61,7 @@ class Check(NamedTuple):
     hits: int
     above: int
     below: int
+    restless: int
     off: Real
 
     @property
@@ -89,7 +90,6 @@ def interval(hits: int, samples: int) -> tuple[float, float]:
     return float(bounds.low), float(bounds.high)
 
 
-def sampling_error(probability: Real | float, samples: int) -> float:
+def sampling_error(probability: Real, samples: int) -> float:
     """The largest standard error of probabilities from independent samples; Sobol's is smaller."""
-    p = np.asarray(probability)
-    return float(np.sqrt(np.nanmax(p * (1.0 - p)) / samples)) if not math.isnan(p.min()) else 0.0
+    return float(np.sqrt(np.nanmax(probability * (1.0 - probability)) / samples))

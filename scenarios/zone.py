@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from . import pool
 from .plane import Plane
-from .steady import Case, Orbit, Setup, simulate
+from .steady import STEADY, Case, Orbit, Setup, simulate
 from .theory import Machine
 from .tolerances import Check, built, one, ripple
 
@@ -73,21 +73,24 @@ def on_edge(probabilities: Real, count: int) -> list[tuple[int, ...]]:
 
 
 def check(samples: Sequence[Sample], runs: int, limit: float, setup: Setup) -> list[Check]:
-    """Co-simulate the first machines of each sample."""
+    """Co-simulate the first machines of each sample; samples without a steady orbit are left out."""
     cases = [Case(one(s.machines, k), float(s.nu[k]), setup) for s in samples for k in range(runs)]
     orbits = list(pool.each(simulate, cases, setup.jobs, "check of the probability"))
-    return [judged(s, orbits[n * runs : (n + 1) * runs], limit) for n, s in enumerate(samples)]
+    checks = [judged(s, orbits[n * runs : (n + 1) * runs], limit) for n, s in enumerate(samples)]
+    return [check for check in checks if check.samples]
 
 
 def judged(sample: Sample, orbits: Sequence[Orbit], limit: float) -> Check:
     """What co-simulation says of the first machines of a sample."""
-    expected = sample.expected[: len(orbits)]
-    found = np.array([abs(orbit.torque) for orbit in orbits])
+    steady = np.array([orbit.change < STEADY for orbit in orbits])
+    expected = sample.expected[: len(orbits)][steady]
+    found = np.abs([orbit.torque for orbit in orbits])[steady]
     return Check(
         sample.place,
         probability(sample, limit),
         int((found > limit).sum()),
         int(((found > limit) & (expected <= limit)).sum()),
         int(((found <= limit) & (expected > limit)).sum()),
+        int((~steady).sum()),
         found / expected - 1.0,
     )

@@ -24,7 +24,7 @@ import cosim
 from scenarios import fmus as flavours
 from scenarios import resonance_map, survey, tolerances, zone
 from scenarios.plane import Plane, axis
-from scenarios.steady import Case, Setup, settling, simulate
+from scenarios.steady import Case, Orbit, Setup, settling, simulate
 from scenarios.theory import SETS
 
 A = SETS["A"]
@@ -115,6 +115,14 @@ def test_coupling_error_covers_the_distance_from_an_independent_integration(
     assert ridges[1].lag_90 is not None and ridges[1].peak is not None
     assert 0.5 * errors.lag_90 < abs(ridges[1].lag_90 / 40.0022 - 1) < 1.5 * errors.lag_90
     assert 0.3 * errors.peak < abs(ridges[1].peak / 39.058 - 1) < 1.5 * errors.peak
+
+
+def test_values_of_an_axis_are_even_or_even_in_their_logarithm() -> None:
+    even = axis("y", "motor.T=0.01:0.04:3", 2)
+    assert even.values == pytest.approx([0.01, 0.025, 0.04]) and not even.log
+    log = axis("y", "motor.T=0.01:0.04:3:log", 2)
+    assert log.values == pytest.approx([0.01, 0.02, 0.04]) and log.log
+    assert (log.name, log.unit) == ("motor.T", "s") and "Time constant" in log.label
 
 
 @pytest.mark.parametrize(
@@ -232,6 +240,16 @@ def test_cosimulated_machines_agree_with_the_probability(mapped: survey.Survey) 
     assert 0.1 < zone.probability(sample, LIMIT) < 0.9
 
 
+def test_machines_without_a_steady_orbit_are_left_out_of_a_check(mapped: survey.Survey) -> None:
+    drawn = tolerances.factors(resonance_map.TOLERANCES, 3)
+    sample = zone.at_point(mapped.plane, mapped.ratio, drawn, 1, 5)
+    orbits = [Orbit(complex(value), 44.0, 0.0) for value in sample.expected]
+    orbits[2] = Orbit(complex(math.nan, math.nan), math.nan, math.inf)
+    check = zone.judged(sample, orbits, LIMIT)
+    assert (check.samples, check.restless, check.above, check.below) == (7, 1, 0, 0)
+    assert check.off == pytest.approx(np.zeros(7), abs=1e-12)
+
+
 def test_check_sees_a_prediction_that_is_wrong(mapped: survey.Survey) -> None:
     drawn = tolerances.factors(resonance_map.TOLERANCES, 10)
     column = mapped.plane.x.values.tolist().index(44.0)
@@ -267,6 +285,8 @@ def test_answer_has_verdict_tables_and_picture(tmp_path: Path) -> None:
     assert list(rows.columns[:4]) == ["speed", "motor.T", "ripple", "gain"]
     assert len(rows) == 27 and rows["speed"][:9].is_monotonic_increasing
     assert rows["probability"].between(0.0, 1.0).all()
+    high, low = (rows["probability"][far] for far in (rows["ripple"] > 75, rows["ripple"] < 25))
+    assert len(high) > 1 and (high > 0.9).all() and len(low) > 5 and (low < 0.1).all()
     machines = [replace(A, T=T).load_ripple(nu) for nu, T in zip(rows["speed"], rows["motor.T"])]
     assert (rows["ripple"] / rows["gain"]).to_numpy() == pytest.approx(np.abs(machines))
     lines = pd.read_csv(tmp_path / "resonance_map_rows.csv")
@@ -280,7 +300,15 @@ def test_answer_has_verdict_tables_and_picture(tmp_path: Path) -> None:
     assert 0.0 < facts["figures"]["gain_max"]["error"] < 0.01 * rows["gain"].max()
     assert facts["limit"] == 50.0 and facts["flavour"] == "native"
     assert len(facts["checks"]) <= 2 and all(c["samples"] == 8 for c in facts["checks"])
-    assert any("operating range 45 .. 60 rad/s" in line for line in facts["verdict"])
+    assert "range 45 .. 60 rad/s stays clear" in facts["verdict"][0]
+    assert (lines["ripple_in_range"] <= 50.0).to_list() == [True, False, True]
+    assert "motor.T of 0.03 .. 0.03 s and 0.12 .. 0.12 s; with every part" in facts["verdict"][0]
+    assert (lines["probability_in_range"] <= 0.01).to_list() == [False, False, True]
+    assert "99% of the machines, with 0.12 .. 0.12 s." in facts["verdict"][0]
+    beside = 100 * (lines["peak"] / lines["formula"] - 1).dropna()
+    assert facts["figures"]["peak_off_formula_max"]["value"] == pytest.approx(beside.min())
+    rms = facts["figures"]["peak_off_formula_rms"]["value"]
+    assert rms == pytest.approx(math.sqrt((beside**2).mean()))
     assert (tmp_path / "resonance_map.png").stat().st_size > 50_000
     assert not (tmp_path / "resonance_map.partial.csv").exists()
 
@@ -297,7 +325,11 @@ def test_map_at_a_fixed_speed_has_no_range(tmp_path: Path) -> None:
 
 
 def test_start_values_change_the_machine_of_the_map(tmp_path: Path) -> None:
-    found = small(tmp_path, y="motor.T=0.05:0.06:2", checks=0, start=["conveyor.rotor.J=0.99"])
+    found = small(tmp_path, y="motor.T=0.05:0.06:2", checks=1, start=["conveyor.rotor.J=0.99"])
+    assert found.facts["checks"][0]["ripple_off_max"] < 5e-3
+    kept = pd.read_csv(tmp_path / "resonance_map.partial.csv")
+    told = found.tables["resonance_map.csv"].frame
+    assert kept.equals(told.drop(columns="probability")) and len(told) == 18
     lines = found.tables["resonance_map_rows.csv"].frame
     assert lines["formula"][0] == pytest.approx(replace(A, theta1=0.99, T=0.05).nu_res, rel=1e-6)
     assert lines["lag_90"][0] == pytest.approx(lines["formula"][0], rel=2e-3)
@@ -363,10 +395,11 @@ def test_ctrl_c_keeps_the_rows(tmp_path: Path) -> None:
     os.killpg(process.pid, signal.SIGINT)
     _, errors = process.communicate(timeout=60)
     assert process.returncode == 130, errors.decode()
-    assert f"of 2400 points in {kept}" in errors.decode()
     assert "Traceback" not in errors.decode()
     rows = pd.read_csv(kept)
     assert 3 <= len(rows) < 2400 and rows.notna().all(axis=None)
+    assert f"{len(rows)} of 2400 points in {kept}" in errors.decode()
+    assert rows.iloc[0, :2].to_list() == [15.0, 0.015]
     assert not (tmp_path / "resonance_map.csv").exists()
 
 
