@@ -89,7 +89,14 @@ def figure(chart: Chart) -> dict[str, Any]:
         "font": {"family": "system-ui, sans-serif", "size": 13},
         "hovermode": "x unified",
         "hoversubplots": "axis",
-        "xaxis": {"title": {"text": chart.x}, "anchor": f"y{count}", **grid},
+        "xaxis": {
+            "title": {"text": chart.x},
+            "anchor": f"y{count}",
+            "unifiedhovertitle": {"text": f"{chart.x} %{{x:.5g}}"},
+            "spikethickness": 1,
+            "spikecolor": COLORS["grey"],
+            **grid,
+        },
         "shapes": [],
         "annotations": _marks(chart),
     }
@@ -194,7 +201,5 @@ def _label(mark: Mark, **places: Any) -> dict[str, Any]:
         "text": mark.text,
         "showarrow": False,
         "font": {"size": 11},
-        "borderpad": 1,
-        "bgcolor": "white",
         **places,
     }

@@ -108,7 +108,7 @@ def test_theory_and_machine_follow_the_same_start_values() -> None:
     answer = load("resonance").answer(
         speeds="30,32", steps_per_rev=128, start=[f"{name}={x}" for name, x in values.items()]
     )
-    assert answer.figures["nu_res"] == Figure(machine.nu_res, "rad/s", 0.0)
+    assert answer.figures["nu_res"][:3] == (machine.nu_res, "rad/s", 0.0)
     assert {name: answer.parameters[name].value for name in values} == values
     rows = answer.tables["resonance.csv"].frame
     assert rows["tau2"].to_list() == pytest.approx(rows["tau2_theory"].to_list(), rel=3e-3)
