@@ -193,11 +193,12 @@ def test_what_a_file_cannot_say_is_refused_by_name(
 
 def test_every_way_for_a_run_to_end_costs_its_row_and_no_more(write: Write, tmp_path: Path) -> None:
     path = write(
-        """
+        f"""
         scenario = "plane.py"
         timeout = 2.0
         [fixed]
         x = 2.0
+        ledger = "{tmp_path / "ledger"}"
         [grid]
         mood = ["segfault", "good", "leave", "refuse", "hang", "fail"]
         """
@@ -213,6 +214,7 @@ def test_every_way_for_a_run_to_end_costs_its_row_and_no_more(write: Write, tmp_
         "fail": ("failed", "ZeroDivisionError: no plane\nat all"),
     }
     assert [row["height"] for row in table(tmp_path / "out")] == ["", "6.0", "", "", "", ""]
+    assert (tmp_path / "ledger").read_text() == "2.0\n" * 6
     assert "6 runs, 6 of them now" in outcome.verdict
     assert "2 crashed, 1 ok, 1 refused, 1 timeout, 1 failed." in outcome.verdict
     assert "Run 0 crashed: the run ended its process: SIGSEGV" in outcome.verdict

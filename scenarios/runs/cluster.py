@@ -141,8 +141,9 @@ def _check(client: Any, scheduler: str) -> None:
     call: Callable[[], dict[str, str]] = facts
     for worker, told in client.run(call, on_error="return").items():
         if isinstance(told, BaseException):
-            problem: str | None = f"{type(told).__name__}: {told}"
-        else:
-            problem = _difference(facts(), told)
+            raise SetupError(
+                f"worker {worker} cannot do runs: {told}; start it in the project's folder"
+            )
+        problem = _difference(facts(), told)
         if problem:
             raise SetupError(f"worker {worker} differs: {problem}")
