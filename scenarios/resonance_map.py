@@ -22,8 +22,9 @@ from numpy.typing import NDArray
 
 from cosim import SetupError
 
-from . import fmus, map_plot, options, pool, tolerances, zone
-from .answer import Answer, Figure, Table, finish, parameters, question
+from . import fmus, map_plot, map_show, options, pool, tolerances, zone
+from .answer import Answer, Figure, Show, Table, finish, parameters, question
+from .map_show import LOOKS
 from .plane import Plane, axis, shares, span
 from .resonance import ALGORITHMS, check_steps
 from .steady import SETTLED, STEADY, WINDOW, Setup
@@ -45,6 +46,11 @@ TOLERANCES = {
     "conveyor.trough.d": 0.20,
 }
 SURE = 0.01
+OFF = {
+    ("lag_90", "formula"): "formula (22)",
+    ("peak", "formula"): "formula (22)",
+    ("peak", "peak_theory"): "that of first-order theory",
+}
 TABLE, ROWS_TABLE = "resonance_map.csv", "resonance_map_rows.csv"
 OWN = ("motor.A", "motor.tau", "motor.characteristic", "conveyor.phi", "conveyor.w")
 
@@ -290,19 +296,25 @@ def told_checks(risk: Risk) -> list[str]:
 def figures(survey: Survey, rows: Sequence[Row], errors: Coupling) -> dict[str, Figure]:
     """The largest gain and torque ripple, deviations of the ridges in %."""
     told = {}
-    biggest = float(np.nanmax(survey.gain))
-    told["gain_max"] = Figure(biggest, "1", None if errors.gain is None else errors.gain * biggest)
-    ripple = float(np.nanmax(survey.ripple))
-    told["ripple_max"] = Figure(
-        ripple, "N.m", None if errors.gain is None else errors.gain * ripple
-    )
-    for place, other in (("lag_90", "formula"), ("peak", "formula"), ("peak", "peak_theory")):
+    for name, values, unit, meaning in (
+        ("gain_max", survey.gain, "1", "largest gain: torque ripple over load ripple, order 2"),
+        ("ripple_max", survey.ripple, "N.m", "largest torque ripple, order 2"),
+    ):
+        largest = float(np.nanmax(values))
+        error = None if errors.gain is None else errors.gain * largest
+        told[name] = Figure(largest, unit, error, meaning=meaning)
+    for (place, other), named in OFF.items():
         found = off(rows, place, other)
         if found.rows:
             error = getattr(errors, place)
             error = None if error is None else 100 * error
-            told[f"{place}_off_{other}_max"] = Figure(100 * found.largest, "%", error)
-            told[f"{place}_off_{other}_rms"] = Figure(100 * found.rms, "%", error)
+            what = f"{LOOKS[place][0]} beside {named}"
+            told[f"{place}_off_{other}_max"] = Figure(
+                100 * found.largest, "%", error, meaning=f"{what}, at most"
+            )
+            told[f"{place}_off_{other}_rms"] = Figure(
+                100 * found.rms, "%", error, meaning=f"{what}, rms"
+            )
     return told
 
 
@@ -465,7 +477,15 @@ def answer(
                 path, survey, rows, risk.points, risk.rows, ripple, bounds, headline(plane, risk, bounds)
             )
         },
+        show=lambda: show(survey, rows, risk, ripple, setup),
     )  # fmt: skip
+
+
+def show(survey: Survey, rows: Sequence[Row], risk: Risk, limit: float, setup: Setup) -> Show:
+    """The rows of the map, and one revolution where the torque swings most."""
+    course, motion = map_show.worst(survey, setup)
+    lines = map_show.rows_chart(survey, rows, risk.nominal, risk.rows, limit)
+    return Show([chart for chart in (lines, course) if chart.panels], [motion])
 
 
 def told(check: Check) -> dict[str, Any]:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 import cosim
+from cosim import Result
 from cosim.system import Value
 
 from . import fmus
@@ -56,21 +57,24 @@ def settling(machine: Machine, nu: float) -> int:
     return math.ceil(math.log(1 / SETTLED) / machine.decay_rate * nu / (2 * math.pi))
 
 
-def simulate(case: Case) -> Orbit:
-    """Couple motor and conveyor from near the orbit; evaluate the last revolutions."""
+def run(case: Case, record: Sequence[str]) -> Result:
+    """Couple motor and conveyor from near the orbit until two windows after it is steady."""
     machine, nu, setup, coarser = case
     steps_per_rev = setup.steps_per_rev // coarser
     h = 2 * math.pi / (nu * steps_per_rev)
     steps = (settling(machine, nu) + 2 * WINDOW) * steps_per_rev
-    start: dict[str, Value] = {**machine.start(nu), **setup.start}
-    result = cosim.run(
-        fmus.conveyor_drive(start),
+    return cosim.run(
+        fmus.conveyor_drive({**machine.start(nu), **setup.start}),
         stop=steps * h,
         step=h,
         algorithm=setup.algorithm,
-        record=RECORD,
+        record=record,
     )
-    t, tau, phi = result.data.T
+
+
+def simulate(case: Case) -> Orbit:
+    """What the last two windows of a run tell."""
+    t, tau, phi = run(case, RECORD).data.T
     late = last_revolutions(phi, 2 * WINDOW)
     if not (np.diff(phi[late]) > 0.0).all() or phi[-1] < 4 * math.pi * WINDOW:
         return Orbit(complex(math.nan, math.nan), math.nan, math.inf)

@@ -310,6 +310,7 @@ def test_answer_has_verdict_tables_and_picture(tmp_path: Path) -> None:
     rms = facts["figures"]["peak_off_formula_rms"]["value"]
     assert rms == pytest.approx(math.sqrt((beside**2).mean()))
     assert (tmp_path / "resonance_map.png").stat().st_size > 50_000
+    assert (tmp_path / "report.html").stat().st_size > 100_000
     assert not (tmp_path / "resonance_map.partial.csv").exists()
 
 
@@ -320,6 +321,8 @@ def test_map_at_a_fixed_speed_has_no_range(tmp_path: Path) -> None:
     assert "At 40 rad/s a torque ripple above 50 N.m" in found.verdict
     assert "No point of the map was checked" in found.verdict
     assert found.parameters["conveyor.rod.finite"].value
+    panels = [panel.quantity for panel in found.show().charts[0].panels]
+    assert panels == ["motor.T"]
     found.files["resonance_map.png"](tmp_path / "map.png")
     assert (tmp_path / "map.png").stat().st_size > 50_000
 
@@ -327,6 +330,13 @@ def test_map_at_a_fixed_speed_has_no_range(tmp_path: Path) -> None:
 def test_start_values_change_the_machine_of_the_map(tmp_path: Path) -> None:
     found = small(tmp_path, y="motor.T=0.05:0.06:2", checks=1, start=["conveyor.rotor.J=0.99"])
     assert found.facts["checks"][0]["ripple_off_max"] < 5e-3
+    (ridges, ripple, probability) = found.show().charts[0].panels
+    assert [curve.name for curve in ridges.curves] == [
+        "formula (22)",
+        "90 deg lag",
+        "largest torque ripple",
+    ]
+    assert ripple.levels[0].at == 50.0 and probability.unit == "1"
     kept = pd.read_csv(tmp_path / "resonance_map.partial.csv")
     told = found.tables["resonance_map.csv"].frame
     assert kept.equals(told.drop(columns="probability")) and len(told) == 18

@@ -1,0 +1,58 @@
+"""What the page shows of a resonance map: its rows, and one revolution where the torque is worst."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from . import conveyor_show
+from .charts import Chart, Curve, Mark, Panel
+from .motion import Motion
+from .steady import Case, Setup, run
+from .survey import Row, Survey
+
+Real = NDArray[np.float64]
+RECORD = (
+    "motor.tau",
+    "conveyor.phi",
+    "conveyor.w",
+    "conveyor.x",
+    "conveyor.tau_load",
+    "conveyor.f_rod",
+)
+LOOKS = {
+    "formula": ("formula (22)", "grey", "theory"),
+    "lag_90": ("90 deg lag", "blue", "points"),
+    "peak": ("largest torque ripple", "red", "points"),
+}
+
+
+def rows_chart(
+    survey: Survey, rows: Sequence[Row], ripple: Real, probability: Real, limit: float
+) -> Chart:
+    """The ridges of every row; where there is an operating range, its ripple and probability."""
+    x, y = survey.plane.x, survey.plane.y
+    places = []
+    for place, (name, color, look) in LOOKS.items():
+        there = [(row.y, at) for row in rows if (at := getattr(row, place)) is not None]
+        if there:
+            levels, across = zip(*there)
+            places.append(Curve(name, levels, across, color, look))
+    panels = [Panel(x.name, x.unit, places)] if places else []
+    if survey.plane.over_speed:
+        mark = [Mark(limit, "limit")]
+        worst = Curve("nominal machine", y.values, ripple, "red")
+        share = Curve("machines above the limit", y.values, probability, "purple")
+        panels.append(Panel("largest torque ripple in the range", "N.m", [worst], mark))
+        panels.append(Panel("probability in the range", "1", [share]))
+    return Chart("Ridges and operating range", " ".join(y.label.split()), panels)
+
+
+def worst(survey: Survey, setup: Setup) -> tuple[Chart, Motion]:
+    """One revolution at the point of the largest torque ripple: its course, its motion."""
+    n, k = np.unravel_index(np.nanargmax(survey.ripple), survey.ripple.shape)
+    x, y = survey.plane.x, survey.plane.y
+    case = Case(*survey.plane.at(float(x.values[k]), float(y.values[n])), setup)
+    return conveyor_show.revolution(case.nu, run(case, RECORD))
