@@ -85,8 +85,9 @@ def gif(path: Path, motion: Motion) -> None:
     width, height = (high - low) * 1.06
     scale = 7.0 / max(width, height)
     figure, axes = plt.subplots(figsize=(width * scale, height * scale + 0.6), layout="constrained")
-    axes.set(aspect="equal", xlim=(low[0], high[0]), ylim=(low[1], high[1]))
-    axes.margins(0.03)
+    edge = 0.03 * max(high - low)
+    axes.set(aspect="equal", xlim=(low[0] - edge, high[0] + edge))
+    axes.set(ylim=(low[1] - edge, high[1] + edge))
     axes.set_axis_off()
     drawn = [
         axes.plot(

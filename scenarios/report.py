@@ -33,7 +33,7 @@ def report(answer: Answer, path: Path) -> None:
         "charts": [figure(chart) for chart in show.charts],
         "motions": [_motion(motion) for motion in show.motions],
     }
-    tables = {name: _limited(table) for name, table in answer.tables.items()}
+    tables = {name: limited(table) for name, table in answer.tables.items()}
     path.write_text(
         Template(TEMPLATE.read_text(encoding="utf-8")).substitute(
             title=html.escape(answer.question),
@@ -90,13 +90,14 @@ def _parameters(answer: Answer) -> Iterator[str]:
         yield _row((name, text, parameter.unit, parameter.meaning))
 
 
-def _limited(table: Table) -> tuple[str, str]:
+def limited(table: Table) -> tuple[str, str]:
     """The CSV packed, of every k-th row if it is too large, and a note that says so."""
     rows, k = len(table.frame), 1
     while True:
         packed = _packed(table.frame.iloc[::k].to_csv(index=False).encode())
         if len(packed) <= LARGEST:
-            return packed, f"{rows} rows" if k == 1 else f"every {k}th of {rows} rows"
+            part = f"one row in {k} of {rows}; the whole file lies beside this page"
+            return packed, f"{rows} rows" if k == 1 else part
         k *= 2
 
 

@@ -10,7 +10,7 @@ import pytest
 from conftest import QUICK
 
 from cosim import Estimate, SetupError
-from scenarios import fmus
+from scenarios import fmus, packing
 from scenarios.__main__ import SCENARIOS, load
 from scenarios.answer import Figure, write
 from scenarios.theory import FIELDS, Machine
@@ -115,6 +115,14 @@ def test_theory_and_machine_follow_the_same_start_values() -> None:
     assert rows["w2"].to_list() == pytest.approx(rows["w2_theory"].to_list(), rel=3e-3)
     assert rows["w_mean"].to_list() == pytest.approx(rows["nu"].to_list(), rel=1e-3)
     assert rows["tau2_theory"][0] == abs(machine.torque_ripple(30.0))
+
+
+def test_the_line_keeps_its_speeds_whatever_its_motors_are() -> None:
+    start = {"conveyor_motor.B": 50.0, "conveyor.trough.d": 3e3, "iron_motor.B": 0.05}
+    line = packing.system(1.25, 4.0, "B", 60.0, start | {"iron.reducer.i_g": 30.0})
+    assert line.start["conveyor_motor.A"] == pytest.approx((50.0 + 3e3 * 0.01**2 / 2) * 60.0)
+    assert line.start["iron_motor.A"] == pytest.approx(0.05 * 30.0 * 4.0)
+    assert start.items() <= line.start.items()
 
 
 @pytest.mark.parametrize(

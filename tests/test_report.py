@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import base64
+import gzip
+import io
 import json
 import shutil
 from collections.abc import Iterator
@@ -15,11 +18,12 @@ from conftest import QUICK
 from numpy.testing import assert_allclose
 
 from scenarios import charts, fmus, iron, iron_cycle, mechanisms
+from scenarios import report as page
 from scenarios.__main__ import SCENARIOS, load
 from scenarios.answer import Answer, Figure, Show, Table, write
 from scenarios.charts import Chart, Curve, Panel, thinned
 from scenarios.motion import Motion, Shape
-from scenarios.report import report
+from scenarios.report import limited, report
 
 PROGRAMS = ("chromium", "chromium-browser", "google-chrome")
 OPTIONS = QUICK | {
@@ -101,18 +105,18 @@ def sample(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_the_page_of_every_scenario_shows_without_network_or_error(
     name: str, shown: Browser, tmp_path: Path
 ) -> None:
-    page = tmp_path / "report.html"
+    file = tmp_path / "report.html"
     answer = load(name).answer(**OPTIONS[name])
-    report(answer, page)
-    assert page.stat().st_size < 8e6
+    report(answer, file)
+    assert file.stat().st_size < 8e6
     show = answer.show()
-    shown.open(page, 390, 800)
+    shown.open(file, 390, 800)
     assert shown.value("document.documentElement.scrollWidth") == 390
     assert shown.told("Runtime.exceptionThrown") == []
     assert shown.told("Log.entryAdded") == []
     asked = [told["request"]["url"] for told in shown.told("Network.requestWillBeSent")]
     assert [url for url in asked if not url.startswith(("data:", "blob:"))] == [
-        page.resolve().as_uri()
+        file.resolve().as_uri()
     ]
     drawn = shown.value("[...document.querySelectorAll('.chart')].map(c => c.data.length)")
     assert drawn == [sum(len(panel.curves) for panel in chart.panels) for chart in show.charts]
@@ -235,6 +239,21 @@ def test_thinning_keeps_ends_and_peaks() -> None:
     assert (np.diff(few_x) > 0).all()
     assert_allclose(few_y, y[few_x.astype(int)])
     assert thinned(x[:10], y[:10])[0].tolist() == x[:10].tolist()
+
+
+def test_a_table_too_large_for_a_page_is_thinned_and_says_so(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    x = np.random.default_rng(1).normal(size=4000)
+    table = Table(pd.DataFrame({"x": x}), {"x": "1"})
+    whole, note = limited(table)
+    assert note == "4000 rows"
+    monkeypatch.setattr(page, "LARGEST", len(whole) // 3)
+    packed, note = limited(table)
+    assert len(packed) < len(whole) // 3
+    assert note == "one row in 4 of 4000; the whole file lies beside this page"
+    rows = pd.read_csv(io.BytesIO(gzip.decompress(base64.b64decode(packed))))
+    assert_allclose(rows["x"], x[::4])
 
 
 def lengths(points: np.ndarray) -> np.ndarray:
