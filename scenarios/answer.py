@@ -17,6 +17,7 @@ from cosim.result import partial, write_json
 from cosim.system import Value, connect, own_start
 
 from .charts import Chart
+from .fields import Field
 from .motion import Motion
 from .report import report
 
@@ -75,7 +76,7 @@ class Table(NamedTuple):
 class Show(NamedTuple):
     """What the page shows besides numbers."""
 
-    charts: Sequence[Chart] = ()
+    charts: Sequence[Chart | Field] = ()
     motions: Sequence[Motion] = ()
 
 

@@ -111,7 +111,7 @@ def figure(chart: Chart) -> dict[str, Any]:
             **grid,
         }
         layout[_legend(k)] = {"orientation": "h", "y": top, "yanchor": "bottom", "x": 0}
-        data += [_trace(curve, k, panel.unit, len(panel.curves) > 1) for curve in panel.curves]
+        data += [trace(curve, k, panel.unit, len(panel.curves) > 1) for curve in panel.curves]
         for level in panel.levels:
             layout["shapes"].append(
                 _stroke(x0=0, x1=1, xref="paper", y0=level.at, y1=level.at, yref=y)
@@ -160,7 +160,8 @@ def _legend(panel: int) -> str:
     return "legend" if panel == 1 else f"legend{panel}"
 
 
-def _trace(curve: Curve, panel: int, unit: str, legend: bool) -> dict[str, Any]:
+def trace(curve: Curve, panel: int, unit: str, legend: bool) -> dict[str, Any]:
+    """A curve of a panel, with the unit that hovering tells."""
     x, y = thinned(np.asarray(curve.x, float), np.asarray(curve.y, float))
     return {
         "type": "scatter",
@@ -169,8 +170,8 @@ def _trace(curve: Curve, panel: int, unit: str, legend: bool) -> dict[str, Any]:
         "legendgroup": curve.name,
         "showlegend": legend,
         "mode": "markers" if curve.look == "points" else "lines",
-        "x": _numbers(x),
-        "y": _numbers(y),
+        "x": numbers(x),
+        "y": numbers(y),
         "xaxis": "x",
         "yaxis": f"y{panel}",
         "hovertemplate": f"%{{y:.5g}} {unit}",
@@ -183,7 +184,7 @@ def _trace(curve: Curve, panel: int, unit: str, legend: bool) -> dict[str, Any]:
     }
 
 
-def _numbers(values: Samples) -> list[float | None]:
+def numbers(values: Samples) -> list[float | None]:
     """Seven digits are more than a screen shows."""
     return [float(f"{v:.7g}") if math.isfinite(v) else None for v in values.tolist()]
 

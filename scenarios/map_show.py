@@ -9,7 +9,9 @@ from numpy.typing import NDArray
 
 from . import conveyor_show
 from .charts import Chart, Curve, Mark, Panel
+from .fields import Direction, Field
 from .motion import Motion
+from .plane import Axis
 from .steady import Case, Setup, run
 from .survey import Row, Survey
 
@@ -29,6 +31,38 @@ LOOKS = {
 }
 
 
+def gain(survey: Survey, rows: Sequence[Row]) -> Field:
+    """The gain in colour, the ridges over it."""
+    over = [
+        Curve(name, places, levels, color, look)
+        for place, (name, color, look) in LOOKS.items()
+        for levels, places in [_ridge(rows, place)]
+        if places
+    ]
+    x, y = (_direction(axis) for axis in survey.plane[:2])
+    quantity = "torque ripple over load ripple"
+    return Field(
+        "How much the drive magnifies the load's ripple", x, y, quantity, survey.gain, over, True
+    )
+
+
+def risk(survey: Survey, probability: Real, limit: float) -> Field:
+    """The probability of too much ripple in colour."""
+    x, y = (_direction(axis) for axis in survey.plane[:2])
+    title = f"Machines within tolerance whose torque ripple is above {limit:g} N m"
+    return Field(title, x, y, "share of the machines", probability)
+
+
+def _direction(axis: Axis) -> Direction:
+    return Direction(axis.name, axis.unit, axis.values, axis.log)
+
+
+def _ridge(rows: Sequence[Row], place: str) -> tuple[list[float], list[float]]:
+    """Where the rows have a ridge: their y, and its x."""
+    there = [(row.y, at) for row in rows if (at := getattr(row, place)) is not None]
+    return [y for y, _ in there], [x for _, x in there]
+
+
 def rows_chart(
     survey: Survey, rows: Sequence[Row], ripple: Real, probability: Real, limit: float
 ) -> Chart:
@@ -36,9 +70,8 @@ def rows_chart(
     x, y = survey.plane.x, survey.plane.y
     places = []
     for place, (name, color, look) in LOOKS.items():
-        there = [(row.y, at) for row in rows if (at := getattr(row, place)) is not None]
-        if there:
-            levels, across = zip(*there)
+        levels, across = _ridge(rows, place)
+        if levels:
             places.append(Curve(name, levels, across, color, look))
     panels = [Panel(x.name, x.unit, places)] if places else []
     if survey.plane.over_speed:

@@ -16,7 +16,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .charts import MOST, figure
+from . import charts, fields
+from .charts import MOST, Chart
+from .fields import Field
 from .motion import COLORS, Motion, bounds
 
 if TYPE_CHECKING:
@@ -30,7 +32,7 @@ def report(answer: Answer, path: Path) -> None:
     """Write the page of an answer."""
     show, said = answer.show(), answer.verdict.replace(" +- ", " ± ")
     content = {
-        "charts": [figure(chart) for chart in show.charts],
+        "charts": [_drawn(picture) for picture in show.charts],
         "motions": [_motion(motion) for motion in show.motions],
     }
     tables = {name: limited(table) for name, table in answer.tables.items()}
@@ -49,6 +51,10 @@ def report(answer: Answer, path: Path) -> None:
         ),
         encoding="utf-8",
     )
+
+
+def _drawn(picture: Chart | Field) -> dict[str, Any]:
+    return fields.figure(picture) if isinstance(picture, Field) else charts.figure(picture)
 
 
 def _packed(content: bytes) -> str:

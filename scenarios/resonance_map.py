@@ -482,10 +482,11 @@ def answer(
 
 
 def show(survey: Survey, rows: Sequence[Row], risk: Risk, limit: float, setup: Setup) -> Show:
-    """The rows of the map, and one revolution where the torque swings most."""
+    """Both maps, the rows, and one revolution where the torque swings most."""
     course, motion = map_show.worst(survey, setup)
+    maps = [map_show.gain(survey, rows), map_show.risk(survey, risk.points, limit)]
     lines = map_show.rows_chart(survey, rows, risk.nominal, risk.rows, limit)
-    return Show([chart for chart in (lines, course) if chart.panels], [motion])
+    return Show([*maps, *(chart for chart in (lines, course) if chart.panels)], [motion])
 
 
 def told(check: Check) -> dict[str, Any]:
