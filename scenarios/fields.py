@@ -74,7 +74,7 @@ def figure(field: Field) -> dict[str, Any]:
         "y": numbers(np.asarray(field.y.values)),
         "z": [numbers(row) for row in shown],
         "customdata": rows,
-        "colorscale": "Magma",
+        "colorscale": "Viridis",
         "colorbar": {
             "title": {"text": field.quantity, "side": "right"},
             "thickness": 12,
@@ -84,4 +84,7 @@ def figure(field: Field) -> dict[str, Any]:
         "hovertemplate": f"{'<br>'.join(places)}<br>{field.quantity} %{{customdata:.4g}}<extra></extra>",
     }
     lines = [trace(curve, 1, field.y.unit, True) for curve in field.curves]
+    for line in lines:
+        line["line"]["width"] = 3
+        line["marker"] |= {"line": {"color": "white", "width": 1.5}}
     return {"data": [heat, *lines], "layout": layout, "told": told(field), "title": field.title}

@@ -78,9 +78,13 @@ def rows_chart(
         mark = [Mark(limit, "limit")]
         worst = Curve("nominal machine", y.values, ripple, "red")
         share = Curve("machines above the limit", y.values, probability, "purple")
-        panels.append(Panel("largest torque ripple in the range", "N.m", [worst], mark))
-        panels.append(Panel("probability in the range", "1", [share]))
-    return Chart("Ridges and operating range", " ".join(y.label.split()), panels)
+        panels.append(Panel("torque ripple", "N.m", [worst], mark))
+        panels.append(Panel("probability", "1", [share]))
+    return Chart(
+        "Ridges; largest torque ripple and its probability in the operating range",
+        " ".join(y.label.split()),
+        panels,
+    )
 
 
 def worst(survey: Survey, setup: Setup) -> tuple[Chart, Motion]:

@@ -17,11 +17,12 @@ from browser import Browser, browser
 from conftest import QUICK
 from numpy.testing import assert_allclose
 
-from scenarios import charts, fmus, iron, iron_cycle, mechanisms
+from scenarios import charts, fields, fmus, iron, iron_cycle, mechanisms
 from scenarios import report as page
 from scenarios.__main__ import SCENARIOS, load
 from scenarios.answer import Answer, Figure, Show, Table, write
 from scenarios.charts import Chart, Curve, Panel, thinned
+from scenarios.fields import Direction, Field
 from scenarios.motion import Motion, Shape
 from scenarios.report import limited, report
 
@@ -101,6 +102,12 @@ def sample(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+def curves(picture: Chart | Field) -> int:
+    """Curves and points of a picture."""
+    panels = [picture] if isinstance(picture, Field) else picture.panels
+    return sum(len(panel.curves) for panel in panels)
+
+
 @pytest.mark.parametrize("name", SCENARIOS)
 def test_the_page_of_every_scenario_shows_without_network_or_error(
     name: str, shown: Browser, tmp_path: Path
@@ -118,11 +125,12 @@ def test_the_page_of_every_scenario_shows_without_network_or_error(
     assert [url for url in asked if not url.startswith(("data:", "blob:"))] == [
         file.resolve().as_uri()
     ]
-    drawn = shown.value("[...document.querySelectorAll('.chart')].map(c => c.data.length)")
-    assert drawn == [sum(len(panel.curves) for panel in chart.panels) for chart in show.charts]
-    assert min(drawn) > 0
-    traces = "document.querySelectorAll('.chart .scatterlayer .trace').length"
-    assert shown.value(traces) == sum(drawn)
+    drawn = shown.value(
+        "[...document.querySelectorAll('.chart')].map("
+        "c => [c.querySelectorAll('.scatterlayer .trace').length, c.querySelectorAll('.hm').length])"
+    )
+    assert drawn == [[curves(chart), isinstance(chart, Field)] for chart in show.charts]
+    assert all(any(pictures) for pictures in drawn)
     outlines = "[...document.querySelectorAll('.motion svg')].map(s => s.innerHTML)"
     before = shown.value(outlines)
     assert len(before) == len(show.motions) > 0
@@ -315,3 +323,22 @@ def test_the_drawn_cam_is_that_of_the_same_drive() -> None:
     assert_allclose(*curves, atol=1e-8)
     distance = np.hypot(*curves[0])
     assert_allclose([distance.min(), np.ptp(distance)], [0.1, 0.02], rtol=1e-6)
+
+
+def test_a_field_is_coloured_by_its_logarithm_and_tells_its_values() -> None:
+    values = np.array([[0.1, 1.0, np.nan], [10.0, 100.0, 0.01]])
+    x, y = (
+        Direction("speed", "rad/s", np.arange(3.0)),
+        Direction("T", "s", np.arange(1.0, 3.0), True),
+    )
+    ridge = Curve("ridge", [0.5], [1.5], "grey", "theory")
+    drawn = fields.figure(Field("Gain", x, y, "gain", values, [ridge], log=True))
+    heat, line = drawn["data"]
+    assert heat["z"] == [[-1.0, 0.0, None], [1.0, 2.0, -2.0]]
+    assert heat["customdata"] == [[0.1, 1.0, None], [10.0, 100.0, 0.01]]
+    assert (heat["x"], heat["y"]) == ([0.0, 1.0, 2.0], [1.0, 2.0])
+    assert heat["colorbar"]["ticktext"][0] == "0.01"
+    assert heat["colorbar"]["ticktext"][-1] == "1e+02"
+    assert (drawn["layout"]["xaxis"]["type"], drawn["layout"]["yaxis"]["type"]) == ("linear", "log")
+    assert line["name"] == "ridge"
+    assert drawn["told"] == "Gain: gain from 0.01 to 100 over speed [rad/s] and T [s]."
