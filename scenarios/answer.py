@@ -16,10 +16,10 @@ from cosim import Estimate, Result, System
 from cosim.result import partial, write_json
 from cosim.system import Value, connect, own_start
 
-from .charts import Chart
-from .fields import Field
-from .motion import Motion
-from .report import report
+from .page.charts import Chart
+from .page.fields import Field
+from .page.motion import Motion
+from .page.report import report
 
 Rows = Callable[[Iterable[Sequence[float]]], None]
 

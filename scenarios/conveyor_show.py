@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from . import mechanisms
-from .charts import Chart, Curve, Mark, Panel
-from .motion import Motion, Samples, columns, moved, rows
+from .page import mechanisms
+from .page.charts import Chart, Curve, Mark, Panel
+from .page.motion import Motion, Samples, columns, moved, rows
 from .theory import Machine
 
 if TYPE_CHECKING:

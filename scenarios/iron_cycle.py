@@ -17,8 +17,9 @@ from scipy.integrate import trapezoid
 
 from cosim import Result
 
-from . import fmus, iron, iron_plots, iron_show, motion, options
+from . import fmus, iron, iron_plots, iron_show, options
 from .answer import Answer, Figure, Show, Table, finish, parameters, question
+from .page import motion
 
 PARTS = {"iron": iron.PARTS["iron"]}
 COLUMNS = (

@@ -22,8 +22,8 @@ from cosim import System
 
 from . import fmus, iron, iron_plots, iron_show, options, pool
 from .answer import Answer, Figure, Show, Table, finish, parameters, question, stream
-from .motion import Motion
 from .orders import harmonics, last_revolutions
+from .page.motion import Motion
 
 PARTS = iron.PARTS
 ORDERS = range(1, 13)

@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from . import iron, mechanisms
-from .charts import Chart, Curve, Mark, Panel
-from .motion import Columns, Motion, Samples, columns, rows
+from . import iron
 from .options import Start
+from .page import mechanisms
+from .page.charts import Chart, Curve, Mark, Panel
+from .page.motion import Columns, Motion, Samples, columns, rows
 
 if TYPE_CHECKING:
     from cosim import Result

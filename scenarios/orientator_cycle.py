@@ -16,8 +16,9 @@ import numpy as np
 import cosim
 from cosim import Result
 
-from . import fmus, motion, options, orientator, orientator_plots, orientator_show
+from . import fmus, options, orientator, orientator_plots, orientator_show
 from .answer import Answer, Figure, Show, Table, finish, parameters, question
+from .page import motion
 
 PARTS = orientator.PARTS
 RECORD = [

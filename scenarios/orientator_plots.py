@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib import pyplot as plt
 
-from . import mechanisms, orientator
+from . import orientator
+from .page import mechanisms
 from .plots import MARK, SPEED, THEORY, TORQUE, save
 
 if TYPE_CHECKING:

@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from . import mechanisms, orientator
-from .charts import Chart, Curve, Mark, Panel
-from .motion import Motion, Samples, Shape, columns, moved, rows
+from . import orientator
+from .page import mechanisms
+from .page.charts import Chart, Curve, Mark, Panel
+from .page.motion import Motion, Samples, Shape, columns, moved, rows
 
 if TYPE_CHECKING:
     from cosim import Result

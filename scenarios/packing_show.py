@@ -6,10 +6,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from . import iron_show, mechanisms, orientator, orientator_show, packing
-from .charts import Chart, Curve, Mark, Panel
-from .motion import Motion, columns, moved, rows
+from . import iron_show, orientator, orientator_show, packing
 from .options import Start
+from .page import mechanisms
+from .page.charts import Chart, Curve, Mark, Panel
+from .page.motion import Motion, columns, moved, rows
 
 if TYPE_CHECKING:
     from cosim import Result

@@ -22,15 +22,16 @@ from numpy.typing import NDArray
 
 from cosim import SetupError
 
-from . import fmus, map_plot, map_show, options, pool, tolerances, zone
+from . import fmus, options, pool
 from .answer import Answer, Figure, Show, Table, finish, parameters, question
-from .map_show import LOOKS
-from .plane import Plane, axis, shares, span
+from .map import pages, picture, tolerances, zone
+from .map.pages import LOOKS
+from .map.plane import Plane, axis, shares, span
+from .map.steady import SETTLED, STEADY, WINDOW, Setup
+from .map.survey import Coupling, Row, Survey, columns, coupling, locate, sweep
+from .map.tolerances import CONFIDENCE, Check
 from .resonance import ALGORITHMS, check_steps
-from .steady import SETTLED, STEADY, WINDOW, Setup
-from .survey import Coupling, Row, Survey, columns, coupling, locate, sweep
 from .theory import FIELDS, SETS
-from .tolerances import CONFIDENCE, Check
 
 Real = NDArray[np.float64]
 FLAVOUR = "native"
@@ -473,7 +474,7 @@ def answer(
             "wall_time": time.perf_counter() - began,
         },
         files={
-            "resonance_map.png": lambda path: map_plot.resonance_map(
+            "resonance_map.png": lambda path: picture.resonance_map(
                 path, survey, rows, risk.points, risk.rows, ripple, bounds, headline(plane, risk, bounds)
             )
         },
@@ -483,9 +484,9 @@ def answer(
 
 def show(survey: Survey, rows: Sequence[Row], risk: Risk, limit: float, setup: Setup) -> Show:
     """Both maps, the rows, and one revolution where the torque swings most."""
-    course, motion = map_show.worst(survey, setup)
-    maps = [map_show.gain(survey, rows), map_show.risk(survey, risk.points, limit)]
-    lines = map_show.rows_chart(survey, rows, risk.nominal, risk.rows, limit)
+    course, motion = pages.worst(survey, setup)
+    maps = [pages.gain(survey, rows), pages.risk(survey, risk.points, limit)]
+    lines = pages.rows_chart(survey, rows, risk.nominal, risk.rows, limit)
     return Show([*maps, *(chart for chart in (lines, course) if chart.panels)], [motion])
 
 

@@ -17,14 +17,15 @@ from browser import Browser, browser
 from conftest import QUICK
 from numpy.testing import assert_allclose
 
-from scenarios import charts, fields, fmus, iron, iron_cycle, mechanisms
-from scenarios import report as page
+from scenarios import fmus, iron, iron_cycle
 from scenarios.__main__ import SCENARIOS, load
 from scenarios.answer import Answer, Figure, Show, Table, write
-from scenarios.charts import Chart, Curve, Panel, thinned
-from scenarios.fields import Direction, Field
-from scenarios.motion import Motion, Shape
-from scenarios.report import limited, report
+from scenarios.page import charts, fields, mechanisms
+from scenarios.page import report as page
+from scenarios.page.charts import Chart, Curve, Panel, thinned
+from scenarios.page.fields import Direction, Field
+from scenarios.page.motion import Motion, Shape
+from scenarios.page.report import limited, report
 
 PROGRAMS = ("chromium", "chromium-browser", "google-chrome")
 OPTIONS = QUICK | {

@@ -22,9 +22,10 @@ from scipy.optimize import brentq
 
 import cosim
 from scenarios import fmus as flavours
-from scenarios import resonance_map, survey, tolerances, zone
-from scenarios.plane import Plane, axis
-from scenarios.steady import Case, Orbit, Setup, settling, simulate
+from scenarios import resonance_map
+from scenarios.map import survey, tolerances, zone
+from scenarios.map.plane import Plane, axis
+from scenarios.map.steady import Case, Orbit, Setup, settling, simulate
 from scenarios.theory import SETS
 
 A = SETS["A"]
@@ -157,7 +158,7 @@ def test_transients_die_out_at_the_rate_of_the_eigenvalues() -> None:
 
 def test_orbit_that_has_not_settled_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     assert simulate(Case(A, 40.0, SETUP)).change < 1e-5
-    monkeypatch.setattr("scenarios.steady.SETTLED", 0.5)
+    monkeypatch.setattr("scenarios.map.steady.SETTLED", 0.5)
     early = survey.sweep(plane("speed=30:60:4", "motor.T=0.05:0.06:2"), SETUP, None)[0]
     assert not early.steady.all()
     assert "speed" in resonance_map.restless_places(early)[0]

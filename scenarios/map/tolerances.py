@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import binomtest, qmc
 
-from .theory import FIELDS, Machine
+from ..theory import FIELDS, Machine
 
 Real = NDArray[np.float64]
 SEED = 1

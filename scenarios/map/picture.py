@@ -12,8 +12,8 @@ from matplotlib.colors import LogNorm
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator, PercentFormatter
 from numpy.typing import NDArray
 
+from ..plots import save
 from .plane import Axis
-from .plots import save
 from .survey import Row, Survey
 
 Real = NDArray[np.float64]

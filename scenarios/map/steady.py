@@ -12,9 +12,9 @@ import cosim
 from cosim import Result
 from cosim.system import Value
 
-from . import fmus
-from .orders import last_revolutions, mean_speed, order
-from .theory import Machine
+from .. import fmus
+from ..orders import last_revolutions, mean_speed, order
+from ..theory import Machine
 
 SETTLED = 1e-7
 WINDOW = 4

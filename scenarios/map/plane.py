@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 import cosim
 from cosim.system import Port, describe_fmu
 
-from . import fmus, options
-from .theory import FIELDS, Machine
+from .. import fmus, options
+from ..theory import FIELDS, Machine
 
 SPEED = "speed"
 

@@ -12,10 +12,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from . import pool
+from .. import pool
+from ..theory import Machine
 from .plane import Plane
 from .steady import STEADY, Case, Orbit, Setup, simulate
-from .theory import Machine
 from .tolerances import Check, built, one, ripple
 
 Real = NDArray[np.float64]

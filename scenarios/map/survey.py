@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 import cosim
 from cosim.result import partial
 
-from . import pool, ridges
-from .answer import stream
+from .. import pool
+from ..answer import stream
+from . import ridges
 from .plane import Plane
 from .steady import STEADY, Case, Orbit, Setup, simulate
 

@@ -22,7 +22,7 @@ from .fields import Field
 from .motion import COLORS, Motion, bounds
 
 if TYPE_CHECKING:
-    from .answer import Answer, Figure, Table
+    from ..answer import Answer, Figure, Table
 
 LARGEST = 3_000_000
 TEMPLATE = Path(__file__).with_name("report.html")

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from . import conveyor_show
-from .charts import Chart, Curve, Mark, Panel
-from .fields import Direction, Field
-from .motion import Motion
+from .. import conveyor_show
+from ..page.charts import Chart, Curve, Mark, Panel
+from ..page.fields import Direction, Field
+from ..page.motion import Motion
 from .plane import Axis
 from .steady import Case, Setup, run
 from .survey import Row, Survey

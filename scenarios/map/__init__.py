@@ -1,0 +1,1 @@
+"""What the resonance map is made of."""
