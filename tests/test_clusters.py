@@ -21,7 +21,7 @@ from conftest import ROOT
 from distributed import Client, LocalCluster
 
 from cosim import SetupError
-from scenarios import fmus, study
+from scenarios import fmus, orientator_cycle, study
 
 PLANE = """
 scenario = "plane.py"
@@ -183,6 +183,10 @@ def test_fmus_travel_to_workers_and_other_code_is_refused(
     assert (tmp_path / "there" / "table.csv").read_bytes() == (
         tmp_path / "here" / "table.csv"
     ).read_bytes()
+    for _, row in here.table.iterrows():
+        start = [f"orientator.chute.mu={row['orientator.chute.mu']}"]
+        figures = orientator_cycle.answer(speed=row["speed"], start=start).figures
+        assert row["orientation_time"] == figures["orientation_time"].value
     assert here.table["orientation_time"].nunique() == 4
     assert not (home / "fmus").exists()
     with (home / "cosim" / "curve.py").open("a") as file:
