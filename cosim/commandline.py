@@ -29,7 +29,8 @@ def exit_code(action: Callable[[], int]) -> int:
         print(f"error: {error}", file=sys.stderr)
         return 1
     except KeyboardInterrupt as interrupt:
-        print(f"interrupted, what was computed is kept: {interrupt}", file=sys.stderr)
+        kept = f", what was computed is kept: {interrupt}" if interrupt.args else ""
+        print(f"interrupted{kept}", file=sys.stderr)
         return 130
 
 

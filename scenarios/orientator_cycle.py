@@ -101,12 +101,12 @@ def answer(
 
 
 def figures(result: Result) -> dict[str, Figure]:
-    """End, durations and impulses; nothing is coupled."""
+    """End, durations as far as they were reached, and impulses; nothing is coupled."""
     last = {name: float(result[f"orientator.{name}"][-1]) for name in RECORD}
     ends = last["stage"] == orientator.ORIENTED
     found = {
         "oriented": (float(ends), "1", "1 if the product is oriented"),
-        "orientation_time": (last["orientation_time"], "s", "from drop to end, 0 if it jams"),
+        "orientation_time": (last["orientation_time"], "s", "from drop to end"),
         **{f"t_{x}": (last[f"t_{x}"], "s", f"duration of the stage {x}") for x in STAGES},
         "corner_impulse": (last["S_y"], "N.s", "landing on the corner of the catcher, down"),
         "wall_impulse": (last["S_k"], "N.s", "landing on the wall"),
@@ -115,6 +115,7 @@ def figures(result: Result) -> dict[str, Figure]:
     return {
         name: Figure(value, unit, 0.0, meaning=meaning)
         for name, (value, unit, meaning) in found.items()
+        if unit != "s" or value > 0.0
     }
 
 

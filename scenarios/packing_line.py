@@ -32,7 +32,7 @@ MEANING = {
     "rms_conveyor": "its ripple",
     "mean_supply": "mean power of the supply",
     "rms_supply": "its ripple",
-    "orientation": "time of orientation of the last product, 0 if it jams",
+    "orientation": "time of orientation of the last product",
 }
 SHAFTS = {"iron": "cam", "conveyor": "crank"}
 MAIN, APART = 0.1, 0.05
@@ -205,10 +205,11 @@ def answer(
 
 
 def figures(found: Mapping[str, Estimate], count: packing.Pace) -> dict[str, Figure]:
-    """What three runs tell, and the products that leave the line."""
+    """What three runs tell, and the products that leave the line; no orientation after a jam."""
     told = {
         name: Figure.of(value, UNITS[name.partition("_")[0]], MEANING[name])
         for name, value in found.items()
+        if name != "orientation" or value.value > 0.0
     }
     cycle = found["cycle"]
     rate = 60 / cycle.value * count.oriented / count.released
