@@ -28,7 +28,15 @@ SLOW = {
     "python3 -m venv .venv && .venv/bin/pip install -q uv && "
     ".venv/bin/uv run --no-dev python -m scenarios run resonance",
     "scenarios run resonance --set B",
+    "scenarios run resonance --start conveyor.spring.c=7e5",
     "scenarios run resonance --flavour native",
+    "scenarios run resonance_map",
+    ".venv/bin/python -m scenarios run resonance_map",
+    "scenarios run resonance_map --y conveyor.rotor.J=0.2:1.2:40",
+    "scenarios run resonance_map --y conveyor.spring.c=4e5:1.2e6:40",
+    "scenarios run resonance_map --x motor.T=0.015:0.16:60:log --y conveyor.rotor.J=0.2:1.2:40 "
+    "--speed 45",
+    "scenarios study studies/drive_tolerances.toml --flavour native",
     "scenarios run iron_cycle --animate",
     "scenarios run iron_orders",
     "scenarios run iron_start",
@@ -183,8 +191,9 @@ def test_nothing_is_left_out() -> None:
                 assert "**Not tried**" in before, block.place
                 left[page] = language
             elif block.info not in SILENT:
-                assert language in ("sh", "python"), f"{block.place}: unknown block {block.info!r}"
-                assert not target or (language == "python" and target.endswith(".py")), block.place
+                written = target.endswith({"python": ".py", "toml": ".toml"}.get(language, "-"))
+                assert language in ("sh", "python") or written, f"{block.place}: {block.info!r}"
+                assert not target or written, block.place
             seen |= {*commands(block.text)} if language == "sh" else set()
     assert left == NOT_TRIED
     assert seen >= SLOW
