@@ -8,9 +8,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple
-
-import pandas as pd
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from cosim import Estimate, Result, System
 from cosim.result import partial, write_json
@@ -20,6 +18,9 @@ from .page.charts import Chart
 from .page.fields import Field
 from .page.motion import Motion
 from .page.report import report
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Rows = Callable[[Iterable[Sequence[float]]], None]
 
@@ -71,6 +72,13 @@ class Table(NamedTuple):
     def of(cls, result: Result) -> Table:
         """All that a run recorded."""
         return cls(result.frame, result.units)
+
+    @classmethod
+    def of_rows(cls, rows: Iterable[Sequence[Any]], units: Mapping[str, str]) -> Table:
+        """Rows of as many values as there are units."""
+        import pandas as pd
+
+        return cls(pd.DataFrame(list(rows), columns=list(units)), units)
 
 
 class Show(NamedTuple):

@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 
 import cosim
@@ -279,14 +278,14 @@ def answer(
     }
     told = [verdict(machine, T, nus, at[T], found[T]) for T in LAGS]
     told.append(f"The follower lifts off at {limit:.3f} rad/s; speeds beyond are not reached.")
-    rows = pd.DataFrame([row for s in spectra for row in s.rows()], columns=list(COLUMNS))
+    rows = [row for s in spectra for row in s.rows()]
     return Answer(
         scenario="iron_orders",
         question=question(__doc__),
         verdict="\n".join(told),
         figures=figures(machine, found, limit),
         parameters=parameters(system(cases[0])),
-        tables={TABLE: Table(rows, UNITS)},
+        tables={TABLE: Table.of_rows(rows, UNITS)},
         provenance=fmus.provenance(system(cases[0]), ALGORITHM, f"{PER_REV} steps per revolution"),
         stem="orders",
         facts={

@@ -8,10 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib import pyplot as plt
 
 from . import iron
-from .plots import MARK, SPEED, THEORY, TORQUE, save
+from .plots import MARK, SPEED, THEORY, TORQUE, pyplot, save
 
 if TYPE_CHECKING:
     from cosim import Result
@@ -24,7 +23,7 @@ def cycle(
 ) -> None:
     """Motion, torque and forces over the cam angle; the phases of the cam as a band."""
     phi = np.degrees(result["iron.phi"])
-    figure, panels = plt.subplots(
+    figure, panels = pyplot().subplots(
         4, 1, figsize=(9, 10), sharex=True, layout="constrained", height_ratios=(2, 2, 3, 3)
     )
     motion, speed_axes, torque, force = panels
@@ -71,7 +70,7 @@ def cycle(
 def start_up(path: Path, result: Result, energy: Mapping[str, iron.Samples]) -> None:
     """Speed, torque and the energy ledger over time."""
     t = result["time"]
-    figure, (top, middle, bottom) = plt.subplots(
+    figure, (top, middle, bottom) = pyplot().subplots(
         3, 1, figsize=(9, 8), sharex=True, layout="constrained"
     )
     top.plot(t, result["iron.w_cam"], color=SPEED)
@@ -98,7 +97,7 @@ def start_up(path: Path, result: Result, energy: Mapping[str, iron.Samples]) -> 
 def orders(path: Path, machine: Machine, spectra: Sequence[Spectrum], limit: float) -> None:
     """Campbell maps: frequency k nu over speed, the torque of each order as the size of a dot."""
     lags = sorted({s.T for s in spectra})
-    figure, panels = plt.subplots(
+    figure, panels = pyplot().subplots(
         1, len(lags), figsize=(4.6 * len(lags), 6), sharey=True, layout="constrained"
     )
     top = max(abs(s.torque).max() for s in spectra)

@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import pandas as pd
 
 from . import fmus, options, orientator, orientator_plots, orientator_show, pool
 from .answer import Answer, Figure, Show, Table, finish, parameters, question, stream
@@ -181,7 +180,7 @@ def answer(
         verdict=verdict(points),
         figures=figures(points, found),
         parameters={name: value for name, value in given.items() if name not in SWEPT[:2]},
-        tables={TABLE: Table(pd.DataFrame(points), UNITS)},
+        tables={TABLE: Table.of_rows(points, UNITS)},
         provenance=fmus.provenance(system, None, f"steps of {STEP} s"),
         stem="orientation_time",
         facts={

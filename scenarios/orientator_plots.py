@@ -9,11 +9,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib import pyplot as plt
 
 from . import orientator
 from .page import mechanisms
-from .plots import MARK, SPEED, THEORY, TORQUE, save
+from .plots import MARK, SPEED, THEORY, TORQUE, pyplot, save
 
 if TYPE_CHECKING:
     from cosim import Result
@@ -27,7 +26,7 @@ BANDS = ("#eef3f9", "#e3f1e7", "#fbeee6", "#f3ecf7")
 
 def orientation_time(path: Path, points: Sequence[Point], gaps: Sequence[Gap]) -> None:
     """Time over rotor speed, a curve per friction, with a cross where products begin to jam."""
-    figure, axes = plt.subplots(figsize=(8, 6), layout="constrained")
+    figure, axes = pyplot().subplots(figsize=(8, 6), layout="constrained")
     ends = {gap.mu: gap for gap in gaps}
     for mu, color in zip(sorted({p.mu for p in points}), COLORS):
         mine = sorted((p for p in points if p.mu == mu), key=lambda p: p.n)
@@ -64,7 +63,7 @@ def cycle(path: Path, result: Result, n: float, mu: float) -> None:
     """Path of the cup beside its angles and speeds over time; the stages as bands."""
     t = 1e3 * result["time"]
     column = {name.partition(".")[2]: result[name] for name in result.columns[1:]}
-    figure = plt.figure(figsize=(12, 7), layout="constrained")
+    figure = pyplot().figure(figsize=(12, 7), layout="constrained")
     grid = figure.add_gridspec(3, 2, width_ratios=(1, 1.6))
     scene = figure.add_subplot(grid[:, 0])
     stages = column["stage"].astype(int)

@@ -7,13 +7,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib import pyplot as plt
-from matplotlib.axes import Axes
 
 from . import orientator
-from .plots import MARK, SPEED, THEORY, TORQUE, save
+from .plots import MARK, SPEED, THEORY, TORQUE, pyplot, save
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
     from cosim import Result
 
     from .packing import Pace
@@ -28,7 +28,7 @@ def timing(path: Path, result: Result, pace: Pace, gear: float) -> None:
     period = result["time"][last] - origin
     t = result["time"] - origin
     seen = (t >= -0.05 * period) & (t <= 1.05 * period)
-    figure, (cam, stages, supply, motor) = plt.subplots(
+    figure, (cam, stages, supply, motor) = pyplot().subplots(
         4, 1, figsize=(11, 9), sharex=True, layout="constrained", height_ratios=(2, 1.7, 2.4, 2)
     )
     cam.plot(t[seen], 1e3 * result["iron.lift"][seen], color=SPEED)

@@ -4,36 +4,44 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import matplotlib as mpl
 import numpy as np
 
 from .theory import Machine
 
-mpl.use("Agg")
-from matplotlib import pyplot as plt
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
     from cosim import Result
 
     from .resonance import Found, Point
 
 TORQUE, SPEED, THEORY, MARK = "#c0392b", "#1f5fa8", "#555555", "#2e8b57"
-mpl.rcParams.update(
-    {
-        "figure.dpi": 120,
-        "font.size": 10,
-        "axes.spines.top": False,
-        "axes.spines.right": False,
-        "axes.grid": True,
-        "grid.alpha": 0.3,
-        "legend.frameon": False,
-    }
-)
+STYLE: dict[Any, Any] = {
+    "figure.dpi": 120,
+    "font.size": 10,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "grid.alpha": 0.3,
+    "legend.frameon": False,
+}
+
+
+@cache
+def pyplot() -> Any:
+    """matplotlib's pyplot for files, in our style; a second to import, which waits for a picture."""
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    mpl.rcParams.update(STYLE)
+    from matplotlib import pyplot as plt
+
+    return plt
 
 
 def resonance(
@@ -46,7 +54,7 @@ def resonance(
     """Ripple of torque and speed, and the lag, over speed: theory as line, co-simulation as points."""
     nu = np.array([p.nu for p in points])
     fine = np.linspace(nu.min(), nu.max(), 600) if len(nu) > 1 else nu
-    figure, (top, middle, bottom) = plt.subplots(
+    figure, (top, middle, bottom) = pyplot().subplots(
         3, 1, figsize=(8, 9), sharex=True, height_ratios=(3, 2, 2), layout="constrained"
     )
     theory = [abs(machine.torque_ripple(x)) for x in fine]
@@ -85,7 +93,9 @@ def run_up(
     path: Path, machine: Machine, runs: Mapping[str, Result], passing: Mapping[str, float | None]
 ) -> None:
     """Speed, torque and rod force over time; one column per motor that starts the conveyor."""
-    figure, panels = plt.subplots(3, len(runs), figsize=(11, 8), sharex=True, layout="constrained")
+    figure, panels = pyplot().subplots(
+        3, len(runs), figsize=(11, 8), sharex=True, layout="constrained"
+    )
     rows = (
         ("conveyor.w", "crank speed  [rad/s]", 1.0, SPEED),
         ("motor.tau", "motor torque  [N m]", 1.0, TORQUE),
@@ -133,4 +143,4 @@ def save(figure: Figure, path: Path) -> None:
     """Write and close a figure."""
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path)
-    plt.close(figure)
+    pyplot().close(figure)

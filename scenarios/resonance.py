@@ -17,7 +17,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import pandas as pd
 from numpy.polynomial import Chebyshev
 from scipy.optimize import brentq, minimize_scalar
 
@@ -349,7 +348,7 @@ def answer(
         verdict=verdict(machine, points, found),
         figures=figures(machine, points, found),
         parameters=parameters(system),
-        tables={TABLE: Table(pd.DataFrame(points), UNITS)},
+        tables={TABLE: Table.of_rows(points, UNITS)},
         provenance=fmus.provenance(system, algorithm, f"{steps_per_rev} steps per revolution"),
         stem="resonance",
         facts={

@@ -17,7 +17,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 
 from cosim import SetupError
@@ -432,6 +431,8 @@ def answer(
     errors = coupling(survey, rows, setup)
     exponent = samples.bit_length() - 1
     risk = assess(survey, ripple, bounds, spread, exponent, checks, check_runs, setup)
+    import pandas as pd
+
     frame = pd.DataFrame(points, columns=list(columns(plane)))
     lines = pd.DataFrame(rows).assign(ripple_in_range=risk.nominal, probability_in_range=risk.rows)
     unit = across.unit

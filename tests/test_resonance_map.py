@@ -322,7 +322,7 @@ def test_map_at_a_fixed_speed_has_no_range(tmp_path: Path) -> None:
     assert "At 40 rad/s a torque ripple above 50 N.m" in found.verdict
     assert "No point of the map was checked" in found.verdict
     assert found.parameters["conveyor.rod.finite"].value
-    panels = [panel.quantity for panel in found.show().charts[0].panels]
+    panels = [panel.quantity for panel in found.show().charts[2].panels]
     assert panels == ["motor.T"]
     found.files["resonance_map.png"](tmp_path / "map.png")
     assert (tmp_path / "map.png").stat().st_size > 50_000
@@ -331,7 +331,7 @@ def test_map_at_a_fixed_speed_has_no_range(tmp_path: Path) -> None:
 def test_start_values_change_the_machine_of_the_map(tmp_path: Path) -> None:
     found = small(tmp_path, y="motor.T=0.05:0.06:2", checks=1, start=["conveyor.rotor.J=0.99"])
     assert found.facts["checks"][0]["ripple_off_max"] < 5e-3
-    (ridges, ripple, probability) = found.show().charts[0].panels
+    (ridges, ripple, probability) = found.show().charts[2].panels
     assert [curve.name for curve in ridges.curves] == [
         "formula (22)",
         "90 deg lag",

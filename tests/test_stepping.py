@@ -109,17 +109,18 @@ def test_longest_step_is_kept(fmus: Path) -> None:
 
 
 def test_energy_control_holds_what_the_bond_creates(fmus: Path) -> None:
-    """The power that the coupling makes follows the tolerance, without going back."""
+    """What the coupling makes follows the tolerance, without going back; two decades, for its sign
+    may change at a tolerance between them."""
     steps, made = [], []
-    for tolerance in (1e-2, 1e-3):
+    for tolerance in (3e-2, 3e-4):
         control = Adaptive(tolerance, control="energy")
-        result = from_rest(fmus, step=control, algorithm="gauss-seidel")
+        result = from_rest(fmus / "native", step=control, algorithm="gauss-seidel")
         (bond,) = result.energy.values()
         made.append(abs(bond["residual"]))
         steps.append(result.provenance["steps"])
         assert result.provenance["rejected"] == 0
-    assert made[1] < 0.2 * made[0]
-    assert 5 < steps[1] / steps[0] < 20
+    assert made[1] < 0.02 * made[0]
+    assert 50 < steps[1] / steps[0] < 200
 
 
 @pytest.mark.parametrize("algorithm", ["jacobi", "gauss-seidel", "iterated"])

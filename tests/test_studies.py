@@ -428,11 +428,12 @@ def test_a_start_value_that_no_fmu_has_is_named_before_the_first_run(tmp_path: P
 
 def test_the_studies_of_the_project_and_of_the_page_are_sound(tmp_path: Path) -> None:
     page = (ROOT / "docs" / "studies.md").read_text()
-    (tmp_path / "page.toml").write_text(page.split("```toml\n")[1].split("```")[0])
+    (tmp_path / "page.toml").write_text(page.split("```toml mine.toml\n")[1].split("```")[0])
     sizes = {path.stem: study.load(path) for path in (ROOT / "studies").glob("*.toml")}
     assert {name: len(plan.runs()) for name, plan in sizes.items()} == {
         "cup_scatter": 11 * 256,
-        "drive_tolerances": 256,
+        "drive_tolerances": 128,
+        "rotor_speed": 8,
     }
     plan = study.load(tmp_path / "page.toml")
     assert len(plan.runs()) == 2 * 6 * 128

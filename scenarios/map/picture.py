@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib import pyplot as plt
-from matplotlib.axes import Axes
-from matplotlib.colors import LogNorm
-from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator, PercentFormatter
 from numpy.typing import NDArray
 
-from ..plots import save
+from ..plots import pyplot, save
 from .plane import Axis
 from .survey import Row, Survey
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 Real = NDArray[np.float64]
 LIMIT, RANGE, RISK = "white", "#2e8b57", "#c0392b"
@@ -39,7 +39,7 @@ def resonance_map(
 ) -> None:
     """Gain with its ridges; probability at each point; and, over speed, in the operating range."""
     plane, widths = survey.plane, (5, 5, 1.6) if within else (1, 1)
-    figure, panels = plt.subplots(
+    figure, panels = pyplot().subplots(
         1, len(widths), figsize=(11, 5.5), sharey=True, width_ratios=widths, layout="constrained"
     )
     gain(panels[0], survey, rows)
@@ -67,6 +67,9 @@ def resonance_map(
 
 def gain(axes: Axes, survey: Survey, rows: Sequence[Row]) -> None:
     """The gain in colour, and the three ridges."""
+    from matplotlib.colors import LogNorm
+    from matplotlib.ticker import FuncFormatter, NullLocator
+
     values = survey.gain
     levels = np.geomspace(np.nanmin(values), np.nanmax(values), 25)
     x, y = survey.plane.x.values, survey.plane.y.values
@@ -83,6 +86,8 @@ def gain(axes: Axes, survey: Survey, rows: Sequence[Row]) -> None:
 
 def risk(axes: Axes, survey: Survey, rows: Sequence[Row], probability: Real, limit: float) -> None:
     """The probability in colour; what is below the first level stays white."""
+    from matplotlib.ticker import PercentFormatter
+
     x, y = survey.plane.x.values, survey.plane.y.values
     shown = axes.contourf(x, y, probability, SHARES, cmap="YlOrRd")
     bar = axes.figure.colorbar(
@@ -107,6 +112,8 @@ def ripple(axes: Axes, survey: Survey, limit: float) -> None:
 
 def beside(axes: Axes, y: Real, in_range: Real, within: tuple[float, float]) -> None:
     """The probability anywhere in the operating range; what is below the first level in green."""
+    from matplotlib.ticker import PercentFormatter
+
     axes.fill_betweenx(y, 0, in_range, color=RISK, alpha=0.3)
     axes.plot(in_range, y, color=RISK, linewidth=1.8)
     clear = in_range <= SHARES[0]
@@ -127,6 +134,8 @@ def ridge(axes: Axes, rows: Sequence[Row], place: str) -> None:
 
 def scale(axes: Axes, along: Axis, name: str) -> None:
     """Limits of an axis, and plain numbers on a logarithmic one."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
+
     getattr(axes, f"set_{name}lim")(along.values[0], along.values[-1])
     if along.log:
         getattr(axes, f"set_{name}scale")("log")

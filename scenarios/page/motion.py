@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..plots import pyplot
+
 if TYPE_CHECKING:
     from cosim import Result
 
@@ -78,13 +80,14 @@ def moved(shapes: Sequence[Shape], x: float, y: float) -> list[Shape]:
 
 def gif(path: Path, motion: Motion) -> None:
     """The motion as a GIF."""
-    from matplotlib import pyplot as plt
     from matplotlib.animation import FuncAnimation, PillowWriter
 
     low, high = bounds(motion)
     width, height = (high - low) * 1.06
     scale = 7.0 / max(width, height)
-    figure, axes = plt.subplots(figsize=(width * scale, height * scale + 0.6), layout="constrained")
+    figure, axes = pyplot().subplots(
+        figsize=(width * scale, height * scale + 0.6), layout="constrained"
+    )
     edge = 0.03 * max(high - low)
     axes.set(aspect="equal", xlim=(low[0] - edge, high[0] + edge))
     axes.set(ylim=(low[1] - edge, high[1] + edge))
@@ -113,7 +116,7 @@ def gif(path: Path, motion: Motion) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     writer = PillowWriter(fps=max(1, round(len(chosen) / lasts)))
     FuncAnimation(figure, draw, frames=len(chosen)).save(path, writer=writer)
-    plt.close(figure)
+    pyplot().close(figure)
 
 
 def bounds(motion: Motion) -> tuple[Samples, Samples]:

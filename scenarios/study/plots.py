@@ -4,16 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
-from matplotlib import pyplot as plt
-from matplotlib.axes import Axes
 
-from ..plots import MARK, SPEED, THEORY, TORQUE, save
+from ..plots import MARK, SPEED, THEORY, TORQUE, pyplot, save
 from .plan import Study
 from .table import ERROR
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 MOST = 6
 COLORS = (SPEED, TORQUE, MARK, THEORY)
@@ -59,7 +60,7 @@ def _curves(
     units: Mapping[str, str],
 ) -> Any:
     """Figures over one input: with coupling errors if it varies alone, else mean and 90 % band."""
-    picture, axes = plt.subplots(
+    picture, axes = pyplot().subplots(
         len(figures), 1, figsize=(8, 1.5 + 2.4 * len(figures)), sharex=True, squeeze=False,
         layout="constrained",
     )  # fmt: skip
@@ -85,7 +86,7 @@ def _maps(
     """Figures over two inputs."""
     columns = min(len(figures), 2)
     lines = -(-len(figures) // columns)
-    picture, axes = plt.subplots(
+    picture, axes = pyplot().subplots(
         lines, columns, figsize=(5.5 * columns, 0.6 + 4.2 * lines), squeeze=False,
         layout="constrained",
     )  # fmt: skip
@@ -106,7 +107,7 @@ def _scatter(
 ) -> Any:
     """Every figure over every input, and its distribution."""
     count = len(inputs)
-    picture, axes = plt.subplots(
+    picture, axes = pyplot().subplots(
         len(figures), count + 1, figsize=(1.5 + 2.4 * (count + 1), 1 + 2.2 * len(figures)),
         sharey="row", squeeze=False, layout="constrained",
     )  # fmt: skip
@@ -128,7 +129,7 @@ def _sensitivity(
     drawn = [name for name in figures if (found["figure"] == name).any()]
     inputs = list(study.tolerances)
     over = next(iter(study.grid)) if len(study.grid) == 1 else None
-    picture, axes = plt.subplots(
+    picture, axes = pyplot().subplots(
         len(drawn), 1, figsize=(max(7.0, 2 + 1.4 * len(inputs)), 1.2 + 2.2 * len(drawn)),
         sharex=True, squeeze=False, layout="constrained",
     )  # fmt: skip
