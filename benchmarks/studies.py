@@ -27,7 +27,7 @@ STUDY = """
 scenario = "resonance"
 [fixed]
 speeds = "30:52:7"
-steps_per_rev = 256
+steps_per_rev = 512
 [grid]
 "motor.T" = {{ from = 0.055, to = 0.07, number = {runs} }}
 """
