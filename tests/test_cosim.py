@@ -116,7 +116,7 @@ def figures_of_the_page() -> Iterator[Any]:
             yield pytest.param(algorithm.lower(), held, n, told, id=f"{name}, {n}", marks=long)
 
 
-@pytest.mark.parametrize(("algorithm", "held", "n", "told"), figures_of_the_page())
+@pytest.mark.parametrize(("algorithm", "held", "n", "told"), list(figures_of_the_page()))
 def test_every_error_that_the_page_on_coupling_tells(
     fmus: Path, algorithm: str, held: dict[str, int], n: int, told: str
 ) -> None:

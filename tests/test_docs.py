@@ -46,6 +46,8 @@ SLOW = {
     ".venv/bin/uv run --no-dev python -m cosim verify",
     ".venv/bin/python -m cosim verify",
     ".venv/bin/python benchmarks/coupling.py",
+    ".venv/bin/python benchmarks/stepping.py",
+    ".venv/bin/python benchmarks/studies.py",
     ".venv/bin/python benchmarks/tolerance.py",
 }
 SILENT = {"math", "text", "xml", "csv"}

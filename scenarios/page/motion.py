@@ -102,6 +102,8 @@ def gif(path: Path, motion: Motion) -> None:
         for shape in motion.shapes
     ]
     text = axes.set_title("", loc="left", fontsize=10)
+    figure.canvas.draw()
+    figure.set_layout_engine("none")
     count = min(len(motion.times), 110)
     chosen = np.unique(np.linspace(0, len(motion.times) - 1, count).astype(int))
 
