@@ -26,6 +26,7 @@ from cosim.result import partial
 
 from . import conveyor_show, fmus, options, plots, pool
 from .answer import Answer, Figure, Show, Table, finish, parameters, question, stream
+from .coupled import largest
 from .orders import HIGHEST, last_revolutions, mean_speed, order
 from .theory import SETS, Machine, longest_step
 
@@ -105,7 +106,7 @@ def simulate(case: Case) -> Point:
         *polar(machine.torque_ripple(nu)),
         lag=polar(machine.load_ripple(nu) / torque)[1] % 360.0,
         w_mean=mean_speed(t, phi, EVALUATE),
-        f_rod_peak=float(np.abs(f_rod[late]).max()),
+        f_rod_peak=largest(t[late], np.abs(f_rod[late]))[0],
     )
 
 
@@ -210,13 +211,7 @@ def refine(wanted: Sequence[Feature], like: Case, jobs: int) -> dict[str, Found]
 
     Where N/4 steps are not stable, the coupling error stays unknown.
     """
-    N = like.steps_per_rev
-    try:
-        slowest = min((f.interval[0] for f in wanted), default=math.inf)
-        check_steps(like.machine, like.algorithm, N // 4, slowest)
-        numbers = [N, N // 2, N // 4]
-    except cosim.SetupError:
-        numbers = [N]
+    numbers = coarser(like, min((f.interval[0] for f in wanted), default=math.inf))
     nodes = {f.name: chebyshev_nodes(*f.interval) for f in wanted}
     cases = [
         like._replace(nu=nu, steps_per_rev=n)
@@ -232,20 +227,45 @@ def refine(wanted: Sequence[Feature], like: Case, jobs: int) -> dict[str, Found]
             curve = Chebyshev.fit(nodes[f.name], values, NODES - 1, domain=list(f.interval))
             nu = f.locate(curve)
             located[f.name].append((nu, float(curve(nu))))
+    order = cosim.ORDERS[like.algorithm]
     return {
-        name: Found(*(certified(values, like.algorithm) for values in zip(*places)))
+        name: Found(*(certified(values, order) for values in zip(*places)))
         for name, places in located.items()
     }
 
 
-def certified(values: Sequence[float], algorithm: str) -> Estimate:
+def coarser(like: Case, slowest: float) -> list[int]:
+    """N, N/2 and N/4 steps per revolution; N alone where N/4 are not stable at the slowest speed."""
+    N = like.steps_per_rev
+    try:
+        check_steps(like.machine, like.algorithm, N // 4, slowest)
+    except cosim.SetupError:
+        return [N]
+    return [N, N // 2, N // 4]
+
+
+def certified(values: Sequence[float], order: float) -> Estimate:
     """The estimate of a figure from runs at N, N/2, N/4 steps, or at N alone."""
     if len(values) == 1:
         return Estimate(values[0], None, math.nan)
-    return cosim.estimate(values, cosim.ORDERS[algorithm])
+    return cosim.estimate(values, order)
 
 
-def verdict(machine: Machine, points: Sequence[Point], found: dict[str, Found]) -> str:
+def rod_force(point: Point, like: Case, jobs: int) -> Estimate:
+    """The largest rod force at the speed of a point; it hears the held torque without delay and
+    converges with order 1 [N]."""
+    numbers = coarser(like, point.nu)[1:]
+    cases = [like._replace(nu=point.nu, steps_per_rev=n) for n in numbers]
+    values = [again.f_rod_peak for again in pool.each(simulate, cases, jobs, "rod force")]
+    return certified([point.f_rod_peak, *values], 1.0)
+
+
+def verdict(
+    machine: Machine,
+    points: Sequence[Point],
+    found: dict[str, Found],
+    forces: Mapping[str, Estimate],
+) -> str:
     """The answer in plain words."""
     lines = []
     lines.append(
@@ -278,17 +298,26 @@ def verdict(machine: Machine, points: Sequence[Point], found: dict[str, Found]) 
         "moves; the amplitudes peak where the drive's gain times the load ripple, which falls "
         f"towards sqrt(c/m) = {math.sqrt(machine.c / machine.m):.1f} rad/s, is largest."
     )
-    near = min(points, key=lambda p: abs(p.nu - machine.nu_res))
-    hardest = max(points, key=lambda p: p.f_rod_peak)
+    near, hardest = nearest(machine, points), strongest(points)
     lines.append(
         f"At {near.nu:g} rad/s the torque swings by {near.tau2:.4g} N.m to either side and the rod "
-        f"carries up to {near.f_rod_peak:.4g} N; over the sweep the rod carries at most "
-        f"{hardest.f_rod_peak:.4g} N, at {hardest.nu:g} rad/s."
+        f"carries up to {forces['near'].text('N')}; over the sweep the rod carries at most "
+        f"{forces['largest'].text('N')}, at {hardest.nu:g} rad/s."
     )
     lines.append(
         "The errors stated are those of the coupling, from runs with a half and a quarter of the steps."
     )
     return "\n".join(lines)
+
+
+def nearest(machine: Machine, points: Sequence[Point]) -> Point:
+    """The point of the sweep beside formula (22)."""
+    return min(points, key=lambda p: abs(p.nu - machine.nu_res))
+
+
+def strongest(points: Sequence[Point]) -> Point:
+    """The point of the sweep with the largest rod force."""
+    return max(points, key=lambda p: p.f_rod_peak)
 
 
 def arguments(parser: ArgumentParser) -> None:
@@ -341,12 +370,16 @@ def answer(
     cases = [Case(machine, nu, steps_per_rev, algorithm, changes) for nu in nus]
     points = sweep(cases, jobs, out and out / TABLE)
     found = refine(features(points), cases[0], jobs)
+    forces = {
+        "near": rod_force(nearest(machine, points), cases[0], jobs),
+        "largest": rod_force(strongest(points), cases[0], jobs),
+    }
     system = fmus.conveyor_drive(machine.start(machine.nu_res) | changes)
     return Answer(
         scenario="resonance",
         question=question(__doc__),
-        verdict=verdict(machine, points, found),
-        figures=figures(machine, points, found),
+        verdict=verdict(machine, points, found, forces),
+        figures=figures(machine, found, forces["largest"]),
         parameters=parameters(system),
         tables={TABLE: Table.of_rows(points, UNITS)},
         provenance=fmus.provenance(system, algorithm, f"{steps_per_rev} steps per revolution"),
@@ -377,9 +410,7 @@ def show(cases: Sequence[Case], points: Sequence[Point], found: Mapping[str, Fou
     return Show([conveyor_show.ripple(machine, points, found), course], [motion])
 
 
-def figures(
-    machine: Machine, points: Sequence[Point], found: Mapping[str, Found]
-) -> dict[str, Figure]:
+def figures(machine: Machine, found: Mapping[str, Found], force: Estimate) -> dict[str, Figure]:
     """Resonance by formula and as found, the peaks, the largest rod force of the sweep."""
     told = {
         "nu_res": Figure(machine.nu_res, "rad/s", 0.0, meaning="resonance by formula (22)"),
@@ -391,8 +422,7 @@ def figures(
         if name in PEAKS:
             peak, unit = PEAKS[name]
             told[peak] = Figure.of(at.value, unit, height)
-    hardest = max(p.f_rod_peak for p in points)
-    told["f_rod_peak"] = Figure(hardest, "N", meaning="largest rod force of the sweep")
+    told["f_rod_peak"] = Figure.of(force, "N", "largest rod force of the sweep")
     return told
 
 
