@@ -37,6 +37,10 @@ SLOW = {
     "scenarios run resonance_map --x motor.T=0.015:0.16:60:log --y conveyor.rotor.J=0.2:1.2:40 "
     "--speed 45",
     "scenarios study studies/drive_tolerances.toml --flavour native",
+    ".venv/bin/python -m dask scheduler --port 8786 &",
+    ".venv/bin/python -m dask worker tcp://localhost:8786 --nworkers 2 --nthreads 1 &",
+    "scenarios study studies/rotor_speed.toml --scheduler tcp://localhost:8786 --out results/cluster",
+    "kill %1 %2",
     "scenarios run iron_cycle --animate",
     "scenarios run iron_orders",
     "scenarios run iron_start",
