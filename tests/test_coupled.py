@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from cosim import Result
-from scenarios import coupled, fmus, iron, iron_start, run_up
+from scenarios import coupled, fmus, iron, iron_orders, iron_start, resonance, run_up
 from scenarios.theory import SETS
 
 
@@ -67,3 +67,23 @@ def test_the_start_of_the_iron_states_its_errors() -> None:
     for name in ("w_cam_max", "w_cam_max_time", "tau_max", "tau_max_time"):
         error = found[name].error
         assert error is not None and 0.0 < error < 1e-3 * found[name].value
+
+
+def test_the_rod_force_of_the_sweep_states_its_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(fmus.CHOICE, "native")
+    case = resonance.Case(SETS["A"], 40.0, 256, "strang", {})
+    stated = resonance.rod_force(resonance.simulate(case), case, 1)
+    exact = resonance.simulate(case._replace(steps_per_rev=4096)).f_rod_peak
+    assert stated.order == pytest.approx(1.0, abs=0.3)
+    assert stated.error is not None
+    assert abs(stated.value - exact) <= 1.1 * stated.error < 10.0
+
+
+def test_the_gain_of_an_order_states_its_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(fmus.CHOICE, "native")
+    found = iron_orders.answer(speeds="5").figures
+    for lag in ("80ms", "200ms"):
+        for name in ("gain", "added"):
+            figure = found[f"{name}_{lag}"]
+            assert figure.order == pytest.approx(2.0, abs=0.6)
+            assert figure.error is not None and 0.0 < figure.error < 1e-3 * figure.value
