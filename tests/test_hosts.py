@@ -270,31 +270,43 @@ def test_ecos_program_without_python_prints_what_our_jacobi_master_computes(
     assert printed == [[f"{value:.6f}" for value in row] for row in ours]
 
 
+def c_program(fmu: Path, folder: Path, status: int) -> list[Any]:
+    """The program host.c and what it is told; `status` is what a refused step returns."""
+    if shutil.which("gcc") is None:
+        pytest.skip("there is no gcc")
+    headers, program = Path(fmpy.__file__).with_name("c-code"), folder.parent / "host"
+    gcc = ["gcc", "-Wall", "-Wextra", "-Werror", f"-I{headers}"]
+    finish(*gcc, HOSTS / "host.c", "-ldl", "-o", program)
+    description = fmpy.read_model_description(fmu)
+    reference = {v.name: v.valueReference for v in description.modelVariables}
+    given = [text for name, value in START.items() for text in (reference[name], value)]
+    library = Path(fmpy.extract(fmu, folder)) / "binaries" / "linux64" / "CrankConveyor.so"
+    resources = (folder / "resources").as_uri()
+    return [program, library, resources, description.guid, *given, reference["w"], status]
+
+
 def test_c_program_without_python_agrees_with_our_master_to_the_bit(
     both: Path, fmus: Path, starter: list[str], tmp_path: Path
 ) -> None:
     """It also rolls back, survives a refused step, and repeats its run after a reset."""
-    if shutil.which("gcc") is None:
-        pytest.skip("there is no gcc")
     fmu = both / "CrankConveyor.fmu"
-    headers = Path(fmpy.__file__).with_name("c-code")
     nasty = "fmu" if both == fmus else "a 100%s #1 + ærø"
-    host, folder = tmp_path / "host", Path(fmpy.extract(fmu, tmp_path / nasty))
-    finish(
-        "gcc", "-Wall", "-Wextra", "-Werror", f"-I{headers}", HOSTS / "host.c", "-ldl", "-o", host
-    )
-
-    description = fmpy.read_model_description(fmu)
-    reference = {v.name: v.valueReference for v in description.modelVariables}
-    given = [text for name, value in START.items() for text in (reference[name], value)]
-    library = folder / "binaries" / "linux64" / "CrankConveyor.so"
-    resources = (folder / "resources").as_uri()
-    status = 4 if both == fmus else 3
-    arguments = [library, resources, description.guid, *given, reference["w"], status]
-    done = finish(*starter, host, *arguments)
+    done = finish(*starter, *c_program(fmu, tmp_path / nasty, 4 if both == fmus else 3))
 
     assert done.stderr.count("communication step = -0.001 s must be a finite number above 0") == 2
     start = {f"conveyor.{name}": value for name, value in START.items()}
     system = System(parts={"conveyor": fmu}, start=start)
     result = run(system, stop=STEPS * STEP, step=STEP, record=["conveyor.w"])
     assert_array_equal(np.array(done.stdout.split(), float), result["conveyor.w"][1:])
+
+
+@pytest.mark.parametrize("both", ["python"], indirect=True)
+def test_memory_is_sound_to_the_end_of_a_process_with_python(
+    both: Path, starter: list[str], tmp_path: Path
+) -> None:
+    """Also after the last line of its host, when libraries that are still loaded leave."""
+    if shutil.which("valgrind") is None:
+        pytest.skip("there is no valgrind")
+    valgrind = ["valgrind", "-q", "--undef-value-errors=no", "--error-exitcode=9"]
+    program = c_program(both / "CrankConveyor.fmu", tmp_path / "fmu", 4)
+    finish(*starter, *valgrind, *program, PYTHONMALLOC="malloc")

@@ -7,10 +7,13 @@ failure the instance can still be reset, rolled back and freed.
 
 from __future__ import annotations
 
+import atexit
+import contextlib
 import ctypes
 import functools
 import json
 import math
+import os
 import sys
 import threading
 import zlib
@@ -81,6 +84,26 @@ def forget_path(resources: str) -> None:
         sys.path.remove(resources)
 
 
+@functools.cache
+def let_go_at_exit(resources: str, model: str) -> None:
+    """Have pythonfmu's wrapper release the interpreter before its process ends.
+
+    On Linux the first wrapper of a process stays loaded whatever its host does, for its symbols are
+    unique. At exit it would release the interpreter twice, the second time by a write to memory that
+    is free by then.
+    """
+    wrapper = f"/{resources.lstrip('/')}/../binaries/linux64/{model}.so"
+
+    def let_go() -> None:
+        with contextlib.suppress(OSError):  # unloaded
+            ctypes.CDLL(
+                os.path.normpath(wrapper), os.RTLD_NOLOAD | os.RTLD_NOW
+            ).finalizePythonInterpreter()
+
+    if sys.platform == "linux":
+        atexit.register(let_go)
+
+
 Method = TypeVar("Method", bound=Callable[..., Any])
 
 
@@ -116,6 +139,7 @@ class ModelSlave(Fmi2Slave):  # type: ignore[misc]
         self.log_queue: list[Message] = []
         if "logger" in kwargs:
             forget_path(kwargs["resources"])
+            let_go_at_exit(kwargs["resources"], self.modelName)
 
         interface = self.interface
         count, inputs = len(interface.variables), interface.inputs
