@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Iterator
 from typing import Any
 
@@ -16,7 +17,8 @@ from math import acos, atan, atan2, cos, exp, expm1, inf, nan, sin, sqrt, tan
 '''
 INFIX = {"+", "-", "*", "/", *COMPARISONS} | {"power", "modulo"}
 SIGNS = {"power": "**", "modulo": "%", "fabs": "abs"}
-SMALL = 8
+NESTED = {"+", "-", "*", "neg"}
+SMALL, LONG = 8, 300
 
 
 def module(functions: list[Function], entries: tuple[str, ...]) -> str:
@@ -44,7 +46,9 @@ def calls(tree: Tree) -> Iterator[Node]:
 def definition(function: Function) -> str:
     parameters = [name for name, shape in function.parameters.items() if size(shape)]
     head = f"def {function.name}({', '.join(['note', *parameters])}):"
-    return "\n".join([head, *Printer(function).tree(function.tree, 1, None), ""])
+    draft = Printer(function, frozenset())
+    deque(draft.tree(function.tree, 1, None), maxlen=0)
+    return "\n".join([head, *Printer(function, draft.read_once()).tree(function.tree, 1, None), ""])
 
 
 def real(value: float) -> str:
@@ -54,12 +58,15 @@ def real(value: float) -> str:
 
 
 class Printer:
-    """One function in Python."""
+    """One function in Python; `nested` are the nodes that stand where they are read, without a name."""
 
-    def __init__(self, function: Function) -> None:
-        self.function = function
+    def __init__(self, function: Function, nested: frozenset[int]) -> None:
+        self.function, self.nested = function, nested
         self.names: dict[int, str] = {}
         self.trying = False
+        self.place = 0
+        self.places: dict[int, int] = {}
+        self.readers: dict[int, list[int]] = {}
         self.used: set[int] = set()
         waiting = list(needed(function.tree))
         while waiting:
@@ -70,8 +77,13 @@ class Printer:
 
     def tree(self, tree: Tree, depth: int, loop: Node | None) -> Iterator[str]:
         for node in tree.nodes:
-            if node.number in self.used or acts(node):
+            self.place = self.places[node.number] = id(tree)
+            text = f"({self.expression(node)})" if node.number in self.nested else ""
+            if 0 < len(text) < LONG:
+                self.names[node.number] = text
+            elif node.number in self.used or acts(node):
                 yield from self.statement(node, depth)
+        self.place = id(tree)
         if self.trying:
             raise Untraceable("a condition within what is attempted")
         indent = "    " * depth
@@ -90,6 +102,14 @@ class Printer:
             yield f"{indent}return {self.array(tree.values)}"
         else:
             yield f"{indent}return {self.value(tree.values[0])}"
+
+    def read_once(self) -> frozenset[int]:
+        """The nodes, of those printed, that are only read once, and on the path that computes them."""
+        return frozenset(
+            number
+            for number, places in self.readers.items()
+            if NODES[number].op in NESTED and places == [self.places[number]]
+        )
 
     def turn(self, leaf: Leaf, loop: Node, indent: str) -> Iterator[str]:
         """The end of a loop's body: the next values of its variables."""
@@ -167,6 +187,7 @@ class Printer:
             return f"{name}_{place}" if size(traced.shape) <= SMALL else f"{name}[{place}]"
         if value.op in COMPARISONS:
             return f"({self.expression(value)})"
+        self.readers.setdefault(value.number, []).append(self.place)
         return self.names[value.number]
 
     def expression(self, node: Node) -> str:
