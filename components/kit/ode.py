@@ -7,7 +7,9 @@ nothing but x is remembered between calls and a repeated step repeats every bit.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import reduce
 from math import inf
+from operator import add
 from typing import NamedTuple
 
 from .flow import attempted, repeat
@@ -15,6 +17,15 @@ from .flow import attempted, repeat
 Vector = Sequence[float]
 RightHandSide = Callable[[float, Vector], Vector]
 
+STAGES = (
+    (1 / 5, (1 / 5,)),
+    (3 / 10, (3 / 40, 9 / 40)),
+    (4 / 5, (44 / 45, -56 / 15, 32 / 9)),
+    (8 / 9, (19372 / 6561, -25360 / 2187, 64448 / 6561, -212 / 729)),
+    (1.0, (9017 / 3168, -355 / 33, 46732 / 5247, 49 / 176, -5103 / 18656)),
+    (1.0, (35 / 384, 0.0, 500 / 1113, 125 / 192, -2187 / 6784, 11 / 84)),
+)
+DEFECT = (71 / 57600, 0.0, -71 / 16695, 71 / 1920, -17253 / 339200, 22 / 525, -1 / 40)
 SAFETY, SHRINK, GROW = 0.9, 0.2, 5.0
 MOST_SUBSTEPS = 1_000_000
 
@@ -81,46 +92,21 @@ def attempt(
     f: RightHandSide, s: float, x: Vector, k1: Vector, h: float, tolerance: Vector
 ) -> tuple[Vector, Vector, float]:
     """One step of order 5: the new x, its slope, and the error of order 4 over the tolerance, squared."""
-    k2 = f(s + h / 5, [y + h / 5 * a for y, a in zip(x, k1)])
-    k3 = f(
-        s + h * 3 / 10,
-        [y + h * (3 / 40 * a + 9 / 40 * b) for y, a, b in zip(x, k1, k2)],
-    )
-    k4 = f(
-        s + h * 4 / 5,
-        [y + h * (44 / 45 * a - 56 / 15 * b + 32 / 9 * c) for y, a, b, c in zip(x, k1, k2, k3)],
-    )
-    k5 = f(
-        s + h * 8 / 9,
-        [
-            y + h * (19372 / 6561 * a - 25360 / 2187 * b + 64448 / 6561 * c - 212 / 729 * d)
-            for y, a, b, c, d in zip(x, k1, k2, k3, k4)
-        ],
-    )
-    k6 = f(
-        s + h,
-        [
-            y
-            + h
-            * (9017 / 3168 * a - 355 / 33 * b + 46732 / 5247 * c + 49 / 176 * d - 5103 / 18656 * e)
-            for y, a, b, c, d, e in zip(x, k1, k2, k3, k4, k5)
-        ],
-    )
-    new = [
-        y + h * (35 / 384 * a + 500 / 1113 * c + 125 / 192 * d - 2187 / 6784 * e + 11 / 84 * g)
-        for y, a, c, d, e, g in zip(x, k1, k3, k4, k5, k6)
-    ]
-    k7 = f(s + h, new)
+    new, slopes = x, [k1]
+    for node, weights in STAGES:
+        new = [y + change for y, change in zip(x, weighted(h, weights, slopes))]
+        slopes.append(f(s + h * node, new))
     error = 0.0
-    for a, c, d, e, g, i, allowed in zip(k1, k3, k4, k5, k6, k7, tolerance):
-        defect = h * (
-            71 / 57600 * a
-            - 71 / 16695 * c
-            + 71 / 1920 * d
-            - 17253 / 339200 * e
-            + 22 / 525 * g
-            - 1 / 40 * i
-        )
+    for defect, allowed in zip(weighted(h, DEFECT, slopes), tolerance):
         share = defect * (1.0 / allowed)
         error += share * share
-    return new, k7, error
+    return new, slopes[-1], error
+
+
+def weighted(h: float, weights: Vector, slopes: Sequence[Vector]) -> Vector:
+    """h times the weighted sum of slopes, the latest added last: the others need not wait for it."""
+    used = [(h * weight, slope) for weight, slope in zip(weights, slopes) if weight]
+    return [
+        reduce(add, [share * slope[place] for share, slope in used])
+        for place in range(len(slopes[0]))
+    ]
