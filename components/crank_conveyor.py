@@ -37,6 +37,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from math import cos, sin, sqrt
 
+from .kit import turn
 from .kit.interface import Experiment
 from .kit.record import discrete, real, record
 from .kit.si import (
@@ -54,6 +55,7 @@ from .kit.si import (
     TranslationalStiffness,
     Velocity,
 )
+from .kit.turn import Direction
 
 EXPERIMENT = Experiment(stop=1.0, step=1e-3)
 
@@ -128,34 +130,42 @@ def check(p: Parameters) -> Iterator[str]:
         yield f"crank.r = {r!r} m is not small against rod.l = {l!r} m: set rod.finite = true"
 
 
-def trough(p: Parameters, phi: float) -> tuple[float, float, float, float]:
+def prepare(p: Parameters, x: State) -> Direction:
+    """The direction of the crank, from which it turns only a little within a step."""
+    return Direction(x.phi, sin(x.phi), cos(x.phi))
+
+
+def trough(p: Parameters, crank: Direction) -> tuple[float, float, float, float]:
     """Trough position x, its derivatives x', x'' by the crank angle, and l/R of the rod."""
     r, l = p.crank.r, p.rod.l
-    s, c = r * sin(phi), r * cos(phi)
+    s, c = r * crank.sin, r * crank.cos
     if not p.rod.finite:
         return s, c, -s, 1.0
     R = sqrt(l * l - c * c)
     return s + R - l, c * (1 + s / R), -s + (c * c - s * s) / R - (s * c) ** 2 / R**3, l / R
 
 
-def load(p: Parameters, x: State) -> tuple[float, float]:
+def load(p: Parameters, x: State, crank: Direction) -> tuple[float, float]:
     """Reduced inertia theta, and load torque M_c + theta' w^2 / 2."""
     m, c, d = p.trough.m, p.spring.c, p.trough.d
-    position, dx, ddx, _ = trough(p, x.phi)
+    position, dx, ddx, _ = trough(p, crank)
     theta = p.rotor.J + m * dx * dx
     M_c = c * position * dx + d * dx * dx * x.w
     return theta, M_c + m * dx * ddx * x.w * x.w
 
 
-def derivatives(p: Parameters, t: float, x: State, u: Inputs) -> State:
-    theta, tau_load = load(p, x)
+def derivatives(
+    p: Parameters, t: float, x: State, u: Inputs, near: Direction | None = None
+) -> State:
+    theta, tau_load = load(p, x, turn.turned(near, x.phi) if near else prepare(p, x))
     return State(phi=x.w, w=(u.tau - tau_load) / theta)
 
 
 def outputs(p: Parameters, t: float, x: State, u: Inputs) -> Outputs:
     m, c, d = p.trough.m, p.spring.c, p.trough.d
-    position, dx, ddx, axial = trough(p, x.phi)
-    theta, tau_load = load(p, x)
+    crank = prepare(p, x)
+    position, dx, ddx, axial = trough(p, crank)
+    theta, tau_load = load(p, x, crank)
     a = (u.tau - tau_load) / theta
     v = dx * x.w
     return Outputs(

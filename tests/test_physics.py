@@ -6,6 +6,7 @@ import cmath
 import math
 import random
 from itertools import pairwise
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,7 @@ from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
 from components import crank_conveyor, drive_motor
-from components.kit import motion, ode
+from components.kit import motion, ode, turn
 from components.kit.record import start
 from scenarios.orders import last_revolutions, mean_speed, order
 from scenarios.theory import SETS
@@ -71,7 +72,10 @@ def test_inertia_load_and_acceleration_follow_from_the_energies(
 ) -> None:
     for values, p, x, u in states(finite, 50):
         theta, load, acceleration = lagrange[finite](*values)
-        assert crank_conveyor.load(p, x) == pytest.approx((theta, load), rel=1e-12, abs=1e-10)
+        crank = crank_conveyor.prepare(p, x)
+        assert crank_conveyor.load(p, x, crank) == pytest.approx(
+            (theta, load), rel=1e-12, abs=1e-10
+        )
         dx = crank_conveyor.derivatives(p, 0.0, x, u)
         assert dx.phi == x.w
         assert dx.w == pytest.approx(acceleration, rel=1e-12, abs=1e-10)
@@ -82,8 +86,9 @@ def test_equation_1_as_printed_does_not_follow_from_the_energies(
 ) -> None:
     """It lacks the square of the speed beside theta'."""
     for values, p, x, u in states(False, 20):
-        theta, _ = crank_conveyor.load(p, x)
-        at_rest = crank_conveyor.load(p, x._replace(w=0.0))[1]
+        crank = crank_conveyor.prepare(p, x)
+        theta, _ = crank_conveyor.load(p, x, crank)
+        at_rest = crank_conveyor.load(p, x._replace(w=0.0), crank)[1]
         damping = p.trough.d * (p.crank.r * math.cos(x.phi)) ** 2 * x.w
         centrifugal = -p.trough.m * p.crank.r**2 * math.sin(2 * x.phi) / 2
         printed = (u.tau - at_rest - damping - centrifugal * x.w) / theta
@@ -112,7 +117,7 @@ def states(finite: bool, count: int) -> Any:
 def test_rod_force_balances_crank_and_trough(finite: bool) -> None:
     model, (r, l, phi) = symbolic(crank_conveyor), sympy.symbols("r l phi")
     geometry = start(model.Parameters, **{"crank.r": r, "rod.l": l, "rod.finite": finite})
-    position = model.trough(geometry, phi)[0]
+    position = model.trough(geometry, model.prepare(geometry, model.State(phi, 0)))[0]
     path = sympy.lambdify((r, l, phi), [position, position.diff(phi), position.diff(phi, 2)])
     for (theta1, m, r, l, c, d, tau, phi, w), p, x, u in states(finite, 50):
         y = crank_conveyor.outputs(p, 0.0, x, u)
@@ -309,8 +314,10 @@ def test_ripple_of_formulas_10_17_and_26_as_printed_is_wrong() -> None:
 
 def test_energies_12_as_printed_count_the_trough_twice() -> None:
     p = start(crank_conveyor.Parameters)
-    dx = crank_conveyor.trough(p, 0.7)[1]
-    theta, _ = crank_conveyor.load(p, crank_conveyor.State(0.7, 40.0))
+    x = crank_conveyor.State(0.7, 40.0)
+    crank = crank_conveyor.prepare(p, x)
+    dx = crank_conveyor.trough(p, crank)[1]
+    theta, _ = crank_conveyor.load(p, x, crank)
     printed = 2 * (p.rotor.J / 2 + p.trough.m * dx**2)
     assert printed - p.rotor.J == pytest.approx(2 * (theta - p.rotor.J), rel=1e-12)
 
@@ -374,3 +381,40 @@ def test_every_start_leads_to_the_reference_orbit(
     end = monolithic(values, 90 * math.pi / nu, events=top).y_events[0][0]
     assert end[1] == pytest.approx(w_0, abs=2e-9)
     assert end[2] == pytest.approx(tau_0, abs=2e-7)
+
+
+def test_a_turned_direction_is_that_of_the_angle() -> None:
+    """On both sides of the limit up to which it comes from the series."""
+    draw = random.Random(2)
+    for _ in range(20_000):
+        start_angle = draw.uniform(-1000.0, 1000.0)
+        near = turn.Direction(start_angle, math.sin(start_angle), math.cos(start_angle))
+        angle = start_angle + draw.uniform(-1.5, 1.5) * turn.NEAR
+        got = turn.turned(near, angle)
+        assert got.angle == angle
+        assert abs(got.sin - math.sin(angle)) < 3e-15
+        assert abs(got.cos - math.cos(angle)) < 3e-15
+        assert turn.turned(near, start_angle) == near
+
+
+def test_an_angle_without_a_direction_has_none_from_near_by_either() -> None:
+    near = turn.Direction(0.0, 0.0, 1.0)
+    assert math.isnan(turn.turned(near, math.nan).sin)
+    with pytest.raises(ValueError, match="math domain error"):
+        turn.turned(near, math.inf)
+
+
+@pytest.mark.parametrize("finite", [False, True])
+@pytest.mark.parametrize("w", [-40.0, 40.0, 400.0])
+def test_a_step_does_not_depend_on_the_direction_prepared_for_it(finite: bool, w: float) -> None:
+    p = start(crank_conveyor.Parameters, **{"rod.finite": finite, "rod.l": 0.05})
+    x, u = crank_conveyor.State(2.0, w), crank_conveyor.Inputs(30.0)
+    unprepared: Any = SimpleNamespace(
+        State=crank_conveyor.State, derivatives=crank_conveyor.derivatives
+    )
+    ends = [
+        motion.advance(model, p, 0.0, x, motion.Course(u, u, 1e-3))
+        for model in (crank_conveyor, unprepared)
+    ]
+    assert ends[0] == pytest.approx(ends[1], rel=1e-13)
+    assert abs(ends[0].w - w) > 1e-3

@@ -1,5 +1,10 @@
 """Carry a component over one communication step: its own exact update, or the integrator.
 
+A component whose equations repeat costly work may do it once, in
+
+    prepare(p, x) -> Any             what `derivatives` may take as a fifth argument throughout a step
+                                     that begins with the state x
+
 A hybrid component adds to its equations
 
     guard(p, t, x, u) -> tuple       each positive; an event is where one falls below zero
@@ -186,6 +191,7 @@ def travel(
     """
     places, tolerance = continuous(model.State), tolerances(model.State)
     h, longest, hybrid = inputs.h, getattr(model, "LONGEST_STEP", inf), hasattr(model, "guard")
+    known = (model.prepare(p, x),) if hasattr(model, "prepare") else ()
 
     def begin(s: float, x: Any) -> ode.Walk:
         y = pick(x, places)
@@ -205,7 +211,7 @@ def travel(
             return which < 0 and walk.s >= h, Stage(which, new, walk, events + 1)
 
         def flow(s: float, y: ode.Vector) -> ode.Vector:
-            return slope(model, p, t, x, inputs, s, y)
+            return slope(model, p, t, x, inputs, s, y, known)
 
         good, size, further = ode.substep(flow, walk, h, tolerance, longest)
         if not good:
@@ -213,7 +219,7 @@ def travel(
         after = state(x, places, further.x)
         if fallen(model, p, t, further.s, after, inputs) < 0:
             return further.s >= h, Stage(-1, after, further, events)
-        s, x = locate(model, p, t, x, inputs, walk, size, after)
+        s, x = locate(model, p, t, x, inputs, walk, size, after, known)
         return False, Stage(fallen(model, p, t, s, x, inputs), x, further._replace(s=s), events)
 
     which = fallen(model, p, t, 0.0, x, inputs)
@@ -242,12 +248,13 @@ def locate(
     walk: ode.Walk,
     size: float,
     end: Any,
+    known: tuple[Any, ...],
 ) -> tuple[float, Any]:
     """The first instant at which a guard is below zero, to the last bit of the time."""
     places, tolerance = continuous(model.State), tolerances(model.State)
 
     def flow(s: float, y: ode.Vector) -> ode.Vector:
-        return slope(model, p, t, x, inputs, s, y)
+        return slope(model, p, t, x, inputs, s, y, known)
 
     def body(at: tuple[float, float, Any]) -> tuple[bool, tuple[float, float, Any]]:
         before, after, end = at
@@ -265,11 +272,18 @@ def locate(
 
 
 def slope(
-    model: ModuleType, p: Any, t: float, x: Any, inputs: Course, s: float, y: ode.Vector
+    model: ModuleType,
+    p: Any,
+    t: float,
+    x: Any,
+    inputs: Course,
+    s: float,
+    y: ode.Vector,
+    known: tuple[Any, ...] = (),
 ) -> ode.Vector:
     """The right-hand side of the continuous states y, the others as they are in x."""
     places = continuous(model.State)
-    return pick(model.derivatives(p, t + s, state(x, places, y), inputs.at(s)), places)
+    return pick(model.derivatives(p, t + s, state(x, places, y), inputs.at(s), *known), places)
 
 
 def state(x: Any, places: tuple[int, ...], y: ode.Vector) -> Any:

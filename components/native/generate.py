@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from typing import Any
 
-from ..kit import checks, motion, ode
+from ..kit import checks, motion, ode, turn
 from ..kit.interface import Interface, Variable, class_name
 from ..kit.record import Value, start
 from . import c, derive, trace
@@ -14,6 +14,7 @@ BOUNDARIES = {
     motion: ("course", "along", "fallen", "slope", "smaller", "announce"),
     ode: ("reach", "resized"),
     checks: ("bounds",),
+    turn: ("turned",),
 }
 
 

@@ -429,13 +429,16 @@ class Tracer:
 
     def boundary(self, original: Callable[..., Any]) -> Callable[..., Any]:
         """A function that is called, not followed, where it returns numbers."""
-        parameters = list(inspect.signature(original).parameters)
+        signature = inspect.signature(original)
 
-        def call(*args: Any, **named_args: Any) -> Any:
+        def call(*given: Any, **named: Any) -> Any:
+            bound = signature.bind(*given, **named)
+            bound.apply_defaults()
+            args = bound.args
             flat = [flatten(arg) for arg in args]
-            if named_args or len(args) != len(parameters) or not any(n for _, n in flat):
-                return original(*args, **named_args)
-            shapes = {name: unified(shape) for name, (shape, _) in zip(parameters, flat)}
+            if bound.kwargs or not any(n for _, n in flat):
+                return original(*given, **named)
+            shapes = {name: unified(shape) for name, (shape, _) in zip(bound.arguments, flat)}
             types = tuple(arg.kind if isinstance(arg, Node) else "Real" for arg in args)
             identity = (original, tuple(shapes.items()), types)
             if identity not in self.functions:
