@@ -10,9 +10,14 @@
 static const double A = 8000.0, B = 199.8, T = 0.0625;
 static const double J = 0.49, r = 0.01, m = 200.0, d = 4000.0, c = 720000.0;
 
-static void rates(const double *x, double tau, double *dx)
+/* near: an angle less than 0.1 rad away, its sine and its cosine. */
+static void rates(const double *near, const double *x, double tau, double *dx)
 {
-    double s = r * sin(x[0]), ds = r * cos(x[0]), w = x[1];
+    double a = x[0] - near[0], b = a * a, e = b * b;
+    double sine = a * ((1 - b * (1.0 / 6)) + e * (1.0 / 120 - b * (1.0 / 5040)));
+    double cosine = (1 - b * 0.5) + e * ((1.0 / 24 - b * (1.0 / 720)) + e * (1.0 / 40320));
+    double s = r * (near[1] * cosine + near[2] * sine), ds = r * (near[2] * cosine - near[1] * sine);
+    double w = x[1];
     double theta = J + m * ds * ds;
     double load = c * s * ds + d * ds * ds * w - m * ds * s * w * w;
     dx[0] = w;
@@ -30,12 +35,12 @@ static void conveyor(double *x, double tau, double h)
         {9017.0 / 3168, -355.0 / 33, 46732.0 / 5247, 49.0 / 176, -5103.0 / 18656},
         {35.0 / 384, 0.0, 500.0 / 1113, 125.0 / 192, -2187.0 / 6784, 11.0 / 84},
     };
-    double k[7][2], y[2];
-    rates(x, tau, k[0]);
+    double k[7][2], y[2], near[3] = {x[0], sin(x[0]), cos(x[0])};
+    rates(near, x, tau, k[0]);
     for (int i = 0; i < 6; i++) {
         y[0] = x[0], y[1] = x[1];
         for (int j = 0; j <= i; j++) y[0] += h * a[i][j] * k[j][0], y[1] += h * a[i][j] * k[j][1];
-        rates(y, tau, k[i + 1]);
+        rates(near, y, tau, k[i + 1]);
     }
     x[0] = y[0], x[1] = y[1];
 }
