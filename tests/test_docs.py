@@ -22,7 +22,7 @@ PAGES = sorted(
     for path in (*ROOT.glob("*.md"), ROOT / "fmus" / "README.md", *ROOT.glob("docs/**/*.md"))
     if path.name != "CHANGELOG.md"
 )
-TEST_COMMAND = "uv run pytest"
+TEST_COMMAND = " pytest"
 NOT_TRIED = {"docs/hosts/omsimulator.md": "lua"}
 SLOW = {
     "python3 -m venv .venv && .venv/bin/pip install -q uv && "
