@@ -3,6 +3,7 @@
 import importlib
 import sys
 from argparse import ArgumentDefaultsHelpFormatter, ArgumentParser
+from collections.abc import Sequence
 from types import ModuleType
 
 from cosim.commandline import Parser, exit_code
@@ -60,13 +61,12 @@ def load(name: str) -> ModuleType:
     return importlib.import_module(f"scenarios.{name}")
 
 
-def main() -> int:
-    """Run the command that was typed; its exit code."""
+def main(words: Sequence[str]) -> int:
+    """Run the command of these words; its exit code."""
 
     def act() -> int:
-        words = [*sys.argv[1:], "", ""]
-        name = words[1] if words[0] == "run" else words[0]
-        options = vars(parser(name).parse_args())
+        first, second, *_ = (*words, "", "")
+        options = vars(parser(second if first == "run" else first).parse_args(words))
         command = options.pop("command")
         if command == "list":
             for name in SCENARIOS:
@@ -82,4 +82,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(main(sys.argv[1:]))

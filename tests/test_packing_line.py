@@ -179,9 +179,9 @@ def test_what_the_line_cannot_do_is_one_line(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     out = tmp_path / "out"
-    call = ["scenarios", "run", "packing_line", "--out", out, "--flavour", "native", *options]
-    monkeypatch.setattr(sys, "argv", list(map(str, call)))
-    assert main() == code
+    monkeypatch.setenv(scenario_fmus.CHOICE, "python")
+    call = ["run", "packing_line", "--out", out, "--flavour", "native", *options]
+    assert main([*map(str, call)]) == code
     told = capsys.readouterr().err
     assert told.startswith("error: ")
     assert told.count("\n") == 1

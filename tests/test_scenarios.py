@@ -16,6 +16,8 @@ from typing import Any
 import pytest
 from conftest import ROOT, hear_ctrl_c
 
+from scenarios import fmus as scenario_fmus
+from scenarios.__main__ import main
 from scenarios.theory import SETS, longest_step
 
 COLUMNS = (
@@ -175,14 +177,25 @@ REFUSED = [
 
 @pytest.mark.parametrize(("arguments", "message"), REFUSED, ids=lambda x: str(x)[:40])
 def test_bad_input_gets_one_line_and_code_2(
-    arguments: list[str], message: str, tmp_path: Path
+    arguments: list[str],
+    message: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    monkeypatch.setenv(scenario_fmus.CHOICE, "python")
     out = ["--out", str(tmp_path / "out")] if len(arguments) > 2 else []
-    done = scenario(*arguments, *out)
-    assert done.returncode == 2
-    assert message in done.stderr
-    assert done.stderr.count("\n") == 1
+    assert main([*arguments, *out]) == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert error.count("\n") == 1
     assert not (tmp_path / "out").exists()
+
+
+def test_a_command_ends_with_its_exit_code() -> None:
+    done = scenario("run", "resonanz")
+    assert (done.returncode, done.stdout) == (2, "")
+    assert "invalid choice: 'resonanz'" in done.stderr
 
 
 def test_ctrl_c_keeps_the_speeds_that_are_done(tmp_path: Path) -> None:
