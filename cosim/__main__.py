@@ -20,9 +20,10 @@ from .certify import SUMMARY, Estimate, certify, summary
 from .commandline import Parser, assignment, exit_code, literal
 from .container import write_container
 from .damping import diagnose
-from .errors import SetupError
+from .errors import Interrupted, SetupError, SimulationError
 from .isolated import run_isolated
 from .osp import write_osp
+from .part import quiet
 from .progress import bar
 from .result import Result
 from .ssp import read_ssp, write_ssp
@@ -217,12 +218,16 @@ def simulate(options: argparse.Namespace) -> int:
             runner = partial(run_isolated, csv=Path(folder) / "rows.csv")
             if whole:
                 settings["csv"] = options.out
-            with bar(options.file.stem, chosen.start, chosen.stop) as progress:
-                settings["progress"] = progress
-                if options.certify:
-                    result, figures = certify(task.system, summary, runner=runner, **settings)
-                else:
-                    result = runner(task.system, **settings)
+            try:
+                with quiet(), bar(options.file.stem, chosen.start, chosen.stop) as progress:
+                    settings["progress"] = progress
+                    if options.certify:
+                        result, figures = certify(task.system, summary, runner=runner, **settings)
+                    else:
+                        result = runner(task.system, **settings)
+            except (SimulationError, Interrupted) as stopped:
+                warn(stopped.result)
+                raise
             if options.out is not None and not whole:
                 result.write(options.out, part=options.part)
             if options.plot is not None:
@@ -232,7 +237,14 @@ def simulate(options: argparse.Namespace) -> int:
         ways = ("step, a half and a quarter", "tolerance, a tenth and a hundredth")
         print(f"coupling errors, from runs with the {ways[options.adaptive is not None]} of it")
         print("\n".join(certified(result, figures)))
+    warn(result)
     return 0
+
+
+def warn(result: Result) -> None:
+    """Say what a result warns of, beside the answer."""
+    for warning in result.warnings:
+        print(f"warning: {warning}", file=sys.stderr)
 
 
 def certified(result: Result, figures: Mapping[str, Estimate]) -> Iterator[str]:
@@ -260,11 +272,8 @@ def told(result: Result) -> Iterator[str]:
     for bond, energy in result.energy.items():
         yield (
             f"{bond}: {energy['given']:.6g} J given, {energy['taken']:.6g} J taken, "
-            f"{energy['residual']:+.2g} J made by the coupling"
+            f"{-energy['residual']:+.2g} J made by the coupling"
         )
-    for name, part in ran["parts"].items():
-        for warning in part["warnings"]:
-            yield f"warning of {name}: {warning}"
 
 
 def measure(options: argparse.Namespace) -> int:
@@ -272,7 +281,7 @@ def measure(options: argparse.Namespace) -> int:
     with opened(options.file, options.given) as task:
         found = diagnose(
             task.system,
-            step=options.step or preferred_step(task.network),
+            step=preferred_step(task.network) if options.step is None else options.step,
             algorithm=options.algorithm,
             share=options.share,
             start=task.start,
@@ -296,7 +305,7 @@ def export(options: argparse.Namespace) -> int:
         if options.to == "ssp":
             write_ssp(task.system, options.out, task.stop)
         else:
-            step = options.step or preferred_step(task.network)
+            step = preferred_step(task.network) if options.step is None else options.step
             if options.to == "osp":
                 write_osp(task.system, options.out, step=step, start=task.start, stop=task.stop)
             else:

@@ -1,70 +1,105 @@
-"""What the coupling did to a figure: Richardson extrapolation over three step sizes."""
+"""The error of a figure: what the coupling did to it, and what lies between the rows."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 
 from .adaptive import Adaptive
+from .figures import FEWEST, largest, mean, smallest
 from .master import run
 from .result import Result, Rows
 from .system import System
 
 NEGLIGIBLE = 1e-10
-SLOWER, FASTER = 0.5, 1.5
+SLOWEST, FASTER, VAGUE, SAFETY = 0.5, 1.5, 0.1, 1.5
 HALVED, TENTH = 2.0, 10.0
+THINNED, SHIFTED, FAR = (2, 3), (0.125, 0.25, 0.5, 0.75, 0.875), 10.0
+MOST_DIGITS = 7
 
 
 SUMMARY: dict[str, Callable[[Rows, Rows], float]] = {
     " at the end": lambda t, x: x[-1],
-    ", smallest": lambda t, x: x.min(),
-    ", largest": lambda t, x: x.max(),
-    ", mean": lambda t, x: np.trapezoid(x, t) / (t[-1] - t[0]),
+    ", smallest": smallest,
+    ", largest": largest,
+    ", mean": mean,
 }
 
 
 class Estimate(NamedTuple):
-    """A figure with its coupling error and the order at which it converges.
+    """A figure with its error and the order at which it converges.
 
-    `error` is None where the runs do not converge at the order of the algorithm: the figure is then
-    no answer, and its text says so.
+    `error` is None where there is none to be stated: the figure is then no answer, its text says so
+    and gives the `reason`. `rows` is the part of the error that is due to the distance of the rows.
     """
 
     value: float
     error: float | None
     order: float
+    rows: float = 0.0
+    reason: str = ""
 
     def text(self, unit: str) -> str:
-        """The figure as it may be printed."""
+        """The figure as it may be printed: two digits of its error, rounded up."""
         if self.error is None:
-            seen = f"with order {self.order:.1f}" if math.isfinite(self.order) else "in no order"
-            return f"{self.value:.5g} {unit} (not converged: the error falls {seen})"
-        digits = min(7, max(0, 1 - math.floor(math.log10(max(self.error, 1e-7)))))
-        shown = max(self.error, 10.0**-digits)
-        return f"{self.value:.{digits}f} +- {shown:.{digits}f} {unit}"
+            return f"{self.value:.5g} {unit} ({self.reason or self._unconverged()})"
+        digits = MOST_DIGITS
+        if self.error > 0.0:
+            digits = min(digits, 1 - math.floor(math.log10(self.error)))
+        value, last = self._rounded(digits)
+        if last > 99:
+            digits -= 1
+            value, last = self._rounded(digits)
+        places = max(0, digits)
+        return f"{value:.{places}f} +- {last * 10.0**-digits:.{places}f} {unit}"
+
+    def _rounded(self, digits: int) -> tuple[float, int]:
+        """The value with so many digits after the point, and in units of the last of them its error,
+        that of the rounding with it."""
+        value = round(self.value, digits)
+        off = (self.error or 0.0) + abs(self.value - value)
+        return value, max(1, math.ceil(off * 10.0**digits * (1 - 1e-9)))
+
+    def _unconverged(self) -> str:
+        seen = f"with order {self.order:.1f}" if math.isfinite(self.order) else "in no order"
+        return f"not converged: the error falls {seen}"
 
 
 def estimate(values: Sequence[float], order: float, ratio: float = HALVED) -> Estimate:
     """The estimate from runs with steps h, r h and r^2 h, in this order, of an algorithm's order p.
 
-    The error is |v(h) - v(r h)| / (r^q - 1), with q the observed order where that is below p.
+    The differences d = |v(h) - v(r h)| and D = |v(r h) - v(r^2 h)| are those of errors that fall with
+    the observed order q, but no faster than with p: the error is the larger of d and D / r^p, over
+    r^q - 1, times SAFETY. Where they have opposite signs and fall, it is D times SAFETY. What does
+    not fall has no error, nor what falls in no known order and leaves more than VAGUE of the value.
     """
-    fine, middle, coarse = values
+    fine, *_, middle, coarse = values
     last, before = fine - middle, middle - coarse
-    if abs(last) <= NEGLIGIBLE * abs(fine):
-        return Estimate(fine, abs(last), float(order))
-    observed = math.log(abs(before / last), ratio) if last * before > 0.0 else math.nan
-    if not order - SLOWER <= observed <= order + FASTER:
+    least = NEGLIGIBLE * (abs(fine) or 1.0)
+    if max(abs(last), abs(before)) <= least:
+        return Estimate(fine, least, float(order))
+    falls = math.log(abs(before) / max(abs(last), least), ratio) if before else -math.inf
+    if last * before >= 0.0:
+        observed, fails = falls, not falls >= SLOWEST
+        regular = falls <= order + FASTER
+        bound = max(abs(last), abs(before) / ratio**order)
+        bound /= ratio ** min(max(falls, SLOWEST), order) - 1
+    else:
+        observed, fails, regular, bound = math.nan, not falls > 0.0, False, abs(before)
+    if fails or (not regular and bound > VAGUE * abs(fine)):
         return Estimate(fine, None, observed)
-    return Estimate(fine, abs(last) / (ratio ** min(observed, order) - 1), observed)
+    return Estimate(fine, max(SAFETY * bound, least), observed)
 
 
 class Certified(NamedTuple):
-    """The finest of three runs, and every figure with its coupling error."""
+    """The finest of three runs, and every figure with its error."""
 
     result: Result
     figures: dict[str, Estimate]
@@ -80,9 +115,14 @@ def certify(
 ) -> Certified:
     """Run with the step, a half and a quarter of it, or the tolerance, a tenth and a hundredth.
 
-    `figures` takes the scalars from a result. Rows are `step` apart in all runs unless the settings,
-    which are those of `run`, say otherwise. `runner` is what runs a system, `run` or the like; it
-    gets `csv` in the last run only. Raises what it raises.
+    `figures` takes the scalars from a result. It is called for each of the runs, and again for the
+    finest with fewer rows and with rows between them, to see what depends on the rows. The error is
+    the sum of what the coupling and the rows may do; `largest`, `crossing`, `mean` and the like look
+    between rows and keep it small. A figure that counts rows gets as many as before, too.
+
+    Rows are `step` apart in all runs unless the settings, which are those of `run`, say otherwise.
+    `runner` is what runs a system, `run` or the like; it gets `csv` in the last run only. Raises what
+    it raises.
     """
     progress = settings.pop("progress", None)
     csv = settings.pop("csv", None)
@@ -93,19 +133,108 @@ def certify(
         ratio = HALVED
         steps = [step / ratio**k for k in range(3)]
         settings = {"output_step": step} | settings
-    values = []
+    values: list[Mapping[str, float]] = []
+    thinned: list[list[list[Mapping[str, float]]]] = []
+    shifted: list[Mapping[str, float]] = []
     for k, h in enumerate(steps):
         done = (ratio**k - 1) / (ratio**3 - 1)
         share = ratio**k * (ratio - 1) / (ratio**3 - 1)
         told = None if progress is None else _within(progress, done, share)
         last = {} if csv is None or k < 2 else {"csv": csv}
         result = runner(system, step=h, **settings, progress=told, **last)
+        if k == 2:
+            shifted = [found for share in SHIFTED for found in _shifted(figures, result, share)]
+            thinned = [[_seen(figures, result, n, i) for i in range(n)] for n in THINNED]
         values.append(figures(result))
     order = 1.0 if isinstance(step, Adaptive) else result.provenance["convergence_order"]
     finest_first = values[::-1]
-    names = finest_first[0]
-    found = {name: estimate([v[name] for v in finest_first], order, ratio) for name in names}
+    found = {}
+    for name, value in finest_first[0].items():
+        coupling = estimate([v[name] for v in finest_first], order, ratio)
+        second, third = (
+            max(_away(value, [v[name] for v in seen]) for seen in group) for group in thinned
+        )
+        moved = max((abs(seen[name] - value) for seen in shifted), default=0.0)
+        rows = _rows(second, third, moved)
+        found[name] = _summed(coupling, [v[name] for v in finest_first], rows)
     return Certified(result, found)
+
+
+def _summed(coupling: Estimate, values: Sequence[float], rows: float | None) -> Estimate:
+    """The estimate with what the rows may do besides.
+
+    Where the runs differ by no more than that, how they differ tells nothing: then it is an error.
+    """
+    if rows is None:
+        return coupling._replace(error=None, reason="it cannot be told from fewer rows")
+    spread = max(values) - min(values)
+    if coupling.error is None and spread <= 2 * rows:
+        return coupling._replace(error=spread + rows, rows=rows)
+    if coupling.error is None:
+        return coupling
+    return coupling._replace(error=coupling.error + rows, rows=rows)
+
+
+def _away(value: float, others: Sequence[float]) -> float:
+    """How far a figure is from what it is with fewer rows, alone or repeated; inf if it is neither.
+
+    What counts rows takes others of them where they stand alone, and is then far off.
+    """
+    away = [abs(v - value) for v in others if math.isfinite(v)]
+    return away[0] if away and away[0] <= FAR * away[-1] else min(away, default=math.inf)
+
+
+def _rows(second: float, third: float, shifted: float) -> float | None:
+    """What the distance of the rows may do to a figure, from how far it is moved by every second
+    and every third row alone, n^q - 1 times the error with q between 1 and 2 as both tell, and by
+    rows that are shifted.
+    """
+    if not math.isfinite(second + third + shifted):
+        return None
+    low, high = ((3**q - 1) / (2**q - 1) for q in (1, 2))
+    steepness = (third / second - low) / (high - low) if second else 1.0
+    q = 1.0 + min(max(steepness, 0.0), 1.0)
+    return SAFETY * max(third / (3**q - 1), second / (2**q - 1), shifted)
+
+
+def _seen(
+    figures: Callable[[Result], Mapping[str, float]], result: Result, n: int, first: int
+) -> list[Mapping[str, float]]:
+    """The figures of the rows first, first + n, ..., and the ends: alone, and repeated until there
+    are as many as before, for those that count rows. None where they cannot be told.
+    """
+    count = len(result.data)
+    kept = np.unique([0, *range(first, count, n), count - 1])
+    found = []
+    for places in (kept, kept[np.arange(count) * len(kept) // count]):
+        with suppress(Exception), np.errstate(all="ignore"):
+            found.append(figures(_picked(result, places)))
+    return found
+
+
+def _shifted(
+    figures: Callable[[Result], Mapping[str, float]], result: Result, share: float
+) -> list[Mapping[str, float]]:
+    """The figures of the ends and of rows a share of the way to the next, on a cubic spline.
+
+    Columns of whole numbers keep the number before. Empty if they cannot be told.
+    """
+    data = result.data
+    if len(data) < FEWEST:
+        return []
+    t = (1.0 - share) * data[:-1, 0] + share * data[1:, 0]
+    between = CubicSpline(data[:, 0], data)(t)
+    whole = (data == np.round(data)).all(axis=0)
+    between[:, whole] = data[:-1, whole]
+    between[:, 0] = t
+    rows = np.vstack([data[:1], between, data[-1:]])
+    with suppress(Exception), np.errstate(all="ignore"):
+        return [figures(Result(result.columns, result.units, result.provenance, lambda: rows))]
+    return []
+
+
+def _picked(result: Result, places: NDArray[np.int_]) -> Result:
+    return Result(result.columns, result.units, result.provenance, lambda: result.data[places])
 
 
 def _within(

@@ -30,7 +30,7 @@ class Operation(ctypes.Structure):
         *((name, ctypes.c_void_p) for name in ("function", "component", "references", "cells")),
         *((name, ctypes.c_void_p) for name in ("target", "source", "first", "last")),
         *((name, ctypes.c_double) for name in ("a", "b")),
-        *((name, ctypes.c_void_p) for name in ("energy", "before")),
+        *((name, ctypes.c_void_p) for name in ("energy", "exchanged", "before")),
         ("warned", ctypes.c_longlong),
     ]
 
@@ -77,6 +77,7 @@ class Loop:
         self._turns = [turn for stage in stages for turn in stage]
         self._ends = list(dict.fromkeys(end for turn in self._turns for end in turn.part.ends))
         self._energy = (ctypes.c_double * len(self._ends))()
+        self._exchanged = (ctypes.c_double * len(self._ends))()
         self._before = (ctypes.c_double * len(self._ends))()
         self._tell: list[Callable[[float, float, int], None]] = []
         operations = [*chain.from_iterable(map(self._stage, stages))]
@@ -141,6 +142,7 @@ class Loop:
             a=end.scale,
             b=size,
             energy=_address(self._energy, k),
+            exchanged=_address(self._exchanged, k),
             before=_address(self._before, k),
         )
 
@@ -153,7 +155,7 @@ class Loop:
         that ended it there.
         """
         for k, end in enumerate(self._ends):
-            self._energy[k], self._before[k] = end.energy, end.before
+            self._energy[k], self._exchanged[k], self._before[k] = end.booked
         rows = (ctypes.c_double * (self._width * ((last - first) // self._every + 1)))()
         done, failed, status = ctypes.c_longlong(), ctypes.c_int(), ctypes.c_int()
         count = self._advance(
@@ -173,7 +175,7 @@ class Loop:
             ctypes.byref(status),
         )
         for k, end in enumerate(self._ends):
-            end.energy, end.before = self._energy[k], self._before[k]
+            end.booked = self._energy[k], self._exchanged[k], self._before[k]
         for turn in self._turns:
             turn.part.do_steps += turn.part.substeps * (done.value - first)
         failure = None

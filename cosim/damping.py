@@ -62,6 +62,11 @@ class Diagnosis:
     residual: float
 
     @property
+    def damped(self) -> bool:
+        """Whether the oscillation has a damping of its own that can be told from none."""
+        return _decays(self)
+
+    @property
     def trusted(self) -> bool:
         """Whether the modes explain the response and the damping at steps of zero is known."""
         known = self.error <= max(UNCERTAIN * abs(self.damping), NEGLIGIBLE)
@@ -74,6 +79,15 @@ class Diagnosis:
     def _sentences(self) -> Iterator[str]:
         if math.isnan(self.frequency):
             yield f"No oscillation shows on the wires with {self.algorithm} and {self.step:.4g} s."
+        elif not self.damped:
+            if self.trusted or self.damping <= 0.0:
+                yield "The oscillation has no damping to speak of: the system itself does not damp it."
+            else:
+                yield (
+                    "No damping can be told: the damping does not converge with the step, as where "
+                    "there is none to speak of; begin with a shorter step."
+                )
+            return
         else:
             yield from self._mode()
         if self.drift:
@@ -95,9 +109,7 @@ class Diagnosis:
         if self.damping_seen < 0.0 < self.damping:
             yield "That is unstable: the oscillation grows by itself."
         kept = f"the damping within {100 * self.share:.3g} % of its value"
-        if abs(self.damping) <= UNDAMPED:
-            yield "The system does not damp it, so that there is no share of that to keep."
-        elif self.recommended_step is None:
+        if self.recommended_step is None:
             yield f"No step that could be tried keeps {kept}: choose another algorithm."
         elif self.recommended_step == self.step:
             yield f"This step keeps {kept}."
@@ -243,7 +255,7 @@ def _diagnose(bench: Bench, step: float, share: float) -> Diagnosis:
     follow(step / 2)
     follow(step)
     law = Law(modes, fits)
-    recommended = step if abs(law.damping) > UNDAMPED else None
+    recommended = step if _decays(law) else None
     while recommended is not None and not law.keeps(recommended, share):
         shorter = law.step(share)
         if shorter > ALMOST * recommended:
@@ -300,6 +312,11 @@ class Law:
         roots = np.concatenate([np.roots([*self.curve[:-1], side]) for side in (-allowed, allowed)])
         real = roots.real[(np.abs(roots.imag) <= 1e-9 * np.abs(roots)) & (roots.real > 0.0)]
         return float(real.min(initial=math.inf))
+
+
+def _decays(found: Diagnosis | Law) -> bool:
+    """Whether it is an oscillation with a damping of its own that can be told from none."""
+    return found.frequency > 0.0 and max(UNDAMPED, found.error) < found.damping < 1.0
 
 
 def _watch(bench: Bench, h: float) -> tuple[Fit, float]:

@@ -7,16 +7,14 @@ from contextlib import ExitStack
 from itertools import chain
 from math import isfinite
 from pathlib import Path
-from tempfile import TemporaryDirectory
-from zipfile import ZipFile
 
-import fmpy
 import numpy as np
 from numpy.typing import NDArray
 
 from .curve import Curves, Entry, Signal
 from .errors import PartFailure, SetupError
 from .ledger import End, bonds, watt
+from .library import borrow
 from .part import Block, Part
 from .system import Network, Wire
 
@@ -39,20 +37,17 @@ def initialise(
 ) -> dict[str, Part]:
     """All parts at `start`, their coupled start values consistent, ready for the first step.
 
-    The stack closes the parts and removes their folders. Raises PartFailure where an FMU refuses,
+    The stack closes the parts. Raises PartFailure where an FMU refuses,
     SetupError where the start values have no solution.
     """
     parts: dict[str, Part] = {}
-    folders: dict[Path, Path] = {}
     for name, path in network.system.parts.items():
-        if path not in folders:
-            folders[path] = Path(stack.enter_context(TemporaryDirectory(prefix="cosim_")))
-            try:
-                unpack(Path(path), folders[path])
-            except Exception as error:
-                raise PartFailure(f"{name}: {path} cannot be unpacked: {error}") from error
-        count = (substeps or {}).get(name, 1)
-        parts[name] = Part(name, network.descriptions[name], folders[path], count)
+        description = network.descriptions[name]
+        try:
+            fmu = borrow(Path(path), description)
+        except PartFailure as error:
+            raise PartFailure(f"{name}: {error}") from error
+        parts[name] = Part(name, description, fmu, (substeps or {}).get(name, 1))
         stack.callback(parts[name].close)
     for port, value in network.start:
         parts[port.part].set(port.variable, value)
@@ -75,16 +70,6 @@ def initialise(
         for end in part.ends:
             end.before = end.value()
     return parts
-
-
-def unpack(path: Path, folder: Path) -> None:
-    """Unpack of an FMU what this platform runs: not its documentation, sources, other binaries."""
-    here = {fmpy.platform, fmpy.platform_tuple}
-    with ZipFile(path) as archive:
-        for name in archive.namelist():
-            top, _, rest = name.partition("/")
-            if top == "resources" or not rest or (top == "binaries" and rest.split("/")[0] in here):
-                archive.extract(name, folder)
 
 
 def _make_blocks(network: Network, parts: Mapping[str, Part]) -> None:

@@ -19,6 +19,7 @@ from typing import Any
 
 from .errors import Interrupted, SetupError, SimulationError
 from .master import interrupts, run
+from .part import log
 from .result import Result, partial, read_rows, write_json
 from .system import System
 
@@ -38,6 +39,7 @@ def run_isolated(
     keep the rows. As always with child processes, a script needs `if __name__ == "__main__"`.
     """
     before = _stamps(csv)
+    heard: list[logging.LogRecord] = []
     context = multiprocessing.get_context("spawn")
     with TemporaryDirectory(prefix="cosim_") as folder, interrupts() as pressed:
         ours, its = context.Pipe(duplex=False)
@@ -50,7 +52,9 @@ def run_isolated(
                 if kind == "progress" and progress is not None:
                     progress(content)
                 elif kind == "log":
-                    logging.getLogger(content.name).handle(content)
+                    heard.append(content)
+                    if (logger := logging.getLogger(content.name)).isEnabledFor(content.levelno):
+                        logger.handle(content)
                 elif kind == "end":
                     return _end(csv, *content)
                 elif kind == "error":
@@ -66,7 +70,9 @@ def run_isolated(
         if pressed:
             raise KeyboardInterrupt(dead)
         raise SetupError(f"{dead} before the first step")
-    raise _remains(csv if before[1] != after[1] else partial(csv), dead, bool(pressed))
+    warnings = [record.getMessage() for record in heard if record.name == log.name]
+    path = csv if before[1] != after[1] else partial(csv)
+    raise _remains(path, dead, warnings, pressed=bool(pressed))
 
 
 def _work(
@@ -177,14 +183,16 @@ def _stamps(csv: Path) -> list[int]:
     return [path.stat().st_mtime_ns if path.exists() else 0 for path in facts]
 
 
-def _remains(path: Path, dead: str, pressed: bool) -> SimulationError | Interrupted:
+def _remains(
+    path: Path, dead: str, warnings: list[str], *, pressed: bool
+) -> SimulationError | Interrupted:
     """The error for a child that died, with the rows in its file, which is left readable."""
     content = path.read_bytes()
     whole = content[: content.rfind(b"\n") + 1]
     path.write_bytes(whole)
     header, *rows = whole.decode().splitlines()
     facts = json.loads(path.with_suffix(".json").read_text())
-    facts.setdefault("bonds", {})
+    facts = {"bonds": {}, "warnings": warnings} | facts
     reached = float(rows[-1].split(",")[0]) if rows else facts["start"]
     if facts["status"] == "running":
         facts["status"] = "interrupted" if pressed else "failed"

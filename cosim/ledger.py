@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Mapping
 from itertools import product
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from .part import Part
 
 POWER = (1, 2, -3, 0, 0, 0, 0)
+NOTICEABLE, NEGLIGIBLE = 0.05, 0.005
 
 
 class Bond(NamedTuple):
@@ -41,8 +42,16 @@ class End:
     ) -> None:
         self.bond, self.side = bond, side
         self.output, self.first, self.last, self.scale = output, first, last, scale
-        self.energy = 0.0
-        self.before = 0.0
+        self.energy = self.exchanged = self.before = 0.0
+
+    @property
+    def booked(self) -> tuple[float, float, float]:
+        """The energy, that to and fro added up [J], and the output at the last booking."""
+        return self.energy, self.exchanged, self.before
+
+    @booked.setter
+    def booked(self, values: tuple[float, float, float]) -> None:
+        self.energy, self.exchanged, self.before = values
 
     def value(self) -> float:
         """The output as it stands."""
@@ -53,12 +62,14 @@ class End:
         """Add the work of a step of size h [s] that ends with the output as it stands."""
         (first, i), (last, j) = self.first, self.last
         now = self.value()
-        self.energy += h * 0.5 * (self.before * first[i] + now * last[j]) * self.scale
+        work = h * 0.5 * (self.before * first[i] + now * last[j]) * self.scale
+        self.energy += work
+        self.exchanged += abs(work)
         self.before = now
 
 
 def bonds(network: Network) -> list[Bond]:
-    """The declared bonds, and those of other wires whose units show them beyond doubt.
+    """The declared bonds, and those of other wires whose units and factors show them beyond doubt.
 
     Raises SetupError for a declared bond that is not two wires there and back.
     """
@@ -95,7 +106,12 @@ def _is_power(network: Network, there: Wire, back: Wire) -> bool:
     units = [base_unit(network.descriptions, wire.source) for wire in (there, back)]
     if None in units:
         return False
-    return tuple(map(sum, zip(*map(exponents, units))))[:-1] == POWER
+    given, taken = (
+        into.factor * watt(network, out.source, into.target)
+        for out, into in ((there, back), (back, there))
+    )
+    powers = tuple(map(sum, zip(*map(exponents, units))))[:-1]
+    return powers == POWER and math.isclose(given, taken, rel_tol=1e-6)
 
 
 def watt(network: Network, output: Port, entry: Port) -> float:
@@ -105,12 +121,36 @@ def watt(network: Network, output: Port, entry: Port) -> float:
 
 
 def balance(parts: Iterable[Part]) -> dict[str, dict[str, float]]:
-    """By bond: what the first side gave, the second took, and the residual that neither has [J]."""
-    sides: dict[str, list[float]] = {}
+    """By bond: what the first side gave, the second took, and the residual that neither has [J].
+
+    `exchanged` is what went to and fro, by the side that saw more of it.
+    """
+    sides: dict[str, list[End]] = {}
     for part in parts:
         for end in part.ends:
-            sides.setdefault(end.bond, [0.0, 0.0])[end.side] = end.energy
-    return {
-        bond: {"given": given, "taken": taken, "residual": given - taken}
-        for bond, (given, taken) in sides.items()
-    }
+            sides.setdefault(end.bond, []).append(end)
+    found = {}
+    for bond, ends in sides.items():
+        first, second = sorted(ends, key=lambda end: end.side)
+        found[bond] = {
+            "given": first.energy,
+            "taken": second.energy,
+            "residual": first.energy - second.energy,
+            "exchanged": max(first.exchanged, second.exchanged),
+        }
+    return found
+
+
+def complaints(balance: Mapping[str, Mapping[str, float]]) -> Iterator[str]:
+    """A sentence for every bond on which the coupling made a share of the energy that it carried.
+
+    What is nothing beside the energy that went to and fro is no cause for one.
+    """
+    for bond, energy in balance.items():
+        made = abs(energy["residual"])
+        carried = max(abs(energy["given"]), abs(energy["taken"]))
+        if made > NOTICEABLE * carried and made > NEGLIGIBLE * energy["exchanged"]:
+            yield (
+                f"bond {bond}: the coupling made or took {made:.3g} J, {made / carried:.0%} of the "
+                f"{carried:.3g} J carried: take smaller steps, or another algorithm; see diagnose"
+            )

@@ -17,7 +17,7 @@ typedef struct {
     double *target;
     const double *source, *first, *last;
     double a, b;
-    double *energy, *before;
+    double *energy, *exchanged, *before;
     long long warned;
 } operation;
 
@@ -55,7 +55,9 @@ static int run(const operation *op, double t, double h)
     }
     default: {
         double size = op->b * h;
-        *op->energy += size * 0.5 * (*op->before * *op->first + *op->source * *op->last) * op->a;
+        double work = size * 0.5 * (*op->before * *op->first + *op->source * *op->last) * op->a;
+        *op->energy += work;
+        *op->exchanged += fabs(work);
         *op->before = *op->source;
         return 0;
     }

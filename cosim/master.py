@@ -18,7 +18,7 @@ from .algorithms import ALGORITHMS
 from .curve import same
 from .errors import Interrupted, PartFailure, SetupError, SimulationError
 from .initial import initialise
-from .ledger import balance, bonds
+from .ledger import balance, bonds, complaints
 from .part import Part
 from .result import Recorder, Result
 from .stepping import Plan, Row, Run
@@ -53,6 +53,7 @@ def run(
     of a recorded discrete variable; `record` names the columns (default: all outputs). `progress`
     is called with the share of the run that is done.
 
+    What FMUs warn of is in the result, and as it comes in the log "cosim" unless that is `quiet`.
     Raises SetupError before the first step; SimulationError or Interrupted with the rows so far.
     """
     network = connect(system)
@@ -111,11 +112,14 @@ def run(
         except PartFailure as failure:
             reason = str(failure)
         finally:
+            energy = balance(parts.values())
+            heard = [f"{part.name}: {text}" for part in parts.values() for text in part.warnings]
             result = recorder.finish(
                 provenance
                 | run.statistics()
                 | {"status": status, "reason": reason, "reached": run.t}
-                | {"bonds": balance(parts.values()), "wall_time": clock.perf_counter() - began}
+                | {"bonds": energy, "warnings": [*heard, *complaints(energy)]}
+                | {"wall_time": clock.perf_counter() - began}
             )
     stopped = f"{reason}; stopped at t = {run.t!r} s, {recorder.count} rows kept"
     if status == "failed":
@@ -220,8 +224,7 @@ def _identity(part: Part, path: Path) -> dict[str, Any]:
         "model": description.modelName,
         "guid": description.guid,
         "tool": description.generationTool,
-        "parameters": {v.name: part.get(v) for v in parameters},
-        "warnings": part.warnings,
+        "parameters": part.values(parameters),
     }
 
 

@@ -4,21 +4,19 @@ from __future__ import annotations
 
 import ctypes
 import logging
-import os
+import re
 from collections import deque
-from collections.abc import Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from functools import partial
 from itertools import count
 from math import isfinite
-from pathlib import Path
 from typing import Any
 from weakref import WeakValueDictionary
 
 from fmpy import calloc, free
 from fmpy.fmi1 import FMICallException
 from fmpy.fmi2 import (
-    FMU2Slave,
     fmi2CallbackAllocateMemoryTYPE,
     fmi2CallbackFreeMemoryTYPE,
     fmi2CallbackFunctions,
@@ -30,6 +28,7 @@ from fmpy.model_description import ModelDescription, ScalarVariable
 from .curve import Curves
 from .errors import Discarded, Ended, PartFailure
 from .ledger import End
+from .library import Library
 from .system import Value, feedthrough
 
 OK, WARNING, DISCARD, ERROR, FATAL = range(5)
@@ -46,6 +45,18 @@ CELL: dict[str, Any] = {
 CALL = {"Enumeration": "Integer"}
 
 log = logging.getLogger("cosim")
+
+
+@contextmanager
+def quiet() -> Iterator[None]:
+    """Keep the warnings of FMUs out of the log; the results carry them all the same."""
+    level = log.level
+    log.setLevel(logging.ERROR)
+    try:
+        yield
+    finally:
+        log.setLevel(level)
+
 
 PARTS: WeakValueDictionary[int, Part] = WeakValueDictionary()
 NUMBERS = count(1)
@@ -125,10 +136,10 @@ class Part:
     """
 
     def __init__(
-        self, name: str, description: ModelDescription, folder: Path, substeps: int = 1
+        self, name: str, description: ModelDescription, fmu: Library, substeps: int = 1
     ) -> None:
         self.name = name
-        self.folder = folder
+        self.fmu = fmu
         self.description = description
         self.substeps = substeps
         self.log: deque[str] = deque(maxlen=20)
@@ -146,28 +157,17 @@ class Part:
         self._initialised = False
         number = next(NUMBERS)
         PARTS[number] = self
-        here = Path.cwd()
+        self.slave, self.library = fmu.slave(name), fmu.functions
         try:
-            self.slave = FMU2Slave(
-                guid=description.guid,
-                unzipDirectory=str(folder),
-                modelIdentifier=description.coSimulation.modelIdentifier,
-                instanceName=name,
-            )
+            self.slave.instantiate(callbacks=_callbacks(number), loggingOn=True)
         except Exception as error:
-            os.chdir(here)
-            raise PartFailure(f"{name}: {error}") from error
-        callbacks = _callbacks(number)
-        try:
-            self.slave.instantiate(callbacks=callbacks, loggingOn=True)
-        except Exception as error:
-            self.slave.freeLibrary()
+            fmu.forget()
+            fmu.release()
             tool = description.coSimulation.needsExecutionTool
             raise PartFailure(
                 f"{name}: instantiate failed: {self.reason()}"
                 + (f"; it needs {description.generationTool or 'its tool'} to run" if tool else "")
             ) from error
-        self.library = ctypes.PyDLL(None, handle=self.slave.dll._handle)
         self.component = ctypes.c_void_p(self.slave.component)
         self._time, self._size = ctypes.c_double(), ctypes.c_double()
         self._do_step = partial(
@@ -175,8 +175,9 @@ class Part:
         )
 
     def hear(self, status: int, message: str) -> None:
-        """Keep the last line of a log message."""
-        for text in message.strip().splitlines()[-1:]:
+        """Keep the last line of a log message, without the name that FMUs may put before it."""
+        for line in message.strip().splitlines()[-1:]:
+            text = re.sub(rf"(^|; )({re.escape(self.name)}: )+", r"\1", line)
             self.log.append(text)
             if status == WARNING:
                 self.warn(text)
@@ -203,16 +204,22 @@ class Part:
     def failure(self, call: str, status: int) -> PartFailure:
         """The error for a call that returned this status."""
         known = OK < status < len(STATUS)
-        self._worst = max(self._worst, status if status in (DISCARD, FATAL) else ERROR)
+        self._remember(status if status in (DISCARD, FATAL) else ERROR)
         answer = STATUS[status] if known else f"the unknown status {status}"
         return PartFailure(f"{self.name}: {call} returned {answer}: {self.reason()}")
+
+    def _remember(self, status: int) -> None:
+        """Remember the worst status; after Fatal, no instance of the FMU may be called."""
+        self._worst = max(self._worst, status)
+        if status == FATAL:
+            self.fmu.abandon()
 
     def call(self, function: str, *arguments: Any) -> Any:
         """An fmpy method with its status checked; for what is not called every step."""
         try:
             return getattr(self.slave, function)(*arguments)
         except FMICallException as error:
-            self._worst = max(self._worst, error.status)
+            self._remember(error.status)
             raise PartFailure(f"{self.name}: {function}: {self.reason()}") from error
 
     def set(self, variable: ScalarVariable, value: Value) -> None:
@@ -220,11 +227,15 @@ class Part:
         kind = CALL.get(variable.type, variable.type)
         self.call(f"set{kind}", [variable.valueReference], [value])
 
-    def get(self, variable: ScalarVariable) -> Value:
-        """Get one variable."""
-        kind = CALL.get(variable.type, variable.type)
-        value: Value = self.call(f"get{kind}", [variable.valueReference])[0]
-        return value.decode("utf-8", "replace") if isinstance(value, bytes) else value
+    def values(self, variables: Sequence[ScalarVariable]) -> dict[str, Value]:
+        """The values of variables, by their names and in their order."""
+        found: dict[str, Any] = {}
+        for block in self.blocks("Get", variables):
+            block()
+            found |= zip(block.names, block.cells)
+        values = [found[f"{self.name}.{v.name}"] for v in variables]
+        texts = (x.decode("utf-8", "replace") if isinstance(x, bytes) else x for x in values)
+        return dict(zip((v.name for v in variables), texts))
 
     def begin(self) -> None:
         """Leave initialisation mode for the first step."""
@@ -344,17 +355,14 @@ class Part:
             end.book(h)
 
     def close(self) -> None:
-        """Terminate and free as far as the worst status of the FMU allows.
-
-        After Fatal, no instance of that FMU may be called.
-        """
-        if any(p._worst >= FATAL and p.folder == self.folder for p in PARTS.values()):
-            return
-        for state in self._states:
+        """Terminate and free as far as the worst status of the FMU allows."""
+        if not self.fmu.abandoned:
+            for state in self._states:
+                with suppress(Exception):
+                    self._free(state)
+            if self._initialised and self._worst < ERROR:
+                with suppress(Exception):
+                    self.slave.terminate()
             with suppress(Exception):
-                self._free(state)
-        if self._initialised and self._worst < ERROR:
-            with suppress(Exception):
-                self.slave.terminate()
-        with suppress(Exception):
-            self.slave.freeInstance()
+                self.slave.fmi2FreeInstance(self.slave.component)
+        self.fmu.release()

@@ -53,8 +53,14 @@ class Result:
         return column
 
     @property
+    def warnings(self) -> list[str]:
+        """What the parts warned of, "part: sentence", and bonds on which the coupling made energy."""
+        warnings: list[str] = self.provenance["warnings"]
+        return warnings
+
+    @property
     def energy(self) -> dict[str, dict[str, float]]:
-        """By power bond: the energy `given`, `taken` and the `residual` between them [J]."""
+        """By power bond: the energy `given`, `taken`, their `residual`, and what went to and fro [J]."""
         bonds: dict[str, dict[str, float]] = self.provenance["bonds"]
         return bonds
 

@@ -16,14 +16,14 @@ class Snapshot:
         self._outputs = [block for part in parts for block in part.outputs]
         self._ends = [end for part in parts for end in part.ends]
         self._cells: list[list[Any]] = []
-        self._energy: list[tuple[float, float]] = []
+        self._booked: list[tuple[float, float, float]] = []
 
     def take(self) -> None:
         """Remember the parts as they are now; raises PartFailure."""
         for part, state in self._states:
             part.save(state)
         self._cells = [list(block.cells) for block in self._outputs]
-        self._energy = [(end.energy, end.before) for end in self._ends]
+        self._booked = [end.booked for end in self._ends]
 
     def restore_fmus(self) -> None:
         """Bring the FMUs back, not what the master keeps; raises PartFailure."""
@@ -35,8 +35,8 @@ class Snapshot:
         self.restore_fmus()
         for block, cells in zip(self._outputs, self._cells):
             block.cells[:] = cells
-        for end, booked in zip(self._ends, self._energy):
-            end.energy, end.before = booked
+        for end, booked in zip(self._ends, self._booked):
+            end.booked = booked
 
 
 def forget_after(parts: Sequence[Part], t: float) -> None:

@@ -19,7 +19,7 @@ def algebraic_loops(network: Network) -> list[list[Wire]]:
     matrix = np.array(
         [[acts(network, first, then) for then in wires] for first in wires], dtype=int
     )
-    if not wires:
+    if not matrix.any():
         return []
     _, label = connected_components(csr_array(matrix), connection="strong")
     groups = [[i for i in range(len(wires)) if label[i] == k] for k in sorted(set(label))]

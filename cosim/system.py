@@ -15,6 +15,7 @@ import fmpy
 from fmpy.model_description import ModelDescription, ScalarVariable, read_model_description
 
 from .errors import SetupError
+from .library import version
 
 Value = float | int | bool | str
 STATE, VARIABLE_STEP = "canGetAndSetFMUstate", "canHandleVariableCommunicationStepSize"
@@ -107,6 +108,8 @@ def connect(system: System) -> Network:
     a wire of wrong direction, type or unit, an input driven twice or not at all, and a start value
     that is not finite, out of bounds or cannot be set.
     """
+    if not system.parts:
+        raise SetupError("a system needs a part")
     descriptions = {name: describe_fmu(name, Path(path)) for name, path in system.parts.items()}
     _require_distinct(descriptions)
     wires = [_wire(descriptions, text) for text in system.wires]
@@ -136,17 +139,16 @@ def describe_fmu(name: str, path: Path) -> ModelDescription:
     if not path.is_file():
         raise SetupError(f"part {name}: there is no file {path}")
     try:
-        file = path.stat()
-        return _read(path, (file.st_mtime_ns, file.st_size))
+        return _read(path, version(path))
     except SetupError as error:
         raise SetupError(f"part {name}: {path} {error}") from error
 
 
 @lru_cache(maxsize=64)
-def _read(path: Path, version: tuple[int, int]) -> ModelDescription:
+def _read(path: Path, _: tuple[int, int]) -> ModelDescription:
     """The model description of an FMU that this master can run on this platform.
 
-    Kept for as long as the file has this `version`, its time of change and its size.
+    Kept for as long as the file has this version.
     """
     wanted = "this master runs FMI 2.0 co-simulation"
     try:

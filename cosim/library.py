@@ -1,0 +1,129 @@
+"""The FMUs of this process: each is unpacked and loaded once, and goes when the process ends."""
+
+from __future__ import annotations
+
+import copy
+import ctypes
+import os
+from multiprocessing.util import Finalize
+from pathlib import Path
+from shutil import rmtree
+from tempfile import mkdtemp
+from threading import RLock
+from zipfile import ZipFile
+
+import fmpy
+from fmpy.fmi2 import FMU2Slave
+from fmpy.model_description import ModelDescription
+
+from .errors import PartFailure
+
+MOST_KEPT = 32
+
+KEPT: dict[Path, Library] = {}
+LOCK = RLock()
+
+
+class Library:
+    """An unpacked and loaded FMU, from `borrow` to `release`."""
+
+    def __init__(self, path: Path, description: ModelDescription) -> None:
+        self.path, self.version = path, version(path)
+        self.once = bool(description.coSimulation.canBeInstantiatedOnlyOncePerProcess)
+        self.users = 0
+        self.abandoned = False
+        self.folder = Path(mkdtemp(prefix="cosim_"))
+        try:
+            unpack(path, self.folder)
+            self._slave = _loaded(self.folder, description)
+        except BaseException:
+            rmtree(self.folder)
+            raise
+        self.functions = ctypes.PyDLL(None, handle=self._slave.dll._handle)
+        self._unload = Finalize(None, self._go, exitpriority=0)
+
+    def slave(self, name: str) -> FMU2Slave:
+        """What makes an instance of this name and calls it."""
+        slave = copy.copy(self._slave)
+        slave.instanceName = name
+        return slave
+
+    def release(self) -> None:
+        """One user less; what is not kept goes with the last one."""
+        with LOCK:
+            self.users -= 1
+            if self.once:
+                self.forget()
+            self._go_if_unused()
+
+    def forget(self) -> None:
+        """Let the next user load the FMU anew."""
+        with LOCK:
+            if KEPT.get(self.path) is self:
+                del KEPT[self.path]
+            self._go_if_unused()
+
+    def abandon(self) -> None:
+        """After fmi2Fatal: call nothing in the library any more, not even to unload it."""
+        self.abandoned = True
+        self.forget()
+
+    def _go_if_unused(self) -> None:
+        if not self.users and KEPT.get(self.path) is not self:
+            self._unload()
+
+    def _go(self) -> None:
+        if not self.abandoned:
+            self._slave.freeLibrary()
+        rmtree(self.folder, ignore_errors=True)
+
+
+def borrow(path: Path, description: ModelDescription) -> Library:
+    """The library of an FMU as its file is now; raises PartFailure if it cannot be loaded."""
+    path = path.absolute()
+    with LOCK:
+        library = KEPT.get(path)
+        if library is None or library.version != version(path) or not library.folder.is_dir():
+            if library is not None:
+                library.forget()
+            library = Library(path, description)
+        library.users += 1
+        KEPT.pop(path, None)
+        KEPT[path] = library
+        for other in list(KEPT.values())[:-MOST_KEPT]:
+            other.forget()
+    return library
+
+
+def version(path: Path) -> tuple[int, int]:
+    """What tells a file that has been replaced: its time of change [ns] and its size."""
+    file = path.stat()
+    return file.st_mtime_ns, file.st_size
+
+
+def unpack(path: Path, folder: Path) -> None:
+    """Unpack of an FMU what this platform runs: not its documentation, sources, other binaries."""
+    here = {fmpy.platform, fmpy.platform_tuple}
+    try:
+        with ZipFile(path) as archive:
+            for name in archive.namelist():
+                top, _, rest = name.partition("/")
+                runs = top == "binaries" and rest.split("/")[0] in here
+                if top == "resources" or not rest or runs:
+                    archive.extract(name, folder)
+    except Exception as error:
+        raise PartFailure(f"{path} cannot be unpacked: {error}") from error
+
+
+def _loaded(folder: Path, description: ModelDescription) -> FMU2Slave:
+    here = Path.cwd()
+    try:
+        return FMU2Slave(
+            guid=description.guid,
+            unzipDirectory=str(folder),
+            modelIdentifier=description.coSimulation.modelIdentifier,
+        )
+    except Exception as error:
+        raise PartFailure(str(error)) from error
+    finally:
+        os.chdir(here)
