@@ -145,12 +145,14 @@ def dop853(steps: int, _: Path) -> Callable[[], object]:
 
 def sweep(_: int, fmus: Path) -> Callable[[], object]:
     """The 31 speeds of set A by our master, Strang with 256 steps per revolution."""
-    from scenarios import fmus as chosen
-    from scenarios.resonance import SPEEDS, Case, simulate
-    from scenarios.theory import SETS
+    from scenarios.conveyor.resonance import SPEEDS
+    from scenarios.conveyor.response import Case, simulate
+    from scenarios.conveyor.theory import SETS
 
-    chosen.choose("native" if fmus.name == "native" else "python")
-    cases = [Case(SETS["A"], float(nu), 256, "strang", {}) for nu in SPEEDS["A"].split(",")]
+    parts = {"motor": fmus / "DriveMotor.fmu", "conveyor": fmus / "CrankConveyor.fmu"}
+    drive = SETS["A"]
+    nus = [float(nu) for nu in SPEEDS["A"].split(",")]
+    cases = [Case(parts, drive.start(nu), drive, nu, 256, "strang") for nu in nus]
     simulate(cases[0])
     return lambda: [simulate(case) for case in cases]
 

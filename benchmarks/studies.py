@@ -21,7 +21,8 @@ sys.path.insert(0, str(ROOT))
 
 from distributed import LocalCluster
 
-from scenarios import fmus, study
+from scenarios.__main__ import PROJECT
+from workbench import study
 
 STUDY = """
 scenario = "resonance"
@@ -37,7 +38,7 @@ WORKERS = (1, 2)
 def pool(path: Path, out: Path, workers: int) -> float:
     """Wall time of the study on so many processes."""
     began = time.perf_counter()
-    study.run(study.load(path), out=out, jobs=workers)
+    study.run(study.load(path, PROJECT), out=out, jobs=workers, flavour="native")
     return time.perf_counter() - began
 
 
@@ -46,7 +47,8 @@ def dask(path: Path, out: Path, workers: int) -> float:
     settings = {"threads_per_worker": 1, "dashboard_address": "127.0.0.1:0"}
     with LocalCluster(n_workers=workers, processes=True, **settings) as cluster:
         began = time.perf_counter()
-        study.run(study.load(path), out=out, scheduler=cluster.scheduler_address)
+        plan = study.load(path, PROJECT)
+        study.run(plan, out=out, scheduler=cluster.scheduler_address, flavour="native")
         return time.perf_counter() - began
 
 
@@ -55,7 +57,6 @@ def main() -> None:
     parser.add_argument("--runs", type=int, default=80)
     parser.add_argument("--rounds", type=int, default=3)
     options = parser.parse_args()
-    fmus.choose("native")
     times: dict[tuple[str, int], list[float]] = {}
     tables: set[bytes] = set()
     with tempfile.TemporaryDirectory() as folder:

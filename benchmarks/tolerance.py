@@ -21,10 +21,12 @@ sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
 from oracle import monolithic
 
 from cosim import Adaptive, run
-from scenarios import fmus
-from scenarios.theory import SETS
+from scenarios.__main__ import FMUS, PROJECT
+from scenarios.conveyor.drive import PARTS, conveyor_drive
+from scenarios.conveyor.theory import SETS
 
 START = SETS["A"].start(40.0) | {"motor.tau": 0.0, "conveyor.w": 0.0}
+SYSTEM = conveyor_drive(PROJECT.fmus.paths(PARTS, "native", FMUS), START)
 TOLERANCES = [10.0**-k for k in range(6)]
 WAYS = {
     "Strang, held inputs": {"algorithm": "strang"},
@@ -34,15 +36,13 @@ WAYS = {
 
 def point(step: float | Adaptive, **settings: object) -> tuple[float, int]:
     """Relative error of the torque, and steps of FMUs."""
-    result = run(fmus.conveyor_drive(START), stop=1.0, step=step, record=["motor.tau"], **settings)
+    result = run(SYSTEM, stop=1.0, step=step, record=["motor.tau"], **settings)
     exact = monolithic(START, 1.0, t_eval=result["time"]).y[2]
     error = np.abs(result["motor.tau"] - exact).max() / np.abs(exact).max()
     return float(error), sum(result.provenance["do_steps"].values())
 
 
 def main() -> None:
-    fmus.choose("native")
-    fmus.build(*fmus.DRIVE.values())
     figure = Figure(figsize=(10, 4.2), layout="constrained")
     left, right = figure.subplots(1, 2)
     for name, settings in WAYS.items():

@@ -55,7 +55,6 @@ from .kit.si import (
     TranslationalStiffness,
     Velocity,
 )
-from .kit.turn import Direction
 
 EXPERIMENT = Experiment(stop=1.0, step=1e-3)
 
@@ -130,12 +129,12 @@ def check(p: Parameters) -> Iterator[str]:
         yield f"crank.r = {r!r} m is not small against rod.l = {l!r} m: set rod.finite = true"
 
 
-def prepare(p: Parameters, x: State) -> Direction:
+def prepare(p: Parameters, x: State) -> turn.Direction:
     """The direction of the crank, from which it turns only a little within a step."""
-    return Direction(x.phi, sin(x.phi), cos(x.phi))
+    return turn.Direction(x.phi, sin(x.phi), cos(x.phi))
 
 
-def trough(p: Parameters, crank: Direction) -> tuple[float, float, float, float]:
+def trough(p: Parameters, crank: turn.Direction) -> tuple[float, float, float, float]:
     """Trough position x, its derivatives x', x'' by the crank angle, and l/R of the rod."""
     r, l = p.crank.r, p.rod.l
     s, c = r * crank.sin, r * crank.cos
@@ -145,7 +144,7 @@ def trough(p: Parameters, crank: Direction) -> tuple[float, float, float, float]
     return s + R - l, c * (1 + s / R), -s + (c * c - s * s) / R - (s * c) ** 2 / R**3, l / R
 
 
-def load(p: Parameters, x: State, crank: Direction) -> tuple[float, float]:
+def load(p: Parameters, x: State, crank: turn.Direction) -> tuple[float, float]:
     """Reduced inertia theta, and load torque M_c + theta' w^2 / 2."""
     m, c, d = p.trough.m, p.spring.c, p.trough.d
     position, dx, ddx, _ = trough(p, crank)
@@ -155,7 +154,7 @@ def load(p: Parameters, x: State, crank: Direction) -> tuple[float, float]:
 
 
 def derivatives(
-    p: Parameters, t: float, x: State, u: Inputs, near: Direction | None = None
+    p: Parameters, t: float, x: State, u: Inputs, near: turn.Direction | None = None
 ) -> State:
     theta, tau_load = load(p, x, turn.turned(near, x.phi) if near else prepare(p, x))
     return State(phi=x.w, w=(u.tau - tau_load) / theta)

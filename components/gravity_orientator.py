@@ -101,8 +101,9 @@ and closures corrected; hook contact, flight and jamming are additions.
 How good this is: a simulation with every contact unilateral and the same friction gives an
 orientation time up to 1 % away at 50 to 60 rpm, 1 to 3 % at 30 to 40 rpm; with Coulomb friction of
 the true reaction it is up to 4 % shorter at 40 rpm and 10 % shorter at 60 rpm, and the limit of the
-speed is higher. Orientation is reliable while $\mu\,\omega^2(R - r)/g < 0.5$; the first speed that
-jams with the defaults is 100.2, 77.8 and 62.1 rpm for $\mu$ = 0.2, 0.35 and 0.5. A cup that
+speed is higher. The first speed that jams with the defaults is 150.7, 126.4, 100.2, 77.8 and 62.1 rpm
+for $\mu$ = 0.05, 0.1, 0.2, 0.35 and 0.5. No value of $\mu\,\omega^2(R - r)/g$ alone is the limit: it is
+0.32 there for $\mu$ = 0.05, 0.59 for 0.35 and 0.54 for 0.5. A cup that
 friction could lock at the wall, with $J_2 \le m_2e\,[\mu r + \tfrac12e(\sqrt{1 + \mu^2} - 1)]$, is
 refused: $N$ would have no value.
 

@@ -110,7 +110,10 @@ class Browser:
 def browser(program: str, home: Path) -> Iterator[Browser]:
     """A browser whose files stay in a folder."""
     reads, writes = os.pipe(), os.pipe()
-    flags = "--headless=new --no-sandbox --disable-gpu --no-first-run --remote-debugging-pipe"
+    flags = (
+        "--headless --no-sandbox --disable-gpu --disable-quic --no-first-run --disable-sync "
+        "--disable-background-networking --disable-component-update --remote-debugging-pipe"
+    )
     pipes = [str(reads[0]), str(writes[1])]
     process = subprocess.Popen(
         [sys.executable, "-c", LAUNCH, *pipes, program, *flags.split(), f"--user-data-dir={home}"],

@@ -1,13 +1,27 @@
 """Build the FMUs once, as a user does, before any worker starts."""
 
+import os
 import signal
 import subprocess
 import sys
+import time
+from collections.abc import Callable
 from pathlib import Path
+from types import ModuleType
 from typing import Any
+
+for library in ("OMP", "OPENBLAS", "MKL"):
+    os.environ.setdefault(f"{library}_NUM_THREADS", "1")
 
 import pytest
 from pythonfmu import FmuBuilder
+
+from scenarios.__main__ import PROJECT
+from workbench.answer import Answer
+from workbench.ask import answer
+from workbench.fmus import Library
+from workbench.options import made
+from workbench.question import find, load
 
 ROOT = Path(__file__).resolve().parents[1]
 QUICK: dict[str, dict[str, Any]] = {
@@ -24,10 +38,21 @@ QUICK: dict[str, dict[str, Any]] = {
     "iron_cycle": {"samples": 180},
     "iron_start": {"stop": 0.1},
     "iron_orders": {"speeds": "5"},
-    "orientation_time": {"speeds": "40,80", "frictions": "0.35"},
+    "orientation_time": {"speeds": "40rpm,80rpm", "frictions": "0.35"},
     "orientator_cycle": {},
-    "packing_line": {"stop": 4.0, "step": 4e-3},
+    "packing_line": {"stop": 4.0, "step": 1e-3},
 }
+
+
+def fmus_of(page: ModuleType, flavour: str = "native") -> dict[str, Path]:
+    """The FMUs of a page, which are built already."""
+    return Library(PROJECT.fmus.folders).paths(page.PARTS, flavour, ROOT)
+
+
+def ask(name: str, out: Path | None = None, **given: Any) -> Answer:
+    """The answer to a question of the project, on compiled FMUs, in this process."""
+    page = load(find(PROJECT.home, name))
+    return answer(page, made(page.Options, given, name), fmus_of(page), flavour="native", out=out)
 
 
 def pytest_sessionstart(session: pytest.Session) -> None:
@@ -38,6 +63,14 @@ def pytest_sessionstart(session: pytest.Session) -> None:
 def hear_ctrl_c() -> None:
     """Let a child hear Ctrl-C although the tests run in the background, where it is ignored."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
+def until(condition: Callable[[], Any]) -> None:
+    """Wait for what must come; the limit is only against waiting for ever."""
+    deadline = time.monotonic() + 300.0
+    while not condition():
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
 
 
 @pytest.fixture(scope="session")

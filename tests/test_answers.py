@@ -1,20 +1,33 @@
-"""What every scenario finds: figures, parameters and start values, without a word or a file."""
+"""What every question of the project finds: figures with errors and units, words, parameters."""
 
 from __future__ import annotations
 
+import json
 import math
 import re
+from collections.abc import Iterator, Mapping
+from functools import cache
 from pathlib import Path
+from typing import Any
 
+import numpy as np
+import pandas as pd
 import pytest
-from conftest import QUICK
+from conftest import QUICK, ask, fmus_of
+from fmpy.model_description import ModelDescription, read_model_description
 
-from cosim import Estimate, SetupError
-from scenarios import fmus, packing
-from scenarios.__main__ import SCENARIOS, load
-from scenarios.answer import Figure, write
-from scenarios.theory import FIELDS, Machine
+from cosim import SetupError
+from scenarios.__main__ import PROJECT
+from scenarios.conveyor.theory import FIELDS, Machine
+from scenarios.iron import drive as iron
+from scenarios.iron import iron_orders
+from scenarios.orientator import machine as orientator
+from scenarios.packing_line import line as packing
+from scenarios.packing_line import packing_line
+from workbench.answer import Answer, content, finish, write
+from workbench.question import find, load, names
 
+QUESTIONS = list(names(PROJECT.home))
 CHANGED = {
     "resonance": ("motor.T", 0.06),
     "resonance_map": ("conveyor.rotor.J", 0.6),
@@ -23,91 +36,224 @@ CHANGED = {
     "iron_start": ("motor.T", 0.05),
     "iron_orders": ("motor.B", 0.03),
     "orientation_time": ("orientator.cup.m", 0.05),
-    "orientator_cycle": ("orientator.chute.mu", 0.3),
+    "orientator_cycle": ("orientator.cup.m", 0.05),
     "packing_line": ("conveyor_motor.T", 0.03),
 }
+EXACT = {"nu_res", "zeta", "build_up", "slope", "cycles", "oriented", "released", "lost"}
+VARIABLES: dict[str, dict[str, str]] = {
+    "resonance": {"w2": "conveyor.w", "tau2": "motor.tau", "f_rod_peak": "conveyor.f_rod",
+                  "w2_peak": "conveyor.w", "tau2_peak": "motor.tau", "w_mean": "conveyor.w"},
+    "run_up": {f"{motor}_{name}": variable for motor in ("linear", "kloss") for name, variable in (
+        ("w_max", "conveyor.w"), ("tau_max", "motor.tau"), ("f_rod_max", "conveyor.f_rod"),
+        ("w_end_min", "conveyor.w"), ("tau_end_max", "motor.tau"))},
+    "iron_cycle": {"tau_cam_min": "iron.tau_cam", "tau_cam_max": "iron.tau_cam",
+                   "stroke": "iron.lift", "friction_work": "iron.E_friction",
+                   "follower_force_min": "iron.N", "run_force_min": "iron.T_span",
+                   "follower_limit": "iron.w_cam", "work": "iron.E_friction"},
+    "iron_start": {"w_cam_max": "iron.w_cam", "tau_max": "motor.tau", "w_cam_mean": "iron.w_cam",
+                   "E_in": "iron.E_kin", "E_missing": "iron.E_kin", "energy_in": "iron.E_kin",
+                   "energy_friction": "iron.E_friction"},
+    "iron_orders": {"torque": "motor.tau", "speed": "iron.w_cam", "nu": "iron.w_cam"},
+    "orientation_time": {name: f"orientator.{name}" for name in (
+        "orientation_time", "t_falling", "t_joint", "t_turning", "t_released")},
+    "orientator_cycle": {"orientation_time": "orientator.orientation_time",
+                         "t_turning": "orientator.t_turning", "corner_impulse": "orientator.S_y",
+                         "wall_impulse": "orientator.S_k", "hook_impulse": "orientator.P_B"},
+    "packing_line": {"mean_iron": "iron_motor.P", "rms_supply": "iron_motor.P",
+                     "P_supply": "iron_motor.P", "own": "iron_motor.P", "cam": "iron.w_cam",
+                     "orientation": "orientator.orientation_time"},
+}  # fmt: skip
 
 
-@pytest.fixture(autouse=True)
-def native(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Compiled FMUs, which are built already."""
-    monkeypatch.setenv(fmus.CHOICE, "native")
-    monkeypatch.setattr(fmus, "build", lambda *_: None)
+@cache
+def plain(name: str) -> Answer:
+    """The answer with few runs, asked once."""
+    return ask(name, **QUICK[name])
 
 
-@pytest.mark.parametrize("name", SCENARIOS)
+@cache
+def described(name: str) -> Mapping[str, ModelDescription]:
+    """The FMUs of a question."""
+    paths = fmus_of(load(find(PROJECT.home, name)))
+    return {part: read_model_description(str(x), validate=False) for part, x in paths.items()}
+
+
+def unit(name: str, variable: str) -> str | None:
+    """That of a variable in its FMU, None where there is no such variable."""
+    part, _, bare = variable.partition(".")
+    variables = described(name)[part].modelVariables if part in described(name) else []
+    found = next((v for v in variables if v.name == bare), None)
+    if found is None:
+        return None
+    declared = found.declaredType.unit if found.declaredType is not None else None
+    return found.unit or declared or ""
+
+
+@pytest.mark.parametrize("name", QUESTIONS)
 def test_an_answer_is_told_by_value_without_a_word_or_a_file(
     name: str,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    capfd: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.chdir(tmp_path)
     changed, value = CHANGED[name]
-    plain = load(name).answer(**QUICK[name])
-    other = load(name).answer(**QUICK[name], start=[f"{changed}={value}"])
-    assert capsys.readouterr().out == ""
+    before, after = plain(name), ask(name, **QUICK[name], start={changed: value})
+    told = capfd.readouterr()
+    assert told.out + told.err == ""
     assert list(tmp_path.iterdir()) == []
-    for answer in (plain, other):
-        assert answer.question.endswith("?")
-        for figure, told in answer.figures.items():
-            assert re.fullmatch(r"[a-z][a-z0-9_]*", figure)
-            assert math.isfinite(told.value)
-            assert told.unit
-        for table in answer.tables.values():
-            assert list(table.units) == list(table.frame.columns)
-    assert plain.figures.keys() == other.figures.keys()
-    assert {n: f.value for n, f in plain.figures.items()} != {
-        n: f.value for n, f in other.figures.items()
+    assert before.question.endswith("?")
+    assert {n: f.value for n, f in before.figures.items()} != {
+        n: f.value for n, f in after.figures.items()
     }
-    assert other.parameters[changed].value == value != plain.parameters[changed].value
-    same = {n: p for n, p in plain.parameters.items() if n != changed}
+    assert after.parameters[changed].value == value != before.parameters[changed].value
+    same = {n: p for n, p in before.parameters.items() if n != changed}
     assert all(
-        parameter == other.parameters[n]
+        parameter == after.parameters[n]
         for n, parameter in same.items()
         if not n.endswith((".A", ".tau", "conveyor.w"))
     )
 
 
-@pytest.mark.parametrize("name", SCENARIOS)
+@pytest.mark.parametrize("name", QUESTIONS)
+def test_every_error_is_above_0_or_of_a_formula_or_refused_with_a_reason(name: str) -> None:
+    for key, figure in plain(name).figures.items():
+        assert re.fullmatch(r"[a-z][a-z0-9_]*", key)
+        assert figure.unit and figure.meaning
+        if figure.error is None:
+            assert math.isnan(figure.value) and figure.reason, key
+        elif figure.error == 0.0:
+            assert key in EXACT or figure.value == 0.0 or key.startswith("worst_speed"), key
+        else:
+            assert 0.0 < figure.error < math.inf, key
+
+
+@pytest.mark.parametrize("name", VARIABLES)
+def test_figures_and_columns_have_the_units_of_the_fmus(name: str) -> None:
+    answer = plain(name)
+    units = {key: figure.unit for key, figure in answer.figures.items()}
+    for table in answer.tables.values():
+        assert list(table.units) == list(table.frame.columns)
+        units |= table.units
+    units |= {key: parameter.unit for key, parameter in answer.parameters.items()}
+    known = {key: unit(name, key) for key in units} | {
+        key: unit(name, variable) for key, variable in VARIABLES[name].items()
+    }
+    compared = {key: wanted for key, wanted in known.items() if wanted is not None}
+    assert len(compared) > 5
+    assert set(VARIABLES[name]) <= {*compared} & {*units}
+    assert {key: units[key] for key in compared} == compared
+
+
+def numbers(value: Any) -> Iterator[float]:
+    """All numbers in what a JSON file holds."""
+    if isinstance(value, dict):
+        value = list(value.values())
+    if isinstance(value, list | tuple):
+        for one in value:
+            yield from numbers(one)
+    elif isinstance(value, int | float) and not isinstance(value, bool):
+        yield float(value)
+
+
+@pytest.mark.parametrize("name", [name for name in QUESTIONS if name != "resonance_map"])
+def test_every_number_of_a_verdict_is_that_of_a_figure_or_an_option(name: str) -> None:
+    """A deviation is that of a figure from a formula, with its sign; a share, in %, of a fact."""
+    answer = plain(name) if name != "resonance" else ask(name, speeds="34:46:7", steps_per_rev=128)
+    figures = [figure for figure in answer.figures.values() if figure.error is not None]
+    given = [x.value for x in answer.options.values()]
+    values = [*numbers(given), *numbers(dict(answer.facts)), *(f.value for f in figures)]
+    values += [values[k] * s for k in range(len(values)) for s in (30 / math.pi, 1e3, 1e-3, 100)]
+    formulas = [f.value for f in figures if f.error == 0.0 and f.value]
+    values += [100 * (f.value / x - 1) for f in figures for x in formulas]
+    values += [100 * f.value / x for f in figures for x in numbers(dict(answer.facts)) if x]
+    values += [math.sqrt(720e3 / 200)] * (name == "resonance")
+    values += [100 * iron_orders.SHARE, *(1e3 * T for T in iron_orders.LAGS)]
+    words = " ".join([answer.question, *(f.meaning for f in answer.figures.values())])
+    number = r"[-+]?\d+(?:\.\d+)?(?:e[-+]\d+)?"
+    whole, said = 0, answer.verdict.replace("(22)", "")
+    for told in re.finditer(rf"(?<![\w.])({number})(?: ± ({number}))?( \S+)?", said):
+        value, error, decimals = float(told[1]), told[2], told[1].partition(".")[2]
+        if error:
+            near = [f for f in figures if abs(f.value - value) <= 1.05 * float(error)]
+            assert any(f.error <= 1.05 * float(error) for f in near if f.error), told[0]
+            whole += 1
+        elif not re.search(rf"(?<![\d.]){re.escape(told[1])}(?![\d.])", words):
+            most = 0.51 * 10.0 ** -len(decimals)
+            most = max(most, 0.006 * abs(value)) if len(told[1].strip("+-0.")) <= 4 else most
+            right = [x for x in values if abs(x - value) <= most and x * value >= 0.0]
+            assert right or re.search(
+                rf"order {told[1]}\b|(cam|crank) {told[1]}\b", answer.verdict
+            ), told[0]
+    assert whole > 0
+    assert len(answer.verdict.splitlines()[0]) < 420
+
+
+@pytest.mark.parametrize("name", QUESTIONS)
+def test_the_json_holds_each_number_once(name: str) -> None:
+    answer = plain(name)
+    facts = json.loads(json.dumps(content(answer)))
+    assert list(facts)[:5] == ["scenario", "question", "verdict", "warnings", "figures"]
+    assert set(facts["options"]) >= {"set"} & set(answer.options)
+    assert all({"value", "unit", "meaning"} == set(told) for told in facts["options"].values())
+    told = {f.value for f in answer.figures.values() if f.error and f.value}
+    assert not told & set(numbers(dict(answer.facts)))
+
+
+def test_warnings_of_fmus_are_told_once_after_the_answer(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    answer = ask("iron_start", motor_A="8N.m", stop=0.6, start={"iron.on_invalid": 1})
+    (warning,) = answer.warnings
+    assert warning.startswith("iron: cam follower lifts off at phi = 3.05")
+    finish(answer, tmp_path)
+    said, errors = capfd.readouterr()
+    assert errors == ""
+    assert said.splitlines()[-2] == f"Warning: {warning}"
+    assert said.startswith("The cam shoots up to")
+    assert json.loads((tmp_path / "iron_start.json").read_text())["warnings"] == [warning]
+    assert "cam follower lifts off" in (tmp_path / "report.html").read_text()
+    assert plain("orientation_time").warnings == []
+
+
+def test_jams_and_stalls_are_told_in_a_sentence() -> None:
+    jam = ask("orientator_cycle", speed="62.5rpm", friction=0.5)
+    reason = "the product jams: rotation stopped after release"
+    assert jam.verdict.startswith(reason.capitalize())
+    assert (jam.figures["orientation_time"].error, jam.figures["orientation_time"].reason) == (
+        None, reason,
+    )  # fmt: skip
+    rows = plain("orientation_time").tables["orientation_time.csv"].frame
+    jammed = rows["stage"] == orientator.JAMMED
+    assert 0 < jammed.sum() < len(rows)
+    assert rows["orientation_time"].isna().equals(jammed)
+    stall = ask("iron_start", motor_A=0.12, stop=30.0, step=2e-3)
+    assert "The motor stalls: the cam has made" in stall.verdict
+    slow = ask("run_up", stop=0.1, start={"motor.kloss.tau_b": 1.0})
+    assert "The induction motor stalls" in slow.verdict
+    assert slow.figures["kloss_passing"].reason == "the crank does not stay above the resonance"
+
+
+@pytest.mark.parametrize("name", QUESTIONS)
 def test_a_start_value_that_no_fmu_has_is_named(name: str, tmp_path: Path) -> None:
     part = CHANGED[name][0].split(".")[0]
+    own = getattr(load(find(PROJECT.home, name)), "OWN", ())
+    refused = [(f"{x}=1", f"start value {x}: this question sets it on its own") for x in own]
     for wrong, message in (
         (f"{part}.nonsense=1", f"{part} has no variable 'nonsense'"),
         ("nobody.T=1", "there is no part 'nobody'"),
+        *refused,
     ):
         with pytest.raises(SetupError, match=message):
-            load(name).answer(**QUICK[name], start=[wrong], out=tmp_path / "out")
+            ask(name, **QUICK[name], start=[wrong], out=tmp_path / "out")
     assert not (tmp_path / "out").exists()
-
-
-@pytest.mark.parametrize(
-    ("name", "own"),
-    [
-        ("resonance", "motor.A"),
-        ("resonance", "motor.characteristic"),
-        ("resonance_map", "motor.A"),
-        ("resonance_map", "motor.T"),
-        ("run_up", "motor.characteristic"),
-        ("iron_cycle", "iron.reducer.J"),
-        ("iron_cycle", "iron.w_cam"),
-        ("iron_orders", "motor.T"),
-        ("orientation_time", "orientator.chute.mu"),
-        ("orientator_cycle", "orientator.release"),
-    ],
-)
-def test_what_a_scenario_sets_on_its_own_is_refused(name: str, own: str) -> None:
-    with pytest.raises(SetupError, match=f"start value {own}: this scenario sets it on its own"):
-        load(name).answer(start=[f"{own}=1"])
 
 
 def test_theory_and_machine_follow_the_same_start_values() -> None:
     """Every value that the theory knows, far enough from set A that one left behind would show."""
     machine = Machine(B=150.0, T=0.05, theta1=0.6, m=180.0, r=0.008, c=7e5, d=3500.0)
     values = {name: getattr(machine, field) for name, field in FIELDS.items()}
-    answer = load("resonance").answer(
-        speeds="30,32", steps_per_rev=128, start=[f"{name}={x}" for name, x in values.items()]
-    )
+    answer = ask("resonance", speeds="30,32", steps_per_rev=128, start=values)
     assert answer.figures["nu_res"][:3] == (machine.nu_res, "rad/s", 0.0)
     assert {name: answer.parameters[name].value for name in values} == values
     rows = answer.tables["resonance.csv"].frame
@@ -119,7 +265,9 @@ def test_theory_and_machine_follow_the_same_start_values() -> None:
 
 def test_the_line_keeps_its_speeds_whatever_its_motors_are() -> None:
     start = {"conveyor_motor.B": 50.0, "conveyor.trough.d": 3e3, "iron_motor.B": 0.05}
-    line = packing.system(1.25, 4.0, "B", 60.0, start | {"iron.reducer.i_g": 30.0})
+    line = packing.system(
+        fmus_of(packing_line), 1.25, 4.0, "B", 60.0, start | {"iron.reducer.i_g": 30.0}
+    )
     assert line.start["conveyor_motor.A"] == pytest.approx((50.0 + 3e3 * 0.01**2 / 2) * 60.0)
     assert line.start["iron_motor.A"] == pytest.approx(0.05 * 30.0 * 4.0)
     assert start.items() <= line.start.items()
@@ -137,31 +285,33 @@ def test_the_line_keeps_its_speeds_whatever_its_motors_are() -> None:
 def test_start_values_that_theory_or_fmus_cannot_bear_are_refused(start: str, message: str) -> None:
     for name in ("resonance", "run_up"):
         with pytest.raises(SetupError, match=re.escape(message)):
-            load(name).answer(start=[start])
+            ask(name, start=[start])
 
 
 def test_rows_are_kept_on_the_way_and_the_files_stand_at_the_end(tmp_path: Path) -> None:
-    answer = load("orientation_time").answer(**QUICK["orientation_time"], out=tmp_path)
+    answer = ask("orientation_time", tmp_path, **QUICK["orientation_time"])
     partial = tmp_path / "orientation_time.partial.csv"
-    kept = partial.read_text().splitlines()
-    assert len(kept) == 1 + len(answer.tables["orientation_time.csv"].frame)
-    names = write(answer, tmp_path)
+    kept = pd.read_csv(partial)
+    pd.testing.assert_frame_equal(kept, answer.tables["orientation_time.csv"].frame)
+    files = write(answer, tmp_path)
     assert not partial.exists()
-    assert {path.name for path in tmp_path.iterdir()} == set(names)
-    assert (tmp_path / "orientation_time.csv").read_text().splitlines() == kept
+    assert {path.name for path in tmp_path.iterdir()} == set(files)
+    pd.testing.assert_frame_equal(pd.read_csv(tmp_path / "orientation_time.csv"), kept)
 
 
-def test_a_figure_says_what_is_known_of_its_error() -> None:
-    assert Figure.of(Estimate(2.0, 0.01, 2.0), "N.m").text() == "2.000 +- 0.010 N.m"
-    assert Figure(2.0, "N.m", 0.01).text() == "2.000 +- 0.010 N.m"
-    assert Figure(2.0, "N.m").text() == "2 N.m (coupling error not known)"
-    assert Figure(2.0, "N.m", 0.0).text() == "2 N.m"
-    lost = Figure.of(Estimate(2.0, None, 0.7), "N.m").text()
-    assert lost == "2 N.m (not converged: the error falls with order 0.7)"
+def test_the_enumerations_are_those_of_the_fmu() -> None:
+    variables = described("orientator_cycle")["orientator"].modelVariables
+    for name, items in orientator.ITEMS.items():
+        found = next(v for v in variables if v.name == name).declaredType.items
+        assert tuple(item.name.replace("_", " ") for item in found) == items
 
 
-def test_a_resonance_near_a_speed_of_the_sweep_is_found_with_coarser_steps_too() -> None:
-    wide = load("resonance").answer(speeds="36,42,44", steps_per_rev=128).figures["nu_90"]
-    near = load("resonance").answer(speeds="36,40.03,44", steps_per_rev=128).figures["nu_90"]
-    assert near.value == pytest.approx(wide.value, abs=1e-3)
-    assert near.error == pytest.approx(wide.error, rel=0.05)
+def test_the_excitation_of_the_iron_counts_each_sample_of_a_turn_once() -> None:
+    """Over evenly spaced samples of a whole turn the least-squares orders are those of the FFT."""
+    fmus = fmus_of(iron_orders)
+    alone = iron.own(fmus, {})
+    machine = iron_orders.measure(fmus, {}, alone)
+    one, two = (iron.turn(w, alone, iron_orders.PER_REV, ["iron.tau_cam"]) for w in (1.0, 2.0))
+    moving = (two["iron.tau_cam"] - one["iron.tau_cam"])[:-1] / 3
+    wanted = 2j * np.fft.rfft(moving)[1:13] / len(moving)
+    assert machine.moving == pytest.approx(wanted, rel=1e-6, abs=1e-6 * abs(wanted).max())

@@ -12,11 +12,12 @@ from test_cosim import HELD_TAU2, ripple
 from cosim import ORDERS, certify, estimate
 from cosim.verification.ideal import Ideal
 from cosim.verification.systems import couple, drive
-from scenarios import fmus as drive_fmus
-from scenarios import pool
-from scenarios.orders import last_revolutions, order
-from scenarios.resonance import SPEEDS, Case, simulate
-from scenarios.theory import SETS
+from scenarios.conveyor.drive import PARTS
+from scenarios.conveyor.resonance import SPEEDS
+from scenarios.conveyor.response import Case, simulate
+from scenarios.conveyor.theory import SETS
+from workbench.measure import last_revolutions, order
+from workbench.runs import local as pool
 
 
 @pytest.mark.parametrize("order", [1, 2])
@@ -25,7 +26,7 @@ def test_error_of_a_clean_series_is_found(order: int) -> None:
     values = [5 + 0.3 * h**order + 0.05 * h ** (order + 1) for h in (0.1, 0.2, 0.4)]
     got = estimate(values, order)
     assert got.order == pytest.approx(order, abs=0.15)
-    assert got.error == pytest.approx(abs(values[0] - 5.0), rel=0.2)
+    assert 1.2 < got.error / abs(values[0] - 5.0) < 1.8
 
 
 def test_a_figure_that_does_not_converge_is_no_figure() -> None:
@@ -36,7 +37,7 @@ def test_a_figure_that_does_not_converge_is_no_figure() -> None:
 
 
 def test_text_shows_the_digits_that_the_error_leaves() -> None:
-    assert estimate([104.968, 104.96, 104.928], 2).text("N.m") == "104.9680 +- 0.0027 N.m"
+    assert estimate([104.968, 104.96, 104.928], 2).text("N.m") == "104.9680 +- 0.0040 N.m"
     assert estimate([7.0, 7.0, 7.0], 1).text("s") == "7.0000000 +- 0.0000001 s"
 
 
@@ -62,9 +63,7 @@ def test_jacobi_with_long_steps_is_called_not_converged(fmus) -> None:
 @pytest.mark.parametrize(
     ("algorithm", "n"), [("jacobi", 2048), ("gauss-seidel", 256), ("strang", 256)]
 )
-def test_stated_errors_hold_at_every_speed_of_the_sweep(
-    algorithm: str, n: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_stated_errors_hold_at_every_speed_of_the_sweep(fmus: Path, algorithm: str, n: int) -> None:
     """Both amplitudes at 31 speeds, from runs at n, 2 n and 4 n steps, against one solver.
 
     The bound holds the true error and is no more than ten times as wide, or 1e-4 of the figure.
@@ -72,9 +71,12 @@ def test_stated_errors_hold_at_every_speed_of_the_sweep(
     machine = SETS["A"]
     nus = [float(text) for text in SPEEDS["A"].split(",")]
     assert len(nus) == 31
-    monkeypatch.setenv(drive_fmus.CHOICE, "native")
-    drive_fmus.build(*drive_fmus.DRIVE.values())
-    cases = [Case(machine, nu, n * k, algorithm, {}) for nu in nus for k in (4, 2, 1)]
+    parts = {part: fmus / "native" / f"{name}.fmu" for part, name in PARTS.items()}
+    cases = [
+        Case(parts, machine.start(nu), machine, nu, n * k, algorithm)
+        for nu in nus
+        for k in (4, 2, 1)
+    ]
     points = iter(list(pool.each(simulate, cases, pool.available_cores(), "speeds")))
     told = 0
     for nu in nus:
@@ -83,8 +85,8 @@ def test_stated_errors_hold_at_every_speed_of_the_sweep(
         phi, w, tau = monolithic(machine.start(nu), times[-1], t_eval=times).y[:3]
         late = last_revolutions(phi, 8)
         for exact, seen in (
-            (abs(order(phi[late], tau[late], 2)), [p.tau2 for p in runs]),
-            (abs(order(phi[late], w[late], 2)), [p.w2 for p in runs]),
+            (abs(order(phi[late], tau[late], 2)), [abs(p.torque) for p in runs]),
+            (abs(order(phi[late], w[late], 2)), [abs(p.speed) for p in runs]),
         ):
             got = estimate(seen, ORDERS[algorithm])
             if got.error is None:

@@ -1,39 +1,41 @@
-"""Studies on Dask clusters whose workers die, crash, lack FMUs or have other code."""
+"""Studies on Dask clusters whose workers die, crash, vanish, lack FMUs or have other code."""
 
 from __future__ import annotations
 
-import json
 import os
-import random
 import shutil
 import signal
 import subprocess
 import sys
-import threading
-import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
 import dask
 import pytest
-from conftest import ROOT
+from conftest import ROOT, ask, until
 from distributed import Client, LocalCluster
 
-from cosim import SetupError
-from scenarios import fmus, orientator_cycle, study
+from cosim import SetupError, SimulationError
+from scenarios.__main__ import PROJECT
+from workbench import study
+from workbench.command import parts
+from workbench.runs.journal import NAME, Journal, opened
+from workbench.study.run import identity
 
 PLANE = """
 scenario = "plane.py"
 [fixed]
-pause = 0.05
+ledger = "{0}/ledger"
+gate = "{0}/gate"
 [sampling]
 method = "lhs"
-number = 60
+number = 64
 seed = 1
 [tolerances]
-x = { from = 1.0, to = 2.0 }
-y = { nominal = 0.0, normal = 0.1 }
+x = {{ from = 4.0, to = 7.0 }}
+y = {{ nominal = 0.0, normal = 0.1 }}
 """
 CUP = """
 scenario = "orientator_cycle"
@@ -42,99 +44,121 @@ method = "sobol"
 number = {number}
 seed = 1
 [tolerances]
-speed = {{ from = 10.0, to = 90.0 }}
+speed = {{ from = "10rpm", to = "70rpm" }}
 "orientator.chute.mu" = {{ nominal = 0.35, normal = "10 %" }}
 """
 SAME = ("table.csv", "table.parquet", "sensitivity.csv")
+LONG = 300.0
+PATIENT = {
+    "distributed.scheduler.allowed-failures": 0,
+    "distributed.deploy.lost-worker-timeout": "600 s",
+}
+QUIET: dict[str, Any] = {"dashboard_address": "127.0.0.1:0", "silence_logs": 50}
 
 
 @pytest.fixture(scope="module")
 def cluster() -> Iterator[Any]:
     """Two workers with nannies, one thread each, on this machine; Dask gives up at the first loss."""
-    settings: dict[str, Any] = {"dashboard_address": "127.0.0.1:0", "silence_logs": 50}
     with (
-        dask.config.set({"distributed.scheduler.allowed-failures": 0}),
-        LocalCluster(n_workers=2, threads_per_worker=1, processes=True, **settings) as made,
+        dask.config.set(PATIENT),
+        LocalCluster(n_workers=2, threads_per_worker=1, processes=True, **QUIET) as made,
     ):
         yield made
 
 
 def written(folder: Path, text: str) -> Path:
-    """A study file beside the scenario of the plane."""
+    """A study file beside the plane, whose gate is closed."""
     shutil.copy(ROOT / "tests" / "hosts" / "plane.py", folder)
     (folder / "some.toml").write_text(text)
+    os.mkfifo(folder / "gate")
     return folder / "some.toml"
 
 
-def rows(out: Path) -> int:
-    """Rows in a journal."""
-    path = out / "journal.jsonl"
-    return max(path.read_bytes().count(b"\n") - 1, 0) if path.exists() else 0
+def open_gate(folder: Path) -> None:
+    """Let the runs at the gate go on, and all that come."""
+    (folder / "free").touch()
+    waiting = os.open(folder / "gate", os.O_RDWR)
+    (folder / "free").replace(folder / "gate")
+    os.close(waiting)
 
 
-def reach(out: Path, count: int, process: subprocess.Popen[bytes] | None = None) -> None:
-    """Wait until a journal has so many rows."""
-    deadline = time.monotonic() + 300
-    while rows(out) < count:
-        assert time.monotonic() < deadline
-        assert process is None or process.poll() is None, process.communicate()
-        time.sleep(0.02)
+def at_gate(folder: Path, count: int) -> None:
+    """Wait until so many runs have come to the gate."""
+    ledger = folder / "ledger"
+    until(
+        lambda: (
+            ledger.exists() and sum(float(x) >= 6.0 for x in ledger.read_text().split()) >= count
+        )
+    )
 
 
-def kill_worker(cluster: Any, which: random.Random) -> None:
+def kill_worker(cluster: Any, which: int) -> None:
     """Kill a worker as the kernel does when memory is short."""
     alive = [nanny.process.pid for nanny in cluster.workers.values() if nanny.process.pid]
-    os.kill(which.choice(alive), signal.SIGKILL)
+    os.kill(alive[which % len(alive)], signal.SIGKILL)
 
 
-def through_losses(cluster: Any, path: Path, out: Path, kills: list[int], client: int) -> None:
-    """Do a study, killing a worker at each of these numbers of rows and the client at that one."""
-    which = random.Random(1)
+def client(cluster: Any, path: Path, out: Path, flavour: str = "python") -> subprocess.Popen[bytes]:
+    """A study in a process of its own."""
     command = [sys.executable, "-m", "scenarios", "study", path, "--out", out]
-    command += ["--scheduler", cluster.scheduler_address, "--flavour", fmus.flavour()]
-    process = subprocess.Popen(command, cwd=ROOT, stderr=subprocess.PIPE)
-    reach(out, client, process)
-    process.kill()
-    process.communicate()
-    kept = rows(out)
-    assert client <= kept < kills[0]
+    command += ["--scheduler", cluster.scheduler_address, "--flavour", flavour]
+    return subprocess.Popen(command, cwd=ROOT, stderr=subprocess.PIPE)
 
-    def killer() -> None:
-        for count in kills:
-            reach(out, count)
-            kill_worker(cluster, which)
 
-    thread = threading.Thread(target=killer)
-    thread.start()
-    outcome = study.run(study.load(path), out=out, scheduler=cluster.scheduler_address)
-    thread.join()
-    number = len(outcome.table)
-    assert f"{number} runs, {number - kept} of them now" in outcome.verdict
-    lines = (out / "journal.jsonl").read_text().splitlines()[1:]
-    assert sorted(json.loads(line)["run"] for line in lines) == list(range(number))
-    assert set(outcome.table["status"]) == {"ok"}
+def rows(path: Path, out: Path, flavour: str = "python") -> set[int]:
+    """The rows in a journal."""
+    plan = study.load(path, PROJECT)
+    fmus = PROJECT.fmus.paths(parts(plan.module), flavour, path.parent)
+    with opened(out, identity(plan, fmus, flavour)) as journal:
+        return set(journal.done)
+
+
+def progress(out: Path, count: int) -> None:
+    """Wait for so many writings to a journal, nearly all of a row or more."""
+    log, seen = out / f"{NAME}-wal", set[int]()
+    until(lambda: log.exists() and (seen.add(log.stat().st_mtime_ns) or len(seen) > count))
+
+
+def same_as_serial(path: Path, out: Path) -> None:
+    """The bytes of a study are those of one process."""
+    study.run(study.load(path, PROJECT), out=path.parent / "serial", jobs=1)
+    for name in SAME:
+        assert (out / name).read_bytes() == (path.parent / "serial" / name).read_bytes()
 
 
 def test_lost_workers_and_a_killed_client_change_no_byte(cluster: Any, tmp_path: Path) -> None:
-    path = written(tmp_path, PLANE)
-    through_losses(cluster, path, tmp_path / "out", kills=[30], client=8)
-    study.run(study.load(path), out=tmp_path / "serial", jobs=1)
-    for name in SAME:
-        assert (tmp_path / "out" / name).read_bytes() == (tmp_path / "serial" / name).read_bytes()
+    path, out = written(tmp_path, PLANE.format(tmp_path)), tmp_path / "out"
+    process = client(cluster, path, out)
+    at_gate(tmp_path, 2)
+    process.kill()
+    process.communicate()
+    kept = rows(path, out)
+    assert len(kept) < 64
+    for which in range(2):
+        kill_worker(cluster, which)
+
+    def lose_another() -> None:
+        at_gate(tmp_path, 4)
+        kill_worker(cluster, 0)
+        at_gate(tmp_path, 5)
+        open_gate(tmp_path)
+
+    with ThreadPoolExecutor() as threads:
+        lost = threads.submit(lose_another)
+        outcome = study.run(study.load(path, PROJECT), out=out, scheduler=cluster.scheduler_address)
+        lost.result()
+    assert f"64 runs, {64 - len(kept)} of them now" in outcome.verdict
+    assert set(outcome.table["status"]) == {"ok"}
+    same_as_serial(path, out)
 
 
 def test_a_run_that_ends_its_process_costs_no_worker(cluster: Any, tmp_path: Path) -> None:
     before = [nanny.process.pid for nanny in cluster.workers.values()]
-    path = written(
-        tmp_path,
-        """
-        scenario = "plane.py"
-        timeout = 2.0
-        [grid]
-        mood = ["segfault", "leave", "hang", "good"]
-        """,
+    text = (
+        "scenario = 'plane.py'\ntimeout = 2.0\n[grid]\nmood = ['segfault', 'leave', 'hang', 'good']"
     )
-    outcome = study.run(study.load(path), out=tmp_path / "out", scheduler=cluster.scheduler_address)
+    plan = study.load(written(tmp_path, text), PROJECT)
+    outcome = study.run(plan, out=tmp_path / "out", scheduler=cluster.scheduler_address)
     assert outcome.table["status"].tolist() == ["crashed", "crashed", "timeout", "ok"]
     assert [nanny.process.pid for nanny in cluster.workers.values()] == before
 
@@ -142,8 +166,8 @@ def test_a_run_that_ends_its_process_costs_no_worker(cluster: Any, tmp_path: Pat
 def test_a_cluster_that_is_not_there_is_named(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("scenarios.runs.cluster.CONNECT", 1.0)
-    plan = study.load(written(tmp_path, PLANE))
+    monkeypatch.setattr("workbench.runs.dask.CONNECT", 1.0)
+    plan = study.load(written(tmp_path, PLANE.format(tmp_path)))
     with pytest.raises(SetupError, match=r"no Dask scheduler answers at tcp://127\.0\.0\.1:9"):
         study.run(plan, out=tmp_path / "out", scheduler="tcp://127.0.0.1:9")
     with pytest.raises(SetupError, match="jobs are processes of this machine"):
@@ -151,42 +175,46 @@ def test_a_cluster_that_is_not_there_is_named(
 
 
 @pytest.fixture
-def elsewhere(tmp_path: Path) -> Iterator[tuple[str, Path]]:
-    """A scheduler and the folder of its only worker: the project's code, and no FMUs."""
+def elsewhere(tmp_path: Path) -> Iterator[tuple[str, Path, Callable[[], None]]]:
+    """A scheduler, the folder of its only worker, with our code and no FMUs, and what kills that."""
     home = tmp_path / "elsewhere"
-    for package in ("cosim", "scenarios"):
-        shutil.copytree(
-            ROOT / package, home / package, ignore=shutil.ignore_patterns("__pycache__")
-        )
-    settings: dict[str, Any] = {"dashboard_address": "127.0.0.1:0", "silence_logs": 50}
-    with LocalCluster(n_workers=0, **settings) as made:
+    for package in ("cosim", "scenarios", "workbench"):
+        leave = shutil.ignore_patterns("__pycache__")
+        shutil.copytree(ROOT / package, home / package, ignore=leave)
+    with LocalCluster(n_workers=0, **QUIET) as made:
         command = [sys.executable, "-m", "dask", "worker", made.scheduler_address]
         command += ["--nthreads", "1", "--no-dashboard", "--local-directory", tmp_path / "scratch"]
+        silent = subprocess.DEVNULL
         worker = subprocess.Popen(
-            command, cwd=home, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+            command, cwd=home, stdout=silent, stderr=silent, start_new_session=True
         )
-        try:
-            yield made.scheduler_address, home
-        finally:
-            worker.terminate()
-            worker.wait(30)
+
+        def vanish() -> None:
+            if worker.poll() is None:
+                os.killpg(worker.pid, signal.SIGKILL)
+            worker.wait(LONG)
+
+        yield made.scheduler_address, home, vanish
+        vanish()
 
 
 def test_fmus_travel_to_workers_and_other_code_is_refused(
-    elsewhere: tuple[str, Path], tmp_path: Path
+    elsewhere: tuple[str, Path, Callable[[], None]], tmp_path: Path
 ) -> None:
-    address, home = elsewhere
+    address, home, _ = elsewhere
     path = written(tmp_path, CUP.format(number=4))
-    there = study.run(study.load(path), out=tmp_path / "there", scheduler=address)
-    here = study.run(study.load(path), out=tmp_path / "here", jobs=1)
+    there = study.run(study.load(path, PROJECT), out=tmp_path / "there", scheduler=address)
+    here = study.run(study.load(path, PROJECT), out=tmp_path / "here", jobs=1)
     assert set(there.table["status"]) == {"ok"}
     assert (tmp_path / "there" / "table.csv").read_bytes() == (
         tmp_path / "here" / "table.csv"
     ).read_bytes()
     for _, row in here.table.iterrows():
-        start = [f"orientator.chute.mu={row['orientator.chute.mu']}"]
-        figures = orientator_cycle.answer(speed=row["speed"], start=start).figures
-        assert row["orientation_time"] == figures["orientation_time"].value
+        start = {"orientator.chute.mu": row["orientator.chute.mu"]}
+        figures = ask("orientator_cycle", speed=row["speed"], start=start).figures
+        assert row["orientation_time"] == pytest.approx(
+            figures["orientation_time"].value, rel=1e-15, nan_ok=True
+        )
     assert here.table["orientation_time"].nunique() == 4
     assert not (home / "fmus").exists()
     with (home / "cosim" / "curve.py").open("a") as file:
@@ -194,22 +222,56 @@ def test_fmus_travel_to_workers_and_other_code_is_refused(
     with Client(address) as client:
         client.restart()
     with pytest.raises(
-        SetupError, match=r"worker tcp.* differs: cosim/curve.py is [0-9a-f]* there"
+        SetupError, match=r"worker tcp.* differs: code.\"cosim/curve.py\" is another one"
     ):
-        study.run(study.load(path), out=tmp_path / "again", scheduler=address)
+        study.run(study.load(path, PROJECT), out=tmp_path / "again", scheduler=address)
+
+
+def test_a_study_whose_workers_are_gone_for_good_ends_with_its_rows(
+    elsewhere: tuple[str, Path, Callable[[], None]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("workbench.runs.dask.GRACE", 2.0)
+    address, _, vanish = elsewhere
+    path, out = written(tmp_path, PLANE.format(tmp_path)), tmp_path / "out"
+    kept, add = [], Journal.add
+    monkeypatch.setattr(Journal, "add", lambda *row: kept.append(add(*row)))
+    with ThreadPoolExecutor() as threads:
+        vanished = threads.submit(lambda: (at_gate(tmp_path, 1), until(lambda: kept), vanish()))
+        with pytest.raises(
+            SimulationError, match=f"{address} has had no workers for 2 s; what was"
+        ):
+            study.run(study.load(path, PROJECT), out=out, scheduler=address)
+        vanished.result()
+    asked = len((tmp_path / "ledger").read_text().split())
+    assert 0 < len(kept) == len(rows(path, out)) < asked
 
 
 @pytest.mark.slow
 def test_two_thousand_runs_survive_four_lost_workers_and_a_killed_client(
-    cluster: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    cluster: Any, tmp_path: Path
 ) -> None:
-    monkeypatch.setenv(fmus.CHOICE, "native")
-    path = written(tmp_path, CUP.format(number=2048))
-    out, serial = tmp_path / "out", tmp_path / "serial"
-    began = time.monotonic()
-    through_losses(cluster, path, out, kills=[600, 900, 1200, 1500], client=300)
-    middle = time.monotonic()
-    study.run(study.load(path), out=serial, jobs=1)
-    print(f"cluster {middle - began:.0f} s, serial {time.monotonic() - middle:.0f} s")
-    for name in SAME:
-        assert (out / name).read_bytes() == (serial / name).read_bytes()
+    path, out = written(tmp_path, CUP.format(number=2048)), tmp_path / "out"
+    process = client(cluster, path, out, "native")
+    progress(out, 100)
+    process.kill()
+    process.communicate()
+    kept = rows(path, out, "native")
+    assert 0 < len(kept) < 2000
+
+    def killer() -> None:
+        for which in range(4):
+            progress(out, 100)
+            kill_worker(cluster, which)
+
+    with ThreadPoolExecutor() as threads:
+        killed = threads.submit(killer)
+        outcome = study.run(
+            study.load(path, PROJECT),
+            out=out,
+            scheduler=cluster.scheduler_address,
+            flavour="native",
+        )
+        killed.result()
+    assert f"2048 runs, {2048 - len(kept)} of them now" in outcome.verdict
+    assert set(outcome.table["status"]) == {"ok"}
+    same_as_serial(path, out)

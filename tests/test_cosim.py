@@ -27,8 +27,8 @@ from oracle import monolithic
 from scipy.interpolate import CubicSpline
 
 from cosim import SetupError, SimulationError, System, run
-from scenarios.orders import last_revolutions, order
-from scenarios.theory import SETS
+from scenarios.conveyor.theory import SETS
+from workbench.measure import last_revolutions, order
 
 NU = 40.0
 WIRES = ("motor.tau -> conveyor.tau", "conveyor.w -> motor.w")
@@ -381,7 +381,7 @@ BAD_SYSTEMS = [
     ({"wires": ["motor.torque -> conveyor.tau"]}, "motor has no variable 'torque', only "),
     ({"wires": ["motor.w -> conveyor.tau"]}, "motor.w [rad/s] is input, not an output"),
     ({"wires": ["motor.tau -> conveyor.phi"]}, "conveyor.phi [rad] is output, not an input"),
-    ({"start": {"motor.T": 0.0}}, "motor: exitInitializationMode: motor: T = 0.0 s must be > 0"),
+    ({"start": {"motor.T": 0.0}}, "motor: exitInitializationMode: T = 0.0 s must be > 0"),
     ({"start": {"conveyor.trough.m": -1.0}}, "conveyor.trough.m [kg] = -1.0 must be at least"),
     ({"start": {"motor.A": math.nan}}, "motor.A [N.m] = nan must be a finite number"),
     ({"start": {"motor.A": "8 kN"}}, "motor.A [N.m] = '8 kN' must be of type Real"),
@@ -391,7 +391,7 @@ BAD_SYSTEMS = [
     ({"start": {"motor.t": 1.0}}, "motor has no variable 't', only characteristic, A, B, T"),
     (
         {"start": {"conveyor.rod.finite": True, "conveyor.crank.r": 0.5}},
-        "conveyor: exitInitializationMode: conveyor: crank.r = 0.5 m must be below rod.l = 0.4 m",
+        "conveyor: exitInitializationMode: crank.r = 0.5 m must be below rod.l = 0.4 m",
     ),
 ]
 

@@ -1,89 +1,144 @@
-"""Figures between samples, and the coupling errors that scenarios state for them."""
+"""Figures between rows, and the errors that questions state."""
 
 import math
-from functools import partial
 
 import numpy as np
 import pytest
+from conftest import ask
 
 from cosim import Result
-from scenarios import coupled, fmus, iron, iron_orders, iron_start, resonance, run_up
-from scenarios.theory import SETS
+from scenarios.conveyor import run_up
+from workbench import Figure, measure
+from workbench.ask import certified
+from workbench.limit import coupling, limit
 
 
-def test_the_largest_value_and_its_time_lie_between_the_samples() -> None:
+def test_the_largest_value_and_its_time_lie_between_the_rows() -> None:
     t = np.arange(0.0, 3.0, 0.1)
-    x, at = coupled.largest(t, 5.0 * np.sin(t) - 1.0)
-    assert (x, at) == pytest.approx((4.0, math.pi / 2), abs=2e-5)
+    peak = measure.largest(t, 5.0 * np.sin(t) - 1.0)
+    assert 0.0 < abs(peak.value - 4.0) < peak.error < 2e-3
+    assert 0.0 < abs(peak.at.value - math.pi / 2) < peak.at.error < 2e-3
     assert abs(t - math.pi / 2).min() > 1e-2
+    low = measure.smallest(t, 1.0 - 5.0 * np.sin(t))
+    assert (low.value, low.error) == pytest.approx((-peak.value, peak.error))
 
 
 @pytest.mark.parametrize("end", [0.0, 1.0])
-def test_a_largest_value_at_an_end_is_that_sample(end: float) -> None:
+def test_a_largest_value_at_an_end_is_that_row(end: float) -> None:
     t = np.linspace(0.0, 1.0, 11)
-    assert coupled.largest(t, -((t - end) ** 2)) == (0.0, end)
+    assert measure.largest(t, 3.0 - (t - end) ** 2)[::2] == (3.0, (end, end * 1e-12))
 
 
-def test_crossings_are_found_up_and_down() -> None:
-    t = np.linspace(0.0, 2 * math.pi, 200)
-    found = coupled.crossings(t, np.sin(t), 0.5)
-    assert found == pytest.approx([math.pi / 6, 5 * math.pi / 6], abs=1e-6)
+def test_crossings_are_found_up_and_down_with_their_errors() -> None:
+    t = np.linspace(0.0, 2 * math.pi, 60)
+    found = measure.crossings(t, np.sin(t), 0.5)
+    assert len(found) == 2
+    for crossing, exact in zip(found, (math.pi / 6, 5 * math.pi / 6)):
+        assert 0.0 < abs(crossing.value - exact) < crossing.error < 1e-3
+
+
+def test_an_integral_states_what_its_rows_leave_open() -> None:
+    t = np.linspace(0.0, 3.0, 31)
+    found = measure.integral(t, np.exp(-t) * np.sin(7 * t))
+    exact = (7 - math.exp(-3) * (math.sin(21) + 7 * math.cos(21))) / 50
+    assert 0.0 < abs(found.value - exact) < found.error < 1e-2
 
 
 def test_revolutions_near_a_speed_add_up_over_all_visits() -> None:
     """w = 1 + cos t, phi = t + sin t: near 1 twice a period, 2 asin 0.1 rad each time."""
     t = np.linspace(0.0, 2 * math.pi, 2000)
-    data = np.column_stack([t, 1 + np.cos(t), t + np.sin(t)])
-    result = Result(("time", "conveyor.w", "conveyor.phi"), {}, {}, lambda: data)
-    band = math.asin(0.1)
-    wanted = 2 * (2 * band) / (2 * math.pi)
-    assert run_up.revolutions_near(result, 1.0) == pytest.approx(wanted, rel=1e-6)
+    near = run_up.revolutions_near(1.0, t, 1 + np.cos(t), t + np.sin(t))
+    assert near == pytest.approx(4 * math.asin(0.1) / (2 * math.pi), rel=1e-6)
+
+
+@pytest.mark.parametrize("order", [1.0, 2.0])
+def test_a_limit_lies_within_its_error_and_an_error_is_never_nothing(order: float) -> None:
+    rng = np.random.default_rng(7)
+    missed = 0
+    for _ in range(300):
+        main, more, *_ = rng.normal(size=2) * [1e-2, 10 ** rng.uniform(-5, -2)]
+        values = [3.0 + main * h**order + more * h ** (order + 1) for h in (0.25, 0.5, 1.0)]
+        value, error, _ = limit(values, order)
+        if error is not None:
+            assert error > 0.0
+            missed += abs(value - 3.0) > error
+    assert missed <= 3
+
+
+@pytest.mark.parametrize(("order", "power"), [(2.0, 2.0), (2.0, 1.0), (2.0, 3.0), (1.0, 1.0)])
+def test_a_coupling_error_holds_whatever_the_order_and_is_not_much_too_wide(
+    order: float, power: float
+) -> None:
+    values = [5.0 + 0.1 * h**power for h in (1.0, 2.0, 4.0)]
+    assert 0.1 < coupling(values, order) < (1.3 if power == order else 4.2) * 0.1 * (2**power - 1)
+
+
+def test_values_in_no_order_have_twice_their_spread_and_only_a_count_is_exact() -> None:
+    assert coupling([1.1, 1.5, 1.0], 2.0) == 1.0
+    assert coupling([1.3, 1.1, 1.0], 2.0) == pytest.approx(0.6)
+    assert coupling([3.0, 3.0, 3.0], 2.0) == 0.0
+    assert coupling([0.3, 0.3, 0.3], 2.0) == pytest.approx(3e-13)
+    assert limit([1.0, 1.2, 1.1], 2.0)[1] is None
+    assert limit([1.0], 2.0)[1] is None
+    value, error, _ = limit([1.0, 1.0 + 2e-6, 1.0 + 1e-6], 2.0)
+    assert value == 1.0 and error == pytest.approx(8e-6)
+
+
+def test_errors_of_rows_and_coupling_add_up_and_a_refusal_stays_one() -> None:
+    runs = [Figure(5.0 + 0.1 * h**2, "N", 0.02, "force") for h in (4.0, 2.0, 1.0)]
+    error = certified(runs, 2.0).error
+    assert error is not None and 0.12 < error < 0.13
+    refused = Figure.refused("N", "it never was", "force")
+    assert certified([*runs[:2], refused], 2.0) == refused
+    assert certified([refused, *runs[1:]], 2.0).error is None
 
 
 def test_stated_errors_hold_the_true_ones() -> None:
-    """Against steps eight times shorter; outputs that the held torque moves fall with order 1."""
-    fmus.build(*fmus.DRIVE.values())
-    machine = SETS["B"]
-    system = run_up.drive(machine, "linear", 60.0, {})
-    settings = {"stop": 0.3, "record": run_up.RECORD, "fed": ("f_rod_max",)}
-    figures = partial(run_up.figures, machine, "linear")
-    _, found = coupled.run("", system, figures, step=4e-4, **settings)
-    _, exact = coupled.run("", system, figures, step=5e-5, **settings)
-    for name in ("passing", "w_max", "tau_max", "f_rod_max"):
-        error, stated = abs(found[name].value - exact[name].value), found[name].error
+    """Against steps eight times shorter; the rod force, which the held torque moves at once, falls
+    with order 1 and the rest with order 2.
+    """
+    found = ask("run_up", stop=0.3, step=4e-4).figures
+    exact = ask("run_up", stop=0.3, step=5e-5).figures
+    for name in ("passing", "w_max", "tau_max", "f_rod_max", "revolutions_near"):
+        stated, value = found[f"linear_{name}"].error, found[f"linear_{name}"].value
         assert stated is not None
-        assert error <= 1.1 * stated < 20 * error, name
-    assert found["f_rod_max"].order == pytest.approx(1.0, abs=0.3)
-    assert found["tau_max"].order == pytest.approx(2.0, abs=0.5)
-    assert found["tau_max"].unit == "N.m"
+        error = abs(value - exact[f"linear_{name}"].value)
+        assert error <= 1.1 * stated < 40 * error, name
+    ratio = found["linear_f_rod_max"].error / exact["linear_f_rod_max"].error
+    assert ratio == pytest.approx(8.0, rel=0.4)
 
 
-def test_the_start_of_the_iron_states_its_errors() -> None:
-    fmus.build("drive_motor", "iron_drive")
-    system = iron.driven(iron.MOTOR, {})
-    record = iron_start.RECORD
-    result, found = coupled.run("", system, iron_start.figures, stop=0.1, step=5e-4, record=record)
-    assert len(result.data) == 201
-    for name in ("w_cam_max", "w_cam_max_time", "tau_max", "tau_max_time"):
-        error = found[name].error
-        assert error is not None and 0.0 < error < 1e-3 * found[name].value
+def test_the_start_and_the_turn_of_the_iron_state_their_errors() -> None:
+    """A turn of 96 rows against one of 1440; the start against steps four times shorter."""
+    rough, fine = (ask("iron_cycle", samples=n).figures for n in (96, 1440))
+    for name in ("tau_cam_min", "tau_cam_max", "stroke", "work", "follower_force_min"):
+        assert abs(rough[name].value - fine[name].value) < rough[name].error, name
+        assert rough[name].error < 0.02 * abs(fine[name].value), name
+    rough, fine = (ask("iron_start", stop=0.1, step=h).figures for h in (5e-4, 1.25e-4))
+    for name in ("w_cam_max", "w_cam_max_time", "tau_max", "tau_max_time", "energy_in"):
+        error = rough[name].error
+        assert abs(rough[name].value - fine[name].value) < 1.1 * error < 2e-3 * fine[name].value
 
 
-def test_the_rod_force_of_the_sweep_states_its_error(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv(fmus.CHOICE, "native")
-    case = resonance.Case(SETS["A"], 40.0, 256, "strang", {})
-    stated = resonance.rod_force(resonance.simulate(case), case, 1)
-    exact = resonance.simulate(case._replace(steps_per_rev=4096)).f_rod_peak
-    assert stated.order == pytest.approx(1.0, abs=0.3)
-    assert stated.error is not None
-    assert abs(stated.value - exact) <= 1.1 * stated.error < 10.0
-
-
-def test_the_gain_of_an_order_states_its_error(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv(fmus.CHOICE, "native")
-    found = iron_orders.answer(speeds="5").figures
+def test_the_gain_of_an_order_states_its_error() -> None:
+    found = ask("iron_orders", speeds="5").figures
     for lag in ("80ms", "200ms"):
         for name in ("gain", "added"):
             figure = found[f"{name}_{lag}"]
-            assert figure.order == pytest.approx(2.0, abs=0.6)
             assert figure.error is not None and 0.0 < figure.error < 1e-3 * figure.value
+
+
+def test_the_cost_of_a_jam_and_its_error_follow_the_cycle() -> None:
+    found = ask("packing_line", stop=4.0, step=1e-3).figures
+    cycle, products = found["cycle"], found["products"]
+    assert products.value == pytest.approx(60 / cycle.value, rel=1e-12)
+    share = products.error / products.value
+    assert share == pytest.approx(cycle.error / cycle.value, rel=0.2)
+
+
+def test_rows_of_a_result_are_thinned_as_a_whole() -> None:
+    t = np.linspace(0.0, 1.0, 21)
+    r = Result(["time", "a.x"], {"time": "s", "a.x": "m"}, {}, lambda: np.column_stack([t, t**2]))
+    found = measure.over_rows(lambda r: {"sum": float(np.trapezoid(r["a.x"], r["time"]))}, r)
+    assert found["sum"].value == pytest.approx(1 / 3, abs=1e-3)
+    assert abs(found["sum"].value - 1 / 3) < found["sum"].error

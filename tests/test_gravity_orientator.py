@@ -462,7 +462,14 @@ def test_the_landing_solves_its_seven_equations_and_equation_6_as_printed_does_n
 
 
 @pytest.mark.parametrize(
-    ("mu", "limit", "reason"), [(0.2, 100.23145, 6), (0.35, 77.75026, 7), (0.5, 62.12296, 7)]
+    ("mu", "limit", "reason"),
+    [
+        (0.05, 150.68252, 6),
+        (0.1, 126.38634, 6),
+        (0.2, 100.23145, 6),
+        (0.35, 77.75026, 7),
+        (0.5, 62.12296, 7),
+    ],
 )
 def test_orientation_fails_above_the_limit_of_the_speed(
     mu: float, limit: float, reason: int

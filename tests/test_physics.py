@@ -19,8 +19,8 @@ from scipy.interpolate import CubicSpline
 from components import crank_conveyor, drive_motor
 from components.kit import motion, ode, turn
 from components.kit.record import start
-from scenarios.orders import last_revolutions, mean_speed, order
-from scenarios.theory import SETS
+from scenarios.conveyor.theory import SETS
+from workbench.measure import last_revolutions, mean_speed, order
 
 REFERENCE = {
     # set, nu: w2, phase, tau2, phase, nu_t, nu_phi, time-mean tau, peak rod force, w4

@@ -9,7 +9,6 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -17,36 +16,32 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-from conftest import ROOT, hear_ctrl_c
+from conftest import ROOT, ask, hear_ctrl_c
 from scipy.optimize import brentq
 
 import cosim
-from scenarios import fmus as flavours
-from scenarios import resonance_map
-from scenarios.map import survey, tolerances, zone
-from scenarios.map.plane import Plane, axis
-from scenarios.map.steady import Case, Orbit, Setup, settling, simulate
-from scenarios.theory import SETS
+from scenarios.conveyor import resonance_map
+from scenarios.conveyor.map import survey, tolerances, zone
+from scenarios.conveyor.map.plane import Plane, Setup, axis
+from scenarios.conveyor.response import NONE, simulate
+from scenarios.conveyor.theory import SETS
+from workbench import Bench
+from workbench.answer import finish
 
 A = SETS["A"]
-SETUP = Setup({}, "strang", 256, 1)
+PARTS = {"motor": "DriveMotor", "conveyor": "CrankConveyor"}
+FMUS = {part: ROOT / "fmus" / "native" / f"{name}.fmu" for part, name in PARTS.items()}
+SETUP = Setup({}, "strang", 256, Bench(FMUS))
 LIMIT = 50.0
 MONOLITHIC = {36.0: 90.9984270, 40.0: 104.9679504, 60.0: 9.3145045}
 
 
-@pytest.fixture(scope="module", autouse=True)
-def native(fmus: Path) -> Iterator[None]:
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv(flavours.CHOICE, "native")
-        yield
-
-
 def plane(x: str, y: str, speed: float = 60.0) -> Plane:
-    return Plane(axis("x", x, 4), axis("y", y, 2), A, speed)
+    return Plane(axis(FMUS, "x", x, 4), axis(FMUS, "y", y, 2), A, speed)
 
 
 @pytest.fixture(scope="module")
-def mapped(native: None) -> survey.Survey:
+def mapped() -> survey.Survey:
     """Speed and motor.T, with the reference machine in the middle row."""
     return survey.sweep(plane("speed=24:64:11", "motor.T=0.05:0.075:3"), SETUP, None)[0]
 
@@ -119,9 +114,9 @@ def test_coupling_error_covers_the_distance_from_an_independent_integration(
 
 
 def test_values_of_an_axis_are_even_or_even_in_their_logarithm() -> None:
-    even = axis("y", "motor.T=0.01:0.04:3", 2)
+    even = axis(FMUS, "y", "motor.T=0.01:0.04:3", 2)
     assert even.values == pytest.approx([0.01, 0.025, 0.04]) and not even.log
-    log = axis("y", "motor.T=0.01:0.04:3:log", 2)
+    log = axis(FMUS, "y", "motor.T=0.01:0.04:3:log", 2)
     assert log.values == pytest.approx([0.01, 0.02, 0.04]) and log.log
     assert (log.name, log.unit) == ("motor.T", "s") and "Time constant" in log.label
 
@@ -153,16 +148,16 @@ def test_transients_die_out_at_the_rate_of_the_eigenvalues() -> None:
     overdamped = replace(SETS["B"], T=0.002)
     roots = np.roots([overdamped.theta0 * 0.002, overdamped.J, overdamped.slope])
     assert overdamped.decay_rate == pytest.approx(min(-roots.real)) and np.isreal(roots).all()
-    assert settling(A, 60.0) == math.ceil(math.log(1e7) / 8.2 * 60 / (2 * math.pi))
 
 
-def test_orbit_that_has_not_settled_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert simulate(Case(A, 40.0, SETUP)).change < 1e-5
-    monkeypatch.setattr("scenarios.map.steady.SETTLED", 0.5)
-    early = survey.sweep(plane("speed=30:60:4", "motor.T=0.05:0.06:2"), SETUP, None)[0]
-    assert not early.steady.all()
-    assert "speed" in resonance_map.restless_places(early)[0]
-    assert survey.locate(early, SETUP)[0].lag_90 is None
+def test_points_without_a_steady_orbit_are_told_and_left_out() -> None:
+    """A motor too weak to turn the crank over its spring stands still at every slow speed."""
+    weak = Setup({"motor.B": 2.0}, "strang", 256, Bench(FMUS))
+    there = plane("speed=4:60:4", "motor.T=0.05:0.06:2")
+    found = survey.sweep(there, weak, None)[0]
+    assert not found.steady.all()
+    assert "speed" in resonance_map.restless_places(found)[0]
+    assert survey.locate(found, weak)[0].lag_90 is None
 
 
 def test_parts_lie_evenly_within_their_tolerance() -> None:
@@ -244,8 +239,9 @@ def test_cosimulated_machines_agree_with_the_probability(mapped: survey.Survey) 
 def test_machines_without_a_steady_orbit_are_left_out_of_a_check(mapped: survey.Survey) -> None:
     drawn = tolerances.factors(resonance_map.TOLERANCES, 3)
     sample = zone.at_point(mapped.plane, mapped.ratio, drawn, 1, 5)
-    orbits = [Orbit(complex(value), 44.0, 0.0) for value in sample.expected]
-    orbits[2] = Orbit(complex(math.nan, math.nan), math.nan, math.inf)
+    good = simulate(SETUP.case(A, 44.0))
+    orbits = [good._replace(torque=complex(value)) for value in sample.expected]
+    orbits[2] = good._replace(torque=NONE, problem="it does not turn")
     check = zone.judged(sample, orbits, LIMIT)
     assert (check.samples, check.restless, check.above, check.below) == (7, 1, 0, 0)
     assert check.off == pytest.approx(np.zeros(7), abs=1e-12)
@@ -271,17 +267,18 @@ def test_edge_is_where_the_outcome_is_open() -> None:
 
 def small(folder: Path, **settings: Any) -> Any:
     given = {
-        "x": "speed=30:62:9", "y": "motor.T=0.03:0.12:3:log", "within": "45:60",
+        "x": "speed=30:62:9", "y": "motor.T=0.03:0.12:3:log", "range": "45:60",
         "samples": 256, "checks": 2, "check_runs": 8, "steps_per_rev": 80,
     }  # fmt: skip
-    return resonance_map.answer(**(given | settings), out=folder)
+    return ask("resonance_map", folder, **(given | settings))
 
 
 def test_answer_has_verdict_tables_and_picture(tmp_path: Path) -> None:
-    resonance_map.run(
-        x="speed=30:62:9", y="motor.T=0.03:0.12:3:log", samples=256, checks=2, check_runs=8,
-        steps_per_rev=80, out=tmp_path,
-    )  # fmt: skip
+    given = {
+        "x": "speed=30:62:9", "y": "motor.T=0.03:0.12:3:log", "samples": 256, "checks": 2,
+        "check_runs": 8, "steps_per_rev": 80,
+    }  # fmt: skip
+    finish(ask("resonance_map", **given), tmp_path)
     rows = pd.read_csv(tmp_path / "resonance_map.csv")
     assert list(rows.columns[:4]) == ["speed", "motor.T", "ripple", "gain"]
     assert len(rows) == 27 and rows["speed"][:9].is_monotonic_increasing
@@ -307,37 +304,35 @@ def test_answer_has_verdict_tables_and_picture(tmp_path: Path) -> None:
     assert (lines["probability_in_range"] <= 0.01).to_list() == [False, False, True]
     assert "99% of the machines, with 0.12 .. 0.12 s." in facts["verdict"][0]
     beside = 100 * (lines["peak"] / lines["formula"] - 1).dropna()
-    assert facts["figures"]["peak_off_formula_max"]["value"] == pytest.approx(beside.min())
-    rms = facts["figures"]["peak_off_formula_rms"]["value"]
-    assert rms == pytest.approx(math.sqrt((beside**2).mean()))
-    assert (tmp_path / "resonance_map.png").stat().st_size > 50_000
-    assert (tmp_path / "report.html").stat().st_size > 100_000
+    assert math.sqrt((beside**2).mean()) > 1.0
+    for name in ("max", "rms"):
+        figure = facts["figures"][f"peak_off_formula_{name}"]
+        assert (figure["value"], figure["error"]) == (None, None)
+        assert figure["reason"].startswith("runs with coarser steps converge in no order")
     assert not (tmp_path / "resonance_map.partial.csv").exists()
 
 
 def test_map_at_a_fixed_speed_has_no_range(tmp_path: Path) -> None:
-    settings = {"x": "motor.T=0.03:0.12:5:log", "y": "motor.B=150:250:2", "within": None}
+    settings = {"x": "motor.T=0.03:0.12:5:log", "y": "motor.B=150:250:2", "range": None}
     found = small(tmp_path, **settings, speed=40.0, checks=0, start=["conveyor.rod.finite=true"])
-    assert found.facts["speed"] == 40.0 and found.facts["range"] is None
+    assert found.options["speed"].value == 40.0 and found.facts["range"] is None
     assert "At 40 rad/s a torque ripple above 50 N.m" in found.verdict
     assert "No point of the map was checked" in found.verdict
     assert found.parameters["conveyor.rod.finite"].value
     panels = [panel.quantity for panel in found.show().charts[2].panels]
     assert panels == ["motor.T"]
-    found.files["resonance_map.png"](tmp_path / "map.png")
-    assert (tmp_path / "map.png").stat().st_size > 50_000
 
 
 def test_start_values_change_the_machine_of_the_map(tmp_path: Path) -> None:
     found = small(tmp_path, y="motor.T=0.05:0.06:2", checks=1, start=["conveyor.rotor.J=0.99"])
     assert found.facts["checks"][0]["ripple_off_max"] < 5e-3
-    (ridges, ripple, probability) = found.show().charts[2].panels
+    (probability, ripple, ridges) = found.show().charts[2].panels
     assert [curve.name for curve in ridges.curves] == [
         "formula (22)",
         "90 deg lag",
         "largest torque ripple",
     ]
-    assert ripple.levels[0].at == 50.0 and probability.unit == "1"
+    assert ripple.levels[0].at == 50.0 and probability.unit == "%"
     kept = pd.read_csv(tmp_path / "resonance_map.partial.csv")
     told = found.tables["resonance_map.csv"].frame
     assert kept.equals(told.drop(columns="probability")) and len(told) == 18
@@ -351,7 +346,7 @@ def test_start_values_change_the_machine_of_the_map(tmp_path: Path) -> None:
     [
         ({"y": "motor.Q=1:2:5"}, "'motor.Q' is no part of the drive, only motor.B, motor.T"),
         ({"y": "speed=1:2:5"}, "the speed belongs on x"),
-        ({"x": "motor.T=1:2:5", "within": None}, "both motor.T"),
+        ({"x": "motor.T=1:2:5", "range": None}, "both motor.T"),
         ({"y": "motor.T=a:2:5"}, "must read NAME=FROM:TO:NUMBER"),
         ({"y": "motor.T=1:2"}, "must read NAME=FROM:TO:NUMBER"),
         ({"y": "motor.T=1:2:5:cubic"}, "must read NAME=FROM:TO:NUMBER"),
@@ -359,10 +354,10 @@ def test_start_values_change_the_machine_of_the_map(tmp_path: Path) -> None:
         ({"y": "motor.T=0.1:inf:5"}, "motor.T = inf s must be"),
         ({"y": "motor.T=2:1:5"}, "motor.T must rise: 2 .. 1 s does not"),
         ({"x": "speed=30:60:3"}, "number of values of speed = 3 must be at least 4"),
-        ({"within": "45:90"}, "--range 45:90 rad/s must rise and lie inside the map, 30 .. 62"),
-        ({"within": "50:45"}, "must rise and lie inside the map"),
-        ({"within": "45"}, "must read FROM:TO"),
-        ({"within": "nan:50"}, "must rise and lie inside the map"),
+        ({"range": "45:90"}, "--range 45:90 rad/s must rise and lie inside the map, 30 .. 62"),
+        ({"range": "50:45"}, "must rise and lie inside the map"),
+        ({"range": "45"}, "must read FROM:TO"),
+        ({"range": "nan:50"}, "must rise and lie inside the map"),
         ({"speed": 40.0}, "--speed is for maps whose x is not the speed"),
         ({"x": "motor.B=100:200:5"}, "--range is for maps whose x is the speed"),
         ({"tolerance": ["motor.T=100"]}, "motor.T = 100.0 % must be at least 0 and below 100"),
@@ -370,13 +365,13 @@ def test_start_values_change_the_machine_of_the_map(tmp_path: Path) -> None:
         ({"tolerance": ["motor.T=nan"]}, "must be at least 0 and below 100"),
         ({"tolerance": ["motor.T"]}, "must read NAME=PERCENT"),
         ({"tolerance": ["motor.kloss.s_b=5"]}, "'motor.kloss.s_b' is no part of the drive"),
-        ({"samples": 100}, "--samples = 100 must be a power of 2"),
-        ({"check_runs": 512}, "--check-runs = 512 must be at most --samples = 256"),
-        ({"limit": 0.0}, "--limit = 0.0 % must be a finite number above 0"),
-        ({"rated_torque": -5.0}, "--rated-torque = -5.0 N.m must be"),
-        ({"start": ["motor.T=0.1"]}, "start value motor.T: this scenario sets it"),
-        ({"start": ["motor.characteristic=1"]}, "motor.characteristic: this scenario sets it"),
-        ({"steps_per_rev": 64}, "16 steps per revolution must be more than 16"),
+        ({"samples": 100}, "samples = 100 must be a power of 2"),
+        ({"check_runs": 512}, "check_runs = 512 must be at most samples = 256"),
+        ({"limit": 0.0}, "limit = 0 % must be a finite number above 0"),
+        ({"rated_torque": -5.0}, "rated_torque = -5 N.m must be"),
+        ({"start": ["motor.T=0.1"]}, "start value motor.T: this question sets it"),
+        ({"start": ["motor.characteristic=1"]}, "motor.characteristic: this question sets it"),
+        ({"steps_per_rev": 64}, "16 steps per revolution must be at least 18"),
     ],
 )
 def test_settings_that_give_no_answer_are_refused(
@@ -418,7 +413,7 @@ def test_ctrl_c_keeps_the_rows(tmp_path: Path) -> None:
 def test_the_map_of_the_defaults_tells_the_figures_of_the_documentation(tmp_path: Path) -> None:
     resonance_map.run(jobs=2, out=tmp_path)
     rows = pd.read_csv(tmp_path / "resonance_map.csv")
-    assert len(rows) == 2400 and (rows["change"] < 1e-4).all()
+    assert len(rows) == 2400 and (rows["settling"] < 1e-6).all()
     lines = pd.read_csv(tmp_path / "resonance_map_rows.csv")
     assert len(lines) == 40 and lines["lag_90"].notna().sum() == 39
     facts = json.loads((tmp_path / "resonance_map.json").read_text())

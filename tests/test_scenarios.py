@@ -1,11 +1,11 @@
-"""The scenarios as a user runs them: figures, files, verdicts and refusals."""
+"""The questions as a user asks them: command lines, figures, files, verdicts and refusals."""
 
 from __future__ import annotations
 
-import csv
 import json
 import math
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -13,17 +13,14 @@ import time
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
 import pytest
 from conftest import ROOT, hear_ctrl_c
 
-from scenarios import fmus as scenario_fmus
-from scenarios.__main__ import main
-from scenarios.theory import SETS, longest_step
+from scenarios.__main__ import PROJECT
+from scenarios.conveyor.theory import SETS, longest_step
+from workbench import command, question
 
-COLUMNS = (
-    "nu,w2,w2_phase,tau2,tau2_phase,w2_theory,w2_phase_theory,tau2_theory,tau2_phase_theory,lag,"
-    "w_mean,f_rod_peak"
-)
 EXPECTED: dict[str, Any] = {
     "A": {
         "nu_res": 40.0,
@@ -43,17 +40,25 @@ EXPECTED: dict[str, Any] = {
         30.0: (1.428260459, 152.778003, 32.7524623, -77.426929, 29.984102423, 5676.7526),
     },
 }
+NATIVE = ("--flavour", "native")
 
 
-def scenario(*arguments: object) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "scenarios", *map(str, arguments)]
-    return subprocess.run(command, check=False, cwd=ROOT, capture_output=True, text=True)
+def main(*words: object) -> int:
+    """The command line, in this process."""
+    return command.main([*map(str, words)], PROJECT, "python -m scenarios")
 
 
-def table(path: Path) -> dict[float, dict[str, float]]:
-    with path.open(newline="") as file:
-        rows = [{k: float(v) for k, v in row.items()} for row in csv.DictReader(file)]
-    return {row["nu"]: row for row in rows}
+def scenario(*words: object) -> subprocess.CompletedProcess[str]:
+    """The command line, in a process of its own."""
+    line = [sys.executable, "-m", "scenarios", *map(str, words)]
+    return subprocess.run(line, check=False, cwd=ROOT, capture_output=True, text=True)
+
+
+def found(folder: Path, name: str, table: str = "") -> tuple[dict[str, float], Any, pd.DataFrame]:
+    """The values of the figures, all that the JSON holds, a table."""
+    facts = json.loads((folder / f"{name}.json").read_text())
+    values = {key: told["value"] for key, told in facts["figures"].items()}
+    return values, facts, pd.read_csv(folder / f"{table or name}.csv")
 
 
 def turn(a: float, b: float) -> float:
@@ -66,33 +71,28 @@ def turn(a: float, b: float) -> float:
     params=["A native", "B native", pytest.param("A python", marks=pytest.mark.slow)],
 )
 def sweep(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Any:
-    """The resonance scenario with its defaults: name, folder, what it printed."""
+    """The resonance with its defaults: name of the set, figures, JSON, rows, what it printed."""
     folder = tmp_path_factory.mktemp("resonance")
     name, flavour = request.param.split()
     done = scenario("run", "resonance", "--set", name, "--out", folder, "--flavour", flavour)
     assert done.returncode == 0, done.stderr
-    assert json.loads((folder / "resonance.json").read_text())["flavour"] == flavour
-    return name, folder, done.stdout
+    return name, *found(folder, "resonance"), done.stdout
 
 
 def test_ripple_follows_first_order_theory_at_every_speed(sweep: Any) -> None:
-    name, folder, _ = sweep
-    rows = table(folder / "resonance.csv")
-    assert (folder / "resonance.csv").read_text().splitlines()[0] == COLUMNS
+    name, _, _, rows, _ = sweep
     assert len(rows) == EXPECTED[name]["count"]
-    for row in rows.values():
-        assert row["w2"] == pytest.approx(row["w2_theory"], rel=4e-3)
-        assert row["tau2"] == pytest.approx(row["tau2_theory"], rel=3e-3)
-        assert turn(row["w2_phase"], row["w2_phase_theory"]) < 0.2
-        assert turn(row["tau2_phase"], row["tau2_phase_theory"]) < 0.2
+    assert rows["w2"].to_list() == pytest.approx(rows["w2_theory"].to_list(), rel=4e-3)
+    assert rows["tau2"].to_list() == pytest.approx(rows["tau2_theory"].to_list(), rel=3e-3)
+    for x in ("w2_phase", "tau2_phase"):
+        assert max(turn(a, b) for a, b in zip(rows[x], rows[f"{x}_theory"])) < 0.2
 
 
 def test_reference_points_are_met(sweep: Any) -> None:
-    name, folder, _ = sweep
-    rows = table(folder / "resonance.csv")
+    name, _, _, rows, _ = sweep
     for nu, want in EXPECTED[name].items():
         if isinstance(nu, float):
-            row = rows[nu]
+            row = rows[rows["nu"] == nu].iloc[0]
             got = [row[k] for k in ("w2", "tau2", "w_mean", "f_rod_peak")]
             assert got == pytest.approx([want[0], want[2], want[4], want[5]], rel=5e-4)
             assert turn(row["w2_phase"], want[1]) < 0.02
@@ -100,33 +100,29 @@ def test_reference_points_are_met(sweep: Any) -> None:
 
 
 def test_resonance_and_peaks_lie_where_theory_puts_them(sweep: Any) -> None:
-    name, folder, said = sweep
-    facts = json.loads((folder / "resonance.json").read_text())
-    assert facts["nu_res"] == pytest.approx(EXPECTED[name]["nu_res"], rel=1e-12)
-    assert facts["nu_90"] == pytest.approx(EXPECTED[name]["nu_res"], rel=5e-4)
+    name, figures, facts, _, said = sweep
+    assert figures["nu_res"] == pytest.approx(EXPECTED[name]["nu_res"], rel=1e-12)
+    assert figures["nu_90"] == pytest.approx(EXPECTED[name]["nu_res"], rel=5e-4)
     for peak in ("nu_peak_tau", "nu_peak_w"):
-        assert facts[peak] == pytest.approx(EXPECTED[name][peak], rel=3e-3)
-    assert abs(facts["nu_90"] - facts["nu_res"]) > facts["coupling_error"]["nu_90"]
-    for order in facts["coupling_order"].values():
-        assert order == pytest.approx(2.0, abs=0.2)
-    assert max(facts["peak_error"].values()) < 1e-3 * facts["peak"]["nu_peak_tau"]
-    assert (facts["algorithm"], facts["steps_per_rev"]) == ("strang", 512)
-    assert {"parameters", "parts", "versions", "wall_time"} <= facts.keys()
-    assert (folder / "resonance.png").stat().st_size > 20_000
+        assert figures[peak] == pytest.approx(EXPECTED[name][peak], rel=3e-3)
+    error = facts["figures"]["nu_90"]["error"]
+    assert 0.0 < error < 1e-4 * figures["nu_90"]
+    assert facts["algorithm"] == "strang"
+    assert facts["options"]["set"]["value"] == name
+    assert facts["options"]["speed"] == {
+        "value": None, "unit": "rad/s", "meaning": facts["options"]["speed"]["meaning"]
+    }  # fmt: skip
     assert f"Formula (22) puts the resonance at {EXPECTED[name]['nu_res']:.3f} rad/s" in said
-    assert "lags the load ripple by 90 degrees: found at" in said
-    assert "These speeds differ because" in said
 
 
 def test_tables_are_identical_in_parallel_and_with_native_fmus(tmp_path: Path) -> None:
-    options = ("--speeds", "38:42:5", "--steps-per-rev", "48")
-    ways = {"one": ("--jobs", 1), "two": ("--jobs", 2), "native": ("--flavour", "native")}
+    options = ("--speeds", "20,24,28", "--steps-per-rev", "96")
+    ways = {"one": ("--jobs", 1), "two": ("--jobs", 2), "native": NATIVE}
     for name, way in ways.items():
         done = scenario("run", "resonance", *options, *way, "--out", tmp_path / name)
         assert done.returncode == 0, done.stderr
     one, two, native = (tmp_path / name / "resonance.csv" for name in ways)
     assert one.read_bytes() == two.read_bytes() == native.read_bytes()
-    assert len(table(one)) == 5
 
 
 def test_stability_limits_are_those_of_the_linearised_map() -> None:
@@ -145,70 +141,150 @@ def test_stability_limits_are_those_of_the_linearised_map() -> None:
 
 
 REFUSED = [
-    (["run", "resonanz"], "invalid choice: 'resonanz'"),
-    (["sweep"], "invalid choice: 'sweep'"),
-    (["run", "resonance", "--sped", "3"], "unrecognized arguments: --sped 3"),
-    (["run", "resonance", "--set", "C"], "--set: invalid choice: 'C'"),
-    (["run", "resonance", "--algorithm", "euler"], "--algorithm: invalid choice: 'euler'"),
-    (["run", "resonance", "--steps-per-rev", "12"], "12 steps per revolution must be more than 16"),
+    ("run resonanz", "'resonanz' must be one of resonance, resonance_map, run_up"),
+    ("run none.py", "'none.py' must be one of"),
+    ("sweep", "invalid choice: 'sweep'"),
+    ("run resonance --sped 3", "resonance has no option 'sped': did you mean 'speed'?"),
+    ("run run_up --within 3", "run_up has no option 'within'"),
+    ("run resonance --set C", "set = 'C' must be one of A, B"),
+    ("run resonance --algorithm euler", "algorithm = 'euler' must be one of jacobi"),
+    ("run resonance --flavour wasm", "--flavour: invalid choice: 'wasm'"),
+    ("run resonance --steps-per-rev 12", "12 steps per revolution must be at least 18"),
     (
-        ["run", "resonance", "--algorithm", "jacobi", "--steps-per-rev", "61", "--speeds", "40"],
+        "run resonance --algorithm jacobi --steps-per-rev 61 --speeds 40",
         "61 steps per revolution are unstable with jacobi at 40 rad/s: its limit there is 61.24",
     ),
-    (["run", "resonance", "--speeds", "30;40"], "speeds '30;40' must read from:to:number or a,b,c"),
-    (["run", "resonance", "--speeds", "0,40"], "speed = 0.0 rad/s must be a finite number above 0"),
-    (["run", "resonance", "--speeds", "30:40:0"], "speeds '30:40:0' name no number"),
-    (["run", "resonance", "--jobs", "0"], "jobs = 0 must be at least 1"),
-    (["run", "resonance", "--jobs", "two"], "--jobs: invalid int value: 'two'"),
-    (["run", "run_up", "--step", "0"], "step = 0.0 s must be above 0"),
-    (["run", "run_up", "--speed", "nan"], "speed = nan rad/s must be a finite number above 0"),
-    (
-        ["run", "iron_cycle", "--start", "iron.cam.R_b=0.05"],
-        "cam triangle cannot close: cam.R_b = 0.05",
-    ),
-    (["run", "iron_cycle", "--start", "iron.cam.R"], "'iron.cam.R' must read NAME=VALUE"),
-    (["run", "iron_start", "--motor-T", "0"], "T = 0.0 s must be > 0"),
-    (["run", "iron_orders", "--speeds", "-1"], "speed = -1.0 rad/s must be a finite"),
-    (["run", "orientation_time", "--frictions", "a"], "frictions 'a' must read"),
-    (["run", "orientator_cycle", "--speed", "inf"], "speed = inf rpm must be a finite number"),
-    (["run", "run_up", "--stop", "-1"], "stop = -1.0 s must be after start = 0.0 s"),
+    ("run resonance --speeds 30;40", "speeds = '30;40' must read from:to:number or a,b,c"),
+    ("run resonance --speeds 0,40", "speeds = 0 rad/s must be a finite number above 0 rad/s"),
+    ("run resonance --speeds 30:40:0", "speeds = '30:40:0' names no number"),
+    ("run resonance --speeds 30rpm:40rad/s:3", "speeds = '30rpm:40rad/s:3' must be in one unit"),
+    ("run resonance --jobs 0", "jobs = 0 must be at least 1"),
+    ("run resonance --jobs two", "--jobs: invalid int value: 'two'"),
+    ("run run_up --step 0", "step = 0 s must be a finite number above 0 s"),
+    ("run run_up --step 2rpm", "step = '2rpm' must be a number in s or ms or us or min"),
+    ("run run_up --speed nan", "speed = nan rad/s must be a finite number above 0 rad/s"),
+    ("run run_up --stop -1", "stop = -1 s must be a finite number above 0 s"),
+    ("run iron_cycle --start iron.cam.R_b=0.05", "cam triangle cannot close: cam.R_b = 0.05"),
+    ("run iron_cycle --start iron.cam.R", "'iron.cam.R' must read NAME=VALUE"),
+    ("run iron_cycle --samples 1.5", "samples = '1.5' must be a whole number"),
+    ("run iron_start --motor-T 0", "motor_T = 0 s must be a finite number above 0 s"),
+    ("run iron_orders --speeds=-1", "speeds = -1 rad/s must be a finite number above 0 rad/s"),
+    ("run orientation_time --frictions a", "frictions = 'a' must read from:to:number or a,b,c"),
+    ("run orientator_cycle --speed inf", "speed = inf rad/s must be a finite number at least 0"),
 ]
 
 
-@pytest.mark.parametrize(("arguments", "message"), REFUSED, ids=lambda x: str(x)[:40])
+@pytest.mark.parametrize(("words", "message"), REFUSED, ids=lambda x: str(x)[:40])
 def test_bad_input_gets_one_line_and_code_2(
-    arguments: list[str],
-    message: str,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
+    words: str, message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setenv(scenario_fmus.CHOICE, "python")
-    out = ["--out", str(tmp_path / "out")] if len(arguments) > 2 else []
-    assert main([*arguments, *out]) == 2
+    out = ["--out", str(tmp_path / "out")] if words.startswith("run r") else []
+    assert main(*words.split(), *out) == 2
     error = capsys.readouterr().err
     assert message in error
     assert error.count("\n") == 1
     assert not (tmp_path / "out").exists()
 
 
-def test_a_command_ends_with_its_exit_code() -> None:
-    done = scenario("run", "resonanz")
-    assert (done.returncode, done.stdout) == (2, "")
-    assert "invalid choice: 'resonanz'" in done.stderr
+EXAMPLE = (ROOT / "examples" / "run_down.py").read_text()
+BROKEN = [
+    ("def figures(", "def numbers(", 2, "must define figures(o, r), or solve(o, bench)"),
+    ("def system(", "def systems(", 2, "must define system(o, fmus), or solve(o, bench)"),
+    ("class Options(Run)", "class Asked(Run)", 2, "must define a class Options"),
+    ('figure("s",', 'figure("",', 2, "figure 'tenth' has no unit"),
+    ("0.1 * o.speed)[0]", "0.1 * o.spee)[0]", 1, "AttributeError: 'Options' object has no"),
+    ("0.1 * o.speed)[0]", "-900.0)[0]", 1, "IndexError: list index out of range"),
+    ("def show(o, f, r):", "def show(o, f, r:", 1, "'(' was never closed"),
+    ('"DriveMotor"', '"DriveMotr"', 2, "the FMUs could not be built"),
+    ('"DriveMotor"', '"DriveMotor.fmu"', 2, "PARTS: motor = 'DriveMotor.fmu': no file"),
+    ('"""How long', '"""\n"""How long', 1, "mine.py"),
+    ("from cosim import System", "import nowhere", 1, "mine.py:5: ModuleNotFoundError"),
+]
 
 
-def test_ctrl_c_keeps_the_speeds_that_are_done(tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "scenarios", "run", "resonance", "--out", str(tmp_path)]
+@pytest.mark.parametrize(("old", "new", "code", "message"), BROKEN, ids=lambda x: str(x)[:30])
+def test_what_is_wrong_with_a_question_of_ones_own_is_one_line(
+    old: str, new: str, code: int, message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert old in EXAMPLE
+    path = tmp_path / "mine.py"
+    path.write_text(EXAMPLE.replace(old, new, 1))
+    assert main("run", path, "--out", tmp_path / "out") == code
+    error = capsys.readouterr().err
+    assert message in error
+    assert error.count("\n") == 1
+    assert str(path) in error or "PARTS" in error or "FMUs" in error
+
+
+def test_a_question_of_ones_own_runs_and_is_studied_anywhere(tmp_path: Path) -> None:
+    """Any FMU by its path, a list of runs by a file beside it, on two processes."""
+    other = EXAMPLE.replace('"DriveMotor"', f'"{ROOT / "fmus" / "native" / "DriveMotor.fmu"}"')
+    (tmp_path / "run_down.py").write_text(other)
+    (tmp_path / "some.toml").write_text((ROOT / "examples" / "run_down.toml").read_text())
+    assert len(EXAMPLE.splitlines()) <= 50
+    assert EXAMPLE in (ROOT / "docs" / "scenarios.md").read_text()
+    line = [sys.executable, "-m", "scenarios"]
+    for words in (
+        ["run", "run_down.py", *NATIVE, "--speed", "400rpm", "--out", "one"],
+        ["study", "some.toml", *NATIVE, "--out", "many"],
+    ):
+        done = subprocess.run(
+            [*line, *words], cwd=tmp_path, env={**os.environ, "PYTHONPATH": str(ROOT)},
+            check=False, capture_output=True, text=True,
+        )  # fmt: skip
+        assert done.returncode == 0, done.stderr
+    figures, facts, rows = found(tmp_path / "one", "run_down")
+    assert facts["options"]["speed"]["value"] == pytest.approx(400 * math.pi / 30)
+    assert facts["options"]["lag"]["value"] == 0.02
+    at = rows.iloc[(rows["time"] - figures["tenth"]).abs().argmin()]
+    assert at["conveyor.w"] == pytest.approx(0.1 * 400 * math.pi / 30, abs=0.5)
+    assert (tmp_path / "one" / "report.html").is_file()
+    table = pd.read_csv(tmp_path / "many" / "table.csv")
+    assert (table["status"] == "ok").sum() == 8
+    same = table[(table["lag"] == 0.02) & (table["speed"] > 40)].iloc[0]
+    assert same["tenth"] == pytest.approx(figures["tenth"], rel=1e-9)
+
+
+def test_list_names_every_question_and_imports_none() -> None:
+    code = (
+        "import sys; from scenarios.__main__ import *; main(['list'], PROJECT, '');"
+        "sys.exit(any(x.startswith('scenarios.') and x != 'scenarios.__main__' for x in sys.modules))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, check=False, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+    lines = done.stdout.splitlines()
+    assert [line.split()[0] for line in lines] == list(question.names(PROJECT.home))
+    assert len(lines) == 9
+    assert all(line.endswith("?") for line in lines)
+
+
+@pytest.mark.parametrize("name", question.names(PROJECT.home))
+def test_help_tells_units_and_defaults_as_a_person_writes_them(
+    name: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit):
+        main("run", name, "--help")
+    said = capsys.readouterr().out
+    assert "--start NAME=VALUE" in said
+    assert "None" not in said and "[]" not in said and "()" not in said
+    assert "4.1887" not in said
+    if name in ("iron_cycle", "orientator_cycle"):
+        assert "[rad/s] (default: 40rpm)" in said
+
+
+def test_ctrl_c_ends_a_sweep_without_a_traceback(tmp_path: Path) -> None:
+    line = [sys.executable, "-m", "scenarios", "run", "orientation_time", "--out", str(tmp_path)]
     process = subprocess.Popen(
-        [*command, "--jobs", "2", "--steps-per-rev", "128"],
+        [*line, "--jobs", "2"],
         cwd=ROOT,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         start_new_session=True,
         preexec_fn=hear_ctrl_c,  # noqa: PLW1509
     )
-    partial = tmp_path / "resonance.partial.csv"
+    partial = tmp_path / "orientation_time.partial.csv"
     deadline = time.monotonic() + 60
     while time.monotonic() < deadline:
         if partial.exists() and len(partial.read_text().splitlines()) > 3:
@@ -217,143 +293,122 @@ def test_ctrl_c_keeps_the_speeds_that_are_done(tmp_path: Path) -> None:
     os.killpg(process.pid, signal.SIGINT)
     _, errors = process.communicate(timeout=60)
     assert process.returncode == 130, errors.decode()
-    assert f"of 31 speeds in {partial}" in errors.decode()
     assert "Traceback" not in errors.decode()
-    assert not (tmp_path / "resonance.csv").exists()
-    assert 3 <= len(table(partial)) < 31
+    assert not (tmp_path / "orientation_time.csv").exists()
 
 
 def test_run_up_passes_the_resonance_with_both_motors(tmp_path: Path) -> None:
-    done = scenario("run", "run_up", "--out", tmp_path)
-    assert done.returncode == 0, done.stderr
-    facts = json.loads((tmp_path / "run_up.json").read_text())
-    assert 0.0 < facts["passing"]["linear"] < facts["passing"]["kloss"] < 0.5
+    assert main("run", "run_up", "--out", tmp_path, *NATIVE) == 0
     for motor, low, high in (("linear", 59.0, 61.0), ("kloss", 64.0, 65.4)):
-        with (tmp_path / f"{motor}.csv").open(newline="") as file:
-            rows = list(csv.DictReader(file))
-        assert float(rows[0]["conveyor.w"]) == 0.0
-        late = [float(row["conveyor.w"]) for row in rows[len(rows) * 4 // 5 :]]
-        assert low < sum(late) / len(late) < high
-    assert (tmp_path / "run_up.png").stat().st_size > 20_000
+        figures, facts, rows = found(tmp_path, "run_up", motor)
+        assert rows["conveyor.w"][0] == 0.0
+        late = rows["conveyor.w"][len(rows) * 4 // 5 :]
+        assert low < late.mean() < high
+    assert 0.0 < figures["linear_passing"] < figures["kloss_passing"] < 0.5
+    assert all(told["error"] is not None for told in facts["figures"].values())
 
 
-def test_list_names_every_scenario_and_its_question() -> None:
-    lines = scenario("list").stdout.splitlines()
-    assert [line.split()[0] for line in lines] == [
-        "resonance",
-        "resonance_map",
-        "run_up",
-        "iron_cycle",
-        "iron_start",
-        "iron_orders",
-        "orientation_time",
-        "orientator_cycle",
-        "packing_line",
-    ]
-    assert all(line.endswith("?") for line in lines)
+def test_iron_cycle_tells_torque_forces_and_limits(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main("run", "iron_cycle", "--animate", "--out", tmp_path, *NATIVE) == 0
+    figures, _, rows = found(tmp_path, "iron_cycle")
+    torque = rows["iron.tau_cam"]
+    assert (torque.min(), torque.max()) == pytest.approx((-7.409358425, 6.627300006), rel=1e-5)
+    assert rows["iron.lift"].max() == pytest.approx(0.062385664995, rel=1e-7)
+    assert rows["iron.N"].min() == pytest.approx(175.4239707, rel=1e-4)
+    at_10 = rows.iloc[40]
+    assert at_10["iron.phi"] == pytest.approx(math.radians(10.0), rel=1e-9)
+    assert at_10["iron.tau_cam"] == pytest.approx(0.43224335899, rel=1e-6)
+    assert at_10["iron.N"] == pytest.approx(249.00775848, rel=1e-6)
+    assert rows["iron.E_friction"].iloc[-1] == pytest.approx(0.748782419985, rel=1e-7)
+    for name, limit in (("follower", 7.89776), ("run", 8.54097), ("iron", 9.11191)):
+        assert figures[f"{name}_limit"] == pytest.approx(limit, rel=1e-4)
+    said = capsys.readouterr().out
+    assert "4.1888 rad/s (40 cycles/min) is safe" in said
+    assert "7.89776 ± 0.00001 rad/s, where the follower lifts off" in said
+    assert {"iron_cycle.gif", "iron_cycle.png"} <= {path.name for path in tmp_path.iterdir()}
 
 
-def test_iron_cycle_tells_torque_forces_and_limits(tmp_path: Path) -> None:
-    done = scenario("run", "iron_cycle", "--animate", "--out", tmp_path)
-    assert done.returncode == 0, done.stderr
-    with (tmp_path / "cycle.csv").open(newline="") as file:
-        rows = [{k: float(v) for k, v in row.items()} for row in csv.DictReader(file)]
-    torque = [row["tau_cam"] for row in rows]
-    assert (min(torque), max(torque)) == pytest.approx((-7.409358425, 6.627300006), rel=1e-5)
-    assert max(row["lift"] for row in rows) == pytest.approx(0.062385664995, rel=1e-7)
-    assert min(row["N"] for row in rows) == pytest.approx(175.4239707, rel=1e-4)
-    at_10 = rows[40]
-    assert at_10["phi"] == pytest.approx(math.radians(10.0), rel=1e-9)
-    assert at_10["tau_cam"] == pytest.approx(0.43224335899, rel=1e-6)
-    assert at_10["N"] == pytest.approx(249.00775848, rel=1e-6)
-    assert rows[-1]["E_friction"] == pytest.approx(0.748782419985, rel=1e-7)
-    limits = json.loads((tmp_path / "cycle.json").read_text())["limits"]
-    for force, limit in (("N", 7.89776), ("T_span", 8.54097), ("T_iron", 9.11191)):
-        assert limits[force][0] == pytest.approx(limit, rel=1e-4)
-    assert "Faster: the follower lifts off at 7.897" in done.stdout
-    assert (tmp_path / "cycle.gif").stat().st_size > 100_000
-    assert (tmp_path / "cycle.png").stat().st_size > 20_000
+def test_a_speed_beyond_the_limits_is_not_possible(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ("run", "iron_cycle", *NATIVE, "--out", tmp_path, "--start", "iron.spring.side=-1")
+    assert main(*words, "--speed", "55rpm") == 0
+    figures, _, _ = found(tmp_path, "iron_cycle")
+    assert figures["follower_limit"] == pytest.approx(5.15434, rel=1e-4)
+    assert "(55 cycles/min) is NOT possible: the follower lifts off at" in capsys.readouterr().out
 
 
-def test_iron_cycle_with_the_spring_above(tmp_path: Path) -> None:
-    done = scenario("run", "iron_cycle", "--start", "iron.spring.side=-1", "--out", tmp_path)
-    assert done.returncode == 0, done.stderr
-    limits = json.loads((tmp_path / "cycle.json").read_text())["limits"]
-    assert limits["N"][0] == pytest.approx(5.15434, rel=1e-4)
-
-
-def test_iron_start_keeps_the_energy_ledger(tmp_path: Path) -> None:
-    done = scenario("run", "iron_start", "--out", tmp_path)
-    assert done.returncode == 0, done.stderr
-    with (tmp_path / "start.csv").open(newline="") as file:
-        rows = [{k: float(v) for k, v in row.items()} for row in csv.DictReader(file)]
+def test_iron_start_keeps_the_energy_ledger(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main("run", "iron_start", "--out", tmp_path, *NATIVE) == 0
+    _, _, rows = found(tmp_path, "iron_start")
     reference = {
         0.1: (-0.65810204326, 4.36088738387, 3.889255535, 0.0),
         1.0: (3.31017967564, 4.57811231216, 8.558056480, 0.475497139),
         3.0: (12.21472872729, 4.43855728039, 5.583556326, 1.497564840),
     }
     for t, (phi, w, work, friction) in reference.items():
-        row = min(rows, key=lambda row: abs(row["time"] - t))
+        row = rows.iloc[(rows["time"] - t).abs().argmin()]
         assert row["iron.phi"] == pytest.approx(phi, abs=1e-3)
         assert row["iron.w_cam"] == pytest.approx(w, abs=2e-3)
         assert row["E_in"] == pytest.approx(work, abs=3e-3)
         assert row["E_friction"] == pytest.approx(friction, abs=1e-3)
-        assert row["E_in"] == pytest.approx(
-            row["E_stored"] + row["E_friction"] + row["E_missing"], abs=1e-12
-        )
-    assert max(abs(row["E_missing"]) for row in rows) < 2e-3
-    assert "(42.39 cycles/min)" in done.stdout
+    told = rows["E_stored"] + rows["E_friction"] + rows["E_missing"]
+    assert rows["E_in"].to_list() == pytest.approx(told.to_list(), abs=1e-12)
+    assert rows["E_missing"].abs().max() < 2e-3
+    assert "cycles/min)" in capsys.readouterr().out
 
 
-def test_iron_orders_tell_when_a_resonance_matters(tmp_path: Path) -> None:
-    options = ("--speeds", "5", "--jobs", 1, "--flavour", "native")
-    done = scenario("run", "iron_orders", *options, "--out", tmp_path)
-    assert done.returncode == 0, done.stderr
-    with (tmp_path / "orders.csv").open(newline="") as file:
-        rows = [{k: float(v) for k, v in row.items()} for row in csv.DictReader(file)]
+def test_iron_orders_tell_when_a_resonance_matters(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main("run", "iron_orders", "--speeds", "5", *NATIVE, "--out", tmp_path) == 0
+    figures, _, rows = found(tmp_path, "iron_orders")
     wanted = {
-        (0.012, 5.0): (2.970, 1.124, 1.836, 1.311, 0.756, 0.787, 0.375, 0.315),
-        (0.08, 5.0): (3.032, 1.179, 2.266, 1.908, 1.487, 1.916, 0.829, 0.404),
+        0.012: (2.970, 1.124, 1.836, 1.311, 0.756, 0.787, 0.375, 0.315),
+        0.08: (3.032, 1.179, 2.266, 1.908, 1.487, 1.916, 0.829, 0.404),
     }
-    for (T, nu), amplitudes in wanted.items():
-        got = [row["torque"] for row in rows if (row["T"], row["nu"]) == (T, nu)][:8]
+    for T, amplitudes in wanted.items():
+        got = rows[rows["T"] == T]["torque"].to_list()[:8]
         assert got == pytest.approx(amplitudes, abs=3e-3)
-    facts = json.loads((tmp_path / "orders.json").read_text())
-    assert list(facts["w_n"].values()) == pytest.approx([81.31, 31.490, 19.916], rel=1e-4)
-    assert facts["follower_lifts"] == pytest.approx(7.89776, rel=1e-4)
-    words = [line for line in done.stdout.splitlines() if "practical importance" in line]
+    formulas = [figures[f"w_n_{lag}"] for lag in ("12ms", "80ms", "200ms")]
+    assert formulas == pytest.approx([81.31, 31.490, 19.916], rel=1e-4)
+    assert figures["follower_limit"] == pytest.approx(7.89776, rel=1e-4)
+    said = capsys.readouterr().out
+    assert said.startswith("A resonance is of practical importance with a lag of 80 ms and 200 ms")
+    words = [line for line in said.splitlines() if "practical importance: it" in line]
     assert ["of no practical" in line for line in words] == [True, False, False]
 
 
-def test_orientation_time_finds_the_limits(tmp_path: Path) -> None:
-    done = scenario(
-        "run", "orientation_time", "--speeds", "0,20,40,60,80,102", "--out", tmp_path, "--jobs", 1
-    )
-    assert done.returncode == 0, done.stderr
-    with (tmp_path / "orientation_time.csv").open(newline="") as file:
-        rows = [{k: float(v) for k, v in row.items()} for row in csv.DictReader(file)]
-    time = {(row["mu"], row["n"]): row["orientation_time"] for row in rows}
-    for case, want in {
-        (0.2, 0.0): 0.2387752354,
-        (0.35, 20.0): 0.2441613488,
-        (0.5, 40.0): 0.2777869131,
-        (0.5, 60.0): 0.3991961493,
-    }.items():
-        assert time[case] == pytest.approx(want, abs=1e-7)
-    limits = json.loads((tmp_path / "orientation_time.json").read_text())["limits_rpm"]
-    for mu, n in (("0.2", 100.23145), ("0.35", 77.75026), ("0.5", 62.12296)):
-        assert limits[mu]["works"] <= n <= limits[mu]["jams"]
-    assert "mu = 0.5: works up to 62.12 +- 0.01 rpm" in done.stdout
-    assert (tmp_path / "orientation_time.png").stat().st_size > 20_000
+def test_orientation_time_finds_the_limits(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    speeds = "0,20,40,60,80,102rpm"
+    assert main("run", "orientation_time", "--speeds", speeds, "--out", tmp_path, *NATIVE) == 0
+    figures, facts, rows = found(tmp_path, "orientation_time")
+    for mu, n, want in (
+        (0.2, 0.0, 0.2387752354),
+        (0.35, 20.0, 0.2441613488),
+        (0.5, 40.0, 0.2777869131),
+        (0.5, 60.0, 0.3991961493),
+    ):
+        row = rows[(rows["mu"] == mu) & (rows["n"] == n)].iloc[0]
+        assert row["orientation_time"] == pytest.approx(want, abs=1e-7)
+    for mu, n in (("0_2", 100.23145), ("0_35", 77.75026), ("0_5", 62.12296)):
+        error = facts["figures"][f"limit_mu_{mu}"]["error"]
+        assert figures[f"limit_mu_{mu}"] <= n <= figures[f"limit_mu_{mu}"] + error
+    said, errors = capsys.readouterr()
+    assert re.search(r"62\.1\d+ ± \S+ rpm with friction 0\.5", said.splitlines()[0])
+    assert "Warning" not in said and errors == ""
 
 
-def test_orientator_cycle_shows_one_product(tmp_path: Path) -> None:
-    done = scenario("run", "orientator_cycle", "--animate", "--out", tmp_path)
-    assert done.returncode == 0, done.stderr
-    assert "Oriented after 0.26381 s; falling 98.33 ms, joint 72.01 ms" in done.stdout
-    jammed = scenario(
-        "run", "orientator_cycle", "--speed", 62.5, "--friction", 0.5, "--out", tmp_path / "jam"
-    )
-    assert "Jammed: rotation stopped after release" in jammed.stdout
-    assert (tmp_path / "cycle.gif").stat().st_size > 50_000
-    assert (tmp_path / "cycle.csv").read_text().startswith("time,orientator.stage,")
+def test_orientator_cycle_shows_one_product(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main("run", "orientator_cycle", "--animate", "--out", tmp_path, *NATIVE) == 0
+    said = capsys.readouterr().out
+    assert said.startswith("The product is oriented after 0.263805 ± 0.000001 s.")
+    assert (tmp_path / "orientator_cycle.gif").is_file()

@@ -22,7 +22,7 @@ from test_cosim import NU, RECORD, REST, WIRES, pair
 
 from cosim import Adaptive, Result, SetupError, System, run, stepping
 from cosim.result import CHUNK, Grid, Recorder
-from scenarios.theory import SETS
+from scenarios.conveyor.theory import SETS
 
 START = SETS["A"].start(NU)
 PEAK = 1396.458

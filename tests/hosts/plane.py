@@ -1,24 +1,30 @@
 """How high is a plane over a point?
 
-A scenario for studies that does as it is told: answers, refuses, fails, crashes, hangs.
+A question for studies that does as it is told: answers, warns, refuses, fails, crashes, hangs.
 """
 
 from __future__ import annotations
 
+import ctypes
+import logging
 import os
 import signal
+import sys
 import time
-from argparse import ArgumentParser
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
-from types import SimpleNamespace
-from typing import NoReturn
+from typing import Any, NoReturn
 
-from cosim import SetupError
-from scenarios.answer import Figure
+import workbench
+from workbench import Bench, Figure, Findings, option
+
+DEATH_SIGNAL_OF_PARENT = 1
 
 
 def refuse() -> NoReturn:
+    from cosim import SetupError
+
     raise SetupError("this point is refused")
 
 
@@ -43,39 +49,72 @@ def hang() -> None:
     time.sleep(1000.0)
 
 
-MOODS: dict[str, Callable[[], None]] = {
+def hang_in_python() -> None:
+    """Hang where only threads of Python notice that the parent is gone."""
+    ctypes.CDLL(None).prctl(DEATH_SIGNAL_OF_PARENT, 0)
+    hang()
+
+
+def hang_in_c() -> None:
+    """Hang where no thread of Python has a turn."""
+    ctypes.PyDLL(None).sleep(1000)
+
+
+MOODS: dict[str, Callable[[], Any]] = {
     "good": lambda: None,
+    "warn": lambda: None,
     "refuse": refuse,
     "fail": fail,
+    "exit": sys.exit,
     "segfault": segfault,
     "victim": be_killed,
     "leave": leave,
     "hang": hang,
+    "hang in python": hang_in_python,
+    "hang in c": hang_in_c,
+    "lock": lambda: lambda: None,
 }
 
 
-def arguments(parser: ArgumentParser) -> None:
-    """The options of the scenario."""
-    parser.add_argument("--x", type=float, default=0.0, help="abscissa [m]")
-    parser.add_argument("--times", type=int, default=1, help="slope in y")
-    parser.add_argument("--mood", choices=MOODS, default="good", help="what becomes of the run")
+@dataclass(frozen=True, kw_only=True)
+class Options(workbench.Options):
+    x: float = option(0.0, "abscissa", "m")
+    y: float = option(0.0, "ordinate")
+    z: float = option(0.0, "of no effect")
+    times: int = option(1, "slope in y")
+    mood: str = option("good", "what becomes of the run", choices=MOODS)
+    gate: str = option("", "from x = 6 on a run waits for this file to open")
+    ledger: str = option("", "where each run leaves a line")
 
 
-def answer(
-    x: float = 0.0,
-    y: float = 0.0,
-    times: int = 1,
-    mood: str = "good",
-    pause: float = 0.0,
-    ledger: str = "",
-) -> SimpleNamespace:
-    """Height 3 x + times y over the point; each run leaves a line in the ledger, if there is one."""
-    if ledger:
-        with Path(ledger).open("a") as file:
-            file.write(f"{x!r}\n")
-    time.sleep(pause)
-    MOODS[mood]()
-    figures = {"height": Figure(3.0 * x + times * y, "m", 1e-3 * abs(x)), "y": Figure(y, "m")}
-    if x >= 0.0:
-        figures["root"] = Figure(x**0.5, "m1/2")
-    return SimpleNamespace(figures=figures)
+def solve(o: Options, bench: Bench) -> Findings:
+    """Height 3 x + times y over the point."""
+    if o.ledger:
+        with Path(o.ledger).open("a") as file:
+            file.write(f"{o.x!r}\n")
+    if o.gate and o.x >= 6.0:
+        Path(o.gate).read_bytes()
+    MOODS[o.mood]()
+    if o.mood == "warn":
+        logging.getLogger("cosim").warning("the plane is steep")
+    root = Figure(o.x**0.5, "m1/2", 0.0) if o.x >= 0.0 else Figure.refused("m1/2", "x < 0")
+    height = Figure(3.0 * o.x + o.times * o.y, "m", 1e-3 * abs(o.x))
+    return Findings({"height": height, "y": Figure(o.y, "m", 0.0), "root": root})
+
+
+def be(task: tuple[str, str]) -> Any:
+    """What a mood does, after a line with the process in a ledger."""
+    mood, ledger = task
+    with Path(ledger).open("a") as file:
+        file.write(f"{os.getpid()}\n")
+    return MOODS[mood]()
+
+
+def height(task: tuple[float, str]) -> float:
+    """Three times a number, with a line in a ledger; above 6 it is refused, above 7 it crashes."""
+    x, ledger = task
+    with Path(ledger).open("a") as file:
+        file.write(f"{x!r}\n")
+    if x > 6.0:
+        segfault() if x > 7.0 else refuse()
+    return 3.0 * x

@@ -1,0 +1,421 @@
+"""How often a stated error holds the true one: python benchmarks/certify.py [--seed N].
+
+Coupled systems whose solution is known, linear ones by the matrix exponential and nonlinear ones by
+DOP853 at 1e-12, are certified with three algorithms and five steps each. The truth is that of
+continuous time. Shown are the figures that were stated and refused, the share of those stated that
+lie within their error, the worst ratio of true to stated error, and how wide the errors are.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+import tempfile
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.integrate import solve_ivp
+from scipy.interpolate import CubicHermiteSpline, CubicSpline
+from scipy.optimize import brentq, minimize_scalar
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
+
+from cosim import (
+    Result,
+    SimulationError,
+    System,
+    certify,
+    crossing,
+    largest,
+    mean,
+    quiet,
+    rms,
+    run,
+    smallest,
+    time_of_largest,
+)
+from cosim.verification import systems as linear
+from cosim.verification.ideal import Ideal, Scheme
+
+FMUS = ROOT / "fmus"
+ALGORITHMS = ("jacobi", "gauss-seidel", "strang")
+HALVINGS = 5
+FINE = 20001
+KNOWN = 1e-7
+
+
+@dataclass(frozen=True)
+class Case:
+    """A system, its longest step and its stop [s], and the truth of some columns: x(t)."""
+
+    system: System
+    stop: float
+    step: float
+    exact: Mapping[str, Callable[[Any], Any]]
+    runner: Callable[..., Result] = run
+
+
+class Half(NamedTuple):
+    """Two states: their rates as expressions, start values, what the inputs hear."""
+
+    f1: str
+    f2: str
+    x: tuple[float, float]
+    u: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Whole:
+    """Two halves, a stop and a longest step [s]; a period of the fastest motion has 20 of them."""
+
+    parts: Mapping[str, Half]
+    stop: float
+    step: float
+    columns: Sequence[str]
+
+
+def nonlinear(draw: Callable[[float, float], float]) -> dict[str, Whole]:
+    """Systems with parameters that are drawn between bounds."""
+    a, b = draw(0.8, 1.4), draw(0.8, 1.4)
+    mu = draw(0.5, 2.0)
+    drag, force = draw(0.1, 0.4), draw(0.3, 0.6)
+    lag, load = draw(0.05, 0.2), draw(0.5, 1.5)
+    flow = draw(0.5, 1.0)
+    pull, slip = draw(2.0, 4.0), draw(8.0, 15.0)
+    tune = draw(1.8, 2.6)
+    return {
+        "Lotka-Volterra": Whole(
+            {
+                "prey": Half(f"x1 * ({a} - u1)", "0.0", (1.5, 0.0), ("hunter.x1",)),
+                "hunter": Half(f"x1 * (u1 - {b})", "0.0", (0.7, 0.0), ("prey.x1",)),
+            }, 5.0, 0.25, ("prey.x1", "hunter.x1"),
+        ),
+        "van der Pol": Whole(
+            {
+                "place": Half("u1", "0.0", (0.5, 0.0), ("speed.x1",)),
+                "speed": Half(f"{mu} * (1 - u1 * u1) * x1 - u1", "0.0", (1.0, 0.0), ("place.x1",)),
+            }, 8.0, 0.1, ("place.x1", "speed.x1"),
+        ),
+        "Duffing": Whole(
+            {
+                "place": Half("u1", "0.0", (0.3, 0.0), ("speed.x1",)),
+                "speed": Half(
+                    f"-{drag} * x1 + u1 - u1**3 + {force} * cos(1.2 * t)", "0.0", (0.0, 0.0),
+                    ("place.x1",),
+                ),
+            }, 5.0, 0.15, ("place.x1", "speed.x1"),
+        ),
+        "pendulum on a motor": Whole(
+            {
+                "motor": Half(f"(5.0 * (4.0 - u1) - x1) / {lag}", "0.0", (0.0, 0.0), ("arm.x1",)),
+                "arm": Half(f"(u1 - 9.81 * sin(x2)) / {load}", "x1", (0.0, 0.2), ("motor.x1",)),
+            }, 3.0, 0.02, ("motor.x1", "arm.x1"),
+        ),
+        "two tanks": Whole(
+            {
+                "upper": Half(
+                    f"{flow} * (1 + 0.5 * sin(2 * t)) - sqrt(x1) * (1 + 0.2 * u1)", "0.0",
+                    (0.3, 0.0), ("lower.x1",),
+                ),
+                "lower": Half("sqrt(u1) - 0.8 * sqrt(x1)", "0.0", (1.2, 0.0), ("upper.x1",)),
+            }, 6.0, 0.2, ("upper.x1", "lower.x1"),
+        ),
+        "Kloss motor": Whole(
+            {
+                "motor": Half(
+                    f"(2 * 20 / ((1 - u1 / 100) / 0.2 + 0.2 / (1 - u1 / 100)) - x1) * {slip}",
+                    "0.0", (0.0, 0.0), ("fan.x1",),
+                ),
+                "fan": Half(f"(u1 - 1e-3 * x1 * x1) / {0.1 * pull}", "0.0", (0.0, 0.0),
+                            ("motor.x1",)),
+            }, 4.0, 0.02, ("motor.x1", "fan.x1"),
+        ),
+        "Brusselator": Whole(
+            {
+                "maker": Half(f"1 + x1 * x1 * u1 - {tune + 1} * x1", "0.0", (1.2, 0.0),
+                              ("other.x1",)),
+                "other": Half(f"{tune} * u1 - u1 * u1 * x1", "0.0", (1.5, 0.0), ("maker.x1",)),
+            }, 6.0, 0.05, ("maker.x1", "other.x1"),
+        ),
+    }  # fmt: skip
+
+
+def coupled(whole: Whole, fmu: Path) -> Case:
+    """The halves as FMUs, and their solution as one."""
+    wires, start = [], {}
+    for name, half in whole.parts.items():
+        start |= {f"{name}.f1": half.f1, f"{name}.f2": half.f2}
+        start |= {f"{name}.x1": half.x[0], f"{name}.x2": half.x[1]}
+        wires += [f"{source} -> {name}.u{k}" for k, source in enumerate(half.u, 1)]
+        start |= {f"{name}.u{k}": 0.0 for k in range(len(half.u) + 1, 3)}
+    names = [f"{name}.x{k}" for name in whole.parts for k in (1, 2)]
+    rates = {
+        name: eval(f"lambda t, x1, x2, u1, u2: ({half.f1}, {half.f2})", vars(math).copy())
+        for name, half in whole.parts.items()
+    }
+
+    def rhs(t: float, y: Any) -> list[float]:
+        values = dict(zip(names, y))
+        found: list[float] = []
+        for name, half in whole.parts.items():
+            u = [values[source] for source in half.u] + [0.0] * (2 - len(half.u))
+            found += rates[name](t, values[f"{name}.x1"], values[f"{name}.x2"], *u)
+        return found
+
+    y0 = [x for half in whole.parts.values() for x in half.x]
+    solution = solved(rhs, y0, whole.stop)
+    exact = {c: partial(column, solution, names.index(c)) for c in whole.columns}
+    system = System(dict.fromkeys(whole.parts, fmu), wires, start)
+    return Case(system, whole.stop, whole.step, exact)
+
+
+def column(solution: Callable[[Any], Any], k: int, t: Any) -> Any:
+    """State number k at times t."""
+    return solution(t)[k]
+
+
+def solved(rhs: Callable[[float, Any], Any], y0: Sequence[float], stop: float) -> Any:
+    """The solution as a function of time."""
+    settings = {"method": "DOP853", "rtol": 1e-12, "atol": 1e-12, "dense_output": True}
+    return solve_ivp(rhs, (0.0, stop), y0, **settings).sol
+
+
+def matrices(draw: Callable[[float, float], float]) -> dict[str, tuple[Any, float, float]]:
+    """Linear units, a stop and a longest step [s]."""
+    return {
+        "oscillator": (linear.OSCILLATOR, 0.9, 0.01),
+        "dual mass": (linear.DUAL_MASS, 2.0, 0.02),
+        "quarter car": (linear.QUARTER_CAR, 0.6, 0.004),
+        "DC motor": (linear.DC_MOTOR, 0.02, 1e-4),
+        "drive": (linear.drive(draw(50.0, 200.0)), 0.1, 5e-4),
+        "lagging motor": (
+            linear.lagging_motor(draw(0.03, 0.06), draw(0.5, 1.5), draw(100.0, 400.0)), 0.1, 2e-4,
+        ),
+        "twisting drive": (linear.twisting_drive(draw(1.0, 20.0)), 0.1, 5e-4),
+        "spring and mass": (linear.SPRING_AND_MASS, 1.2, 0.03),
+    }  # fmt: skip
+
+
+def exact_units(units: Any, stop: float, step: float) -> Case:
+    """Linear units stepped by the ideal algorithms, which FMUs follow to the last digits (see
+    `cosim verify`), and the matrix exponential of the whole."""
+    ideal = Ideal(units)
+    h = stop / (FINE - 1)
+    x = ideal.exact([h] * (FINE - 1))
+    loop = np.linalg.inv(np.eye(len(ideal.given)) - ideal.L @ ideal.D)
+    rates = x @ (ideal.A + ideal.B @ loop @ ideal.L @ ideal.C).T + ideal.B @ loop @ ideal.given
+    solution = CubicHermiteSpline(np.linspace(0, stop, FINE), x, rates)
+    names = linear.states(units)
+    shown = [names[0], names[-1]]
+    exact = {c: partial(column, lambda t: solution(t).T, names.index(c)) for c in shown}
+
+    def runner(_: System, *, step: float, output_step: float, algorithm: str, **__: Any) -> Result:
+        every, count = round(output_step / step), round(stop / step)
+        x = ideal.states(Scheme(algorithm), [stop / count] * count)[::every]
+        t = np.linspace(0.0, stop, len(x))
+        rows = np.column_stack([t, *(x[:, names.index(c)] for c in shown)])
+        fed = any(unit.D is not None for unit in units.values())
+        order = 2 if algorithm == "strang" and not fed else 1
+        return Result(["time", *shown], {}, {"convergence_order": order}, lambda: rows)
+
+    return Case(linear.couple(units, FMUS / "LinearSystem.fmu"), stop, step, exact, runner)
+
+
+def conveyor(draw: Callable[[float, float], float], native: Path) -> Case:
+    """DriveMotor and CrankConveyor, run up from rest."""
+    from oracle import monolithic
+
+    from scenarios.conveyor.theory import SETS
+
+    start = SETS["A"].start(draw(30.0, 50.0)) | {"motor.tau": 0.0}
+    t = np.linspace(0.0, 1.0, FINE)
+    start |= {"conveyor.phi": 0.0, "conveyor.w": draw(20.0, 40.0)}
+    y = monolithic(dict(start), 1.0, t_eval=t).y
+    w, tau = CubicSpline(t, y[1]), CubicSpline(t, y[2])
+    parts = {"motor": native / "DriveMotor.fmu", "conveyor": native / "CrankConveyor.fmu"}
+    wires = ["motor.tau -> conveyor.tau", "conveyor.w -> motor.w"]
+    return Case(System(parts, wires, start), 1.0, 2e-3, {"motor.tau": tau, "conveyor.w": w})
+
+
+def truth(x: Callable[[Any], Any], stop: float) -> dict[str, float]:
+    """The figures of a column in continuous time; the level is at 0.6 of its range."""
+    t = np.linspace(0.0, stop, FINE)
+    values = np.asarray(x(t))
+    found = {"end": float(values[-1])}
+    for name, sign in (("max", 1.0), ("min", -1.0)):
+        top = int(np.argmax(sign * values))
+        place = float(t[top])
+        if 0 < top < FINE - 1:
+            near = (t[top - 1], t[top + 1])
+            place = minimize_scalar(lambda s, sign=sign: -sign * float(x(s)), bounds=near, method="bounded",
+                                    options={"xatol": 1e-12 * stop}).x  # fmt: skip
+        found[name] = max(sign * float(x(place)), sign * float(values[top])) * sign
+        found[f"time of {name}"] = place
+    h = stop / (FINE - 1)
+    weights = np.ones(FINE)
+    weights[1:-1:2], weights[2:-1:2] = 4.0, 2.0
+    found["mean"] = float(weights @ values) * h / 3 / stop
+    found["rms"] = math.sqrt(float(weights @ values**2) * h / 3 / stop)
+    level = 0.4 * found["min"] + 0.6 * found["max"]
+    passed = np.flatnonzero((values[1:] > level) != (values[:-1] > level))
+    k = int(passed[0])
+    found["crossing"] = float(brentq(lambda s: float(x(s)) - level, t[k], t[k + 1], xtol=1e-14))
+    return {"level": level} | found
+
+
+def between(t: Any, x: Any, level: float) -> dict[str, float]:
+    """Figures that look between the rows."""
+    return {
+        "end": float(x[-1]),
+        "max": largest(t, x),
+        "min": smallest(t, x),
+        "mean": mean(t, x),
+        "rms": rms(t, x),
+        "time of max": time_of_largest(t, x),
+        "crossing": crossing(t, x, level),
+    }
+
+
+def by_rows(t: Any, x: Any, level: float) -> dict[str, float]:
+    """Figures as one writes them who does not think of the rows."""
+    above = (x > level) != (x[0] > level)
+    return {
+        "end": float(x[-1]),
+        "max": float(x.max()),
+        "min": float(x.min()),
+        "mean": float(x.mean()),
+        "rms": math.sqrt((x**2).mean()),
+        "time of max": float(t[np.argmax(x)]),
+        "crossing": float(t[np.argmax(above)]) if above.any() else math.nan,
+    }
+
+
+WAYS = {"between rows": between, "by rows": by_rows}
+
+
+class Verdict(NamedTuple):
+    """A figure that was stated, and the truth."""
+
+    system: str
+    algorithm: str
+    step: float
+    way: str
+    figure: str
+    true: float
+    value: float
+    error: float | None
+    order: float
+    size: float
+
+    @property
+    def ratio(self) -> float:
+        """True over stated error; the truth itself is known to KNOWN of the largest value."""
+        assert self.error is not None
+        return max(0.0, abs(self.value - self.true) - KNOWN * self.size) / self.error
+
+
+def judged(
+    name: str, case: Case, algorithms: Sequence[str] = ALGORITHMS, halvings: int = HALVINGS
+) -> Iterator[Verdict]:
+    """Every figure of a case."""
+    truths = {column: truth(x, case.stop) for column, x in case.exact.items()}
+
+    def figures(result: Result) -> dict[str, float]:
+        t = result["time"]
+        return {
+            f"{way}|{column}|{figure}": value
+            for column, true in truths.items()
+            for way, seen in WAYS.items()
+            for figure, value in seen(t, result[column], true["level"]).items()
+        }
+
+    for algorithm in algorithms:
+        for k in range(halvings):
+            steps = round(case.stop / case.step) * 2**k
+            h = case.stop / steps
+            try:
+                found = certify(
+                    case.system, figures, step=h, stop=case.stop, algorithm=algorithm,
+                    record=list(case.exact), runner=case.runner,
+                ).figures  # fmt: skip
+            except SimulationError as error:  # a step beyond the limit of stability
+                print(name, algorithm, h, error, file=sys.stderr)
+                continue
+            for key, got in found.items():
+                way, column, figure = key.split("|")
+                true = truths[column]
+                size = case.stop if "time" in figure or figure == "crossing" else max(
+                    abs(true["max"]), abs(true["min"]))  # fmt: skip
+                yield Verdict(
+                    f"{name} {column}", algorithm, h, way, figure, true[figure], got.value,
+                    got.error, got.order, size,
+                )  # fmt: skip
+
+
+def cases(seed: int, half: Path) -> Iterator[tuple[str, Case]]:
+    """All systems, with parameters drawn by a seed; 0 takes the middle of their bounds."""
+    random = np.random.default_rng(seed)
+
+    def draw(low: float, high: float) -> float:
+        return float(random.uniform(low, high)) if seed else (low + high) / 2
+
+    yield "conveyor", conveyor(draw, FMUS / "native")
+    for name, whole in nonlinear(draw).items():
+        yield name, coupled(whole, half)
+    for name, (units, stop, step) in matrices(draw).items():
+        yield name, exact_units(units, stop, step)
+
+
+def table(verdicts: Sequence[Verdict], key: Callable[[Verdict], str]) -> Iterator[str]:
+    """A line per group."""
+    groups = defaultdict(list)
+    for v in verdicts:
+        groups[key(v)].append(v)
+    yield f"{'':40} stated refused  within  worst  median error/true"
+    for name, group in groups.items():
+        told = [v for v in group if v.error is not None]
+        ratios = np.array([v.ratio for v in told]) if told else np.array([0.0])
+        wide = np.median(1.0 / np.maximum(ratios, 1e-9))
+        yield (
+            f"{name:40} {len(told):6} {len(group) - len(told):7} {np.mean(ratios <= 1):7.1%} "
+            f"{ratios.max():6.2f} {wide:8.1f}"
+        )
+
+
+def main() -> None:
+    """Print the tables."""
+    from pythonfmu import FmuBuilder
+
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--worst", type=int, default=10)
+    parser.add_argument("--only", default="", help="systems whose name has this in it")
+    options = parser.parse_args()
+    verdicts: list[Verdict] = []
+    with tempfile.TemporaryDirectory() as folder, quiet():
+        FmuBuilder.build_FMU(ROOT / "tests" / "hosts" / "half.py", dest=folder)
+        for name, case in cases(options.seed, Path(folder) / "Half.fmu"):
+            if options.only in name:
+                verdicts += judged(name, case)
+                print(name, len(verdicts), file=sys.stderr, flush=True)
+    for key in (
+        lambda v: v.system.split()[0] + " " + v.way,
+        lambda v: f"{v.figure}, {v.way}",
+        lambda v: f"{v.algorithm}, {v.way}",
+        lambda v: v.way,
+    ):
+        print("\n".join(table(verdicts, key)), end="\n\n")
+    told = sorted((v for v in verdicts if v.error is not None), key=lambda v: -v.ratio)
+    for v in told[: options.worst]:
+        print(f"{v.ratio:6.2f} {v}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,232 @@
+"""Do the stated errors of the scenario resonance hold? python benchmarks/resonance.py [--number N].
+
+Draws drives, runs the scenario on a sweep of each and compares its figures with the exact orbits of
+tests/orbit_oracle.py. Rows are printed as they come; with --out they are kept as lines of JSON, and
+those already kept are not run again. Drives whose orbit is unstable somewhere in the sweep, or is
+not found because the crank would stop or nearly so, are skipped and counted.
+
+Shown per figure are the drives that have it (exist), the share of the stated errors that hold
+(within) and the number of those that do not (missed), the worst of error over stated error (worst),
+the share that is refused or missing (refused), how often one is stated that the sweep does not hold
+(invented), and the median of the stated error over the figure (median).
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import os
+import shlex
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+for library in ("OMP", "OPENBLAS", "MKL"):
+    os.environ.setdefault(f"{library}_NUM_THREADS", "1")
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
+
+import numpy as np
+from orbit_oracle import Drive, NoOrbitError, drawn, f_rod_peak, features, orbit, question
+
+FIGURES = ("nu_90", "nu_peak_tau", "tau2_peak", "nu_peak_w", "w2_peak", "f_rod_peak")
+TRUTH_ERROR = 1e-9
+LISTED = 10
+Row = dict[str, Any]
+
+
+def command(drive: Drive, sweep: tuple[float, float, int], out: Path | None = None) -> list[str]:
+    """The words that ask the scenario, after the interpreter."""
+    words = ["-m", "scenarios", "run", "resonance", "--flavour", "native"]
+    words += ["--speeds", ":".join(map(repr, sweep))]
+    for name, value in drive.start.items():
+        words += ["--start", f"{name}={json.dumps(value)}"]
+    return words + (["--out", str(out)] if out else [])
+
+
+def asked(words: Sequence[str], limit: float) -> tuple[dict[str, Any], str]:
+    """The figures that the scenario states, or none and its sentence."""
+    with tempfile.TemporaryDirectory() as folder:
+        try:
+            run = subprocess.run(
+                [sys.executable, *words, "--out", folder],
+                cwd=ROOT,
+                capture_output=True,
+                text=True,
+                timeout=limit,
+                check=False,
+            )
+        except subprocess.TimeoutExpired:
+            return {}, f"no answer within {limit:g} s"
+        if run.returncode:
+            last = run.stderr.strip().splitlines()[-1:] or [""]
+            return {}, f"exit code {run.returncode}: {last[0]}"
+        return json.loads((Path(folder) / "resonance.json").read_text())["figures"], ""
+
+
+def judged(seed: int, limit: float, number: int) -> Row:
+    """Truth and answer of a drive, the first of its own sequence that keeps to an orbit."""
+    rng = np.random.default_rng([seed, number])
+    skipped: Counter[str] = Counter()
+    while True:
+        drive = drawn(rng)
+        sweep = question(rng, drive)
+        try:
+            truth = features(drive, *sweep[:2])
+            truth["f_rod_peak"] = f_rod_peak(drive, np.linspace(*sweep))
+            ripple = abs(orbit(drive, drive.nu_res).w2) / drive.nu_res
+            break
+        except NoOrbitError as error:
+            skipped["unstable" if "unstable" in str(error) else "not found"] += 1
+    words = command(drive, sweep)
+    began = time.perf_counter()
+    stated, sentence = asked(words, limit)
+    return {
+        "seed": seed,
+        "number": number,
+        "command": shlex.join(["python", *words]),
+        "zeta": drive.zeta,
+        "ripple": ripple,
+        "finite": drive.finite,
+        "seconds": time.perf_counter() - began,
+        "skipped": skipped,
+        "sentence": sentence,
+        "truth": truth,
+        "stated": {
+            name: {key: stated[name][key] for key in ("value", "error")}
+            for name in FIGURES
+            if name in stated
+        },
+    }
+
+
+def ratio(row: Row, name: str) -> float | None:
+    """Error over stated error, infinite for an invented one, None where none is stated."""
+    truth, stated = row["truth"][name], row["stated"].get(name, {"error": None})
+    if stated["error"] is None:
+        return None
+    if truth is None:
+        return math.inf
+    off = max(0.0, abs(stated["value"] - truth) - TRUTH_ERROR * abs(truth))
+    if not stated["error"]:
+        return math.inf if off else 0.0
+    return off / stated["error"]
+
+
+def line(row: Row) -> str:
+    """A drive in a line."""
+    ratios = {name: ratio(row, name) for name in FIGURES}
+    existing = [name for name in FIGURES if row["truth"][name] is not None]
+    refused = [name for name in existing if ratios[name] is None]
+    worst = max(FIGURES, key=lambda name: ratios[name] or 0.0)
+    words = (
+        f"{row['number']:>4}  zeta {row['zeta']:<7.3g} ripple {row['ripple']:<8.2g} "
+        f"{'finite' if row['finite'] else 'long':<6} {row['seconds']:6.1f} s  "
+    )
+    if row["sentence"]:
+        return words + row["sentence"]
+    words += f"worst {ratios[worst] or 0.0:.3g} ({worst})"
+    return words + (f", refused {', '.join(refused)}" if refused else "")
+
+
+def table(rows: Sequence[Row]) -> Iterator[str]:
+    """The counts per figure and in total."""
+    yield (
+        f"{'':<12}{'exist':>6}{'within':>8}{'missed':>8}{'worst':>10}{'refused':>9}{'invented':>9}"
+        f"{'median':>10}"
+    )
+    for names in (*((name,) for name in FIGURES), FIGURES):
+        cases = [(row, name) for row in rows for name in names]
+        existing = [case for case in cases if case[0]["truth"][case[1]] is not None]
+        stated = [(case, off) for case in existing if (off := ratio(*case)) is not None]
+        invented = sum(
+            ratio(*case) is not None for case in cases if case[0]["truth"][case[1]] is None
+        )
+        missed = sum(off > 1 for _, off in stated)
+        relative = [
+            row["stated"][name]["error"] / abs(row["truth"][name]) for (row, name), _ in stated
+        ]
+        yield (
+            f"{names[0] if len(names) == 1 else 'all':<12}{len(existing):>6}"
+            f"{percent(len(stated) - missed, len(stated)):>8}{missed:>8}"
+            f"{max((off for _, off in stated), default=math.nan):>10.3g}"
+            f"{percent(len(existing) - len(stated), len(existing)):>9}{invented:>9}"
+            f"{statistics.median(relative) if relative else math.nan:>10.1e}"
+        )
+
+
+def percent(part: int, whole: int) -> str:
+    """A share in words."""
+    return f"{100 * part / whole:.1f} %" if whole else "-"
+
+
+def worst(rows: Sequence[Row]) -> Iterator[str]:
+    """The drives with the worst figures, and how to ask them again."""
+    offs = [(ratio(row, name) or 0.0, name, row) for row in rows for name in FIGURES]
+    shown: set[int] = set()
+    for off, name, row in sorted(offs, key=lambda one: -one[0]):
+        if off > 1 and row["number"] not in shown and len(shown) < LISTED:
+            shown.add(row["number"])
+            truth, stated = row["truth"][name], row["stated"][name]
+            exact = "none" if truth is None else f"{truth:.9g}"
+            said = f"{stated['value']:.9g} +- {stated['error']:.2g}"
+            yield f"{off:.3g} times: {name} = {said}, exact: {exact}\n    {row['command']}"
+
+
+def rows_kept(path: Path | None, seed: int, number: int) -> list[Row]:
+    """The rows of this seed that a file holds."""
+    if path is None or not path.exists():
+        return []
+    rows = [json.loads(text) for text in path.read_text().splitlines()]
+    return [row for row in rows if row["seed"] == seed and row["number"] < number]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--number", type=int, default=100, help="of drives")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--jobs", type=int, default=1, help="drives at a time")
+    parser.add_argument("--limit", type=float, default=600.0, help="for a run of the scenario [s]")
+    parser.add_argument(
+        "--out", type=Path, help="file of the rows; those it holds are not repeated"
+    )
+    options = parser.parse_args()
+    rows = rows_kept(options.out, options.seed, options.number)
+    there = {row["number"] for row in rows}
+    wanted = [number for number in range(options.number) if number not in there]
+    judge = partial(judged, options.seed, options.limit)
+    with ProcessPoolExecutor(options.jobs) as pool:
+        runs = [pool.submit(judge, number) for number in wanted]
+        try:
+            for run in as_completed(runs):
+                row = run.result()
+                rows.append(row)
+                print(line(row), flush=True)
+                if options.out:
+                    options.out.parent.mkdir(parents=True, exist_ok=True)
+                    with options.out.open("a") as file:
+                        file.write(json.dumps(row) + "\n")
+        except KeyboardInterrupt:
+            pool.shutdown(wait=False, cancel_futures=True)
+    skipped = sum((Counter(row["skipped"]) for row in rows), Counter())
+    told = ", ".join(f"{count} {why}" for why, count in skipped.items()) or "none"
+    failed = sum(bool(row["sentence"]) for row in rows)
+    print(
+        f"\n{len(rows)} drives of seed {options.seed}, {failed} refused as a whole; skipped: {told}"
+    )
+    print("\n".join(table(rows)))
+    print("\n".join(worst(rows)))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,44 @@
+"""How long does the conveyor run on when its motor is switched off?"""
+
+from dataclasses import dataclass
+
+from cosim import System
+from workbench import Chart, Curve, Mark, Panel, Run, Show, option
+from workbench.measure import crossings, largest
+
+PARTS = {"motor": "DriveMotor", "conveyor": "CrankConveyor"}
+WIRES = ("motor.tau -> conveyor.tau", "conveyor.w -> motor.w")
+RECORD = ("motor.tau", "conveyor.w", "conveyor.x")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options(Run):
+    speed: float = option(40.0, "speed at the start", "rad/s", above=0.0)
+    lag: float = option("20ms", "lag of the motor", "s", above=0.0)
+    stop: float = option(0.5, "simulated time", "s", above=0.0)
+
+
+def system(o, fmus):
+    off = {"motor.A": 0.0, "motor.B": 35.8, "motor.T": o.lag, "conveyor.w": o.speed}
+    return System(fmus, WIRES, {**off, **o.start})
+
+
+def figures(o, r):
+    t, w, unit = r["time"], r["conveyor.w"], r.units["motor.tau"]
+    down = crossings(t, w, 0.1 * o.speed)[0]
+    return {
+        "tenth": down.figure("s", "until a tenth of the speed is left"),
+        "brake": largest(t, -r["motor.tau"]).figure(unit, "largest braking torque"),
+    }
+
+
+def verdict(o, f, r):
+    return f"It runs on for {f['tenth'].text()}; the motor brakes with up to {f['brake'].text()}."
+
+
+def show(o, f, r):
+    level = Mark(0.1 * o.speed, "a tenth")
+    speed = Curve("crank", r["time"], r["conveyor.w"], "blue")
+    torque = Curve("motor", r["time"], r["motor.tau"], "red")
+    panels = [Panel("speed", "rad/s", [speed], [level]), Panel("torque", "N.m", [torque])]
+    return Show([Chart("Run-down", "time [s]", panels)])

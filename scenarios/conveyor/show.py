@@ -1,0 +1,190 @@
+"""What is shown of the crank conveyor."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from workbench.figure import Figure
+from workbench.report.chart import (
+    FORCE,
+    LIFT,
+    SPEED,
+    THEORY,
+    TORQUE,
+    Chart,
+    Curve,
+    Mark,
+    Panel,
+    Second,
+    Span,
+    recorded,
+)
+from workbench.report.motion import Motion, columns, moved, rows
+
+from . import mechanism
+from .theory import Machine
+
+if TYPE_CHECKING:
+    from cosim import Result
+
+SEEN = ("phi", "x", "w")
+NOTE = (
+    f"Crank and stroke are drawn {mechanism.ENLARGED:g} times as long as they are against the rod."
+)
+RPM = Second("rpm", 30 / math.pi)
+MOTORS = {
+    "linear": ("linear motor", "purple"),
+    "kloss": ("induction motor (Kloss)", "gold"),
+}
+MARKS = {
+    "nu_90": "90 deg lag",
+    "nu_peak_tau": "torque peak",
+    "nu_peak_w": "speed peak",
+}
+
+
+def ripple(
+    machine: Machine,
+    points: Sequence[Any],
+    figures: Mapping[str, Figure],
+    speed: float,
+    rated: float,
+    limit: float,
+    avoid: Sequence[tuple[float, float]],
+) -> Chart:
+    """Ripple of torque and speed and the lag over the speed, theory as lines; the title answers.
+
+    Points have nu, tau2, w2 and lag, with tau2_error, w2_error and lag_error; `speed` is that of
+    operation [rad/s]; the motor's `rated` torque, and the `limit` [N.m] that the torque ripple is
+    above in the stretches to `avoid` [rad/s].
+    """
+    nu = np.array([p.nu for p in points])
+    fine = np.linspace(nu.min(), nu.max(), 400)
+    load, torque, omega = (
+        np.array([f(x) for x in fine])
+        for f in (machine.load_ripple, machine.torque_ripple, machine.speed_ripple)
+    )
+
+    def panel(quantity: str, unit: str, name: str, theory: Any, color: str, **rest: Any) -> Panel:
+        y, errors = ([getattr(p, column) for p in points] for column in (name, f"{name}_error"))
+        seen = Curve("co-simulation", nu, y, color, "points", errors)
+        line = Curve("first-order theory", fine, theory, THEORY, "theory")
+        return Panel(quantity, unit, [line, seen], **rest)
+
+    levels = [Mark(rated, f"rated torque {rated:g} N.m"), Mark(limit, f"limit {limit:g} N.m")]
+    lag = np.degrees(np.angle(load / torque)) % 360.0
+    marks = [Mark(machine.nu_res, f"formula {machine.nu_res:.2f} rad/s")]
+    marks += [
+        Mark.of(text, figures[name])
+        for name, text in MARKS.items()
+        if name in figures and math.isfinite(figures[name].value)
+    ]
+    return Chart(
+        headline(speed, limit, avoid),
+        "operating speed [rad/s]",
+        [
+            panel("torque ripple", "N.m", "tau2", abs(torque), TORQUE, includes=(0.0,), levels=levels),
+            panel("speed ripple", "rad/s", "w2", abs(omega), SPEED, includes=(0.0,)),
+            panel("lag behind the load", "deg", "lag", lag, LIFT, includes=(0.0, 180.0),
+                  levels=[Mark(90.0, "90 deg")]),
+        ],
+        [*marks, Mark(speed, f"operating speed {speed:g} rad/s")],
+        [Span(*band, "avoid", "red") for band in avoid],
+        RPM,
+    )  # fmt: skip
+
+
+def headline(speed: float, limit: float, avoid: Sequence[tuple[float, float]]) -> str:
+    """Whether the torque ripple is above its limit at the operating speed, and where else."""
+    over = any(low <= speed <= high for low, high in avoid)
+    where = " and ".join(f"{low:.1f} to {high:.1f} rad/s" for low, high in avoid) or "no speed"
+    return f"{'Yes' if over else 'No'} at {speed:g} rad/s: the torque ripple is above {limit:g} N.m at {where}"
+
+
+def revolution(nu: float, result: Result) -> tuple[Chart, Motion]:
+    """The last revolution of a steady run at the mean speed nu [rad/s]: its course, its motion."""
+    t, phi = result["time"], result["conveyor.phi"]
+    first = float(np.interp(phi[-1] - 2 * math.pi, phi, t))
+    late = t >= first
+    since = 1e3 * (t[late] - first)
+
+    def panel(quantity: str, curves: Mapping[str, tuple[str, str]], unit: str = "") -> Panel:
+        return recorded(quantity, result, since, curves, unit, late)
+
+    torque = {"motor.tau": ("motor", TORQUE), "conveyor.tau_load": ("load", THEORY)}
+    chart = Chart(
+        f"One revolution at {nu:g} rad/s",
+        "time [ms]",
+        [
+            panel("torque", torque),
+            panel("speed", {"conveyor.w": ("crank", SPEED)}),
+            panel("rod force", {"conveyor.f_rod": ("rod", FORCE)}, "kN"),
+        ],
+    )
+    return chart, _motion(
+        f"Crank conveyor at {nu:g} rad/s", {"": result}, first, float(t[-1]), 25.0
+    )
+
+
+def run_up(machine: Machine, runs: Mapping[str, Result]) -> list[Chart]:
+    """Speed, torque and rod force over time, and torque over speed, for both motors on one scale."""
+
+    def panel(quantity: str, column: str, unit: str = "", levels: Sequence[Mark] = ()) -> Panel:
+        each = [
+            recorded(quantity, result, result["time"], {column: MOTORS[motor]}, unit)
+            for motor, result in runs.items()
+        ]
+        curves = [curve for panel in each for curve in panel.curves]
+        return each[0]._replace(curves=curves, levels=levels)
+
+    level = Mark(machine.nu_res, f"resonance {machine.nu_res:.1f} rad/s")
+    panels = [
+        panel("crank speed", "conveyor.w", levels=[level]),
+        panel("motor torque", "motor.tau"),
+        panel("rod force", "conveyor.f_rod", "kN"),
+    ]
+    plane = []
+    for motor, result in runs.items():
+        name, color = MOTORS[motor]
+        w, order = result["conveyor.w"], np.argsort(result["conveyor.w"])
+        static = Curve("static characteristic", w[order], result["motor.tau_static"][order],
+                       THEORY, "theory")  # fmt: skip
+        lagging = Curve("with its lag", w, result["motor.tau"], color)
+        plane.append(Panel(f"torque, {name}", result.units["motor.tau"], [static, lagging]))
+    return [
+        Chart("Run-up from rest", "time [s]", panels),
+        Chart("Torque over speed: the lag of the motor", "crank speed [rad/s]", plane),
+    ]
+
+
+def run_up_motion(runs: Mapping[str, Result]) -> Motion:
+    """Both conveyors, one above the other."""
+    end = min(float(result["time"][-1]) for result in runs.values())
+    return _motion("Both conveyors from rest", runs, 0.0, end, 15.0)
+
+
+def _motion(
+    title: str, runs: Mapping[str, Result], first: float, last: float, slow: float
+) -> Motion:
+    """Conveyors of several runs of the same step, with the first on top."""
+    results = list(runs.values())
+    turns = float(np.ptp(results[0]["conveyor.phi"])) / (2 * math.pi)
+    picked = rows(results[0]["time"], first, last, int(np.clip(24 * turns, 120, 480)))
+    shapes, told = [], [""] * len(picked)
+    for k, (name, result) in enumerate(runs.items()):
+        p = result.provenance["parts"]["conveyor"]["parameters"]
+        at = columns(result, "conveyor", SEEN, picked)
+        drawn = mechanism.crank_conveyor(p, at)
+        shapes += moved(drawn, 0.0, -0.8 * k * p["rod.l"])
+        tau = result["motor.tau"][picked]
+        told = [
+            f"{before}{name} {w:.1f} rad/s, {1e3 * x:+.2f} mm, {m:.0f} N.m; "
+            for before, w, x, m in zip(told, at["w"], at["x"], tau)
+        ]
+    t = results[0]["time"][picked]
+    captions = [f"{x - first:.3f} s: {text.strip('; ')}" for x, text in zip(t, told)]
+    return Motion(title, t, slow, captions, shapes, NOTE)

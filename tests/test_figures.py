@@ -1,0 +1,200 @@
+"""Figures between rows, and stated errors that hold the true ones of continuous time."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from conftest import ROOT
+from pythonfmu import FmuBuilder
+from test_library import drive
+
+from benchmarks.certify import Case, Verdict, cases, judged
+from cosim import (
+    Estimate,
+    Result,
+    certify,
+    crossing,
+    largest,
+    mean,
+    rms,
+    smallest,
+    time_of_largest,
+    time_of_smallest,
+)
+
+SEED = 20261122
+OTHERS = ("Kloss motor", "Brusselator", "drive", "quarter car", "DC motor", "dual mass")
+
+
+@pytest.fixture(scope="module")
+def drawn(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Case]:
+    """Systems whose parameters are drawn at random, and their exact solutions."""
+    folder = tmp_path_factory.mktemp("half")
+    FmuBuilder.build_FMU(ROOT / "tests" / "hosts" / "half.py", dest=folder)
+    return dict(cases(SEED, folder / "Half.fmu"))
+
+
+def test_stated_errors_hold_the_true_ones_of_systems_drawn_at_random(
+    drawn: dict[str, Case],
+) -> None:
+    """At least 19 of 20, none three times as large, and few figures without an error."""
+    assert len(drawn) == 16
+    found: list[Verdict] = []
+    for k, (name, case) in enumerate(drawn.items()):
+        algorithm = ("jacobi", "gauss-seidel", "strang")[k % 3]
+        found += judged(name, case, [algorithm], halvings=3)
+    stated = [v for v in found if v.error is not None]
+    assert len(stated) > 0.95 * len(found) > 1000
+    assert np.mean([v.ratio <= 1.0 for v in stated]) >= 0.95
+    worst = max(stated, key=lambda v: v.ratio)
+    assert worst.ratio <= 3.0, worst
+    between = [v for v in stated if v.way == "between rows" and v.ratio > 0.0]
+    assert np.median([1.0 / v.ratio for v in between]) < 4.0
+
+
+def test_the_torque_of_the_readme_is_within_its_error(fmus: Path) -> None:
+    """The largest torque lies between two rows; seen at the rows its error says so."""
+    from oracle import monolithic
+
+    from scenarios.conveyor.theory import SETS
+
+    system = drive(fmus / "native")
+    start = SETS["A"].start(40.0) | {"conveyor.w": 40.0}
+    true = monolithic(dict(start), 0.5, t_eval=np.linspace(0.0, 0.5, 50001)).y[2].max()
+    certified = certify(
+        type(system)(system.parts, system.wires, start),
+        lambda r: {
+            "rows": r["motor.tau"].max(),
+            "between": largest(r["time"], r["motor.tau"]),
+        },
+        stop=0.5,
+        step=4e-3,
+    )
+    rows, between = (certified.figures[name] for name in ("rows", "between"))
+    assert rows.error is not None and between.error is not None
+    assert abs(rows.value - true) <= rows.error
+    assert abs(between.value - true) <= between.error
+    assert rows.rows > 10.0 * between.rows
+    assert abs(rows.value - true) > 10.0 * abs(between.value - true)
+
+
+def of(values: Callable[[Any], Any], stop: float = 1.0) -> Callable[..., Result]:
+    """A run whose rows are exact whatever the step."""
+
+    def runner(_: Any, *, output_step: float, **__: Any) -> Result:
+        t = np.linspace(0.0, stop, round(stop / output_step) + 1)
+        rows = np.column_stack([t, values(t)])
+        return Result(["time", "x"], {}, {"convergence_order": 2}, lambda: rows)
+
+    return runner
+
+
+def rows_only(figure: Callable[[Any, Any], float], values: Callable[[Any], Any]) -> Estimate:
+    """A figure of rows that the coupling does not touch."""
+    got = certify(None, lambda r: {"f": figure(r["time"], r["x"])}, step=0.01, runner=of(values))  # type: ignore[arg-type]
+    return got.figures["f"]
+
+
+@pytest.mark.parametrize("place", [0.503, 0.505, 0.5, 0.0031])
+def test_the_rows_share_holds_wherever_the_peak_lies(place: float) -> None:
+    def peak(t: Any) -> Any:
+        return 5.0 - 300.0 * (t - place) ** 2
+
+    got = rows_only(lambda t, x: x.max(), peak)
+    assert got.error is not None
+    assert 5.0 - got.value <= got.error <= 0.05
+    got = rows_only(lambda t, x: t[np.argmax(x)], peak)
+    assert got.error is not None
+    assert abs(got.value - place) <= got.error <= 0.02
+    for figure, true in ((largest, 5.0), (time_of_largest, place)):
+        got = rows_only(figure, peak)
+        assert got.error is not None
+        assert got.value == pytest.approx(true, abs=1e-9)
+
+
+def test_figures_that_count_rows_are_taken_for_what_they_are() -> None:
+    """A slice by row number means the same time with fewer rows."""
+    got = rows_only(lambda t, x: x[50:].max(), lambda t: np.exp(-5.0 * t) * np.cos(30.0 * t))
+    t = np.linspace(0.5, 1.0, 10001)
+    true = (np.exp(-5.0 * t) * np.cos(30.0 * t)).max()
+    assert got.error is not None
+    assert abs(got.value - true) <= got.error < 0.2 * true
+
+
+def test_an_event_that_locks_to_rows_is_told_so() -> None:
+    """The change of a discrete column is known to a row."""
+    got = rows_only(lambda t, x: t[np.argmax(x > 0)], lambda t: np.where(t >= 0.4567, 1.0, 0.0))
+    assert got.error is not None
+    assert got.value - 0.4567 <= 0.01 <= got.error <= 0.02
+    assert got.rows > 0.99 * got.error
+    got = rows_only(lambda t, x: crossing(t, x, 0.5), lambda t: np.where(t >= 0.4567, 1.0, 0.0))
+    assert got.error is not None
+    assert abs(got.value - 0.4567) <= got.error
+
+
+def test_means_of_rows_are_not_means_over_time() -> None:
+    got = rows_only(lambda t, x: x.mean(), lambda t: 1.0 + np.cos(2 * np.pi * t))
+    assert got.error is not None
+    assert 0.005 < abs(got.value - 1.0) <= got.error < 0.05
+    assert rows_only(mean, lambda t: 1.0 + np.cos(2 * np.pi * t)).value == pytest.approx(1.0)
+
+
+def test_a_figure_that_cannot_be_told_is_refused_with_the_reason() -> None:
+    got = rows_only(lambda t, x: crossing(t, x, 2.0), lambda t: t)
+    assert got.error is None
+    assert math.isnan(got.value)
+    assert "nan" in got.text("s")
+
+
+def test_figures_between_rows_are_those_of_the_curve() -> None:
+    t = np.linspace(0.0, 2.0, 81)
+    x = np.exp(-t) * np.sin(5.0 * t)
+    top = math.atan(5.0) / 5.0
+    bottom = top + math.pi / 5.0
+    assert time_of_largest(t, x) == pytest.approx(top, abs=1e-5)
+    assert largest(t, x) == pytest.approx(math.exp(-top) * math.sin(5.0 * top), abs=1e-5)
+    assert time_of_smallest(t, x) == pytest.approx(bottom, abs=1e-5)
+    assert smallest(t, x) == pytest.approx(math.exp(-bottom) * math.sin(5.0 * bottom), abs=1e-5)
+    when = crossing(t, x, -0.1)
+    assert bottom > when > math.pi / 5.0
+    assert math.exp(-when) * math.sin(5.0 * when) == pytest.approx(-0.1, abs=1e-5)
+    assert crossing(t, -x, 0.1) == crossing(t, x, -0.1)
+    assert math.isnan(crossing(t, x, 2.0))
+    assert mean(t, t**3) == pytest.approx(2.0, rel=1e-12)
+    assert rms(t, np.sin(math.pi * t)) == pytest.approx(math.sqrt(0.5), rel=1e-6)
+
+
+def test_a_jump_is_no_peak() -> None:
+    """No spline rises above a step, however it rings."""
+    t = np.linspace(0.0, 1.0, 21)
+    step = np.where(t > 0.52, 1.0, 0.0)
+    assert (largest(t, step), smallest(t, step)) == (1.0, 0.0)
+    assert largest(t, 1.0 - step) == 1.0
+    assert (largest(t[:2], step[:2]), mean(t[:2], t[:2])) == (0.0, pytest.approx(0.025))
+
+
+def test_rows_that_repeat_a_time_are_left_out() -> None:
+    t = np.linspace(0.0, 1.0, 21)
+    x = np.sin(3.0 * t)
+    places = np.repeat(np.arange(21), 3)
+    for figure in (largest, smallest, mean, rms, time_of_largest):
+        assert figure(t[places], x[places]) == figure(t, x)
+
+
+@pytest.mark.parametrize("error", [3.21e-5, 0.0987, 1.0, 9.99, 12.3, 1234.5, 9.96e-3])
+@pytest.mark.parametrize("value", [0.0, 104.96812345, -98765.4321])
+def test_text_keeps_the_true_value_within_what_it_shows(value: float, error: float) -> None:
+    """Rounded up: neither the rounding of the value nor that of the error leaves anything out."""
+    text = Estimate(value, error, 2.0).text("N")
+    shown, sign, off, unit = text.split()
+    assert (sign, unit) == ("+-", "N")
+    assert float(off) >= error
+    assert float(shown) - float(off) <= value - error + 1e-9
+    assert float(shown) + float(off) >= value + error - 1e-9
+    assert float(off) <= 1.2 * error
+    assert len(off.strip("0.").replace(".", "")) <= 2

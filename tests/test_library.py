@@ -1,0 +1,204 @@
+"""An FMU is unpacked and loaded once in a process, and nothing of it outlives the process."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+from pathlib import Path
+from textwrap import dedent
+from zipfile import ZipFile
+
+import numpy as np
+import pytest
+from conftest import ROOT, hear_ctrl_c
+
+from cosim import SetupError, System, run, run_isolated, write_ssp
+from cosim.__main__ import main
+from cosim.library import KEPT, MOST_KEPT
+
+WIRES = ("motor.tau -> conveyor.tau", "conveyor.w -> motor.w")
+
+
+def drive(folder: Path) -> System:
+    """Motor and conveyor."""
+    parts = {"motor": folder / "DriveMotor.fmu", "conveyor": folder / "CrankConveyor.fmu"}
+    return System(parts, WIRES, {"conveyor.w": 40.0})
+
+
+def changed(fmu: Path, copy: Path, old: str, new: str) -> Path:
+    """A copy of an FMU with another text in its model description."""
+    with ZipFile(fmu) as source, ZipFile(copy, "w") as target:
+        for name in source.namelist():
+            content = source.read(name)
+            if name == "modelDescription.xml":
+                assert old.encode() in content
+                content = content.replace(old.encode(), new.encode())
+            target.writestr(name, content)
+    return copy
+
+
+def test_the_second_run_takes_the_same_folder_and_gives_the_same_bits(both: Path) -> None:
+    first = run(drive(both), stop=0.1, step=1e-3)
+    before = [KEPT[path].folder for path in drive(both).parts.values()]
+    again = run(drive(both), stop=0.1, step=1e-3)
+    assert [KEPT[path].folder for path in drive(both).parts.values()] == before
+    assert len({*before}) == 2
+    assert np.array_equal(first.data, again.data)
+    assert first["motor.tau"].std() > 1.0
+
+
+def test_a_replaced_fmu_is_noticed(fmus: Path, tmp_path: Path) -> None:
+    """Also if it comes back: what counts is the file as it stands."""
+    native = fmus / "native"
+    copy = Path(shutil.copy(native / "DriveMotor.fmu", tmp_path))
+    system = System({"motor": copy}, start={"motor.w": 30.0})
+    started = run(system, stop=0.01, step=1e-3)
+    folder = KEPT[copy].folder
+    changed(native / "DriveMotor.fmu", copy, "<CoSimulation ", "<CoSimulation  ")
+    run(system, stop=0.01, step=1e-3)
+    assert KEPT[copy].folder != folder
+    assert not folder.exists()
+    os.utime(copy, ns=(1, 1))
+    again = KEPT[copy].folder
+    run(system, stop=0.01, step=1e-3)
+    assert not again.exists()
+    shutil.copy(native / "DriveMotor.fmu", copy)
+    assert np.array_equal(run(system, stop=0.01, step=1e-3).data, started.data)
+
+
+def test_a_folder_that_was_swept_away_is_made_anew(fmus: Path) -> None:
+    system = drive(fmus / "native")
+    first = run(system, stop=0.01, step=1e-3)
+    shutil.rmtree(KEPT[system.parts["motor"]].folder)
+    assert np.array_equal(run(system, stop=0.01, step=1e-3).data, first.data)
+
+
+def test_no_more_than_some_are_kept(fmus: Path, tmp_path: Path) -> None:
+    for k in range(MOST_KEPT + 2):
+        copy = Path(shutil.copy(fmus / "native" / "DriveMotor.fmu", tmp_path / f"m{k}.fmu"))
+        run(System({"m": copy}, start={"m.w": 1.0}), stop=0.01, step=0.01)
+        folder = KEPT[copy].folder if k else (first := KEPT[copy].folder)
+    assert len(KEPT) == MOST_KEPT
+    assert folder.exists()
+    assert not first.exists()
+
+
+def test_an_fmu_that_lives_only_once_is_loaded_anew_for_every_run(
+    fmus: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", str(scratch := tmp_path / "scratch"))
+    scratch.mkdir()
+    flags = [f'canBeInstantiatedOnlyOncePerProcess="{word}"' for word in ("false", "true")]
+    fmu = changed(fmus / "native" / "DriveMotor.fmu", tmp_path / "once.fmu", *flags)
+    for _ in range(2):
+        run(System({"m": fmu}, start={"m.w": 1.0}), stop=0.01, step=0.01)
+        assert fmu not in KEPT
+        assert str(scratch) not in Path("/proc/self/maps").read_text()
+        assert list(scratch.iterdir()) == []
+
+
+def test_threads_share_the_fmus(fmus: Path) -> None:
+    """Loading changes the folder of the process for a moment."""
+    here, failures, rows = Path.cwd(), [], []
+    expected = run(drive(fmus / "native"), stop=0.01, step=1e-3).data
+    for fmu in list(KEPT.values()):
+        fmu.forget()
+
+    def work() -> None:
+        try:
+            for _ in range(20):
+                rows.append(run(drive(fmus / "native"), stop=0.01, step=1e-3).data)
+        except Exception as error:  # noqa: BLE001
+            failures.append(error)
+
+    threads = [threading.Thread(target=work) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert failures == []
+    assert all(np.array_equal(data, expected) for data in rows)
+    assert Path.cwd() == here
+
+
+SCRIPT = """
+    import sys
+    from pathlib import Path
+    from cosim import SetupError, System, run, run_isolated, write_ssp
+    from cosim.__main__ import main
+
+    if __name__ == "__main__":
+        motor, conveyor, *strangers = map(Path, sys.argv[1:])
+        drive = System(
+            {"motor": motor, "conveyor": conveyor},
+            ["motor.tau -> conveyor.tau", "conveyor.w -> motor.w"],
+        )
+        run(drive, stop=0.01, step=1e-3)
+        for fmu in strangers:
+            run(System({"a": fmu}, start={"a.u": 1.0}), stop=0.01, step=0.01)
+        run_isolated(drive, stop=0.01, step=1e-3, csv=Path("rows.csv"))
+        print("ready", flush=True)
+        run(drive, stop=float(sys.stdin.readline()), step=1e-4)
+"""
+
+
+@pytest.mark.parametrize("ending", ["end", "Ctrl-C"])
+@pytest.mark.parametrize("flavour", ["python", "native"])
+def test_nothing_is_left_behind(
+    ending: str, flavour: str, fmus: Path, echo: Path, tmp_path: Path
+) -> None:
+    """A process with FMUs of ours and of others; each wrapper of Python FMUs ends well."""
+    script = tmp_path / "script.py"
+    script.write_text(dedent(SCRIPT))
+    scratch = tmp_path / "scratch"
+    scratch.mkdir()
+    folder = fmus / "native" if flavour == "native" else fmus
+    parts = drive(folder).parts.values()
+    process = subprocess.Popen(
+        [sys.executable, "-X", "faulthandler", str(script), *map(str, parts), str(echo)],
+        cwd=tmp_path,
+        env={**os.environ, "TMPDIR": str(scratch), "PYTHONPATH": str(ROOT), "MALLOC_CHECK_": "3"},
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        preexec_fn=hear_ctrl_c,  # noqa: PLW1509
+    )
+    assert process.stdin is not None and process.stdout is not None
+    assert process.stdout.readline() == "ready\n", process.communicate()
+    assert len(list(scratch.glob("cosim_*"))) == 3
+    process.stdin.write("0.01\n" if ending == "end" else "1e6\n")
+    process.stdin.flush()
+    if ending == "Ctrl-C":
+        threading.Timer(0.5, process.send_signal, [signal.SIGINT]).start()
+    _, complaint = process.communicate(timeout=60)
+    assert process.returncode == (ending == "Ctrl-C"), complaint
+    assert ("Interrupted" in complaint) is (ending == "Ctrl-C")
+    assert list(scratch.iterdir()) == []
+
+
+def test_an_isolated_run_keeps_nothing(fmus: Path, tmp_path: Path) -> None:
+    before = dict(KEPT)
+    fmu = Path(shutil.copy(fmus / "native" / "DriveMotor.fmu", tmp_path))
+    run_isolated(System({"m": fmu}, start={"m.w": 1.0}), stop=0.1, step=0.1, csv=tmp_path / "r.csv")
+    assert before == KEPT
+
+
+def test_a_system_without_parts_is_refused_and_leaves_no_file(tmp_path: Path) -> None:
+    with pytest.raises(SetupError, match="a system needs a part"):
+        run(System({}), stop=1.0, step=0.1, csv=tmp_path / "run.csv")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("command", [["diagnose"], ["export", "--to", "osp", "--out", "o"]])
+def test_a_step_of_zero_is_refused_by_every_command(
+    command: list[str], fmus: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_ssp(drive(fmus / "native"), tmp_path / "drive.ssp", stop=1.0)
+    assert main([command[0], str(tmp_path / "drive.ssp"), *command[1:], "--step", "0"]) == 2
+    assert "step = 0.0 s must be above 0" in capsys.readouterr().err

@@ -1,0 +1,207 @@
+"""Steady orbits, and the figures that the resonance states of them, against exact orbits."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from conftest import ROOT, ask
+from numpy.testing import assert_allclose
+from orbit_oracle import Drive, NoOrbitError, drawn, f_rod_peak, features, orbit, question
+
+import cosim
+from scenarios.conveyor import drive as drives
+from scenarios.conveyor import response
+from scenarios.conveyor.theory import SETS
+from workbench.figure import Figure
+from workbench.orbit import NotSteady, at_angles, return_map, steady
+
+FIGURES = ("nu_90", "nu_peak_tau", "tau2_peak", "nu_peak_w", "w2_peak", "f_rod_peak")
+PARTS = {"motor": "DriveMotor", "conveyor": "CrankConveyor"}
+FMUS = {part: ROOT / "fmus" / "native" / f"{name}.fmu" for part, name in PARTS.items()}
+TWELVE = [[3, k] for k in range(12)]
+
+
+def asked(drive: Drive, first: float, last: float, number: int) -> dict[str, Figure]:
+    """The figures of the scenario for a drive and a sweep."""
+    told = ask("resonance", speeds=f"{first}:{last}:{number}", start=drive.start, speed=first)
+    return dict(told.figures)
+
+
+def held(figure: Figure, truth: float | None) -> float:
+    """Error over stated error; inf for a figure of something that does not exist."""
+    assert figure.error is None or figure.error > 0.0
+    if figure.error is None:
+        assert figure.reason and math.isnan(figure.value)
+        return math.nan
+    if truth is None:
+        return math.inf
+    return max(0.0, abs(figure.value - truth) - 1e-9 * abs(truth)) / figure.error
+
+
+@pytest.mark.parametrize("seed", TWELVE, ids=lambda seed: f"drive {seed[1]}")
+def test_stated_errors_hold_on_drives_drawn_at_random(seed: list[int]) -> None:
+    rng = np.random.default_rng(seed)
+    while True:
+        drive = drawn(rng)
+        sweep = question(rng, drive)
+        try:
+            truth = features(drive, *sweep[:2])
+        except NoOrbitError:
+            continue
+        break
+    truth["f_rod_peak"] = f_rod_peak(drive, np.linspace(*sweep))
+    told = asked(drive, *sweep)
+    ratios = {name: held(told[name], truth[name]) for name in FIGURES}
+    assert max(x for x in ratios.values() if not math.isnan(x)) <= 1.0, ratios
+    existing = [name for name in FIGURES if truth[name] is not None]
+    assert sum(math.isnan(ratios[name]) for name in existing) <= 1, ratios
+    widths = [told[n].error / abs(truth[n]) for n in existing if told[n].error is not None]
+    assert np.median(widths) < 1e-3
+
+
+def test_a_sharp_resonance_between_the_points_of_the_sweep_is_found() -> None:
+    drive = Drive(B=4230, T=0.247, J=1.86, m=15.4, r=0.0316, c=0.0, d=16.8)
+    told = asked(drive, 29, 72, 11)
+    for name, value in (
+        ("nu_90", 47.87854),
+        ("nu_peak_tau", 47.89995),
+        ("tau2_peak", 416.129),
+        ("nu_peak_w", 47.92160),
+        ("w2_peak", 2.32908),
+    ):
+        figure = told[name]
+        assert figure.error is not None
+        digit = 0.5 * 10.0 ** -len(f"{value}".partition(".")[2])
+        assert abs(figure.value - value) <= figure.error + digit
+        assert figure.error < 1e-3 * value
+
+
+def test_of_two_nearly_equal_peaks_of_the_rod_force_each_converges_by_itself() -> None:
+    """Pull is the larger with long steps, push with short ones."""
+    drive = Drive(B=40720.0, T=0.04009, J=15.55, r=0.04312, m=164.5, d=200300.0, c=1.47e7, l=0.2662,
+                  finite=True)  # fmt: skip
+    figure = asked(drive, 194.0, 205.0, 2)["f_rod_peak"]
+    assert held(figure, f_rod_peak(drive, [205.0])) <= 1.0
+    assert figure.error is not None and figure.error < 1e-4 * figure.value
+
+
+@pytest.mark.parametrize(("speed", "side"), [(60.0, "below"), (20.0, "above")])
+def test_the_verdict_tells_how_far_the_resonance_is_from_the_speed(speed: float, side: str) -> None:
+    told = ask("resonance", set="B", speeds="18:44:9", speed=speed)
+    share = told.figures["nu_90"].value / speed - 1.0
+    assert f"{abs(share):.1%} {side} that speed" in told.verdict
+    assert abs(share) == pytest.approx(0.5, abs=2e-3)
+
+
+def drive_case(nu: float, **start: Any) -> response.Case:
+    machine = SETS["A"]
+    changes = {name.replace("__", "."): value for name, value in start.items()}
+    return response.Case(FMUS, machine.start(nu) | changes, machine, nu, 512, "strang")
+
+
+def test_the_orbit_is_that_of_an_independent_solver_and_what_is_left_is_told() -> None:
+    for nu in (24.0, 40.0, 57.0):
+        point = response.simulate(drive_case(nu))
+        exact = orbit(Drive(), nu)
+        assert_allclose(point.torque, exact.tau2, rtol=1e-3)
+        assert_allclose(point.speed, exact.w2, rtol=1e-3)
+        assert point.torque_error < 1e-7 * abs(point.torque)
+
+
+def test_the_share_that_a_revolution_leaves_is_that_of_the_eigenvalues() -> None:
+    turns = response.orbit(drive_case(60.0), response.RECORD)
+    machine = SETS["A"]
+    assert turns.left == pytest.approx(math.exp(-machine.decay_rate * turns.period()), rel=0.03)
+
+
+def test_a_motor_that_stalls_has_no_orbit() -> None:
+    stalled = response.simulate(drive_case(5.0, motor__B=1.0, motor__A=5.0))
+    assert stalled.problem and math.isnan(stalled.push)
+    told = ask("resonance", speeds="3,4,5", start=["motor.B=1"], speed=3.0)
+    assert all(told.figures[name].error is None for name in FIGURES)
+    assert "No steady orbit at" in told.verdict
+
+
+def test_an_orbit_that_deviations_leave_is_refused() -> None:
+    """A rotor on a torque that grows with its speed: the steady speed is there and not held."""
+
+    def system(start: Any) -> cosim.System:
+        line = {"motor.A": 45.0 - 60.0, "motor.B": 0.0, "conveyor.trough.d": 0.0}
+        return cosim.System(FMUS, drives.WIRES, line | dict(start))
+
+    with pytest.raises(NotSteady):
+        steady(system, {"conveyor.w": 40.0, "motor.tau": 0.0}, "conveyor.phi", 40.0, 128, ())
+
+
+def test_return_map_of_a_linear_sequence_is_its_matrix() -> None:
+    matrix = np.array([[0.5, 0.3], [-0.4, 0.6]])
+    deviations = [np.linalg.matrix_power(matrix, k) @ [1.0, 0.2] for k in range(4)]
+    found, left = return_map(np.array(deviations) + np.array([3.0, -1.0]))
+    assert_allclose(found, matrix, rtol=1e-10)
+    assert left == pytest.approx(abs(np.linalg.eigvals(matrix)).max())
+
+
+def test_values_between_rows_lie_on_the_polynomial_through_them() -> None:
+    phi = np.cumsum(np.linspace(0.1, 0.2, 60))
+    wanted = np.array([phi[0], 1.2345, phi[30], phi[-1] - 0.01])
+    values = np.stack([phi**7, np.ones(60), 3.0 * phi])
+    assert_allclose(at_angles(phi, values, wanted), [wanted**7, np.ones(4), 3 * wanted], rtol=1e-9)
+
+
+def test_where_the_load_nearly_vanishes_its_phase_is_not_used() -> None:
+    """Without damping the load falls to nothing at sqrt(c/m), where it turns by 180 degrees."""
+    told = ask(
+        "resonance", speeds="50:70:11", speed=60.0, start=["conveyor.trough.d=1", "motor.T=0.0278"]
+    )
+    assert told.figures["nu_90"].error is None
+    assert "90 degree lag" in told.verdict
+
+
+def test_a_sweep_that_does_not_hold_the_resonance_says_so() -> None:
+    told = ask("resonance", speeds="50:70:11", speed=60.0)
+    assert told.figures["nu_90"].error is None
+    assert "does not hold it" in told.verdict
+
+
+def test_an_induction_motor_is_linearised_at_its_working_point() -> None:
+    drive = drives.Drive(SETS["B"], {"motor.characteristic": "kloss"})
+    machine, start = drive.machine(40.0), drive.start(40.0)
+    tau_b, s_b, w_s = 190.0, start["motor.kloss.s_b"], start["motor.kloss.w_s"]
+
+    def torque(w: float) -> float:
+        s = 1.0 - w / w_s
+        return 2 * tau_b * s * s_b / (s**2 + s_b**2)
+
+    assert torque(40.0) == pytest.approx(SETS["B"].load_slope * 40.0)
+    slope = (torque(40.0 - 1e-4) - torque(40.0 + 1e-4)) / 2e-4
+    assert pytest.approx(slope, rel=1e-6) == machine.B
+    assert pytest.approx(SETS["B"].B, rel=0.02) == machine.B
+    with pytest.raises(cosim.SetupError, match=r"tau_b = 1\.0 N\.m must be above 8"):
+        drives.Drive(SETS["B"], {"motor.characteristic": 1, "motor.kloss.tau_b": 1.0}).start(40.0)
+
+
+def test_the_resonance_of_an_induction_motor_lies_near_that_of_its_line() -> None:
+    """With a light trough the ripple is small, and the characteristic is its tangent."""
+    light = ["conveyor.trough.m=2", "conveyor.spring.c=7200", "conveyor.trough.d=40"]
+    told = ask(
+        "resonance", set="B", speeds="20:45:9", start=[*light, "motor.characteristic=kloss"]
+    ).figures
+    assert told["nu_90"].error is not None
+    assert told["nu_90"].value == pytest.approx(told["nu_res"].value, rel=1e-3)
+
+
+def test_rows_carry_errors_that_hold(tmp_path: Path) -> None:
+    told = ask("resonance", speeds="34:46:4", out=tmp_path)
+    for row in told.tables["resonance.csv"].frame.itertuples():
+        exact = orbit(Drive(), row.nu)
+        for value, error, true in (
+            (row.tau2, row.tau2_error, abs(exact.tau2)),
+            (row.w2, row.w2_error, abs(exact.w2)),
+            (row.f_rod_peak, row.f_rod_peak_error, exact.f_rod_max),
+        ):
+            assert 0.0 < error < 1e-3 * true
+            assert abs(value - true) <= error

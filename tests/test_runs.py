@@ -1,0 +1,332 @@
+"""Many runs: whatever ends a call is told, rows are kept, sweeps go on, children die with their parent."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import os
+import signal
+import sqlite3
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from conftest import ROOT, hear_ctrl_c, until
+
+from cosim import SetupError, SimulationError
+from cosim.commandline import exit_code
+from tests.hosts import light, plane
+from workbench.runs import identity, journal, local
+from workbench.runs.worker import PREFIX, Worker, _tidy
+
+LONG = 100.0
+
+
+@pytest.fixture
+def worker() -> Iterator[Worker]:
+    made = Worker()
+    yield made
+    made.close()
+
+
+def lines(ledger: Path) -> list[str]:
+    return ledger.read_text().split() if ledger.exists() else []
+
+
+def test_every_end_of_a_call_is_told_and_the_next_call_is_done(
+    worker: Worker, tmp_path: Path
+) -> None:
+    for mood, status, message, trace in (
+        ("segfault", "crashed", "the run ended its process: SIGSEGV", "last words"),
+        ("good", "ok", "", ""),
+        ("leave", "crashed", "the run ended its process: exit code 0", ""),
+        ("refuse", "refused", "this point is refused", ""),
+        ("hang", "timeout", "no answer after 0.1 s", ""),
+        ("fail", "failed", "ZeroDivisionError: no plane\nat all", "in fail"),
+        ("exit", "failed", "SystemExit: ", "SystemExit"),
+        ("lock", "failed", "AttributeError: Can't pickle local object", "Traceback"),
+        ("victim", "crashed", "its process was killed 3 times: SIGKILL", ""),
+        ("good", "ok", "", ""),
+    ):
+        limit = 0.1 if mood == "hang" else LONG
+        outcome = worker.call(plane.be, (mood, str(tmp_path / mood)), limit)
+        assert (outcome.status, outcome.answer) == (status, None)
+        assert outcome.message.startswith(message) if message else outcome.message == ""
+        assert trace in outcome.trace
+    assert len(set(lines(tmp_path / "victim"))) == 3
+    assert len({*lines(tmp_path / "refuse"), *lines(tmp_path / "hang")}) == 1
+    assert outcome.seconds < LONG
+
+
+def test_a_child_imports_what_its_call_needs(worker: Worker) -> None:
+    modules = worker.call(light.modules, None, LONG).answer
+    assert "tests.hosts.light" in modules
+    assert not {"numpy", "scipy", "pandas", "cosim", "rich", "matplotlib"} & set(modules)
+
+
+CALL = """
+import sys
+from tests.hosts import light, plane
+from workbench.runs.worker import Worker
+Worker().call(plane.be, tuple(sys.argv[1:]), None)
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="needs prctl")
+@pytest.mark.parametrize("mood", ["hang in c", "hang in python"])
+def test_a_child_dies_with_its_killed_parent_and_holds_no_pipe(mood: str, tmp_path: Path) -> None:
+    """From an unguarded script, whose output goes through a pipe; TMPDIR is empty after the next run."""
+    ledger, temporary = tmp_path / "ledger", tmp_path / "temporary"
+    temporary.mkdir()
+    script = tmp_path / "script.py"
+    script.write_text(CALL)
+    parent = subprocess.Popen(
+        [sys.executable, script, mood, ledger],
+        env=os.environ | {"TMPDIR": str(temporary), "PYTHONPATH": str(ROOT)},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+    )
+    until(lambda: lines(ledger))
+    (folder,) = temporary.glob(f"{PREFIX}*")
+    parent.kill()
+    assert parent.communicate(timeout=LONG)[0] == b""
+    until(lambda: not Path(f"/proc/{lines(ledger)[0]}").exists())
+    if mood == "hang in python":
+        until(lambda: not folder.exists())
+
+
+def test_folders_of_children_whose_parents_are_gone_are_removed(
+    worker: Worker, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    worker.call(plane.be, ("good", str(tmp_path / "ledger")), None)
+    (at_work,) = tmp_path.glob(f"{PREFIX}*")
+    left = tmp_path / f"{PREFIX}left"
+    left.mkdir()
+    (left / "words").touch()
+    _tidy.__wrapped__()
+    assert at_work.exists()
+    assert not left.exists()
+
+
+def test_a_sweep_is_the_same_for_any_number_of_jobs(tmp_path: Path) -> None:
+    tasks = [(x, str(tmp_path / "ledger")) for x in (3.0, 1.0, 2.0, 5.0, 4.0, 1.0)]
+    expected = [9.0, 3.0, 6.0, 15.0, 12.0, 3.0]
+    for jobs in (1, 2, 8):
+        assert list(local.each(plane.height, tasks, jobs, "heights")) == expected
+    assert len(lines(tmp_path / "ledger")) == 18
+    assert list(local.each(plane.height, [], 2, "heights")) == []
+
+
+def test_a_sweep_of_a_question_in_a_file_of_its_own_runs_in_processes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Though its name is that of another module, and its tasks and answers are of its own types."""
+    path = tmp_path / "colorsys.py"
+    path.write_text(
+        "from typing import NamedTuple\n"
+        "class Point(NamedTuple):\n    x: float\n"
+        "def double(point):\n    return Point(2.0 * point.x)\n"
+    )
+    spec = importlib.util.spec_from_file_location("colorsys", path)
+    assert spec is not None
+    assert spec.loader is not None
+    mine = importlib.util.module_from_spec(spec)
+    monkeypatch.setitem(sys.modules, "colorsys", mine)
+    spec.loader.exec_module(mine)
+    tasks = [mine.Point(1.0), mine.Point(3.0)]
+    assert list(local.each(mine.double, tasks, 2, "double")) == [(2.0,), (6.0,)]
+
+
+def test_a_task_that_crashes_ends_its_sweep_with_one_sentence(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def sweep(x: float) -> int:
+        tasks = [(1.0, str(tmp_path / "ledger")), (x, "/dev/null")]
+        return exit_code(lambda: len(list(local.each(plane.height, tasks, 2, "heights"))))
+
+    assert sweep(7.5) == 1
+    said = "error: heights, 2 of 2 ((7.5, '/dev/null')): the run ended its process: SIGSEGV\n"
+    assert capsys.readouterr().err == said
+    assert sweep(6.5) == 2
+    assert capsys.readouterr().err == "error: this point is refused\n"
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_an_interrupted_sweep_goes_on_and_leaves_no_journal(
+    jobs: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    ledger, who = tmp_path / "ledger", {"options": {"speed": 3.0}, "code": {"a.py": "0" * 16}}
+    tasks = [(float(x), str(ledger)) for x in (1, 2, 3, 4, 5, 5)]
+
+    def sweep(who: dict[str, Any], stop: float) -> None:
+        with journal.sweep(tmp_path, who) as kept:
+            for height in local.each(plane.height, tasks, jobs, "heights", journal=kept):
+                if height == stop:
+                    raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        sweep(who, 9.0)
+    assert {"1.0", "2.0", "3.0"} <= set(lines(ledger))
+    ledger.write_text("")
+    sweep(who, 0.0)
+    assert set(lines(ledger)) <= {"4.0", "5.0"}
+    assert lines(ledger) == ["4.0", "5.0"] or jobs == 2
+    assert "runs are done already" in capsys.readouterr().err
+    assert not (tmp_path / journal.NAME).exists()
+    with pytest.raises(KeyboardInterrupt):
+        sweep(who, 9.0)
+    ledger.write_text("")
+    sweep({"options": {"speed": 4.0}, "code": {"a.py": "1" * 16}}, 0.0)
+    assert sorted(set(lines(ledger))) == ["1.0", "2.0", "3.0", "4.0", "5.0"]
+    assert capsys.readouterr().err == (
+        f"{tmp_path} holds the rows of other runs: options.speed was 3.0 and is 4.0; "
+        'code."a.py" is another one; they are dropped\n'
+    )
+
+
+SWEEP = """
+import sys
+from cosim.commandline import exit_code
+from tests.hosts import light, plane
+from workbench.runs import local
+ledger = sys.argv[1]
+tasks = [("good", ledger), ("hang", ledger), ("hang", ledger)]
+sys.exit(exit_code(lambda: len(list(local.each(plane.be, tasks, 2, "moods")))))
+"""
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_signals_end_a_sweep_and_its_children(number: int, tmp_path: Path) -> None:
+    ledger = tmp_path / "ledger"
+    process = subprocess.Popen(
+        [sys.executable, "-c", SWEEP, ledger],
+        env=os.environ | {"PYTHONPATH": str(ROOT), "TMPDIR": str(tmp_path)},
+        stderr=subprocess.PIPE,
+        start_new_session=True,
+        preexec_fn=hear_ctrl_c,  # noqa: PLW1509
+    )
+    until(lambda: len(lines(ledger)) == 3)
+    os.killpg(process.pid, number)
+    assert process.communicate(timeout=LONG)[1] == b"interrupted\n"
+    assert process.returncode == 130
+    assert not [pid for pid in lines(ledger) if Path(f"/proc/{pid}").exists()]
+    assert list(tmp_path.iterdir()) == [ledger]
+
+
+KEEP = """
+import os, sys
+from pathlib import Path
+from workbench.runs import journal
+with journal.opened(Path(sys.argv[1]), {"x": 1}) as kept:
+    for n in range(100):
+        kept.add(n, str(n))
+    print("kept", flush=True)
+    sys.stdin.read()
+"""
+
+
+def test_a_killed_session_keeps_every_row_and_shuts_out_a_second_one(tmp_path: Path) -> None:
+    process = subprocess.Popen(
+        [sys.executable, "-c", KEEP, tmp_path],
+        cwd=ROOT,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+    )
+    assert process.stdout is not None
+    assert process.stdout.readline() == b"kept\n"
+    with pytest.raises(SetupError, match="another process is at work in this folder"):
+        opened(tmp_path, {"x": 1})
+    process.kill()
+    process.communicate()
+    assert opened(tmp_path, {"x": 1}) == {n: str(n) for n in range(100)}
+
+
+def opened(folder: Path, who: dict[str, Any]) -> dict[Any, Any]:
+    with journal.opened(folder, who) as kept:
+        return kept.done
+
+
+def changed(content: Any, keys: tuple[str, ...] = ()) -> Iterator[tuple[str, Any]]:
+    """Each leaf of a tree by its name, and the tree with that leaf another one, and without it."""
+    for key, value in content.items():
+        name = f'"{key}"' if "." in key else key
+        if isinstance(value, dict) and value:
+            for below, other in changed(value):
+                yield f"{name}.{below}", content | {key: other}
+        else:
+            yield name, content | {key: "0" * 16 if isinstance(value, str) else [value]}
+            yield name, {k: v for k, v in content.items() if k != key}
+
+
+def test_rows_of_another_identity_are_refused_whatever_differs(tmp_path: Path) -> None:
+    who = {
+        "file": {"grid": {"motor.T": [0.05, 0.06]}, "timeout": 3.0},
+        "fmus": {"motor": "{12345678-1234-1234-1234-123456789abc}"},
+        **identity.computation({}),
+        "inputs": "f" * 16,
+    }
+    who = json.loads(json.dumps(who))
+    opened(tmp_path, who)
+    assert opened(tmp_path, who) == {}
+    for name, other in changed(who):
+        with pytest.raises(SetupError) as refusal:
+            opened(tmp_path, other)
+        said = str(refusal.value)
+        assert said.startswith(f"{tmp_path} holds the rows of other runs: {name} "), said
+        assert not identity.DIGEST.search(said.replace(str(tmp_path), ""))
+    assert opened(tmp_path, who) == {}
+
+
+def test_code_that_computes_is_part_of_an_identity_and_code_that_shows_is_not(
+    tmp_path: Path,
+) -> None:
+    here = identity.code()
+    assert {"cosim/loop.c", "workbench/runs/worker.py", "scenarios/orientator/machine.py"} <= {
+        *here
+    }
+    assert not [name for name in here if "/report/" in name or name.endswith("show.py")]
+    for name in ("cosim/a.py", "cosim/b.c", "scenarios/c/d.py", "scenarios/c/show.py"):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text("1")
+    before = identity.code(tmp_path)
+    assert set(before) == {"cosim/a.py", "cosim/b.c", "scenarios/c/d.py"}
+    for name in before:
+        (tmp_path / name).write_text("2")
+        after = identity.code.__wrapped__(tmp_path)
+        assert [key for key in before if before[key] != after[key]] == [name]
+        (tmp_path / name).write_text("1")
+
+
+def test_a_damaged_journal_is_named(tmp_path: Path) -> None:
+    path = tmp_path / journal.NAME
+    path.write_bytes(b"x,y\n1,2\n" * 1000)
+    with pytest.raises(SetupError, match=f"{path} cannot be read or written: file is not a data"):
+        opened(tmp_path, {})
+    path.unlink()
+    opened(tmp_path, {})
+    with sqlite3.connect(path) as base:
+        base.execute("UPDATE identity SET content = '{'")
+    base.close()
+    with pytest.raises(SetupError, match=f"{path} is damaged: it does not tell whose rows"):
+        opened(tmp_path, {})
+
+
+def test_no_process_for_runs_is_one_sentence(
+    worker: Worker, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("workbench.runs.worker._main", sys.exit)
+    with pytest.raises(SetupError, match="no process for runs can be started: "):
+        worker.call(plane.be, ("good", "/dev/null"), None)
+
+
+def test_a_failure_in_a_child_brings_its_traceback(tmp_path: Path) -> None:
+    tasks = [("fail", str(tmp_path / "ledger"))] * 2
+    with pytest.raises(SimulationError, match=r"(?s)ZeroDivisionError: no plane.*in fail"):
+        list(local.each(plane.be, tasks, 2, "moods"))
+    with pytest.raises(ZeroDivisionError):
+        list(local.each(plane.be, tasks, 1, "moods"))

@@ -1,0 +1,134 @@
+"""What FMUs warn of, and what the coupling made, reaches whoever asks for the answer."""
+
+from __future__ import annotations
+
+import json
+import logging
+import math
+import re
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from test_library import WIRES, drive
+
+from cosim import SimulationError, System, certify, quiet, run, run_isolated, write_ssp
+from cosim.__main__ import alone, main
+from cosim.verification.systems import SPRING_AND_MASS, couple
+from tests.foreign import pack
+
+PERIOD = 2 * math.pi / 5
+LIFTS = {"iron.tau": 0.0, "iron.w_cam": 20.0, "iron.on_invalid": "warn"}
+COARSE: dict[str, Any] = {"algorithm": "jacobi", "step": 2e-3, "stop": 0.5}
+
+
+def test_energy_that_the_coupling_made_is_warned_of(fmus: Path) -> None:
+    system = drive(fmus / "native")
+    (warning,) = run(replace(system, start={}), **COARSE).warnings
+    made = run(replace(system, start={}), **COARSE).energy["motor.tau * conveyor.w"]
+    assert made["taken"] > made["given"] > 0.0
+    share = (made["taken"] - made["given"]) / made["taken"]
+    assert share > 0.05
+    assert warning == (
+        f"bond motor.tau * conveyor.w: the coupling made or took "
+        f"{made['taken'] - made['given']:.3g} J, {share:.0%} of the {made['taken']:.3g} J carried: "
+        "take smaller steps, or another algorithm; see diagnose"
+    )
+    for algorithm, step in (("jacobi", 2e-4), ("gauss-seidel", 2e-3), ("strang", 2e-3)):
+        settings = COARSE | {"algorithm": algorithm, "step": step}
+        assert run(replace(system, start={}), **settings).warnings == []
+
+
+@pytest.mark.parametrize(("algorithm", "warned"), [("jacobi", 1), ("gauss-seidel", 0)])
+def test_a_bond_that_carries_to_and_fro_is_judged_by_what_goes_there(
+    algorithm: str, warned: int, fmus: Path
+) -> None:
+    """A spring and a mass keep their energy: over whole periods the bond carries nothing net."""
+    system = couple(SPRING_AND_MASS, fmus / "LinearSystem.fmu", bond=("spring.1", "mass.1"))
+    result = run(system, stop=2 * PERIOD, step=PERIOD / 50, algorithm=algorithm)
+    (bond,) = result.energy.values()
+    assert bond["exchanged"] > 5.0 * abs(bond["given"])
+    assert len(result.warnings) == warned
+
+
+def test_wires_that_do_not_keep_a_power_are_no_bond(fmus: Path) -> None:
+    """A torque that is turned round by its wire gives what the other side does not take."""
+    system = drive(fmus / "native")
+    turned = replace(system, wires=["motor.tau * -0.01 -> conveyor.tau", WIRES[1]])
+    assert run(turned, stop=0.01, step=1e-3).energy == {}
+    geared = ["motor.tau * 2 -> conveyor.tau", "conveyor.w * 2 -> motor.w"]
+    assert len(run(replace(system, wires=geared), stop=0.01, step=1e-4).energy) == 1
+
+
+def test_a_result_says_each_warning_once_with_the_name_of_its_part_once(
+    fmus: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    iron = System({"iron": fmus / "native" / "IronDrive.fmu"}, start=LIFTS)
+    result = run(iron, stop=0.2, step=1e-3)
+    assert result.warnings
+    for warning in result.warnings:
+        assert warning.startswith("iron: ")
+        assert "iron: iron" not in warning
+    assert [record.getMessage() for record in caplog.records] == result.warnings
+
+
+def test_every_way_to_run_carries_the_warnings(fmus: Path, tmp_path: Path) -> None:
+    system = replace(drive(fmus / "native"), start={})
+    told = run(system, **COARSE).warnings
+    assert len(told) == 1
+    assert run_isolated(system, csv=tmp_path / "a.csv", **COARSE).warnings == told
+    assert json.loads((tmp_path / "a.json").read_text())["warnings"] == told
+    certified = certify(system, lambda r: {"end": r["motor.tau"][-1]}, **COARSE | {"step": 8e-3})
+    assert certified.result.warnings == told
+
+
+def test_a_run_that_fails_keeps_its_warnings(tmp_path: Path) -> None:
+    fmu = pack(tmp_path / "A.fmu", warn_at=0.2, error_at=0.5)
+    with pytest.raises(SimulationError) as caught:
+        run(alone(fmu), stop=1.0, step=0.1)
+    assert caught.value.result.warnings == ["A: t = 0.2 s in A"]
+
+
+def test_a_process_that_dies_leaves_the_warnings_that_were_heard(tmp_path: Path) -> None:
+    fmu = pack(tmp_path / "A.fmu", warn_at=0.0, crash_at=0.55)
+    with pytest.raises(SimulationError) as caught:
+        run_isolated(alone(fmu), stop=1.0, step=0.1, csv=tmp_path / "a.csv")
+    assert caught.value.result.warnings == ["A: t = 0 s in A"]
+
+
+def test_probing_runs_may_be_quiet(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    system = alone(pack(tmp_path / "A.fmu", warn_at=0.2))
+    with quiet():
+        assert run(system, stop=1.0, step=0.1).warnings == ["A: t = 0.2 s in A"]
+        isolated = run_isolated(system, stop=1.0, step=0.1, csv=tmp_path / "a.csv")
+        assert isolated.warnings == ["A: t = 0.2 s in A"]
+    assert caplog.records == []
+    assert logging.getLogger("cosim").level == logging.NOTSET
+    run(system, stop=1.0, step=0.1)
+    assert len(caplog.records) == 1
+
+
+@pytest.mark.parametrize("more", [[], ["--certify"]])
+def test_the_command_line_warns_once_and_last(
+    more: list[str], fmus: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    write_ssp(replace(drive(fmus / "native"), start={}), tmp_path / "drive.ssp", stop=0.5)
+    step = "8e-3" if more else "2e-3"
+    arguments = ["run", str(tmp_path / "drive.ssp"), "--algorithm", "jacobi", "--step", step, *more]
+    assert main(arguments) == 0
+    said, warned = capfd.readouterr()
+    assert "warning" not in said
+    assert re.search(r" J taken, \+[0-9.e+]+ J made by the coupling", said)
+    (line,) = warned.splitlines()
+    assert line.startswith("warning: bond motor.tau * conveyor.w: the coupling made or took ")
+
+
+def test_the_command_line_warns_of_a_run_that_failed(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    fmu = pack(tmp_path / "A.fmu", warn_at=0.2, error_at=0.5)
+    assert main(["run", str(fmu), "--stop", "1", "--step", "0.1"]) == 1
+    warning, error = capfd.readouterr().err.splitlines()
+    assert warning == "warning: A: t = 0.2 s in A"
+    assert error.startswith("error: A: doStep")

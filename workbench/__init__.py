@@ -1,0 +1,40 @@
+"""A question becomes an answer: figures with their errors, tables, pictures, a page, studies."""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from .answer import Answer, Show, Table
+    from .ask import Bench, Findings
+    from .figure import Figure
+    from .options import Options, Run, option
+    from .report.chart import Chart, Curve, Mark, Panel
+
+HOMES = {
+    "Answer": "answer", "Show": "answer", "Table": "answer", "Bench": "ask", "Findings": "ask",
+    "Figure": "figure", "Options": "options", "Run": "options", "option": "options",
+    "Chart": "report.chart", "Curve": "report.chart", "Mark": "report.chart",
+    "Panel": "report.chart",
+}  # fmt: skip
+__all__ = [
+    "Answer",
+    "Bench",
+    "Chart",
+    "Curve",
+    "Figure",
+    "Findings",
+    "Mark",
+    "Options",
+    "Panel",
+    "Run",
+    "Show",
+    "Table",
+    "option",
+]
+
+
+def __getattr__(name: str) -> Any:
+    """Load what is asked for, so that a process that only runs something need not load it all."""
+    if name in HOMES:
+        return getattr(import_module(f"{__name__}.{HOMES[name]}"), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -1,0 +1,183 @@
+"""What a question found, and the files that tell it."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from math import isnan
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from cosim import Result, System
+from cosim.result import partial, write_json
+from cosim.system import Value, connect, own_start
+
+from .figure import Figure
+from .report.chart import Picture
+from .report.gif import gif
+from .report.html import report
+from .report.motion import Motion
+from .report.png import draw
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+SPOKEN = 3
+Rows = Callable[[Iterable[Sequence[float]]], None]
+
+
+class Parameter(NamedTuple):
+    """A value that was given or stands in an FMU, its unit and meaning."""
+
+    value: Any
+    unit: str
+    meaning: str
+
+
+class Table(NamedTuple):
+    """Rows of a CSV file and the units of its columns."""
+
+    frame: pd.DataFrame
+    units: Mapping[str, str]
+
+    @classmethod
+    def of(cls, result: Result) -> Table:
+        """All that a run recorded."""
+        return cls(result.frame, result.units)
+
+    @classmethod
+    def of_rows(cls, rows: Iterable[Sequence[Any]], units: Mapping[str, str]) -> Table:
+        """Rows of as many values as there are units."""
+        import pandas as pd
+
+        return cls(pd.DataFrame(list(rows), columns=list(units)), units)
+
+
+class Show(NamedTuple):
+    """What is shown besides numbers: pictures, motions, and `more` pictures for the page alone.
+
+    `title` is the answer in a line, which stands above the pictures; the question by default.
+    """
+
+    charts: Sequence[Picture] = ()
+    motions: Sequence[Motion] = ()
+    more: Sequence[Picture] = ()
+    title: str = ""
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a question found; `tables` and `files` by file name without folder.
+
+    `facts` is what else stands in the JSON; `files` write what only this question has, such as a
+    system, to the path that they get; `show` is called for picture and page. Names of figures are
+    identifiers, names of parameters those of the system, "motor.T".
+    """
+
+    scenario: str
+    question: str
+    verdict: str
+    figures: Mapping[str, Figure]
+    parameters: Mapping[str, Parameter]
+    tables: Mapping[str, Table]
+    provenance: Mapping[str, Any]
+    options: Mapping[str, Parameter] = field(default_factory=dict)
+    warnings: Sequence[str] = ()
+    facts: Mapping[str, Any] = field(default_factory=dict)
+    files: Mapping[str, Callable[[Path], object]] = field(default_factory=dict)
+    show: Callable[[], Show] = Show
+
+
+def parameters(system: System, own: Iterable[str] = ()) -> dict[str, Parameter]:
+    """All parameters of a system's FMUs and what else has a start value, by dotted name, but for
+    what the question sets on its `own`.
+
+    Raises SetupError for what `cosim.run` refuses in a system.
+    """
+    network = connect(system)
+    given: dict[str, Value] = {port.name: value for port, value in network.start}
+    found = {}
+    for part, description in network.descriptions.items():
+        for variable in description.modelVariables:
+            port = network.port(f"{part}.{variable.name}")
+            if variable.causality == "parameter" or port.name in given:
+                value = given.get(port.name, own_start(variable))
+                if value is not None and port.name not in own:
+                    found[port.name] = Parameter(value, port.unit, variable.description or "")
+    return found
+
+
+@contextmanager
+def stream(path: Path | None, columns: Sequence[str]) -> Iterator[Rows]:
+    """A function that appends rows to NAME.partial.csv, nan as nothing; without a path it keeps none."""
+    if path is None:
+        yield lambda rows: None
+        return
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with partial(path).open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(columns)
+
+        def keep(rows: Iterable[Sequence[float]]) -> None:
+            writer.writerows(["" if isnan(x) else x for x in row] for row in rows)
+            file.flush()
+
+        yield keep
+
+
+def write(answer: Answer, folder: Path, animate: bool = False) -> list[str]:
+    """Write tables, JSON, other files, page and, if asked, motions to a folder; their names."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, table in answer.tables.items():
+        path = folder / name
+        table.frame.to_csv(partial(path), index=False)
+        partial(path).replace(path)
+    write_json(folder / f"{answer.scenario}.json", content(answer))
+    for name, save in answer.files.items():
+        save(folder / name)
+    report(answer, folder / "report.html")
+    picture = draw(answer.show(), answer.question, folder / f"{answer.scenario}.png")
+    moving = {}
+    if animate:
+        for number, motion in enumerate(answer.show().motions, 1):
+            moving[f"{answer.scenario}{f'_{number}' if number > 1 else ''}.gif"] = motion
+    for name, motion in moving.items():
+        gif(folder / name, motion)
+    data = [*answer.tables, f"{answer.scenario}.json", *answer.files]
+    return [*data, *picture, *moving, "report.html"]
+
+
+def content(answer: Answer) -> dict[str, Any]:
+    """What stands in the JSON file, each number once."""
+    units = {name: unit for table in answer.tables.values() for name, unit in table.units.items()}
+    said = {"parameters", "warnings"}
+    parts = {
+        name: {key: value for key, value in part.items() if key not in said}
+        for name, part in answer.provenance["parts"].items()
+    }
+    return {
+        "scenario": answer.scenario,
+        "question": answer.question,
+        "verdict": answer.verdict.splitlines(),
+        "warnings": list(answer.warnings),
+        "figures": {name: figure.json() for name, figure in answer.figures.items()},
+        "options": {name: value._asdict() for name, value in answer.options.items()},
+        "parameters": {name: value._asdict() for name, value in answer.parameters.items()},
+        "units": units,
+        **answer.provenance,
+        "parts": parts,
+        **answer.facts,
+    }
+
+
+def finish(answer: Answer, folder: Path, animate: bool = False) -> None:
+    """Write the files; print the verdict, then the FMUs' warnings, then where the files are."""
+    names = write(answer, folder, animate)
+    print(answer.verdict)
+    for warning in answer.warnings[:SPOKEN]:
+        print(f"Warning: {warning}")
+    if len(answer.warnings) > SPOKEN:
+        print(f"and {len(answer.warnings) - SPOKEN} more warnings, in {answer.scenario}.json")
+    print(f"{', '.join(names)} written to {folder}")

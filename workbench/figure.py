@@ -1,0 +1,73 @@
+"""A figure: a number with its unit and one error, whatever the error's causes."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+MOST_DIGITS, LEAST = 6, -7
+
+
+class Figure(NamedTuple):
+    """A value, its unit, and its error in the same unit.
+
+    The error covers every cause: coupling, rows between which the figure lies, settling, the place
+    of a peak, a search's bracket. It is 0 for a formula alone. Where it cannot be told the figure is
+    refused: its error is None, its value nan, and `reason` says why in a sentence.
+    """
+
+    value: float
+    unit: str
+    error: float | None
+    meaning: str = ""
+    reason: str = ""
+
+    @classmethod
+    def refused(cls, unit: str, reason: str, meaning: str = "") -> Figure:
+        """A figure that is not told, and why."""
+        return cls(math.nan, unit, None, meaning, reason)
+
+    def text(self, unit: str = "") -> str:
+        """The figure as it may be printed, "12.34 ± 0.05 rad/s"; `unit` is its unit as one says it."""
+        unit = "" if self.unit in ("", "1") and not unit else f" {unit or self.unit}"
+        if self.error is None:
+            return f"not told ({self.reason})" if self.reason else "not told"
+        if self.error == 0.0:
+            return f"{self.value:.6g}{unit}"
+        value, error = rounded(self.value, self.error)
+        return f"{value} ± {error}{unit}"
+
+    def json(self) -> dict[str, Any]:
+        """The figure for JSON, which has neither infinity nor nan."""
+        told = self._asdict()
+        if not math.isfinite(self.value):
+            told["value"] = None
+        return told
+
+
+def rounded(value: float, error: float) -> tuple[str, str]:
+    """Value and error as texts: the error rounded up to two digits, the value as far as it reaches,
+    and no further than six digits.
+    """
+    if not math.isfinite(error):
+        return f"{value:.6g}", "?"
+    place = math.floor(math.log10(error)) - 1
+    last = math.floor(math.log10(abs(value))) + 1 - MOST_DIGITS if value else place
+    up = math.ceil(error / 10.0**place - 1e-9)
+    if last > place:
+        place, up = last, math.ceil(error / 10.0**last + 0.5)
+    if up >= 100:
+        place, up = place + 1, 10
+    if place > 0:
+        return f"{round(value / 10.0**place) * 10**place:.0f}", f"{up * 10**place:.0f}"
+    if place >= LEAST:
+        return f"{value:.{-place}f}", f"{up * 10.0**place:.{-place}f}"
+    power = math.floor(math.log10(max(abs(value), error)))
+    return f"{value:.{power - place}e}", f"{up * 10.0**place:.1e}"
+
+
+def spread(error: float | None, *more: float | None) -> float | None:
+    """The sum of errors of independent causes; None where one of them is not known."""
+    if error is None or any(cause is None for cause in more):
+        return None
+    return error + sum(cause for cause in more if cause is not None)

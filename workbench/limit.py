@@ -1,0 +1,40 @@
+"""Where a value goes as the communication step vanishes, and what that leaves open."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+NEGLIGIBLE, SMALL, FLOOR, ROUNDING = 1e-9, 1e-3, 0.02, 1e-12
+
+
+def limit(values: Sequence[float], order: float) -> tuple[float, float | None, str]:
+    """Where values at steps h, 2 h, 4 h go as h vanishes, the error of that, or why there is none.
+
+    The coarser pair tells what the finer one tells, with an error at least twice as large. Values
+    that move by little and in no order keep the whole of their moves as error.
+    """
+    if len(values) < 3:
+        return values[0], None, "the coupling is not stable with a quarter of the steps"
+    fine, middle, coarse = values
+    last, before = fine - middle, middle - coarse
+    most = max(abs(last), abs(before))
+    if abs(before) < 1.5 * abs(last) or most <= NEGLIGIBLE * abs(fine):
+        if most > SMALL * abs(fine):
+            return fine, None, "it does not converge with smaller steps"
+        return fine, 4.0 * most, ""
+    gain = 2.0**order - 1.0
+    better, rough = fine + last / gain, middle + before / gain
+    return better, abs(better - rough) + FLOOR * abs(last), ""
+
+
+def coupling(values: Sequence[float], order: float) -> float:
+    """The coupling error of the first of values at steps h, 2 h, 4 h: how far it is from their limit,
+    and the error of that. Where they go nowhere it is twice their spread; it is 0 only for a count
+    that all runs agree on.
+    """
+    fine = values[0]
+    value, error, _ = limit(values, order)
+    if error is None:
+        return 2.0 * (max(values) - min(values))
+    least = 0.0 if fine == round(fine) else ROUNDING * abs(fine)
+    return max(abs(fine - value) + error, least)

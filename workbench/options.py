@@ -1,0 +1,300 @@
+"""Options: declared once; the command line, study files, Python, the JSON and the page read them there."""
+
+from __future__ import annotations
+
+import math
+import re
+from argparse import ArgumentParser, BooleanOptionalAction
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from difflib import get_close_matches
+from operator import ge, gt, le
+from types import NoneType
+from typing import Any, TypeVar, get_args, get_origin, get_type_hints
+
+import numpy as np
+
+import cosim
+from cosim import SetupError
+from cosim.commandline import assignment, literal
+from cosim.system import Value
+
+Start = dict[str, Value]
+KINDS = {float: "a number", int: "a whole number", str: "a text", bool: "true or false"}
+NUMBER = re.compile(
+    r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?|[+-]?inf|nan)\s*([a-z%][\w./%]*)?\s*",
+    re.IGNORECASE,
+)
+SCALES: dict[str, dict[str, float]] = {
+    "rad/s": {"rpm": math.pi / 30, "deg/s": math.pi / 180},
+    "rad": {"deg": math.pi / 180, "turn": 2 * math.pi},
+    "s": {"ms": 1e-3, "us": 1e-6, "min": 60.0},
+    "m": {"mm": 1e-3, "cm": 1e-2},
+    "kg": {"g": 1e-3, "t": 1e3},
+    "N": {"mN": 1e-3, "kN": 1e3},
+    "N.m": {"mN.m": 1e-3, "kN.m": 1e3},
+    "N/m": {"N/mm": 1e3, "kN/m": 1e3},
+    "J": {"mJ": 1e-3, "kJ": 1e3},
+    "W": {"mW": 1e-3, "kW": 1e3},
+    "1": {"%": 0.01},
+}
+
+
+def option(
+    default: Any,
+    meaning: str,
+    unit: str = "",
+    *,
+    above: float | None = None,
+    least: float | None = None,
+    most: float | None = None,
+    choices: Iterable[str] = (),
+) -> Any:
+    """Declare an option of a dataclass of options; the default is written as a person would."""
+    told = Option("", float, False, default, meaning, unit, above, least, most, tuple(choices))
+    return field(default=default, metadata={"option": told})
+
+
+@dataclass(frozen=True)
+class Option:
+    """An option as it was declared; `many` values make a tuple."""
+
+    name: str
+    kind: type
+    many: bool
+    default: Any
+    meaning: str
+    unit: str
+    above: float | None
+    least: float | None
+    most: float | None
+    choices: Sequence[str]
+
+    def read(self, given: Any, key: str = "") -> Any:
+        """The value as the question takes it, in the declared unit.
+
+        Raises SetupError with the key (by default the name), the value and what was expected.
+        """
+        key = key or self.name
+        if given is None and self.default is None:
+            return None
+        if self.many:
+            return self._many(given, key)
+        value = self._number(given, key) if self.kind is float else self._plain(given, key)
+        self._check(value, key)
+        return value
+
+    def number(self, given: Any, key: str) -> float:
+        """A finite number in the declared unit, whatever its bounds, as one with a unit or without.
+
+        Raises SetupError as `read` does.
+        """
+        value = self._number(given, key)
+        if not math.isfinite(value):
+            raise SetupError(f"{key} = {given!r} must be a finite number")
+        return value
+
+    def words(self) -> str:
+        """Meaning, unit and default, for the help."""
+        unit = f" [{self.unit}]" if self.unit not in ("", "1") else ""
+        default = "" if self.default in (None, (), "", False) else f" (default: {self._default()})"
+        return f"{self.meaning}{unit}{default}".replace("%", "%%")
+
+    def _default(self) -> str:
+        return f"{self.default:g}" if isinstance(self.default, float) else str(self.default)
+
+    def _plain(self, given: Any, key: str) -> Any:
+        value = given
+        if isinstance(given, str) and self.kind is not str:
+            value = literal(given)
+        if self.choices and value not in self.choices:
+            raise SetupError(f"{key} = {given!r} must be one of {', '.join(self.choices)}")
+        if type(value) is not self.kind:
+            raise SetupError(f"{key} = {given!r} must be {KINDS[self.kind]}")
+        return value
+
+    def _number(self, given: Any, key: str) -> float:
+        if isinstance(given, str):
+            value, unit = self._split(given, key)
+            return value * self._factor(unit, given, key)
+        if isinstance(given, bool) or not isinstance(given, int | float):
+            raise SetupError(f"{key} = {given!r} must be {self._expected()}")
+        return float(given)
+
+    def _many(self, given: Any, key: str) -> tuple[Any, ...]:
+        """A tuple; numbers ascend, and the unit of one of them is that of all."""
+        if self.kind is not float:
+            texts = given.split(",") if isinstance(given, str) else given
+            return tuple(texts)
+        if not isinstance(given, str):
+            if not isinstance(given, Iterable):
+                raise SetupError(f"{key} = {given!r} must be a list of numbers")
+            numbers = [self._number(x, key) for x in given]
+        elif not given:
+            numbers = []
+        else:
+            numbers = self._span(given, key)
+        for number in numbers:
+            self._check(number, key)
+        return tuple(sorted(set(numbers)))
+
+    def _span(self, text: str, key: str) -> list[float]:
+        """ "20:66:24" (from, to, number) or "20,30,40"."""
+        pieces = text.split(":") if ":" in text else text.split(",")
+        count = pieces.pop() if ":" in text else "0"
+        form = f"{key} = {text!r} must read from:to:number or a,b,c"
+        if ":" in text and (len(pieces) != 2 or not count.strip().isdigit()):
+            raise SetupError(form)
+        if any(NUMBER.fullmatch(piece) is None for piece in pieces):
+            raise SetupError(form)
+        values, units = zip(*(self._split(piece, key) for piece in pieces))
+        written = {unit for unit in units if unit}
+        if len(written) > 1:
+            raise SetupError(f"{key} = {text!r} must be in one unit, not {' and '.join(written)}")
+        scale = self._factor("".join(written), text, key)
+        if ":" in text:
+            if int(count) < 1:
+                raise SetupError(f"{key} = {text!r} names no number")
+            values = tuple(np.linspace(values[0], values[1], int(count)).tolist())
+        return [value * scale for value in values]
+
+    def _split(self, text: str, key: str) -> tuple[float, str]:
+        found = NUMBER.fullmatch(text)
+        if found is None:
+            raise SetupError(f"{key} = {text!r} must be {self._expected()}")
+        return float(found[1]), found[2] or ""
+
+    def _factor(self, unit: str, text: str, key: str) -> float:
+        """What a value in this unit is multiplied by."""
+        if unit in ("", self.unit):
+            return 1.0
+        for base, others in SCALES.items():
+            known = {base: 1.0} | others
+            if unit in known and self.unit in known:
+                return known[unit] / known[self.unit]
+        raise SetupError(f"{key} = {text!r} must be {self._expected()}")
+
+    def _expected(self) -> str:
+        """A number, and in which units it may be."""
+        units = next(
+            ([base, *others] for base, others in SCALES.items() if self.unit in (base, *others)),
+            [self.unit],
+        )
+        return f"a number in {' or '.join(units)}" if units != [""] else "a number"
+
+    def _check(self, value: Any, key: str) -> None:
+        """Refuse what is not finite or out of bounds."""
+        if self.kind not in (float, int):
+            return
+        bounds = (
+            (self.above, "above", gt),
+            (self.least, "at least", ge),
+            (self.most, "at most", le),
+        )
+        declared = [(bound, word, holds) for bound, word, holds in bounds if bound is not None]
+        if math.isfinite(value) and all(holds(value, bound) for bound, _, holds in declared):
+            return
+        unit = "" if self.unit in ("", "1") else f" {self.unit}"
+        limits = " and ".join(f"{word} {bound:g}{unit}" for bound, word, _ in declared)
+        raise SetupError(f"{key} = {value:g}{unit} must be a finite number {limits}".rstrip())
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """What every question is asked; values are read and checked when it is made.
+
+    Raises SetupError for a value that an option cannot take.
+    """
+
+    start: Mapping[str, Value] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        for name, told in declared(type(self)).items():
+            object.__setattr__(self, name, told.read(getattr(self, name)))
+        object.__setattr__(self, "start", starts(self.start))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Run(Options):
+    """What every question of one certified run is asked."""
+
+    stop: float = option(1.0, "simulated time", "s", above=0.0)
+    step: float = option(2e-4, "finest of three communication steps", "s", above=0.0)
+    algorithm: str = option("strang", "coupling algorithm", choices=cosim.ALGORITHMS)
+
+
+Chosen = TypeVar("Chosen", bound=Options)
+
+
+def declared(kind: type[Options]) -> dict[str, Option]:
+    """The options of a question by name, its own first."""
+    hints = get_type_hints(kind)
+    found = {}
+    for one in sorted(fields(kind), key=lambda one: one.name in Run.__annotations__):
+        if "option" in one.metadata:
+            hint = hints[one.name]
+            if NoneType in get_args(hint):
+                (hint,) = (x for x in get_args(hint) if x is not NoneType)
+            many = get_origin(hint) is tuple
+            told = one.metadata["option"]
+            bare = get_args(hint)[0] if many else hint
+            found[one.name] = Option(
+                one.name, bare, many, one.default, told.meaning, told.unit,
+                told.above, told.least, told.most, told.choices,
+            )  # fmt: skip
+    return found
+
+
+def unknown(name: str, known: Iterable[str], who: str) -> SetupError:
+    """The error for an option that a question does not have, with the closest that it has."""
+    near = get_close_matches(name, list(known), 1)
+    hint = f": did you mean {near[0]!r}?" if near else f", only {', '.join(known)}"
+    return SetupError(f"{who} has no option {name!r}{hint}")
+
+
+def made(kind: type[Chosen], given: Mapping[str, Any], who: str) -> Chosen:
+    """The options of these names; raises SetupError for what they cannot be."""
+    known = [*declared(kind), "start"]
+    for name in given:
+        if name not in known:
+            raise unknown(name, known, who)
+    return kind(**given)
+
+
+def add(parser: ArgumentParser, kind: type[Options]) -> None:
+    """The options on a command line, whose values stay texts; what is not given is left out."""
+    for name, told in declared(kind).items():
+        flag = f"--{name.replace('_', '-')}"
+        if told.kind is bool:
+            parser.add_argument(flag, action=BooleanOptionalAction, help=told.words())
+        elif told.kind is str and told.many:
+            parser.add_argument(flag, action="append", metavar="TEXT", help=told.words())
+        else:
+            shown = "|".join(told.choices) or {float: "NUMBER", int: "N"}.get(told.kind, "TEXT")
+            parser.add_argument(flag, metavar="LIST" if told.many else shown, help=told.words())
+    parser.add_argument(
+        "--start",
+        action="append",
+        metavar="NAME=VALUE",
+        help="start value of an FMU, above what other options say (repeatable)",
+    )
+
+
+def starts(given: Mapping[str, Value] | Iterable[str]) -> Start:
+    """Start values by name, from a mapping or from texts, ["motor.T=0.05"]."""
+    if isinstance(given, Mapping):
+        return dict(given)
+    return {name: literal(text) for name, text in map(assignment, given)}
+
+
+def refuse(start: Mapping[str, Value], own: Iterable[str]) -> None:
+    """Raise SetupError for a start value that a question sets on its own."""
+    for name in own:
+        if name in start:
+            raise SetupError(f"start value {name}: this question sets it on its own")
+
+
+def at_least(name: str, value: int, least: int) -> None:
+    """Refuse a count that is too small."""
+    if value < least:
+        raise SetupError(f"{name} = {value} must be at least {least}")

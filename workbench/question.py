@@ -1,0 +1,149 @@
+"""Questions: pages in the folders of a package, found by name, or files of one's own, by path."""
+
+from __future__ import annotations
+
+import ast
+import importlib
+import importlib.util
+import sys
+import traceback
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from functools import cache
+from pathlib import Path
+from types import ModuleType
+from typing import NamedTuple
+
+from cosim import SetupError, SimulationError
+
+from .fmus import Library
+from .options import Options
+
+OURS = "__question__"
+
+
+class Project(NamedTuple):
+    """A package of questions, by its folder, and the FMUs they stand on."""
+
+    home: Path | None
+    fmus: Library
+
+
+ALONE = Project(None, Library({}))
+
+
+class QuestionError(RuntimeError):
+    """A question's own code raised; the text says where and what, and needs no name before it."""
+
+    plain = True
+
+
+@cache
+def names(home: Path | None) -> Mapping[str, str]:
+    """The questions below a package's folder, by name, and their modules; none is imported.
+
+    A question is a file that defines a class `Options`.
+    """
+    found: dict[str, str] = {}
+    if home is None:
+        return found
+    for path in sorted(home.rglob("*.py")):
+        body = ast.parse(path.read_text(encoding="utf-8")).body
+        if any(isinstance(node, ast.ClassDef) and node.name == "Options" for node in body):
+            inside = path.relative_to(home.parent).with_suffix("").parts
+            found[path.stem] = ".".join(inside)
+    return found
+
+
+def summary(path: Path) -> str:
+    """The question in a file, in one line; nothing is imported."""
+    documentation = ast.get_docstring(ast.parse(path.read_text(encoding="utf-8")))
+    return (documentation or "").partition("\n")[0]
+
+
+def asked(page: ModuleType) -> str:
+    """The question of a page: the first line of its text."""
+    return (page.__doc__ or "").strip().partition("\n")[0]
+
+
+def name(page: ModuleType) -> str:
+    """The name of a question: that of its file."""
+    return page.__name__.rpartition(".")[2]
+
+
+def load(where: str) -> ModuleType:
+    """The page of a module, "scenarios.conveyor.run_up", or of a file, "mine.py".
+
+    Raises SetupError for a file that is not there, and for what is no page; QuestionError for one
+    whose own code raises.
+    """
+    if not where.endswith(".py"):
+        return _checked(importlib.import_module(where), where)
+    path = Path(where).resolve()
+    if not path.is_file():
+        raise SetupError(f"there is no file {where}")
+    known = sys.modules.get(path.stem)
+    if known is not None and not hasattr(known, OURS):
+        raise SetupError(f"{where}: {path.stem!r} is the name of a module; rename the file")
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    assert spec is not None
+    assert spec.loader is not None
+    page = importlib.util.module_from_spec(spec)
+    setattr(page, OURS, True)
+    sys.modules[path.stem] = page
+    try:
+        with blamed(page):
+            spec.loader.exec_module(page)
+        return _checked(page, where)
+    except BaseException:
+        del sys.modules[path.stem]
+        raise
+
+
+def find(home: Path | None, text: str, folder: Path = Path()) -> str:
+    """What `load` takes, from the name of a question of the package or a file in that folder.
+
+    Raises SetupError where there is none.
+    """
+    if text in names(home):
+        return names(home)[text]
+    if text.endswith(".py") and (folder / text).is_file():
+        return str((folder / text).resolve())
+    known = f"one of {', '.join(names(home))}, or " if home else ""
+    raise SetupError(f"{text!r} must be {known}a file NAME.py that is there")
+
+
+def _checked(page: ModuleType, where: str) -> ModuleType:
+    """The page, if it has what a page must have."""
+    kind = getattr(page, "Options", None)
+    if not (isinstance(kind, type) and issubclass(kind, Options)):
+        raise SetupError(f"{where} must define a class Options(workbench.Options)")
+    if not hasattr(page, "solve"):
+        for wanted, form in (("system", "(o, fmus)"), ("figures", "(o, r)")):
+            if not hasattr(page, wanted):
+                raise SetupError(f"{where} must define {wanted}{form}, or solve(o, bench)")
+        if not hasattr(kind, "step"):
+            raise SetupError(f"{where}: with system and figures, Options stand on workbench.Run")
+    if not asked(page):
+        raise SetupError(f"{where} must begin with its question, as a text in quotes")
+    return page
+
+
+@contextmanager
+def blamed(page: ModuleType) -> Iterator[None]:
+    """Turns what a page's own code raises into a QuestionError with its file and line."""
+    try:
+        yield
+    except (SetupError, SimulationError, QuestionError):
+        raise
+    except SyntaxError as error:
+        raise QuestionError(f"{error.filename}:{error.lineno}: {error.msg}") from error
+    except Exception as error:
+        frames = traceback.extract_tb(error.__traceback__)
+        own = [frame for frame in frames if frame.filename == page.__file__]
+        if not own:
+            raise
+        what = " ".join(str(error).split())
+        raise QuestionError(
+            f"{page.__file__}:{own[-1].lineno}: {type(error).__name__}: {what}"
+        ) from error

@@ -1,0 +1,1 @@
+"""Many runs: in processes of this machine or on a cluster, kept as they are done."""

@@ -1,0 +1,87 @@
+"""What the bits of a result depend on: versions, code, FMUs; and what differs between two of them."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from fnmatch import fnmatch
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import cosim
+from cosim.system import describe_fmu
+
+ROOT = Path(__file__).resolve().parents[2]
+SOURCES = ("cosim", "workbench", "scenarios")
+PRESENTATION = (
+    "workbench/report/*",
+    "workbench/study/*",
+    "*/show.py",
+    "*/mechanism.py",
+    "*/map/pages.py",
+)
+SHOWN = 4
+DIGEST = re.compile(r"\{?[0-9a-f-]{16,}\}?")
+
+
+def digest(content: bytes) -> str:
+    """A short name for a content."""
+    return hashlib.sha256(content).hexdigest()[:16]
+
+
+def computation(fmus: Mapping[str, Path]) -> dict[str, Any]:
+    """What runs with these FMUs, by the names of their parts, depend on besides their options."""
+    guids = {part: describe_fmu(part, path).guid for part, path in fmus.items()}
+    return {"fmus": guids, "code": code(), "versions": versions()}
+
+
+def versions() -> dict[str, str]:
+    """The versions that the bits of a result depend on."""
+    found = cosim.versions()
+    return {name: found[name] for name in ("python", "numpy", "scipy", "fmpy")}
+
+
+@cache
+def code(root: Path = ROOT) -> dict[str, str]:
+    """A hash of each source file of master, workbench and scenarios but those that only show results.
+
+    Of a study, what its runs are given is hashed instead of the code that makes it.
+    """
+    files = {
+        path.relative_to(root).as_posix(): path
+        for folder in SOURCES
+        for path in sorted((root / folder).rglob("*"))
+        if path.suffix in (".py", ".c")
+    }
+    return {
+        name: digest(path.read_bytes())
+        for name, path in files.items()
+        if not any(fnmatch(name, pattern) for pattern in PRESENTATION)
+    }
+
+
+def differences(before: Mapping[str, Any], now: Mapping[str, Any]) -> str:
+    """What is not the same, key by key, in one line; of hashes only that they are not."""
+    found = list(_differences(before, now, ()))
+    more = f" and {len(found) - SHOWN} more" if len(found) > SHOWN else ""
+    return "; ".join(found[:SHOWN]) + more
+
+
+def _differences(before: Any, now: Any, keys: Sequence[str]) -> Iterator[str]:
+    if isinstance(before, dict) and isinstance(now, dict):
+        for key in dict.fromkeys([*before, *now]):
+            yield from _differences(before.get(key), now.get(key), [*keys, key])
+    elif before != now:
+        name = ".".join(f'"{key}"' if "." in key else key for key in keys)
+        if all(isinstance(value, str) and DIGEST.fullmatch(value) for value in (before, now)):
+            yield f"{name} is another one"
+        else:
+            yield f"{name} was {_text(before)} and is {_text(now)}"
+
+
+def _text(value: object) -> str:
+    if value is None:
+        return "not there"
+    return "there" if isinstance(value, str) and DIGEST.fullmatch(value) else repr(value)

@@ -1,0 +1,112 @@
+"""Rows as they are done, in a file of SQLite: kept whatever happens, never mixed with others."""
+
+from __future__ import annotations
+
+import json
+import sqlite3
+import sys
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import closing, contextmanager
+from pathlib import Path
+from typing import Any
+
+from cosim import SetupError
+
+from .identity import differences
+
+NAME = "journal.sqlite"
+BETWEEN = 1.0
+OPEN = """
+PRAGMA locking_mode = EXCLUSIVE; PRAGMA journal_mode = WAL; PRAGMA synchronous = NORMAL;
+BEGIN EXCLUSIVE;
+CREATE TABLE IF NOT EXISTS identity (content TEXT NOT NULL);
+CREATE TABLE IF NOT EXISTS rows (key PRIMARY KEY NOT NULL, row NOT NULL);
+COMMIT;
+"""
+Key = Any  # a number or a text
+
+
+class Journal:
+    """`done` has the rows of this session and of sessions before, by key, as they were done.
+
+    A row reaches the operating system at once, so that no end of this process loses it, and the
+    disk with the next row a second later.
+    """
+
+    def __init__(self, path: Path, base: sqlite3.Connection) -> None:
+        self.path = path
+        self._base = base
+        self._synced = time.monotonic()
+        self.done: dict[Key, Any] = dict(base.execute("SELECT key, row FROM rows ORDER BY rowid"))
+
+    def add(self, key: Key, row: str | bytes) -> None:
+        """Keep a row."""
+        self._base.execute("INSERT INTO rows VALUES (?, ?)", (key, row))
+        self.done[key] = row
+        if time.monotonic() > self._synced + BETWEEN:
+            self._base.execute("PRAGMA wal_checkpoint")
+            self._synced = time.monotonic()
+
+    @contextmanager
+    def kept(self) -> Iterator[None]:
+        """Ctrl-C says how much is kept here."""
+        try:
+            yield
+        except KeyboardInterrupt:
+            kept = f"{len(self.done)} runs in {self.path}; the same command goes on"
+            raise KeyboardInterrupt(kept) from None
+
+
+@contextmanager
+def opened(folder: Path, identity: Mapping[str, Any], *, anew: bool = False) -> Iterator[Journal]:
+    """The journal in this folder, begun or gone on with.
+
+    Raises SetupError if another process is at work in the folder, if the file is damaged, and if it
+    holds rows of another identity; with `anew` these are dropped, which a line on stderr says.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / NAME
+    try:
+        with closing(sqlite3.connect(path, timeout=0.0, isolation_level=None)) as base:
+            base.executescript(OPEN)
+            _same(base, folder, json.loads(json.dumps(identity)), anew)
+            yield Journal(path, base)
+    except sqlite3.Error as error:
+        if getattr(error, "sqlite_errorname", "") == "SQLITE_BUSY":
+            raise SetupError(f"{folder}: another process is at work in this folder") from None
+        raise SetupError(f"{path} cannot be read or written: {error}") from None
+
+
+@contextmanager
+def sweep(folder: Path, identity: Mapping[str, Any]) -> Iterator[Journal]:
+    """The journal of a sweep: has the rows of one that was interrupted, and goes when this one ends.
+
+    Raises SetupError as `opened`; rows of other options, FMUs or code are dropped.
+    """
+    with opened(folder, identity, anew=True) as journal:
+        if journal.done:
+            print(f"{folder}: {len(journal.done)} runs are done already", file=sys.stderr)
+        yield journal
+    journal.path.unlink()
+
+
+def _same(base: sqlite3.Connection, folder: Path, identity: dict[str, Any], anew: bool) -> None:
+    """Refuse to mix rows, or drop those that are there."""
+    found = base.execute("SELECT content FROM identity").fetchone()
+    try:
+        before = json.loads(found[0]) if found else identity
+    except ValueError:
+        raise SetupError(
+            f"{folder / NAME} is damaged: it does not tell whose rows it holds"
+        ) from None
+    if before != identity:
+        other = f"{folder} holds the rows of other runs: {differences(before, identity)}"
+        if not anew:
+            raise SetupError(f"{other}; choose another folder with --out, or remove this one")
+        if base.execute("SELECT 1 FROM rows LIMIT 1").fetchone():
+            print(f"{other}; they are dropped", file=sys.stderr)
+    if not found or before != identity:
+        base.executescript("BEGIN; DELETE FROM identity; DELETE FROM rows;")
+        base.execute("INSERT INTO identity VALUES (?)", (json.dumps(identity),))
+        base.execute("COMMIT")

@@ -1,0 +1,282 @@
+"""A child process for calls that may crash, hang or leave; whatever becomes of one, the caller is told.
+
+The child dies with its parent, however that dies, and imports only what its calls need. What it
+prints goes to a file in a folder of its own, where its temporary files are too.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import faulthandler
+import multiprocessing
+import os
+import shutil
+import signal
+import sys
+import tempfile
+import threading
+import time
+import traceback
+from collections.abc import Callable, Iterator, Sequence
+from functools import cache
+from importlib.machinery import ModuleSpec
+from multiprocessing.connection import Connection, wait
+from multiprocessing.reduction import ForkingPickler
+from pathlib import Path
+from typing import Any, NamedTuple
+
+OK = "ok"
+LOST = 3
+OUTSIDE = ("SIGKILL", "SIGTERM", "SIGHUP", "SIGINT")
+READY, BEGUN = "ready", "begun"
+MAIN = b"__main__"
+THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+PREFIX, WORDS = "workbench_run_", "words"
+TRACE = 4000
+LAST_MOMENTS = 2.0
+PARENT_DEATH_SIGNAL = 1
+
+_SPAWN = multiprocessing.get_context("spawn")
+_STARTING = threading.Lock()
+
+
+class Outcome(NamedTuple):
+    """What became of a call: its status, answer or message, wall time [s], and its last words.
+
+    The status is "ok", "refused" (SetupError), "failed" (any other exception; `trace` has the
+    traceback unless it is a SimulationError), "crashed" (the call ended its process) or "timeout".
+    """
+
+    status: str
+    answer: Any = None
+    message: str = ""
+    seconds: float = 0.0
+    trace: str = ""
+
+
+class Worker:
+    """A child process that does one call after the other, and the next process when it dies."""
+
+    def __init__(self) -> None:
+        self._process: Any = None
+        self._knows_main = False
+
+    def give(self, function: Callable[[Any], Any], task: Any, timeout: float | None = None) -> None:
+        """Begin function(task); when it is imported and unpickled it has `timeout` seconds."""
+        self._call = bytes(ForkingPickler.dumps((function, task)))
+        if MAIN in self._call and not self._knows_main:
+            self.close()
+        self._timeout, self._lost = timeout, 0
+        self._given, self._ready = time.monotonic(), self._process is not None
+        self._began: float | None = None
+        if self._process is None:
+            self._start()
+        else:
+            with contextlib.suppress(OSError):
+                self._pipe.send_bytes(self._call)
+
+    def call(self, function: Callable[[Any], Any], task: Any, timeout: float | None) -> Outcome:
+        """What becomes of function(task); blocks."""
+        self.give(function, task, timeout)
+        while (outcome := self.step()) is None:
+            await_one([self])
+        return outcome
+
+    def step(self) -> Outcome | None:
+        """What became of the call, None while it is under way; does not block.
+
+        A child that was killed from outside is replaced and its call done again, three times at
+        most. Raises SetupError if no child can be started.
+        """
+        alive = self._process.is_alive()
+        try:
+            while self._pipe.poll():
+                told = self._pipe.recv()
+                if isinstance(told, Outcome):
+                    return told
+                if told == READY:
+                    self._ready = True
+                    self._pipe.send_bytes(self._call)
+                else:
+                    self._began = time.monotonic()
+        except (EOFError, OSError):
+            return self._lose()
+        except Exception as error:  # noqa: BLE001
+            return Outcome("failed", message=f"its answer cannot be read: {error}")
+        if not alive:
+            return self._lose()
+        if self.left() == 0.0:
+            words, _ = self._bury(at_once=True)
+            text = f"no answer after {self._timeout:g} s"
+            return Outcome("timeout", None, text, self._timeout or 0.0, words)
+        return None
+
+    def handles(self) -> Sequence[Any]:
+        """What to wait for before the next step."""
+        return (self._pipe, self._process.sentinel)
+
+    def left(self) -> float | None:
+        """Seconds until the call is too late, None if it never is."""
+        if self._timeout is None or self._began is None:
+            return None
+        return max(self._began + self._timeout - time.monotonic(), 0.0)
+
+    def close(self) -> None:
+        """End the child, whatever it does."""
+        if self._process is not None:
+            self._bury(at_once=True)
+
+    def _start(self) -> None:
+        _tidy()
+        self._folder = Path(tempfile.mkdtemp(prefix=PREFIX))
+        self._words = (self._folder / WORDS).open("a+", errors="replace")
+        _lock(self._words.fileno(), shared=True)
+        self._pipe, end = _SPAWN.Pipe()
+        self._knows_main = MAIN in self._call
+        self._process = _SPAWN.Process(target=_main, args=(end, str(self._folder)), daemon=True)
+        with _quietly(self._knows_main):
+            self._process.start()
+        end.close()
+
+    def _lose(self) -> Outcome | None:
+        """The child died: its call is done again if that came from outside."""
+        words, death = self._bury()
+        outside, began = death in OUTSIDE, self._began
+        self._lost += 1
+        if (outside or began is None) and self._lost < LOST:
+            self._began = None
+            self._start()
+            return None
+        if not self._ready:
+            from cosim.errors import SetupError
+
+            why = "".join(words.strip().splitlines()[-1:]) or death
+            raise SetupError(f"no process for runs can be started: {why}")
+        told = f"its process was killed {LOST} times" if outside else "the run ended its process"
+        seconds = time.monotonic() - (began or self._given)
+        return Outcome("crashed", None, f"{told}: {death}", seconds, words)
+
+    def _bury(self, at_once: bool = False) -> tuple[str, str]:
+        """The last words of a child and how it ended; what it leaves is removed."""
+        if not at_once:
+            self._process.join(LAST_MOMENTS)
+        if self._process.is_alive():
+            with contextlib.suppress(AttributeError, ProcessLookupError):
+                os.killpg(self._process.pid, signal.SIGKILL)
+            self._process.kill()
+        self._process.join()
+        code = self._process.exitcode
+        self._process = None
+        self._pipe.close()
+        self._words.seek(0)
+        words = self._words.read()[-TRACE:]
+        self._words.close()
+        shutil.rmtree(self._folder, ignore_errors=True)
+        return words, signal.Signals(-code).name if code < 0 else f"exit code {code}"
+
+
+def await_one(workers: Sequence[Worker]) -> None:
+    """Block until one of these workers can do a step."""
+    left = [seconds for worker in workers if (seconds := worker.left()) is not None]
+    wait([handle for worker in workers for handle in worker.handles()], min(left, default=None))
+
+
+@contextlib.contextmanager
+def _quietly(needs_main: bool) -> Iterator[None]:
+    """Children that start hear no Ctrl-C, and do not import the script that starts them for nothing."""
+    main = sys.modules["__main__"]
+    with _STARTING, contextlib.ExitStack() as after:
+        if not needs_main:
+            after.callback(setattr, main, "__spec__", main.__spec__)
+            main.__spec__ = ModuleSpec("hidden.__main__", None)
+        if sys.platform != "win32":
+            from multiprocessing import resource_tracker
+
+            resource_tracker.ensure_running()  # it unblocks signals when it starts
+            mask = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
+            after.callback(signal.pthread_sigmask, signal.SIG_SETMASK, mask)
+        yield
+
+
+@cache
+def _tidy() -> None:
+    """Remove the folders of children whose parents are gone."""
+    for words in Path(tempfile.gettempdir()).glob(f"{PREFIX}*/{WORDS}"):
+        with contextlib.suppress(OSError), words.open("a") as file:
+            if _lock(file.fileno(), shared=False):
+                shutil.rmtree(words.parent, ignore_errors=True)
+
+
+def _lock(file: int, *, shared: bool) -> bool:
+    """Lock a file until it is closed; False if another process holds it."""
+    if sys.platform == "win32":
+        return shared
+    import fcntl
+
+    try:
+        fcntl.flock(file, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    return True
+
+
+def _main(pipe: Connection, folder: str) -> None:
+    """The life of a child."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    words = os.open(Path(folder) / WORDS, os.O_WRONLY | os.O_APPEND)
+    for stream in (1, 2):
+        os.dup2(words, stream)
+    _die_with_parent(folder)
+    if sys.platform != "win32":
+        os.setsid()
+        os.set_inheritable(pipe.fileno(), False)
+    faulthandler.enable(all_threads=False)
+    os.environ.update(dict.fromkeys(THREADS, "1"))
+    tempfile.tempdir = os.environ["TMPDIR"] = folder
+    multiprocessing.current_process().daemon = False  # it may have children of its own
+    with contextlib.suppress(EOFError, BrokenPipeError):
+        pipe.send(READY)
+        while True:
+            _answer(pipe, pipe.recv_bytes())
+
+
+def _answer(pipe: Connection, call: bytes) -> None:
+    os.ftruncate(2, 0)
+    began = time.perf_counter()
+
+    def ended(status: str, answer: Any = None, message: str = "", trace: str = "") -> memoryview:
+        seconds = time.perf_counter() - began
+        return ForkingPickler.dumps(Outcome(status, answer, message, seconds, trace))
+
+    try:
+        function, task = ForkingPickler.loads(call)
+        pipe.send(BEGUN)
+        began = time.perf_counter()
+        reply = ended(OK, function(task))
+    except BaseException as error:  # noqa: BLE001
+        errors: Any = sys.modules.get("cosim.errors")
+        if errors and isinstance(error, errors.SetupError):
+            reply = ended("refused", message=str(error))
+        elif errors and isinstance(error, errors.SimulationError):
+            reply = ended("failed", message=str(error))
+        else:
+            plain = getattr(error, "plain", False)
+            text = str(error) if plain else f"{type(error).__name__}: {error}"
+            reply = ended("failed", message=text, trace=traceback.format_exc())
+    pipe.send_bytes(reply)
+
+
+def _die_with_parent(folder: str) -> None:
+    """Die when the parent does: on Linux at once, elsewhere as soon as Python has its turn."""
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+    threading.Thread(target=_leave, args=(parent.sentinel, folder), daemon=True).start()
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(PARENT_DEATH_SIGNAL, int(signal.SIGKILL))
+
+
+def _leave(parent: int, folder: str) -> None:
+    wait([parent])
+    shutil.rmtree(folder, ignore_errors=True)
+    os._exit(1)
