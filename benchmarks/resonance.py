@@ -1,7 +1,7 @@
 """Do the stated errors of the scenario resonance hold? python benchmarks/resonance.py [--number N].
 
 Draws drives, runs the scenario on a sweep of each and compares its figures with the exact orbits of
-tests/orbit_oracle.py. Rows are printed as they come; with --out they are kept as lines of JSON, and
+tests/scenarios/orbit_oracle.py. Rows are printed as they come; with --out they are kept as lines of JSON, and
 those already kept are not run again. Drives whose orbit is unstable somewhere in the sweep, or is
 not found because the crank would stop or nearly so, are skipped and counted.
 
@@ -34,10 +34,19 @@ for library in ("OMP", "OPENBLAS", "MKL"):
     os.environ.setdefault(f"{library}_NUM_THREADS", "1")
 
 ROOT = Path(__file__).resolve().parents[1]
-sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
+sys.path.insert(0, str(ROOT))
 
 import numpy as np
-from orbit_oracle import Drive, NoOrbitError, drawn, f_rod_peak, features, orbit, question
+
+from tests.scenarios.orbit_oracle import (
+    Drive,
+    NoOrbitError,
+    drawn,
+    f_rod_peak,
+    features,
+    orbit,
+    question,
+)
 
 FIGURES = ("nu_90", "nu_peak_tau", "tau2_peak", "nu_peak_w", "w2_peak", "f_rod_peak")
 TRUTH_ERROR = 1e-9

@@ -16,14 +16,13 @@ import numpy as np
 from matplotlib.figure import Figure
 
 ROOT = Path(__file__).resolve().parents[1]
-sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
-
-from oracle import monolithic
+sys.path.insert(0, str(ROOT))
 
 from cosim import Adaptive, run
 from scenarios.__main__ import FMUS, PROJECT
 from scenarios.conveyor.drive import PARTS, conveyor_drive
 from scenarios.conveyor.theory import SETS
+from tests.oracle import monolithic
 
 START = SETS["A"].start(40.0) | {"motor.tau": 0.0, "conveyor.w": 0.0}
 SYSTEM = conveyor_drive(PROJECT.fmus.paths(PARTS, "native", FMUS), START)

@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import NamedTuple
 
 import pytest
-from conftest import ROOT
 
 from components.packing.page import EXTERNAL_DEPENDENCIES
+from tests.conftest import ROOT
 
 PAGES = sorted(
     str(path.relative_to(ROOT))

@@ -37,7 +37,7 @@ from components.packing.validate import problems
 from tests.hosts import fmus as hosts
 from tests.hosts.host import Unit
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 MODELS = [importlib.import_module(f"components.{name}") for name in CATALOGUE]
 MOTOR, CONVEYOR = "DriveMotor.fmu", "CrankConveyor.fmu"
 NATIVE = [model for name, model in zip(CATALOGUE, MODELS) if name not in PYTHON_ONLY]

@@ -6,8 +6,6 @@ import math
 from pathlib import Path
 
 import pytest
-from oracle import monolithic, revolution_samples
-from test_cosim import HELD_TAU2, ripple
 
 from cosim import ORDERS, certify, estimate
 from cosim.verification.ideal import Ideal
@@ -16,6 +14,8 @@ from scenarios.conveyor.drive import PARTS
 from scenarios.conveyor.resonance import SPEEDS
 from scenarios.conveyor.response import Case, simulate
 from scenarios.conveyor.theory import SETS
+from tests.cosim.test_cosim import HELD_TAU2, ripple
+from tests.oracle import monolithic, revolution_samples
 from workbench.measure import last_revolutions, order
 from workbench.runs import local as pool
 

@@ -15,11 +15,11 @@ from zipfile import ZipFile
 
 import numpy as np
 import pytest
-from conftest import ROOT, hear_ctrl_c
 
 from cosim import SetupError, System, run, run_isolated, write_ssp
 from cosim.__main__ import main
 from cosim.library import KEPT, MOST_KEPT
+from tests.conftest import ROOT, hear_ctrl_c
 
 WIRES = ("motor.tau -> conveyor.tau", "conveyor.w -> motor.w")
 

@@ -19,8 +19,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-from browser import Browser, browser
-from conftest import QUICK
 from lxml import html as lxml_html
 from numpy.testing import assert_allclose
 
@@ -31,6 +29,8 @@ from scenarios.conveyor import show as conveyor_show
 from scenarios.conveyor.drive import conveyor_drive
 from scenarios.conveyor.theory import SETS
 from scenarios.iron import mechanism as iron_mechanism
+from tests.conftest import QUICK
+from tests.workbench.browser import Browser, browser
 from workbench import ask
 from workbench.answer import Answer, Show, Table, write
 from workbench.figure import Figure

@@ -8,14 +8,22 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import ROOT, ask
 from numpy.testing import assert_allclose
-from orbit_oracle import Drive, NoOrbitError, drawn, f_rod_peak, features, orbit, question
 
 import cosim
 from scenarios.conveyor import drive as drives
 from scenarios.conveyor import response
 from scenarios.conveyor.theory import SETS
+from tests.conftest import ROOT, ask
+from tests.scenarios.orbit_oracle import (
+    Drive,
+    NoOrbitError,
+    drawn,
+    f_rod_peak,
+    features,
+    orbit,
+    question,
+)
 from workbench.figure import Figure
 from workbench.orbit import NotSteady, at_angles, return_map, steady
 

@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-from conftest import QUICK, ask, fmus_of
 from fmpy.model_description import ModelDescription, read_model_description
 
 from cosim import SetupError
@@ -24,6 +23,7 @@ from scenarios.iron import iron_orders
 from scenarios.orientator import machine as orientator
 from scenarios.packing_line import line as packing
 from scenarios.packing_line import packing_line
+from tests.conftest import QUICK, ask, fmus_of
 from workbench.answer import Answer, content, finish, write
 from workbench.question import find, load, names
 

@@ -4,10 +4,10 @@ import math
 
 import numpy as np
 import pytest
-from conftest import ask
 
 from cosim import Result
 from scenarios.conveyor import run_up
+from tests.conftest import ask
 from workbench import Figure, measure
 from workbench.ask import certified
 from workbench.limit import coupling, limit

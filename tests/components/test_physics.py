@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 import pytest
 import sympy
-from oracle import monolithic, revolution_samples, symbolic
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
@@ -20,6 +19,7 @@ from components import crank_conveyor, drive_motor
 from components.kit import motion, ode, turn
 from components.kit.record import start
 from scenarios.conveyor.theory import SETS
+from tests.oracle import monolithic, revolution_samples, symbolic
 from workbench.measure import last_revolutions, mean_speed, order
 
 REFERENCE = {

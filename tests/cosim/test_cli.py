@@ -13,15 +13,15 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from conftest import ROOT
 from fmpy import simulate_fmu
 from numpy.testing import assert_array_equal
-from test_cosim import NU, pair
 
 from cosim import System, run, write_ssp
 from cosim.__main__ import main
 from scenarios.conveyor.theory import SETS
-from tests.foreign import pack
+from tests.conftest import ROOT
+from tests.cosim.foreign import pack
+from tests.cosim.test_cosim import NU, pair
 
 
 @pytest.fixture

@@ -14,15 +14,15 @@ import mpmath
 import numpy as np
 import pytest
 import sympy
-import test_dimensions as dimensions
-from iron_oracle import OneSystem, by_material_points, derivation, flat, tables
-from oracle import SYMBOLIC, load_copy
 
 from components import iron_drive as iron
 from components.kit import motion
 from components.kit.record import declarations, fill, replace, start
 from cosim import System, run
+from tests.components import test_dimensions as dimensions
+from tests.components.iron_oracle import OneSystem, by_material_points, derivation, flat, tables
 from tests.hosts.host import MESSAGES, Unit
+from tests.oracle import SYMBOLIC, load_copy
 
 NOMINAL = 4 * pi / 3
 MOTOR = {"A": 4.0, "B": 0.025, "T": 0.012}

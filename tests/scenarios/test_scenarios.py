@@ -15,10 +15,10 @@ from typing import Any
 
 import pandas as pd
 import pytest
-from conftest import ROOT, hear_ctrl_c
 
 from scenarios.__main__ import PROJECT
 from scenarios.conveyor.theory import SETS, longest_step
+from tests.conftest import ROOT, hear_ctrl_c
 from workbench import command, question
 
 EXPECTED: dict[str, Any] = {

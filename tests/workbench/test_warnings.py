@@ -11,12 +11,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from test_library import WIRES, drive
 
 from cosim import SimulationError, System, certify, quiet, run, run_isolated, write_ssp
 from cosim.__main__ import alone, main
 from cosim.verification.systems import SPRING_AND_MASS, couple
-from tests.foreign import pack
+from tests.cosim.foreign import pack
+from tests.cosim.test_library import WIRES, drive
 
 PERIOD = 2 * math.pi / 5
 LIFTS = {"iron.tau": 0.0, "iron.w_cam": 20.0, "iron.on_invalid": "warn"}

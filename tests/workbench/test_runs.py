@@ -15,10 +15,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from conftest import ROOT, hear_ctrl_c, until
 
 from cosim import SetupError, SimulationError
 from cosim.commandline import exit_code
+from tests.conftest import ROOT, hear_ctrl_c, until
 from tests.hosts import light, plane
 from workbench.runs import identity, journal, local
 from workbench.runs.worker import PREFIX, Worker, _tidy

@@ -8,10 +8,10 @@ from typing import Any
 
 import pint
 import pytest
-from oracle import load_copy
 
 from components import crank_conveyor, drive_motor
 from components.kit.record import Declaration, declarations, fill
+from tests.oracle import load_copy
 
 UNITS = pint.UnitRegistry()
 FUNCTIONS = {

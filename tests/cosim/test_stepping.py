@@ -16,13 +16,13 @@ import pandas as pd
 import pytest
 from fmpy.fmi2 import FMU2Slave
 from numpy.testing import assert_array_equal
-from oracle import monolithic
 from scipy.integrate import solve_ivp
-from test_cosim import NU, RECORD, REST, WIRES, pair
 
 from cosim import Adaptive, Result, SetupError, System, run, stepping
 from cosim.result import CHUNK, Grid, Recorder
 from scenarios.conveyor.theory import SETS
+from tests.cosim.test_cosim import NU, RECORD, REST, WIRES, pair
+from tests.oracle import monolithic
 
 START = SETS["A"].start(NU)
 PEAK = 1396.458

@@ -17,7 +17,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-from conftest import ROOT, ask, fmus_of
 from numpy.testing import assert_allclose
 from scipy.integrate import simpson
 
@@ -26,10 +25,11 @@ from scenarios.__main__ import PROJECT
 from scenarios.conveyor.theory import SETS
 from scenarios.packing_line import line as packing
 from scenarios.packing_line import packing_line
+from tests.conftest import ROOT, ask, fmus_of
 from workbench.answer import finish
 from workbench.command import main
 
-HOSTS = Path(__file__).with_name("hosts")
+HOSTS = ROOT / "tests" / "hosts"
 COMPARED = [
     "iron_motor.P", "iron.w_cam", "iron.E_friction", "orientator.phi2", "orientator.t_turning",
     "orientator.orientation_time", "conveyor_motor.P", "conveyor.w", "conveyor.x",

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import ROOT
 from pythonfmu import FmuBuilder
 
 from cosim import SetupError, System, diagnose
@@ -19,6 +18,7 @@ from cosim.verification.ideal import Ideal, Scheme
 from cosim.verification.systems import DC_MOTOR, OSCILLATOR, Unit, couple, drive, twisting_drive
 from scenarios.conveyor.drive import conveyor_drive
 from scenarios.conveyor.theory import SETS
+from tests.conftest import ROOT
 
 J_1, J_2, STIFF, DAMP = 1.1, 2.2, 1e4, 1.0
 RESONANCE = math.sqrt(STIFF * (1 / J_1 + 1 / J_2))

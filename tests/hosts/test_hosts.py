@@ -22,7 +22,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from cosim import SetupError, System, run, write_osp, write_ssp
 
-HOSTS = Path(__file__).with_name("hosts")
+HOSTS = Path(__file__).parent
 STEPS, STEP = 200, 1e-3
 RECORD = ["motor.tau", "conveyor.w", "conveyor.phi"]
 START = {"rotor.J": 0.6, "tau": 12.0}

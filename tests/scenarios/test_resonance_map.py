@@ -16,7 +16,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-from conftest import ROOT, ask, hear_ctrl_c
 from scipy.optimize import brentq
 
 import cosim
@@ -25,6 +24,7 @@ from scenarios.conveyor.map import survey, tolerances, zone
 from scenarios.conveyor.map.plane import Plane, Setup, axis
 from scenarios.conveyor.response import NONE, simulate
 from scenarios.conveyor.theory import SETS
+from tests.conftest import ROOT, ask, hear_ctrl_c
 from workbench import Bench
 from workbench.answer import finish
 

@@ -22,7 +22,6 @@ from zipfile import ZipFile
 import fmpy
 import numpy as np
 import pytest
-from conftest import ROOT, hear_ctrl_c
 
 from cosim import (
     ALGORITHMS,
@@ -36,7 +35,8 @@ from cosim import (
 )
 from cosim.isolated import _remains
 from cosim.library import KEPT
-from tests.foreign import DEFECTS, Value, library, pack, pack_broken
+from tests.conftest import ROOT, hear_ctrl_c
+from tests.cosim.foreign import DEFECTS, Value, library, pack, pack_broken
 
 Make = Callable[..., Path]
 H = 0.1

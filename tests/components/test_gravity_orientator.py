@@ -16,15 +16,15 @@ import numpy as np
 import pint
 import pytest
 import sympy
-from oracle import load_copy
-from test_dimensions import UNITS, quantities, unit
 
 from components import gravity_orientator as model
 from components.gravity_orientator import Reason, Stage
 from components.kit import motion
 from components.kit.record import declarations, start
+from tests.components.test_dimensions import UNITS, quantities, unit
 from tests.hosts.fmus import resident
 from tests.hosts.host import MESSAGES, Unit
+from tests.oracle import load_copy
 
 FMU = "GravityOrientator.fmu"
 RPM = pi / 30

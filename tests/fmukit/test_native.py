@@ -19,15 +19,15 @@ from xml.etree import ElementTree
 import fmpy
 import numpy as np
 import pytest
-from conftest import ROOT
 from fmpy.fmi1 import FMICallException
 
 from components import CATALOGUE, PYTHON_ONLY
 from components.kit.slave import slave_class
 from components.native import trace
+from tests.conftest import ROOT
 from tests.hosts.host import MESSAGES, Unit
 
-HOSTS = Path(__file__).with_name("hosts")
+HOSTS = ROOT / "tests" / "hosts"
 HEADERS = Path(fmpy.__file__).with_name("c-code")
 NAMES = ["DriveMotor", "CrankConveyor", "IronDrive", "GravityOrientator"]
 each = pytest.mark.parametrize("name", NAMES)

@@ -7,8 +7,12 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from oracle import monolithic
-from orbit_oracle import (
+
+from components import crank_conveyor
+from components.kit.record import start
+from scenarios.conveyor.theory import SETS, Machine
+from tests.oracle import monolithic
+from tests.scenarios.orbit_oracle import (
     Drive,
     NoOrbitError,
     angles,
@@ -19,10 +23,6 @@ from orbit_oracle import (
     order2,
     resampled,
 )
-
-from components import crank_conveyor
-from components.kit.record import start
-from scenarios.conveyor.theory import SETS, Machine
 
 RATTLING = Drive(m=2000.0, c=1.6e6, d=200.0, J=0.3, r=0.012, l=0.06, finite=True)
 STIFF = Drive(T=0.002, B=35.8, r=0.02, l=0.1, finite=True, c=0.0)

@@ -9,9 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import ROOT
 from pythonfmu import FmuBuilder
-from test_library import drive
 
 from benchmarks.certify import Case, Verdict, cases, judged
 from cosim import (
@@ -26,6 +24,8 @@ from cosim import (
     time_of_largest,
     time_of_smallest,
 )
+from tests.conftest import ROOT
+from tests.cosim.test_library import drive
 
 SEED = 20261122
 OTHERS = ("Kloss motor", "Brusselator", "drive", "quarter car", "DC motor", "dual mass")

@@ -14,11 +14,11 @@ from typing import Any
 
 import dask
 import pytest
-from conftest import ROOT, ask, until
 from distributed import Client, LocalCluster
 
 from cosim import SetupError, SimulationError
 from scenarios.__main__ import PROJECT
+from tests.conftest import ROOT, ask, until
 from workbench import study
 from workbench.command import parts
 from workbench.runs.journal import NAME, Journal, opened

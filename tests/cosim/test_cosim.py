@@ -20,14 +20,14 @@ from zipfile import ZipFile
 
 import numpy as np
 import pytest
-from conftest import ROOT, hear_ctrl_c
 from fmpy import extract, read_model_description
 from fmpy.fmi2 import FMU2Slave
-from oracle import monolithic
 from scipy.interpolate import CubicSpline
 
 from cosim import SetupError, SimulationError, System, run
 from scenarios.conveyor.theory import SETS
+from tests.conftest import ROOT, hear_ctrl_c
+from tests.oracle import monolithic
 from workbench.measure import last_revolutions, order
 
 NU = 40.0

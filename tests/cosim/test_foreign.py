@@ -10,7 +10,6 @@ from typing import Any
 
 import fmpy
 import pytest
-from conftest import ROOT
 from fmpy.fmi1 import FMICallException
 from fmpy.fmi2 import (
     FMU2Slave,
@@ -23,7 +22,8 @@ from fmpy.fmi2 import (
 from fmpy.validation import validate_fmu
 from scipy.integrate import solve_ivp
 
-from tests.foreign import DEFECTS, REFERENCES, TOKEN, VARIABLES, Value, pack, pack_broken
+from tests.conftest import ROOT
+from tests.cosim.foreign import DEFECTS, REFERENCES, TOKEN, VARIABLES, Value, pack, pack_broken
 from tests.hosts.host import MESSAGES, Unit
 
 Make = Callable[..., Unit]

@@ -22,11 +22,11 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-from conftest import ROOT, hear_ctrl_c, until
 from fmpy.model_description import read_model_description
 
 from cosim import SetupError
 from scenarios.__main__ import PROJECT
+from tests.conftest import ROOT, hear_ctrl_c, until
 from workbench import study
 from workbench.question import find, load, names
 from workbench.runs import identity as identities
