@@ -173,9 +173,13 @@ def content(answer: Answer) -> dict[str, Any]:
 
 
 def finish(answer: Answer, folder: Path, animate: bool = False) -> None:
-    """Write the files; print the verdict, then the FMUs' warnings, then where the files are."""
+    """Write the files; print the verdict, the figures, the FMUs' warnings, and where the files are."""
     names = write(answer, folder, animate)
-    print(answer.verdict)
+    if answer.verdict:
+        print(answer.verdict)
+    labels = [figure.meaning or name for name, figure in answer.figures.items()]
+    for label, figure in zip(labels, answer.figures.values()):
+        print(f"  {label:<{max(map(len, labels))}}  {figure.text()}")
     for warning in answer.warnings[:SPOKEN]:
         print(f"Warning: {warning}")
     if len(answer.warnings) > SPOKEN:

@@ -227,7 +227,7 @@ def answer(
     return Answer(
         scenario=name(page),
         question=asked(page),
-        verdict=verdict or listed(found.figures),
+        verdict=verdict,
         figures=found.figures,
         options=said(o),
         parameters=told,
@@ -270,11 +270,6 @@ def _check(page: ModuleType, figures: Any) -> None:
             raise SetupError(f"{where} has no error; Figure.refused(unit, reason) says why not")
         if figure.error is not None and not (figure.error >= 0.0 and math.isfinite(figure.value)):
             raise SetupError(f"{where} = {figure.value!r} +- {figure.error!r} is no figure")
-
-
-def listed(figures: Mapping[str, Figure]) -> str:
-    """The figures in words, for a page without a verdict."""
-    return "\n".join(f"{figure.meaning or key}: {figure.text()}" for key, figure in figures.items())
 
 
 def _asked(o: Options) -> dict[str, str]:

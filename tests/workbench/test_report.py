@@ -359,7 +359,7 @@ def sample(tmp_path_factory: pytest.TempPathFactory) -> Path:
     made_up = Answer(
         scenario="sample",
         question="Is <this> & that told?",
-        verdict="Yes: 2.00 ± 0.01 N.\nNo.\n\nIn detail.",
+        verdict="Yes: 2.00 ± 0.01 N.\nNo.",
         figures=figures,
         parameters={},
         tables={"sample.csv": Table(pd.DataFrame({"x": x, "y": y}), {"x": "s", "y": "N"})},
@@ -428,8 +428,7 @@ def test_the_page_tells_errors_warnings_and_what_is_dangerous_as_text(sample: Pa
     (box,) = tree.xpath("//main/section[contains(@class, 'warnings')]")
     assert box.text_content().strip() == "a: the chain is <slack>"
     assert box.getnext().get("class") == "verdict"
-    (fold,) = tree.xpath("//section[@class='verdict']/details")
-    assert fold.text_content() == "DetailsIn detail."
+    assert lines(tree, "//section[@class='verdict']") == [["Yes: 2.00 ± 0.01 N.", "No."]]
     (label,) = tree.xpath("//*[@class='chart']/@aria-label")
     assert "seen from -1 to 7.5 (force [N])" in label
 

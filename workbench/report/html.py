@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from ..answer import Answer, Table
 
 LARGEST = 3_000_000
-OPEN, LEADING = 12, 3
+OPEN = 12
 TEMPLATE = Path(__file__).with_name("page.html")
 ERRORS = """<p class="soft">The error covers every cause that is known. “None”: the value comes from a formula
 or from one FMU alone.</p>"""
@@ -95,11 +95,11 @@ def _warnings(warnings: Sequence[str]) -> str:
 
 
 def _verdict(lines: Sequence[str]) -> str:
-    """The answer, and folded the details after an empty line, or what is more than a few lines."""
-    paragraphs = [f"<p>{escape(line)}</p>" if line else "" for line in lines]
-    first = paragraphs.index("") if "" in paragraphs else LEADING
-    lead, rest = "".join(paragraphs[:first]), "".join(paragraphs[first:])
-    return f"{lead}<details><summary>Details</summary>{rest}</details>" if rest else lead
+    """The answer, if the page gives one."""
+    if not lines:
+        return ""
+    paragraphs = "".join(f"<p>{escape(line)}</p>" for line in lines)
+    return f'<section class="verdict" aria-label="Verdict">{paragraphs}</section>'
 
 
 def _entry(section: Section) -> str:
