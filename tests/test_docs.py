@@ -224,7 +224,7 @@ def test_links_lead_somewhere_and_tests_that_are_named_exist(page: str) -> None:
     text = (ROOT / page).read_text()
     for target in re.findall(r"\]\(([^)#\s]+)[^)]*\)", text):
         assert "://" in target or ((ROOT / page).parent / target).exists(), target
-    known = "".join(path.read_text() for path in (ROOT / "tests").glob("test_*.py"))
+    known = "".join(path.read_text() for path in (ROOT / "tests").rglob("test_*.py"))
     for name in re.findall(r"`(test_\w+)`", text):
         assert f"def {name}(" in known, name
 

@@ -98,7 +98,7 @@ def _verdict(lines: Sequence[str]) -> str:
     """The answer, if the page gives one."""
     if not lines:
         return ""
-    paragraphs = "".join(f"<p>{escape(line)}</p>" for line in lines)
+    paragraphs = "".join(f"<p>{escape(line)}</p>" for line in lines if line)
     return f'<section class="verdict" aria-label="Verdict">{paragraphs}</section>'
 
 
