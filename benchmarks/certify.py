@@ -230,7 +230,7 @@ def exact_units(units: Any, stop: float, step: float) -> Case:
 
 def conveyor(draw: Callable[[float, float], float], native: Path) -> Case:
     """DriveMotor and CrankConveyor, run up from rest."""
-    from oracle import monolithic
+    from tests.oracle import monolithic
 
     from scenarios.conveyor.theory import SETS
 

@@ -61,8 +61,9 @@ def pytest_sessionstart(session: pytest.Session) -> None:
 
 
 def hear_ctrl_c() -> None:
-    """Let a child hear Ctrl-C although the tests run in the background, where it is ignored."""
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    """Let a child hear what ends a program although the tests run where that is ignored."""
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, signal.SIG_DFL)
 
 
 def until(condition: Callable[[], Any]) -> None:

@@ -59,7 +59,7 @@ def test_stated_errors_hold_the_true_ones_of_systems_drawn_at_random(
 
 def test_the_torque_of_the_readme_is_within_its_error(fmus: Path) -> None:
     """The largest torque lies between two rows; seen at the rows its error says so."""
-    from oracle import monolithic
+    from tests.oracle import monolithic
 
     from scenarios.conveyor.theory import SETS
 

@@ -82,6 +82,11 @@ def open_gate(folder: Path) -> None:
     os.close(waiting)
 
 
+def pass_gate(folder: Path) -> None:
+    """Let those go on that wait at the gate now."""
+    os.close(os.open(folder / "gate", os.O_RDWR))
+
+
 def at_gate(folder: Path, count: int) -> None:
     """Wait until so many runs have come to the gate."""
     ledger = folder / "ledger"
@@ -235,8 +240,13 @@ def test_a_study_whose_workers_are_gone_for_good_ends_with_its_rows(
     path, out = written(tmp_path, PLANE.format(tmp_path)), tmp_path / "out"
     kept, add = [], Journal.add
     monkeypatch.setattr(Journal, "add", lambda *row: kept.append(add(*row)))
+
+    def vanish_with_a_row() -> None:
+        until(lambda: kept or pass_gate(tmp_path))
+        vanish()
+
     with ThreadPoolExecutor() as threads:
-        vanished = threads.submit(lambda: (at_gate(tmp_path, 1), until(lambda: kept), vanish()))
+        vanished = threads.submit(vanish_with_a_row)
         with pytest.raises(
             SimulationError, match=f"{address} has had no workers for 2 s; what was"
         ):
