@@ -230,9 +230,8 @@ def exact_units(units: Any, stop: float, step: float) -> Case:
 
 def conveyor(draw: Callable[[float, float], float], native: Path) -> Case:
     """DriveMotor and CrankConveyor, run up from rest."""
-    from tests.oracle import monolithic
-
     from scenarios.conveyor.theory import SETS
+    from tests.oracle import monolithic
 
     start = SETS["A"].start(draw(30.0, 50.0)) | {"motor.tau": 0.0}
     t = np.linspace(0.0, 1.0, FINE)

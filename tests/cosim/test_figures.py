@@ -59,9 +59,8 @@ def test_stated_errors_hold_the_true_ones_of_systems_drawn_at_random(
 
 def test_the_torque_of_the_readme_is_within_its_error(fmus: Path) -> None:
     """The largest torque lies between two rows; seen at the rows its error says so."""
-    from tests.oracle import monolithic
-
     from scenarios.conveyor.theory import SETS
+    from tests.oracle import monolithic
 
     system = drive(fmus / "native")
     start = SETS["A"].start(40.0) | {"conveyor.w": 40.0}
