@@ -116,6 +116,22 @@ def test_the_rows_share_holds_wherever_the_peak_lies(place: float) -> None:
         assert got.value == pytest.approx(true, abs=1e-9)
 
 
+def test_a_dip_between_the_first_two_rows_is_in_the_error() -> None:
+    """No row shows it, but the first row is not where the next ones lead."""
+    t = np.linspace(0.0, 0.01, 10001)
+
+    def dip(t: Any) -> Any:
+        return 3.0 * t - 0.01 * (1.0 - np.exp(-t / 0.0015))
+
+    for figure in (smallest, lambda t, x: x.min()):
+        got = rows_only(figure, dip)
+        assert got.error is not None
+        assert 1e-3 < got.value - dip(t).min() <= got.error < 0.03
+        smooth = rows_only(figure, lambda t: 3.0 * t + t**2)
+        assert smooth.value == 0.0
+        assert smooth.error is not None and smooth.error < 1e-9
+
+
 def test_figures_that_count_rows_are_taken_for_what_they_are() -> None:
     """A slice by row number means the same time with fewer rows."""
     got = rows_only(lambda t, x: x[50:].max(), lambda t: np.exp(-5.0 * t) * np.cos(30.0 * t))
