@@ -1,6 +1,7 @@
 """Build the FMUs once, as a user does, before any worker starts."""
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -9,6 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 from typing import Any
+from zipfile import ZipFile
 
 for library in ("OMP", "OPENBLAS", "MKL"):
     os.environ.setdefault(f"{library}_NUM_THREADS", "1")
@@ -24,6 +26,7 @@ from workbench.options import made
 from workbench.question import find, load
 
 ROOT = Path(__file__).resolve().parents[1]
+DESCRIPTION = "modelDescription.xml"
 QUICK: dict[str, dict[str, Any]] = {
     "resonance": {"speeds": "30,44", "steps_per_rev": 64},
     "resonance_map": {
@@ -53,6 +56,29 @@ def ask(name: str, out: Path | None = None, **given: Any) -> Answer:
     """The answer to a question of the project, on compiled FMUs, in this process."""
     page = load(find(PROJECT.home, name))
     return answer(page, made(page.Options, given, name), fmus_of(page), flavour="native", out=out)
+
+
+def rewritten(fmu: Path, copy: Path, edit: Callable[[dict[str, Any]], Any]) -> Path:
+    """A copy of an FMU, or of any archive, whose files by name were edited."""
+    with ZipFile(fmu) as archive:
+        files: dict[str, Any] = {name: archive.read(name) for name in archive.namelist()}
+    edit(files)
+    with ZipFile(copy, "w") as archive:
+        for name, content in files.items():
+            archive.writestr(name, content)
+    return copy
+
+
+def described(*swaps: tuple[str, str]) -> Callable[[dict[str, Any]], None]:
+    """An edit that replaces regular expressions in the model description."""
+
+    def edit(files: dict[str, Any]) -> None:
+        for pattern, new in swaps:
+            text, count = re.subn(pattern, new, str(files[DESCRIPTION], "utf-8"))
+            assert count, pattern
+            files[DESCRIPTION] = text.encode()
+
+    return edit
 
 
 def pytest_sessionstart(session: pytest.Session) -> None:

@@ -143,24 +143,6 @@ def test_power_balance_closes_at_every_instant(finite: bool) -> None:
         assert float(leak.subs(at)) == pytest.approx(0.0, abs=1e-8)
 
 
-@pytest.mark.parametrize("changes", [{}, {"rod.finite": True, "crank.r": 0.05, "rod.l": 0.2}])
-@pytest.mark.parametrize("h", [2e-3, 0.05])
-def test_conveyor_keeps_its_energy_when_left_alone(changes: dict[str, Any], h: float) -> None:
-    p = start(crank_conveyor.Parameters, **{"trough.d": 0.0, **changes})
-    u = crank_conveyor.Inputs(0.0)
-    x = crank_conveyor.State(0.3, 90.0)
-    before = energy(p, x)
-    while x.phi < 0.3 + 200 * math.pi:
-        x = motion.advance(crank_conveyor, p, 0.0, x, motion.Course(u, u, h))
-    assert energy(p, x) == pytest.approx(before, rel=1e-9)
-
-
-def energy(p: Any, x: Any) -> float:
-    """Kinetic and potential energy."""
-    y = crank_conveyor.outputs(p, 0.0, x, crank_conveyor.Inputs(0.0))
-    return float(y.E_kin + y.E_pot)
-
-
 def test_motor_with_linear_characteristic_steps_exactly() -> None:
     """Against the solution of the differential equation that SymPy finds for a linear speed."""
     t, h = sympy.symbols("t h", positive=True)
@@ -286,16 +268,6 @@ def test_time_mean_of_the_torque_lies_on_the_motor_line(orbit: Any) -> None:
     assert mean == pytest.approx(want[6], abs=2e-5)
 
 
-@pytest.mark.parametrize(("name", "nu", "off"), [("A", 40.0, 168.7), ("B", 30.0, 140.2)])
-def test_phase_of_formula_26_as_printed_is_wrong(name: str, nu: float, off: float) -> None:
-    machine = SETS[name]
-    printed = math.degrees(cmath.phase(machine.load_ripple(nu)) + math.atan(2 * machine.T * nu))
-    torque = REFERENCE[name, int(nu)][3]
-    corrected = math.degrees(cmath.phase(machine.torque_ripple(nu)))
-    assert abs(corrected - torque) < 0.11
-    assert (printed - torque) % 360.0 == pytest.approx(off, abs=0.2)
-
-
 def test_ripple_of_formulas_10_17_and_26_as_printed_is_wrong() -> None:
     """The sign of (10), the root (1 + 2 T nu^2) of (17), the spring in the root of (26)."""
     m, nu = SETS["A"], 40.0
@@ -341,14 +313,6 @@ def test_speed_equation_16_as_printed_settles_fifty_times_too_fast() -> None:
     assert math.exp(-math.pi * m.zeta / math.sqrt(1 - m.zeta**2)) == pytest.approx(0.72, abs=4e-3)
 
 
-def test_rod_force_is_least_below_the_speed_that_the_text_after_17_names() -> None:
-    m = SETS["A"]
-    nu = np.linspace(50.0, 70.0, 20001)
-    force = [abs(m.load_ripple(float(n))) for n in nu]
-    assert math.sqrt(m.c / m.m) == 60.0
-    assert nu[int(np.argmin(force))] == pytest.approx(58.31, abs=2e-3)
-
-
 def test_finite_rod_adds_the_odd_orders() -> None:
     machine = SETS["A"]
     for nu, k, want in ((26.67, 3, 0.0537), (80.0, 1, 0.0875)):
@@ -356,31 +320,6 @@ def test_finite_rod_adds_the_odd_orders() -> None:
         y = monolithic(machine.start(nu) | {"conveyor.rod.finite": True}, t[-1], t_eval=t).y
         late = last_revolutions(y[0], 4)
         assert abs(order(y[0][late], y[1][late], k)) == pytest.approx(want, abs=6e-5)
-
-
-@pytest.mark.parametrize(
-    ("name", "nu", "w_0", "tau_0"),
-    [
-        ("A", 40.0, 39.6767723312, -90.697972024),
-        ("A", 60.0, 59.9635864838, 2.995288433),
-        ("B", 30.0, 30.6831415086, -25.621132989),
-        ("B", 60.0, 59.9718378063, 8.983827595),
-    ],
-)
-@pytest.mark.parametrize("rest", [False, True])
-def test_every_start_leads_to_the_reference_orbit(
-    name: str, nu: float, w_0: float, tau_0: float, rest: bool
-) -> None:
-    """Its point at phi = 0, after 40 revolutions."""
-    values = SETS[name].start(nu) | ({"conveyor.w": 0.0, "motor.tau": 0.0} if rest else {})
-
-    def top(t: float, y: Any) -> float:
-        return float(y[0] - 80 * math.pi)
-
-    top.terminal = True  # type: ignore[attr-defined]
-    end = monolithic(values, 90 * math.pi / nu, events=top).y_events[0][0]
-    assert end[1] == pytest.approx(w_0, abs=2e-9)
-    assert end[2] == pytest.approx(tau_0, abs=2e-7)
 
 
 def test_a_turned_direction_is_that_of_the_angle() -> None:

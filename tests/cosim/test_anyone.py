@@ -17,9 +17,7 @@ from contextlib import suppress
 from itertools import product
 from pathlib import Path
 from typing import Any
-from zipfile import ZipFile
 
-import fmpy
 import numpy as np
 import pytest
 
@@ -35,8 +33,8 @@ from cosim import (
 )
 from cosim.isolated import _remains
 from cosim.library import KEPT
-from tests.conftest import ROOT, hear_ctrl_c
-from tests.cosim.foreign import DEFECTS, Value, library, pack, pack_broken
+from tests.conftest import DESCRIPTION, ROOT, described, hear_ctrl_c, rewritten
+from tests.cosim.foreign import BINARY, Value, library, pack
 
 Make = Callable[..., Path]
 H = 0.1
@@ -195,18 +193,6 @@ def test_parts_have_their_resources_times_and_tolerance(make: Make) -> None:
         run(chain, stop=1.0, step=H, tolerance=-1.0)
 
 
-def test_resources_are_there(make: Make) -> None:
-    """The token comes from the resource folder; without it the FMU does not start."""
-    fmu = make()
-    bare = fmu.with_name("bare.fmu")
-    with ZipFile(fmu) as old, ZipFile(bare, "w") as new:
-        for name in old.namelist():
-            if "token" not in name:
-                new.writestr(name, old.read(name))
-    with pytest.raises(SetupError, match=r"A: instantiate failed: A finds no resources at file:"):
-        run(system({"A": bare}), stop=H, step=H)
-
-
 @pytest.mark.parametrize("wired", [True, False])
 def test_inputs_are_set_while_initialising(wired: bool, make: Make) -> None:
     """Some FMUs insist on it, be the input wired or given as a start value."""
@@ -216,18 +202,23 @@ def test_inputs_are_set_while_initialising(wired: bool, make: Make) -> None:
     assert result["B.y"][-1] == pytest.approx(held(1.0, float(wired), H), rel=1e-13)
 
 
-def test_an_fmu_with_its_tool_runs_and_names_it_where_it_does_not(make: Make) -> None:
-    fmu = make(needsExecutionTool=True)
+@pytest.mark.parametrize(
+    ("tool", "message"),
+    [
+        (False, "A: instantiate failed: A finds no resources at file:"),
+        (True, "it needs SimTool 7 to run"),
+    ],
+)
+def test_an_fmu_without_its_resources_or_its_tool_is_refused(
+    tool: bool, message: str, make: Make, tmp_path: Path
+) -> None:
+    """The token comes from the resource folder; without it the FMU does not start."""
+    fmu = make(needsExecutionTool=tool)
     assert len(run(system({"A": fmu}), stop=H, step=H).data) == 2
-    bare = fmu.with_name("bare.fmu")
-    with ZipFile(fmu) as old, ZipFile(bare, "w") as new:
-        for name in old.namelist():
-            text = old.read(name)
-            if name == "modelDescription.xml":
-                text = text.replace(b'modelName="', b'generationTool="SimTool 7" modelName="')
-            if "token" not in name:
-                new.writestr(name, text)
-    with pytest.raises(SetupError, match="it needs SimTool 7 to run"):
+    tools = described(('modelName="', 'generationTool="SimTool 7" modelName="'))
+    named = rewritten(fmu, tmp_path / "named", tools)
+    bare = rewritten(named, tmp_path / "bare", lambda files: files.pop("resources/token.txt"))
+    with pytest.raises(SetupError, match=message):
         run(system({"A": bare}), stop=H, step=H)
 
 
@@ -472,27 +463,51 @@ def test_what_is_no_number_is_named_with_its_time(
     assert sorted(events(diary)) == ["freed A", "freed B", "terminated A", "terminated B"]
 
 
+STEADY, STATELESS = "canHandleVariableCommunicationStepSize", "canGetAndSetFMUstate"
+
+
 @pytest.mark.parametrize("algorithm", EXPLICIT)
 @pytest.mark.parametrize("loop", LOOPS)
-def test_parts_without_variable_steps_run_in_whole_steps(
-    loop: str, algorithm: str, make: Make
-) -> None:
-    """Each at one size, be it a half or a third of the communication step."""
-    plain = {"A": make(), "B": make(x0=0.5)}
-    steady = {"canHandleVariableCommunicationStepSize": False}
-    parts = {"A": make(**steady), "B": make(x0=0.5, **steady)}
+def test_parts_that_can_do_less_run_as_others_do(loop: str, algorithm: str, make: Make) -> None:
+    """Also in steps of one size each, be it a half or a third of the communication step."""
     settings: dict[str, Any] = {"stop": 3.0, "step": 0.3, "algorithm": algorithm}
     settings |= {"substeps": {"B": 3}, "record": ["A.y", "B.y"]} | LOOPS[loop]
-    same = [run(ring(each), **settings).data for each in (plain, parts)]
-    assert np.array_equal(*same)
+    plain, *same = (
+        run(ring({"A": make(x0=0.0, **less), "B": make(**less)}), **settings).data
+        for less in ({}, {STEADY: False}, {STATELESS: False})
+    )
+    assert np.array_equal(plain, same[0]) and np.array_equal(plain, same[1])
+    assert abs(plain[-1, 1] - 0.5 * (1 - math.exp(-6.0))) < 0.1
 
 
-def test_parts_without_variable_steps_refuse_others(make: Make) -> None:
-    parts = {"A": make(), "B": make(canHandleVariableCommunicationStepSize=False)}
-    with pytest.raises(SetupError, match=r"stop = 1.05 s must be a whole number of steps of 0.1 s"):
-        run(ring(parts), stop=1.05, step=H)
-    with pytest.raises(SetupError, match="adaptive steps: B cannot vary its step"):
-        run(ring(parts), stop=1.0, step=Adaptive(1e-3))
+@pytest.mark.parametrize(
+    ("lacks", "settings", "message"),
+    [
+        (STEADY, {"stop": 1.05, "step": H}, "stop = 1.05 s must be a whole number of steps of 0.1"),
+        (STEADY, {"step": Adaptive(1e-3)}, "adaptive steps: B cannot vary its step"),
+        (
+            STATELESS,
+            {"step": H, "algorithm": "iterated"},
+            "iterated needs the FMU state, which B c",
+        ),
+        (
+            STATELESS,
+            {"step": Adaptive(1e-3, control="doubling")},
+            "step doubling needs the FMU state, which B cannot save",
+        ),
+        (
+            STATELESS,
+            {"step": Adaptive(1e-3)},
+            "by energy needs a power bond, and the system has none",
+        ),
+    ],
+)
+def test_parts_that_can_do_less_are_refused_what_they_cannot(
+    lacks: str, settings: dict[str, Any], message: str, make: Make
+) -> None:
+    parts = {"A": make(), "B": make(**{lacks: False})}
+    with pytest.raises(SetupError, match=message):
+        run(ring(parts), **{"stop": 1.0} | settings)
 
 
 @pytest.mark.parametrize("step", [0.33333334, 0.3, 0.4])
@@ -501,29 +516,6 @@ def test_the_last_step_ends_at_the_stop_time(step: float, make: Make) -> None:
     result = run(system({"A": make()}), stop=1.0, step=step)
     assert result["A.last_step"][-1] == pytest.approx(1.0 - result["time"][-2], rel=1e-12)
     assert result["A.y"][-1] == pytest.approx(math.exp(-1.0), rel=1e-13)
-
-
-def test_parts_without_a_state_are_not_iterated(make: Make) -> None:
-    parts = {"A": make(), "B": make(canGetAndSetFMUstate=False)}
-    with pytest.raises(SetupError, match="iterated needs the FMU state, which B cannot save"):
-        run(ring(parts), stop=1.0, step=H, algorithm="iterated")
-    with pytest.raises(SetupError, match="step doubling needs the FMU state, which B cannot save"):
-        run(ring(parts), stop=1.0, step=Adaptive(1e-3, control="doubling"))
-    with pytest.raises(SetupError, match="by energy needs a power bond, and the system has none"):
-        run(ring(parts), stop=1.0, step=Adaptive(1e-3))
-
-
-@pytest.mark.parametrize("algorithm", EXPLICIT)
-@pytest.mark.parametrize("loop", LOOPS)
-def test_parts_without_a_state_run_explicitly(loop: str, algorithm: str, make: Make) -> None:
-    settings: dict[str, Any] = {"stop": 2.0, "step": H, "algorithm": algorithm}
-    settings |= {"record": ["A.y", "B.y"]} | LOOPS[loop]
-    same = [
-        run(ring({"A": make(x0=0.0), "B": make(canGetAndSetFMUstate=can)}), **settings).data
-        for can in (True, False)
-    ]
-    assert np.array_equal(*same)
-    assert abs(same[0][-1, 1] - 0.5 * (1 - math.exp(-4.0))) < 0.03
 
 
 def test_parts_without_a_state_step_adaptively_by_energy(make: Make) -> None:
@@ -685,65 +677,84 @@ def test_every_state_is_freed(settings: dict[str, Any], make: Make, tmp_path: Pa
     assert sorted(events(diary)) == ["freed A", "freed B", "terminated A", "terminated B"]
 
 
-REFUSED = {
-    "FMI 1.0": "is FMI 1.0; this master runs FMI 2.0 co-simulation",
-    "FMI 3.0": "is FMI 3.0; this master runs FMI 2.0 co-simulation",
-    "model exchange only": "offers model exchange only; this master runs FMI 2.0 co-simulation",
-    "wrong GUID": "A: instantiate failed: the GUID {1} is not {",
-    "no binary": f"has no binary for this platform, binaries/{fmpy.platform}/foreign"
-    f"{fmpy.sharedLibraryExtension}; it is for win32",
-    "no description": "is not a valid FMU, it has no modelDescription.xml",
-    "malformed XML": "is not a valid FMU: modelDescription.xml: Opening and ending tag mismatch",
-    "truncated": "is not a valid FMU, it cannot be opened as zip: File is not a zip file",
-    "other schema": "is not a valid FMU: modelDescription.xml: ",
-    "damaged": "A.fmu cannot be unpacked: ",
-    "no library": "A: Failed to load shared library",
-    "no file": "there is no file",
+FMI1 = """<fmiModelDescription fmiVersion="1.0" modelName="foreign" modelIdentifier="foreign"
+ guid="{1}" numberOfContinuousStates="0" numberOfEventIndicators="0"><ModelVariables/><Implementation>
+<CoSimulation_StandAlone><Capabilities/></CoSimulation_StandAlone></Implementation>
+</fmiModelDescription>"""
+FMI3 = """<fmiModelDescription fmiVersion="3.0" modelName="foreign" instantiationToken="{1}">
+<CoSimulation modelIdentifier="foreign"/>
+<ModelVariables><Float64 name="time" valueReference="0" causality="independent"/></ModelVariables>
+<ModelStructure/></fmiModelDescription>"""
+WHOLE = r"(?s)\A.*\Z"
+EXCHANGE = ("<CoSimulation.*?/>", '<ModelExchange modelIdentifier="foreign"/>')
+REFUSED: dict[str, tuple[Callable[[dict[str, Any]], Any], str]] = {
+    "FMI 1.0": (described((WHOLE, FMI1)), "is FMI 1.0; this master runs FMI 2.0 co-simulation"),
+    "FMI 3.0": (described((WHOLE, FMI3)), "is FMI 3.0; this master runs FMI 2.0 co-simulation"),
+    "model exchange only": (described(EXCHANGE), "offers model exchange only; this master runs"),
+    "wrong GUID": (
+        described(("guid=.*?}", 'guid="{1}')),
+        "A: instantiate failed: the GUID {1} is not {",
+    ),
+    "no binary": (
+        lambda files: files.update({"binaries/win32/foreign.dll": files.pop(BINARY)}),
+        f"has no binary for this platform, {BINARY}; it is for win32",
+    ),
+    "no library": (
+        lambda files: files.update({BINARY: b"no library"}),
+        "A: Failed to load shared library",
+    ),
+    "no description": (
+        lambda files: files.pop(DESCRIPTION),
+        "is not a valid FMU, it has no modelDescription.xml",
+    ),
+    "malformed XML": (
+        described(("</ModelVariables>", "")),
+        "is not a valid FMU: modelDescription.xml: Opening and ending tag mismatch",
+    ),
+    "other schema": (
+        described(('fmiVersion="2.0"', 'fmiVersion="2.0" colour="red"')),
+        "is not a valid FMU: modelDescription.xml: ",
+    ),
+}
+DAMAGED: dict[str, tuple[Callable[[bytes], bytes], str]] = {
+    "truncated": (
+        lambda data: data[: len(data) // 2],
+        "is not a valid FMU, it cannot be opened as zip: File is not a zip file",
+    ),
+    "flipped": (
+        lambda data: data.replace("grün".encode(), b"green"),
+        "A.fmu cannot be unpacked: ",
+    ),
+    "no file": (lambda _: b"", "there is no file"),
 }
 
 
-def spoiled(path: Path, defect: str) -> Path:
-    """An FMU with a defect of those in REFUSED."""
-    if defect in DEFECTS:
-        return pack_broken(path, defect)
-    if defect == "no file":
-        return path
-    pack(path)
-    if defect == "damaged":
-        with ZipFile(path) as archive:
-            entry = archive.getinfo("resources/token.txt")
-        content = bytearray(path.read_bytes())
-        content[entry.header_offset + 30 + len(entry.filename) + 3] ^= 0xFF
-        path.write_bytes(content)
-        return path
-    whole = path.with_suffix(".whole")
-    path.rename(whole)
-    with ZipFile(whole) as old, ZipFile(path, "w") as new:
-        for name in old.namelist():
-            text = old.read(name)
-            if defect == "no library" and name.startswith("binaries"):
-                text = b"no library"
-            if defect == "other schema":
-                text = text.replace(b'fmiVersion="2.0"', b'fmiVersion="2.0" colour="red"')
-            new.writestr(name, text)
-    return path
+def spoiled(path: Path, defect: str) -> tuple[Path, str]:
+    """An FMU with a defect of REFUSED or DAMAGED, and what is said of it."""
+    whole = pack(path.with_suffix(".whole"))
+    if defect in REFUSED:
+        edit, message = REFUSED[defect]
+        return rewritten(whole, path, edit), message
+    damage, message = DAMAGED[defect]
+    if data := damage(rewritten(whole, path, lambda _: None).read_bytes()):
+        path.write_bytes(data)
+    else:
+        path.unlink()
+    return path, message
 
 
-def test_every_defect_is_tried() -> None:
-    assert set(DEFECTS) < set(REFUSED)
-
-
-@pytest.mark.parametrize("defect", REFUSED)
+@pytest.mark.parametrize("defect", [*REFUSED, *DAMAGED])
 def test_what_is_no_fmu_for_this_master_says_why(
     defect: str, make: Make, tmp_path: Path, scratch: Path
 ) -> None:
     here = Path.cwd()
     diary = tmp_path / "diary.txt"
-    parts = {"B": make(diary=str(diary)), "A": spoiled(tmp_path / "A.fmu", defect)}
+    fmu, message = spoiled(tmp_path / "A.fmu", defect)
+    parts = {"B": make(diary=str(diary)), "A": fmu}
     with pytest.raises(SetupError) as caught:
         run(system(parts), stop=1.0, step=H)
     text = str(caught.value)
-    assert REFUSED[defect] in text
+    assert message in text
     assert re.match("part A: .*A.fmu |A: |part A: there", text)
     assert "\n" not in text
     assert Path.cwd() == here

@@ -5,18 +5,12 @@ from __future__ import annotations
 import cmath
 import json
 import math
-import os
 import re
-import signal
-import subprocess
-import sys
-import time
 from collections.abc import Iterator
 from functools import cache
 from itertools import pairwise, takewhile
 from pathlib import Path
 from typing import Any
-from zipfile import ZipFile
 
 import numpy as np
 import pytest
@@ -26,7 +20,7 @@ from scipy.interpolate import CubicSpline
 
 from cosim import SetupError, SimulationError, System, run
 from scenarios.conveyor.theory import SETS
-from tests.conftest import ROOT, hear_ctrl_c
+from tests.conftest import ROOT, described, rewritten
 from tests.oracle import monolithic
 from workbench.measure import last_revolutions, order
 
@@ -59,45 +53,23 @@ def percent(value: float, reference: float) -> float:
     return 100 * (value / reference - 1)
 
 
-@pytest.mark.parametrize(("n", "error"), [(128, 91.7), (256, 31.5), (512, 13.6), (1024, 6.36)])
-def test_jacobi_inflates_the_resonance_as_its_loop_delay_says(
-    fmus: Path, n: int, error: float
-) -> None:
-    speed, torque, _ = ripple(fmus, "jacobi", n, 48 if n < 512 else 24)
-    assert percent(torque, HELD_TAU2) == pytest.approx(error, rel=0.01)
-    assert percent(speed, HELD_W2) == pytest.approx(error, rel=0.02)
-
-
-@pytest.mark.parametrize(("n", "error"), [(64, 0.6), (128, 0.15)])
-def test_gauss_seidel_meets_the_amplitudes(fmus: Path, n: int, error: float) -> None:
-    speed, torque, phase = ripple(fmus, "gauss-seidel", n)
-    assert abs(percent(torque, HELD_TAU2)) < error
-    assert abs(percent(speed, HELD_W2)) < error
-    if n >= 128:
-        assert abs(phase - HELD_PHASE) < 1.1 * 360 / n
-
-
 @pytest.mark.parametrize(
-    ("algorithm", "n", "motor", "conveyor", "torque", "phase"),
+    ("algorithm", "n", "motor", "conveyor", "phase"),
     [
-        ("strang", 64, 0, 0, -0.014, 0.92),
-        ("strang", 128, 0, 0, -0.001, 0.23),
-        ("gauss-seidel", 64, 0, 0, 0.478, -4.76),
-        ("jacobi", 128, 1, 1, 0.553, 2.24),
-        ("gauss-seidel", 64, 1, 2, 2.348, 3.49),
-        ("gauss-seidel", 128, 0, 2, 31.576, -3.40),
-        ("iterated", 32, 2, 2, -2.044, -7.11),
-        ("iterated", 64, 2, 2, -0.367, -1.79),
-        ("iterated", 256, 0, 0, -19.275, 1.17),
+        ("strang", 64, 0, 0, 0.92),
+        ("strang", 128, 0, 0, 0.23),
+        ("gauss-seidel", 64, 0, 0, -4.76),
+        ("jacobi", 128, 1, 1, 2.24),
+        ("gauss-seidel", 64, 1, 2, 3.49),
+        ("iterated", 64, 2, 2, -1.79),
     ],
 )
-def test_coupling_errors_of_the_input_holds(
-    fmus: Path, algorithm: str, n: int, motor: int, conveyor: int, torque: float, phase: float
+def test_lateness_of_the_torque_at_resonance(
+    fmus: Path, algorithm: str, n: int, motor: int, conveyor: int, phase: float
 ) -> None:
-    """Held, extrapolated and interpolated inputs at resonance; motor first where that matters."""
+    """Held, extrapolated and interpolated inputs; amplitudes are those of the page below."""
     held = {"motor_input_hold": motor, "conveyor_input_hold": conveyor}
-    _, amplitude, angle = ripple(fmus, algorithm, n, 48 if torque > 10 else 24, **held)
-    assert percent(amplitude, HELD_TAU2) == pytest.approx(torque, rel=0.01, abs=0.002)
+    _, _, angle = ripple(fmus / "native", algorithm, n, **held)
     assert angle - HELD_PHASE == pytest.approx(phase, abs=0.02)
 
 
@@ -263,18 +235,12 @@ def test_wires_scale_and_shift(fmus: Path) -> None:
 
 def test_wires_convert_units(fmus: Path, tmp_path: Path) -> None:
     """A conveyor that tells its speed in rpm drives the motor as one that tells it in rad/s."""
-    rpm = tmp_path / "Rpm.fmu"
     unit = f'<Unit name="rpm"><BaseUnit rad="1" s="-1" factor="{math.pi / 30!r}"/></Unit>'
-    with ZipFile(fmus / "CrankConveyor.fmu") as old, ZipFile(rpm, "w") as new:
-        for name in old.namelist():
-            text = old.read(name)
-            if name == "modelDescription.xml":
-                head, _, tail = text.decode().partition("</UnitDefinitions>")
-                before, _, after = tail.partition('<ScalarVariable name="w"')
-                after = after.replace('unit="rad/s" displayUnit="rpm"', 'unit="rpm"', 1)
-                whole = f'{head}{unit}</UnitDefinitions>{before}<ScalarVariable name="w"{after}'
-                text = whole.encode()
-            new.writestr(name, text)
+    edit = described(
+        ("</UnitDefinitions>", f"{unit}</UnitDefinitions>"),
+        (r'(?s)(<ScalarVariable name="w".*?)unit="rad/s" displayUnit="rpm"', r'\1unit="rpm"'),
+    )
+    rpm = rewritten(fmus / "CrankConveyor.fmu", tmp_path / "Rpm.fmu", edit)
     parts = {"motor": fmus / "DriveMotor.fmu", "conveyor": rpm}
     result = run(System(parts, WIRES, {"conveyor.w": 30.0}), stop=1e-3, step=1e-3)
     assert result.units["conveyor.w"] == "rpm"
@@ -335,40 +301,6 @@ def test_an_error_of_the_caller_does_not_pass_for_a_complete_run(
     ]
 
 
-def test_ctrl_c_leaves_a_readable_csv(fmus: Path, tmp_path: Path) -> None:
-    script = (
-        "import sys; from pathlib import Path; from cosim import System, run\n"
-        "fmus, out = map(Path, sys.argv[1:])\n"
-        "parts = {'motor': fmus / 'DriveMotor.fmu', 'conveyor': fmus / 'CrankConveyor.fmu'}\n"
-        f"run(System(parts, {WIRES!r}), stop=1e4, step=1e-3, csv=out, "
-        "progress=lambda share: print(share, flush=True))\n"
-    )
-    command = [sys.executable, "-c", script, str(fmus), str(tmp_path / "run.csv")]
-    scratch = tmp_path / "scratch"
-    scratch.mkdir()
-    process = subprocess.Popen(
-        command,
-        cwd=ROOT,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        env=os.environ | {"TMPDIR": str(scratch)},
-        preexec_fn=hear_ctrl_c,  # noqa: PLW1509
-    )
-    partial = tmp_path / "run.partial.csv"
-    deadline = time.monotonic() + 30
-    while not (partial.exists() and partial.stat().st_size > 1000) and time.monotonic() < deadline:
-        time.sleep(0.05)
-    process.send_signal(signal.SIGINT)
-    _, errors = process.communicate(timeout=30)
-    assert "interrupted by the user; stopped at t = " in errors.decode()
-    facts = json.loads((tmp_path / "run.partial.json").read_text())
-    rows = [line.split(",") for line in partial.read_text().splitlines()]
-    assert facts["status"] == "interrupted"
-    assert {len(row) for row in rows} == {len(rows[0])}
-    assert float(rows[-1][0]) == facts["reached"]
-    assert list(scratch.iterdir()) == []
-
-
 BAD_SYSTEMS = [
     ({"wires": ["motor.tau -> conveyor.tau"]}, "input motor.w [rad/s] is not connected"),
     ({"wires": [*WIRES, WIRES[0]]}, "conveyor.tau [N.m] is driven twice"),
@@ -403,32 +335,3 @@ def test_bad_systems_are_refused(fmus: Path, change: dict[str, Any], message: st
         run(system, stop=1.0, step=1e-3)
     assert message in str(caught.value)
     assert "\n" not in str(caught.value)
-
-
-@pytest.mark.parametrize(
-    ("settings", "message"),
-    [
-        ({"step": 0.0}, "step = 0.0 s must be above 0"),
-        ({"step": math.nan}, "step = nan s must be a finite number"),
-        ({"stop": -1.0}, "stop = -1.0 s must be after start = 0.0 s"),
-        ({"algorithm": "euler"}, "'euler' must be one of jacobi, gauss-seidel, strang"),
-        ({"order": ["motor"]}, "order ['motor'] must name each of motor, conveyor once"),
-        ({"record": ["motor.speed"]}, "motor has no variable 'speed'"),
-        ({"output_step": 0.0}, "output_step = 0.0 s must be above 0"),
-    ],
-)
-def test_bad_settings_are_refused(fmus: Path, settings: dict[str, Any], message: str) -> None:
-    with pytest.raises(SetupError) as caught:
-        run(pair(fmus), **{"stop": 1.0, "step": 1e-3, **settings})
-    assert message in str(caught.value)
-
-
-def test_what_is_no_fmu_is_refused(fmus: Path, tmp_path: Path) -> None:
-    broken = tmp_path / "Broken.fmu"
-    broken.write_bytes(b"no zip")
-    for path, message in (
-        (broken, "is not a valid FMU"),
-        (tmp_path / "no.fmu", "there is no file"),
-    ):
-        with pytest.raises(SetupError, match=message):
-            run(System({"motor": path}), stop=1.0, step=1e-3)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 import signal
@@ -11,7 +12,6 @@ import tempfile
 import threading
 from pathlib import Path
 from textwrap import dedent
-from zipfile import ZipFile
 
 import numpy as np
 import pytest
@@ -19,7 +19,7 @@ import pytest
 from cosim import SetupError, System, run, run_isolated, write_ssp
 from cosim.__main__ import main
 from cosim.library import KEPT, MOST_KEPT
-from tests.conftest import ROOT, hear_ctrl_c
+from tests.conftest import ROOT, described, hear_ctrl_c, rewritten, until
 
 WIRES = ("motor.tau -> conveyor.tau", "conveyor.w -> motor.w")
 
@@ -28,18 +28,6 @@ def drive(folder: Path) -> System:
     """Motor and conveyor."""
     parts = {"motor": folder / "DriveMotor.fmu", "conveyor": folder / "CrankConveyor.fmu"}
     return System(parts, WIRES, {"conveyor.w": 40.0})
-
-
-def changed(fmu: Path, copy: Path, old: str, new: str) -> Path:
-    """A copy of an FMU with another text in its model description."""
-    with ZipFile(fmu) as source, ZipFile(copy, "w") as target:
-        for name in source.namelist():
-            content = source.read(name)
-            if name == "modelDescription.xml":
-                assert old.encode() in content
-                content = content.replace(old.encode(), new.encode())
-            target.writestr(name, content)
-    return copy
 
 
 def test_the_second_run_takes_the_same_folder_and_gives_the_same_bits(both: Path) -> None:
@@ -59,7 +47,7 @@ def test_a_replaced_fmu_is_noticed(fmus: Path, tmp_path: Path) -> None:
     system = System({"motor": copy}, start={"motor.w": 30.0})
     started = run(system, stop=0.01, step=1e-3)
     folder = KEPT[copy].folder
-    changed(native / "DriveMotor.fmu", copy, "<CoSimulation ", "<CoSimulation  ")
+    rewritten(native / "DriveMotor.fmu", copy, described(("<CoSimulation ", "<CoSimulation  ")))
     run(system, stop=0.01, step=1e-3)
     assert KEPT[copy].folder != folder
     assert not folder.exists()
@@ -94,7 +82,8 @@ def test_an_fmu_that_lives_only_once_is_loaded_anew_for_every_run(
     monkeypatch.setattr(tempfile, "tempdir", str(scratch := tmp_path / "scratch"))
     scratch.mkdir()
     flags = [f'canBeInstantiatedOnlyOncePerProcess="{word}"' for word in ("false", "true")]
-    fmu = changed(fmus / "native" / "DriveMotor.fmu", tmp_path / "once.fmu", *flags)
+    once = described((flags[0], flags[1]))
+    fmu = rewritten(fmus / "native" / "DriveMotor.fmu", tmp_path / "once.fmu", once)
     for _ in range(2):
         run(System({"m": fmu}, start={"m.w": 1.0}), stop=0.01, step=0.01)
         assert fmu not in KEPT
@@ -143,7 +132,7 @@ SCRIPT = """
             run(System({"a": fmu}, start={"a.u": 1.0}), stop=0.01, step=0.01)
         run_isolated(drive, stop=0.01, step=1e-3, csv=Path("rows.csv"))
         print("ready", flush=True)
-        run(drive, stop=float(sys.stdin.readline()), step=1e-4)
+        run(drive, stop=float(sys.stdin.readline()), step=1e-4, csv=Path("last.csv"))
 """
 
 
@@ -175,10 +164,17 @@ def test_nothing_is_left_behind(
     process.stdin.write("0.01\n" if ending == "end" else "1e6\n")
     process.stdin.flush()
     if ending == "Ctrl-C":
-        threading.Timer(0.5, process.send_signal, [signal.SIGINT]).start()
+        partial = tmp_path / "last.partial.csv"
+        until(lambda: partial.exists() and partial.stat().st_size > 1000)
+        process.send_signal(signal.SIGINT)
     _, complaint = process.communicate(timeout=60)
     assert process.returncode == (ending == "Ctrl-C"), complaint
-    assert ("Interrupted" in complaint) is (ending == "Ctrl-C")
+    if ending == "Ctrl-C":
+        assert "interrupted by the user; stopped at t = " in complaint
+        facts = json.loads(partial.with_suffix(".json").read_text())
+        rows = [line.split(",") for line in partial.read_text().splitlines()]
+        assert {len(row) for row in rows} == {len(rows[0])}
+        assert (facts["status"], facts["reached"]) == ("interrupted", float(rows[-1][0]))
     assert list(scratch.iterdir()) == []
 
 

@@ -15,6 +15,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from cosim import Package, SetupError, System, read_ssp, run, write_ssp
 from cosim.system import connect
+from tests.conftest import described, rewritten
 
 STANDARD = "http://ssp-standard.org/SSP1/SystemStructure"
 SPACES = " ".join(
@@ -801,11 +802,7 @@ BAD: dict[str, tuple[str, Files, str]] = {
 
 
 def test_names_that_no_wire_can_spell_are_refused(read: Read, echo: Path, tmp_path: Path) -> None:
-    with zipfile.ZipFile(echo) as old:
-        texts = {name: old.read(name) for name in old.namelist()}
-    description = texts["modelDescription.xml"]
-    texts["modelDescription.xml"] = description.replace(b'name="y"', b'name="y *2"')
-    fmu = pack(tmp_path / "Odd.fmu", dict(texts))
+    fmu = rewritten(echo, tmp_path / "Odd.fmu", described(('name="y"', 'name="y *2"')))
     odd = f'<ssd:Component name="odd" source="Odd.fmu">{connectors(("y *2", "output", ""))}'
     connection = SPACE.format("odd", "y *2", "motor", "w")
     with pytest.raises(SetupError, match=r"'odd\.y \*2' has a blank, \* or \+"):
@@ -814,14 +811,8 @@ def test_names_that_no_wire_can_spell_are_refused(read: Read, echo: Path, tmp_pa
 
 def test_dotted_names_mean_one_variable(fmus: Path, echo: Path, tmp_path: Path) -> None:
     """motor, kloss.tau_b and motor.kloss, tau_b would be one name."""
-    with zipfile.ZipFile(echo) as old:
-        texts = {name: old.read(name) for name in old.namelist()}
-    description = texts["modelDescription.xml"]
-    texts["modelDescription.xml"] = description.replace(b'name="y"', b'name="tau_b"')
-    parts = {
-        "motor": fmus / "DriveMotor.fmu",
-        "motor.kloss": pack(tmp_path / "Odd.fmu", dict(texts)),
-    }
+    odd = rewritten(echo, tmp_path / "Odd.fmu", described(('name="y"', 'name="tau_b"')))
+    parts = {"motor": fmus / "DriveMotor.fmu", "motor.kloss": odd}
     with pytest.raises(SetupError, match=r"motor and motor.kloss both have a motor.kloss.tau_b"):
         connect(System(parts, [], {"motor.w": 1.0, "motor.kloss.u": 1.0}))
     parts["motor.kloss"] = echo

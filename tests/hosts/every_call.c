@@ -20,7 +20,18 @@
 
 #define MOST 256
 #define H 1e-3
-#define FUNCTION(name) name##TYPE *name = (name##TYPE *)function(#name)
+#define FUNCTIONS(X) \
+    X(GetReal) X(SetReal) X(GetInteger) X(SetInteger) X(GetBoolean) X(SetBoolean) X(GetString) \
+    X(SetString) X(GetRealOutputDerivatives) X(SetRealInputDerivatives) \
+    X(GetDirectionalDerivative) X(GetFMUstate) X(SetFMUstate) X(FreeFMUstate) X(SetupExperiment) \
+    X(EnterInitializationMode) X(ExitInitializationMode) X(Terminate) X(DoStep) X(CancelStep) \
+    X(GetStatus) X(GetRealStatus) X(GetIntegerStatus) X(GetBooleanStatus) X(GetStringStatus) \
+    X(SetDebugLogging) X(SerializedFMUstateSize) X(SerializeFMUstate) X(DeSerializeFMUstate) \
+    X(Instantiate) X(FreeInstance) X(Reset) X(GetTypesPlatform) X(GetVersion)
+#define DECLARE(name) static fmi2##name##TYPE *fmi2##name;
+#define LOAD(name) fmi2##name = (fmi2##name##TYPE *)function("fmi2" #name);
+
+FUNCTIONS(DECLARE)
 
 static void *library;
 static int variables, steps, messages, blocks;
@@ -57,20 +68,6 @@ static void release(void *block) {
 
 /* Get, and where it is allowed set to the same, every reference as every type. */
 static void touch(fmi2Component unit) {
-    FUNCTION(fmi2GetReal);
-    FUNCTION(fmi2SetReal);
-    FUNCTION(fmi2GetInteger);
-    FUNCTION(fmi2SetInteger);
-    FUNCTION(fmi2GetBoolean);
-    FUNCTION(fmi2SetBoolean);
-    FUNCTION(fmi2GetString);
-    FUNCTION(fmi2SetString);
-    FUNCTION(fmi2GetRealOutputDerivatives);
-    FUNCTION(fmi2SetRealInputDerivatives);
-    FUNCTION(fmi2GetDirectionalDerivative);
-    FUNCTION(fmi2GetFMUstate);
-    FUNCTION(fmi2SetFMUstate);
-    FUNCTION(fmi2FreeFMUstate);
     const fmi2Integer orders[] = {1, 2};
     const fmi2Real one = 1.0, wild[] = {NAN, INFINITY, -1e300};
     fmi2FMUstate before = NULL;
@@ -113,21 +110,6 @@ static void touch(fmi2Component unit) {
 
 /* Calls that are not for this phase, and those that never do anything. */
 static void misuse(fmi2Component unit) {
-    FUNCTION(fmi2SetupExperiment);
-    FUNCTION(fmi2EnterInitializationMode);
-    FUNCTION(fmi2ExitInitializationMode);
-    FUNCTION(fmi2Terminate);
-    FUNCTION(fmi2DoStep);
-    FUNCTION(fmi2CancelStep);
-    FUNCTION(fmi2GetStatus);
-    FUNCTION(fmi2GetRealStatus);
-    FUNCTION(fmi2GetIntegerStatus);
-    FUNCTION(fmi2GetBooleanStatus);
-    FUNCTION(fmi2GetStringStatus);
-    FUNCTION(fmi2GetFMUstate);
-    FUNCTION(fmi2SetFMUstate);
-    FUNCTION(fmi2FreeFMUstate);
-    FUNCTION(fmi2SetDebugLogging);
     const fmi2String categories[] = {"logAll", "nonsense"};
     fmi2FMUstate before = NULL;
     fmi2Status status;
@@ -162,12 +144,6 @@ static void misuse(fmi2Component unit) {
 
 /* Bytes that are, and bytes that are not, a state. */
 static void serialise(fmi2Component unit) {
-    FUNCTION(fmi2GetFMUstate);
-    FUNCTION(fmi2SetFMUstate);
-    FUNCTION(fmi2FreeFMUstate);
-    FUNCTION(fmi2SerializedFMUstateSize);
-    FUNCTION(fmi2SerializeFMUstate);
-    FUNCTION(fmi2DeSerializeFMUstate);
     fmi2FMUstate before = NULL, read = NULL;
     fmi2Byte *bytes;
     size_t size;
@@ -197,12 +173,6 @@ static void serialise(fmi2Component unit) {
 }
 
 static void run(fmi2Component unit, int thorough, double *end) {
-    FUNCTION(fmi2SetupExperiment);
-    FUNCTION(fmi2EnterInitializationMode);
-    FUNCTION(fmi2ExitInitializationMode);
-    FUNCTION(fmi2Terminate);
-    FUNCTION(fmi2DoStep);
-    FUNCTION(fmi2GetReal);
     for (int phase = 0; phase < 4; phase++) {
         if (phase == 0) fmi2SetupExperiment(unit, fmi2True, 1e-6, 0.0, fmi2True, 1.0);
         if (phase == 1) fmi2EnterInitializationMode(unit);
@@ -213,9 +183,6 @@ static void run(fmi2Component unit, int thorough, double *end) {
     }
     for (fmi2ValueReference vr = 0; vr < (fmi2ValueReference)variables; vr++) {
         fmi2FMUstate state = NULL;
-        FUNCTION(fmi2GetFMUstate);
-        FUNCTION(fmi2SetFMUstate);
-        FUNCTION(fmi2FreeFMUstate);
         fmi2GetFMUstate(unit, &state);
         if (fmi2GetReal(unit, &vr, 1, &end[vr]) != fmi2OK) end[vr] = 0.0;
         fmi2SetFMUstate(unit, state);
@@ -235,11 +202,7 @@ int main(int count, char **arguments) {
         return 2;
     }
     variables = atoi(arguments[3]), steps = atoi(arguments[4]);
-    FUNCTION(fmi2Instantiate);
-    FUNCTION(fmi2FreeInstance);
-    FUNCTION(fmi2Reset);
-    FUNCTION(fmi2GetTypesPlatform);
-    FUNCTION(fmi2GetVersion);
+    FUNCTIONS(LOAD)
 #define UNIT(name, type, guid, with) \
     fmi2Instantiate(name, type, guid, "file:///", with, fmi2False, fmi2True)
     if (UNIT("unit", fmi2CoSimulation, "{another}", &callbacks)) return 3;

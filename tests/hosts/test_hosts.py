@@ -17,7 +17,6 @@ from typing import Any
 import fmpy
 import numpy as np
 import pytest
-from lxml import etree
 from numpy.testing import assert_allclose, assert_array_equal
 
 from cosim import SetupError, System, run, write_osp, write_ssp
@@ -135,16 +134,6 @@ def test_libcosim_reproduces_our_jacobi_master(both: Path, name: str) -> None:
     assert_allclose(np.transpose(values), case.ours(both)[1:], rtol=1e-10, atol=1e-12)
 
 
-@pytest.mark.parametrize("case", [CHANGED, CASES["orientator"]], ids=["conveyor", "orientator"])
-def test_libcosim_runs_our_ssp(fmus: Path, case: Case, tmp_path: Path) -> None:
-    """Wires, parameters and inputs travel in the file; it does not set the start of an output."""
-    ssp = tmp_path / "system.ssp"
-    write_ssp(case.system(fmus), ssp, stop=1.0)
-    done = finish(sys.executable, HOSTS / "libcosim_system.py", case.task(fmus), ssp)
-    _, *values = np.transpose(json.loads(done.stdout))
-    assert_allclose(np.transpose(values), case.ours(fmus)[1:], rtol=1e-10, atol=1e-12)
-
-
 @pytest.mark.parametrize("kind", ["ssp", "osp"])
 def test_libcosim_runs_every_type_and_scaled_wires(
     fmus: Path, echo: Path, kind: str, tmp_path: Path
@@ -209,21 +198,6 @@ def test_osp_structure_refuses_what_libcosim_would_drop(fmus: Path, tmp_path: Pa
     with pytest.raises(SetupError, match="Enumeration"):
         write_osp(System(parts, ["first.stage -> second.w"], inputs), tmp_path, step=STEP)
     assert list(tmp_path.iterdir()) == []
-
-
-def test_ssp_is_valid_and_carries_scaled_wires(fmus: Path, tmp_path: Path) -> None:
-    parts = {"iron": fmus / "IronDrive.fmu", "orientator": fmus / "GravityOrientator.fmu"}
-    wires = ["iron.w_cam * 2.5 + 0.5 -> orientator.w", "iron.top_dwell -> orientator.release"]
-    start = {"iron.tau": 0.1, "iron.wrap": 1, "iron.spring.side": -1}
-    write_ssp(System(parts, wires, start), tmp_path / "line.ssp", stop=2.0)
-    schemas = Path(fmpy.__file__).with_name("ssp") / "schema"
-    with zipfile.ZipFile(tmp_path / "line.ssp") as archive:
-        tree = etree.fromstring(archive.read("SystemStructure.ssd"))
-        assert "resources/IronDrive.fmu" in archive.namelist()
-    etree.XMLSchema(file=str(schemas / "SystemStructureDescription.xsd")).assertValid(tree)
-    text = etree.tostring(tree).decode()
-    assert '<ssc:LinearTransformation factor="2.5" offset="0.5"/>' in text
-    assert '<ssv:Enumeration name="Side" value="above"/>' in text
 
 
 @pytest.mark.parametrize("name", CASES)

@@ -4,8 +4,8 @@ x' = a x + b u from x(start) = x0 is stepped exactly for an input with up to two
 hold for one step; y = x, z = x + d u. Each `..._out` is the `..._in` set before the last step, or
 (`counts`) tells how many steps of the first one's size were taken; `spelled` is string_out as a number. In
 step mode outputs are those of the last step (`fresh`: z follows u at once). Steps above
-`longest_step` end there with Discard (`stubborn`: do not start); afterwards only a saved state helps
-(`resumes`: or going on from there). So do steps beyond `pause_at`, once. Discard at `end_at` says Terminated. A `..._at` is the time at
+`longest_step` end there with Discard (`stubborn`: do not start); afterwards only a saved state helps.
+So do steps beyond `pause_at`, once. Discard at `end_at` says Terminated. A `..._at` is the time at
 which the call that reaches it, also the end of initialisation, logs and returns that status (`talks`: and says more), kills
 the process (`crash`: SIGSEGV, also `crash_at_end`, when terminated; `exit`: code 3), never returns (`hang`), or makes y NaN. `needs_input`: u must be set while
 initialising. Other calls out of order, wrong times, steps beyond the stop time and returns to times
@@ -16,7 +16,6 @@ a set without a step between) count over the life of an instance. Lines of the f
 "terminated NAME", "refused NAME" (a call out of order), "leaked states NAME", "used after fatal NAME", "freed NAME".
 """
 
-import re
 import subprocess
 import sys
 import zipfile
@@ -24,7 +23,7 @@ from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, NamedTuple
+from typing import NamedTuple
 from uuid import NAMESPACE_URL, uuid5
 from xml.sax.saxutils import quoteattr
 
@@ -34,6 +33,7 @@ Value = float | int | bool | str
 GEARS = {"low": 1, "middle": 2, "high": 5}
 TOKEN = "grün, 100 %"
 NEVER = 1e300
+BINARY = f"binaries/{fmpy.platform}/foreign{fmpy.sharedLibraryExtension}"
 
 
 class Variable(NamedTuple):
@@ -63,49 +63,49 @@ VARIABLES = [
     Variable("enumeration_in", "Enumeration", "input", 1),
     Variable("y", "Real", "output", initial="x0"),
     Variable("z", "Real", "output", feedthrough="u", initial="u x0 d"),
-    Variable("integer_out", "Integer", "output", initial="integer_in"),
-    Variable("boolean_out", "Boolean", "output", initial="boolean_in"),
-    Variable("string_out", "String", "output", initial="string_in"),
-    Variable("enumeration_out", "Enumeration", "output", initial="enumeration_in"),
+    *(
+        Variable(f"{kind.lower()}_out", kind, "output", initial=f"{kind.lower()}_in")
+        for kind in ("Integer", "Boolean", "String", "Enumeration")
+    ),
     Variable("spelled", "Integer", "output", initial="string_in"),
-    Variable("start_time", "Real", "output"),
-    Variable("stop_time", "Real", "output"),
-    Variable("stop_time_defined", "Boolean", "output"),
-    Variable("tolerance", "Real", "output"),
-    Variable("tolerance_defined", "Boolean", "output"),
+    *(Variable(name, "Boolean", "output") for name in ("stop_time_defined", "tolerance_defined")),
+    *(
+        Variable(name, "Real", "output")
+        for name in ("start_time", "stop_time", "tolerance", "last_step")
+    ),
+    *(
+        Variable(name, "Integer", "output")
+        for name in ("steps", "restores", "states_alive", "gets_after_set")
+    ),
     Variable("token", "String", "output"),
-    Variable("last_step", "Real", "output"),
-    Variable("steps", "Integer", "output"),
-    Variable("restores", "Integer", "output"),
-    Variable("states_alive", "Integer", "output"),
-    Variable("gets_after_set", "Integer", "output"),
     Variable("a", "Real", "parameter", -1.0),
     Variable("b", "Real", "parameter", 1.0),
     Variable("d", "Real", "parameter", 0.5),
     Variable("x0", "Real", "parameter", 1.0),
-    Variable("fresh", "Boolean", "parameter", False),
-    Variable("counts", "Boolean", "parameter", False),
-    Variable("longest_step", "Real", "parameter", NEVER),
-    Variable("stubborn", "Boolean", "parameter", False),
-    Variable("resumes", "Boolean", "parameter", False),
-    Variable("needs_input", "Boolean", "parameter", False),
-    Variable("talks", "Boolean", "parameter", False),
-    Variable("warn_at", "Real", "parameter", NEVER),
-    Variable("error_at", "Real", "parameter", NEVER),
-    Variable("fatal_at", "Real", "parameter", NEVER),
-    Variable("nan_at", "Real", "parameter", NEVER),
-    Variable("crash_at", "Real", "parameter", NEVER),
-    Variable("crash_at_end", "Boolean", "parameter", False),
-    Variable("hang_at", "Real", "parameter", NEVER),
-    Variable("exit_at", "Real", "parameter", NEVER),
-    Variable("end_at", "Real", "parameter", NEVER),
-    Variable("pause_at", "Real", "parameter", NEVER),
     Variable("diary", "String", "parameter", ""),
+    *(
+        Variable(name, "Boolean", "parameter", False)
+        for name in ("fresh", "counts", "stubborn", "needs_input", "talks", "crash_at_end")
+    ),
+    *(
+        Variable(name, "Real", "parameter", NEVER)
+        for name in [
+            "longest_step",
+            "warn_at",
+            "error_at",
+            "fatal_at",
+            "nan_at",
+            "crash_at",
+            "hang_at",
+            "exit_at",
+            "end_at",
+            "pause_at",
+        ]
+    ),
     Variable("canHandleVariableCommunicationStepSize", "Boolean", "capability", True),
     Variable("canInterpolateInputs", "Boolean", "capability", True),
     Variable("maxOutputDerivativeOrder", "Integer", "capability", 2),
     Variable("canGetAndSetFMUstate", "Boolean", "capability", True),
-    Variable("providesDirectionalDerivative", "Boolean", "capability", True),
     Variable("canBeInstantiatedOnlyOncePerProcess", "Boolean", "capability", False),
     Variable("needsExecutionTool", "Boolean", "capability", False),
     Variable("guid", "String", "identity"),
@@ -115,24 +115,6 @@ CELLS = {
     for cell in ("Real", "Integer", "Boolean", "String")
 }
 REFERENCES = {v.name: n for variables in CELLS.values() for n, v in enumerate(variables)}
-DEFECTS = (
-    "FMI 1.0",
-    "FMI 3.0",
-    "model exchange only",
-    "wrong GUID",
-    "no binary",
-    "no description",
-    "malformed XML",
-    "truncated",
-)
-FMI1 = """<fmiModelDescription fmiVersion="1.0" modelName="foreign" modelIdentifier="foreign"
- guid="{1}" numberOfContinuousStates="0" numberOfEventIndicators="0"><ModelVariables/><Implementation>
-<CoSimulation_StandAlone><Capabilities/></CoSimulation_StandAlone></Implementation>
-</fmiModelDescription>"""
-FMI3 = """<fmiModelDescription fmiVersion="3.0" modelName="foreign" instantiationToken="{1}">
-<CoSimulation modelIdentifier="foreign"/>
-<ModelVariables><Float64 name="time" valueReference="0" causality="independent"/></ModelVariables>
-<ModelStructure/></fmiModelDescription>"""
 
 
 @cache
@@ -152,72 +134,29 @@ def library() -> bytes:
         return binary.read_bytes()
 
 
-def pack(path: Path, *, dependencies: bool = True, **start: Value) -> Path:
+def pack(path: Path, **start: Value) -> Path:
     """Write an FMU that starts with these inputs, parameters and capabilities (see VARIABLES).
 
-    Without `dependencies` its description is silent about which inputs are fed through.
     Raises TypeError for a name that has no start value.
     """
-    return _zip(path, _entries(dependencies, start))
-
-
-def pack_broken(path: Path, defect: str) -> Path:
-    """Write an FMU with one of DEFECTS."""
-    entries = _entries(True, {})
-    description = entries["modelDescription.xml"]
-    (binary,) = [name for name in entries if name.startswith("binaries")]
-    match defect:
-        case "FMI 1.0":
-            entries["modelDescription.xml"] = FMI1
-        case "FMI 3.0":
-            entries["modelDescription.xml"] = FMI3
-        case "model exchange only":
-            exchange = '<ModelExchange modelIdentifier="foreign"/>'
-            entries["modelDescription.xml"] = re.sub("<CoSimulation.*?/>", exchange, description)
-        case "wrong GUID":
-            entries["modelDescription.xml"] = re.sub("guid=.*?}", 'guid="{1}', description)
-        case "no binary":
-            entries["binaries/win32/foreign.dll"] = entries.pop(binary)
-        case "no description":
-            del entries["modelDescription.xml"]
-        case "malformed XML":
-            entries["modelDescription.xml"] = description.replace("</ModelVariables>", "")
-        case "truncated":
-            _zip(path, entries)
-            path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
-            return path
-        case _:
-            raise ValueError(f"defect {defect!r} must be one of {', '.join(DEFECTS)}")
-    return _zip(path, entries)
-
-
-def _zip(path: Path, entries: Mapping[str, Any]) -> Path:
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
-        for name, content in entries.items():
-            archive.writestr(name, content)
-    return path
-
-
-def _entries(dependencies: bool, start: Mapping[str, Value]) -> dict[str, Any]:
-    """The files of an FMU; their names as in the archive."""
     startable = [v for v in VARIABLES if v.causality not in ("output", "identity")]
     values = {v.name: v.start for v in startable}
     if unknown := start.keys() - values.keys():
         raise TypeError(f"{', '.join(sorted(unknown))}: no start value of the foreign FMU")
     values |= start
-    guid = f"{{{uuid5(NAMESPACE_URL, repr((dependencies, values)))}}}"
+    guid = f"{{{uuid5(NAMESPACE_URL, repr(values))}}}"
     cells = [(v.cell, v.name, values[v.name]) for v in startable] + [("String", "guid", guid)]
     lines = [
         f"{cell[0]} {REFERENCES[name]} {int(x) if isinstance(x, bool) else x}"
         for cell, name, x in cells
         if x != ""
     ]
-    return {
-        "modelDescription.xml": _description(guid, dependencies, values),
-        "resources/start.txt": "\n".join(lines),
-        "resources/token.txt": TOKEN,
-        f"binaries/{fmpy.platform}/foreign{fmpy.sharedLibraryExtension}": library(),
-    }
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("modelDescription.xml", _description(guid, values))
+        archive.writestr("resources/start.txt", "\n".join(lines))
+        archive.writestr("resources/token.txt", TOKEN)
+        archive.writestr(BINARY, library())
+    return path
 
 
 def _element(tag: str, content: str = "", **attributes: Value) -> str:
@@ -228,7 +167,7 @@ def _element(tag: str, content: str = "", **attributes: Value) -> str:
     return f"<{tag}{text}>{content}</{tag}>" if content else f"<{tag}{text}/>"
 
 
-def _description(guid: str, dependencies: bool, values: Mapping[str, Value]) -> str:
+def _description(guid: str, values: Mapping[str, Value]) -> str:
     shown = [v for v in VARIABLES if v.causality in ("input", "output", "parameter")]
     index = {v.name: n for n, v in enumerate(shown, 1)}
 
@@ -248,8 +187,7 @@ def _description(guid: str, dependencies: bool, values: Mapping[str, Value]) -> 
 
     def unknown(v: Variable, known: str) -> str:
         acting = " ".join(str(n) for n in sorted(index[name] for name in known.split()))
-        listed: dict[str, Value] = {"dependencies": acting} if dependencies else {}
-        return _element("Unknown", index=index[v.name], **listed)
+        return _element("Unknown", index=index[v.name], dependencies=acting)
 
     outputs = [v for v in shown if v.causality == "output"]
     gears = "".join(_element("Item", name=name, value=value) for name, value in GEARS.items())

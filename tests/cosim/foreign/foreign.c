@@ -14,7 +14,6 @@
 #define SLACK(time) (1e-9 * fmax(1.0, fabs(time)))
 #define BIT(mode) (1 << (mode))
 #define ANY (BIT(FATAL) - 1)
-#define WRITABLE (BIT(STEPPING) | (c->m.resumes ? BIT(DISCARDED) : 0))
 #define LOG(status, ...) \
     c->host->logger(c->host->componentEnvironment, c->name, status, "all", __VA_ARGS__)
 #define END(next, status, ...) \
@@ -210,7 +209,7 @@ fmi2Status fmi2ExitInitializationMode(fmi2Component p) {
         return c->m.gets_after_set += output && c->m.dirty, fmi2OK; \
     } \
     fmi2Status fmi2Set##Type(fmi2Component p, REFS, const fmi2##Type value[]) { \
-        ENTER(BIT(INSTANTIATED) | BIT(INITIALIZING) | WRITABLE); \
+        ENTER(BIT(INSTANTIATED) | BIT(INITIALIZING) | BIT(STEPPING)); \
         for (size_t i = 0; i < n; i++) { \
             if (ref[i] >= sizeof Type##_CAUSALITY) REJECT(ref[i], "no such variable"); \
             if (Type##_CAUSALITY[ref[i]] < (c->m.mode < STEPPING ? PARAMETER : INPUT)) \
@@ -228,7 +227,7 @@ ACCESS(String, COPY)
 
 fmi2Status fmi2SetRealInputDerivatives(fmi2Component p, REFS, const fmi2Integer order[],
                                        const fmi2Real value[]) {
-    ENTER(BIT(INITIALIZING) | WRITABLE);
+    ENTER(BIT(INITIALIZING) | BIT(STEPPING));
     if (!c->m.canInterpolateInputs) FAIL("inputs are not interpolated");
     for (size_t i = 0; i < n; i++) {
         if (ref[i] != REAL(u)) REJECT(ref[i], "no Real input");
@@ -250,23 +249,8 @@ fmi2Status fmi2GetRealOutputDerivatives(fmi2Component p, REFS, const fmi2Integer
     return c->m.gets_after_set += c->m.dirty, fmi2OK;
 }
 
-fmi2Status fmi2GetDirectionalDerivative(fmi2Component p, REFS,
-                                        const fmi2ValueReference known[], size_t knowns,
-                                        const fmi2Real seed[], fmi2Real value[]) {
-    ENTER(BIT(INITIALIZING) | BIT(STEPPING));
-    if (!c->m.providesDirectionalDerivative) FAIL("there are no directional derivatives");
-    double du = 0.0;
-    for (size_t i = 0; i < knowns; du += seed[i++])
-        if (known[i] != REAL(u)) REJECT(known[i], "no Real input");
-    for (size_t i = 0; i < n; i++) {
-        if (ref[i] != REAL(y) && ref[i] != REAL(z)) REJECT(ref[i], "no derivatives");
-        value[i] = ref[i] == REAL(z) ? c->m.d * du : 0.0;
-    }
-    return fmi2OK;
-}
-
 fmi2Status fmi2DoStep(fmi2Component p, fmi2Real t, fmi2Real h, fmi2Boolean final) {
-    ENTER(WRITABLE);
+    ENTER(BIT(STEPPING));
     Model *m = &c->m;
     double size = h;
     m->mode = STEPPING, m->steps++;
@@ -303,6 +287,8 @@ TELL(Boolean, fmi2Terminated, ended)
 NEVER(fmi2Discard, fmi2GetStatus, const fmi2StatusKind k, fmi2Status *value)
 NEVER(fmi2Discard, fmi2GetIntegerStatus, const fmi2StatusKind kind, fmi2Integer *value)
 NEVER(fmi2Discard, fmi2GetStringStatus, const fmi2StatusKind kind, fmi2String *value)
+NEVER(fmi2Error, fmi2GetDirectionalDerivative, REFS, const fmi2ValueReference known[],
+      size_t knowns, const fmi2Real seed[], fmi2Real value[])
 NEVER(fmi2Error, fmi2SerializedFMUstateSize, fmi2FMUstate state, size_t *size)
 NEVER(fmi2Error, fmi2SerializeFMUstate, fmi2FMUstate state, fmi2Byte bytes[], size_t size)
 NEVER(fmi2Error, fmi2DeSerializeFMUstate, const fmi2Byte bytes[], size_t size, fmi2FMUstate *state)
