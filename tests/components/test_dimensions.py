@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from types import ModuleType
 from typing import Any
@@ -9,17 +10,34 @@ from typing import Any
 import pint
 import pytest
 
-from components import crank_conveyor, drive_motor
+from components import crank_conveyor, drive_motor, gravity_orientator, iron_drive
 from components.kit.record import Declaration, declarations, fill
 from tests.oracle import load_copy
 
 UNITS = pint.UnitRegistry()
-FUNCTIONS = {
-    "sin": lambda q: math.sin(q.to("rad").magnitude),
-    "cos": lambda q: math.cos(q.to("rad").magnitude),
-    "sqrt": lambda q: q**0.5,
-    "exp": lambda q: math.exp(q.to("").magnitude),
-}
+
+
+def pure(q: Any) -> float:
+    """The number of an angle or ratio."""
+    return float(q.to("").magnitude if isinstance(q, pint.Quantity) else q)
+
+
+PLAIN = (math.sin, math.cos, math.tan, math.acos, math.atan, math.exp)
+FUNCTIONS = {f.__name__: lambda *q, f=f: f(*map(pure, q)) for f in PLAIN}
+FUNCTIONS |= {"sqrt": lambda q: q**0.5, "atan2": lambda y, x: math.atan(pure(y / x))}
+CASES: list[tuple[ModuleType, dict[str, Any], dict[str, Any]]] = [
+    *((drive_motor, {"characteristic": kind}, {}) for kind in (0, 1)),
+    *((crank_conveyor, {"rod.finite": finite}, {}) for finite in (False, True)),
+    *(
+        (iron_drive, {"wrap": wrap, "spring.side": side}, {"phi": phi, "direction": 1})
+        for wrap, side in itertools.product(iron_drive.Wrap, iron_drive.Side)
+        for phi in (0.9, 2.0, 3.5, 5.0)
+    ),
+    *(
+        (gravity_orientator, {}, {"stage": stage, "phi1": 0.6, "phi2": 6.3})
+        for stage in gravity_orientator.MECHANICS
+    ),
+]
 
 
 def unit(declaration: Declaration) -> Any:
@@ -32,45 +50,28 @@ def unit(declaration: Declaration) -> Any:
     return UNITS.parse_units("" if text == "1" else text)
 
 
-def quantities(cls: Any, value: float) -> Any:
-    """A record whose reals are quantities near their start values."""
+def quantities(cls: Any, value: float, given: dict[str, Any]) -> Any:
+    """A record whose reals are quantities near their start values, or as given."""
     values = []
-    for _, d in declarations(cls):
-        number = (d.start or value) if d.kind == "Real" else d.start
+    for name, d in declarations(cls):
+        number = given.get(name, (d.start or value) if d.kind == "Real" else d.start)
         values.append(number if unit(d) is None else UNITS.Quantity(number, unit(d)))
     return fill(cls, values)
 
 
-CASES = [
-    (drive_motor, {}),
-    (drive_motor, {"characteristic": 1}),
-    (crank_conveyor, {}),
-    (crank_conveyor, {"rod": True}),
-]
-
-
-@pytest.mark.parametrize(("model", "mode"), CASES)
-def test_derivatives_have_the_unit_of_their_state_per_second(
-    model: ModuleType, mode: dict[str, Any]
+@pytest.mark.parametrize(("model", "parameters", "state"), CASES)
+def test_every_equation_has_its_unit(
+    model: ModuleType, parameters: dict[str, Any], state: dict[str, Any]
 ) -> None:
-    p, x, u, copy = prepared(model, mode)
-    for (name, d), slope in zip(declarations(model.State), copy.derivatives(p, 0.0, x, u)):
-        assert slope.check(unit(d) / UNITS.s), name
-
-
-@pytest.mark.parametrize(("model", "mode"), CASES)
-def test_outputs_have_their_declared_unit(model: ModuleType, mode: dict[str, Any]) -> None:
-    p, x, u, copy = prepared(model, mode)
-    for (name, d), value in zip(declarations(model.Outputs), copy.outputs(p, 0.0, x, u)):
-        assert value.check(unit(d)), name
-
-
-def prepared(model: ModuleType, mode: dict[str, Any]) -> Any:
-    """Parameters, state and inputs as quantities, and the component that can take them."""
     copy = load_copy(model, FUNCTIONS)
-    p = quantities(model.Parameters, 1.0)
-    if "rod" in mode:
-        p = p._replace(rod=p.rod._replace(finite=True))
-    elif mode:
-        p = p._replace(**mode)
-    return p, quantities(model.State, 0.7), quantities(model.Inputs, 3.0), copy
+    p = quantities(model.Parameters, 1.0, parameters)
+    x, u = quantities(model.State, 0.7, state), quantities(model.Inputs, 3.0, {})
+    rates, outputs = copy.derivatives(p, 0.0, x, u), copy.outputs(p, 0.0, x, u)
+    for cls, values, per in ((model.State, rates, UNITS.s), (model.Outputs, outputs, 1)):
+        for (name, d), value in zip(declarations(cls), values):
+            if d.kind == "Real" and not d.held:
+                assert UNITS.Quantity(value).check(unit(d) / per), name
+    if model is gravity_orientator:
+        ends = copy.jump(p, 0.0 * UNITS.s, x, u, 0)
+        for (name, d), value in zip(declarations(model.State), ends):
+            assert not isinstance(value, pint.Quantity) or value.check(unit(d)), name

@@ -13,7 +13,6 @@ from typing import Any
 
 import mpmath
 import numpy as np
-import pint
 import pytest
 import sympy
 
@@ -21,10 +20,8 @@ from components import gravity_orientator as model
 from components.gravity_orientator import Reason, Stage
 from components.kit import motion
 from components.kit.record import declarations, start
-from tests.components.test_dimensions import UNITS, quantities, unit
 from tests.hosts.fmus import resident
 from tests.hosts.host import MESSAGES, Unit
-from tests.oracle import load_copy
 
 FMU = "GravityOrientator.fmu"
 RPM = pi / 30
@@ -572,31 +569,6 @@ def test_a_start_follows_the_parameters_and_closes_the_mechanism(fmus: Path) -> 
     unit = Unit(fmus / FMU).start(stage=2, release=False, **values)
     assert unit.get("yc") == pytest.approx(0.146872546424636 - 0.005 * sin(6.3), abs=1e-14)
     assert unit.step(0.0, 0.2).get("stage") == Stage.oriented
-
-
-def pure(q: Any) -> float:
-    """The number of an angle or ratio."""
-    return q.to("").magnitude if isinstance(q, pint.Quantity) else q
-
-
-@pytest.mark.parametrize("stage", MOVING)
-def test_equations_have_the_units_of_their_variables(stage: Stage) -> None:
-    plain = (sin, cos, math.tan, math.acos)
-    functions = {f.__name__: lambda q, f=f: f(pure(q)) for f in plain}
-    functions |= {"sqrt": lambda q: q**0.5, "atan2": lambda y, x: math.atan(pure(y / x))}
-    copy = load_copy(model, functions)
-    p, u = quantities(model.Parameters, 1.0), quantities(model.Inputs, 3.0)
-    x = quantities(model.State, 0.7)._replace(
-        stage=stage, phi2=6.3 * UNITS.rad, phi1=0.6 * UNITS.rad
-    )
-    for (name, d), slope in zip(declarations(model.State), copy.derivatives(p, 0.0, x, u)):
-        if d.kind == "Real" and not d.held:
-            assert slope.check(unit(d) / UNITS.s), name
-    for (name, d), value in zip(declarations(model.Outputs), copy.outputs(p, 0.0, x, u)):
-        assert value.check(unit(d)), name
-    ends = copy.jump(p, 0.0 * UNITS.s, x, u, 0)
-    for (name, d), value in zip(declarations(model.State), ends):
-        assert not isinstance(value, pint.Quantity) or value.check(unit(d)), name
 
 
 def test_any_machine_at_any_speed_comes_to_an_end() -> None:

@@ -18,10 +18,8 @@ from components import iron_drive as iron
 from components.kit import motion
 from components.kit.record import declarations, fill, replace, start
 from cosim import System, run
-from tests.components import test_dimensions as dimensions
 from tests.components.iron_oracle import OneSystem, by_material_points, derivation, flat, tables
 from tests.hosts.host import MESSAGES, Unit
-from tests.oracle import load_copy
 
 NOMINAL = 4 * pi / 3
 MOTOR = {"A": 4.0, "B": 0.025, "T": 0.012}
@@ -460,29 +458,3 @@ def test_the_state_is_consistent_when_initialisation_ends(fmus: Path) -> None:
     assert (unit.get("tau_cam"), unit.get("a")) == (36 * 0.17, 0.0)
     unit.set(tau=0.19).step(0.0, 0.01)
     assert unit.get("motion") == iron.Motion.up
-
-
-@pytest.mark.parametrize(("wrap", "side"), WAYS)
-@pytest.mark.parametrize("phi", [0.9, 2.0, 3.5, 5.0])
-def test_every_equation_has_its_unit(wrap: iron.Wrap, side: iron.Side, phi: float) -> None:
-    Q = dimensions.UNITS.Quantity
-
-    def function(name: str, unit: str) -> Any:
-        return lambda q: Q(getattr(math, name)(Q(q).to("").magnitude), unit)
-
-    names = {"sin": "", "cos": "", "acos": "rad", "atan": "rad"}
-    copy = load_copy(
-        iron, dimensions.FUNCTIONS | {name: function(name, unit) for name, unit in names.items()}
-    )
-    p = dimensions.quantities(iron.Parameters, 1.0)
-    p = replace(p, wrap=wrap, spring=replace(p.spring, side=side))
-    x = replace(dimensions.quantities(iron.State, 4.0), phi=Q(phi, "rad"), direction=1)
-    u = dimensions.quantities(iron.Inputs, 1.0)
-    for cls, values in (
-        (iron.State, copy.derivatives(p, 0.0, x, u)),
-        (iron.Outputs, copy.outputs(p, 0.0, x, u)),
-    ):
-        per = dimensions.UNITS.s if cls is iron.State else 1
-        for (name, d), value in zip(declarations(cls), values):
-            if d.kind == "Real":
-                assert Q(value).check(dimensions.unit(d) / per), name

@@ -117,15 +117,6 @@ def test_steps_are_exact_for_every_course_of_the_inputs(hold: InputHold, h: floa
         assert got == pytest.approx(want, rel=1e-12, abs=1e-12 * np.linalg.norm(want))
 
 
-@pytest.mark.parametrize("h", STEPS)
-def test_the_double_integrator_is_exact(h: float) -> None:
-    p, x, _ = records(system(A=[[0, 1], [0, 0]], B=[[0], [1]], x=[0.3, -0.7]))
-    u0, u1 = (fill(linear.Inputs, [u, 0.0, 0.0, 0.0]) for u in (2.0, -5.0))
-    end = linear.exact(p, x, u0, u1, h)
-    place = 0.3 - 0.7 * h + 2.0 * h * h / 2 - 7.0 * h * h / 6
-    assert end == near([place, -0.7 - 1.5 * h, 0.0, 0.0], 1e-15)
-
-
 def test_the_error_does_not_pile_up_over_many_short_steps() -> None:
     p, x, u = records(system(A=[[0, 1], [-100, -2]], x=[1, 0]))
     whole, h = linear.exact(p, x, u, u, 0.1), 0.1 / 100_000
@@ -186,14 +177,3 @@ def test_the_fmu_equals_the_equations_to_the_bit(hold: InputHold, fmus: Path) ->
         unit.set(**entries("u", u)).step(t, h)
         assert unit.outputs() == [*x, *linear.outputs(p, t + h, x, inputs.end)]
         t, past, before = t + h, h, now
-
-
-def test_rollback_repeats_every_bit(fmus: Path) -> None:
-    unit = Unit(fmus / FMU).start(**full(5), input_hold=InputHold.extrapolate)
-    unit.set(**entries("u", [1, 2, 3, 4])).step(0.0, 0.01)
-    unit.set(**entries("u", [4, 3, 2, 1]))
-    state = unit.fmi.getFMUstate()
-    first = unit.step(0.01, 0.02).outputs()
-    unit.set(**entries("u", [0, 0, 9, 9])).step(0.03, 0.5)
-    unit.fmi.setFMUstate(state)
-    assert unit.step(0.01, 0.02).outputs() == first

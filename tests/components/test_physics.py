@@ -143,27 +143,6 @@ def test_power_balance_closes_at_every_instant(finite: bool) -> None:
         assert float(leak.subs(at)) == pytest.approx(0.0, abs=1e-8)
 
 
-def test_motor_with_linear_characteristic_steps_exactly() -> None:
-    """Against the solution of the differential equation that SymPy finds for a linear speed."""
-    t, h = sympy.symbols("t h", positive=True)
-    A, B, T, M0, w0, w1 = sympy.symbols("A B T M0 w0 w1", positive=True)
-    M = sympy.Function("M")
-    equation = sympy.Eq(M(t) + T * M(t).diff(t), A - B * (w0 + (w1 - w0) * t / h))
-    solution = sympy.dsolve(equation, M(t), ics={M(0): M0}).rhs.subs(t, h)
-    solve = sympy.lambdify((A, B, T, M0, w0, w1, h), solution)
-    draw = random.Random(2)
-    for _ in range(50):
-        values = [draw.uniform(low, high) for low, high in
-                  ((1, 9e3), (0, 300), (0.01, 1), (-500, 500), (-50, 90), (-50, 90), (1e-3, 1))]  # fmt: skip
-        a, b, lag, m0, u0, u1, step = values
-        p = start(drive_motor.Parameters, A=a, B=b, T=lag)
-        x = drive_motor.exact(
-            p, drive_motor.State(m0), drive_motor.Inputs(u0), drive_motor.Inputs(u1), step
-        )
-        assert x is not None
-        assert x.tau == pytest.approx(solve(*values), rel=1e-9, abs=1e-9)
-
-
 def test_kloss_characteristic_has_its_breakdown_torque_at_the_breakdown_slip() -> None:
     p = start(drive_motor.Parameters, characteristic=drive_motor.Characteristic.kloss)
     k = p.kloss

@@ -34,10 +34,10 @@ from components.packing import pack as python
 from components.packing.page import part as page_part
 from components.packing.plot import HEIGHT, WIDTH
 from components.packing.validate import problems
+from tests.conftest import ROOT, described, rewritten
 from tests.hosts import fmus as hosts
 from tests.hosts.host import Unit
 
-ROOT = Path(__file__).resolve().parents[2]
 MODELS = [importlib.import_module(f"components.{name}") for name in CATALOGUE]
 MOTOR, CONVEYOR = "DriveMotor.fmu", "CrankConveyor.fmu"
 NATIVE = [model for name, model in zip(CATALOGUE, MODELS) if name not in PYTHON_ONLY]
@@ -78,11 +78,11 @@ def variables(model: Any, fmu: Path) -> list[tuple[Variable, Element, Element]]:
 
 
 def build(tree: Path, *options: Any, code: int = 0) -> str:
-    """What build_fmus.py says in this tree; on stderr if it is to fail."""
+    """What build_fmus.py says in this tree."""
     command = [sys.executable, "build_fmus.py", *map(str, options)]
     done = subprocess.run(command, cwd=tree, check=False, capture_output=True, text=True)
     assert done.returncode == code, done.stdout + done.stderr
-    return done.stderr if code else done.stdout
+    return done.stdout + done.stderr
 
 
 @pytest.fixture
@@ -128,12 +128,7 @@ def test_fmu_is_valid(model: Any, fmu: Path) -> None:
 def test_our_own_checks_find_what_no_public_checker_reports(
     fmu: str, old: str, new: str, problem: str, fmus: Path, tmp_path: Path
 ) -> None:
-    spoilt, name = tmp_path / fmu, "modelDescription.xml"
-    text, changes = re.subn(old, new, content(fmus / fmu, name))
-    with zipfile.ZipFile(fmus / fmu) as source, zipfile.ZipFile(spoilt, "w") as target:
-        for entry in source.namelist():
-            target.writestr(entry, text if entry == name else source.read(entry))
-    assert changes
+    spoilt = rewritten(fmus / fmu, tmp_path / fmu, described((old, new)))
     assert validate_fmu(str(spoilt)) == []
     assert any(problem in found for found in problems(spoilt))
 
@@ -238,12 +233,13 @@ def test_outputs_feel_at_once_the_inputs_that_they_declare_and_no_other(model: A
     assert felt == promised
 
 
-def test_two_builds_are_identical_to_the_byte(tmp_path: Path) -> None:
-    for folder in ("a", "b"):
-        assert build(ROOT, "--into", tmp_path / folder).count("built and valid") == len(MODELS)
-    for model in MODELS:
-        one, other = (path_of(model, tmp_path / folder).read_bytes() for folder in ("a", "b"))
-        assert one == other
+def test_another_build_is_the_same_to_the_byte(fmus: Path, tmp_path: Path) -> None:
+    assert build(ROOT, "--into", tmp_path).count("built and valid") == len(MODELS)
+    build(ROOT, "drive_motor", "--flavour", "native", "--into", tmp_path)
+    made = [*tmp_path.rglob("*.fmu")]
+    assert len(made) == len(MODELS) + 1
+    for path in made:
+        assert path.read_bytes() == (fmus / path.relative_to(tmp_path)).read_bytes()
 
 
 def test_a_build_skips_what_is_up_to_date_and_makes_what_is_not(tree: Path) -> None:
@@ -266,6 +262,20 @@ def test_an_invalid_fmu_is_not_kept_and_ends_with_code_1(tree: Path) -> None:
     assert "CrankConveyor.fmu is not valid and was not kept:\n  nominal of phi is 0" in said
     kept = {file.name for file in (tree / "fmus").iterdir()}
     assert kept == {path_of(model, tree).name for model in MODELS} - {CONVEYOR}
+
+
+def test_what_the_compiler_refuses_is_said_and_not_kept(tree: Path) -> None:
+    runtime = tree / "components" / "native" / "runtime.c"
+    change(runtime, "static void fail(", "static wrong fail(")
+    said = build(tree, "drive_motor", "--flavour", "native", code=1)
+    assert "native/DriveMotor.fmu cannot be built: DriveMotor does not compile for" in said
+    assert not list(tree.rglob("*.fmu"))
+
+
+def test_a_component_without_native_flavour_is_named_with_the_reason() -> None:
+    said = build(ROOT, "linear_system", "--flavour", "native", code=1)
+    assert "linear_system has no native flavour: its matrix exp" in said
+    assert set(PYTHON_ONLY) < set(CATALOGUE)
 
 
 def test_two_versions_in_one_process_compute_their_own_numbers(fmus: Path, tree: Path) -> None:
