@@ -56,6 +56,14 @@ def ssd(elements: str, connections: str = "", more: str = "", tail: str = "") ->
     )
 
 
+def system_in(name: str, inner: str, ports: str = "", connections: str = "") -> str:
+    """A system within another."""
+    if connections:
+        connections = f"<ssd:Connections>{connections}</ssd:Connections>"
+    elements = inner and f"<ssd:Elements>{inner}</ssd:Elements>"
+    return f'<ssd:System name="{name}">{ports}{elements}{connections}</ssd:System>'
+
+
 def connectors(*triples: tuple[str, str, str]) -> str:
     """Connectors of a system: name, kind, content."""
     return (
@@ -185,15 +193,9 @@ def nested(kind: str, source: str, more: str = "") -> str:
 
 def test_nested_systems_are_flattened_three_deep(fmus: Path, read: Read) -> None:
     elements, connections, ports = INSIDE
-    inner = (
-        f'<ssd:System name="hall">{ports}<ssd:Elements>{elements}</ssd:Elements>'
-        f"<ssd:Connections>{connections}</ssd:Connections></ssd:System>"
-    )
+    inner = system_in("hall", elements, ports, connections)
     through = INWARD.replace("conveyor", "hall") + OUTWARD.format("/>").replace("conveyor", "hall")
-    middle = (
-        f'<ssd:System name="line">{ports}<ssd:Elements>{inner}</ssd:Elements>'
-        f"<ssd:Connections>{through}</ssd:Connections></ssd:System>"
-    )
+    middle = system_in("line", inner, ports, through)
     outer = connectors(("speed", "output", ""))
     top = '<ssd:Connection startElement="line" startConnector="w" endConnector="speed"/>'
     ends = TAU.format("line") + W.format("line", "w", "/>") + top
@@ -308,20 +310,20 @@ def test_enumerations_by_the_name_of_their_item(fmus: Path, read: Read) -> None:
     same(package, pair(fmus, motor__characteristic=1, motor__input_hold=1))
 
 
+END = "</ssd:ParameterBindings>"
+
+
 def test_higher_and_later_bindings_win(fmus: Path, read: Read) -> None:
     """Of component and system, and of two bindings at one level."""
     low = bindings(
         values('T Real value="1";A Real value="7000";B Real value="190"'),
         values('T Real value="2";A Real value="7500"'),
     )
-    high = bindings(values('motor.T Real value="0.3"'), values('motor.T Real value="0.05"'))
+    high = bindings(values('motor.T Real value="0.3"'), values('motor.T Real value="0.2"'))
+    last = bindings(values('T Real value="0.05"'), attributes='prefix="motor."')
+    high = high.removesuffix(END) + last.removeprefix(END.replace("/", ""))
     package = read(flat(motor=low, more=high))
     same(package, pair(fmus, motor__T=0.05, motor__A=7500.0, motor__B=190.0))
-
-
-def test_prefix_and_names_of_nested_elements(fmus: Path, read: Read) -> None:
-    with_prefix = bindings(values('T Real value="0.05"'), attributes='prefix="motor."')
-    same(read(flat(more=with_prefix)), pair(fmus, motor__T=0.05))
 
 
 def test_a_parameter_that_fits_nothing_is_ignored_aloud(
@@ -340,15 +342,14 @@ def test_system_connectors_hand_parameters_down(fmus: Path, read: Read) -> None:
         ("load", "input", ""),
         ("speed", "output", '<ssc:Real unit="rpm"/>'),
     )
-    inner = (
-        f'<ssd:System name="drive">{ports}<ssd:Elements>{MOTOR.format("").replace("</ssd:Connectors>", PARAMETER)}'
-        f"{CONVEYOR.format('')}</ssd:Elements><ssd:Connections>"
+    parts = MOTOR.format("").replace("</ssd:Connectors>", PARAMETER) + CONVEYOR.format("")
+    wires = (
         '<ssd:Connection startConnector="lag" endElement="motor" endConnector="T"/>'
         '<ssd:Connection startConnector="load" endElement="conveyor" endConnector="tau">'
         '<ssc:LinearTransformation factor="2" offset="1"/></ssd:Connection>'
         '<ssd:Connection startElement="conveyor" startConnector="w" endConnector="speed"/>'
-        "</ssd:Connections></ssd:System>"
     )
+    inner = system_in("drive", parts, ports, wires)
     rows = 'drive.lag Real value="0.001";drive.load Real value="3";drive.speed Real value="300"'
     minute = '<ssc:Unit name="min"><ssc:BaseUnit s="1" factor="60"/></ssc:Unit>'
     units = f"<ssd:Units>{RPM}{minute}</ssd:Units>"
@@ -359,6 +360,7 @@ def test_system_connectors_hand_parameters_down(fmus: Path, read: Read) -> None:
 
 
 PARAMETER = '<ssd:Connector name="T" kind="parameter"/></ssd:Connectors>'
+MS = '<ssv:Units><ssc:Unit name="ms"><ssc:BaseUnit s="1" factor="0.001"/></ssc:Unit></ssv:Units>'
 LINEAR = '<ssc:LinearTransformation factor="2" offset="0.01"/>'
 
 
@@ -367,9 +369,6 @@ def test_mapping_renames_converts_then_transforms(fmus: Path, read: Read, extern
     """20 ms are 0.02 s, twice that and 0.01 more is 0.05 s; what is not mapped is not applied."""
     rows = 'lag Real value="20" unit="ms";motor.A Real value="1";flag Boolean value="false"'
     rows += ';kind Enumeration value="straight";number Integer value="7";same Real value="190"'
-    unit = (
-        '<ssv:Units><ssc:Unit name="ms"><ssc:BaseUnit s="1" factor="0.001"/></ssc:Unit></ssv:Units>'
-    )
     tables = {
         "Boolean": '<ssc:MapEntry source="false" target="true"/>',
         "Enumeration": '<ssc:MapEntry source="straight" target="kloss"/>',
@@ -392,9 +391,9 @@ def test_mapping_renames_converts_then_transforms(fmus: Path, read: Read, extern
             '<ssd:ParameterBindings><ssd:ParameterBinding source="v.ssv">'
             '<ssd:ParameterMapping source="m.ssm"/></ssd:ParameterBinding></ssd:ParameterBindings>'
         )
-        package = read(flat(more=source), **{"v.ssv": values(rows, unit), "m.ssm": entries})
+        package = read(flat(more=source), **{"v.ssv": values(rows, MS), "m.ssm": entries})
     else:
-        package = read(flat(more=bindings(values(rows, unit), mapped=entries)))
+        package = read(flat(more=bindings(values(rows, MS), mapped=entries)))
     expected = pair(
         fmus,
         motor__T=2 * (20 * 0.001) + 0.01,
@@ -409,12 +408,9 @@ def test_mapping_renames_converts_then_transforms(fmus: Path, read: Read, extern
 
 
 def test_mapping_can_suppress_the_conversion_of_units(read: Read) -> None:
-    unit = (
-        '<ssv:Units><ssc:Unit name="ms"><ssc:BaseUnit s="1" factor="0.001"/></ssc:Unit></ssv:Units>'
-    )
     suppressed = 'target="motor.T" suppressUnitConversion="true"'
     entries = mapping(("lag", suppressed, '<ssc:LinearTransformation factor="0.01"/>'))
-    binding = bindings(values('lag Real value="20" unit="ms"', unit), mapped=entries)
+    binding = bindings(values('lag Real value="20" unit="ms"', MS), mapped=entries)
     assert read(flat(more=binding)).system.start["motor.T"] == 0.2
 
 
@@ -458,10 +454,7 @@ def test_units_and_transformations_on_the_way(
 ) -> None:
     """The speed leaves its system in rpm: convert to the target's unit, then transform."""
     elements, connections, ports = RPM_INSIDE
-    line = (
-        f'<ssd:System name="line">{ports}<ssd:Elements>{elements}</ssd:Elements>'
-        f"<ssd:Connections>{connections.format(inside)}</ssd:Connections></ssd:System>"
-    )
+    line = system_in("line", elements, ports, connections.format(inside))
     ends = TAU.format("line") + W.format("line", "w", outside)
     package = read(ssd(MOTOR.format("") + line, ends, tail=f"<ssd:Units>{RPM}</ssd:Units>"))
     expected = pair(fmus, ["motor.tau -> conveyor.tau", wire])
@@ -561,15 +554,16 @@ def test_fmus_of_one_name_do_not_overwrite_each_other(fmus: Path, tmp_path: Path
     assert connect(system).descriptions["b"].modelName == "CrankConveyor"
 
 
-def system_in(name: str, inner: str, more: str = "") -> str:
-    return f'<ssd:System name="{name}"><ssd:Elements>{inner}</ssd:Elements>{more}</ssd:System>'
+def component(attributes: str, inner: str = "", wires: str = "", **more: str) -> str:
+    return ssd(f'<ssd:Component name="part" {attributes}>{inner}</ssd:Component>', wires, **more)
 
 
-def component(attributes: str, inner: str = "") -> str:
-    return ssd(f'<ssd:Component name="part" {attributes}>{inner}</ssd:Component>')
+def echo_connectors(first: str, kind: str) -> str:
+    return connectors((first, kind, ""), ("r", "parameter", ""))
 
 
-FMU = 'source="resources/DriveMotor.fmu"'
+FMU, ECHO = (f'source="resources/{name}.fmu"' for name in ("DriveMotor", "Echo"))
+GEARS = '<{0}:Enumerations><ssc:Enumeration name="E"><ssc:Item name="linear" value="{1}"/></ssc:Enumeration></{0}:Enumerations>'
 TABLE = (
     "<ssc:BooleanMappingTransformation>"
     '<ssc:MapEntry source="true" target="false"/></ssc:BooleanMappingTransformation>'
@@ -577,227 +571,102 @@ TABLE = (
 LOOP = '<ssd:Component name="{}" type="application/x-ssp-definition" source="{}"/>'
 SPACE = '<ssd:Connection startElement="{}" startConnector="{}" endElement="{}" endConnector="{}"/>'
 
-BAD: dict[str, tuple[str, Files, str]] = {
-    "missing FMU": (
-        component('source="resources/No.fmu"'),
-        {},
-        "SystemStructure.ssd, line 1: part: there is no file 'resources/No.fmu'",
-    ),
-    "missing SSV": (
-        flat(more='<ssd:ParameterBindings><ssd:ParameterBinding source="x.ssv"/></ssd:ParameterBindings>'),
-        {},
-        "there is no file 'x.ssv'",
-    ),
-    "file outside": (component('source="../other.fmu"'), {}, "'../other.fmu' leaves the folder"),
-    "part of an FMU": (
-        component('source="resources/DriveMotor.fmu#2"'),
-        {},
-        "only files inside the package",
-    ),
-    "file elsewhere": (component('source="http://a.b/c.fmu"'), {}, "only files inside the package"),
-    "no FMU": (component('source="text.fmu"'), {"text.fmu": "text"}, "is not a valid FMU"),
-    "dangling element": (flat(ends=SPACE.format("engine", "w", "motor", "w")), {}, "there is no element 'engine' in the system"),
-    "dangling connector": (flat(ends=SPACE.format("conveyor", "speed", "motor", "w")), {}, "there is no connector conveyor.speed"),
-    "undeclared connector": (flat(ends=SPACE.format("conveyor", "phi", "motor", "w")), {}, "there is no connector conveyor.phi"),
-    "connector without variable": (component(FMU, connectors(("speed", "input", ""))), {}, "part has no speed"),
-    "duplicate connector": (component(FMU, connectors(("w", "input", ""), ("w", "input", ""))), {}, "part has two connectors w"),
-    "duplicate element": (ssd(MOTOR.format("") * 2), {}, "motor: there are two elements motor"),
-    "two names for one": (
-        ssd(system_in("a", MOTOR.format("")) + MOTOR.format("").replace("motor", "a.motor", 1)),
-        {},
-        "there are two elements a.motor",
-    ),
-    "driven twice": (flat(ends=ENDS + ENDS), {}, "motor.w is driven by conveyor.w too"),
-    "two outputs": (flat(ends=SPACE.format("conveyor", "w", "motor", "tau")), {}, "output conveyor.w and output motor.tau cannot be connected"),
-    "wrong kind": (component(FMU, connectors(("w", "output", ""))), {}, "connector w must be of kind input, not output"),
-    "wrong type": (component(FMU, connectors(("w", "input", "<ssc:Boolean/>"))), {}, "connector w must be of type Real, not Boolean"),
-    "wrong unit": (component(FMU, connectors(("w", "input", '<ssc:Real unit="N.m"/>'))), {}, "connector w must be in rad/s, not N.m"),
+BAD: dict[str, Any] = {
+    "missing FMU": (component('source="resources/No.fmu"'), "SystemStructure.ssd, line 1: part: there is no file 'resources/No.fmu'"),
+    "missing SSV": (flat(more='<ssd:ParameterBindings><ssd:ParameterBinding source="x.ssv"/></ssd:ParameterBindings>'), "there is no file 'x.ssv'"),
+    "file outside": (component('source="../other.fmu"'), "'../other.fmu' leaves the folder"),
+    "part of an FMU": (component('source="resources/DriveMotor.fmu#2"'), "only files inside the package"),
+    "file elsewhere": (component('source="http://a.b/c.fmu"'), "only files inside the package"),
+    "no FMU": (component('source="text.fmu"'), "is not a valid FMU", {"text.fmu": "text"}),
+    "dangling element": (flat(ends=SPACE.format("engine", "w", "motor", "w")), "there is no element 'engine' in the system"),
+    "dangling connector": (flat(ends=SPACE.format("conveyor", "speed", "motor", "w")), "there is no connector conveyor.speed"),
+    "undeclared connector": (flat(ends=SPACE.format("conveyor", "phi", "motor", "w")), "there is no connector conveyor.phi"),
+    "connector without variable": (component(FMU, connectors(("speed", "input", ""))), "part has no speed"),
+    "duplicate connector": (component(FMU, connectors(("w", "input", ""), ("w", "input", ""))), "part has two connectors w"),
+    "duplicate element": (ssd(MOTOR.format("") * 2), "motor: there are two elements motor"),
+    "two names for one": (ssd(system_in("a", MOTOR.format("")) + MOTOR.format("").replace("motor", "a.motor", 1)), "there are two elements a.motor"),
+    "driven twice": (flat(ends=ENDS + ENDS), "motor.w is driven by conveyor.w too"),
+    "two outputs": (flat(ends=SPACE.format("conveyor", "w", "motor", "tau")), "output conveyor.w and output motor.tau cannot be connected"),
+    "wrong kind": (component(FMU, connectors(("w", "output", ""))), "connector w must be of kind input, not output"),
+    "wrong type": (component(FMU, connectors(("w", "input", "<ssc:Boolean/>"))), "connector w must be of type Real, not Boolean"),
+    "wrong unit": (component(FMU, connectors(("w", "input", '<ssc:Real unit="N.m"/>'))), "connector w must be in rad/s, not N.m"),
     "types on a wire": (
-        ssd(
-            CONVEYOR.format("").replace("</ssd:Connectors>", '<ssd:Connector name="rod.finite" kind="parameter"/></ssd:Connectors>'),
-            '<ssd:Connection startConnector="p" endElement="conveyor" endConnector="rod.finite"/>',
-            connectors(("p", "parameter", "<ssc:Real/>")),
-        ),
-        {},
-        "Real p cannot drive Boolean",
-    ),
-    "units on a wire": (flat(ends=SPACE.format("motor", "tau", "motor", "w")), {}, "N.m cannot be converted to rad/s"),
-    "binary": (component(FMU, connectors(("w", "input", "<ssc:Binary/>"))), {}, "connector type Binary is not supported"),
-    "inout": (component(FMU, connectors(("w", "inout", ""))), {}, "connector kind inout is not supported"),
-    "unknown enumeration": (
-        component(FMU, connectors(("characteristic", "parameter", '<ssc:Enumeration name="E"/>'))),
-        {},
-        "there is no Enumeration 'E'",
-    ),
-    "calculated parameter": (
-        ssd(
-            '<ssd:Component name="echo" source="resources/Echo.fmu">'
-            + connectors(("twice", "calculatedParameter", ""), ("r", "parameter", ""))
-            + "</ssd:Component>",
-            SPACE.format("echo", "twice", "echo", "r"),
-        ),
-        {},
-        "calculatedParameter echo.twice cannot drive parameter echo.r, only an output an input",
-    ),
-    "constant": (
-        ssd(
-            '<ssd:Component name="echo" source="resources/Echo.fmu">'
-            + bindings(values('g Real value="1"'))
-            + "</ssd:Component>"
-        ),
-        {},
-        "echo.g is local and cannot be given a start value",
-    ),
+        component('source="resources/CrankConveyor.fmu"', connectors(("rod.finite", "parameter", "")),
+            SPACE.format("", "p", "part", "rod.finite").replace('startElement="" ', ""), more=connectors(("p", "parameter", "<ssc:Real/>"))),
+        "Real p cannot drive Boolean"),
+    "units on a wire": (flat(ends=SPACE.format("motor", "tau", "motor", "w")), "N.m cannot be converted to rad/s"),
+    "binary": (component(FMU, connectors(("w", "input", "<ssc:Binary/>"))), "connector type Binary is not supported"),
+    "inout": (component(FMU, connectors(("w", "inout", ""))), "connector kind inout is not supported"),
+    "unknown enumeration": (component(FMU, connectors(("characteristic", "parameter", '<ssc:Enumeration name="E"/>'))),
+        "there is no Enumeration 'E'"),
+    "calculated parameter": (component(ECHO, echo_connectors("twice", "calculatedParameter"), SPACE.format("part", "twice", "part", "r")),
+        "calculatedParameter part.twice cannot drive parameter part.r, only an output an input"),
+    "constant": (component(ECHO, bindings(values('g Real value="1"'))), "part.g is local and cannot be given a start value"),
     "unit that cannot be deduced": (
-        ssd(
-            MOTOR.format("")
-            + '<ssd:System name="line">'
-            + INNER
-            + f"<ssd:Elements>{INSIDE[0]}</ssd:Elements><ssd:Connections>"
-            + OUTWARD.format(' suppressUnitConversion="true"/>')
-            + "</ssd:Connections></ssd:System>",
-            W.format("line", "w", "/>"),
-        ),
-        {},
-        "its source has no unit to convert to rad/s from",
-    ),
-    "output to parameter": (
-        ssd(
-            '<ssd:Component name="echo" source="resources/Echo.fmu">'
-            + connectors(("y", "output", ""), ("r", "parameter", ""))
-            + "</ssd:Component>",
-            SPACE.format("echo", "y", "echo", "r"),
-        ),
-        {},
-        "output echo.y cannot drive a parameter",
-    ),
+        ssd(MOTOR.format("") + system_in("line", INSIDE[0], INSIDE[2], OUTWARD.format(' suppressUnitConversion="true"/>')), W.format("line", "w", "/>")),
+        "its source has no unit to convert to rad/s from"),
+    "output to parameter": (component(ECHO, echo_connectors("y", "output"), SPACE.format("part", "y", "part", "r")),
+        "output part.y cannot drive a parameter"),
     "enumeration of other items": (
-        ssd(
-            f'<ssd:Component name="part" {FMU}>'
-            + connectors(("characteristic", "parameter", '<ssc:Enumeration name="E"/>'))
-            + "</ssd:Component>",
-            tail='<ssd:Enumerations><ssc:Enumeration name="E"><ssc:Item name="linear" value="1"/>'
-            "</ssc:Enumeration></ssd:Enumerations>",
-        ),
-        {},
-        "connector characteristic: its Enumeration has other items than that of part",
-    ),
-    "unit defined twice": (
-        ssd(MOTOR.format(""), tail=f"<ssd:Units>{RPM}{RPM}</ssd:Units>"),
-        {},
-        "'rpm' is defined twice",
-    ),
-    "item not in its set": (
-        flat(
-            motor=bindings(
-                values(
-                    'characteristic Enumeration value="kloss" name="E"',
-                    '<ssv:Enumerations><ssc:Enumeration name="E"><ssc:Item name="linear" value="0"/>'
-                    "</ssc:Enumeration></ssv:Enumerations>",
-                )
-            )
-        ),
-        {},
-        "parameter characteristic: 'kloss' must be one of linear",
-    ),
-    "file of a system": (
-        flat(
-            more='<ssd:ParameterBindings><ssd:ParameterBinding source="x.ssv" '
-            'sourceBase="component"/></ssd:ParameterBindings>'
-        ),
-        {},
-        "a system has no files of its own",
-    ),
+        component(FMU, connectors(("characteristic", "parameter", '<ssc:Enumeration name="E"/>')), tail=GEARS.format("ssd", 1)),
+        "connector characteristic: its Enumeration has other items than that of part"),
+    "unit defined twice": (ssd(MOTOR.format(""), tail=f"<ssd:Units>{RPM}{RPM}</ssd:Units>"), "'rpm' is defined twice"),
+    "item not in its set": (flat(motor=bindings(values('characteristic Enumeration value="kloss" name="E"', GEARS.format("ssv", 0)))),
+        "parameter characteristic: 'kloss' must be one of linear"),
+    "file of a system": (flat(more='<ssd:ParameterBindings><ssd:ParameterBinding source="x.ssv" ' 'sourceBase="component"/></ssd:ParameterBindings>'),
+        "a system has no files of its own"),
     "file missing in the FMU": (
-        flat(
-            motor='<ssd:ParameterBindings><ssd:ParameterBinding source="x.ssv" '
-            'sourceBase="component"/></ssd:ParameterBindings>'
-        ),
-        {},
-        "there is no file 'x.ssv'",
-    ),
-    "broken nested package": (
-        component('type="application/x-ssp-package" source="b.ssp"'),
-        {"b.ssp": "no zip"},
-        "b.ssp is not a readable zip file",
-    ),
-    "id in another file": (
-        ssd(LOOP.format("a", "b.ssd#c")),
-        {"b.ssd": ssd("")},
-        "an id in another file, 'c', is not supported",
-    ),
-    "mapping on a connection": (flat(ends=ENDS.replace("/>", f">{TABLE}</ssd:Connection>")), {}, "BooleanMappingTransformation of a connection is not supported"),
-    "model exchange": (component(f'{FMU} implementation="ModelExchange"'), {}, "ModelExchange is not supported"),
-    "component type": (component(f'{FMU} type="text/x-modelica"'), {}, "component type 'text/x-modelica' is not supported"),
+        flat(motor='<ssd:ParameterBindings><ssd:ParameterBinding source="x.ssv" ' 'sourceBase="component"/></ssd:ParameterBindings>'),
+        "there is no file 'x.ssv'"),
+    "broken nested package": (component('type="application/x-ssp-package" source="b.ssp"'), "b.ssp is not a readable zip file", {"b.ssp": "no zip"}),
+    "id in another file": (ssd(LOOP.format("a", "b.ssd#c")), "an id in another file, 'c', is not supported", {"b.ssd": ssd("")}),
+    "mapping on a connection": (flat(ends=ENDS.replace("/>", f">{TABLE}</ssd:Connection>")),
+        "BooleanMappingTransformation of a connection is not supported"),
+    "model exchange": (component(f'{FMU} implementation="ModelExchange"'), "ModelExchange is not supported"),
+    "component type": (component(f'{FMU} type="text/x-modelica"'), "component type 'text/x-modelica' is not supported"),
     "signal dictionary": (
-        ssd(MOTOR.format("")).replace(
-            "</ssd:Elements>",
-            '</ssd:Elements><ssd:SignalDictionaries><ssd:SignalDictionary name="bus" source="b.ssb"/></ssd:SignalDictionaries>',
-        ),
-        {},
-        "bus: SignalDictionary is not supported",
-    ),
-    "signal dictionary reference": (
-        ssd('<ssd:SignalDictionaryReference name="bus" dictionary="b"/>'),
-        {},
-        "bus: SignalDictionaryReference is not supported",
-    ),
-    "version": (ssd("").replace('version="1.0"', 'version="2.0"'), {}, "version 2.0 of SSP is not supported, only 1.0"),
-    "unknown element": (ssd("<ssd:Motor/>"), {}, "SystemStructure.ssd, line 1: Element 'Motor': This element is not expected"),
-    "unknown attribute": (component(f'{FMU} speed="1"'), {}, "attribute 'speed' is not allowed"),
-    "broken XML": (ssd("")[:-9], {}, "SystemStructure.ssd, line 1: "),
-    "other XML": ("<html/>", {}, "ssd:SystemStructureDescription is needed, not html"),
-    "cyclic files": (ssd(LOOP.format("a", "a.ssd")), {"a.ssd": ssd(LOOP.format("b", "SystemStructure.ssd"))}, "cyclic nesting: test.ssp -> a.ssd -> SystemStructure.ssd -> a.ssd"),
-    "cyclic systems": (
-        ssd(f'<ssd:System name="a" id="a"><ssd:Elements>{LOOP.format("b", "#a")}</ssd:Elements></ssd:System>'),
-        {},
-        "cyclic nesting: test.ssp -> a -> a",
-    ),
+        ssd(MOTOR.format("")).replace("</ssd:Elements>", '</ssd:Elements><ssd:SignalDictionaries><ssd:SignalDictionary name="bus" source="b.ssb"/></ssd:SignalDictionaries>'),
+        "bus: SignalDictionary is not supported"),
+    "signal dictionary reference": (ssd('<ssd:SignalDictionaryReference name="bus" dictionary="b"/>'),
+        "bus: SignalDictionaryReference is not supported"),
+    "version": (ssd("").replace('version="1.0"', 'version="2.0"'), "version 2.0 of SSP is not supported, only 1.0"),
+    "unknown element": (ssd("<ssd:Motor/>"), "SystemStructure.ssd, line 1: Element 'Motor': This element is not expected"),
+    "unknown attribute": (component(f'{FMU} speed="1"'), "attribute 'speed' is not allowed"),
+    "broken XML": (ssd("")[:-9], "SystemStructure.ssd, line 1: "),
+    "other XML": ("<html/>", "ssd:SystemStructureDescription is needed, not html"),
+    "cyclic files": (ssd(LOOP.format("a", "a.ssd")),
+        "cyclic nesting: test.ssp -> a.ssd -> SystemStructure.ssd -> a.ssd", {"a.ssd": ssd(LOOP.format("b", "SystemStructure.ssd"))}),
+    "cyclic systems": (ssd(f'<ssd:System name="a" id="a"><ssd:Elements>{LOOP.format("b", "#a")}</ssd:Elements></ssd:System>'),
+        "cyclic nesting: test.ssp -> a -> a"),
     "connected to itself": (
-        ssd(
-            '<ssd:System name="a">' + connectors(("i", "input", ""), ("o", "output", ""))
-            + '<ssd:Connections><ssd:Connection startConnector="i" endConnector="o"/></ssd:Connections></ssd:System>',
-            SPACE.format("a", "o", "a", "i"),
-        ),
-        {},
-        "a.i is connected to itself",
-    ),
-    "no such id": (ssd(LOOP.format("a", "#b")), {}, "there is no System with the id 'b'"),
-    "name with a blank": (ssd(MOTOR.format("").replace('"motor"', '"my motor"')), {}, "my motor: an element's name must begin with a letter"),
-    "parameter twice": (flat(motor=bindings(values('T Real value="1";T Real value="2"'))), {}, "parameter T is given twice"),
-    "parameter type": (flat(motor=bindings(values('T Boolean value="true"'))), {}, "parameter T: Boolean does not fit T of type Real"),
-    "parameter unit": (flat(motor=bindings(values('T Real value="1" unit="N.m"'))), {}, "parameter T: N.m cannot be converted to s"),
-    "undefined unit": (flat(motor=bindings(values('T Real value="1" unit="h"'))), {}, "unit 'h' is not defined"),
-    "binary parameter": (flat(motor=bindings(values('T Binary value="00"'))), {}, "parameter T: type Binary is not supported"),
-    "item": (flat(motor=bindings(values('characteristic Enumeration value="round"'))), {}, "'round' must be one of linear, kloss"),
-    "out of bounds": (flat(conveyor=bindings(values('trough.m Real value="-1"'))), {}, "conveyor.trough.m [kg] = -1.0 must be at least"),
-    "not finite": (flat(motor=bindings(values('T Real value="INF"'))), {}, "motor.T [s] = inf must be a finite number"),
-    "output of the FMU": (flat(motor=bindings(values('P Real value="1"'))), {}, "motor.P [W] is output and cannot be given a start value"),
-    "set of another type": (flat(motor=bindings("<x/>", attributes='type="text/csv"')), {}, "type 'text/csv' is not supported"),
-    "no set": (flat(motor=bindings("<x/>")), {}, "ssv:ParameterSet is needed, not x"),
-    "invalid set": (flat(motor=bindings(values('T Real value="fast"'))), {}, "'fast' is not a valid value"),
-    "set and source": (flat(motor=bindings(values('T Real value="1"'), attributes='source="x.ssv"')), {}, "source and inline content exclude each other"),
-    "mapped name": (flat(motor=bindings(values('T Real value="1"'), mapped=mapping(("U", 'target="T"', "")))), {}, "mapping U -> T: the parameter set has no U"),
-    "mapped twice": (
-        flat(motor=bindings(values('T Real value="1"'), mapped=mapping(("T", 'target="T"', ""), ("T", 'target="T"', "")))),
-        {},
-        "T is mapped twice",
-    ),
-    "no entry": (
-        flat(conveyor=bindings(values('b Boolean value="false"'), mapped=mapping(("b", 'target="rod.finite"', TABLE)))),
-        {},
-        "there is no entry for False",
-    ),
-    "table of another type": (
-        flat(motor=bindings(values('T Real value="1"'), mapped=mapping(("T", 'target="T"', TABLE)))),
-        {},
-        "BooleanMappingTransformation does not fit a parameter of type Real",
-    ),
-    "scaled Boolean": (
-        flat(conveyor=bindings(values('b Boolean value="false"'), mapped=mapping(("b", 'target="rod.finite"', LINEAR)))),
-        {},
-        "a linear transformation does not fit rod.finite of type Boolean",
-    ),
+        ssd(system_in("a", "", connectors(("i", "input", ""), ("o", "output", "")), '<ssd:Connection startConnector="i" endConnector="o"/>'),
+            SPACE.format("a", "o", "a", "i")),
+        "a.i is connected to itself"),
+    "no such id": (ssd(LOOP.format("a", "#b")), "there is no System with the id 'b'"),
+    "name with a blank": (ssd(MOTOR.format("").replace('"motor"', '"my motor"')), "my motor: an element's name must begin with a letter"),
+    "parameter twice": (flat(motor=bindings(values('T Real value="1";T Real value="2"'))), "parameter T is given twice"),
+    "parameter type": (flat(motor=bindings(values('T Boolean value="true"'))), "parameter T: Boolean does not fit T of type Real"),
+    "parameter unit": (flat(motor=bindings(values('T Real value="1" unit="N.m"'))), "parameter T: N.m cannot be converted to s"),
+    "undefined unit": (flat(motor=bindings(values('T Real value="1" unit="h"'))), "unit 'h' is not defined"),
+    "binary parameter": (flat(motor=bindings(values('T Binary value="00"'))), "parameter T: type Binary is not supported"),
+    "item": (flat(motor=bindings(values('characteristic Enumeration value="round"'))), "'round' must be one of linear, kloss"),
+    "out of bounds": (flat(conveyor=bindings(values('trough.m Real value="-1"'))), "conveyor.trough.m [kg] = -1.0 must be at least"),
+    "not finite": (flat(motor=bindings(values('T Real value="INF"'))), "motor.T [s] = inf must be a finite number"),
+    "output of the FMU": (flat(motor=bindings(values('P Real value="1"'))), "motor.P [W] is output and cannot be given a start value"),
+    "set of another type": (flat(motor=bindings("<x/>", attributes='type="text/csv"')), "type 'text/csv' is not supported"),
+    "no set": (flat(motor=bindings("<x/>")), "ssv:ParameterSet is needed, not x"),
+    "invalid set": (flat(motor=bindings(values('T Real value="fast"'))), "'fast' is not a valid value"),
+    "set and source": (flat(motor=bindings(values('T Real value="1"'), attributes='source="x.ssv"')), "source and inline content exclude each other"),
+    "mapped name": (flat(motor=bindings(values('T Real value="1"'), mapped=mapping(("U", 'target="T"', "")))),
+        "mapping U -> T: the parameter set has no U"),
+    "mapped twice": (flat(motor=bindings(values('T Real value="1"'), mapped=mapping(("T", 'target="T"', ""), ("T", 'target="T"', "")))),
+        "T is mapped twice"),
+    "no entry": (flat(conveyor=bindings(values('b Boolean value="false"'), mapped=mapping(("b", 'target="rod.finite"', TABLE)))),
+        "there is no entry for False"),
+    "table of another type": (flat(motor=bindings(values('T Real value="1"'), mapped=mapping(("T", 'target="T"', TABLE)))),
+        "BooleanMappingTransformation does not fit a parameter of type Real"),
+    "scaled Boolean": (flat(conveyor=bindings(values('b Boolean value="false"'), mapped=mapping(("b", 'target="rod.finite"', LINEAR)))),
+        "a linear transformation does not fit rod.finite of type Boolean"),
 }  # fmt: skip
 
 
@@ -827,11 +696,11 @@ def test_dotted_names_mean_one_variable(fmus: Path, echo: Path, tmp_path: Path) 
 @pytest.mark.parametrize("existing", [False, True])
 def test_bad_packages_are_refused(read: Read, tmp_path: Path, name: str, existing: bool) -> None:
     """The message names file and element, and nothing is left behind."""
-    structure, files, message = BAD[name]
+    structure, message, *more = BAD[name]
     if existing:
         (tmp_path / "unpacked").mkdir()
     with pytest.raises(SetupError) as caught:
-        read(structure, **files)
+        read(structure, **(more[0] if more else {}))
     assert str(caught.value).startswith("test.ssp: ")
     assert message in str(caught.value)
     assert "\n" not in str(caught.value)
