@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from math import pi
 from types import SimpleNamespace
 from typing import Any
 
 import mpmath
 import numpy as np
-import sympy
 from mpmath import mpf
 
 from components import drive_motor
 from components import iron_drive as iron
 from components.kit import motion
-from components.kit.record import declarations, discrete, fill, real, record, start
+from components.kit.record import discrete, real, record, start
 from components.kit.si import Angle, AngularVelocity, Energy, Torque
 
 TABLES = """
@@ -87,7 +85,7 @@ def jet(f: Any, x: Any) -> tuple[Any, Any, Any]:
 
 
 def by_material_points(p: Any, phi: float, w: float, eps: float, K: float) -> dict[str, Any]:
-    """The same from material points of rocker, link, chain and spring, in the complex plane."""
+    """All that the equations say, from material points of rocker, link, chain and spring, in the complex plane."""
     c, r, z, s, g = p.cam, p.rocker, p.sprocket, p.spring, p.g
     exp, arg, re, im = mpmath.expj, mpmath.arg, mpmath.re, mpmath.im
 
@@ -177,76 +175,6 @@ def by_material_points(p: Any, phi: float, w: float, eps: float, K: float) -> di
         "J_1": J_aa * a_1**3 + 2 * J_a * a_1 * a_2, "Pi_1": cam_weight + Pi_a * a_1,
         "M_rocker": M_rocker, "tau_cam": M_less, "tilt": tilt,
     }  # fmt: skip
-
-
-def derivation() -> dict[iron.Wrap, Any]:
-    """J, J', Pi', H', H'' and omega' from the energies, with the distance R as coordinate."""
-    names = [sympy.Symbol(name) for name, _ in declarations(iron.Parameters)]
-    p = fill(iron.Parameters, names)
-    phi, w, M, K, R, R_1, R_2, s, a = sympy.symbols("phi w M K R R_1 R_2 s a", positive=True)
-    c, r, T, z, k, rho, g = p.cam, p.rocker, p.link, p.sprocket, p.spring, p.chain.rho, p.g
-    alpha, beta, n, H, H_b = (
-        sympy.Function(name)(R) for name in ("alpha", "beta", "n", "H", "H_b")
-    )
-    theta = sympy.pi - (p.chain.l - (n - T.l) - H) / z.R
-
-    along = [r.l_K * f(alpha) + s * f(beta) for f in (sympy.cos, sympy.sin)]
-    square = sympy.expand(sum(x.diff(R) ** 2 for x in along))
-    m_e = z.J / z.R**2 + rho * (z.R * (sympy.pi - theta) + H) + p.iron.m + k.m / 3
-    behind = (
-        r.J * alpha.diff(R) ** 2
-        + T.m * square.subs(s, T.l / 2)
-        + T.J * beta.diff(R) ** 2
-        + rho * square.integrate((s, T.l, n))
-        + m_e * H.diff(R) ** 2
-    )
-    e = k.e_0 + k.side * (H_b - H)
-    Pi = (
-        r.m * g * r.r * sympy.sin(alpha + r.gamma)
-        + T.m * g * along[1].subs(s, T.l / 2)
-        + rho * g * along[1].integrate((s, T.l, n))
-        + rho * g * ((z.A + z.R * sympy.sin(s)) * z.R).integrate((s, theta, sympy.pi))
-        + rho * g * (z.A - s).integrate((s, 0, H))
-        - (p.iron.m + k.m / 2) * g * H
-        + k.c * e**2 / 2
-    )
-    J = c.J + p.reducer.J * p.reducer.i_g**2 + behind * R_1**2
-    J_1 = behind.diff(R) * R_1**3 + 2 * behind * R_1 * R_2
-    Pi_1 = (c.m * g * c.r * sympy.sin(phi + c.gamma)).diff(phi) + Pi.diff(R) * R_1
-    Pi_1 = Pi_1.subs(H_b.diff(R), 0)
-    H_1, H_2 = H.diff(R) * R_1, H.diff(R, 2) * R_1**2 + H.diff(R) * R_2
-    W = (p.iron.m + k.m / 2) * g + k.side * k.c * e - p.iron.m * (H_1 * a + H_2 * w**2)
-    rest = J * a + J_1 * w**2 / 2 + Pi_1 - K * W * H_1 - M
-    results = [J, J_1, Pi_1, H_1, H_2, -rest.subs(a, 0) / rest.diff(a)]
-
-    def path(wrap: iron.Wrap, R: Any) -> dict[Any, Any]:
-        angle = r.alpha0 - sympy.acos((r.L**2 + r.l**2 - R**2) / (2 * r.L * r.l))
-        X, Y = z.C + r.l_K * sympy.cos(angle), z.A - r.l_K * sympy.sin(angle)
-        far = sympy.sqrt(X**2 + Y**2)
-        if wrap == iron.Wrap.top:
-            length, turn = sympy.sqrt(X**2 + (Y + z.R) ** 2), sympy.atan((Y + z.R) / X)
-            arc = z.R * sympy.pi / 2
-        else:
-            length, turn = sympy.sqrt(far**2 - z.R**2), sympy.atan(Y / X) + sympy.asin(z.R / far)
-            arc = z.R * (sympy.pi / 2 + turn)
-        hanging = p.chain.l - (length - T.l) - arc
-        return {alpha: angle, beta: sympy.pi - turn, n: length, H: hanging}
-
-    def calculation(wrap: iron.Wrap) -> Any:
-        explicit = path(wrap, R)
-        known = explicit | {H_b: path(wrap, c.R_b)[H]}
-        for order in (1, 2):
-            known |= {f.diff(R, order): value.diff(R, order) for f, value in explicit.items()}
-        values = [value.xreplace(known) for value in results]
-        return sympy.lambdify([*names, phi, w, M, K, R, R_1, R_2], values, "mpmath", cse=True)
-
-    return {wrap: calculation(wrap) for wrap in iron.Wrap}
-
-
-def flat(p: Any) -> Iterator[Any]:
-    """The values of a record, depth first."""
-    for value in p:
-        yield from flat(value) if isinstance(value, tuple) else (value,)
 
 
 @record

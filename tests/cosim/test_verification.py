@@ -24,7 +24,7 @@ from cosim.part import Part
 from cosim.verification import checks
 from cosim.verification.checks import HOLDING, MOTOR, SCHEMES, SUBSTEPS, Row, orders, simulate
 from cosim.verification.ideal import Ideal, Scheme
-from cosim.verification.systems import BENCHMARKS, SPRING_AND_MASS, Unit, couple, drive, states
+from cosim.verification.systems import BENCHMARKS, SPRING_AND_MASS, Unit, couple, states
 
 ALL = SCHEMES | HOLDING | SUBSTEPS
 
@@ -251,34 +251,6 @@ def test_errors_of_the_ideal_algorithms_are_the_published_ones(
     ideal, sizes = Ideal(BENCHMARKS[problem].units), [h] * round(stop / h)
     off = np.abs(ideal.states(ALL[title], sizes) - ideal.exact(sizes)).max()
     assert off == pytest.approx(error, rel=2e-3)
-
-
-@pytest.mark.parametrize(
-    ("damping", "h", "title", "ratio"),
-    [
-        (1.0, 1e-3, "jacobi", -0.01671),
-        (1.0, 1e-3, "gauss-seidel", 0.00260),
-        (1.0, 1e-3, "jacobi, FMUs extrapolate", 0.00564),
-        (1.0, 1e-3, "iterated", 0.02201),
-        (1.0, 1e-3, "iterated, FMUs interpolate", 0.00583),
-        (1.0, 5e-4, "jacobi", -0.00550),
-        (1.0, 1e-4, "jacobi", 0.00357),
-        (1.0, 1e-4, "gauss-seidel", 0.00551),
-        (1.0, 1e-4, "iterated", 0.00746),
-        (1.0, 1e-5, "jacobi", 0.00561),
-        (100.0, 1e-3, "jacobi", 0.5745),
-        (100.0, 1e-3, "gauss-seidel", 0.5827),
-        (100.0, 1e-3, "iterated", 0.5884),
-        (100.0, 1e-3, "iterated, FMUs interpolate", 0.5836),
-    ],
-)
-def test_damping_of_the_drive_through_the_coupling_is_the_published_one(
-    damping: float, h: float, title: str, ratio: float
-) -> None:
-    values = Ideal(drive(damping)).eigenvalues(ALL[title], h)
-    rates = np.log(values[values.imag > 1e-9]) / h
-    swing = rates[np.abs(np.abs(rates) - 116.8).argmin()]
-    assert -swing.real / abs(swing) == pytest.approx(ratio, abs=6e-6 if damping == 1.0 else 6e-5)
 
 
 def test_stability_limits_of_the_lagging_motor_are_the_closed_ones() -> None:
