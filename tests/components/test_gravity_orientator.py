@@ -116,7 +116,7 @@ def test_orientation_takes_the_reference_time_at_every_communication_step(
         assert other == pytest.approx(seen[0], rel=1e-10, abs=1e-11)
 
 
-def test_states_energies_and_impulses_at_40_rpm_are_the_reference_ones(fmus: Path) -> None:
+def test_states_energies_and_impulses_are_the_reference_ones(fmus: Path) -> None:
     p, x, events = passage(40, 0.35)
     u = model.Inputs(RPM * 40, True)
     landing, hooking, released, *_, oriented = events

@@ -133,6 +133,31 @@ def test_rates_and_outputs_are_the_products() -> None:
     assert linear.derivatives(p, 0.0, x, u) == near(A @ x + B @ u, 1e-13)
 
 
+WHOLE = {
+    "dual mass": (
+        {"A": [[0, 1, 0, 0], [-20, -0.7, 10, 0.5], [0, 0, 0, 1], [10, 0.5, -30, -0.8]],
+         "x": [0, 0, 0.5, 0]}, 10.0,
+        (0.0510408140565515, 0.0851264592091883, 0.0316413383731971, 0.0458048846098638)),
+    "quarter car": (
+        {"A": [[0, 1, 0, 0], [-37.5, -2.5, 37.5, 2.5], [0, 0, 0, 1], [375, 25, -4125, -25]],
+         "B": [[0], [0], [0], [3750]], "u": [0.1]}, 4.0,
+        (0.100406579102539, -0.00938444430909359, 0.099984619729379, -0.00083925028223614)),
+    "DC motor": (
+        {"A": [[-1000, -10], [5, -0.5]], "B": [[1000, 0], [0, -500]], "u": [12.0, 0.05]}, 10.0,
+        (11.3662402059706, 63.3761226214342, 0.0, 0.0)),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("count", [1, 1000])
+@pytest.mark.parametrize("name", WHOLE)
+def test_whole_systems_end_where_they_must(name: str, count: int, fmus: Path) -> None:
+    arrays, stop, expected = WHOLE[name]
+    unit, h = Unit(fmus / FMU).start(**system(**arrays)), stop / count
+    for n in range(count):
+        unit.step(n * h, h)
+    assert unit.outputs()[:4] == pytest.approx(expected, rel=1e-12, abs=1e-14)
+
+
 def full(seed: int) -> dict[str, float]:
     """A damped system without a zero in it."""
     draw = np.random.default_rng(seed)

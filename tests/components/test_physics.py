@@ -143,6 +143,39 @@ def test_power_balance_closes_at_every_instant(finite: bool) -> None:
         assert float(leak.subs(at)) == pytest.approx(0.0, abs=1e-8)
 
 
+@pytest.mark.parametrize("finite", [False, True])
+def test_conveyor_keeps_its_energy_when_left_alone(finite: bool) -> None:
+    p = start(crank_conveyor.Parameters, **{"trough.d": 0.0, "rod.finite": finite})
+    u, x = crank_conveyor.Inputs(0.0), crank_conveyor.State(0.3, 90.0)
+    stored = []
+    while x.phi < 0.3 + 200 * math.pi:
+        y = crank_conveyor.outputs(p, 0.0, x, u)
+        stored.append(y.E_kin + y.E_pot)
+        x = motion.advance(crank_conveyor, p, 0.0, x, motion.Course(u, u, 0.05))
+    assert stored[-1] == pytest.approx(stored[0], rel=1e-9)
+
+
+def test_motor_with_linear_characteristic_steps_exactly() -> None:
+    """Against the solution of the differential equation that SymPy finds for a linear speed."""
+    t, h = sympy.symbols("t h", positive=True)
+    A, B, T, M0, w0, w1 = sympy.symbols("A B T M0 w0 w1", positive=True)
+    M = sympy.Function("M")
+    equation = sympy.Eq(M(t) + T * M(t).diff(t), A - B * (w0 + (w1 - w0) * t / h))
+    solution = sympy.dsolve(equation, M(t), ics={M(0): M0}).rhs.subs(t, h)
+    solve = sympy.lambdify((A, B, T, M0, w0, w1, h), solution)
+    draw = random.Random(2)
+    for _ in range(50):
+        values = [draw.uniform(low, high) for low, high in
+                  ((1, 9e3), (0, 300), (0.01, 1), (-500, 500), (-50, 90), (-50, 90), (1e-3, 1))]  # fmt: skip
+        a, b, lag, m0, u0, u1, step = values
+        p = start(drive_motor.Parameters, A=a, B=b, T=lag)
+        x = drive_motor.exact(
+            p, drive_motor.State(m0), drive_motor.Inputs(u0), drive_motor.Inputs(u1), step
+        )
+        assert x is not None
+        assert x.tau == pytest.approx(solve(*values), rel=1e-9, abs=1e-9)
+
+
 def test_kloss_characteristic_has_its_breakdown_torque_at_the_breakdown_slip() -> None:
     p = start(drive_motor.Parameters, characteristic=drive_motor.Characteristic.kloss)
     k = p.kloss
@@ -247,6 +280,16 @@ def test_time_mean_of_the_torque_lies_on_the_motor_line(orbit: Any) -> None:
     assert mean == pytest.approx(want[6], abs=2e-5)
 
 
+@pytest.mark.parametrize(("name", "nu", "off"), [("A", 40.0, 168.7), ("B", 30.0, 140.2)])
+def test_phase_of_formula_26_as_printed_is_wrong(name: str, nu: float, off: float) -> None:
+    machine = SETS[name]
+    printed = math.degrees(cmath.phase(machine.load_ripple(nu)) + math.atan(2 * machine.T * nu))
+    torque = REFERENCE[name, int(nu)][3]
+    corrected = math.degrees(cmath.phase(machine.torque_ripple(nu)))
+    assert abs(corrected - torque) < 0.11
+    assert (printed - torque) % 360.0 == pytest.approx(off, abs=0.2)
+
+
 def test_ripple_of_formulas_10_17_and_26_as_printed_is_wrong() -> None:
     """The sign of (10), the root (1 + 2 T nu^2) of (17), the spring in the root of (26)."""
     m, nu = SETS["A"], 40.0
@@ -290,6 +333,14 @@ def test_speed_equation_16_as_printed_settles_fifty_times_too_fast() -> None:
     assert settling == pytest.approx(0.12195, rel=0.02)
     assert m.J / m.slope == pytest.approx(2.56e-3, rel=2e-3)
     assert math.exp(-math.pi * m.zeta / math.sqrt(1 - m.zeta**2)) == pytest.approx(0.72, abs=4e-3)
+
+
+def test_rod_force_is_least_below_the_speed_that_the_text_after_17_names() -> None:
+    m = SETS["A"]
+    nu = np.linspace(50.0, 70.0, 20001)
+    force = [abs(m.load_ripple(float(n))) for n in nu]
+    assert math.sqrt(m.c / m.m) == 60.0
+    assert nu[int(np.argmin(force))] == pytest.approx(58.31, abs=2e-3)
 
 
 def test_finite_rod_adds_the_odd_orders() -> None:

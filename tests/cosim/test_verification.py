@@ -207,23 +207,6 @@ def test_exact_solutions_of_the_whole() -> None:
     assert pytest.approx(np.array([slow + fast, slow - fast]) / 2, abs=1e-12) == got[:, [0, 2]].T
 
 
-@pytest.mark.parametrize(
-    ("problem", "stop", "end"),
-    [
-        ("dual mass", 10.0,
-         [0.0510408140565515, 0.0851264592091883, 0.0316413383731971, 0.0458048846098638]),
-        ("quarter car", 4.0,
-         [0.100406579102539, -0.00938444430909359, 0.099984619729379, -0.00083925028223614]),
-        ("DC motor", 10.0, [11.3662402059807, 63.3761226215173]),
-    ],
-)  # fmt: skip
-def test_exact_end_values_are_the_published_ones(
-    problem: str, stop: float, end: list[float]
-) -> None:
-    got = Ideal(BENCHMARKS[problem].units).exact([stop / 1000] * 1000)[-1]
-    assert got == pytest.approx(end, rel=1e-11)
-
-
 PUBLISHED = [
     ("oscillator", 1.0, 0.01, "jacobi", 4.565),
     ("oscillator", 1.0, 0.005, "jacobi", 2.124),
