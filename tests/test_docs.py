@@ -15,7 +15,7 @@ from typing import NamedTuple
 import pytest
 
 from components.packing.page import EXTERNAL_DEPENDENCIES
-from tests.conftest import ROOT
+from tests.conftest import ROOT, ask
 
 PAGES = sorted(
     str(path.relative_to(ROOT))
@@ -55,6 +55,7 @@ SLOW = {
     ".venv/bin/python benchmarks/tolerance.py",
 }
 SILENT = {"math", "text", "xml", "csv"}
+FENCED = r"^ *```.*?^ *```$"
 PROGRAMS = r"(\.?/?\S*/)?(python3?|pip3?|uv|fmpy|pytest|bash|sh|gcc|git|cosim|scenarios)"
 
 
@@ -66,9 +67,14 @@ class Block(NamedTuple):
     text: str
 
 
+def text_of(page: str, without: str = "(?!)") -> str:
+    """A page, without what a regular expression finds."""
+    return re.sub(without, "", (ROOT / page).read_text(), flags=re.MULTILINE | re.DOTALL)
+
+
 def blocks(page: str) -> Iterator[Block]:
     """The fenced blocks of a page in order."""
-    text = (ROOT / page).read_text()
+    text = text_of(page)
     for match in re.finditer(r"^( *)```([^\n`]*)\n(.*?)^ *```$", text, re.MULTILINE | re.DOTALL):
         line = text.count("\n", 0, match.start()) + 1
         body = re.sub(rf"^{match[1]}", "", match[3], flags=re.MULTILINE)
@@ -77,10 +83,7 @@ def blocks(page: str) -> Iterator[Block]:
 
 def spans(page: str) -> Iterator[str]:
     """The code within the text of a page."""
-    text = re.sub(
-        r"^ *```.*?^ *```$", "", (ROOT / page).read_text(), flags=re.MULTILINE | re.DOTALL
-    )
-    for match in re.finditer(r"(?<!\$)`([^`\n]+)`(?!\$)", text):
+    for match in re.finditer(r"(?<!\$)`([^`\n]+)`(?!\$)", text_of(page, FENCED)):
         yield match[1]
 
 
@@ -161,7 +164,9 @@ def perform(tree: Path, items: list[tuple[str, str, str]]) -> str:
 
 @pytest.mark.parametrize("page", [page for page in PAGES if work(page, False)])
 def test_the_commands_of_a_page_work_in_order(page: str, tree: Path) -> None:
-    perform(tree, work(page, slow=False))
+    said = perform(tree, work(page, slow=False))
+    for shown in re.findall(r"^print\(.*  # (\d\S* \+- \S+ \S+):", text_of(page), re.MULTILINE):
+        assert shown in said
 
 
 @pytest.mark.slow
@@ -193,7 +198,7 @@ def test_nothing_is_left_out() -> None:
         for block in blocks(page):
             language, _, target = block.info.partition(" ")
             if target == "not tried":
-                before = (ROOT / page).read_text().partition(block.text)[0]
+                before = text_of(page).partition(block.text)[0]
                 assert "**Not tried**" in before, block.place
                 left[page] = language
             elif block.info not in SILENT:
@@ -221,7 +226,7 @@ def test_the_line_that_starts_a_host_is_the_one_that_is_tested() -> None:
 
 @pytest.mark.parametrize("page", PAGES)
 def test_links_lead_somewhere_and_tests_that_are_named_exist(page: str) -> None:
-    text = (ROOT / page).read_text()
+    text = text_of(page)
     for target in re.findall(r"\]\(([^)#\s]+)[^)]*\)", text):
         assert "://" in target or ((ROOT / page).parent / target).exists(), target
     known = "".join(path.read_text() for path in (ROOT / "tests").rglob("test_*.py"))
@@ -231,10 +236,7 @@ def test_links_lead_somewhere_and_tests_that_are_named_exist(page: str) -> None:
 
 @pytest.mark.parametrize("page", [page for page in PAGES if "machines" not in page])
 def test_formulas_hold_no_escape_that_markdown_takes_away(page: str) -> None:
-    text = re.sub(
-        r"^ *```.*?^ *```$|`[^`\n]*`", "", (ROOT / page).read_text(), flags=re.MULTILINE | re.DOTALL
-    )
-    for formula in re.findall(r"\$+([^$]+)\$+", text):
+    for formula in re.findall(r"\$+([^$]+)\$+", text_of(page, rf"{FENCED}|`[^`\n]*`")):
         assert not re.search(r"\\[^a-zA-Z\s]", formula), formula
 
 
@@ -248,6 +250,18 @@ def test_the_tutorial_prints_what_it_says(tree: Path) -> None:
     promised = re.findall(r"^# prints: (.*)$", (ROOT / "tutorial.py").read_text(), re.MULTILINE)
     assert said.splitlines()[1:] == promised
     assert (tree / "results" / "tutorial.png").stat().st_size > 20_000
+
+
+def test_the_first_command_answers_as_the_readme_shows() -> None:
+    """Word by word; figures within the errors that stand behind them."""
+    (block,) = (block for block in blocks("README.md") if block.info == "text")
+    shown, said = (" ".join(text.split()) for text in (block.text, ask("resonance").verdict))
+    figure = r"([\d.]+) ± ([\d.]+)"
+    assert re.sub(figure, "#", said).startswith(re.sub(figure, "#", shown))
+    pairs = list(zip(re.findall(figure, shown), re.findall(figure, said)))
+    assert len(pairs) == 2
+    for (value, error), (found, _) in pairs:
+        assert abs(float(found) - float(value)) <= float(error)
 
 
 def test_what_fails_on_a_page_is_seen(tree: Path) -> None:

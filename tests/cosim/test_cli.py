@@ -28,7 +28,7 @@ from tests.cosim.test_cosim import NU, pair
 def drive(fmus: Path, tmp_path: Path) -> Path:
     """Motor and conveyor at resonance as an .ssp of one second."""
     path = tmp_path / "drive.ssp"
-    write_ssp(pair(fmus), path, stop=1.0)
+    write_ssp(pair(fmus / "native"), path, stop=1.0)
     return path
 
 

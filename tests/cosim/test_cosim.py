@@ -41,7 +41,7 @@ def ripple(fmus: Path, algorithm: str, n: int, revolutions: int = 24, **start: i
     """Order-2 amplitudes of speed and torque and the torque's phase at resonance."""
     h = 2 * math.pi / NU / n
     held = {name.replace("_", ".", 1): value for name, value in start.items()}
-    system = pair(fmus, SETS["A"].start(NU) | held)
+    system = pair(fmus / "native", SETS["A"].start(NU) | held)
     result = run(system, stop=revolutions * n * h, step=h, algorithm=algorithm, record=RECORD)
     tau, _, phi, w, _ = result.data.T[1:]
     late = last_revolutions(phi, 8)
@@ -69,7 +69,7 @@ def test_lateness_of_the_torque_at_resonance(
 ) -> None:
     """Held, extrapolated and interpolated inputs; amplitudes are those of the page below."""
     held = {"motor_input_hold": motor, "conveyor_input_hold": conveyor}
-    _, _, angle = ripple(fmus / "native", algorithm, n, **held)
+    _, _, angle = ripple(fmus, algorithm, n, **held)
     assert angle - HELD_PHASE == pytest.approx(phase, abs=0.02)
 
 
@@ -93,7 +93,7 @@ def test_every_error_that_the_page_on_coupling_tells(
     fmus: Path, algorithm: str, held: dict[str, int], n: int, told: str
 ) -> None:
     error = float(told)
-    _, torque, _ = ripple(fmus / "native", algorithm, n, 48 if error > 1 else 24, **held)
+    _, torque, _ = ripple(fmus, algorithm, n, 48 if error > 1 else 24, **held)
     last = 10.0 ** -len(told.partition(".")[2])
     assert percent(torque, HELD_TAU2) == pytest.approx(error, abs=0.51 * last)
 
@@ -103,7 +103,9 @@ def test_jacobi_is_unstable_below_its_limit(fmus: Path) -> None:
     growth = []
     for n in (56, 75):
         h = 2 * math.pi / NU / n
-        tau = run(pair(fmus), stop=40 * n * h, step=h, algorithm="jacobi", record=RECORD)[RECORD[0]]
+        tau = run(
+            pair(fmus / "native"), stop=40 * n * h, step=h, algorithm="jacobi", record=RECORD
+        )[RECORD[0]]
         growth.append(np.abs(tau[-5 * n :]).max() / np.abs(tau[20 * n : 25 * n]).max())
     assert growth[0] > 1.5
     assert growth[1] == pytest.approx(1.0, abs=0.01)
@@ -136,7 +138,11 @@ def transient_errors(fmus: Path, algorithm: str, rest: bool) -> Any:
     for n in (128, 256, 512):
         h = stop / (5 * n)
         result = run(
-            pair(fmus, start), stop=stop, step=h, algorithm=algorithm, output_step=n // 128 * h
+            pair(fmus / "native", start),
+            stop=stop,
+            step=h,
+            algorithm=algorithm,
+            output_step=n // 128 * h,
         )
         got = [result[name] for name in ("conveyor.phi", "conveyor.w", "motor.tau")]
         errors.append([np.abs(a - b).max() for a, b in zip(got, exact)])

@@ -448,7 +448,7 @@ def test_conveyor_follows_its_equations_over_a_revolution_at_any_communication_s
 
 
 @each_fmu
-def test_a_thousand_lives_leave_less_than_4_kB_each_and_no_path(model: Any, fmu: Path) -> None:
+def test_many_lives_leave_less_than_4_kB_each_and_no_path(model: Any, fmu: Path) -> None:
     leak, paths = hosts.lives(fmu)
     assert leak < 4096
     assert paths == 0

@@ -16,15 +16,15 @@ def resident() -> int:
 
 @apart
 def lives(fmu: str) -> list[float]:
-    """Bytes that each of 1000 instances leaves behind, and entries that all leave on sys.path."""
+    """Bytes that each of 500 instances leaves behind, and entries that all leave on sys.path."""
     paths = len(sys.path)
-    for life in range(1200):
+    for life in range(700):
         if life == 200:
             before = resident()
         unit = Unit(fmu).start().step(0.0, 1e-3)
         unit.outputs()
         unit.fmi.freeInstance()
-    return [(resident() - before) / 1000, len(sys.path) - paths]
+    return [(resident() - before) / 500, len(sys.path) - paths]
 
 
 @apart
