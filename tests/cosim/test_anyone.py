@@ -37,6 +37,8 @@ from tests.conftest import DESCRIPTION, ROOT, described, hear_ctrl_c, rewritten
 from tests.cosim.foreign import BINARY, Value, library, pack
 
 Make = Callable[..., Path]
+Diary = Callable[[], list[str]]
+CLOSED = ["freed A", "freed B", "terminated A", "terminated B"]
 H = 0.1
 EXPLICIT = ("jacobi", "gauss-seidel", "strang")
 LOOPS = {"compiled": {}, "Python": {"output_step": H * 0.37}}
@@ -53,9 +55,16 @@ def make(tmp_path: Path) -> Make:
     """A foreign FMU with these start values and capabilities."""
 
     def foreign(**start: Value) -> Path:
-        return pack(tmp_path / f"{len(list(tmp_path.glob('*.fmu')))}.fmu", **start)
+        path = tmp_path / f"{len(list(tmp_path.glob('*.fmu')))}.fmu"
+        return pack(path, diary=str(tmp_path / "diary.txt"), **start)
 
     return foreign
+
+
+@pytest.fixture
+def diary(tmp_path: Path) -> Diary:
+    """What the foreign FMUs noted of their ends."""
+    return lambda: events(tmp_path / "diary.txt")
 
 
 @pytest.fixture(autouse=True)
@@ -99,6 +108,13 @@ def held(x: float, u: float, h: float, a: float = -1.0) -> float:
 
 def events(diary: Path) -> list[str]:
     return diary.read_text().splitlines() if diary.exists() else []
+
+
+def stepped(algorithm: str) -> dict[str, Any]:
+    """Settings for an algorithm, or for adaptive steps of this control."""
+    if algorithm in ALGORITHMS:
+        return {"step": H, "algorithm": algorithm}
+    return {"step": Adaptive(1e-2, first=0.01, longest=H, control=algorithm), "algorithm": "strang"}
 
 
 def failed(system: System, **settings: Any) -> SimulationError:
@@ -308,13 +324,12 @@ def test_a_part_that_discards_late_is_run_again_from_before(algorithm: str, make
 )
 @pytest.mark.parametrize("who", ["A", "B"])
 def test_where_no_part_can_go_back_a_discarded_step_ends_the_run(
-    who: str, missing: str, loop: str, make: Make, tmp_path: Path
+    who: str, missing: str, loop: str, make: Make, diary: Diary
 ) -> None:
-    diary = tmp_path / "diary.txt"
     lacks = {name: {missing: name != who} for name in "AB"}
     parts = {
-        "A": make(longest_step=LONGEST, diary=str(diary), **lacks["A"]),
-        "B": make(diary=str(diary), **lacks["B"]),
+        "A": make(longest_step=LONGEST, **lacks["A"]),
+        "B": make(**lacks["B"]),
     }
     error = failed(system(parts, "A.y -> B.u"), stop=1.0, step=H, algorithm="jacobi", **LOOPS[loop])
     text = str(error)
@@ -322,7 +337,7 @@ def test_where_no_part_can_go_back_a_discarded_step_ends_the_run(
     assert "it computed up to t = 0.04 s" in text
     assert "every part must be able to restore its state and to vary its step" in text
     assert text.endswith("stopped at t = 0.0 s, 1 rows kept")
-    assert sorted(events(diary)) == ["freed A", "freed B", "terminated A", "terminated B"]
+    assert sorted(diary()) == CLOSED
 
 
 def test_a_part_that_takes_no_step_however_short_ends_the_run(make: Make) -> None:
@@ -333,24 +348,16 @@ def test_a_part_that_takes_no_step_however_short_ends_the_run(make: Make) -> Non
 
 @pytest.mark.parametrize("algorithm", ["jacobi", "strang", "iterated", "doubling", "energy"])
 @pytest.mark.parametrize("loop", LOOPS)
-def test_a_part_may_end_the_simulation(
-    loop: str, algorithm: str, make: Make, tmp_path: Path
-) -> None:
-    diary = tmp_path / "diary.txt"
-    parts = {"A": make(end_at=0.55, diary=str(diary)), "B": make(diary=str(diary))}
-    control = {"doubling": {"control": "doubling"}, "energy": {"control": "energy"}}
-    if algorithm in control:
-        step: Any = Adaptive(1e-2, first=0.01, **control[algorithm])
-        settings = {"step": step, "algorithm": "jacobi"}
-    else:
-        settings = {"step": H, "algorithm": algorithm}
+def test_a_part_may_end_the_simulation(loop: str, algorithm: str, make: Make, diary: Diary) -> None:
+    parts = {"A": make(end_at=0.55), "B": make()}
+    settings = stepped(algorithm)
     error = failed(
         ring(parts, bonds=["A.y * B.y"]), stop=1.0, record=["A.y"], **settings, **LOOPS[loop]
     )
     assert str(error).startswith("A ended the simulation at t = 0.55 s")
     assert 0.3 < error.result.data[-1, 0] <= 0.55
     assert error.result.provenance["status"] == "failed"
-    assert sorted(events(diary)) == ["freed A", "freed B", "terminated A", "terminated B"]
+    assert sorted(diary()) == CLOSED
 
 
 @pytest.mark.parametrize("algorithm", ALGORITHMS)
@@ -381,15 +388,13 @@ def test_a_warning_without_words_is_told_too(
 @pytest.mark.parametrize("loop", LOOPS)
 @pytest.mark.parametrize("ending", ["error", "fatal"])
 def test_what_breaks_on_the_way_is_named_and_the_rest_is_closed(
-    ending: str, loop: str, algorithm: str, make: Make, tmp_path: Path
+    ending: str, loop: str, algorithm: str, make: Make, diary: Diary, tmp_path: Path
 ) -> None:
     """Nothing is called on an FMU after Fatal, nor on another instance of it; the rows stay."""
-    diary, path = tmp_path / "diary.txt", tmp_path / "run.csv"
-    fmu = make(diary=str(diary))
-    parts = {"A": make(diary=str(diary), talks=True, **{f"{ending}_at": 0.55}), "B": fmu}
-    settings: dict[str, Any] = {"step": H, "algorithm": algorithm}
-    if algorithm not in ALGORITHMS:
-        settings = {"step": Adaptive(1e-2, first=0.01, control=algorithm), "algorithm": "strang"}
+    path = tmp_path / "run.csv"
+    fmu = make()
+    parts = {"A": make(talks=True, **{f"{ending}_at": 0.55}), "B": fmu}
+    settings = stepped(algorithm)
     pair = ring(parts, bonds=["A.y * B.y"])
     error = failed(pair, stop=1.0, csv=path, record=["A.y"], **settings, **LOOPS[loop])
     status, reason = {
@@ -403,25 +408,23 @@ def test_what_breaks_on_the_way_is_named_and_the_rest_is_closed(
         error.result.data
     )
     freed = ["freed A"] if ending == "error" else []
-    assert sorted(events(diary)) == [*freed, "freed B", "terminated B"]
+    assert sorted(diary()) == [*freed, "freed B", "terminated B"]
 
 
 @pytest.mark.parametrize("loop", LOOPS)
-def test_after_fatal_no_instance_of_that_fmu_is_called(
-    loop: str, make: Make, tmp_path: Path
-) -> None:
-    diary = tmp_path / "diary.txt"
-    fmu, other = make(diary=str(diary)), make(diary=str(diary), b=2.0)
+def test_after_fatal_no_instance_of_that_fmu_is_called(loop: str, make: Make, diary: Diary) -> None:
+    fmu, other = make(), make(b=2.0)
     start = {"A.fatal_at": 0.55}
     parts = {"A": fmu, "B": fmu, "C": other}
     failed(system(parts, "A.y -> B.u", start=start), stop=1.0, step=H, **LOOPS[loop])
-    assert events(diary) == ["terminated C", "freed C"]
+    assert diary() == ["terminated C", "freed C"]
 
 
 @pytest.mark.parametrize("ending", ["error", "fatal", "nan"])
-def test_what_breaks_while_initialising_is_refused(ending: str, make: Make, tmp_path: Path) -> None:
-    diary = tmp_path / "diary.txt"
-    parts = {"A": make(diary=str(diary)), "B": make(diary=str(diary), **{f"{ending}_at": 0.0})}
+def test_what_breaks_while_initialising_is_refused(
+    ending: str, make: Make, diary: Diary, tmp_path: Path
+) -> None:
+    parts = {"A": make(), "B": make(**{f"{ending}_at": 0.0})}
     reason = {
         "error": "B: exitInitializationMode: error at t = 0 s, step 0",
         "fatal": "B: exitInitializationMode: B broke down at t = 0 s",
@@ -430,7 +433,7 @@ def test_what_breaks_while_initialising_is_refused(ending: str, make: Make, tmp_
     with pytest.raises(SetupError, match=re.escape(reason)):
         run(ring(parts), stop=1.0, step=H, csv=tmp_path / "run.csv")
     left = {"error": ["freed B", "terminated A", "freed A"], "fatal": ["terminated A", "freed A"]}
-    assert events(diary) == left.get(ending, ["freed B", "freed A"])
+    assert diary() == left.get(ending, ["freed B", "freed A"])
     assert list(tmp_path.glob("run*")) == []
 
 
@@ -440,15 +443,11 @@ def test_what_breaks_while_initialising_is_refused(ending: str, make: Make, tmp_
 )
 @pytest.mark.parametrize("loop", LOOPS)
 def test_what_is_no_number_is_named_with_its_time(
-    loop: str, algorithm: str, wired: bool, make: Make, tmp_path: Path
+    loop: str, algorithm: str, wired: bool, make: Make, diary: Diary
 ) -> None:
     """Whether it comes over a wire or is recorded only."""
-    diary = tmp_path / "diary.txt"
-    parts = {"A": make(diary=str(diary)), "B": make(diary=str(diary), nan_at=0.55)}
-    settings: dict[str, Any] = {"step": H, "algorithm": algorithm}
-    if algorithm not in ALGORITHMS:
-        step = Adaptive(1e-2, first=0.01, longest=H, control=algorithm)
-        settings = {"step": step, "algorithm": "strang"}
+    parts = {"A": make(), "B": make(nan_at=0.55)}
+    settings = stepped(algorithm)
     told = system(
         parts, "A.y -> B.u", *(["B.y -> A.u"] if wired else ["B.z -> A.u"]),
         bonds=[f"A.y * B.{'y' if wired else 'z'}"],
@@ -460,7 +459,7 @@ def test_what_is_no_number_is_named_with_its_time(
     assert 0.55 <= float(match[1]) <= 0.65
     assert np.isfinite(error.result.data).all()
     assert 0.44 < error.result.data[-1, 0] < 0.55
-    assert sorted(events(diary)) == ["freed A", "freed B", "terminated A", "terminated B"]
+    assert sorted(diary()) == CLOSED
 
 
 STEADY, STATELESS = "canHandleVariableCommunicationStepSize", "canGetAndSetFMUstate"
@@ -543,18 +542,17 @@ WAYS: dict[str, dict[str, Any]] = {
 @pytest.mark.parametrize("loop", LOOPS)
 @pytest.mark.parametrize("way", WAYS)
 def test_cached_and_fresh_outputs_are_the_same(
-    way: str, loop: str, make: Make, tmp_path: Path
+    way: str, loop: str, make: Make, diary: Diary
 ) -> None:
     """To the bit; and no output is read after an input was set without a step between."""
-    diary = tmp_path / "diary.txt"
     settings = {"step": H} | WAYS[way] | LOOPS[loop]
     longest = 0.06 if way == "discarding" else 1e9
     wires = ["A.z -> B.u", "B.y -> A.u", "A.integer_out -> B.integer_in"]
     runs = []
     for fresh in (False, True):
         parts = {
-            "A": make(x0=0.0, fresh=fresh, diary=str(diary)),
-            "B": make(fresh=fresh, longest_step=longest, diary=str(diary)),
+            "A": make(x0=0.0, fresh=fresh),
+            "B": make(fresh=fresh, longest_step=longest),
         }
         coupled = system(parts, *wires, bonds=["A.z * B.y"], start={"A.integer_in": 4})
         runs.append(run(coupled, stop=2.0, **settings))
@@ -564,9 +562,7 @@ def test_cached_and_fresh_outputs_are_the_same(
         assert not one[f"{part}.gets_after_set"].any()
         assert one[f"{part}.steps"][-1] >= 3
     assert abs(one["A.z"][-1] - one["A.z"][0]) > 0.1
-    assert sorted(events(diary)) == sorted(
-        2 * ["freed A", "freed B", "terminated A", "terminated B"]
-    )
+    assert sorted(diary()) == sorted(2 * CLOSED)
 
 
 @pytest.mark.parametrize("algorithm", EXPLICIT)
@@ -669,12 +665,11 @@ def test_output_derivatives_serve_the_first_step(told: int, late: bool, make: Ma
         {"step": H, "algorithm": "jacobi"},
     ],
 )
-def test_every_state_is_freed(settings: dict[str, Any], make: Make, tmp_path: Path) -> None:
-    diary = tmp_path / "diary.txt"
-    parts = {"A": make(x0=0.0, diary=str(diary)), "B": make(diary=str(diary))}
+def test_every_state_is_freed(settings: dict[str, Any], make: Make, diary: Diary) -> None:
+    parts = {"A": make(x0=0.0), "B": make()}
     result = run(ring(parts), stop=2.0, record=["A.states_alive", "A.restores"], **settings)
     assert 0 < result["A.states_alive"].max() <= 3
-    assert sorted(events(diary)) == ["freed A", "freed B", "terminated A", "terminated B"]
+    assert sorted(diary()) == CLOSED
 
 
 FMI1 = """<fmiModelDescription fmiVersion="1.0" modelName="foreign" modelIdentifier="foreign"
@@ -745,12 +740,11 @@ def spoiled(path: Path, defect: str) -> tuple[Path, str]:
 
 @pytest.mark.parametrize("defect", [*REFUSED, *DAMAGED])
 def test_what_is_no_fmu_for_this_master_says_why(
-    defect: str, make: Make, tmp_path: Path, scratch: Path
+    defect: str, make: Make, diary: Diary, tmp_path: Path, scratch: Path
 ) -> None:
     here = Path.cwd()
-    diary = tmp_path / "diary.txt"
     fmu, message = spoiled(tmp_path / "A.fmu", defect)
-    parts = {"B": make(diary=str(diary)), "A": fmu}
+    parts = {"B": make(), "A": fmu}
     with pytest.raises(SetupError) as caught:
         run(system(parts), stop=1.0, step=H)
     text = str(caught.value)
@@ -758,7 +752,7 @@ def test_what_is_no_fmu_for_this_master_says_why(
     assert re.match("part A: .*A.fmu |A: |part A: there", text)
     assert "\n" not in text
     assert Path.cwd() == here
-    assert events(diary) in ([], ["freed B"])
+    assert diary() in ([], ["freed B"])
     forget()
     loaded = Path("/proc/self/maps")
     assert not loaded.exists() or str(scratch) not in loaded.read_text()
