@@ -256,11 +256,7 @@ def coast(p: Any, w: float, stop: float) -> Any:
 
 @pytest.mark.parametrize(
     ("changes", "limit"),
-    [
-        ({}, 7.89776),
-        ({"spring.c": 0.0, "spring.m": 0.0}, 5.63049),
-        ({"spring.side": -1}, 5.15434),
-    ],
+    [({}, 7.89776), ({"spring.c": 0.0, "spring.m": 0.0}, 5.63049), ({"spring.side": -1}, 5.15434)],
 )
 def test_follower_lifts_off_where_it_should(changes: dict[str, Any], limit: float) -> None:
     p = start(iron.Parameters, **{"reducer.J": 1e3}, **changes)

@@ -60,8 +60,7 @@ def lagrange() -> dict[bool, Any]:
         balance = balance.subs(plain)
         theta, rest = balance.diff(a), balance.subs(a, 0)
         derived[finite] = sympy.lambdify(
-            (theta1, m, r, l, c, d, tau, phi, w),
-            (theta, rest + tau, -rest / theta),
+            (theta1, m, r, l, c, d, tau, phi, w), (theta, rest + tau, -rest / theta)
         )
     return derived
 
@@ -81,9 +80,7 @@ def test_inertia_load_and_acceleration_follow_from_the_energies(
         assert dx.w == pytest.approx(acceleration, rel=1e-12, abs=1e-10)
 
 
-def test_equation_1_as_printed_does_not_follow_from_the_energies(
-    lagrange: dict[bool, Any],
-) -> None:
+def test_equation_1_as_printed_does_not_follow_from_the_energies(lagrange: dict[bool, Any]) -> None:
     """It lacks the square of the speed beside theta'."""
     for values, p, x, u in states(False, 20):
         crank = crank_conveyor.prepare(p, x)
@@ -364,13 +361,6 @@ def test_a_turned_direction_is_that_of_the_angle() -> None:
         assert abs(got.sin - math.sin(angle)) < 3e-15
         assert abs(got.cos - math.cos(angle)) < 3e-15
         assert turn.turned(near, start_angle) == near
-
-
-def test_an_angle_without_a_direction_has_none_from_near_by_either() -> None:
-    near = turn.Direction(0.0, 0.0, 1.0)
-    assert math.isnan(turn.turned(near, math.nan).sin)
-    with pytest.raises(ValueError, match="math domain error"):
-        turn.turned(near, math.inf)
 
 
 @pytest.mark.parametrize("finite", [False, True])

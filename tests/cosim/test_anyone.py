@@ -126,9 +126,7 @@ def failed(system: System, **settings: Any) -> SimulationError:
 
 @pytest.mark.parametrize("algorithm", ALGORITHMS)
 @pytest.mark.parametrize("kind", KINDS)
-def test_discrete_wires_are_as_late_as_the_algorithm_says(
-    kind: str, algorithm: str, make: Make
-) -> None:
+def test_discrete_wires_are_late_as_they_must(kind: str, algorithm: str, make: Make) -> None:
     """What A counts comes to B and from there to C: with Jacobi one step late each.
 
     Strang's B and C hear A half a step before its end.
@@ -177,9 +175,7 @@ def test_start_values_of_every_type_arrive(gear: Value, make: Make, tmp_path: Pa
         ("u", math.inf, "A.u = inf must be a finite number"),
     ],
 )
-def test_start_values_of_another_type_are_refused(
-    name: str, value: Value, message: str, make: Make
-) -> None:
+def test_start_values_of_wrong_type_fail(name: str, value: Value, message: str, make: Make) -> None:
     with pytest.raises(SetupError, match=re.escape(message)):
         run(system({"A": make()}, start={f"A.{name}": value}), stop=H, step=H)
 
@@ -256,9 +252,7 @@ PIECES = {False: (0.04, 0.04, 0.02), True: (0.025, 0.0375, 0.0375)}
 @pytest.mark.parametrize("loop", LOOPS)
 @pytest.mark.parametrize("algorithm", ["jacobi", "gauss-seidel", "iterated"])
 @pytest.mark.parametrize("stubborn", [True, False])
-def test_a_discarded_step_is_taken_in_pieces_by_all(
-    stubborn: bool, algorithm: str, loop: str, make: Make
-) -> None:
+def test_all_take_a_step_in_pieces(stubborn: bool, algorithm: str, loop: str, make: Make) -> None:
     """A discards what is longer than it likes; B hears it and integrates piece by piece.
 
     A tells how far it came, a stubborn one does not and the steps are halved.
@@ -327,10 +321,7 @@ def test_where_no_part_can_go_back_a_discarded_step_ends_the_run(
     who: str, missing: str, loop: str, make: Make, diary: Diary
 ) -> None:
     lacks = {name: {missing: name != who} for name in "AB"}
-    parts = {
-        "A": make(longest_step=LONGEST, **lacks["A"]),
-        "B": make(**lacks["B"]),
-    }
+    parts = {"A": make(longest_step=LONGEST, **lacks["A"]), "B": make(**lacks["B"])}
     error = failed(system(parts, "A.y -> B.u"), stop=1.0, step=H, algorithm="jacobi", **LOOPS[loop])
     text = str(error)
     assert text.startswith("A: doStep(t = 0.0 s, h = 0.1 s) returned Discard: step 1 ends at t = ")
@@ -348,7 +339,7 @@ def test_a_part_that_takes_no_step_however_short_ends_the_run(make: Make) -> Non
 
 @pytest.mark.parametrize("algorithm", ["jacobi", "strang", "iterated", "doubling", "energy"])
 @pytest.mark.parametrize("loop", LOOPS)
-def test_a_part_may_end_the_simulation(loop: str, algorithm: str, make: Make, diary: Diary) -> None:
+def test_a_part_may_end_the_run(loop: str, algorithm: str, make: Make, diary: Diary) -> None:
     parts = {"A": make(end_at=0.55), "B": make()}
     settings = stepped(algorithm)
     error = failed(
@@ -375,7 +366,7 @@ def test_a_warning_is_told_once_and_kept(
 
 
 @pytest.mark.parametrize("loop", LOOPS)
-def test_a_warning_without_words_is_told_too(
+def test_a_warning_without_words_counts(
     loop: str, make: Make, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("cosim.part.Part.hear", lambda *_: None)
@@ -412,7 +403,7 @@ def test_what_breaks_on_the_way_is_named_and_the_rest_is_closed(
 
 
 @pytest.mark.parametrize("loop", LOOPS)
-def test_after_fatal_no_instance_of_that_fmu_is_called(loop: str, make: Make, diary: Diary) -> None:
+def test_after_fatal_no_instance_is_called(loop: str, make: Make, diary: Diary) -> None:
     fmu, other = make(), make(b=2.0)
     start = {"A.fatal_at": 0.55}
     parts = {"A": fmu, "B": fmu, "C": other}
@@ -541,19 +532,14 @@ WAYS: dict[str, dict[str, Any]] = {
 
 @pytest.mark.parametrize("loop", LOOPS)
 @pytest.mark.parametrize("way", WAYS)
-def test_cached_and_fresh_outputs_are_the_same(
-    way: str, loop: str, make: Make, diary: Diary
-) -> None:
+def test_cached_and_fresh_outputs_agree(way: str, loop: str, make: Make, diary: Diary) -> None:
     """To the bit; and no output is read after an input was set without a step between."""
     settings = {"step": H} | WAYS[way] | LOOPS[loop]
     longest = 0.06 if way == "discarding" else 1e9
     wires = ["A.z -> B.u", "B.y -> A.u", "A.integer_out -> B.integer_in"]
     runs = []
     for fresh in (False, True):
-        parts = {
-            "A": make(x0=0.0, fresh=fresh),
-            "B": make(fresh=fresh, longest_step=longest),
-        }
+        parts = {"A": make(x0=0.0, fresh=fresh), "B": make(fresh=fresh, longest_step=longest)}
         coupled = system(parts, *wires, bonds=["A.z * B.y"], start={"A.integer_in": 4})
         runs.append(run(coupled, stop=2.0, **settings))
     one, other = runs
@@ -566,9 +552,7 @@ def test_cached_and_fresh_outputs_are_the_same(
 
 
 @pytest.mark.parametrize("algorithm", EXPLICIT)
-def test_discarded_steps_are_not_taken_twice_where_rows_lie_between(
-    algorithm: str, make: Make
-) -> None:
+def test_discarded_steps_are_not_taken_twice_between_rows(algorithm: str, make: Make) -> None:
     """A part of several steps within one, none of which may be too long."""
     parts = {"A": make(longest_step=0.03), "B": make(x0=0.0)}
     settings: dict[str, Any] = {"stop": 1.0, "algorithm": algorithm, "record": ["A.y"]}
@@ -716,10 +700,7 @@ DAMAGED: dict[str, tuple[Callable[[bytes], bytes], str]] = {
         lambda data: data[: len(data) // 2],
         "is not a valid FMU, it cannot be opened as zip: File is not a zip file",
     ),
-    "flipped": (
-        lambda data: data.replace("grün".encode(), b"green"),
-        "A.fmu cannot be unpacked: ",
-    ),
+    "flipped": (lambda data: data.replace("grün".encode(), b"green"), "A.fmu cannot be unpacked: "),
     "no file": (lambda _: b"", "there is no file"),
 }
 
@@ -739,7 +720,7 @@ def spoiled(path: Path, defect: str) -> tuple[Path, str]:
 
 
 @pytest.mark.parametrize("defect", [*REFUSED, *DAMAGED])
-def test_what_is_no_fmu_for_this_master_says_why(
+def test_what_is_no_fmu_says_why(
     defect: str, make: Make, diary: Diary, tmp_path: Path, scratch: Path
 ) -> None:
     here = Path.cwd()
@@ -820,9 +801,7 @@ def test_an_fmu_that_ends_its_process_leaves_the_rows(
     assert np.array_equal(short.data[:10], rows[:10])
 
 
-def test_an_fmu_that_ends_its_process_at_once_leaves_what_was_there(
-    make: Make, tmp_path: Path
-) -> None:
+def test_an_fmu_that_dies_at_once_leaves_what_was_there(make: Make, tmp_path: Path) -> None:
     (tmp_path / "run.partial.csv").write_text("an earlier run")
     (tmp_path / "run.partial.json").write_text("{}")
     parts = {"A": make(crash_at=0.0)}
@@ -832,9 +811,7 @@ def test_an_fmu_that_ends_its_process_at_once_leaves_what_was_there(
 
 
 @pytest.mark.parametrize("fails", [True, False])
-def test_an_fmu_may_end_its_process_when_it_is_closed(
-    fails: bool, make: Make, tmp_path: Path
-) -> None:
+def test_an_fmu_may_end_its_process_at_the_close(fails: bool, make: Make, tmp_path: Path) -> None:
     """The rows are complete, or as far as the run came; what failed first is said first."""
     parts = {"A": make(crash_at_end=True, nan_at=0.55 if fails else 9.0)}
     with pytest.raises(SimulationError) as caught:
@@ -925,11 +902,7 @@ if __name__ == "__main__":
 
 @pytest.mark.parametrize(
     ("when", "whom", "hangs"),
-    [
-        ("early", "all", False),
-        ("running", "parent", False),
-        ("running", "all", True),
-    ],
+    [("early", "all", False), ("running", "parent", False), ("running", "all", True)],
 )
 def test_ctrl_c_ends_an_isolated_run(
     when: str, whom: str, hangs: bool, make: Make, tmp_path: Path, scratch: Path

@@ -81,9 +81,7 @@ def test_step_and_stop_come_from_the_files(drive: Path, tmp_path: Path, capsys) 
     assert "steps of 0.001 s: 1000 steps" in said(capsys, "run", drive)
 
 
-def test_columns_of_a_part_drive_its_fmu_in_fmpy(
-    drive: Path, fmus: Path, tmp_path: Path, capsys
-) -> None:
+def test_columns_of_a_part_drive_fmpy(drive: Path, fmus: Path, tmp_path: Path, capsys) -> None:
     """The conveyor's speed, taken by fmpy as the motor's input, gives the motor's torque."""
     speed, torque = tmp_path / "w.csv", tmp_path / "tau.csv"
     common = ("run", drive, "--step", 1e-3, "--algorithm", "jacobi")
@@ -171,9 +169,7 @@ def test_a_single_fmu_runs_with_its_own_inputs(fmus: Path, tmp_path: Path, capsy
     assert pd.read_csv(out)["DriveMotor.tau"].iloc[-1] == pytest.approx(8000 - 199.8 * 30)
 
 
-def test_check_tells_what_stands_in_the_way(
-    drive: Path, fmus: Path, tmp_path: Path, capsys
-) -> None:
+def test_check_tells_what_is_in_the_way(drive: Path, fmus: Path, tmp_path: Path, capsys) -> None:
     text = said(capsys, "check", drive)
     assert "order of steps: motor, conveyor" in text
     assert "recommended step: 0.001 s, which motor prefers" in text
@@ -215,7 +211,7 @@ def test_exports_are_files_of_their_kind(drive: Path, tmp_path: Path, capsys) ->
         ([], "the following arguments are required: COMMAND"),
     ],
 )
-def test_bad_input_is_one_line_and_exit_code_2(
+def test_bad_input_ends_with_code_2(
     drive: Path, capsys, arguments: list[str], message: str
 ) -> None:
     assert main([str(drive) if word == "DRIVE" else word for word in arguments]) == 2

@@ -36,7 +36,7 @@ def simulate(path: Path, **start: Any) -> Any:
 
 @pytest.mark.parametrize("algorithm", ["jacobi", "gauss-seidel"])
 @pytest.mark.parametrize("order", [["line.motor", "conveyor"], ["conveyor", "line.motor"]])
-def test_container_equals_our_master_to_the_bit(
+def test_container_equals_master(
     fmus: Path, tmp_path: Path, algorithm: str, order: list[str]
 ) -> None:
     """All outputs after the first step; what a part passes on at once may differ at t = 0."""

@@ -191,9 +191,7 @@ def test_an_undamped_system_has_no_share_to_keep(fmus: Path) -> None:
 
 @pytest.mark.parametrize("algorithm", ["jacobi", "gauss-seidel", "strang"])
 @pytest.mark.parametrize(("step", "settle"), [(0.2, 0.0), (0.05, 7.0), (0.02, 0.0)])
-def test_a_centre_has_no_damping_to_speak_of(
-    algorithm: str, step: float, settle: float, half: Path
-) -> None:
+def test_a_centre_has_no_damping(algorithm: str, step: float, settle: float, half: Path) -> None:
     """Hunters and prey go round on the orbit on which they are: one sentence, and no number."""
     parts = {"prey": "x1 * (1.1 - u1)", "hunter": "x1 * (u1 - 1.1)"}
     start: dict[str, Any] = {f"{name}.f1": rate for name, rate in parts.items()}

@@ -278,9 +278,7 @@ def test_bad_settings_are_refused(fmus: Path, settings: dict[str, Any], message:
 
 
 @pytest.mark.slow
-def test_a_day_in_one_run_needs_no_more_memory_than_its_first_hours(
-    fmus: Path, tmp_path: Path
-) -> None:
+def test_a_day_needs_no_more_memory_than_its_first_hours(fmus: Path, tmp_path: Path) -> None:
     """24 h of the drive at 20 ms, a row per minute; pages in use at a tenth and at the end."""
     used: list[int] = []
 

@@ -299,9 +299,7 @@ def test_the_pages_of_the_machines_are_up_to_date(tree: Path) -> None:
 
 
 @each_fmu
-def test_the_page_in_the_fmu_needs_no_network_and_names_every_variable(
-    model: Any, fmu: Path
-) -> None:
+def test_the_page_in_the_fmu_needs_no_network_and_is_complete(model: Any, fmu: Path) -> None:
     page = content(fmu, "documentation/index.html")
     formulas = re.findall(r"<math.*?</math>", page, re.DOTALL)
     assert formulas

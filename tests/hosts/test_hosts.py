@@ -135,9 +135,7 @@ def test_libcosim_reproduces_our_jacobi_master(both: Path, name: str) -> None:
 
 
 @pytest.mark.parametrize("kind", ["ssp", "osp"])
-def test_libcosim_runs_every_type_and_scaled_wires(
-    fmus: Path, echo: Path, kind: str, tmp_path: Path
-) -> None:
+def test_libcosim_runs_types_and_wires(fmus: Path, echo: Path, kind: str, tmp_path: Path) -> None:
     """Parts of subsystems, factors, offsets, unconverted numbers, Integer, Boolean and String."""
     system = System(
         {
@@ -275,7 +273,7 @@ def test_c_program_without_python_agrees_with_our_master_to_the_bit(
 
 
 @pytest.mark.parametrize("both", ["python"], indirect=True)
-def test_memory_is_sound_to_the_end_of_a_process_with_python(
+def test_memory_is_sound_to_the_end_of_a_process(
     both: Path, starter: list[str], tmp_path: Path
 ) -> None:
     """Also after the last line of its host, when libraries that are still loaded leave."""
