@@ -34,20 +34,9 @@ from tests.workbench.browser import Browser, browser
 from workbench.answer import Answer, Show, Table, write
 from workbench.figure import Figure
 from workbench.question import load, names
+from workbench.report import chart as pictures
 from workbench.report import html, layout, plot, png
-from workbench.report.chart import (
-    SHOWN,
-    Chart,
-    Curve,
-    Field,
-    Lanes,
-    Level,
-    Mark,
-    Panel,
-    Second,
-    Span,
-)
-from workbench.report.chart import Direction as Way
+from workbench.report.chart import Chart, Curve, Field, Lanes, Mark, Panel, Second, Span
 from workbench.report.gif import gif
 from workbench.report.motion import Motion, Shape
 from workbench.study import show as study_show
@@ -211,9 +200,10 @@ def test_a_logarithmic_axis_tells_its_numbers() -> None:
 
 def test_a_field_is_coloured_by_its_logarithm_with_levels_and_curves_over_it() -> None:
     values = np.array([[0.1, 1.0, np.nan], [10.0, 100.0, 0.01]])
-    x, y = Way("speed", "rad/s", np.arange(3.0)), Way("T", "s", np.arange(1.0, 3.0), True)
+    x = pictures.Direction("speed", "rad/s", np.arange(3.0))
+    y = pictures.Direction("T", "s", np.arange(1.0, 3.0), True)
     ridge = Curve("ridge", [0.5], [1.5], "grey", "theory")
-    limit = Level(2.0, "limit", np.array([[1.0, 3.0, 3.0], [1.0, 3.0, 3.0]]))
+    limit = pictures.Level(2.0, "limit", np.array([[1.0, 3.0, 3.0], [1.0, 3.0, 3.0]]))
     field = Field("Gain", x, y, "gain", values, [ridge], True, [limit], [Span(0.5, 1.5, "range")])
     assert [list(read(field)[0]["T [s]", "ridge"]) for read in (by_png, by_html)] == [[1.5], [1.5]]
     heat, *lines, line = plot.figure(field)["data"]
@@ -230,58 +220,49 @@ def test_a_field_is_coloured_by_its_logarithm_with_levels_and_curves_over_it() -
     png.pyplot().close(drawn)
 
 
-CLAIMS = """
-resonance | torque ripple | co-simulation | | tau2
-resonance | speed ripple | co-simulation | | w2
-resonance | lag behind the load | co-simulation | | lag
-resonance_map | largest torque ripple | nominal machine | rows | ripple_in_range
-run_up | crank speed | linear motor | linear | conveyor.w
-run_up | motor torque | linear motor | linear | motor.tau
-run_up | motor torque | induction motor (Kloss) | kloss | motor.tau
-run_up | rod force | induction motor (Kloss) | kloss | conveyor.f_rod
-iron_cycle | lift | lift | | iron.lift
-iron_cycle | velocity | velocity | | iron.v
-iron_cycle | acceleration | acceleration | | iron.a
-iron_cycle | torque of the cam | torque of the cam | | iron.tau_cam
-iron_cycle | forces | cam on follower | | iron.N
-iron_cycle | forces | chain at the link | | iron.T_span
-iron_cycle | forces | chain at the iron | | iron.T_iron
-iron_start | cam speed | cam speed | | iron.w_cam
-iron_start | motor torque | motor torque | | motor.tau
-iron_start | energy | from the motor | | E_in
-iron_start | energy | stored | | E_stored
-iron_start | energy | friction | | E_friction
-orientator_cycle | angle | catcher | | orientator.phi1
-orientator_cycle | angle | cup | | orientator.phi2
-orientator_cycle | speed | cup | | orientator.w2
-orientator_cycle | centre of mass | down | | orientator.vyc
-orientator_cycle | reaction of the wall | wall | | orientator.N_K
-packing_line | lift of the iron | iron | | iron.lift
-packing_line | power, iron | iron | | iron_motor.P
-packing_line | power, conveyor | conveyor | | conveyor_motor.P
-packing_line | power, supply | supply | | P_supply
-""".strip()
+CLAIMS = {
+    "resonance": "torque ripple: co-simulation = tau2; speed ripple: co-simulation = w2; "
+    "lag behind the load: co-simulation = lag",
+    "resonance_map rows": "largest torque ripple: nominal machine = ripple_in_range",
+    "run_up linear": "crank speed: linear motor = conveyor.w; motor torque: linear motor = motor.tau",
+    "run_up kloss": "motor torque: induction motor (Kloss) = motor.tau; "
+    "rod force: induction motor (Kloss) = conveyor.f_rod",
+    "iron_cycle": "lift: lift = iron.lift; velocity: velocity = iron.v; "
+    "acceleration: acceleration = iron.a; torque of the cam: torque of the cam = iron.tau_cam; "
+    "forces: cam on follower = iron.N; forces: chain at the link = iron.T_span; "
+    "forces: chain at the iron = iron.T_iron",
+    "iron_start": "cam speed: cam speed = iron.w_cam; motor torque: motor torque = motor.tau; "
+    "energy: from the motor = E_in; energy: stored = E_stored; energy: friction = E_friction",
+    "orientator_cycle": "angle: catcher = orientator.phi1; angle: cup = orientator.phi2; "
+    "speed: cup = orientator.w2; centre of mass: down = orientator.vyc; "
+    "reaction of the wall: wall = orientator.N_K",
+    "packing_line": "lift of the iron: iron = iron.lift; power, iron: iron = iron_motor.P; "
+    "power, conveyor: conveyor = conveyor_motor.P; power, supply: supply = P_supply",
+}
 
 
-@pytest.mark.parametrize("claim", CLAIMS.splitlines())
-def test_every_curve_is_the_column_that_it_claims_to_be(claim: str) -> None:
+@pytest.mark.parametrize("where", CLAIMS)
+def test_every_curve_is_the_column_that_it_claims_to_be(where: str) -> None:
     """As a value and by both renderers, in the unit that the table has, or one that it converts to."""
-    name, quantity, curve, file, column = (word.strip() for word in claim.split("|"))
+    name, _, file = where.partition(" ")
     answer, show = answered(name)
-    (table,) = (t for n, t in answer.tables.items() if file in n and column in t.units)
-    charts = [chart for chart in show.charts if isinstance(chart, Chart)]
-    panels = [
-        (c, p) for c in charts for p in c.panels if isinstance(p, Panel) and p.quantity == quantity
-    ]
-    assert panels
-    for chart, panel in panels:
-        unit = table.units[column]
-        scale = 1.0 if panel.unit == unit else SHOWN[unit, panel.unit]
-        (value,) = (np.asarray(c.y) for c in panel.curves if c.name == curve)
-        assert np.isin(value, scale * table.frame[column].to_numpy()).all()
-        for read in (by_png, by_html)[curve in ("stored", "friction") :]:
-            y = np.array(read(chart)[0][panel.label, curve], float)
-            assert (y.min(), y.max()) == pytest.approx((value.min(), value.max()), rel=1e-6)
+    for claim in CLAIMS[where].split("; "):
+        (quantity, curve), column = claim.split(" = ")[0].split(": "), claim.split(" = ")[1]
+        (table,) = (t for n, t in answer.tables.items() if file in n and column in t.units)
+        unit, compared = table.units[column], 0
+        for chart in (chart for chart in show.charts if isinstance(chart, Chart)):
+            for panel in (
+                p for p in chart.panels if isinstance(p, Panel) and p.quantity == quantity
+            ):
+                scale = 1.0 if panel.unit == unit else pictures.SHOWN[unit, panel.unit]
+                (value,) = (np.asarray(c.y) for c in panel.curves if c.name == curve)
+                assert np.isin(value, scale * table.frame[column].to_numpy()).all()
+                for read in (by_png, by_html)[curve in ("stored", "friction") :]:
+                    y = np.array(read(chart)[0][panel.label, curve], float)
+                    ends = (value.min(), value.max())
+                    assert (y.min(), y.max()) == pytest.approx(ends, rel=1e-6)
+                    compared += 1
+        assert compared
 
 
 def test_the_ripples_have_the_units_of_what_ripples() -> None:
@@ -294,15 +275,10 @@ def test_the_ripples_have_the_units_of_what_ripples() -> None:
 
 def test_the_resonance_answers_its_question_in_the_title() -> None:
     machine, nu = SETS["A"], np.linspace(20.0, 60.0, 41)
-    error = {f"{name}_error": 0.5 for name in ("tau2", "w2", "lag")}
-    points = [
-        SimpleNamespace(nu=x, tau2=abs(machine.torque_ripple(x)), w2=1.0, lag=90.0, **error)
-        for x in nu
-    ]
-    figures = {
-        "nu_90": Figure(40.0034, "rad/s", 0.0012),
-        "nu_peak_tau": Figure.refused("rad/s", "no peak"),
-    }
+    rest = {f"{name}_error": 0.5 for name in ("tau2", "w2", "lag")} | {"w2": 1.0, "lag": 90.0}
+    points = [SimpleNamespace(nu=x, tau2=abs(machine.torque_ripple(x)), **rest) for x in nu]
+    peak = Figure.refused("rad/s", "no peak")
+    figures = {"nu_90": Figure(40.0034, "rad/s", 0.0012), "nu_peak_tau": peak}
     on, off = (
         conveyor_show.ripple(machine, points, figures, speed, 100.0, 50.0, [(27.0, 45.0)])
         for speed in (40.0, 57.0)
@@ -420,6 +396,19 @@ def test_the_page_tells_errors_warnings_and_what_is_dangerous_as_text(sample: Pa
     assert "seen from -1 to 7.5 (force [N])" in label
 
 
+COVERED = """[...document.querySelectorAll('.chart')].flatMap(c =>
+    [...c.querySelectorAll('g.legend')].filter(g => {
+        const box = g.getBoundingClientRect();
+        return [...c.querySelectorAll('.subplot .plot')].some(p => {
+            const plot = p.getBoundingClientRect();
+            return plot.height && box.top < plot.bottom - 3 && plot.top + 3 < box.bottom; });
+    }).map(g => g.textContent))"""
+DRAWN = (
+    "[...document.querySelectorAll('.chart')].map(c => c.querySelectorAll('.trace, .hm').length)"
+)
+TIMES = "[...document.querySelectorAll('.motion svg')].map(s => s.getCurrentTime())"
+
+
 @pytest.mark.parametrize("name", QUESTIONS)
 def test_the_page_of_every_question_shows_without_network_or_error(
     name: str, shown: Browser, tmp_path: Path
@@ -429,111 +418,94 @@ def test_the_page_of_every_question_shows_without_network_or_error(
     html.report(answer, file)
     shown.open(file, 390)
     assert shown.value("document.documentElement.scrollWidth") == 390
-    assert shown.reported("Runtime.exceptionThrown") == []
-    assert shown.reported("Log.entryAdded") == []
+    assert shown.reported("Runtime.exceptionThrown") == shown.reported("Log.entryAdded") == []
     asked = [event["request"]["url"] for event in shown.reported("Network.requestWillBeSent")]
     assert [x for x in asked if not x.startswith(("data:", "blob:"))] == [file.resolve().as_uri()]
-    drawn = shown.value(
-        "[...document.querySelectorAll('.chart')].map(c => c.querySelectorAll('.trace, .hm').length)"
-    )
+    drawn, times = shown.value(DRAWN), shown.value(TIMES)
     assert len(drawn) == len(show.charts) + len(show.more) and all(drawn)
-    times = "[...document.querySelectorAll('.motion svg')].map(s => s.getCurrentTime())"
-    before = shown.value(times)
-    assert len(before) == len(show.motions) > 0
-    shown.until(f"{times}.every((now, k) => now > {before}[k])")
-    covered = """[...document.querySelectorAll('.chart')].flatMap(c =>
-        [...c.querySelectorAll('g.legend')].filter(g => {
-            const box = g.getBoundingClientRect();
-            return [...c.querySelectorAll('.subplot .plot')].some(p => {
-                const plot = p.getBoundingClientRect();
-                return plot.height && box.top < plot.bottom - 3 && plot.top + 3 < box.bottom; });
-        }).map(g => g.textContent))"""
-    assert shown.value(covered) == []
+    assert len(times) == len(show.motions) > 0
+    shown.until(f"{TIMES}.every((now, k) => now > {times}[k])")
+    assert shown.value(COVERED) == []
     shown.resize(1000)
     shown.until("Math.abs(document.querySelector('.chart svg').clientWidth - 928) < 2")
-    assert shown.value(covered) == []
+    assert shown.value(COVERED) == []
 
 
-def test_the_mouse_shows_values_and_the_second_unit_follows_the_zoom(
-    shown: Browser, sample: Path
-) -> None:
+@pytest.fixture
+def opened(shown: Browser, sample: Path) -> Browser:
+    """A browser with the page of the sample."""
     shown.open(sample / "report.html", 1000)
-    place = shown.value(
-        """(() => { const chart = document.querySelector('.chart'), full = chart._fullLayout;
+    return shown
+
+
+def one(selector: str) -> str:
+    """An element of the page in its own words."""
+    return f"document.querySelector('{selector}')"
+
+
+def test_the_mouse_shows_values_and_the_second_unit_follows_the_zoom(opened: Browser) -> None:
+    x, y = opened.value(
+        f"""(() => {{ const chart = {one(".chart")}, full = chart._fullLayout;
         chart.scrollIntoView();
         const box = chart.getBoundingClientRect();
-        return [box.left + full._size.l + full.xaxis.d2p(4), box.top + full._size.t + 90]; })()"""
+        return [box.left + full._size.l + full.xaxis.d2p(4), box.top + full._size.t + 90]; }})()"""
     )
     for shift in (-3, 0):
-        x, y = place[0] + shift, place[1]
-        shown.call("Input.dispatchMouseEvent", type="mouseMoved", x=x, y=y)
-    shown.until("document.querySelectorAll('.hoverlayer text').length > 0")
-    words = shown.value("document.querySelector('.hoverlayer').textContent")
-    assert f"{np.sin(4.0):.4f}"[:5] in words.replace("−", "-")
-    assert "way" in words
-    assert words.rstrip().endswith(" m")
-    shown.value(
-        "Plotly.relayout(document.querySelector('.chart'), {'xaxis.range': [2, 3]}).then(() => 1)"
-    )
-    axis = "document.querySelector('.chart')._fullLayout.xaxis2.range"
-    shown.until(f"{axis}[0] === 2000 && {axis}[1] === 3000")
+        opened.call("Input.dispatchMouseEvent", type="mouseMoved", x=x + shift, y=y)
+    opened.until("document.querySelectorAll('.hoverlayer text').length > 0")
+    words = opened.value(f"{one('.hoverlayer')}.textContent").replace("−", "-").rstrip()
+    assert f"{np.sin(4.0):.4f}"[:5] in words
+    assert "way" in words and words.endswith(" m")
+    opened.value(f"Plotly.relayout({one('.chart')}, {{'xaxis.range': [2, 3]}}).then(() => 1)")
+    opened.until(f"{one('.chart')}._fullLayout.xaxis2.range.join() === '2000,3000'")
 
 
-def test_the_download_is_the_csv_to_the_byte(shown: Browser, sample: Path, tmp_path: Path) -> None:
-    shown.open(sample / "report.html", 1000)
-    shown.call("Browser.setDownloadBehavior", behavior="allow", downloadPath=str(tmp_path))
-    shown.until("document.querySelector('a[download]').href.startsWith('blob:')")
-    shown.value("document.querySelector('a[download]').click()")
-    saved = tmp_path / "sample.csv"
-    shown.until(saved.exists)
-    assert saved.read_bytes() == (sample / "sample.csv").read_bytes()
+def test_the_download_is_the_csv_to_the_byte(opened: Browser, sample: Path, tmp_path: Path) -> None:
+    opened.call("Browser.setDownloadBehavior", behavior="allow", downloadPath=str(tmp_path))
+    opened.until(f"{one('a[download]')}.href.startsWith('blob:')")
+    opened.value(f"{one('a[download]')}.click()")
+    opened.until((tmp_path / "sample.csv").exists)
+    assert (tmp_path / "sample.csv").read_bytes() == (sample / "sample.csv").read_bytes()
 
 
-def test_motion_follows_slider_and_button(shown: Browser, sample: Path) -> None:
+def test_motion_follows_slider_and_button(opened: Browser) -> None:
     """A quarter of a turn after a quarter of the time; the picture is 1000 wide for two arms."""
-    shown.open(sample / "report.html", 1000)
-    button = "document.querySelector('.motion button')"
-    tip = "(p => [p.x, p.y])(document.querySelector('.motion polyline').animatedPoints.getItem(1))"
-    assert shown.value(f"{button}.textContent") == "Pause"
-    shown.value(f"{button}.click()")
-    still = shown.value(tip)
-    shown.value("new Promise(resolve => setTimeout(resolve, 100))")
-    assert shown.value(tip) == still
-    assert shown.value(f"{button}.textContent") == "Play"
-    shown.value(
-        f"""(() => {{ const slider = document.querySelector('.motion input');
-        slider.value = {2 * np.pi / 10 / 4}; slider.dispatchEvent(new Event('input')); }})()"""
-    )
-    assert shown.value(tip) == pytest.approx([528.0, 28.0], abs=0.2)
-    assert shown.value("document.querySelector('.motion .caption').textContent") == "at 15"
-    assert shown.value("document.querySelector('.motion text').textContent") == "<arm>"
-    shown.value(f"{button}.click()")
-    shown.until(f"{tip}[0] < 500")
+    tip = f"(p => [p.x, p.y])({one('.motion polyline')}.animatedPoints.getItem(1))"
+    button, slider = one(".motion button"), one(".motion input")
+    assert opened.value(f"{button}.textContent") == "Pause"
+    opened.value(f"{button}.click()")
+    assert opened.value(f"{button}.textContent") == "Play"
+    still = opened.value(tip)
+    opened.value("new Promise(resolve => setTimeout(resolve, 100))")
+    assert opened.value(tip) == still
+    opened.value(f"{slider}.value = {2 * np.pi / 10 / 4}")
+    opened.value(f"{slider}.dispatchEvent(new Event('input'))")
+    assert opened.value(tip) == pytest.approx([528.0, 28.0], abs=0.2)
+    assert opened.value(f"{one('.motion .caption')}.textContent") == "at 15"
+    assert opened.value(f"{one('.motion text')}.textContent") == "<arm>"
+    opened.value(f"{button}.click()")
+    opened.until(f"{tip}[0] < 500")
 
 
-def test_paper_gets_everything_but_the_controls(shown: Browser, sample: Path) -> None:
-    shown.open(sample / "report.html", 1000)
-    assert shown.pdf().startswith(b"%PDF")
-    shown.call("Emulation.setEmulatedMedia", media="print")
-    shown.value("dispatchEvent(new Event('beforeprint'))")
-    gone = "getComputedStyle(document.querySelector('{}')).display === 'none'"
-    for control in (".controls", "nav", ".hint", "[aria-labelledby=data]"):
-        assert shown.value(gone.format(control))
-    for content in (".chart", ".motion svg", ".figures", ".verdict", ".warnings"):
-        assert not shown.value(gone.format(content))
-    assert shown.value("[...document.querySelectorAll('details')].every(d => d.open)")
-    shown.until("document.querySelector('.chart svg').getBoundingClientRect().width === 680")
+def test_paper_gets_everything_but_the_controls(opened: Browser) -> None:
+    assert opened.pdf().startswith(b"%PDF")
+    opened.call("Emulation.setEmulatedMedia", media="print")
+    opened.value("dispatchEvent(new Event('beforeprint'))")
+    controls = [".controls", "nav", ".hint", "[aria-labelledby=data]"]
+    for place in (*controls, ".chart", ".motion svg", ".figures", ".verdict", ".warnings"):
+        shown = opened.value(f"getComputedStyle({one(place)}).display !== 'none'")
+        assert shown == (place not in controls)
+    assert opened.value("[...document.querySelectorAll('details')].every(d => d.open)")
+    opened.until(f"{one('.chart svg')}.getBoundingClientRect().width === 680")
 
 
-def test_the_page_is_dark_where_the_screen_is(shown: Browser, sample: Path) -> None:
-    features = [{"name": "prefers-color-scheme", "value": "dark"}]
-    shown.open(sample / "report.html", 1000)
+def test_the_page_is_dark_where_the_screen_is(opened: Browser) -> None:
     back = "getComputedStyle(document.body).backgroundColor"
-    assert shown.value(back) == "rgb(255, 255, 255)"
-    shown.call("Emulation.setEmulatedMedia", features=features)
-    assert shown.value(back) == "rgb(18, 23, 28)"
-    ink = "getComputedStyle(document.querySelector('.chart .ytick text')).fill"
-    assert shown.value(ink) == "rgb(227, 232, 237)"
+    assert opened.value(back) == "rgb(255, 255, 255)"
+    features = [{"name": "prefers-color-scheme", "value": "dark"}]
+    opened.call("Emulation.setEmulatedMedia", features=features)
+    assert opened.value(back) == "rgb(18, 23, 28)"
+    assert opened.value(f"getComputedStyle({one('.ytick text')}).fill") == "rgb(227, 232, 237)"
 
 
 def test_thinning_keeps_ends_and_peaks() -> None:

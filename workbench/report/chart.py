@@ -189,21 +189,24 @@ def recorded(
 
 def words(picture: Picture) -> str:
     """The picture in words, for those who do not see it."""
+
+    def reach(name: str, values: Any, label: str) -> list[str]:
+        there = np.asarray(values, float)[np.isfinite(values)]
+        return [f"{name} from {there.min():.4g} to {there.max():.4g}{label}"] if len(there) else []
+
     if isinstance(picture, Field):
-        low, high = np.nanmin(picture.values), np.nanmax(picture.values)
-        over = f"{picture.x.label} and {picture.y.label}"
-        return f"{picture.title}: {picture.quantity} from {low:.4g} to {high:.4g} over {over}."
-    parts = []
-    for panel in picture.panels:
-        if isinstance(panel, Lanes):
-            parts += [
-                f"{name}: {', '.join(b.text for b in bars)}" for name, bars in panel.rows.items()
-            ]
-            continue
-        for curve in panel.curves:
-            y = np.asarray(curve.y, float)
-            if np.isfinite(y).any():
-                low, high = np.nanmin(y), np.nanmax(y)
-                parts.append(f"{curve.name} from {low:.4g} to {high:.4g} ({panel.label})")
-    parts += [span.text for span in picture.spans] + [mark.text for mark in picture.marks]
-    return f"{picture.title}, over {picture.x}: {'; '.join(parts)}."
+        x = f"{picture.x.label} and {picture.y.label}"
+        parts = reach(picture.quantity, picture.values, "")
+    else:
+        x, parts = picture.x, []
+        for panel in picture.panels:
+            if isinstance(panel, Lanes):
+                parts += [
+                    f"{name}: {', '.join(b.text for b in bars)}"
+                    for name, bars in panel.rows.items()
+                ]
+            else:
+                for curve in panel.curves:
+                    parts += reach(curve.name, curve.y, f" ({panel.label})")
+    parts += [where.text for each in (picture.spans, picture.marks) for where in each]
+    return f"{picture.title}, over {x}: {'; '.join(parts)}."

@@ -7,11 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from .chart import COLORS
 from .motion import Motion
-from .png import pyplot
+from .png import outlines, pyplot
 
-MOST, LONG = 110, 7.0
+MOST, LONG, CAPTION = 110, 7.0, 0.4
 
 
 def gif(path: Path, motion: Motion) -> None:
@@ -20,30 +19,25 @@ def gif(path: Path, motion: Motion) -> None:
 
     low, high = motion.bounds
     edge = 0.05 * max(high - low)
-    wide, tall = LONG * (high - low + 2 * edge) / max(high - low + 2 * edge)
-    figure = pyplot().figure(figsize=(wide, tall + 0.4))
-    axes = figure.add_axes((0, 0, 1, tall / (tall + 0.4)))
-    axes.set(xlim=(low[0] - edge, high[0] + edge), ylim=(low[1] - edge, high[1] + edge))
-    axes.set_axis_off()
-    text = figure.text(0.02, 0.98, "", va="top", fontsize=9)
-    drawn = []
-    for shape in motion.shapes:
-        look: Any = {"color": COLORS[shape.color], "linewidth": 0.7 * shape.width}
-        (line,) = axes.plot([], [], solid_capstyle="round", **look)
-        name = "" if shape.label is None else shape.name
-        label = axes.annotate(name, (0, 0), (6, 6), textcoords="offset points", fontsize=8)
-        drawn.append((shape, line, label))
+    size = high - low + 2 * edge
+    wide, tall = LONG * size / max(size)
+    figure = pyplot().figure(figsize=(wide, tall + CAPTION))
+    axes = figure.add_axes((0, 0, 1, tall / (tall + CAPTION)))
     chosen = np.unique(np.linspace(0, len(motion.times) - 1, MOST).astype(int)).tolist()
     frames: list[Any] = []
-    for i in chosen:
-        for shape, line, label in drawn:
-            line.set_data(*shape.at(i).T)
-            label.xy = shape.at(i)[shape.label or 0]
-        text.set_text(motion.captions[i])
+    for frame in chosen:
+        axes.clear()
+        outlines(axes, motion, frame)
+        for shape in motion.shapes:
+            if shape.label is not None:
+                at = shape.at(frame)[shape.label]
+                axes.annotate(shape.name, at, (6, 6), textcoords="offset points", fontsize=8)
+        axes.set(xlim=(low[0] - edge, high[0] + edge), ylim=(low[1] - edge, high[1] + edge))
+        axes.annotate(motion.captions[frame], (0.02, 1.0), xycoords="axes fraction", fontsize=9)
         figure.canvas.draw()
-        frame = Image.fromarray(np.asarray(figure.canvas.buffer_rgba())[..., :3])
+        image = Image.fromarray(np.asarray(figure.canvas.buffer_rgba())[..., :3])
         palette = {"palette": frames[0]} if frames else {"colors": 32}
-        frames.append(frame.quantize(dither=Image.Dither.NONE, **palette))
+        frames.append(image.quantize(dither=Image.Dither.NONE, **palette))
     pyplot().close(figure)
     lasts = 1e3 * float(motion.times[-1] - motion.times[0]) * motion.slow / len(frames)
     more: Any = {"duration": max(20, round(lasts)), "loop": 0}

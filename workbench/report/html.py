@@ -109,30 +109,28 @@ def _drawn(kind: str, title: str, shown: Sequence[Picture | Motion], note: str) 
     return Section(f"{kind}s", title, body + note if body else "", parts)
 
 
-def _table(kind: str, head: Sequence[str], rows: Iterable[Sequence[str]]) -> tuple[int, str]:
-    """The number of rows and a table; its roles stay where a small screen stacks its cells."""
+def _table(kind: str, head: Sequence[str], rows: Iterable[Sequence[str]], fold: str = "") -> str:
+    """A table, folded if it is long; its roles stay where a small screen stacks its cells."""
     heads = "".join(f'<th scope="col" role="columnheader">{name}</th>' for name in head)
     lines = []
     for first, *cells in rows:
         name = f'<th scope="row" role="rowheader">{escape(first)}</th>'
         rest = "".join(f'<td role="cell">{escape(cell)}</td>' for cell in cells)
         lines.append(f'<tr role="row">{name}{rest}</tr>')
-    return len(lines), (
+    table = (
         f'<table class="{kind}" role="table"><thead role="rowgroup"><tr role="row">{heads}</tr></thead>'
         f'<tbody role="rowgroup">{"".join(lines)}</tbody></table>'
     )
-
-
-def _folded(number: int, table: str, what: str) -> str:
-    """A table, folded if it is long."""
-    opened = " open" if number <= OPEN else ""
-    return f"<details{opened}><summary>{number} {what}</summary>{table}</details>" if number else ""
+    if not fold or not lines:
+        return table if lines else ""
+    opened = " open" if len(lines) <= OPEN else ""
+    return f"<details{opened}><summary>{len(lines)} {fold}</summary>{table}</details>"
 
 
 def _figures(figures: Mapping[str, Figure]) -> str:
     rows = [(name, *_value(x), x.unit, x.meaning) for name, x in figures.items()]
-    number, table = _table("numbers figures", ("figure", "value", "error", "unit", "meaning"), rows)
-    return table + ERRORS if number else ""
+    table = _table("numbers figures", ("figure", "value", "error", "unit", "meaning"), rows)
+    return table and table + ERRORS
 
 
 def _value(figure: Figure) -> tuple[str, str]:
@@ -150,7 +148,7 @@ def _parameters(answer: Answer) -> str:
         (name, f"{x.value:.6g}" if isinstance(x.value, float) else str(x.value), x.unit, x.meaning)
         for name, x in {**answer.options, **answer.parameters}.items()
     ]
-    return _folded(*_table("numbers", ("name", "value", "unit", "meaning"), rows), "parameters")
+    return _table("numbers", ("name", "value", "unit", "meaning"), rows, "parameters")
 
 
 def limited(table: Table) -> tuple[str, str]:
@@ -175,18 +173,14 @@ def _downloads(tables: Mapping[str, tuple[str, str]]) -> str:
 
 def _provenance(known: Mapping[str, Any]) -> str:
     parts = known.get("parts", {})
-    rows = (
-        [("coupling algorithm", known["algorithm"])]
-        if known.get("algorithm") and len(parts) > 1
-        else []
-    )
-    rows += [("communication", known["communication"])] if "communication" in known else []
+    once = {"coupling algorithm": known.get("algorithm") if len(parts) > 1 else None,
+            "communication": known.get("communication")}  # fmt: skip
+    rows = [(name, text) for name, text in once.items() if text]
     rows += [("wire", wire) for wire in known.get("wires", ())]
-    for part, of in parts.items():
-        rows.append((part, f"{of['fmu']} ({known['flavour']}), {of['guid']}"))
+    rows += [(p, f"{x['fmu']} ({known['flavour']}), {x['guid']}") for p, x in parts.items()]
     rows += known["versions"].items()
     rows.append(("curves", f"plotly.js of plotly {version('plotly')}, © Plotly, Inc., MIT licence"))
-    return _folded(*_table("", ("what", "which"), rows), "entries")
+    return _table("", ("what", "which"), rows, "entries")
 
 
 def _motion(motion: Motion) -> dict[str, Any]:

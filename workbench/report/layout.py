@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from itertools import count, cycle, pairwise
+from itertools import count, cycle
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -182,22 +182,22 @@ def flags(picture: Picture, x: Axis, letters: int) -> list[Flag]:
     spans = [(np.clip(x.share([s.first, s.last]), 0, 1).mean(), s.text) for s in picture.spans]
     marks = sorted(((x.share(mark.at), mark.text) for mark in picture.marks), reverse=True)
     placed: list[Flag] = []
-    taken: set[tuple[int, float, float]] = set()
+    taken: list[tuple[int, float, float]] = []
     for at, text in [*spans, *marks]:
-        long = (len(text) + 2) / letters
-        middle = max(min(at, 1 - long / 2), long / 2) if long < 1 else 0.5
-        begins = {"left": at, "right": at - long}
-        if (at, text) in spans or not any(0 <= first <= 1 - long for first in begins.values()):
-            begins = {"center": middle - long / 2}
+        long = min((len(text) + 2) / letters, 1.0)
+        beside = {"left": at, "right": at - long} if (at, text) in marks else {}
+        begins = {anchor: first for anchor, first in beside.items() if 0 <= first <= 1 - long}
+        if not begins:
+            at = max(min(at, 1 - long / 2), long / 2)
+            begins = {"center": at - long / 2}
         lane, anchor, first = next(
             (lane, anchor, first)
             for lane in count()
             for anchor, first in begins.items()
-            if anchor == "center" or 0 <= first <= 1 - long
-            if all(k != lane or first >= b or first + long <= a for k, a, b in taken)
+            if all(k != lane or first >= end or first + long <= begin for k, begin, end in taken)
         )
-        taken.add((lane, first, first + long))
-        placed.append(Flag(x.number(middle if anchor == "center" else at), text, lane, anchor))
+        taken.append((lane, first, first + long))
+        placed.append(Flag(x.number(at), text, lane, anchor))
     return placed
 
 
@@ -213,13 +213,11 @@ def decades(low: float, high: float) -> list[float]:
     return [x for k in powers for s in steps if low <= (x := float(f"{s * 10.0**k:.3g}")) <= high]
 
 
-def thinned(x: Samples, y: Samples, most: int = MOST) -> tuple[Samples, Samples]:
-    """At most so many points: the ends, and the smallest and largest of every stretch in order."""
-    if len(x) <= most:
+def thinned(x: Samples, y: Samples) -> tuple[Samples, Samples]:
+    """At most MOST points: the ends, and the smallest and largest of every stretch in order."""
+    if len(x) <= MOST:
         return x, y
-    edges = np.linspace(0, len(x), most // 2).astype(int)
     kept = {0, len(x) - 1}
-    for first, last in pairwise(edges.tolist()):
-        kept |= {first + int(np.argmin(y[first:last])), first + int(np.argmax(y[first:last]))}
-    rows = sorted(kept)
-    return x[rows], y[rows]
+    for stretch in np.array_split(np.arange(len(x)), MOST // 2 - 1):
+        kept |= {int(stretch[np.argmin(y[stretch])]), int(stretch[np.argmax(y[stretch])])}
+    return x[sorted(kept)], y[sorted(kept)]

@@ -191,18 +191,21 @@ def _field(axes: Axes, field: Field, _: Axis) -> None:
     axes.grid(visible=False)
 
 
+def outlines(axes: Axes, motion: Motion, frame: int, shade: float = 1.0) -> None:
+    """The shapes of a motion at a frame; what moves is as dark as its shade."""
+    axes.set_axis_off()
+    for shape in motion.shapes:
+        dark = shade if len(shape.points) > 1 else 1.0
+        axes.plot(*shape.at(frame).T, color=COLORS[shape.color], linewidth=0.7 * shape.width,
+                  alpha=dark, solid_capstyle="round")  # fmt: skip
+
+
 def _ghosts(axes: Axes, motion: Motion) -> None:
     """The ghosts of a motion, later ones darker, each with what is special about it."""
-    for shape in motion.shapes:
-        look: Any = {"color": COLORS[shape.color], "linewidth": 0.6 * shape.width}
-        still = len(shape.points) == 1
-        for frame, shade in zip(motion.ghosts, np.linspace(0.25, 1.0, len(motion.ghosts))):
-            axes.plot(*shape.at(frame).T, alpha=1.0 if still else shade, **look)
-            if still:
-                break
     moving = next(shape for shape in motion.shapes if len(shape.points) > 1)
-    for frame, text in motion.ghosts.items():
+    shades = np.linspace(0.25, 1.0, len(motion.ghosts))
+    for (frame, text), shade in zip(motion.ghosts.items(), shades):
+        outlines(axes, motion, frame, shade)
         at = motion.bounds[1][0], moving.at(frame)[:, 1].mean()
         axes.annotate(text, at, (10, 0), textcoords="offset points", fontsize=8, va="center")
     axes.set(aspect="equal")
-    axes.set_axis_off()
