@@ -7,7 +7,6 @@ import json
 import os
 import select
 import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -15,11 +14,10 @@ from pathlib import Path
 from typing import Any
 
 PATIENCE = 60.0
-LAUNCH = """import fcntl, os, sys
-ends = [fcntl.fcntl(int(end), fcntl.F_DUPFD, 10) for end in sys.argv[1:3]]
-for end, number in zip(ends, (3, 4)):
-    os.dup2(end, number)
-os.execv(sys.argv[3], sys.argv[3:])"""
+FLAGS = (
+    "--headless --no-sandbox --disable-gpu --disable-quic --no-first-run --disable-sync "
+    "--disable-background-networking --disable-component-update --remote-debugging-pipe"
+)
 
 
 class Browser:
@@ -28,7 +26,7 @@ class Browser:
     def __init__(self, write: int, read: int) -> None:
         self._write, self._read = write, read
         self._count, self._rest = 0, b""
-        self._session: str | None = None
+        self._session: dict[str, str] = {}
         self.events: list[dict[str, Any]] = []
 
     def _next(self) -> dict[str, Any]:
@@ -40,63 +38,54 @@ class Browser:
                 raise RuntimeError("the browser does not answer")
             self._rest += more
         message, self._rest = self._rest.split(b"\0", 1)
-        told: dict[str, Any] = json.loads(message)
-        return told
+        return dict(json.loads(message))
 
     def call(self, method: str, **parameters: Any) -> dict[str, Any]:
         """The answer of the browser to a method of its protocol."""
         self._count += 1
-        call = {"id": self._count, "method": method, "params": parameters}
-        if self._session is not None:
-            call["sessionId"] = self._session
+        call = {"id": self._count, "method": method, "params": parameters} | self._session
         os.write(self._write, json.dumps(call).encode() + b"\0")
-        while (told := self._next()).get("id") != self._count:
-            self.events.append(told)
-        if "error" in told:
-            raise RuntimeError(f"{method}: {told['error']['message']}")
-        answer: dict[str, Any] = told["result"]
-        return answer
+        while (reply := self._next()).get("id") != self._count:
+            self.events.append(reply)
+        if "error" in reply:
+            raise RuntimeError(f"{method}: {reply['error']['message']}")
+        return dict(reply["result"])
 
-    def open(self, path: Path, width: int, height: int) -> None:
+    def open(self, path: Path, width: int) -> None:
         """Open a page that says when it is ready."""
-        self._session, self.events = None, []
+        self._session, self.events = {}, []
         target = self.call("Target.createTarget", url="about:blank")["targetId"]
         attached = self.call("Target.attachToTarget", targetId=target, flatten=True)
-        self._session = attached["sessionId"]
+        self._session = {"sessionId": attached["sessionId"]}
         for domain in ("Page", "Runtime", "Log", "Network"):
             self.call(f"{domain}.enable")
-        self.resize(width, height)
+        self.resize(width)
         self.call("Page.navigate", url=path.resolve().as_uri())
         self.until("document.documentElement?.dataset.ready === 'yes'")
 
-    def resize(self, width: int, height: int) -> None:
-        """Give the screen another size."""
-        screen = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": width < 600}
+    def resize(self, width: int) -> None:
+        """Give the screen another width."""
+        screen = {"width": width, "height": 800, "deviceScaleFactor": 1, "mobile": width < 600}
         self.call("Emulation.setDeviceMetricsOverride", **screen)
         self.call("Emulation.setTouchEmulationEnabled", enabled=width < 600)
 
     def value(self, expression: str) -> Any:
         """The value of an expression in the page; promises are waited for."""
-        told = self.call(
-            "Runtime.evaluate", expression=expression, returnByValue=True, awaitPromise=True
-        )
-        if "exceptionDetails" in told:
-            raise RuntimeError(f"{expression}: {told['exceptionDetails']}")
-        return told["result"].get("value")
+        wanted = {"expression": expression, "returnByValue": True, "awaitPromise": True}
+        reply = self.call("Runtime.evaluate", **wanted)
+        if "exceptionDetails" in reply:
+            raise RuntimeError(f"{expression}: {reply['exceptionDetails']}")
+        return reply["result"].get("value")
 
-    def until(self, expression: str) -> None:
-        """Wait until an expression is true."""
-        self.until_here(lambda: self.value(expression), expression)
-
-    def until_here(self, holds: Callable[[], object], what: str = "") -> None:
-        """Wait until something holds outside the page."""
+    def until(self, holds: str | Callable[[], object]) -> None:
+        """Wait until an expression is true in the page, or something holds outside it."""
         deadline = time.monotonic() + PATIENCE
-        while not holds():
+        while not (self.value(holds) if isinstance(holds, str) else holds()):
             if time.monotonic() > deadline:
-                raise RuntimeError(f"not true within {PATIENCE} s: {what}")
+                raise RuntimeError(f"not true within {PATIENCE} s: {holds}")
             time.sleep(0.02)
 
-    def told(self, method: str) -> list[dict[str, Any]]:
+    def reported(self, method: str) -> list[dict[str, Any]]:
         """The parameters of the events of a method so far."""
         self.value("1")
         return [event["params"] for event in self.events if event.get("method") == method]
@@ -109,30 +98,22 @@ class Browser:
 @contextmanager
 def browser(program: str, home: Path) -> Iterator[Browser]:
     """A browser whose files stay in a folder."""
-    reads, writes = os.pipe(), os.pipe()
-    flags = (
-        "--headless --no-sandbox --disable-gpu --disable-quic --no-first-run --disable-sync "
-        "--disable-background-networking --disable-component-update --remote-debugging-pipe"
-    )
-    pipes = [str(reads[0]), str(writes[1])]
+    (orders, write), (read, replies) = os.pipe(), os.pipe()
     process = subprocess.Popen(
-        [sys.executable, "-c", LAUNCH, *pipes, program, *flags.split(), f"--user-data-dir={home}"],
-        pass_fds=(reads[0], writes[1]),
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-    )
-    os.close(reads[0])
-    os.close(writes[1])
+        ["bash", "-c", f'exec "$@" 3<&{orders} 4>&{replies}', "bash", program, *FLAGS.split(),
+         f"--user-data-dir={home}"],
+        pass_fds=(orders, replies), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+    )  # fmt: skip
+    os.close(orders)
+    os.close(replies)
     try:
-        page = Browser(reads[1], writes[0])
+        page = Browser(write, read)
         yield page
-        page._session = None
+        page._session = {}
         page.call("Browser.close")
+        process.wait(timeout=10)
     finally:
-        os.close(reads[1])
-        os.close(writes[0])
-        try:
-            process.wait(timeout=10)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            process.wait()
+        os.close(read)
+        os.close(write)
+        process.kill()
+        process.wait()

@@ -93,13 +93,10 @@ def arc(x: float, y: float, r: float, first: float, last: float) -> Samples:
 
 def arrow(path: Samples, size: float) -> Samples:
     """A standing path with a head of that size at its end."""
-    tip, back = path[0, -1], path[0, -1] - path[0, -2]
-    back = -back / np.hypot(*back)
-    heads = [
-        tip + size * np.array([c * back[0] - s * back[1], s * back[0] + c * back[1]])
-        for c, s in ((math.cos(0.45), math.sin(0.45)), (math.cos(0.45), -math.sin(0.45)))
-    ]
-    return np.concatenate([path, np.array([[heads[0], tip, heads[1]]])], axis=1)
+    tip, back = path[0, -1], path[0, -2] - path[0, -1]
+    angles = np.arctan2(back[1], back[0]) + np.array([0.45, -0.45])
+    first, last = tip + size * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+    return np.concatenate([path, np.array([[first, tip, last]])], axis=1)
 
 
 def ground(x: float, y: float, to_x: float, to_y: float, size: float) -> Samples:
