@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import logging
 import math
-import pickle
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager, nullcontext
+from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
 from dataclasses import dataclass, field
 from functools import cache, partial
 from pathlib import Path
 from types import ModuleType
-from typing import Any, Generic, TypeVar
+from typing import Any, TypeVar
 
 import cosim
 from cosim import Result, SetupError, System
@@ -22,10 +21,10 @@ from .answer import Answer, Parameter, Show, Table, parameters
 from .figure import Figure, spread
 from .limit import coupling
 from .options import Options, Run, declared, refuse
-from .question import OURS, asked, blamed, load, name
-from .runs import journal as journals
+from .question import Carried, asked, blamed, name, where
 from .runs import local
-from .runs.identity import computation
+from .runs.identity import computation, digest
+from .runs.journal import Journal, sweep
 
 RUNS = (4, 2, 1)
 Case = TypeVar("Case")
@@ -62,7 +61,7 @@ class Bench:
     page: str = ""
     jobs: int = 1
     out: Path | None = None
-    journal: Callable[[], journals.Journal] | None = None
+    journal: Callable[[], Journal] | None = None
 
     def certify(
         self,
@@ -110,37 +109,19 @@ class Bench:
 
         Warnings are those of the question, but for `probes`, which look for what FMUs warn of.
         """
-        for found, heard in local.each(
-            _Heard(function, self.page),
-            cases,
-            self.jobs,
-            title,
-            journal=self.journal and self.journal(),
-        ):
-            for sentence in () if probes else heard:
-                logging.getLogger("cosim").warning(sentence)
+        heard = partial(_heard, function)
+        call = Carried(self.page, heard) if self.page else heard
+        journal = self.journal and self.journal()
+        for found, warnings in local.each(call, cases, self.jobs, title, journal=journal):
+            for warning in () if probes else warnings:
+                logging.getLogger("cosim").warning(warning)
             yield found
 
 
-@dataclass(frozen=True)
-class _Heard(Generic[Case, Found]):
-    """A function that also returns the warnings of its runs; where it arrives, its page is loaded."""
-
-    function: Callable[[Case], Found]
-    page: str
-
-    def __call__(self, case: Case) -> tuple[Found, list[str]]:
-        with hearing() as heard:
-            return self.function(case), list(heard)
-
-    def __reduce__(self) -> Any:
-        return _arrive, (self.page, pickle.dumps(self.function))
-
-
-def _arrive(page: str, function: bytes) -> _Heard[Any, Any]:
-    if page:
-        load(page)
-    return _Heard(pickle.loads(function), page)
+def _heard(function: Callable[[Case], Found], case: Case) -> tuple[Found, list[str]]:
+    """What a function makes of a case, and the warnings of its runs."""
+    with hearing() as heard:
+        return function(case), list(heard)
 
 
 def certified(seen: Sequence[Figure | None], order: float) -> Figure:
@@ -164,15 +145,14 @@ def _advance(progress: Callable[[float], None], done: float, share: float, part:
 
 
 class _Hearing(logging.Handler):
-    """Keeps warnings, each once, without the name that stands before it twice."""
+    """Keeps warnings, each once."""
 
     def __init__(self) -> None:
         super().__init__(logging.WARNING)
         self.heard: dict[str, None] = {}
 
     def emit(self, record: logging.LogRecord) -> None:
-        part, colon, rest = record.getMessage().partition(": ")
-        self.heard[rest if rest.startswith(f"{part}: ") else f"{part}{colon}{rest}"] = None
+        self.heard[record.getMessage()] = None
 
 
 @contextmanager
@@ -206,17 +186,14 @@ def answer(
     with ExitStack() as stack, hearing() as heard, blamed(page):
         journal = None
         if out is not None:
-            who = {"question": name(page), "options": _asked(o), "start": dict(o.start)}
-            opening = partial(journals.sweep, out, who | computation(fmus))
-            journal = cache(lambda: stack.enter_context(opening()))
-        where = str(page.__file__) if hasattr(page, OURS) else ""
-        bench = Bench(fmus, where, jobs, out, journal)
+            journal = cache(partial(stack.enter_context, _journal(page, o, fmus, out)))
+        bench = Bench(fmus, where(page), jobs, out, journal)
         found = page.solve(o, bench) if hasattr(page, "solve") else _solve(page, o, bench)
         _check(page, found.figures)
         verdict = page.verdict(o, found.figures, found.data) if hasattr(page, "verdict") else ""
         system = found.system or System({})
         told = parameters(system, own) if system.parts else {}
-    sweep = _provenance(system, found.algorithm, found.communication)
+    made = _provenance(system, found.algorithm, found.communication)
 
     def show() -> Show:
         if not hasattr(page, "show"):
@@ -232,7 +209,7 @@ def answer(
         options=said(o),
         parameters=told,
         tables=found.tables,
-        provenance=dict(found.provenance or sweep) | {"flavour": flavour},
+        provenance=dict(found.provenance or made) | {"flavour": flavour},
         warnings=list(heard),
         facts=found.facts,
         files=found.files,
@@ -272,8 +249,21 @@ def _check(page: ModuleType, figures: Any) -> None:
             raise SetupError(f"{where} = {figure.value!r} +- {figure.error!r} is no figure")
 
 
-def _asked(o: Options) -> dict[str, str]:
-    return {key: repr(parameter.value) for key, parameter in said(o).items()}
+def _journal(
+    page: ModuleType, o: Options, fmus: Mapping[str, Path], folder: Path
+) -> AbstractContextManager[Journal]:
+    """The journal of the sweeps of a question."""
+    source, package = where(page), page.__name__.partition(".")[0]
+    own = source.endswith(".py")
+    return sweep(
+        folder,
+        {
+            "question": digest(Path(source).read_bytes()) if own else source,
+            "options": {key: repr(told.value) for key, told in said(o).items()},
+            "start": dict(o.start),
+            **computation(fmus, *([] if own else [package])),
+        },
+    )
 
 
 def said(o: Options) -> dict[str, Parameter]:

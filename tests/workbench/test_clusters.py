@@ -20,7 +20,6 @@ from cosim import SetupError, SimulationError
 from scenarios.__main__ import PROJECT
 from tests.conftest import ROOT, ask, until
 from workbench import study
-from workbench.command import parts
 from workbench.runs.journal import NAME, Journal, opened
 from workbench.study.run import identity
 
@@ -113,8 +112,7 @@ def client(cluster: Any, path: Path, out: Path, flavour: str = "python") -> subp
 def rows(path: Path, out: Path, flavour: str = "python") -> set[int]:
     """The rows in a journal."""
     plan = study.load(path, PROJECT)
-    fmus = PROJECT.fmus.paths(parts(plan.module), flavour, path.parent)
-    with opened(out, identity(plan, fmus, flavour)) as journal:
+    with opened(out, identity(plan, PROJECT.paths(plan.module, flavour), flavour)) as journal:
         return set(journal.done)
 
 

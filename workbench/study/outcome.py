@@ -20,9 +20,9 @@ from ..report.html import report
 from ..report.png import draw
 from ..runs.worker import OK
 from . import show
-from . import table as tables
-from .plan import Study, Value
+from .plan import Study
 from .sensitivity import analyse
+from .table import frame, refusals
 
 SPOKEN = 8
 
@@ -48,93 +48,95 @@ class Session(NamedTuple):
 
 def conclude(
     study: Study,
-    inputs: Sequence[Sequence[Value]],
     rows: Sequence[Mapping[str, Any]],
     units: Mapping[str, str],
     session: Session,
     folder: Path,
 ) -> Outcome:
-    """Write the files of a study whose runs are all done, rows in the order of the runs.
+    """Write the files of a study whose runs are all done, rows in the order of the runs; `units` are
+    those of the varied inputs.
 
     Raises SetupError, after that, if the study asks for a figure that no run has.
     """
-    table, columns = tables.frame(study.varied, inputs, rows)
-    written = tables.write(table, folder / "table.csv")
-    shown = [
-        columns.names[name] for name in study.figures or columns.names if name in columns.names
-    ]
-    units = {**units, **columns.units}
-    found, missing = pd.DataFrame(), dict[str, str]()
+    table, names, more = frame(study, rows)
+    units = {**units, **more}
+    shown = [names[name] for name in study.figures or names if name in names]
+    written = [_write(table, folder / "table.csv"), *_parquet(table, folder / "table.parquet")]
+    found, missing = analyse(study, shown, table)
     if study.sampling is not None:
-        grid, sampled = list(study.grid), list(study.tolerances)
-        found, missing = analyse(study.sampling, grid, sampled, shown, table)
-        found.to_csv(partial(folder / "sensitivity.csv"), index=False)
-        written.append(partial(folder / "sensitivity.csv").replace(folder / "sensitivity.csv").name)
-    pictures = {
-        "overview.png": show.overview(study, table, shown, units),
-        "sensitivity.png": [] if found.empty else show.sensitivity(study, found, units),
-    }
+        written.append(_write(found, folder / "sensitivity.csv"))
     title = f"{study.name}: {study.scenario}, {len(table)} runs"
-    written += [
-        name for path, drawn in pictures.items() for name in draw(Show(drawn), title, folder / path)
-    ]
+    overview = show.overview(study, table, shown, units)
+    shares = [] if found.empty else show.sensitivity(study, found, units)
+    for name, drawn in (("overview.png", overview), ("sensitivity.png", shares)):
+        written += draw(Show(drawn), title, folder / name)
     counts = Counter(str(row["status"]) for row in rows)
     seconds = [row["seconds"] for row in rows]
-    write_json(
-        folder / "study.json",
-        {
-            "study": study.name,
-            "runs": {"all": len(rows), **dict(sorted(counts.items()))},
-            "units": units,
-            "sensitivities": found.to_dict("records"),
-            "no_sensitivities": missing,
-            "seconds_per_run": {
-                "smallest": min(seconds),
-                "median": statistics.median(seconds),
-                "largest": max(seconds),
-            },
-            "session": {"runs": session.runs, "seconds": session.seconds},
-            "platform": cosim.versions()["platform"],
-            "identity": session.identity,
+    content = {
+        "study": study.name,
+        "runs": {"all": len(rows), **dict(sorted(counts.items()))},
+        "units": units,
+        "sensitivities": found.to_dict("records"),
+        "no_sensitivities": missing,
+        "seconds_per_run": {
+            "smallest": min(seconds),
+            "median": statistics.median(seconds),
+            "largest": max(seconds),
         },
-    )
-    verdict = "\n".join(
-        [
-            f"{len(rows)} runs, {session.runs} of them now in {session.seconds:.1f} s: "
-            + ", ".join(f"{count} {status}" for status, count in counts.most_common())
-            + ".",
-            *_remarks(rows),
-            *(_spread(table, name, units.get(name, "")) for name in shown[:SPOKEN]),
-            *_causes(found, study.grid, shown[:SPOKEN]),
-            f"{', '.join([*written, 'study.json', 'report.html'])} written to {folder}",
-        ]
-    )
+        "session": {"runs": session.runs, "seconds": session.seconds},
+        "platform": cosim.versions()["platform"],
+        "identity": session.identity,
+    }
+    write_json(folder / "study.json", content)
+    ended = ", ".join(f"{count} {status}" for status, count in counts.most_common())
+    words = [
+        f"{len(rows)} runs, {session.runs} of them now in {session.seconds:.1f} s: {ended}.",
+        *_remarks(rows),
+        *(_spread(table, name, units.get(name, "")) for name in shown[:SPOKEN]),
+        *([] if study.grid or found.empty else _causes(found, shown[:SPOKEN])),
+        f"{', '.join([*written, 'study.json', 'report.html'])} written to {folder}",
+    ]
     answer = Answer(
         f"Study of {study.scenario}",
         title,
-        verdict,
+        "\n".join(words),
         {},
         {},
         {"table.csv": Table(table, units)},
         {"versions": cosim.versions()},
-        show=lambda: Show([picture for drawn in pictures.values() for picture in drawn]),
+        show=lambda: Show([*overview, *shares]),
     )
     report(answer, folder / "report.html")
-    unknown = [name for name in study.figures if name not in columns.names]
-    if unknown and columns.names:
+    unknown = [name for name in study.figures if name not in names]
+    if unknown and names:
         raise SetupError(
-            f"{study.path}: figures: no run has {unknown[0]!r}, only {', '.join(columns.names)}; "
+            f"{study.path}: figures: no run has {unknown[0]!r}, only {', '.join(names)}; "
             f"the table is in {folder}"
         )
-    return Outcome(folder, table, units, found, verdict)
+    return Outcome(folder, table, units, found, answer.verdict)
+
+
+def _write(table: pd.DataFrame, path: Path) -> str:
+    """Write a CSV file; its name."""
+    table.to_csv(partial(path), index=False)
+    return partial(path).replace(path).name
+
+
+def _parquet(table: pd.DataFrame, path: Path) -> list[str]:
+    """Write a Parquet file where pyarrow is there; its name."""
+    try:
+        table.to_parquet(partial(path), index=False)
+    except ImportError:
+        return []
+    return [partial(path).replace(path).name]
 
 
 def _remarks(rows: Sequence[Mapping[str, Any]]) -> list[str]:
     """How runs failed, what FMUs warned of and which figures were refused: how often, first where."""
     seen: dict[str, list[int]] = {}
     for number, row in enumerate(rows):
-        told = [f"{row['status']}: {row['message']}"] * (row["status"] != OK)
-        for text in [*told, *(f"warning: {x}" for x in row["warnings"]), *tables.refusals(row)]:
+        failed = [f"{row['status']}: {row['message']}"] * (row["status"] != OK)
+        for text in [*failed, *(f"warning: {x}" for x in row["warnings"]), *refusals(row)]:
             seen.setdefault(text, []).append(number)
     most = sorted(seen.items(), key=lambda one: -len(one[1]))
     lines = [f"Run {runs[0]}, {len(runs)} in all, {text}" for text, runs in most[:SPOKEN]]
@@ -152,17 +154,12 @@ def _spread(table: pd.DataFrame, name: str, unit: str) -> str:
     return f"{text} ({len(y)} runs)." if len(y) < len(table) else f"{text}."
 
 
-def _causes(found: pd.DataFrame, grid: Mapping[str, object], shown: Sequence[str]) -> list[str]:
-    """What moves each figure most, where the study has no grid."""
-    if grid or found.empty:
-        return []
-    lines = []
-    for name in shown:
-        own = found[found["figure"] == name]
-        if len(own):
-            top = own[own["kind"] == own["kind"].iloc[-1]].nlargest(1, "value").iloc[0]
-            lines.append(
-                f"{name} depends most on {top['input']}: {top['kind']} = {top['value']:.2f} +- "
-                f"{top['confidence']:.2f} of its variance ({top['method']})."
-            )
-    return lines
+def _causes(found: pd.DataFrame, shown: Sequence[str]) -> list[str]:
+    """What moves each figure most, by its last index."""
+    last = found[found["kind"] == found["kind"].iloc[-1]].sort_values("value", kind="stable")
+    tops = last.groupby("figure").tail(1).set_index("figure")
+    return [
+        f"{name} depends most on {top['input']}: {top['kind']} = {top['value']:.2f} +- "
+        f"{top['confidence']:.2f} of its variance ({top['method']})."
+        for name, top in tops.reindex([name for name in shown if name in tops.index]).iterrows()
+    ]
