@@ -1,22 +1,22 @@
-"""What a study found: table, sensitivities, pictures, provenance and a few words."""
+"""What a study found, as an answer: table, sensitivities, pictures, provenance and a few words."""
 
 from __future__ import annotations
 
 import statistics
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
+from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import pandas as pd
 
 import cosim
 from cosim import SetupError
-from cosim.result import partial, write_json
 
-from ..answer import Answer, Show, Table
-from ..report.html import report
+from ..answer import Answer, Show, Table, write
 from ..report.png import draw
 from ..runs.worker import OK
 from . import show
@@ -38,44 +38,28 @@ class Outcome:
     verdict: str
 
 
-class Session(NamedTuple):
-    """What was studied, and the runs and wall time [s] of this session."""
-
-    identity: Mapping[str, Any]
-    runs: int
-    seconds: float
-
-
 def conclude(
     study: Study,
     rows: Sequence[Mapping[str, Any]],
     units: Mapping[str, str],
-    session: Session,
+    identity: Mapping[str, Any],
+    session: tuple[int, float],
     folder: Path,
 ) -> Outcome:
     """Write the files of a study whose runs are all done, rows in the order of the runs; `units` are
-    those of the varied inputs.
+    those of the varied inputs, `session` is how many runs were done now and how long it took [s].
 
     Raises SetupError, after that, if the study asks for a figure that no run has.
     """
     table, names, more = frame(study, rows)
     units = {**units, **more}
     shown = [names[name] for name in study.figures or names if name in names]
-    written = [_write(table, folder / "table.csv"), *_parquet(table, folder / "table.parquet")]
     found, missing = analyse(study, shown, table)
-    if study.sampling is not None:
-        written.append(_write(found, folder / "sensitivity.csv"))
-    title = f"{study.name}: {study.scenario}, {len(table)} runs"
-    overview = show.overview(study, table, shown, units)
-    shares = [] if found.empty else show.sensitivity(study, found, units)
-    for name, drawn in (("overview.png", overview), ("sensitivity.png", shares)):
-        written += draw(Show(drawn), title, folder / name)
     counts = Counter(str(row["status"]) for row in rows)
     seconds = [row["seconds"] for row in rows]
-    content = {
+    facts = {
         "study": study.name,
         "runs": {"all": len(rows), **dict(sorted(counts.items()))},
-        "units": units,
         "sensitivities": found.to_dict("records"),
         "no_sensitivities": missing,
         "seconds_per_run": {
@@ -83,52 +67,50 @@ def conclude(
             "median": statistics.median(seconds),
             "largest": max(seconds),
         },
-        "session": {"runs": session.runs, "seconds": session.seconds},
-        "platform": cosim.versions()["platform"],
-        "identity": session.identity,
+        "session": dict(zip(("runs", "seconds"), session)),
+        "identity": identity,
     }
-    write_json(folder / "study.json", content)
+    title = f"{study.name}: {study.scenario}, {len(table)} runs"
+    pictures = {
+        "overview.png": show.overview(study, table, shown, units),
+        "sensitivity.png": [] if found.empty else show.sensitivity(study, found, units),
+    }
+    files: dict[str, Callable[[Path], object]] = {
+        name: partial(draw, Show(drawn), title) for name, drawn in pictures.items() if drawn
+    }
+    if find_spec("pyarrow"):
+        files["table.parquet"] = partial(table.to_parquet, index=False)
+    tables = {"table.csv": Table(table, units)}
+    if study.sampling is not None:
+        tables["sensitivity.csv"] = Table(found, {})
     ended = ", ".join(f"{count} {status}" for status, count in counts.most_common())
     words = [
-        f"{len(rows)} runs, {session.runs} of them now in {session.seconds:.1f} s: {ended}.",
+        f"{len(rows)} runs, {session[0]} of them now in {session[1]:.1f} s: {ended}.",
         *_remarks(rows),
         *(_spread(table, name, units.get(name, "")) for name in shown[:SPOKEN]),
         *([] if study.grid or found.empty else _causes(found, shown[:SPOKEN])),
-        f"{', '.join([*written, 'study.json', 'report.html'])} written to {folder}",
     ]
     answer = Answer(
-        f"Study of {study.scenario}",
-        title,
-        "\n".join(words),
-        {},
-        {},
-        {"table.csv": Table(table, units)},
-        {"versions": cosim.versions()},
-        show=lambda: Show([*overview, *shares]),
+        scenario="study",
+        question=title,
+        verdict="\n".join(words),
+        figures={},
+        parameters={},
+        tables=tables,
+        provenance={"parts": {}, "versions": cosim.versions()},
+        facts=facts,
+        files=files,
+        show=lambda: Show(more=[picture for drawn in pictures.values() for picture in drawn]),
     )
-    report(answer, folder / "report.html")
+    written = ", ".join(write(answer, folder))
     unknown = [name for name in study.figures if name not in names]
     if unknown and names:
         raise SetupError(
             f"{study.path}: figures: no run has {unknown[0]!r}, only {', '.join(names)}; "
             f"the table is in {folder}"
         )
-    return Outcome(folder, table, units, found, answer.verdict)
-
-
-def _write(table: pd.DataFrame, path: Path) -> str:
-    """Write a CSV file; its name."""
-    table.to_csv(partial(path), index=False)
-    return partial(path).replace(path).name
-
-
-def _parquet(table: pd.DataFrame, path: Path) -> list[str]:
-    """Write a Parquet file where pyarrow is there; its name."""
-    try:
-        table.to_parquet(partial(path), index=False)
-    except ImportError:
-        return []
-    return [partial(path).replace(path).name]
+    verdict = f"{answer.verdict}\n{written} written to {folder}"
+    return Outcome(folder, table, units, found, verdict)
 
 
 def _remarks(rows: Sequence[Mapping[str, Any]]) -> list[str]:
@@ -156,10 +138,12 @@ def _spread(table: pd.DataFrame, name: str, unit: str) -> str:
 
 def _causes(found: pd.DataFrame, shown: Sequence[str]) -> list[str]:
     """What moves each figure most, by its last index."""
-    last = found[found["kind"] == found["kind"].iloc[-1]].sort_values("value", kind="stable")
-    tops = last.groupby("figure").tail(1).set_index("figure")
+    last = found[found["kind"] == found["kind"].iloc[-1]]
+    tops = last.loc[last.groupby("figure")["value"].idxmax()].set_index("figure")
     return [
-        f"{name} depends most on {top['input']}: {top['kind']} = {top['value']:.2f} +- "
-        f"{top['confidence']:.2f} of its variance ({top['method']})."
-        for name, top in tops.reindex([name for name in shown if name in tops.index]).iterrows()
+        f"{name} depends most on {tops['input'][name]}: {tops['kind'][name]} = "
+        f"{tops['value'][name]:.2f} +- {tops['confidence'][name]:.2f} of its variance "
+        f"({tops['method'][name]})."
+        for name in shown
+        if name in tops.index
     ]

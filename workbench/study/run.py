@@ -20,7 +20,7 @@ from ..runs.journal import Journal, opened
 from ..runs.progress import bar
 from ..runs.worker import OK, Outcome
 from .outcome import Outcome as Found
-from .outcome import Session, conclude
+from .outcome import conclude
 from .plan import Study
 
 PRESENTATION = "figures"
@@ -69,8 +69,8 @@ def run(
                 )
             _keep(outcomes, journal, len(given), study.name)
         rows = [json.loads(journal.done[number]) for number in range(len(given))]
-        session = Session(who, len(missing), time.perf_counter() - began)
-        return conclude(study, rows, units, session, folder)
+        session = len(missing), time.perf_counter() - began
+        return conclude(study, rows, units, who, session, folder)
 
 
 def identity(study: Study, fmus: Mapping[str, Path], flavour: str) -> dict[str, Any]:
