@@ -18,7 +18,7 @@ from cosim.progress import bar
 from cosim.system import connect
 
 from .answer import Answer, Parameter, Show, Table, parameters
-from .figure import Figure, spread
+from .figure import Figure
 from .limit import coupling
 from .options import Options, Run, declared, refuse
 from .question import Carried, asked, blamed, name, where
@@ -26,7 +26,6 @@ from .runs import local
 from .runs.identity import computation, digest
 from .runs.journal import Journal, sweep
 
-RUNS = (4, 2, 1)
 Case = TypeVar("Case")
 Found = TypeVar("Found")
 
@@ -53,8 +52,8 @@ class Findings:
 
 @dataclass(frozen=True)
 class Bench:
-    """What a question has at hand: its FMUs by part, its file where it is nobody's module, so many
-    processes, a folder for rows on the way, the journal of its sweeps.
+    """What a question has at hand: its FMUs by part, what loads its page elsewhere, so many processes,
+    a folder for rows on the way, the journal of its sweeps.
     """
 
     fmus: Mapping[str, Path]
@@ -76,26 +75,27 @@ class Bench:
 
         Rows go to the CSV file of that name on the way. Raises what `cosim.run` raises.
         """
-        seen = []
+
+        def advance(cost: int, part: float) -> None:
+            progress((cost - 1 + cost * part) / 7)
+
+        told = []
         with bar(csv.removesuffix(".csv") or "run", 0.0, o.stop) as progress:
-            done = 0.0
-            for times in RUNS:
-                share = 1 / times / sum(1 / k for k in RUNS)
-                with hearing() if times > 1 else nullcontext():
+            for coarser in (4, 2, 1):
+                with hearing() if coarser > 1 else nullcontext():
                     result = cosim.run(
                         system,
                         stop=o.stop,
-                        step=times * o.step,
+                        step=coarser * o.step,
                         algorithm=o.algorithm,
                         record=record,
-                        csv=self.out / csv if self.out and csv and times == 1 else None,
-                        progress=partial(_advance, progress, done, share),
+                        csv=self.out / csv if self.out and csv and coarser == 1 else None,
+                        progress=partial(advance, 4 // coarser),
                     )
-                done += share
-                seen.append(figures(result))
+                told.append(figures(result))
         order = result.provenance["convergence_order"]
         return result, {
-            name: certified([run.get(name) for run in seen], order) for name in seen[-1]
+            name: certified([run.get(name) for run in told], order) for name in told[-1]
         }
 
     def each(
@@ -124,24 +124,19 @@ def _heard(function: Callable[[Case], Found], case: Case) -> tuple[Found, list[s
         return function(case), list(heard)
 
 
-def certified(seen: Sequence[Figure | None], order: float) -> Figure:
+def certified(runs: Sequence[Figure | None], order: float) -> Figure:
     """The figure of the last of three runs, each with half the step of the one before, with the
     coupling error added to its own.
     """
-    coarse, middle, fine = seen
+    fine = runs[-1]
     assert fine is not None
     if fine.error is None:
         return fine
-    if coarse is None or middle is None or coarse.error is None or middle.error is None:
+    values = [run.value for run in reversed(runs) if run is not None and run.error is not None]
+    if len(values) < len(runs):
         reason = "only some of the three runs with different communication steps have it"
         return Figure.refused(fine.unit, reason, fine.meaning)
-    values = [figure.value for figure in (fine, middle, coarse)]
-    return fine._replace(error=spread(fine.error, coupling(values, order)))
-
-
-def _advance(progress: Callable[[float], None], done: float, share: float, part: float) -> None:
-    """Tell a progress that has done a share what a run adds to it."""
-    progress(done + part * share)
+    return fine._replace(error=fine.error + coupling(values, order))
 
 
 class _Hearing(logging.Handler):
@@ -184,10 +179,8 @@ def answer(
     own = getattr(page, "OWN", ())
     refuse(o.start, own)
     with ExitStack() as stack, hearing() as heard, blamed(page):
-        journal = None
-        if out is not None:
-            journal = cache(partial(stack.enter_context, _journal(page, o, fmus, out)))
-        bench = Bench(fmus, where(page), jobs, out, journal)
+        opened = cache(lambda folder: stack.enter_context(_journal(page, o, fmus, folder)))
+        bench = Bench(fmus, where(page), jobs, out, partial(opened, out) if out else None)
         found = page.solve(o, bench) if hasattr(page, "solve") else _solve(page, o, bench)
         _check(page, found.figures)
         verdict = page.verdict(o, found.figures, found.data) if hasattr(page, "verdict") else ""
@@ -255,15 +248,13 @@ def _journal(
     """The journal of the sweeps of a question."""
     source, package = where(page), page.__name__.partition(".")[0]
     own = source.endswith(".py")
-    return sweep(
-        folder,
-        {
-            "question": digest(Path(source).read_bytes()) if own else source,
-            "options": {key: repr(told.value) for key, told in said(o).items()},
-            "start": dict(o.start),
-            **computation(fmus, *([] if own else [package])),
-        },
-    )
+    identity = {
+        "question": digest(Path(source).read_bytes()) if own else source,
+        "options": {key: repr(told.value) for key, told in said(o).items()},
+        "start": dict(o.start),
+        **computation(fmus, *([] if own else [package])),
+    }
+    return sweep(folder, identity)
 
 
 def said(o: Options) -> dict[str, Parameter]:

@@ -21,7 +21,7 @@ from cosim import SetupError, SimulationError
 from .fmus import Library
 from .options import Options
 
-OURS = "__question__"
+FROM_FILE = "__question__"
 
 
 class Project(NamedTuple):
@@ -84,7 +84,7 @@ def name(page: ModuleType) -> str:
 
 def where(page: ModuleType) -> str:
     """What `load` takes to load a page again, or in another process."""
-    return str(page.__file__) if hasattr(page, OURS) else page.__name__
+    return str(page.__file__) if hasattr(page, FROM_FILE) else page.__name__
 
 
 def parts(page: ModuleType) -> Mapping[str, str]:
@@ -105,13 +105,13 @@ def load(where: str) -> ModuleType:
     if not path.is_file():
         raise SetupError(f"there is no file {where}")
     known = sys.modules.get(path.stem)
-    if known is not None and not hasattr(known, OURS):
+    if known is not None and not hasattr(known, FROM_FILE):
         raise SetupError(f"{where}: {path.stem!r} is the name of a module; rename the file")
     spec = importlib.util.spec_from_file_location(path.stem, path)
     assert spec is not None
     assert spec.loader is not None
     page = importlib.util.module_from_spec(spec)
-    setattr(page, OURS, True)
+    setattr(page, FROM_FILE, True)
     sys.modules[path.stem] = page
     try:
         with blamed(page):
