@@ -135,7 +135,7 @@ def _study(path: Path, content: Spec, project: Project) -> Study:
     read: dict[str, dict[str, Any]] = {
         table: {name: how(_input(page, table, name, x), _key(table, name), x)
                 for name, x in tables[table].items()}
-        for table, how in (("fixed", _one), ("grid", _values), ("tolerances", _tolerance))
+        for table, how in (("fixed", lambda option, key, x: option.read(x, key)), ("grid", _values), ("tolerances", _tolerance))
     }  # fmt: skip
     for name, times in Counter(itertools.chain(*read.values())).items():
         if times > 1:
@@ -182,11 +182,6 @@ def _input(page: ModuleType, table: str, name: str, spec: object) -> Option:
     if name in getattr(page, "OWN", ()):
         raise SetupError(f"{key}: {who} sets it on its own")
     return _StartValue(name, float)
-
-
-def _one(option: Option, key: str, given: object) -> Any:
-    """One value of an input, of its type and in its unit."""
-    return option.read(given, key)
 
 
 def _values(option: Option, key: str, spec: object) -> list[Value]:
