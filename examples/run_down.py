@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from cosim import System
 from workbench import Chart, Curve, Mark, Panel, Run, Show, option
-from workbench.measure import crossings, largest
+from workbench.measure import crossing, largest
 
 PARTS = {"motor": "DriveMotor", "conveyor": "CrankConveyor"}
 WIRES = ("motor.tau -> conveyor.tau", "conveyor.w -> motor.w")
@@ -25,7 +25,7 @@ def system(o, fmus):
 
 def figures(o, r):
     t, w, unit = r["time"], r["conveyor.w"], r.units["motor.tau"]
-    down = crossings(t, w, 0.1 * o.speed)[0]
+    down = crossing(t, w, 0.1 * o.speed)
     return {
         "tenth": down.figure("s", "until a tenth of the speed is left"),
         "brake": largest(t, -r["motor.tau"]).figure(unit, "largest braking torque"),

@@ -17,20 +17,9 @@ HOMES = {
     "Panel": "report.chart",
 }  # fmt: skip
 __all__ = [
-    "Answer",
-    "Bench",
-    "Chart",
-    "Curve",
-    "Figure",
-    "Findings",
-    "Mark",
-    "Options",
-    "Panel",
-    "Run",
-    "Show",
-    "Table",
-    "option",
-]
+    "Answer", "Bench", "Chart", "Curve", "Figure", "Findings", "Mark", "Options", "Panel", "Run",
+    "Show", "Table", "option",
+]  # fmt: skip
 
 
 def __getattr__(name: str) -> Any:

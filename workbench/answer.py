@@ -138,23 +138,18 @@ def write(answer: Answer, folder: Path, animate: bool = False) -> list[str]:
     for name, save in answer.files.items():
         save(folder / name)
     report(answer, folder / "report.html")
-    picture = draw(answer.show(), answer.question, folder / f"{answer.scenario}.png")
-    moving = {}
-    if animate:
-        for number, motion in enumerate(answer.show().motions, 1):
-            moving[f"{answer.scenario}{f'_{number}' if number > 1 else ''}.gif"] = motion
-    for name, motion in moving.items():
-        gif(folder / name, motion)
+    drawn = draw(answer.show(), answer.question, folder / f"{answer.scenario}.png")
+    for number, motion in enumerate(answer.show().motions if animate else (), 1):
+        drawn.append(f"{answer.scenario}{f'_{number}' if number > 1 else ''}.gif")
+        gif(folder / drawn[-1], motion)
     data = [*answer.tables, f"{answer.scenario}.json", *answer.files]
-    return [*data, *picture, *moving, "report.html"]
+    return [*data, *drawn, "report.html"]
 
 
 def content(answer: Answer) -> dict[str, Any]:
     """What stands in the JSON file, each number once."""
-    units = {name: unit for table in answer.tables.values() for name, unit in table.units.items()}
-    said = {"parameters", "warnings"}
     parts = {
-        name: {key: value for key, value in part.items() if key not in said}
+        name: {key: part[key] for key in part if key not in ("parameters", "warnings")}
         for name, part in answer.provenance["parts"].items()
     }
     return {
@@ -165,7 +160,9 @@ def content(answer: Answer) -> dict[str, Any]:
         "figures": {name: figure.json() for name, figure in answer.figures.items()},
         "options": {name: value._asdict() for name, value in answer.options.items()},
         "parameters": {name: value._asdict() for name, value in answer.parameters.items()},
-        "units": units,
+        "units": {
+            key: unit for table in answer.tables.values() for key, unit in table.units.items()
+        },
         **answer.provenance,
         "parts": parts,
         **answer.facts,

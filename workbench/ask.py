@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import logging
 import math
-import pickle
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager, nullcontext
+from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
 from dataclasses import dataclass, field
 from functools import cache, partial
 from pathlib import Path
 from types import ModuleType
-from typing import Any, Generic, TypeVar
+from typing import Any, TypeVar
 
 import cosim
 from cosim import Result, SetupError, System
@@ -19,15 +18,14 @@ from cosim.progress import bar
 from cosim.system import connect
 
 from .answer import Answer, Parameter, Show, Table, parameters
-from .figure import Figure, spread
+from .figure import Figure
 from .limit import coupling
 from .options import Options, Run, declared, refuse
-from .question import OURS, asked, blamed, load, name
-from .runs import journal as journals
+from .question import Carried, asked, blamed, name, where
 from .runs import local
-from .runs.identity import computation
+from .runs.identity import computation, digest
+from .runs.journal import Journal, sweep
 
-RUNS = (4, 2, 1)
 Case = TypeVar("Case")
 Found = TypeVar("Found")
 
@@ -54,15 +52,15 @@ class Findings:
 
 @dataclass(frozen=True)
 class Bench:
-    """What a question has at hand: its FMUs by part, its file where it is nobody's module, so many
-    processes, a folder for rows on the way, the journal of its sweeps.
+    """What a question has at hand: its FMUs by part, what loads its page elsewhere, so many processes,
+    a folder for rows on the way, the journal of its sweeps.
     """
 
     fmus: Mapping[str, Path]
     page: str = ""
     jobs: int = 1
     out: Path | None = None
-    journal: Callable[[], journals.Journal] | None = None
+    journal: Callable[[], Journal] | None = None
 
     def certify(
         self,
@@ -77,26 +75,27 @@ class Bench:
 
         Rows go to the CSV file of that name on the way. Raises what `cosim.run` raises.
         """
-        seen = []
+
+        def advance(cost: int, part: float) -> None:
+            progress((cost - 1 + cost * part) / 7)
+
+        told = []
         with bar(csv.removesuffix(".csv") or "run", 0.0, o.stop) as progress:
-            done = 0.0
-            for times in RUNS:
-                share = 1 / times / sum(1 / k for k in RUNS)
-                with hearing() if times > 1 else nullcontext():
+            for coarser in (4, 2, 1):
+                with hearing() if coarser > 1 else nullcontext():
                     result = cosim.run(
                         system,
                         stop=o.stop,
-                        step=times * o.step,
+                        step=coarser * o.step,
                         algorithm=o.algorithm,
                         record=record,
-                        csv=self.out / csv if self.out and csv and times == 1 else None,
-                        progress=partial(_advance, progress, done, share),
+                        csv=self.out / csv if self.out and csv and coarser == 1 else None,
+                        progress=partial(advance, 4 // coarser),
                     )
-                done += share
-                seen.append(figures(result))
+                told.append(figures(result))
         order = result.provenance["convergence_order"]
         return result, {
-            name: certified([run.get(name) for run in seen], order) for name in seen[-1]
+            name: certified([run.get(name) for run in told], order) for name in told[-1]
         }
 
     def each(
@@ -110,69 +109,45 @@ class Bench:
 
         Warnings are those of the question, but for `probes`, which look for what FMUs warn of.
         """
-        for found, heard in local.each(
-            _Heard(function, self.page),
-            cases,
-            self.jobs,
-            title,
-            journal=self.journal and self.journal(),
-        ):
-            for sentence in () if probes else heard:
-                logging.getLogger("cosim").warning(sentence)
+        heard = partial(_heard, function)
+        call = Carried(self.page, heard) if self.page else heard
+        journal = self.journal and self.journal()
+        for found, warnings in local.each(call, cases, self.jobs, title, journal=journal):
+            for warning in () if probes else warnings:
+                logging.getLogger("cosim").warning(warning)
             yield found
 
 
-@dataclass(frozen=True)
-class _Heard(Generic[Case, Found]):
-    """A function that also returns the warnings of its runs; where it arrives, its page is loaded."""
-
-    function: Callable[[Case], Found]
-    page: str
-
-    def __call__(self, case: Case) -> tuple[Found, list[str]]:
-        with hearing() as heard:
-            return self.function(case), list(heard)
-
-    def __reduce__(self) -> Any:
-        return _arrive, (self.page, pickle.dumps(self.function))
+def _heard(function: Callable[[Case], Found], case: Case) -> tuple[Found, list[str]]:
+    """What a function makes of a case, and the warnings of its runs."""
+    with hearing() as heard:
+        return function(case), list(heard)
 
 
-def _arrive(page: str, function: bytes) -> _Heard[Any, Any]:
-    if page:
-        load(page)
-    return _Heard(pickle.loads(function), page)
-
-
-def certified(seen: Sequence[Figure | None], order: float) -> Figure:
+def certified(runs: Sequence[Figure | None], order: float) -> Figure:
     """The figure of the last of three runs, each with half the step of the one before, with the
     coupling error added to its own.
     """
-    coarse, middle, fine = seen
+    fine = runs[-1]
     assert fine is not None
     if fine.error is None:
         return fine
-    if coarse is None or middle is None or coarse.error is None or middle.error is None:
+    values = [run.value for run in reversed(runs) if run is not None and run.error is not None]
+    if len(values) < len(runs):
         reason = "only some of the three runs with different communication steps have it"
         return Figure.refused(fine.unit, reason, fine.meaning)
-    values = [figure.value for figure in (fine, middle, coarse)]
-    return fine._replace(error=spread(fine.error, coupling(values, order)))
-
-
-def _advance(progress: Callable[[float], None], done: float, share: float, part: float) -> None:
-    """Tell a progress that has done a share what a run adds to it."""
-    progress(done + part * share)
+    return fine._replace(error=fine.error + coupling(values, order))
 
 
 class _Hearing(logging.Handler):
-    """Keeps warnings, each once, without the name that stands before it twice."""
+    """Keeps warnings, each once."""
 
     def __init__(self) -> None:
         super().__init__(logging.WARNING)
         self.heard: dict[str, None] = {}
 
     def emit(self, record: logging.LogRecord) -> None:
-        part, colon, rest = record.getMessage().partition(": ")
-        self.heard[rest if rest.startswith(f"{part}: ") else f"{part}{colon}{rest}"] = None
+        self.heard[record.getMessage()] = None
 
 
 @contextmanager
@@ -204,19 +179,14 @@ def answer(
     own = getattr(page, "OWN", ())
     refuse(o.start, own)
     with ExitStack() as stack, hearing() as heard, blamed(page):
-        journal = None
-        if out is not None:
-            who = {"question": name(page), "options": _asked(o), "start": dict(o.start)}
-            opening = partial(journals.sweep, out, who | computation(fmus))
-            journal = cache(lambda: stack.enter_context(opening()))
-        where = str(page.__file__) if hasattr(page, OURS) else ""
-        bench = Bench(fmus, where, jobs, out, journal)
+        opened = cache(lambda folder: stack.enter_context(_journal(page, o, fmus, folder)))
+        bench = Bench(fmus, where(page), jobs, out, partial(opened, out) if out else None)
         found = page.solve(o, bench) if hasattr(page, "solve") else _solve(page, o, bench)
         _check(page, found.figures)
         verdict = page.verdict(o, found.figures, found.data) if hasattr(page, "verdict") else ""
         system = found.system or System({})
         told = parameters(system, own) if system.parts else {}
-    sweep = _provenance(system, found.algorithm, found.communication)
+    made = _provenance(system, found.algorithm, found.communication)
 
     def show() -> Show:
         if not hasattr(page, "show"):
@@ -232,7 +202,7 @@ def answer(
         options=said(o),
         parameters=told,
         tables=found.tables,
-        provenance=dict(found.provenance or sweep) | {"flavour": flavour},
+        provenance=dict(found.provenance or made) | {"flavour": flavour},
         warnings=list(heard),
         facts=found.facts,
         files=found.files,
@@ -272,8 +242,19 @@ def _check(page: ModuleType, figures: Any) -> None:
             raise SetupError(f"{where} = {figure.value!r} +- {figure.error!r} is no figure")
 
 
-def _asked(o: Options) -> dict[str, str]:
-    return {key: repr(parameter.value) for key, parameter in said(o).items()}
+def _journal(
+    page: ModuleType, o: Options, fmus: Mapping[str, Path], folder: Path
+) -> AbstractContextManager[Journal]:
+    """The journal of the sweeps of a question."""
+    source, package = where(page), page.__name__.partition(".")[0]
+    own = source.endswith(".py")
+    identity = {
+        "question": digest(Path(source).read_bytes()) if own else source,
+        "options": {key: repr(told.value) for key, told in said(o).items()},
+        "start": dict(o.start),
+        **computation(fmus, *([] if own else [package])),
+    }
+    return sweep(folder, identity)
 
 
 def said(o: Options) -> dict[str, Parameter]:

@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-import importlib
 import logging
 import sys
 from argparse import RawDescriptionHelpFormatter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from types import ModuleType
-from typing import Any
 
 from cosim.commandline import Parser, exit_code
 
 from . import ask, question
 from .answer import finish
-from .options import Options, add, at_least, declared, made, unknown
+from .options import add, at_least, declared, made, unknown
 from .question import Project, QuestionError
 from .runs import local
+from .runs.worker import OK
 
 USAGE = "list | run NAME or FILE.py [options] | study FILE.toml [options]"
 
@@ -27,15 +25,8 @@ def main(words: Sequence[str], project: Project, program: str) -> int:
 
     def act() -> int:
         top = Parser(prog=program, usage=f"{program} {USAGE}", allow_abbrev=False)
-        top.add_argument("command", choices=("list", "run", "study"))
-        told, rest = top.parse_args(words[:1]), list(words[1:])
-        if told.command == "list":
-            return listed(project)
-        if told.command == "study":
-            return int(
-                importlib.import_module("workbench.study.command").main(rest, project, program)
-            )
-        return run(rest, project, program)
+        top.add_argument("command", choices=COMMANDS)
+        return COMMANDS[top.parse_args(words[:1]).command](words[1:], project, program)
 
     logging.getLogger("cosim").addHandler(logging.NullHandler())
     try:
@@ -45,7 +36,7 @@ def main(words: Sequence[str], project: Project, program: str) -> int:
         return 1
 
 
-def listed(project: Project) -> int:
+def show_list(_words: Sequence[str], project: Project, _program: str) -> int:
     """Print the questions of the project; none is imported."""
     for name, module in question.names(project.home).items():
         assert project.home is not None
@@ -65,64 +56,59 @@ def run(words: Sequence[str], project: Project, program: str) -> int:
     )
     top.add_argument("question", metavar="NAME|FILE.py")
     page = question.load(question.find(project.home, top.parse_args(words[:1]).question))
-    settings, given = read(words[1:], page, f"{program} run {words[0]}")
-    o = made(page.Options, given, question.name(page))
-    flavour = settings["flavour"]
-    if settings["jobs"] is not None:
-        at_least("jobs", settings["jobs"], 1)
-    fmus = project.fmus.paths(parts(page), flavour, Path(str(page.__file__)).parent)
-    out = settings["out"] or default_folder(page, o)
-    jobs = settings["jobs"] or (local.available_cores() if flavour == own_flavour(page) else 1)
-    found = ask.answer(page, o, fmus, flavour=flavour, jobs=jobs, out=out)
-    finish(found, out, settings["animate"])
-    return 0
-
-
-def read(
-    words: Sequence[str], page: ModuleType, program: str
-) -> tuple[dict[str, Any], dict[str, Any]]:
-    """What a command line says of the run, and of the question's options, as texts.
-
-    Raises SetupError for an option that there is not, with the closest one.
-    """
     parser = Parser(
-        prog=program,
+        prog=f"{program} run {words[0]}",
         description=page.__doc__,
         formatter_class=RawDescriptionHelpFormatter,
         allow_abbrev=False,
     )
     add(parser, page.Options)
-    own = own_flavour(page)
-    parser.add_argument(
-        "--flavour", choices=("python", "native"), default=own, help=f"of the FMUs (default: {own})"
-    )
-    parser.add_argument("--jobs", type=int, help="parallel processes (default: all cores)")
-    parser.add_argument("--out", type=Path, help="folder (default: results/NAME, or NAME/SET)")
+    _add_common(parser, getattr(page, "FLAVOUR", "python"), "results/NAME, or NAME/SET")
     parser.add_argument("--animate", action="store_true", help="also write the motions as GIF")
-    found, rest = parser.parse_known_args(words)
+    found, rest = parser.parse_known_args(words[1:])
     if rest:
-        flags = [
-            flag.removeprefix("--") for action in parser._actions for flag in action.option_strings
-        ]
+        flags = [flag.removeprefix("--") for flag in parser._option_string_actions]
         raise unknown(rest[0].lstrip("-").partition("=")[0], flags, question.name(page))
-    told = vars(found)
-    names = [*declared(page.Options), "start"]
-    given = {name: told.pop(name) for name in names}
-    return told, {name: value for name, value in given.items() if value is not None}
-
-
-def parts(page: ModuleType) -> Mapping[str, str]:
-    """The FMUs of a page by part."""
-    found: Mapping[str, str] = getattr(page, "PARTS", {})
-    return found
-
-
-def own_flavour(page: ModuleType) -> str:
-    """The flavour of FMUs that a question takes by default: that which is there in a second."""
-    return str(getattr(page, "FLAVOUR", "python"))
-
-
-def default_folder(page: ModuleType, o: Options) -> Path:
-    """results/NAME, with the parameter set of a question that has some."""
+    told = {name: value for name, value in vars(found).items() if value is not None}
+    options = {name: told.pop(name) for name in (*declared(page.Options), "start") if name in told}
+    o = made(page.Options, options, question.name(page))
     folder = Path("results") / question.name(page)
-    return folder / o.set if hasattr(o, "set") else folder
+    out = told.get("out", folder / o.set if hasattr(o, "set") else folder)
+    quick = found.flavour == parser.get_default("flavour")
+    jobs = told.get("jobs", local.available_cores() if quick else 1)
+    at_least("jobs", jobs, 1)
+    fmus = project.paths(page, found.flavour)
+    answer = ask.answer(page, o, fmus, flavour=found.flavour, jobs=jobs, out=out)
+    finish(answer, out, found.animate)
+    return 0
+
+
+def study(words: Sequence[str], project: Project, program: str) -> int:
+    """Do the study of a file and say what it found; 1 if no run came to its end."""
+    from . import study as studies  # pandas and what draws take their time
+
+    parser = Parser(
+        prog=f"{program} study",
+        description="Vary inputs of a question as a file says.",
+        allow_abbrev=False,
+    )
+    parser.add_argument(
+        "file", type=Path, metavar="FILE.toml", help="what varies, see docs/studies.md"
+    )
+    _add_common(parser, "python", "results/studies/NAME")
+    parser.add_argument("--scheduler", help="Dask cluster that does the runs, tcp://HOST:8786")
+    told = vars(parser.parse_args(words))
+    outcome = studies.run(studies.load(told.pop("file"), project), **told)
+    print(outcome.verdict)
+    return 0 if (outcome.table["status"] == OK).any() else 1
+
+
+def _add_common(parser: Parser, flavour: str, out: str) -> None:
+    """The options of any runs."""
+    of = f"of the FMUs (default: {flavour})"
+    parser.add_argument("--flavour", choices=("python", "native"), default=flavour, help=of)
+    parser.add_argument("--jobs", type=int, help="parallel processes (default: all cores)")
+    parser.add_argument("--out", type=Path, help=f"folder (default: {out})")
+
+
+COMMANDS = {"list": show_list, "run": run, "study": study}

@@ -64,10 +64,3 @@ def rounded(value: float, error: float) -> tuple[str, str]:
         return f"{value:.{-place}f}", f"{up * 10.0**place:.{-place}f}"
     power = math.floor(math.log10(max(abs(value), error)))
     return f"{value:.{power - place}e}", f"{up * 10.0**place:.1e}"
-
-
-def spread(error: float | None, *more: float | None) -> float | None:
-    """The sum of errors of independent causes; None where one of them is not known."""
-    if error is None or any(cause is None for cause in more):
-        return None
-    return error + sum(cause for cause in more if cause is not None)

@@ -22,13 +22,15 @@ ROUNDING = 1e-12
 
 
 class Measured(NamedTuple):
-    """A value that rows tell, and what they leave open of it."""
+    """A value that rows tell, and what they leave open of it; nan for what does not happen."""
 
     value: float
     error: float
 
     def figure(self, unit: str, meaning: str) -> Figure:
-        """The value as a figure."""
+        """The value as a figure, which is refused for what does not happen."""
+        if math.isnan(self.value):
+            return Figure.refused(unit, "it does not happen while the run lasts", meaning)
         return Figure(self.value, unit, self.error, meaning)
 
 
@@ -41,7 +43,7 @@ class Peak(NamedTuple):
 
     def figure(self, unit: str, meaning: str) -> Figure:
         """The value as a figure."""
-        return Figure(self.value, unit, self.error, meaning)
+        return Measured(self.value, self.error).figure(unit, meaning)
 
 
 def measured(tell: Callable[..., float], *columns: Samples) -> Measured:
@@ -112,6 +114,14 @@ def crossings(t: Samples, x: Samples, level: float) -> list[Measured]:
         error = away if away < min(gap, 4 * spacing) else spacing
         found.append(Measured(float(time), max(float(error), ROUNDING * abs(float(time)))))
     return found
+
+
+def crossing(t: Samples, x: Samples, level: float, which: int = 0) -> Measured:
+    """One of these times: the first, or which = 1, 2, .. after it, -1 for the last; nan where x does
+    not pass the level so often.
+    """
+    found = crossings(t, x, level)
+    return found[which] if -len(found) <= which < len(found) else Measured(math.nan, math.nan)
 
 
 def _passed(t: Samples, x: Samples, level: float) -> Samples:

@@ -6,7 +6,7 @@ import math
 import re
 from argparse import ArgumentParser, BooleanOptionalAction
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from difflib import get_close_matches
 from operator import ge, gt, le
 from types import NoneType
@@ -20,8 +20,9 @@ from cosim.commandline import assignment, literal
 from cosim.system import Value
 
 Start = dict[str, Value]
-KINDS = {float: "a number", int: "a whole number", str: "a text", bool: "true or false"}
-NUMBER = re.compile(
+HOLDS = {"above": gt, "at least": ge, "at most": le}
+KINDS = {float: "a finite number", int: "a whole number", str: "a text", bool: "true or false"}
+QUANTITY = re.compile(
     r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?|[+-]?inf|nan)\s*([a-z%][\w./%]*)?\s*",
     re.IGNORECASE,
 )
@@ -51,24 +52,24 @@ def option(
     choices: Iterable[str] = (),
 ) -> Any:
     """Declare an option of a dataclass of options; the default is written as a person would."""
-    told = Option("", float, False, default, meaning, unit, above, least, most, tuple(choices))
-    return field(default=default, metadata={"option": told})
+    bounds = {"above": above, "at least": least, "at most": most}
+    told = {word: bound for word, bound in bounds.items() if bound is not None}
+    declared = Option("", float, False, default, meaning, unit, told, tuple(choices))
+    return field(default=default, metadata={"option": declared})
 
 
 @dataclass(frozen=True)
 class Option:
-    """An option as it was declared; `many` values make a tuple."""
+    """An option as it was declared; `many` values make a tuple, `bounds` stand by their words."""
 
     name: str
     kind: type
-    many: bool
-    default: Any
-    meaning: str
-    unit: str
-    above: float | None
-    least: float | None
-    most: float | None
-    choices: Sequence[str]
+    many: bool = False
+    default: Any = None
+    meaning: str = ""
+    unit: str = ""
+    bounds: Mapping[str, float] = field(default_factory=dict)
+    choices: Sequence[str] = ()
 
     def read(self, given: Any, key: str = "") -> Any:
         """The value as the question takes it, in the declared unit.
@@ -78,11 +79,16 @@ class Option:
         key = key or self.name
         if given is None and self.default is None:
             return None
-        if self.many:
-            return self._many(given, key)
-        value = self._number(given, key) if self.kind is float else self._plain(given, key)
-        self._check(value, key)
-        return value
+        if not self.many:
+            value = self._number(given, key) if self.kind is float else self._plain(given, key)
+            self._check(value, key)
+            return value
+        if self.kind is not float:
+            return tuple(given.split(",") if isinstance(given, str) else given)
+        numbers = self._list(given, key)
+        for number in numbers:
+            self._check(number, key)
+        return tuple(sorted(set(numbers)))
 
     def number(self, given: Any, key: str) -> float:
         """A finite number in the declared unit, whatever its bounds, as one with a unit or without.
@@ -91,112 +97,87 @@ class Option:
         """
         value = self._number(given, key)
         if not math.isfinite(value):
-            raise SetupError(f"{key} = {given!r} must be a finite number")
+            raise SetupError(f"{key} = {given!r} must be {KINDS[float]}")
         return value
 
     def words(self) -> str:
         """Meaning, unit and default, for the help."""
         unit = f" [{self.unit}]" if self.unit not in ("", "1") else ""
-        default = "" if self.default in (None, (), "", False) else f" (default: {self._default()})"
+        shown = f"{self.default:g}" if isinstance(self.default, float) else str(self.default)
+        default = "" if self.default in (None, (), "", False) else f" (default: {shown})"
         return f"{self.meaning}{unit}{default}".replace("%", "%%")
 
-    def _default(self) -> str:
-        return f"{self.default:g}" if isinstance(self.default, float) else str(self.default)
-
     def _plain(self, given: Any, key: str) -> Any:
-        value = given
-        if isinstance(given, str) and self.kind is not str:
-            value = literal(given)
+        """A whole number, text or truth value."""
+        value = literal(given) if isinstance(given, str) and self.kind is not str else given
         if self.choices and value not in self.choices:
-            raise SetupError(f"{key} = {given!r} must be one of {', '.join(self.choices)}")
+            raise SetupError(f"{key} = {shown(given)} must be one of {', '.join(self.choices)}")
         if type(value) is not self.kind:
-            raise SetupError(f"{key} = {given!r} must be {KINDS[self.kind]}")
+            raise SetupError(f"{key} = {shown(given)} must be {KINDS[self.kind]}")
         return value
 
     def _number(self, given: Any, key: str) -> float:
+        said = f"{key} = {shown(given)}"
         if isinstance(given, str):
-            value, unit = self._split(given, key)
-            return value * self._factor(unit, given, key)
+            (value,), scale = self._parsed([given], said, self._expected())
+            return value * scale
         if isinstance(given, bool) or not isinstance(given, int | float):
-            raise SetupError(f"{key} = {given!r} must be {self._expected()}")
+            raise SetupError(f"{said} must {self._expected()}")
         return float(given)
 
-    def _many(self, given: Any, key: str) -> tuple[Any, ...]:
-        """A tuple; numbers ascend, and the unit of one of them is that of all."""
-        if self.kind is not float:
-            texts = given.split(",") if isinstance(given, str) else given
-            return tuple(texts)
+    def _list(self, given: Any, key: str) -> list[float]:
+        """Numbers, "20:66:24" (from, to, number) or "20,30,40"; the unit of one is that of all."""
+        said, form = f"{key} = {shown(given)}", "read from:to:number or a,b,c"
+        if given == "":
+            return []
         if not isinstance(given, str):
             if not isinstance(given, Iterable):
-                raise SetupError(f"{key} = {given!r} must be a list of numbers")
-            numbers = [self._number(x, key) for x in given]
-        elif not given:
-            numbers = []
-        else:
-            numbers = self._span(given, key)
-        for number in numbers:
-            self._check(number, key)
-        return tuple(sorted(set(numbers)))
+                raise SetupError(f"{said} must be a list of numbers")
+            return [self._number(x, key) for x in given]
+        if ":" not in given:
+            values, scale = self._parsed(given.split(","), said, form)
+            return [value * scale for value in values]
+        *ends, count = given.split(":")
+        if len(ends) != 2 or not count.strip().isdigit():
+            raise SetupError(f"{said} must {form}")
+        (low, high), scale = self._parsed(ends, said, form)
+        if int(count) < 1:
+            raise SetupError(f"{said} names no number")
+        return [value * scale for value in np.linspace(low, high, int(count)).tolist()]
 
-    def _span(self, text: str, key: str) -> list[float]:
-        """ "20:66:24" (from, to, number) or "20,30,40"."""
-        pieces = text.split(":") if ":" in text else text.split(",")
-        count = pieces.pop() if ":" in text else "0"
-        form = f"{key} = {text!r} must read from:to:number or a,b,c"
-        if ":" in text and (len(pieces) != 2 or not count.strip().isdigit()):
-            raise SetupError(form)
-        if any(NUMBER.fullmatch(piece) is None for piece in pieces):
-            raise SetupError(form)
-        values, units = zip(*(self._split(piece, key) for piece in pieces))
-        written = {unit for unit in units if unit}
-        if len(written) > 1:
-            raise SetupError(f"{key} = {text!r} must be in one unit, not {' and '.join(written)}")
-        scale = self._factor("".join(written), text, key)
-        if ":" in text:
-            if int(count) < 1:
-                raise SetupError(f"{key} = {text!r} names no number")
-            values = tuple(np.linspace(values[0], values[1], int(count)).tolist())
-        return [value * scale for value in values]
+    def _parsed(self, texts: Sequence[str], said: str, form: str) -> tuple[list[float], float]:
+        """Numbers in one unit, and what they are multiplied by; others are refused by their form."""
+        matches = [match for match in map(QUANTITY.fullmatch, texts) if match]
+        if len(matches) < len(texts):
+            raise SetupError(f"{said} must {form}")
+        units = list(dict.fromkeys(match[2] for match in matches if match[2]))
+        if len(units) > 1:
+            raise SetupError(f"{said} must be in one unit, not {' and '.join(units)}")
+        scale = self._units().get("".join(units) or self.unit)
+        if scale is None:
+            raise SetupError(f"{said} must {self._expected()}")
+        return [float(match[1]) for match in matches], scale
 
-    def _split(self, text: str, key: str) -> tuple[float, str]:
-        found = NUMBER.fullmatch(text)
-        if found is None:
-            raise SetupError(f"{key} = {text!r} must be {self._expected()}")
-        return float(found[1]), found[2] or ""
-
-    def _factor(self, unit: str, text: str, key: str) -> float:
-        """What a value in this unit is multiplied by."""
-        if unit in ("", self.unit):
-            return 1.0
+    def _units(self) -> dict[str, float]:
+        """The units that a number may be in, and what it is then multiplied by."""
         for base, others in SCALES.items():
             known = {base: 1.0} | others
-            if unit in known and self.unit in known:
-                return known[unit] / known[self.unit]
-        raise SetupError(f"{key} = {text!r} must be {self._expected()}")
+            if self.unit in known:
+                return {unit: scale / known[self.unit] for unit, scale in known.items()}
+        return {self.unit: 1.0}
 
     def _expected(self) -> str:
-        """A number, and in which units it may be."""
-        units = next(
-            ([base, *others] for base, others in SCALES.items() if self.unit in (base, *others)),
-            [self.unit],
-        )
-        return f"a number in {' or '.join(units)}" if units != [""] else "a number"
+        return f"be a number{' in ' * bool(self.unit)}{' or '.join(self._units())}"
 
     def _check(self, value: Any, key: str) -> None:
         """Refuse what is not finite or out of bounds."""
         if self.kind not in (float, int):
             return
-        bounds = (
-            (self.above, "above", gt),
-            (self.least, "at least", ge),
-            (self.most, "at most", le),
-        )
-        declared = [(bound, word, holds) for bound, word, holds in bounds if bound is not None]
-        if math.isfinite(value) and all(holds(value, bound) for bound, _, holds in declared):
+        if math.isfinite(value) and all(HOLDS[word](value, x) for word, x in self.bounds.items()):
             return
         unit = "" if self.unit in ("", "1") else f" {self.unit}"
-        limits = " and ".join(f"{word} {bound:g}{unit}" for bound, word, _ in declared)
-        raise SetupError(f"{key} = {value:g}{unit} must be a finite number {limits}".rstrip())
+        limits = " and ".join(f"{word} {bound:g}{unit}" for word, bound in self.bounds.items())
+        raise SetupError(f"{key} = {value:g}{unit} must be {KINDS[self.kind]} {limits}".rstrip())
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -236,13 +217,14 @@ def declared(kind: type[Options]) -> dict[str, Option]:
             if NoneType in get_args(hint):
                 (hint,) = (x for x in get_args(hint) if x is not NoneType)
             many = get_origin(hint) is tuple
-            told = one.metadata["option"]
             bare = get_args(hint)[0] if many else hint
-            found[one.name] = Option(
-                one.name, bare, many, one.default, told.meaning, told.unit,
-                told.above, told.least, told.most, told.choices,
-            )  # fmt: skip
+            found[one.name] = replace(one.metadata["option"], name=one.name, kind=bare, many=many)
     return found
+
+
+def shown(value: object) -> str:
+    """A value in a message."""
+    return "nothing" if value is None else repr(value)
 
 
 def unknown(name: str, known: Iterable[str], who: str) -> SetupError:

@@ -5,21 +5,23 @@ from __future__ import annotations
 import ast
 import importlib
 import importlib.util
+import pickle
 import sys
 import traceback
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from types import ModuleType
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from cosim import SetupError, SimulationError
 
 from .fmus import Library
 from .options import Options
 
-OURS = "__question__"
+FROM_FILE = "__question__"
 
 
 class Project(NamedTuple):
@@ -27,6 +29,15 @@ class Project(NamedTuple):
 
     home: Path | None
     fmus: Library
+
+    @property
+    def packages(self) -> tuple[str, ...]:
+        """The package that the questions lie in."""
+        return () if self.home is None else (self.home.name,)
+
+    def paths(self, page: ModuleType, flavour: str) -> dict[str, Path]:
+        """The FMUs of a page by part; raises SetupError for one that is not there."""
+        return self.fmus.paths(parts(page), flavour, Path(str(page.__file__)).parent)
 
 
 ALONE = Project(None, Library({}))
@@ -71,6 +82,17 @@ def name(page: ModuleType) -> str:
     return page.__name__.rpartition(".")[2]
 
 
+def where(page: ModuleType) -> str:
+    """What `load` takes to load a page again, or in another process."""
+    return str(page.__file__) if hasattr(page, FROM_FILE) else page.__name__
+
+
+def parts(page: ModuleType) -> Mapping[str, str]:
+    """The FMUs of a page by part."""
+    found: Mapping[str, str] = getattr(page, "PARTS", {})
+    return found
+
+
 def load(where: str) -> ModuleType:
     """The page of a module, "scenarios.conveyor.run_up", or of a file, "mine.py".
 
@@ -83,13 +105,13 @@ def load(where: str) -> ModuleType:
     if not path.is_file():
         raise SetupError(f"there is no file {where}")
     known = sys.modules.get(path.stem)
-    if known is not None and not hasattr(known, OURS):
+    if known is not None and not hasattr(known, FROM_FILE):
         raise SetupError(f"{where}: {path.stem!r} is the name of a module; rename the file")
     spec = importlib.util.spec_from_file_location(path.stem, path)
     assert spec is not None
     assert spec.loader is not None
     page = importlib.util.module_from_spec(spec)
-    setattr(page, OURS, True)
+    setattr(page, FROM_FILE, True)
     sys.modules[path.stem] = page
     try:
         with blamed(page):
@@ -98,6 +120,9 @@ def load(where: str) -> ModuleType:
     except BaseException:
         del sys.modules[path.stem]
         raise
+
+
+loaded = cache(load)
 
 
 def find(home: Path | None, text: str, folder: Path = Path()) -> str:
@@ -111,6 +136,26 @@ def find(home: Path | None, text: str, folder: Path = Path()) -> str:
         return str((folder / text).resolve())
     known = f"one of {', '.join(names(home))}, or " if home else ""
     raise SetupError(f"{text!r} must be {known}a file NAME.py that is there")
+
+
+@dataclass(frozen=True)
+class Carried:
+    """A function that is pickled with its page, which is loaded where the function arrives."""
+
+    page: str
+    function: Callable[[Any], Any]
+
+    def __call__(self, task: Any) -> Any:
+        """What the function does."""
+        return self.function(task)
+
+    def __reduce__(self) -> Any:
+        return _arrive, (self.page, pickle.dumps(self.function))
+
+
+def _arrive(page: str, function: bytes) -> Carried:
+    loaded(page)
+    return Carried(page, pickle.loads(function))
 
 
 def _checked(page: ModuleType, where: str) -> ModuleType:

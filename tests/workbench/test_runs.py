@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
 import os
 import signal
@@ -20,6 +19,8 @@ from cosim import SetupError, SimulationError
 from cosim.commandline import exit_code
 from tests.conftest import ROOT, hear_ctrl_c, until
 from tests.hosts import light, plane
+from workbench import Bench
+from workbench.question import load
 from workbench.runs import identity, journal, local
 from workbench.runs.worker import PREFIX, Worker, _tidy
 
@@ -122,24 +123,26 @@ def test_a_sweep_is_the_same_for_any_number_of_jobs(tmp_path: Path) -> None:
     assert list(local.each(plane.height, [], 2, "heights")) == []
 
 
-def test_a_sweep_of_a_question_in_a_file_of_its_own_runs_in_processes(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Though its name is that of another module, and its tasks and answers are of its own types."""
-    path = tmp_path / "colorsys.py"
-    path.write_text(
-        "from typing import NamedTuple\n"
-        "class Point(NamedTuple):\n    x: float\n"
-        "def double(point):\n    return Point(2.0 * point.x)\n"
-    )
-    spec = importlib.util.spec_from_file_location("colorsys", path)
-    assert spec is not None
-    assert spec.loader is not None
-    mine = importlib.util.module_from_spec(spec)
-    monkeypatch.setitem(sys.modules, "colorsys", mine)
-    spec.loader.exec_module(mine)
-    tasks = [mine.Point(1.0), mine.Point(3.0)]
-    assert list(local.each(mine.double, tasks, 2, "double")) == [(2.0,), (6.0,)]
+MINE = """
+'How much is twice as much?'
+from typing import NamedTuple
+import workbench
+class Options(workbench.Options): pass
+class Point(NamedTuple):
+    x: float
+def double(point): return Point(2.0 * point.x)
+def solve(o, bench): ...
+"""
+
+
+def test_a_sweep_of_a_question_in_a_file_of_its_own_runs_in_processes(tmp_path: Path) -> None:
+    """Though its name is that of another module, and its cases and answers are of its own types."""
+    path = tmp_path / "tabnanny.py"
+    path.write_text(MINE)
+    page = load(str(path))
+    bench = Bench({}, str(path), jobs=2)
+    points = [page.Point(1.0), page.Point(3.0)]
+    assert list(bench.each(page.double, points, "double")) == [(2.0,), (6.0,)]
 
 
 def test_a_task_that_crashes_ends_its_sweep_with_one_sentence(
@@ -283,21 +286,22 @@ def test_rows_of_another_identity_are_refused_whatever_differs(tmp_path: Path) -
 
 
 def test_code_that_computes_is_part_of_an_identity_and_code_that_shows_is_not(
-    tmp_path: Path,
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    here = identity.code()
+    here = identity.code("cosim", "workbench", "scenarios")
     assert {"cosim/loop.c", "workbench/runs/worker.py", "scenarios/orientator/machine.py"} <= {
         *here
     }
     assert not [name for name in here if "/report/" in name or name.endswith("show.py")]
-    for name in ("cosim/a.py", "cosim/b.c", "scenarios/c/d.py", "scenarios/c/show.py"):
+    for name in ("some/__init__.py", "some/b.c", "some/d/e.py", "some/d/show.py"):
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_text("1")
-    before = identity.code(tmp_path)
-    assert set(before) == {"cosim/a.py", "cosim/b.c", "scenarios/c/d.py"}
+    monkeypatch.syspath_prepend(tmp_path)
+    before = identity.code("some")
+    assert set(before) == {"some/__init__.py", "some/b.c", "some/d/e.py"}
     for name in before:
         (tmp_path / name).write_text("2")
-        after = identity.code.__wrapped__(tmp_path)
+        after = identity.code.__wrapped__("some")
         assert [key for key in before if before[key] != after[key]] == [name]
         (tmp_path / name).write_text("1")
 

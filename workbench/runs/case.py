@@ -1,64 +1,85 @@
-"""A question as a function of cases, for child processes: options in, a row out."""
+"""A question as a function of cases, which travels with its files: options in, a row out."""
 
 from __future__ import annotations
 
 import os
-from collections import Counter
-from collections.abc import Mapping
-from contextlib import suppress
+import shutil
+import tempfile
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import cache
+from functools import partial
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 from cosim import SetupError
 
 from ..ask import answer
 from ..options import made
-from ..question import QuestionError, load, name
+from ..question import Carried, QuestionError, loaded, name
+from .identity import digest
 
-_load = cache(load)
+Row = dict[str, Any]
 
 
 @dataclass(frozen=True)
-class Asked:
-    """Answers cases of a question with FMUs, and perhaps the question, from a folder.
+class Cases:
+    """A question, a module or a file of one's own, and its FMUs: file names by part, and contents.
 
-    `question` is a module or a file in the folder, `fmus` are file names by part. A case is (options,
-    start values), a row {"figures": {name: (value, unit, error, reason)}, "warnings": texts}. Where
-    it is unpickled, the question is loaded: no run is charged for that.
+    `digest` names them all by their contents.
     """
 
     question: str
     fmus: Mapping[str, str]
-    flavour: str
-    folder: Path
+    files: Mapping[str, bytes]
+    digest: str
 
-    def __call__(self, case: tuple[Mapping[str, Any], Mapping[str, Any]]) -> dict[str, Any]:
-        """The row of a case."""
-        options, start = case
-        page = self._page()
-        fmus = {part: self.folder / file for part, file in self.fmus.items()}
-        try:
-            o = made(page.Options, {**options, "start": start}, name(page))
-            found = answer(page, o, fmus, flavour=self.flavour)
-        except (SetupError, QuestionError) as error:
-            raise type(error)(str(error).replace(f"{self.folder}{os.sep}", "")) from error
-        warnings = Counter(map(str, found.warnings))
-        return {
-            "figures": {
-                name: (float(f.value), f.unit, f.error, f.reason)
-                for name, f in found.figures.items()
-            },
-            "warnings": [f"{text} ({n} times)" if n > 1 else text for text, n in warnings.items()],
-        }
+    def unpacked(self, folder: Path) -> Callable[[Any], Row]:
+        """What answers a case: a function that finds the files in a folder of their own, in this
+        folder; they may be there already. Where it is unpickled the question is loaded, for which no
+        run is charged.
+        """
+        target = folder.resolve() / self.digest
+        if not target.is_dir():
+            folder.mkdir(parents=True, exist_ok=True)
+            fresh = Path(tempfile.mkdtemp(dir=folder, prefix=f"{self.digest}."))
+            for file, content in self.files.items():
+                (fresh / file).write_bytes(content)
+            try:
+                fresh.rename(target)
+            except OSError:  # another one was faster
+                shutil.rmtree(fresh)
+        page = str(target / self.question) if self.question in self.files else self.question
+        return Carried(page, partial(row, page, self.fmus, target))
 
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__dict__.update(state)
-        with suppress(SetupError, QuestionError):
-            self._page()
 
-    def _page(self) -> ModuleType:
-        own = self.question.endswith(".py")
-        return _load(str(self.folder / self.question) if own else self.question)
+def cases(where: str, fmus: Mapping[str, Path]) -> Cases:
+    """The question that `where` loads, with these FMUs; raises SetupError for two files of one name."""
+    own = [Path(where)] if where.endswith(".py") else []
+    files: dict[str, bytes] = {}
+    for path in [*dict.fromkeys(fmus.values()), *own]:
+        if path.name in files:
+            raise SetupError(f"PARTS: two files are called {path.name}")
+        files[path.name] = path.read_bytes()
+    told = b"".join(file.encode() + digest(files[file]).encode() for file in sorted(files))
+    parts = {part: path.name for part, path in fmus.items()}
+    return Cases(Path(where).name if own else where, parts, files, digest(told))
+
+
+def row(
+    where: str,
+    fmus: Mapping[str, str],
+    folder: Path,
+    case: tuple[Mapping[str, Any], Mapping[str, Any]],
+) -> Row:
+    """What a question answers to (options, start values): {"figures": {name: (value, unit, error,
+    reason)}, "warnings": texts}. Its errors name no folder.
+    """
+    options, start = case
+    try:
+        page = loaded(where)
+        o = made(page.Options, {**options, "start": start}, name(page))
+        found = answer(page, o, {part: folder / file for part, file in fmus.items()})
+    except (SetupError, QuestionError) as error:
+        raise type(error)(str(error).replace(f"{folder}{os.sep}", "")) from error
+    figures = {key: (float(f.value), f.unit, f.error, f.reason) for key, f in found.figures.items()}
+    return {"figures": figures, "warnings": list(found.warnings)}

@@ -9,15 +9,16 @@ from __future__ import annotations
 import contextlib
 import multiprocessing
 import time
-from collections.abc import Callable, Mapping
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import Any, NamedTuple
 
 from cosim import SetupError
 
-from .bundle import Bundle
-from .identity import code, differences, versions
+from .case import Cases
+from .identity import differences, facts
 from .journal import Key
 from .local import Broken, Outcomes
 from .worker import LOST, Outcome, Worker
@@ -27,42 +28,28 @@ WORKERS = 30.0
 GRACE = 60.0
 LOOK = 1.0
 _idle: SimpleQueue[Worker] = SimpleQueue()
-Function = Callable[[Any], Any]
-Facts = Mapping[str, Mapping[str, str]]
 
 
 class Shipped(NamedTuple):
-    """What all runs need: files, what makes the function where they lie, what workers must be."""
+    """What all runs need: the question, and what workers must be, with the packages that it lies in."""
 
-    bundle: Bundle
-    function: Callable[[Path], Function]
-    facts: Facts
-
-
-def facts() -> dict[str, dict[str, str]]:
-    """What must be the same on client and workers: versions and source files."""
-    return {"versions": versions(), "code": code()}
-
-
-def _same(worker: str, there: Facts, here: Facts) -> None:
-    """Refuse a worker that would compute something else."""
-    if there != here:
-        raise SetupError(f"worker {worker} differs: {differences(there, here)} on this side")
+    cases: Cases
+    packages: Sequence[str]
+    facts: Mapping[str, Any]
 
 
 def rows(
-    function: Callable[[Path], Function],
+    cases: Cases,
     tasks: Mapping[Key, Any],
     *,
-    bundle: Bundle,
+    packages: Sequence[str],
     timeout: float | None,
     scheduler: str,
 ) -> Outcomes:
     """Key and outcome of each task as they are done on the workers of a scheduler.
 
-    What is called there is what `function` makes of the folder with the bundle's files. Raises
-    SetupError for a scheduler that cannot be reached, has no workers, or workers whose code or versions
-    are not those of this process, and SimulationError if all workers are gone for a minute.
+    Raises SetupError for a scheduler that cannot be reached, has no workers, or workers whose code or
+    versions are not those of this process, and SimulationError if all workers are gone for a minute.
     """
     try:
         from distributed import Client, KilledWorker
@@ -72,13 +59,16 @@ def rows(
         client = Client(scheduler, timeout=CONNECT, set_as_default=False)
     except (OSError, ValueError) as error:
         raise SetupError(f"no Dask scheduler answers at {scheduler}: {error}") from None
+    needed = Shipped(cases, packages, facts(*packages))
+    lost: Counter[Key] = Counter()
+    submitted: dict[Any, Key] = {}
+    done: SimpleQueue[Any] = SimpleQueue()
     with client:
-        _check(client, scheduler)
-        needed = Shipped(bundle, function, facts())
+        try:
+            client.wait_for_workers(1, timeout=WORKERS)
+        except TimeoutError:
+            raise SetupError(f"the scheduler at {scheduler} has no workers") from None
         shipped = client.submit(_ship, needed, pure=False)
-        lost: dict[Key, int] = {}
-        submitted: dict[Any, Key] = {}
-        done: SimpleQueue[Any] = SimpleQueue()
 
         def submit(key: Key) -> None:
             nonlocal shipped
@@ -97,9 +87,7 @@ def rows(
                 try:
                     future = done.get(timeout=LOOK)
                     if future.status == "cancelled":
-                        raise SetupError(
-                            f"the scheduler at {scheduler} is gone or cancelled the runs"
-                        )
+                        raise SetupError(f"the scheduler at {scheduler} is gone or ended the runs")
                     outcome = future.result(timeout=LOOK)
                 except (Empty, TimeoutError):
                     if future is not None:  # its worker was lost before the answer was fetched
@@ -108,13 +96,17 @@ def rows(
                     continue
                 except KilledWorker as killed:
                     key = submitted[future]
-                    lost[key] = lost.get(key, 0) + 1
+                    lost[key] += 1
                     if lost[key] < LOST:
                         del submitted[future]
                         submit(key)
                         continue
                     text = "its workers were lost again and again"
                     outcome = Outcome("crashed", None, text, 0.0, str(killed))
+                except ImportError as error:
+                    raise SetupError(
+                        f"a worker cannot do runs: {error}; start it in the project's folder"
+                    ) from error
                 seen = time.monotonic()
                 yield submitted.pop(future), outcome
         finally:
@@ -142,18 +134,21 @@ def _ship(shipped: Shipped) -> Shipped:
 
 
 def _run(task: Any, shipped: Shipped, timeout: float | None) -> Outcome:
-    """What becomes of a task, on a worker; raises SetupError on one that joined with other code."""
+    """What becomes of a task, on a worker; raises SetupError on one whose code is another."""
     from distributed import get_worker
 
     worker = get_worker()
-    _same(worker.address, facts(), shipped.facts)
-    folder = shipped.bundle.unpack(Path(worker.local_directory) / "studies")
+    there = facts(*shipped.packages)
+    if there != shipped.facts:
+        wrong = differences(there, shipped.facts)
+        raise SetupError(f"worker {worker.address} differs: {wrong} on this side")
+    function = shipped.cases.unpacked(Path(worker.local_directory) / "studies")
     multiprocessing.current_process().daemon = False  # a nanny's worker may have no children else
     try:
         child = _idle.get_nowait()
     except Empty:
         child = Worker()
-    outcome = child.call(shipped.function(folder), task, timeout)
+    outcome = child.call(function, task, timeout)
     _idle.put(child)
     return outcome
 
@@ -163,17 +158,3 @@ def _release() -> None:
     with contextlib.suppress(Empty):
         while True:
             _idle.get_nowait().close()
-
-
-def _check(client: Any, scheduler: str) -> None:
-    """Refuse workers that would compute something else."""
-    try:
-        client.wait_for_workers(1, timeout=WORKERS)
-    except TimeoutError:
-        raise SetupError(f"the scheduler at {scheduler} has no workers") from None
-    for worker, told in client.run(facts, on_error="return").items():
-        if isinstance(told, BaseException):
-            raise SetupError(
-                f"worker {worker} cannot do runs: {told}; start it in the project's folder"
-            )
-        _same(worker, told, facts())

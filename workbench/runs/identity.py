@@ -7,14 +7,14 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from fnmatch import fnmatch
 from functools import cache
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 import cosim
 from cosim.system import describe_fmu
 
-ROOT = Path(__file__).resolve().parents[2]
-SOURCES = ("cosim", "workbench", "scenarios")
+SOURCES = ("cosim", "workbench")
 PRESENTATION = (
     "workbench/report/*",
     "workbench/study/*",
@@ -31,10 +31,17 @@ def digest(content: bytes) -> str:
     return hashlib.sha256(content).hexdigest()[:16]
 
 
-def computation(fmus: Mapping[str, Path]) -> dict[str, Any]:
-    """What runs with these FMUs, by the names of their parts, depend on besides their options."""
+def computation(fmus: Mapping[str, Path], *packages: str) -> dict[str, Any]:
+    """What runs of a question in these packages, with these FMUs by the names of their parts, depend
+    on besides their options.
+    """
     guids = {part: describe_fmu(part, path).guid for part, path in fmus.items()}
-    return {"fmus": guids, "code": code(), "versions": versions()}
+    return {"fmus": guids, **facts(*packages)}
+
+
+def facts(*packages: str) -> dict[str, dict[str, str]]:
+    """Code and versions, which are the same on all machines that work together."""
+    return {"code": code(*SOURCES, *packages), "versions": versions()}
 
 
 def versions() -> dict[str, str]:
@@ -44,22 +51,22 @@ def versions() -> dict[str, str]:
 
 
 @cache
-def code(root: Path = ROOT) -> dict[str, str]:
-    """A hash of each source file of master, workbench and scenarios but those that only show results.
+def code(*packages: str) -> dict[str, str]:
+    """A hash of each source file of these packages but those that only show results.
 
     Of a study, what its runs are given is hashed instead of the code that makes it.
     """
-    files = {
-        path.relative_to(root).as_posix(): path
-        for folder in SOURCES
-        for path in sorted((root / folder).rglob("*"))
-        if path.suffix in (".py", ".c")
-    }
-    return {
-        name: digest(path.read_bytes())
-        for name, path in files.items()
-        if not any(fnmatch(name, pattern) for pattern in PRESENTATION)
-    }
+    found = {}
+    for package in packages:
+        spec = find_spec(package)
+        assert spec is not None
+        for folder in map(Path, spec.submodule_search_locations or ()):
+            for path in sorted(folder.rglob("*")):
+                name = f"{package}/{path.relative_to(folder).as_posix()}"
+                shown = any(fnmatch(name, pattern) for pattern in PRESENTATION)
+                if path.suffix in (".py", ".c") and not shown:
+                    found[name] = digest(path.read_bytes())
+    return found
 
 
 def differences(before: Mapping[str, Any], now: Mapping[str, Any]) -> str:

@@ -11,10 +11,6 @@ import sys
 import threading
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager, nullcontext
-from dataclasses import dataclass
-from functools import partial
-from importlib.machinery import PathFinder
-from importlib.util import module_from_spec, spec_from_file_location
 from itertools import islice
 from typing import Any, TypeVar
 
@@ -29,7 +25,6 @@ from .worker import OK, Outcome, Worker, await_one
 Task = TypeVar("Task")
 Answer = TypeVar("Answer")
 Outcomes = Generator[tuple[Key, Outcome]]
-Engine = Callable[[Callable[[Any], Any], Mapping[Key, Any]], Outcomes]
 
 
 class Broken(SimulationError):
@@ -37,39 +32,6 @@ class Broken(SimulationError):
 
     def __init__(self, message: str) -> None:
         super().__init__(message, Result([], {}, {}, lambda: np.empty((0, 0))))
-
-
-@dataclass(frozen=True)
-class FromFile:
-    """A function of a module that is loaded from a file; so it is where this is unpickled."""
-
-    module: str
-    path: str
-    name: str
-
-    def __call__(self, task: Any) -> Any:
-        """What the function does."""
-        return getattr(sys.modules[self.module], self.name)(task)
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__dict__.update(state)
-        known = getattr(sys.modules.get(self.module), "__file__", None)
-        spec = spec_from_file_location(self.module, self.path)
-        if known != self.path and spec and spec.loader:
-            sys.modules[self.module] = module_from_spec(spec)
-            spec.loader.exec_module(sys.modules[self.module])
-
-
-def portable(function: Callable[[Task], Answer]) -> Callable[[Task], Answer]:
-    """The function as another process can have it, also if its file is not where modules are found."""
-    name = getattr(function, "__module__", "")
-    path = getattr(sys.modules.get(name), "__file__", None)
-    if path is None or name == "__main__" or "." in name:
-        return function
-    found = PathFinder.find_spec(name)
-    if found and found.origin == path:
-        return function
-    return FromFile(name, path, function.__name__)
 
 
 def available_cores() -> int:
@@ -104,8 +66,7 @@ def rows(
             while busy:
                 await_one(list(busy))
                 for worker in list(busy):
-                    outcome = worker.step()
-                    if outcome is not None:
+                    if (outcome := worker.step()) is not None:
                         key = busy.pop(worker)
                         give(worker)
                         yield key, outcome
@@ -128,26 +89,23 @@ def each(
     title: str,
     *,
     journal: Journal | None = None,
-    engine: Engine | None = None,
 ) -> Iterator[Answer]:
     """function(task) for every task, in the order of the tasks.
 
-    One job is done in this process, more in processes of their own, or wherever `engine` does them.
-    A journal keeps answers by function and task: those that it has are not computed again.
-    Raises what the function raises with one job; with more SetupError if it does, SimulationError
-    that names the task for every other way to end.
+    One job is done in this process, more in processes of their own. A journal keeps answers by
+    function and task: those that it has are not computed again. Raises what the function raises with
+    one job; with more SetupError if it does, SimulationError that names the task for every other way
+    to end.
     """
-    if jobs > 1 or engine:
-        function = portable(function)
     keys = [n if journal is None else _key(function, task) for n, task in enumerate(tasks)]
     known = {} if journal is None else journal.done
     found: dict[Key, Any] = {key: pickle.loads(known[key]) for key in keys if key in known}
     missing = {key: task for key, task in zip(keys, tasks) if key not in found}
-    done = engine or (here if jobs == 1 else partial(rows, jobs=jobs))
+    done = here(function, missing) if jobs == 1 else rows(function, missing, jobs=jobs)
     with (
         nullcontext() if journal is None else journal.kept(),
-        closing(done(function, missing)) as outcomes,
-        bar(title, len(set(keys)), len(found)) as tell,
+        closing(done) as outcomes,
+        bar(title, len(set(keys)), len(found)) as step,
     ):
         for wanted in keys:
             while wanted not in found:
@@ -157,7 +115,7 @@ def each(
                 found[key] = outcome.answer
                 if journal is not None:
                     journal.add(key, pickle.dumps(outcome.answer))
-                tell(False)
+                step(False)
             yield found[wanted]
 
 

@@ -29,8 +29,6 @@ from typing import Any, NamedTuple
 OK = "ok"
 LOST = 3
 OUTSIDE = ("SIGKILL", "SIGTERM", "SIGHUP", "SIGINT")
-READY, BEGUN = "ready", "begun"
-MAIN = b"__main__"
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 PREFIX, WORDS = "workbench_run_", "words"
 TRACE = 4000
@@ -60,21 +58,14 @@ class Worker:
 
     def __init__(self) -> None:
         self._process: Any = None
-        self._knows_main = False
+        self._pipe: Any = None
+        self._began: float | None = None
 
     def give(self, function: Callable[[Any], Any], task: Any, timeout: float | None = None) -> None:
         """Begin function(task); when it is imported and unpickled it has `timeout` seconds."""
         self._call = bytes(ForkingPickler.dumps((function, task)))
-        if MAIN in self._call and not self._knows_main:
-            self.close()
         self._timeout, self._lost = timeout, 0
-        self._given, self._ready = time.monotonic(), self._process is not None
-        self._began: float | None = None
-        if self._process is None:
-            self._start()
-        else:
-            with contextlib.suppress(OSError):
-                self._pipe.send_bytes(self._call)
+        self._send()
 
     def call(self, function: Callable[[Any], Any], task: Any, timeout: float | None) -> Outcome:
         """What becomes of function(task); blocks."""
@@ -92,14 +83,10 @@ class Worker:
         alive = self._process.is_alive()
         try:
             while self._pipe.poll():
-                told = self._pipe.recv()
-                if isinstance(told, Outcome):
-                    return told
-                if told == READY:
-                    self._ready = True
-                    self._pipe.send_bytes(self._call)
-                else:
-                    self._began = time.monotonic()
+                heard = self._pipe.recv()
+                if isinstance(heard, Outcome):
+                    return heard
+                self._began = time.monotonic()
         except (EOFError, OSError):
             return self._lose()
         except Exception as error:  # noqa: BLE001
@@ -127,17 +114,21 @@ class Worker:
         if self._process is not None:
             self._bury(at_once=True)
 
-    def _start(self) -> None:
-        _tidy()
-        self._folder = Path(tempfile.mkdtemp(prefix=PREFIX))
-        self._words = (self._folder / WORDS).open("a+", errors="replace")
-        _lock(self._words.fileno(), shared=True)
-        self._pipe, end = _SPAWN.Pipe()
-        self._knows_main = MAIN in self._call
-        self._process = _SPAWN.Process(target=_main, args=(end, str(self._folder)), daemon=True)
-        with _quietly(self._knows_main):
-            self._process.start()
-        end.close()
+    def _send(self) -> None:
+        """Give the call to the child, which is started if there is none."""
+        self._began = None
+        if self._process is None:
+            _tidy()
+            self._folder = Path(tempfile.mkdtemp(prefix=PREFIX))
+            self._words = (self._folder / WORDS).open("a+", errors="replace")
+            _lock(self._words.fileno(), shared=True)
+            self._pipe, end = _SPAWN.Pipe()
+            self._process = _SPAWN.Process(target=_main, args=(end, str(self._folder)), daemon=True)
+            with _quietly():
+                self._process.start()
+            end.close()
+        with contextlib.suppress(OSError):  # the next step sees that the child is dead
+            self._pipe.send_bytes(self._call)
 
     def _lose(self) -> Outcome | None:
         """The child died: its call is done again if that came from outside."""
@@ -145,17 +136,15 @@ class Worker:
         outside, began = death in OUTSIDE, self._began
         self._lost += 1
         if (outside or began is None) and self._lost < LOST:
-            self._began = None
-            self._start()
+            self._send()
             return None
-        if not self._ready:
+        if began is None:
             from cosim.errors import SetupError
 
             why = "".join(words.strip().splitlines()[-1:]) or death
             raise SetupError(f"no process for runs can be started: {why}")
-        told = f"its process was killed {LOST} times" if outside else "the run ended its process"
-        seconds = time.monotonic() - (began or self._given)
-        return Outcome("crashed", None, f"{told}: {death}", seconds, words)
+        what = f"its process was killed {LOST} times" if outside else "the run ended its process"
+        return Outcome("crashed", None, f"{what}: {death}", time.monotonic() - began, words)
 
     def _bury(self, at_once: bool = False) -> tuple[str, str]:
         """The last words of a child and how it ended; what it leaves is removed."""
@@ -183,13 +172,12 @@ def await_one(workers: Sequence[Worker]) -> None:
 
 
 @contextlib.contextmanager
-def _quietly(needs_main: bool) -> Iterator[None]:
-    """Children that start hear no Ctrl-C, and do not import the script that starts them for nothing."""
+def _quietly() -> Iterator[None]:
+    """A child that starts hears no Ctrl-C, and does not import the script that starts it."""
     main = sys.modules["__main__"]
     with _STARTING, contextlib.ExitStack() as after:
-        if not needs_main:
-            after.callback(setattr, main, "__spec__", main.__spec__)
-            main.__spec__ = ModuleSpec("hidden.__main__", None)
+        after.callback(setattr, main, "__spec__", main.__spec__)
+        main.__spec__ = ModuleSpec("hidden.__main__", None)
         if sys.platform != "win32":
             from multiprocessing import resource_tracker
 
@@ -236,35 +224,35 @@ def _main(pipe: Connection, folder: str) -> None:
     tempfile.tempdir = os.environ["TMPDIR"] = folder
     multiprocessing.current_process().daemon = False  # it may have children of its own
     with contextlib.suppress(EOFError, BrokenPipeError):
-        pipe.send(READY)
         while True:
             _answer(pipe, pipe.recv_bytes())
 
 
 def _answer(pipe: Connection, call: bytes) -> None:
+    """Do a call: say that it begins, and what became of it."""
     os.ftruncate(2, 0)
     began = time.perf_counter()
-
-    def ended(status: str, answer: Any = None, message: str = "", trace: str = "") -> memoryview:
-        seconds = time.perf_counter() - began
-        return ForkingPickler.dumps(Outcome(status, answer, message, seconds, trace))
-
     try:
         function, task = ForkingPickler.loads(call)
-        pipe.send(BEGUN)
+        pipe.send("begun")
         began = time.perf_counter()
-        reply = ended(OK, function(task))
+        answer = function(task)
+        reply = ForkingPickler.dumps(Outcome(OK, answer, "", time.perf_counter() - began))
     except BaseException as error:  # noqa: BLE001
-        errors: Any = sys.modules.get("cosim.errors")
-        if errors and isinstance(error, errors.SetupError):
-            reply = ended("refused", message=str(error))
-        elif errors and isinstance(error, errors.SimulationError):
-            reply = ended("failed", message=str(error))
-        else:
-            plain = getattr(error, "plain", False)
-            text = str(error) if plain else f"{type(error).__name__}: {error}"
-            reply = ended("failed", message=text, trace=traceback.format_exc())
+        failed = _failure(error)._replace(seconds=time.perf_counter() - began)
+        reply = ForkingPickler.dumps(failed)
     pipe.send_bytes(reply)
+
+
+def _failure(error: BaseException) -> Outcome:
+    """What an exception makes of a call; cosim may not be loaded."""
+    errors: Any = sys.modules.get("cosim.errors")
+    if errors and isinstance(error, errors.SetupError):
+        return Outcome("refused", message=str(error))
+    if errors and isinstance(error, errors.SimulationError):
+        return Outcome("failed", message=str(error))
+    text = str(error) if getattr(error, "plain", False) else f"{type(error).__name__}: {error}"
+    return Outcome("failed", message=text, trace="".join(traceback.format_exception(error)))
 
 
 def _die_with_parent(folder: str) -> None:

@@ -1,28 +1,28 @@
-"""What a study found: table, sensitivities, pictures, provenance and a few words."""
+"""What a study found, as an answer: table, sensitivities, pictures, provenance and a few words."""
 
 from __future__ import annotations
 
 import statistics
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
+from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import pandas as pd
 
 import cosim
 from cosim import SetupError
-from cosim.result import partial, write_json
 
-from ..answer import Answer, Show, Table
-from ..report.html import report
+from ..answer import Answer, Show, Table, write
 from ..report.png import draw
 from ..runs.worker import OK
 from . import show
-from . import table as tables
-from .plan import Study, Value
+from .plan import Study
 from .sensitivity import analyse
+from .table import frame, refusals
 
 SPOKEN = 8
 
@@ -38,94 +38,78 @@ class Outcome:
     verdict: str
 
 
-class Session(NamedTuple):
-    """What was studied, and the runs and wall time [s] of this session."""
-
-    identity: Mapping[str, Any]
-    runs: int
-    seconds: float
-
-
 def conclude(
     study: Study,
-    inputs: Sequence[Sequence[Value]],
     rows: Sequence[Mapping[str, Any]],
     units: Mapping[str, str],
-    session: Session,
+    identity: Mapping[str, Any],
+    session: tuple[int, float],
     folder: Path,
 ) -> Outcome:
-    """Write the files of a study whose runs are all done, rows in the order of the runs.
+    """Write the files of a study whose runs are all done, rows in the order of the runs; `units` are
+    those of the varied inputs, `session` is how many runs were done now and how long it took [s].
 
     Raises SetupError, after that, if the study asks for a figure that no run has.
     """
-    table, columns = tables.frame(study.varied, inputs, rows)
-    written = tables.write(table, folder / "table.csv")
-    shown = [
-        columns.names[name] for name in study.figures or columns.names if name in columns.names
-    ]
-    units = {**units, **columns.units}
-    found, missing = pd.DataFrame(), dict[str, str]()
-    if study.sampling is not None:
-        grid, sampled = list(study.grid), list(study.tolerances)
-        found, missing = analyse(study.sampling, grid, sampled, shown, table)
-        found.to_csv(partial(folder / "sensitivity.csv"), index=False)
-        written.append(partial(folder / "sensitivity.csv").replace(folder / "sensitivity.csv").name)
+    table, names, more = frame(study, rows)
+    units = {**units, **more}
+    shown = [names[name] for name in study.figures or names if name in names]
+    found, missing = analyse(study, shown, table)
+    counts = Counter(str(row["status"]) for row in rows)
+    seconds = [row["seconds"] for row in rows]
+    facts = {
+        "study": study.name,
+        "runs": {"all": len(rows), **dict(sorted(counts.items()))},
+        "sensitivities": found.to_dict("records"),
+        "no_sensitivities": missing,
+        "seconds_per_run": {
+            "smallest": min(seconds),
+            "median": statistics.median(seconds),
+            "largest": max(seconds),
+        },
+        "session": dict(zip(("runs", "seconds"), session)),
+        "identity": identity,
+    }
+    title = f"{study.name}: {study.scenario}, {len(table)} runs"
     pictures = {
         "overview.png": show.overview(study, table, shown, units),
         "sensitivity.png": [] if found.empty else show.sensitivity(study, found, units),
     }
-    title = f"{study.name}: {study.scenario}, {len(table)} runs"
-    written += [
-        name for path, drawn in pictures.items() for name in draw(Show(drawn), title, folder / path)
+    files: dict[str, Callable[[Path], object]] = {
+        name: partial(draw, Show(drawn), title) for name, drawn in pictures.items() if drawn
+    }
+    if find_spec("pyarrow"):
+        files["table.parquet"] = partial(table.to_parquet, index=False)
+    tables = {"table.csv": Table(table, units)}
+    if study.sampling is not None:
+        tables["sensitivity.csv"] = Table(found, {})
+    ended = ", ".join(f"{count} {status}" for status, count in counts.most_common())
+    words = [
+        f"{len(rows)} runs, {session[0]} of them now in {session[1]:.1f} s: {ended}.",
+        *_remarks(rows),
+        *(_spread(table, name, units.get(name, "")) for name in shown[:SPOKEN]),
+        *([] if study.grid or found.empty else _causes(found, shown[:SPOKEN])),
     ]
-    counts = Counter(str(row["status"]) for row in rows)
-    seconds = [row["seconds"] for row in rows]
-    write_json(
-        folder / "study.json",
-        {
-            "study": study.name,
-            "runs": {"all": len(rows), **dict(sorted(counts.items()))},
-            "units": units,
-            "sensitivities": found.to_dict("records"),
-            "no_sensitivities": missing,
-            "seconds_per_run": {
-                "smallest": min(seconds),
-                "median": statistics.median(seconds),
-                "largest": max(seconds),
-            },
-            "session": {"runs": session.runs, "seconds": session.seconds},
-            "platform": cosim.versions()["platform"],
-            "identity": session.identity,
-        },
-    )
-    verdict = "\n".join(
-        [
-            f"{len(rows)} runs, {session.runs} of them now in {session.seconds:.1f} s: "
-            + ", ".join(f"{count} {status}" for status, count in counts.most_common())
-            + ".",
-            *_remarks(rows),
-            *(_spread(table, name, units.get(name, "")) for name in shown[:SPOKEN]),
-            *_causes(found, study.grid, shown[:SPOKEN]),
-            f"{', '.join([*written, 'study.json', 'report.html'])} written to {folder}",
-        ]
-    )
     answer = Answer(
-        f"Study of {study.scenario}",
-        title,
-        verdict,
-        {},
-        {},
-        {"table.csv": Table(table, units)},
-        {"versions": cosim.versions()},
-        show=lambda: Show([picture for drawn in pictures.values() for picture in drawn]),
+        scenario="study",
+        question=title,
+        verdict="\n".join(words),
+        figures={},
+        parameters={},
+        tables=tables,
+        provenance={"parts": {}, "versions": cosim.versions()},
+        facts=facts,
+        files=files,
+        show=lambda: Show(more=[picture for drawn in pictures.values() for picture in drawn]),
     )
-    report(answer, folder / "report.html")
-    unknown = [name for name in study.figures if name not in columns.names]
-    if unknown and columns.names:
+    written = ", ".join(write(answer, folder))
+    unknown = [name for name in study.figures if name not in names]
+    if unknown and names:
         raise SetupError(
-            f"{study.path}: figures: no run has {unknown[0]!r}, only {', '.join(columns.names)}; "
+            f"{study.path}: figures: no run has {unknown[0]!r}, only {', '.join(names)}; "
             f"the table is in {folder}"
         )
+    verdict = f"{answer.verdict}\n{written} written to {folder}"
     return Outcome(folder, table, units, found, verdict)
 
 
@@ -133,8 +117,8 @@ def _remarks(rows: Sequence[Mapping[str, Any]]) -> list[str]:
     """How runs failed, what FMUs warned of and which figures were refused: how often, first where."""
     seen: dict[str, list[int]] = {}
     for number, row in enumerate(rows):
-        told = [f"{row['status']}: {row['message']}"] * (row["status"] != OK)
-        for text in [*told, *(f"warning: {x}" for x in row["warnings"]), *tables.refusals(row)]:
+        failed = [f"{row['status']}: {row['message']}"] * (row["status"] != OK)
+        for text in [*failed, *(f"warning: {x}" for x in row["warnings"]), *refusals(row)]:
             seen.setdefault(text, []).append(number)
     most = sorted(seen.items(), key=lambda one: -len(one[1]))
     lines = [f"Run {runs[0]}, {len(runs)} in all, {text}" for text, runs in most[:SPOKEN]]
@@ -152,17 +136,14 @@ def _spread(table: pd.DataFrame, name: str, unit: str) -> str:
     return f"{text} ({len(y)} runs)." if len(y) < len(table) else f"{text}."
 
 
-def _causes(found: pd.DataFrame, grid: Mapping[str, object], shown: Sequence[str]) -> list[str]:
-    """What moves each figure most, where the study has no grid."""
-    if grid or found.empty:
-        return []
-    lines = []
-    for name in shown:
-        own = found[found["figure"] == name]
-        if len(own):
-            top = own[own["kind"] == own["kind"].iloc[-1]].nlargest(1, "value").iloc[0]
-            lines.append(
-                f"{name} depends most on {top['input']}: {top['kind']} = {top['value']:.2f} +- "
-                f"{top['confidence']:.2f} of its variance ({top['method']})."
-            )
-    return lines
+def _causes(found: pd.DataFrame, shown: Sequence[str]) -> list[str]:
+    """What moves each figure most, by its last index."""
+    last = found[found["kind"] == found["kind"].iloc[-1]]
+    tops = last.loc[last.groupby("figure")["value"].idxmax()].set_index("figure")
+    return [
+        f"{name} depends most on {tops['input'][name]}: {tops['kind'][name]} = "
+        f"{tops['value'][name]:.2f} +- {tops['confidence'][name]:.2f} of its variance "
+        f"({tops['method'][name]})."
+        for name in shown
+        if name in tops.index
+    ]

@@ -3,48 +3,60 @@
 from __future__ import annotations
 
 import itertools
-import math
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from math import isfinite
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 import numpy as np
+from scipy import stats
 
 from cosim import SetupError
 
 from .. import question
-from ..command import parts
-from ..options import KINDS, Option, declared, unknown
+from ..options import KINDS, QUANTITY, Option, declared, shown, unknown
 from ..question import ALONE, Project
-from .sampling import METHODS, Distribution, Sampling, between, log_between, normal, truncated
+from .sampling import METHODS, Sampling
 
 Value = float | int | str | bool
+Spec = Mapping[str, Any]
 KEYS = ("scenario", "timeout", "figures", "fixed", "grid", "sampling", "tolerances")
 TOLERANCES = (
     "{ nominal, uniform }, { nominal, normal }, { nominal, normal, within } or { from, to }"
 )
 RANGE = "a list of values or { from, to, number }"
+WIDTH = 'a number above 0, or a share of the nominal value such as "5 %"'
+TIMEOUT = Option("timeout", float, unit="s", bounds={"above": 0.0})
+NUMBER = Option("number", int, default=0, bounds={"at least": 2})
+SPACING = Option("spacing", str, choices=("linear", "log"))
+SAMPLING = {
+    "method": Option("method", str, default="", choices=METHODS),
+    "number": NUMBER,
+    "seed": Option("seed", int, default=0, bounds={"at least": 0}),
+}
 
 
 @dataclass(frozen=True)
 class Study:
     """What a study file says; `content` is the file as it was parsed, `timeout` is in s.
 
-    `where` is the module of the question or its file, `module` is its page.
+    `where` is the module of the question or its file, `module` is its page; `tolerances` are
+    distributions of scipy.stats.
     """
 
     path: Path
-    content: Mapping[str, Any]
+    content: Spec
     project: Project
     where: str
     module: ModuleType
     fixed: Mapping[str, Value]
     grid: Mapping[str, Sequence[Value]]
     sampling: Sampling | None
-    tolerances: Mapping[str, Distribution]
+    tolerances: Mapping[str, Any]
     timeout: float | None
     figures: Sequence[str]
 
@@ -68,7 +80,7 @@ class Study:
         if self.sampling is None:
             return [()]
         cube = self.sampling.cube(len(self.tolerances))
-        columns = [d.quantiles(shares) for d, shares in zip(self.tolerances.values(), cube.T)]
+        columns = [d.ppf(shares) for d, shares in zip(self.tolerances.values(), cube.T)]
         return [tuple(row) for row in np.column_stack(columns).tolist()]
 
     def runs(self) -> list[tuple[Value, ...]]:
@@ -79,11 +91,12 @@ class Study:
 
     def cases(self) -> list[tuple[dict[str, Value], dict[str, Value]]]:
         """What each run is given: options of the question, and start values."""
-        return [self._case({**self.fixed, **dict(zip(self.varied, run))}) for run in self.runs()]
-
-    def _case(self, given: Mapping[str, Value]) -> tuple[dict[str, Value], dict[str, Value]]:
-        options = {name: value for name, value in given.items() if "." not in name}
-        return options, {name: value for name, value in given.items() if "." in name}
+        found = []
+        for run in self.runs():
+            given = {**self.fixed, **dict(zip(self.varied, run))}
+            start = {name: value for name, value in given.items() if "." in name}
+            found.append(({name: x for name, x in given.items() if name not in start}, start))
+        return found
 
 
 def load(path: Path, project: Project = ALONE) -> Study:
@@ -103,224 +116,163 @@ def load(path: Path, project: Project = ALONE) -> Study:
         raise SetupError(f"{path}: {error}") from error.__cause__
 
 
-def _study(path: Path, content: dict[str, Any], project: Project) -> Study:
+def _study(path: Path, content: Spec, project: Project) -> Study:
     _known("", content, KEYS)
-    if not isinstance(content.get("scenario"), str):
-        raise SetupError(f"scenario = {_shown(content.get('scenario'))} must be the name of one")
+    scenario, figures = content.get("scenario"), content.get("figures", [])
+    if not isinstance(scenario, str):
+        raise SetupError(f"scenario = {shown(scenario)} must be the name of one")
     try:
-        where = question.find(project.home, content["scenario"], path.parent)
+        where = question.find(project.home, scenario, path.parent)
     except SetupError as error:
         raise SetupError(f"scenario = {error}") from None
-    module = question.load(where)
-    tables = {key: _table(content, key) for key in ("fixed", "grid", "sampling", "tolerances")}
-    inputs = _Inputs(module)
-    fixed = {name: inputs.value("fixed", name, x) for name, x in tables["fixed"].items()}
-    grid = {name: _values(inputs, name, x) for name, x in tables["grid"].items()}
-    tolerances = {name: _tolerance(inputs, name, x) for name, x in tables["tolerances"].items()}
-    _distinct(fixed, grid, tolerances)
-    if not grid and not tolerances:
-        raise SetupError("nothing varies: it needs a table [grid] or [tolerances]")
-    sampling = _sampling(tables["sampling"], tolerances) if "sampling" in content else None
-    if tolerances and sampling is None:
-        raise SetupError("[tolerances] need a table [sampling] with method, number and seed")
-    timeout = content.get("timeout")
-    if timeout is not None and not (_is_number(timeout) and timeout > 0.0):
-        raise SetupError(f"timeout = {_shown(timeout)} must be a number above 0 [s]")
-    figures = content.get("figures", [])
+    tables = {key: content.get(key, {}) for key in KEYS[3:]}
+    for key, table in tables.items():
+        if not isinstance(table, dict):
+            raise SetupError(f"{key} = {shown(table)} must be a table [{key}]")
     if not isinstance(figures, list) or not all(isinstance(name, str) for name in figures):
-        raise SetupError(f"figures = {_shown(figures)} must be a list of names")
+        raise SetupError(f"figures = {shown(figures)} must be a list of names")
+    page = question.load(where)
+    read: dict[str, dict[str, Any]] = {
+        table: {name: how(_input(page, table, name, x), _key(table, name), x)
+                for name, x in tables[table].items()}
+        for table, how in (("fixed", lambda option, key, x: option.read(x, key)), ("grid", _values), ("tolerances", _tolerance))
+    }  # fmt: skip
+    for name, times in Counter(itertools.chain(*read.values())).items():
+        if times > 1:
+            raise SetupError(f"{name!r} stands in two of [fixed], [grid] and [tolerances]")
+    if not read["grid"] and not read["tolerances"]:
+        raise SetupError("nothing varies: it needs a table [grid] or [tolerances]")
+    if bool(read["tolerances"]) != ("sampling" in content):
+        raise SetupError("[tolerances] and [sampling] need each other")
+    sampling = _sampling(tables["sampling"]) if "sampling" in content else None
+    timeout = TIMEOUT.read(content.get("timeout"))
     return Study(
-        path, content, project, where, module, fixed, grid, sampling, tolerances, timeout, figures
-    )
+        path, content, project, where, page, read["fixed"], read["grid"], sampling,
+        read["tolerances"], timeout, figures,
+    )  # fmt: skip
 
 
-class _Inputs:
-    """Checks names and values of inputs: options of the question, and start values with a dot."""
+class _StartValue(Option):
+    """A start value of an FMU, whose type and unit are those of its variable."""
 
-    def __init__(self, module: ModuleType) -> None:
-        self._name = question.name(module)
-        self._options = declared(module.Options)
-        self._parts = parts(module)
-        self._own = getattr(module, "OWN", ())
-
-    def option(self, table: str, name: str) -> Option | None:
-        """The option of this name, None for a start value."""
-        if name in self._options:
-            return self._options[name]
-        key = _key(table, name)
-        if "." not in name:
-            raise unknown(name, self._options, f"{key}: {self._name}")
-        part = name.partition(".")[0]
-        if part not in self._parts:
-            there = (
-                f"part {part!r}, only {', '.join(self._parts)}" if self._parts else "start values"
-            )
-            raise SetupError(f"{key}: {self._name} has no {there}")
-        if name in self._own:
-            raise SetupError(f"{key}: {self._name} sets it on its own")
-        return None
-
-    def value(self, table: str, name: str, value: object) -> Value:
-        """One value of an input, of its type and in its unit."""
-        if isinstance(value, dict) and name not in self._options:
-            first = next(iter(value), "…")
-            raise SetupError(f'{table}.{name}: write a start value in quotes, "{name}.{first}" = …')
-        option, key = self.option(table, name), _key(table, name)
-        if option is not None:
-            read: Value = option.read(value, key)
-            return read
-        if isinstance(value, float) and not math.isfinite(value):
-            raise SetupError(f"{key} = {value} must be finite")
-        if not isinstance(value, float | int | str | bool):
-            raise SetupError(f"{key} = {_shown(value)} must be a start value")
-        return value
+    def read(self, given: Any, key: str = "") -> Any:
+        """The value itself."""
+        if not isinstance(given, float | int | str | bool):
+            raise SetupError(f"{key} = {shown(given)} must be a start value")
+        if isinstance(given, float) and not isfinite(given):
+            raise SetupError(f"{key} = {given} must be finite")
+        return given
 
 
-def _values(inputs: _Inputs, name: str, spec: object) -> list[Value]:
+def _input(page: ModuleType, table: str, name: str, spec: object) -> Option:
+    """What checks the values of an input: an option of the question, or a start value with a dot."""
+    known, key, who = declared(page.Options), _key(table, name), question.name(page)
+    if name in known:
+        return known[name]
+    part, dot, _ = name.partition(".")
+    if not dot:
+        if isinstance(spec, dict) and not {"from", "nominal"} & set(spec):
+            form = f'"{name}.{next(iter(spec), "…")}" = …'
+            raise SetupError(f"{key}: write a start value in quotes, {form}")
+        raise unknown(name, known, f"{key}: {who}")
+    parts = question.parts(page)
+    if part not in parts:
+        there = f"part {part!r}, only {', '.join(parts)}" if parts else "start values"
+        raise SetupError(f"{key}: {who} has no {there}")
+    if name in getattr(page, "OWN", ()):
+        raise SetupError(f"{key}: {who} sets it on its own")
+    return _StartValue(name, float)
+
+
+def _values(option: Option, key: str, spec: object) -> list[Value]:
     """The values of one axis of the grid."""
-    key = _key("grid", name)
-    if isinstance(spec, dict) and "from" in spec:
+    if isinstance(spec, dict):
         _known(key, spec, ("from", "to", "number", "spacing"))
-        option = inputs.option("grid", name)
-        low, high = _ends(key, spec, option)
-        number = spec.get("number")
-        if type(number) is not int or number < 2:
-            raise SetupError(f"{key}.number = {_shown(number)} must be a whole number above 1")
-        even = np.geomspace if _log(key, spec, low) else np.linspace
-        given: list[Any] = even(low, high, number).tolist()
-        if option is not None and option.kind is int:
+        low, high, log = _ends(option, key, spec)
+        number = NUMBER.read(spec.get("number"), f"{key}.number")
+        given: list[Any] = (np.geomspace if log else np.linspace)(low, high, number).tolist()
+        if option.kind is int:
             given = [int(x) if x.is_integer() else x for x in given]
     elif isinstance(spec, list):
         given = spec
     else:
-        inputs.value("grid", name, spec)
-        raise SetupError(f"{key} = {_shown(spec)} must be {RANGE}")
-    values = [inputs.value("grid", name, x) for x in given]
+        raise SetupError(f"{key} = {shown(spec)} must be {RANGE}")
+    values = [option.read(x, key) for x in given]
     if not values:
         raise SetupError(f"{key} = [] must name at least one value")
     twice = [x for x in values if values.count(x) > 1]
     if twice:
-        raise SetupError(f"{key} names {_shown(twice[0])} twice")
+        raise SetupError(f"{key} names {shown(twice[0])} twice")
     return values
 
 
-def _tolerance(inputs: _Inputs, name: str, spec: object) -> Distribution:
-    key = _key("tolerances", name)
-    if not isinstance(spec, dict) or not {"nominal", "from"} & set(spec):
-        inputs.value("tolerances", name, spec)
-        raise SetupError(f"{key} = {_shown(spec)} must be {TOLERANCES}")
-    option = inputs.option("tolerances", name)
-    if option is not None and (option.kind is not float or option.many):
+def _tolerance(option: Option, key: str, spec: Any) -> Any:
+    """The distribution of a sampled input."""
+    if option.kind is not float or option.many:
         expected = "a list" if option.many else KINDS[option.kind]
         raise SetupError(f"{key}: the option takes {expected}; vary it in [grid]")
-    if "from" in spec:
-        _known(key, spec, ("from", "to", "spacing"))
-        low, high = _ends(key, spec, option)
-        return log_between(low, high) if _log(key, spec, low) else between(low, high)
-    _known(key, spec, ("nominal", "uniform", "normal", "within"))
-    nominal = _number(f"{key}.nominal", spec["nominal"], option)
-    if ("uniform" in spec) == ("normal" in spec) or ("uniform" in spec and "within" in spec):
-        raise SetupError(f"{key} = {_shown(spec)} must be {TOLERANCES}")
-    if "uniform" in spec:
-        half = _width(f"{key}.uniform", spec["uniform"], nominal, option)
-        return between(nominal - half, nominal + half)
-    deviation = _width(f"{key}.normal", spec["normal"], nominal, option)
-    if "within" in spec:
-        within = _width(f"{key}.within", spec["within"], nominal, option)
-        return truncated(nominal, deviation, within)
-    return normal(nominal, deviation)
+    form = sorted(spec) if isinstance(spec, dict) else []
+    if form in (["from", "to"], ["from", "spacing", "to"]):
+        low, high, log = _ends(option, key, spec)
+        return stats.loguniform(low, high) if log else stats.uniform(low, high - low)
+    if form not in (["nominal", "uniform"], ["nominal", "normal"], ["nominal", "normal", "within"]):
+        raise SetupError(f"{key} = {shown(spec)} must be {TOLERANCES}")
+    nominal = option.number(spec["nominal"], f"{key}.nominal")
+    widths = {name: _width(option, f"{key}.{name}", spec[name], nominal) for name in form[1:]}
+    if "uniform" in widths:
+        low, high = nominal - widths["uniform"], nominal + widths["uniform"]
+        return stats.uniform(low, high - low)
+    if "within" in widths:
+        cut = widths["within"] / widths["normal"]
+        return stats.truncnorm(-cut, cut, loc=nominal, scale=widths["normal"])
+    return stats.norm(nominal, widths["normal"])
 
 
-def _sampling(table: dict[str, Any], tolerances: Mapping[str, Distribution]) -> Sampling:
-    _known("sampling", table, ("method", "number", "seed"))
-    if not tolerances:
-        raise SetupError("[sampling] needs a table [tolerances] that says what is sampled")
-    method = table.get("method")
-    if not isinstance(method, str) or method not in METHODS:
-        known = ", ".join(METHODS)
-        raise SetupError(f"sampling.method = {_shown(method)} must be one of {known}")
-    for key, least in (("number", 2), ("seed", 0)):
-        if type(table.get(key)) is not int or table[key] < least:
-            raise SetupError(
-                f"sampling.{key} = {_shown(table.get(key))} must be a whole number, at least {least}"
-            )
-    sampling = Sampling(method, table["number"], table["seed"])
-    expected = sampling.problem()
-    if expected:
-        raise SetupError(f"sampling.number = {sampling.number} must be {expected}")
-    return sampling
+def _ends(option: Option, key: str, spec: Spec) -> tuple[float, float, bool]:
+    """Both ends of a range, and whether it goes by decades."""
+    low, high = (option.number(spec.get(end), f"{key}.{end}") for end in ("from", "to"))
+    if not low < high:
+        raise SetupError(f"{key}.to = {high:g} must be above from = {low:g}")
+    log = SPACING.read(spec.get("spacing"), f"{key}.spacing") == "log"
+    if log and not low > 0.0:
+        raise SetupError(f"{key}.from = {shown(spec['from'])} must be above 0 with spacing 'log'")
+    return low, high, log
 
 
-def _distinct(*tables: Mapping[str, object]) -> None:
-    seen: set[str] = set()
-    for name in itertools.chain(*tables):
-        if name in seen:
-            raise SetupError(f"{name!r} stands in two of [fixed], [grid] and [tolerances]")
-        seen.add(name)
+def _width(option: Option, key: str, given: object, nominal: float) -> float:
+    """A width above 0: a number in the unit of the nominal value, or a share of it, "5 %"."""
+    written = QUANTITY.fullmatch(given) if isinstance(given, str) else None
+    if written and written[2] == "%":
+        width = float(written[1]) / 100.0 * abs(nominal)
+    elif isinstance(given, str) and not (written and written[2]):
+        width = -1.0
+    else:
+        width = option.number(given, key)
+    if not width > 0.0:
+        of_zero = " (the nominal value is 0)" if width == 0.0 == nominal else ""
+        raise SetupError(f"{key} = {shown(given)} must be {WIDTH}{of_zero}")
+    return width
 
 
-def _known(key: str, table: Mapping[str, object], known: Sequence[str]) -> None:
+def _sampling(table: Spec) -> Sampling:
+    _known("sampling", table, SAMPLING)
+    told = {key: option.read(table.get(key), f"sampling.{key}") for key, option in SAMPLING.items()}
+    number, method = told["number"], told["method"]
+    if method != "lhs" and number & (number - 1):
+        below = 1 << (number.bit_length() - 1)
+        raise SetupError(
+            f"sampling.number = {number} must be a power of 2 with {method!r}, for example "
+            f"{below} or {2 * below}"
+        )
+    return Sampling(**told)
+
+
+def _known(key: str, table: Spec, known: Iterable[str]) -> None:
     for name in table:
         if name not in known:
             where = f"{key}: " if key else ""
             raise SetupError(f"{where}unknown key {name!r}, expected {', '.join(known)}")
 
 
-def _table(content: Mapping[str, Any], key: str) -> dict[str, Any]:
-    table = content.get(key, {})
-    if not isinstance(table, dict):
-        raise SetupError(f"{key} = {_shown(table)} must be a table [{key}]")
-    return table
-
-
-def _ends(key: str, spec: Mapping[str, object], option: Option | None) -> tuple[float, float]:
-    low, high = (_number(f"{key}.{end}", spec.get(end), option) for end in ("from", "to"))
-    if not low < high:
-        raise SetupError(f"{key}.to = {high:g} must be above from = {low:g}")
-    return low, high
-
-
-def _log(key: str, spec: Mapping[str, object], low: float) -> bool:
-    spacing = spec.get("spacing", "linear")
-    if spacing not in ("linear", "log"):
-        raise SetupError(f"{key}.spacing = {_shown(spacing)} must be 'linear' or 'log'")
-    if spacing == "log" and not low > 0.0:
-        raise SetupError(f"{key}.from = {_shown(spec['from'])} must be above 0 with spacing 'log'")
-    return spacing == "log"
-
-
-def _width(key: str, value: object, nominal: float, option: Option | None) -> float:
-    """A width above 0: a number in the unit of the nominal value, or a share of it, "5 %"."""
-    expected = 'a number above 0, or a share of the nominal value such as "5 %"'
-    width: Any = value
-    if isinstance(value, str) and value.strip().endswith("%"):
-        try:
-            width = float(value.strip()[:-1]) / 100.0 * abs(nominal)
-        except ValueError:
-            raise SetupError(f"{key} = {value!r} must be {expected}") from None
-    elif isinstance(value, str) and option is not None and value.strip()[-1:].isalpha():
-        width = option.number(value, key)
-    if not _is_number(width) or not width > 0.0:
-        of_zero = " (the nominal value is 0)" if width == 0.0 and nominal == 0.0 else ""
-        raise SetupError(f"{key} = {_shown(value)} must be {expected}{of_zero}")
-    return float(width)
-
-
-def _number(key: str, value: Any, option: Option | None = None) -> float:
-    if isinstance(value, str) and option is not None and option.unit:
-        return option.number(value, key)
-    if not _is_number(value):
-        raise SetupError(f"{key} = {_shown(value)} must be a finite number")
-    return float(value)
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
-
-
 def _key(table: str, name: str) -> str:
     return f'{table}."{name}"' if "." in name else f"{table}.{name}"
-
-
-def _shown(value: object) -> str:
-    return "nothing" if value is None else repr(value)

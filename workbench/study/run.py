@@ -6,24 +6,21 @@ import json
 import time
 from collections.abc import Mapping
 from contextlib import closing
-from functools import partial
 from pathlib import Path
 from typing import Any
 
-from cosim import SetupError
+from cosim import SetupError, System
+from cosim.system import Network, describe_fmu
 
-from ..command import parts
-from ..options import at_least
+from ..options import at_least, declared
 from ..runs import local
-from ..runs.bundle import collect
-from ..runs.case import Asked
+from ..runs.case import cases
 from ..runs.identity import computation, digest
 from ..runs.journal import Journal, opened
 from ..runs.progress import bar
 from ..runs.worker import OK, Outcome
-from . import subject
 from .outcome import Outcome as Found
-from .outcome import Session, conclude
+from .outcome import conclude
 from .plan import Study
 
 PRESENTATION = "figures"
@@ -39,9 +36,10 @@ def run(
 ) -> Found:
     """Do the runs that are missing in the folder `out` (results/studies/NAME) and write its files.
 
-    They take FMUs of the flavour, "python" or "native", and go to `jobs` processes of this machine (all
-    cores), or to the Dask cluster of a scheduler, "tcp://host:8786". Raises SetupError for what cannot be run, and for a folder with another study;
-    KeyboardInterrupt after Ctrl-C, with what is done kept in the journal.
+    They take FMUs of the flavour, "python" or "native", and go to `jobs` processes of this machine
+    (all cores), or to the Dask cluster of a scheduler, "tcp://host:8786". Raises SetupError for what
+    cannot be run, and for a folder with another study; KeyboardInterrupt after Ctrl-C, with what is
+    done kept in the journal.
     """
     if jobs is not None:
         if scheduler is not None:
@@ -50,35 +48,29 @@ def run(
             )
         at_least("jobs", jobs, 1)
     began = time.perf_counter()
-    fmus = study.project.fmus.paths(
-        parts(study.module), flavour, Path(str(study.module.__file__)).parent
-    )
-    units = subject.units(study.module, fmus, study.varied, study.fixed)
-    who, cases = identity(study, fmus, flavour), study.cases()
+    fmus = study.project.paths(study.module, flavour)
+    units, who = _units(study, fmus), identity(study, fmus, flavour)
     folder = Path("results") / "studies" / study.name if out is None else out
     with opened(folder, who) as journal:
         (folder / "study.toml").write_bytes(study.path.read_bytes())
-        missing = {n: case for n, case in enumerate(cases) if n not in journal.done}
+        given = study.cases()
+        missing = {n: case for n, case in enumerate(given) if n not in journal.done}
         if missing:
-            bundle = collect(_files(study, fmus))
-            own = study.where.endswith(".py")
-            where = Path(study.where).name if own else study.where
-            files = {part: path.name for part, path in fmus.items()}
-            ask = partial(Asked, where, files, flavour)
-            if scheduler is not None:
+            page, timeout = cases(study.where, fmus), study.timeout
+            if scheduler is None:
+                function, count = page.unpacked(folder / "inputs"), jobs or local.available_cores()
+                outcomes = local.rows(function, missing, jobs=count, timeout=timeout)
+            else:
                 from ..runs import dask
 
+                packages = study.project.packages
                 outcomes = dask.rows(
-                    ask, missing, bundle=bundle, timeout=study.timeout, scheduler=scheduler
+                    page, missing, packages=packages, timeout=timeout, scheduler=scheduler
                 )
-            else:
-                place = bundle.unpack(folder / "inputs")
-                count = jobs or local.available_cores()
-                outcomes = local.rows(ask(place), missing, jobs=count, timeout=study.timeout)
-            _keep(outcomes, journal, len(cases), study.name)
-        rows = [json.loads(journal.done[number]) for number in range(len(cases))]
-        session = Session(who, len(missing), time.perf_counter() - began)
-        return conclude(study, study.runs(), rows, units, session, folder)
+            _keep(outcomes, journal, len(given), study.name)
+        rows = [json.loads(journal.done[number]) for number in range(len(given))]
+        session = len(missing), time.perf_counter() - began
+        return conclude(study, rows, units, who, session, folder)
 
 
 def identity(study: Study, fmus: Mapping[str, Path], flavour: str) -> dict[str, Any]:
@@ -88,19 +80,28 @@ def identity(study: Study, fmus: Mapping[str, Path], flavour: str) -> dict[str, 
         "file": {key: value for key, value in study.content.items() if key != PRESENTATION},
         "scenario": digest(Path(study.where).read_bytes()) if own else study.where,
         "flavour": flavour,
-        **computation(fmus),
+        **computation(fmus, *study.project.packages),
         "inputs": digest(json.dumps(study.cases()).encode()),
     }
 
 
-def _files(study: Study, fmus: Mapping[str, Path]) -> list[Path]:
-    """The FMUs, and a question of one's own; raises SetupError for two files of one name."""
-    own = [Path(study.where)] if study.where.endswith(".py") else []
-    paths = [*dict.fromkeys(fmus.values()), *own]
-    for path in paths:
-        if sum(path.name == other.name for other in paths) > 1:
-            raise SetupError(f"PARTS: two files are called {path.name}")
-    return paths
+def _units(study: Study, fmus: Mapping[str, Path]) -> dict[str, str]:
+    """The units of the varied inputs; raises SetupError for a start value that no FMU has."""
+    descriptions = {part: describe_fmu(part, path) for part, path in fmus.items()}
+    network = Network(System(dict(fmus)), descriptions, [], [])
+    options = declared(study.module.Options)
+    starts = {n: network.port(n).unit for n in (*study.varied, *study.fixed) if "." in n}
+    return {name: starts[name] if "." in name else options[name].unit for name in study.varied}
+
+
+def _keep(outcomes: local.Outcomes, journal: Journal, total: int, title: str) -> None:
+    """Bring the rows to the journal as they come."""
+    done = journal.done
+    failed = sum(json.loads(row)["status"] != OK for row in done.values())
+    with journal.kept(), closing(outcomes), bar(title, total, len(done), failed) as step:
+        for number, outcome in outcomes:
+            journal.add(number, json.dumps(_row(outcome)))
+            step(outcome.status != OK)
 
 
 def _row(outcome: Outcome) -> dict[str, Any]:
@@ -108,14 +109,3 @@ def _row(outcome: Outcome) -> dict[str, Any]:
     row = {"status": outcome.status, "message": outcome.message, "figures": {}, "warnings": []}
     row |= outcome.answer or {}
     return row | {"seconds": outcome.seconds, "trace": outcome.trace}
-
-
-def _keep(outcomes: local.Outcomes, journal: Journal, total: int, title: str) -> None:
-    """Bring the rows to the journal as they come."""
-    done = journal.done
-    failed = sum(json.loads(row)["status"] != OK for row in done.values())
-    with journal.kept(), closing(outcomes), bar(title, total, len(done), failed) as tell:
-        for number, outcome in outcomes:
-            if number not in done:
-                journal.add(number, json.dumps(_row(outcome)))
-                tell(outcome.status != OK)

@@ -1,17 +1,17 @@
-"""Samples of the unit cube, and the distributions that they become."""
+"""Samples of the unit cube, the same for the same seed."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
 from scipy.stats import qmc
 
-Samples = NDArray[np.float64]
+METHODS = ("lhs", "sobol", "saltelli")
 LEAST = 2.0**-31
+Samples = NDArray[np.float64]
 
 
 class Sampling(NamedTuple):
@@ -22,69 +22,26 @@ class Sampling(NamedTuple):
     seed: int
 
     def cube(self, dimensions: int) -> Samples:
-        """Samples of the unit cube, shape (rows, dimensions); the same for the same seed."""
-        return METHODS[self.method](self.number, dimensions, self.seed)
+        """Samples of the unit cube but for its faces, shape (rows, dimensions).
 
-    def problem(self) -> str | None:
-        """What is wrong with the number of samples."""
-        if self.method != "lhs" and self.number & (self.number - 1):
-            below = 1 << (self.number.bit_length() - 1)
-            return f"a power of 2 with {self.method!r}, for example {below} or {2 * below}"
-        return None
+        Saltelli's extension, number * (dimensions + 2) rows, is for indices of first and total order.
+        """
+        if self.method == "lhs":
+            cube = qmc.LatinHypercube(dimensions, rng=self.seed).random(self.number)
+        elif self.method == "sobol":
+            cube = qmc.Sobol(dimensions, rng=self.seed).random(self.number)
+        else:
+            from SALib.sample import sobol
 
-
-def _lhs(number: int, dimensions: int, seed: int) -> Samples:
-    return np.asarray(qmc.LatinHypercube(dimensions, rng=seed).random(number))
-
-
-def _sobol(number: int, dimensions: int, seed: int) -> Samples:
-    return np.asarray(qmc.Sobol(dimensions, rng=seed).random(number))
-
-
-def _saltelli(number: int, dimensions: int, seed: int) -> Samples:
-    """Saltelli's extension, number * (dimensions + 2) rows, for indices of first and total order."""
-    from SALib.sample import sobol
-
-    names = [str(i) for i in range(dimensions)]
-    problem = {"num_vars": dimensions, "names": names, "bounds": [[0.0, 1.0]] * dimensions}
-    return np.asarray(sobol.sample(problem, number, calc_second_order=False, seed=seed))
+            cube = sobol.sample(
+                problem(list(map(str, range(dimensions)))),
+                self.number,
+                calc_second_order=False,
+                seed=self.seed,
+            )
+        return np.clip(cube, LEAST, 1.0 - LEAST)
 
 
-METHODS: Mapping[str, Callable[[int, int, int], Samples]] = {
-    "lhs": _lhs,
-    "sobol": _sobol,
-    "saltelli": _saltelli,
-}
-
-
-class Distribution(NamedTuple):
-    """A distribution by its name in scipy.stats and the parameters of its quantiles."""
-
-    name: str
-    parameters: Mapping[str, float]
-
-    def quantiles(self, shares: Samples) -> Samples:
-        """The values below which these shares of the distribution lie, same shape."""
-        frozen: Any = getattr(stats, self.name)(**self.parameters)
-        return np.asarray(frozen.ppf(np.clip(shares, LEAST, 1.0 - LEAST)))
-
-
-def between(low: float, high: float) -> Distribution:
-    """Uniform between two values."""
-    return Distribution("uniform", {"loc": low, "scale": high - low})
-
-
-def log_between(low: float, high: float) -> Distribution:
-    """Uniform in the logarithm between two values above 0."""
-    return Distribution("loguniform", {"a": low, "b": high})
-
-
-def normal(nominal: float, deviation: float) -> Distribution:
-    """Normal with this standard deviation."""
-    return Distribution("norm", {"loc": nominal, "scale": deviation})
-
-
-def truncated(nominal: float, deviation: float, limit: float) -> Distribution:
-    """Normal, cut off at nominal - limit and nominal + limit."""
-    cut = limit / deviation
-    return Distribution("truncnorm", {"a": -cut, "b": cut, "loc": nominal, "scale": deviation})
+def problem(inputs: Sequence[str]) -> dict[str, Any]:
+    """Inputs between 0 and 1, as SALib wants them."""
+    return {"num_vars": len(inputs), "names": list(inputs), "bounds": [[0.0, 1.0]] * len(inputs)}

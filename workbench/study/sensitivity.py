@@ -8,21 +8,20 @@ of Saltelli's groups of dimensions + 2 runs only whole ones count. Estimates bel
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
-from .sampling import Sampling
+from .plan import Study
+from .sampling import Samples, Sampling, problem
 
 HARMONICS = 6
 STRAIGHT = 0.9
 RESAMPLES = 400
 LEAST = {"lhs": 64, "sobol": 64, "saltelli": 16}
 FLAT = 1e-12
-Samples = NDArray[np.float64]
 
 
 class Index(NamedTuple):
@@ -42,13 +41,14 @@ class Index(NamedTuple):
     r2: float
 
 
+@np.errstate(invalid="ignore", divide="ignore")
 def indices(
     sampling: Sampling, inputs: Sequence[str], x: Samples, figure: str, y: Samples
 ) -> list[Index] | str:
     """The indices of all inputs, x of shape (runs, inputs), y of shape (runs,); or why there are none."""
-    whole = np.isfinite(y)
-    group = len(inputs) + 2 if sampling.method == "saltelli" else 1
-    whole = np.repeat(whole.reshape(-1, group).all(axis=1), group)
+    saltelli = sampling.method == "saltelli"
+    group = len(inputs) + 2 if saltelli else 1
+    whole = np.repeat(np.isfinite(y).reshape(-1, group).all(axis=1), group)
     x, y = x[whole], y[whole]
     count, least = len(y) // group, LEAST[sampling.method]
     if count < least:
@@ -56,18 +56,24 @@ def indices(
     if np.ptp(y) <= FLAT * np.abs(y).max():
         return "it does not vary"
     shares, r2 = _line(x, y)
-    if sampling.method == "saltelli":
-        method, analysis = "saltelli", _saltelli(sampling, inputs, y)
+    names, seed = problem(inputs), sampling.seed
+    told: dict[str, Any]
+    if saltelli:
+        from SALib.analyze import sobol
+
+        method, told = "saltelli", sobol.analyze(names, y, calc_second_order=False, seed=seed)
     elif r2 >= STRAIGHT:
-        method, analysis = "linear", _linear(sampling, x, y, shares, r2)
+        half = _interval(x, y, shares, seed) + max(1.0 - r2, 0.0)
+        method, told = "linear", {"S1": shares, "S1_conf": half}
     else:
-        method, analysis = "rbd-fast", _rbd_fast(sampling, inputs, x, y)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        found = [
-            Index(figure, name, kind, max(float(value), 0.0), float(half), len(y), method, r2)
-            for kind, values, halves in analysis
-            for name, value, half in zip(inputs, values, halves)
-        ]
+        from SALib.analyze import rbd_fast
+
+        method, told = "rbd-fast", rbd_fast.analyze(names, x, y, M=HARMONICS, seed=seed)
+    found = [
+        Index(figure, name, kind, max(float(value), 0.0), float(half), len(y), method, r2)
+        for kind in ("S1", "ST")[: 1 + saltelli]
+        for name, value, half in zip(inputs, told[kind], told[f"{kind}_conf"])
+    ]
     if not all(np.isfinite([index.value, index.confidence]).all() for index in found):
         return "too few runs differ to tell a confidence interval"
     return found
@@ -84,54 +90,30 @@ def _line(x: Samples, y: Samples) -> tuple[Samples, float]:
     return slopes**2, 1.0 - rest * (count - 1) / (count - dimensions - 1)
 
 
-def _linear(
-    sampling: Sampling, x: Samples, y: Samples, shares: Samples, r2: float
-) -> Iterator[tuple[str, Samples, Samples]]:
-    """Half an interval is the distance to the farther end by bootstrap, and what the line leaves over:
-    all of that may be the share of one input.
+def _interval(x: Samples, y: Samples, shares: Samples, seed: int) -> Samples:
+    """Half the interval of the shares of a line: the distance to its farther end by bootstrap.
+
+    What the line leaves over comes on top: all of that may be the share of one input.
     """
-    random = np.random.default_rng(sampling.seed)
-    drawn = random.integers(len(y), size=(RESAMPLES, len(y)))
+    drawn = np.random.default_rng(seed).integers(len(y), size=(RESAMPLES, len(y)))
     again = np.array([_line(x[rows], y[rows])[0] for rows in drawn])
     ends = np.quantile(again, (0.025, 0.975), axis=0)
-    yield "S1", shares, np.abs(ends - shares).max(axis=0) + max(1.0 - r2, 0.0)
-
-
-def _problem(inputs: Sequence[str]) -> dict[str, Any]:
-    return {"num_vars": len(inputs), "names": list(inputs), "bounds": [[0.0, 1.0]] * len(inputs)}
-
-
-def _saltelli(
-    sampling: Sampling, inputs: Sequence[str], y: Samples
-) -> Iterator[tuple[str, Samples, Samples]]:
-    from SALib.analyze import sobol
-
-    told = sobol.analyze(_problem(inputs), y, calc_second_order=False, seed=sampling.seed)
-    for kind in ("S1", "ST"):
-        yield kind, told[kind], told[f"{kind}_conf"]
-
-
-def _rbd_fast(
-    sampling: Sampling, inputs: Sequence[str], x: Samples, y: Samples
-) -> Iterator[tuple[str, Samples, Samples]]:
-    from SALib.analyze import rbd_fast
-
-    told = rbd_fast.analyze(_problem(inputs), x, y, M=HARMONICS, seed=sampling.seed)
-    yield "S1", told["S1"], told["S1_conf"]
+    return np.asarray(np.abs(ends - shares).max(axis=0))
 
 
 def analyse(
-    sampling: Sampling,
-    grid: Sequence[str],
-    inputs: Sequence[str],
-    figures: Sequence[str],
-    table: pd.DataFrame,
+    study: Study, figures: Sequence[str], table: pd.DataFrame
 ) -> tuple[pd.DataFrame, dict[str, str]]:
     """The indices at every point of the grid as a table, and why some figures have none."""
     found: list[dict[str, Any]] = []
     missing: dict[str, str] = {}
-    for place, rows in _points(grid, table):
-        x = rows[list(inputs)].to_numpy(dtype=float)
+    grid, inputs, sampling = list(study.grid), list(study.tolerances), study.sampling
+    if sampling is None:
+        return pd.DataFrame(), missing
+    points = table.groupby(grid, sort=False) if grid else [((), table)]
+    for values, rows in points:
+        place = dict(zip(grid, values))
+        x = rows[inputs].to_numpy(dtype=float)
         for figure in figures:
             told = indices(sampling, inputs, x, figure, rows[figure].to_numpy(dtype=float))
             if isinstance(told, str):
@@ -140,14 +122,3 @@ def analyse(
             else:
                 found += [{**place, **index._asdict()} for index in told]
     return pd.DataFrame(found, columns=[*grid, *Index._fields]), missing
-
-
-def _points(
-    grid: Sequence[str], table: pd.DataFrame
-) -> Iterator[tuple[Mapping[str, Any], pd.DataFrame]]:
-    """Each point of the grid and its rows."""
-    if not grid:
-        yield {}, table
-        return
-    for values, rows in table.groupby(list(grid), sort=False):
-        yield dict(zip(grid, values)), rows

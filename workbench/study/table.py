@@ -3,35 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import pandas as pd
 
 from cosim import SetupError
-from cosim.result import partial
+
+from .plan import Study
 
 ERROR = "_error"
 OWN = ("run", "status", "warnings", "message")
-
-
-class Columns:
-    """Names of the columns of figures, and their units."""
-
-    def __init__(self, varied: Sequence[str], rows: Sequence[Mapping[str, Any]]) -> None:
-        taken = {*varied, *OWN}
-        self.units: dict[str, str] = {}
-        self.names: dict[str, str] = {}
-        self.errors: dict[str, str] = {}
-        for row in rows:
-            for figure, (_, unit, error, _) in row["figures"].items():
-                name = f"answer.{figure}" if figure in taken else figure
-                self.names[figure] = name
-                if self.units.setdefault(name, unit) != unit:
-                    raise SetupError(f"figure {figure!r} is in {self.units[name]} and in {unit}")
-                if error is not None:
-                    self.errors[figure] = f"{name}{ERROR}"
-                    self.units[f"{name}{ERROR}"] = unit
 
 
 def refusals(row: Mapping[str, Any]) -> list[str]:
@@ -40,36 +21,31 @@ def refusals(row: Mapping[str, Any]) -> list[str]:
 
 
 def frame(
-    varied: Sequence[str], inputs: Sequence[Sequence[Any]], rows: Sequence[Mapping[str, Any]]
-) -> tuple[pd.DataFrame, Columns]:
-    """run, inputs, figures, their errors, status, warnings, message; empty where a run does not tell.
+    study: Study, rows: Sequence[Mapping[str, Any]]
+) -> tuple[pd.DataFrame, dict[str, str], dict[str, str]]:
+    """The table, the names of the columns by figure, and the units of these columns.
 
-    The message says why a run failed, or why it refuses figures.
+    The columns are run, inputs, figures, their errors, status, warnings and message; cells are empty
+    where a run does not tell. The message says why a run failed, or why it refuses figures.
     """
-    columns = Columns(varied, rows)
-    content: dict[str, list[Any]] = {"run": list(range(len(rows)))}
-    content |= {name: [values[i] for values in inputs] for i, name in enumerate(varied)}
-    for figure, name in columns.names.items():
-        told = [row["figures"].get(figure, (None, "", None, "")) for row in rows]
-        content[name] = [value for value, *_ in told]
-        if figure in columns.errors:
-            content[columns.errors[figure]] = [error for _, _, error, _ in told]
-    content["status"] = [row["status"] for row in rows]
-    content["warnings"] = ["; ".join(row["warnings"]) for row in rows]
-    content["message"] = [row["message"] or "; ".join(refusals(row)) for row in rows]
-    made = pd.DataFrame(content)
-    figures = [name for name in made.columns[1 + len(varied) :] if name not in OWN]
-    return made.astype(dict.fromkeys(figures, float)), columns
-
-
-def write(table: pd.DataFrame, path: Path) -> list[str]:
-    """Write NAME.csv, and NAME.parquet where pyarrow is there; the names of the files."""
-    table.to_csv(partial(path), index=False)
-    partial(path).replace(path)
-    parquet = path.with_suffix(".parquet")
-    try:
-        table.to_parquet(partial(parquet), index=False)
-    except ImportError:
-        return [path.name]
-    partial(parquet).replace(parquet)
-    return [path.name, parquet.name]
+    names: dict[str, str] = {}
+    units: dict[str, str] = {}
+    for row in rows:
+        for figure, (_, unit, error, _) in row["figures"].items():
+            taken = figure in study.varied or figure in OWN
+            name = names.setdefault(figure, f"answer.{figure}" if taken else figure)
+            if units.setdefault(name, unit) != unit:
+                raise SetupError(f"figure {figure!r} is in {units[name]} and in {unit}")
+            if error is not None:
+                units[name + ERROR] = unit
+    columns: dict[str, Any] = {"run": range(len(rows))}
+    columns |= dict(zip(study.varied, zip(*study.runs())))
+    for figure, name in names.items():
+        cells = [row["figures"].get(figure, (None, "", None, "")) for row in rows]
+        columns[name] = pd.Series([value for value, *_ in cells], dtype=float)
+        if name + ERROR in units:
+            columns[name + ERROR] = pd.Series([error for _, _, error, _ in cells], dtype=float)
+    columns["status"] = [row["status"] for row in rows]
+    columns["warnings"] = ["; ".join(row["warnings"]) for row in rows]
+    columns["message"] = [row["message"] or "; ".join(refusals(row)) for row in rows]
+    return pd.DataFrame(columns), names, units
