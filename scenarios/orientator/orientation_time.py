@@ -4,8 +4,6 @@ The rotor's speed is swept for three coefficients of friction; each curve ends w
 The limits are located by bisection.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -15,13 +13,16 @@ from typing import NamedTuple
 
 import numpy as np
 
+import cosim
 import workbench
+from cosim import Result, System
 from cosim.system import Value, connect
-from workbench import Bench, Figure, Findings, Show, Table, option
+from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, Table, option
 from workbench.answer import stream
+from workbench.report.chart import SERIES
 
 from . import machine as orientator
-from . import show as pictures
+from . import mechanism
 
 PARTS = orientator.PARTS
 OWN = ("orientator.w", "orientator.chute.mu", "orientator.release")
@@ -33,7 +34,6 @@ UNITS = {
 STEP = 0.02
 NEAR = 0.01
 FAN = 1.1
-RECORD = ("stage", "reason", "orientation_time", "t_falling", "t_joint", "t_turning", "t_released")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,13 +43,22 @@ class Options(workbench.Options):
 
 
 class Case(NamedTuple):
-    """FMUs, friction on the wall, rotor speed [rpm], start values, communication step [s]."""
+    """FMUs and start values, friction on the wall, rotor speed [rpm], communication step [s]."""
 
     fmus: Mapping[str, Path]
+    start: Mapping[str, Value]
     mu: float
     n: float
-    start: Mapping[str, Value]
     step: float = STEP
+
+    @property
+    def system(self) -> System:
+        return orientator.system(self.fmus, self.n * math.pi / 30, self.mu, self.start)
+
+    def run(self, variables: Sequence[str]) -> Result:
+        """The course of the product."""
+        record = [f"orientator.{x}" for x in variables]
+        return cosim.run(self.system, stop=orientator.LONGEST, step=self.step, record=record)
 
 
 class Point(NamedTuple):
@@ -71,168 +80,133 @@ class Point(NamedTuple):
         return self.stage == orientator.ORIENTED
 
 
-class Gap(NamedTuple):
-    """Between the last speed that works and the first that does not [rpm]."""
-
-    mu: float
-    good: float
-    bad: float
-
-
 class Sweep(NamedTuple):
-    """All products, the limits, and the FMUs."""
+    """All products, of each friction the last that is oriented and the first that jams, and a case."""
 
     points: Sequence[Point]
-    gaps: Sequence[Gap]
-    fmus: Mapping[str, Path]
-
-    def at(self, mu: float, n: float) -> Point:
-        """The product of this friction and rotor speed [rpm]."""
-        return next(p for p in self.points if (p.mu, p.n) == (mu, n))
+    limits: Mapping[float, tuple[Point, Point]]
+    case: Case
 
 
 def solve(o: Options, bench: Bench) -> Findings:
     """Sweep, and halve the gaps between what works and what jams."""
-    system = orientator.system(bench.fmus, o.speeds[0], o.frictions[0], o.start)
-    connect(system)
+    speeds = [orientator.rpm(w) for w in o.speeds]
+    cases = [Case(bench.fmus, o.start, mu, n) for mu in o.frictions for n in speeds]
+    connect(cases[0].system)
     points: list[Point] = []
     with stream(bench.out and bench.out / TABLE, Point._fields) as keep:
-        cases = [
-            Case(bench.fmus, mu, orientator.rpm(w), o.start) for mu in o.frictions for w in o.speeds
-        ]
         for point in bench.each(simulate, cases, "sweep", probes=True):
             keep([point])
             points.append(point)
-        tasks = [(gap, cases[0]) for gap in gaps(points)]
+        tasks = [(cases[0], *limit) for limit in limits(points).values()]
         for more in bench.each(bisect, tasks, "limits", probes=True):
             keep(more)
             points += more
-    sweep = Sweep(points, gaps(points), bench.fmus)
-    return Findings(
-        figures(sweep, o.start),
-        sweep,
-        system,
-        communication=f"steps of {STEP} s",
-        tables={TABLE: Table.of_rows(points, UNITS)},
-    )
+    sweep, tables = Sweep(points, limits(points), cases[0]), {TABLE: Table.of_rows(points, UNITS)}
+    steps = f"steps of {STEP} s"
+    return Findings(figures(sweep), sweep, cases[0].system, {}, steps, tables=tables)
 
 
 def simulate(case: Case) -> Point:
     """One product."""
-    fmus, mu, n, start, step = case
-    system = orientator.system(fmus, orientator.rad_per_s(n), mu, start)
-    result = orientator.product(system, step, RECORD)
-    stage, reason, *times = result.data[-1, 1:].tolist()
-    return Point(mu, n, int(stage), int(reason), *(time or math.nan for time in times))
+    stage, reason, *times = case.run(Point._fields[2:]).data[-1, 1:].tolist()
+    times = [time or math.nan for time in times]
+    return Point(case.mu, case.n, int(stage), int(reason), *times)
 
 
-def bisect(task: tuple[Gap, Case]) -> list[Point]:
+def bisect(task: tuple[Case, Point, Point]) -> list[Point]:
     """Halve the gap until it is narrower than NEAR; all products on the way, and some before."""
-    (mu, good, bad), case = task
+    case, good, bad = task[0]._replace(mu=task[1].mu), task[1].n, task[2].n
     first = 2 * good - bad
     points: list[Point] = []
     while bad - good > NEAR:
         middle = (good + bad) / 2
-        points.append(simulate(case._replace(mu=mu, n=middle)))
+        points.append(simulate(case._replace(n=middle)))
         good, bad = (middle, bad) if points[-1].works else (good, middle)
-    before = np.linspace(max(0.0, first), good, 12)[1:-1]
-    return points + [simulate(case._replace(mu=mu, n=float(n))) for n in before]
+    before = np.linspace(max(0.0, first), good, 12)[1:-1].tolist()
+    return points + [simulate(case._replace(n=n)) for n in before]
 
 
-def gaps(points: Sequence[Point]) -> list[Gap]:
-    """For each friction the first pair of speeds between which the machine stops working."""
-    found = []
-    for mu in sorted({p.mu for p in points}):
-        mine = sorted((p for p in points if p.mu == mu), key=lambda p: p.n)
-        for left, right in pairwise(mine):
-            if left.works and not right.works:
-                found.append(Gap(mu, left.n, right.n))
-                break
+def limits(points: Sequence[Point]) -> dict[float, tuple[Point, Point]]:
+    """For each friction the first neighbours of which the slower works and the faster does not."""
+    found: dict[float, tuple[Point, Point]] = {}
+    for slow, fast in pairwise(sorted(points, key=lambda p: (p.mu, p.n))):
+        if slow.mu == fast.mu and slow.works and not fast.works:
+            found.setdefault(slow.mu, (slow, fast))
     return found
 
 
-def figures(sweep: Sweep, start: Mapping[str, Value]) -> dict[str, Figure]:
+def figures(sweep: Sweep) -> dict[str, Figure]:
     """For each friction the fastest rotor that works, as near as it was located, and its products."""
     found = {}
     for mu in sorted({p.mu for p in sweep.points}):
-        name = f"mu_{mu:g}".replace(".", "_")
-        limit = f"fastest rotor that orients, friction {mu:g}"
-        takes = f"time of orientation there, friction {mu:g}"
-        pace = f"products per minute there from one catcher, friction {mu:g}"
-        gap = next((gap for gap in sweep.gaps if gap.mu == mu), None)
-        if gap is None:
-            none = "the sweep does not hold a speed where the machine stops working"
-            found[f"limit_{name}"] = Figure.refused("rpm", none, limit)
+        name, friction = f"mu_{mu:g}".replace(".", "_"), f"friction {mu:g}"
+        limit = f"fastest rotor that orients, {friction}"
+        if mu not in sweep.limits:
+            works = any(p.works for p in sweep.points if p.mu == mu)
+            which = "no product" if works else "every product"
+            found[f"limit_{name}"] = Figure.refused("rpm", f"{which} of the sweep jams", limit)
             continue
-        last, wide = sweep.at(mu, gap.good), gap.bad - gap.good
-        slower = Case(sweep.fmus, mu, max(0.0, gap.good - wide), start)
-        finer = slower._replace(n=gap.good, step=STEP / 2)
-        off = [abs(last.orientation_time - simulate(x).orientation_time) for x in (slower, finer)]
-        rate = 60 / last.orientation_time
-        found[f"limit_{name}"] = Figure(gap.good, "rpm", wide, limit)
-        found[f"orientation_time_{name}"] = Figure(last.orientation_time, "s", sum(off), takes)
-        error = rate * sum(off) / last.orientation_time
-        found[f"products_{name}"] = Figure(rate, "1/min", error, pace)
-    spread = fan(sweep.points)
-    meaning = "first speed of the sweep where the frictions differ by 10 %"
-    if spread is not None:
-        found["fan"] = Figure(*spread, meaning)
-    return found
+        last, jam = sweep.limits[mu]
+        wide, time = jam.n - last.n, last.orientation_time
+        case = sweep.case._replace(mu=mu, n=last.n)
+        others = [case._replace(n=max(0.0, last.n - wide)), case._replace(step=STEP / 2)]
+        off = sum(abs(time - simulate(other).orientation_time) for other in others)
+        limit += f"; beyond it: {orientator.REASONS[jam.reason]}"
+        takes = f"time of orientation there, {friction}"
+        pace = f"products per minute there from one catcher, {friction}"
+        found[f"limit_{name}"] = Figure(last.n, "rpm", wide, limit)
+        found[f"orientation_time_{name}"] = Figure(time, "s", off, takes)
+        found[f"products_{name}"] = Figure(60 / time, "1/min", 60 / time**2 * off, pace)
+    return found | fan(sweep.points)
 
 
-def fan(points: Sequence[Point]) -> tuple[float, str, float] | None:
-    """The first speed of the sweep at which the frictions differ by 10 % or more, its unit, and how
-    far below it the speed before lies.
+def fan(points: Sequence[Point]) -> dict[str, Figure]:
+    """The first speed of the sweep at which the frictions differ by 10 % or more, if there is one;
+    its error is how far below it the speed before lies.
     """
-    before = 0.0
+    before, meaning = 0.0, "first speed of the sweep where the frictions differ by 10 %"
     for n in sorted({p.n for p in points}):
         times = [p.orientation_time for p in points if p.n == n and p.works]
         if len(times) > 1:
             if max(times) / min(times) >= FAN:
-                return n, "rpm", n - before
+                return {"fan": Figure(n, "rpm", n - before, meaning)}
             before = n
-    return None
+    return {}
 
 
 def verdict(o: Options, f: Mapping[str, Figure], r: Sweep) -> str:
-    """How fast the rotor may turn with each friction, how long that takes, and what stops it."""
-    limits = [f"{f[_name('limit', gap)].text()} with friction {gap.mu:g}" for gap in r.gaps]
-    lines = [
-        f"The orientator works up to {', '.join(limits)}."
-        if limits
-        else "At no speed of the sweep does the orientator begin to jam."
-    ]
+    """How fast the rotor may turn with each friction, and from where on friction matters."""
+    limits = {mu: f[f"limit_mu_{mu:g}".replace(".", "_")] for mu in o.frictions}
+    told = [f"{x.text()} with friction {mu:g}" for mu, x in limits.items() if x.error is not None]
+    lines = [f"The orientator works up to {', '.join(told)}."] if told else []
+    for mu, limit in limits.items():
+        if limit.error is None:
+            lines.append(f"With friction {mu:g} {limit.reason}.")
     if "fan" in f:
-        lines[0] += (
-            f" The time of orientation hardly depends on friction up to {f['fan'].text()}, where the "
+        lines.append(
+            f"The time of orientation hardly depends on friction up to {f['fan'].text()}, where the "
             "slowest takes 10 % longer than the fastest."
         )
-    for gap in r.gaps:
-        reason = orientator.ITEMS["reason"][r.at(gap.mu, gap.bad).reason]
-        lines.append(
-            f"With friction {gap.mu:g} orienting takes {f[_name('orientation_time', gap)].text()} at "
-            f"the limit, {f[_name('products', gap)].text('products/min')}; beyond it products jam: {reason}."
-        )
-    for mu in sorted({p.mu for p in r.points} - {gap.mu for gap in r.gaps}):
-        works = any(p.works for p in r.points if p.mu == mu)
-        word = "no product of the sweep jams" if works else "every product of the sweep jams"
-        lines.append(f"With friction {mu:g} {word}.")
-    return "\n".join(lines)
-
-
-def _name(what: str, gap: Gap) -> str:
-    return f"{what}_mu_{gap.mu:g}".replace(".", "_")
+    return " ".join(lines)
 
 
 def show(o: Options, f: Mapping[str, Figure], r: Sweep) -> Show:
     """The curves, and for each limit the last product that is oriented beside the first that jams."""
-    motions = []
-    for mu, *speeds in r.gaps:
-        runs = {}
-        for n in speeds:
-            system = orientator.system(r.fmus, orientator.rad_per_s(n), mu, o.start)
-            runs[f"{n:.2f} rpm"] = orientator.product(system, 1e-3, pictures.SEEN)
-        ends = [orientator.shortened(run)["time"][-1] for run in runs.values()]
+    curves, marks, motions = [], [], []
+    for mu, color in zip(o.frictions, SERIES * len(o.frictions)):
+        most = r.limits[mu][0].n if mu in r.limits else math.inf
+        works = [p for p in r.points if p.mu == mu and p.works and p.n <= most]
+        if works:
+            n, time = np.array(sorted((p.n, p.orientation_time) for p in works)).T
+            curves.append(Curve(f"friction {mu:g}", n, time, color, "linked"))
+    for mu, (good, bad) in r.limits.items():
+        marks.append(Mark(good.n, f"friction {mu:g} jams beyond {good.n:.2f} rpm"))
+        cases = [r.case._replace(mu=mu, n=p.n, step=1e-3) for p in (good, bad)]
+        runs = {f"{case.n:.2f} rpm": case.run(mechanism.SEEN) for case in cases}
+        last = max(orientator.shortened(run)["time"][-1] for run in runs.values())
         title = f"Friction {mu:g}: {' works, '.join(runs)} does not"
-        motions.append(pictures.motion(title, runs, float(max(ends))))
-    return Show([pictures.orientation_time(r.points, r.gaps)], motions)
+        motions.append(mechanism.motion(title, runs, float(last)))
+    title = "The time of orientation, up to where products jam"
+    panel = Panel("orientation time", "s", curves, includes=(0.0,))
+    return Show([Chart(title, "rotor speed [rpm]", [panel], marks)], motions)
