@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -24,6 +24,8 @@ from workbench.report.chart import SERIES
 from . import machine as orientator
 from . import mechanism
 
+Frame = Any
+Row = Any
 PARTS = orientator.PARTS
 OWN = ("orientator.w", "orientator.chute.mu", "orientator.release")
 TABLE = "orientation_time.csv"
@@ -56,35 +58,16 @@ class Case(NamedTuple):
         return orientator.system(self.fmus, self.n * math.pi / 30, self.mu, self.start)
 
     def run(self, variables: Sequence[str]) -> Result:
-        """The course of the product."""
+        """The course of one product."""
         record = [f"orientator.{x}" for x in variables]
         return cosim.run(self.system, stop=orientator.LONGEST, step=self.step, record=record)
-
-
-class Point(NamedTuple):
-    """One product: friction, rotor speed [rpm], end, durations [s], nan where there is none."""
-
-    mu: float
-    n: float
-    stage: int
-    reason: int
-    orientation_time: float
-    t_falling: float
-    t_joint: float
-    t_turning: float
-    t_released: float
-
-    @property
-    def works(self) -> bool:
-        """Whether the product is oriented."""
-        return self.stage == orientator.ORIENTED
 
 
 class Sweep(NamedTuple):
     """All products, of each friction the last that is oriented and the first that jams, and a case."""
 
-    points: Sequence[Point]
-    limits: Mapping[float, tuple[Point, Point]]
+    products: Frame
+    limits: Mapping[float, tuple[Row, Row]]
     case: Case
 
 
@@ -93,86 +76,83 @@ def solve(o: Options, bench: Bench) -> Findings:
     speeds = [orientator.rpm(w) for w in o.speeds]
     cases = [Case(bench.fmus, o.start, mu, n) for mu in o.frictions for n in speeds]
     connect(cases[0].system)
-    points: list[Point] = []
-    with stream(bench.out and bench.out / TABLE, Point._fields) as keep:
-        for point in bench.each(simulate, cases, "sweep", probes=True):
-            keep([point])
-            points.append(point)
-        tasks = [(cases[0], *limit) for limit in limits(points).values()]
+    rows: list[Sequence[float]] = []
+    with stream(bench.out and bench.out / TABLE, list(UNITS)) as keep:
+        for row in bench.each(simulate, cases, "sweep", probes=True):
+            keep([row])
+            rows.append(row)
+        ends = limits(Table.of_rows(rows, UNITS).frame).items()
+        tasks = [(cases[0]._replace(mu=mu), good.n, bad.n) for mu, (good, bad) in ends]
         for more in bench.each(bisect, tasks, "limits", probes=True):
             keep(more)
-            points += more
-    sweep, tables = Sweep(points, limits(points), cases[0]), {TABLE: Table.of_rows(points, UNITS)}
-    steps = f"steps of {STEP} s"
-    return Findings(figures(sweep), sweep, cases[0].system, {}, steps, tables=tables)
+            rows += more
+    table = Table.of_rows(rows, UNITS)
+    sweep, steps = Sweep(table.frame, limits(table.frame), cases[0]), f"steps of {STEP} s"
+    found = figures(o, sweep)
+    return Findings(found, sweep, cases[0].system, {}, steps, tables={TABLE: table})
 
 
-def simulate(case: Case) -> Point:
-    """One product."""
-    stage, reason, *times = case.run(Point._fields[2:]).data[-1, 1:].tolist()
-    times = [time or math.nan for time in times]
-    return Point(case.mu, case.n, int(stage), int(reason), *times)
+def simulate(case: Case) -> Sequence[float]:
+    """How one product ends: a row of the table, nan for what it does not reach."""
+    stage, reason, *times = case.run(list(UNITS)[2:]).data[-1, 1:].tolist()
+    return case.mu, case.n, int(stage), int(reason), *(time or math.nan for time in times)
 
 
-def bisect(task: tuple[Case, Point, Point]) -> list[Point]:
-    """Halve the gap until it is narrower than NEAR; all products on the way, and some before."""
-    case, good, bad = task[0]._replace(mu=task[1].mu), task[1].n, task[2].n
+def bisect(task: tuple[Case, float, float]) -> list[Sequence[float]]:
+    """Halve the gap between a speed that works and one that does not until it is narrower than NEAR;
+    all products on the way, and some before."""
+    case, good, bad = task
     first = 2 * good - bad
-    points: list[Point] = []
+    rows: list[Sequence[float]] = []
     while bad - good > NEAR:
         middle = (good + bad) / 2
-        points.append(simulate(case._replace(n=middle)))
-        good, bad = (middle, bad) if points[-1].works else (good, middle)
+        rows.append(simulate(case._replace(n=middle)))
+        good, bad = (middle, bad) if rows[-1][2] == orientator.ORIENTED else (good, middle)
     before = np.linspace(max(0.0, first), good, 12)[1:-1].tolist()
-    return points + [simulate(case._replace(n=n)) for n in before]
+    return rows + [simulate(case._replace(n=n)) for n in before]
 
 
-def limits(points: Sequence[Point]) -> dict[float, tuple[Point, Point]]:
+def limits(products: Frame) -> dict[float, tuple[Row, Row]]:
     """For each friction the first neighbours of which the slower works and the faster does not."""
-    found: dict[float, tuple[Point, Point]] = {}
-    for slow, fast in pairwise(sorted(points, key=lambda p: (p.mu, p.n))):
-        if slow.mu == fast.mu and slow.works and not fast.works:
+    found: dict[float, tuple[Row, Row]] = {}
+    for slow, fast in pairwise(products.sort_values(["mu", "n"]).itertuples(index=False)):
+        works, fails = (p.stage == orientator.ORIENTED for p in (slow, fast))
+        if slow.mu == fast.mu and works and not fails:
             found.setdefault(slow.mu, (slow, fast))
     return found
 
 
-def figures(sweep: Sweep) -> dict[str, Figure]:
+def figures(o: Options, r: Sweep) -> dict[str, Figure]:
     """For each friction the fastest rotor that works, as near as it was located, and its products."""
     found = {}
-    for mu in sorted({p.mu for p in sweep.points}):
+    for mu in o.frictions:
         name, friction = f"mu_{mu:g}".replace(".", "_"), f"friction {mu:g}"
         limit = f"fastest rotor that orients, {friction}"
-        if mu not in sweep.limits:
-            works = any(p.works for p in sweep.points if p.mu == mu)
-            which = "no product" if works else "every product"
+        if mu not in r.limits:
+            stages = r.products["stage"][r.products["mu"] == mu]
+            which = "no product" if (stages == orientator.ORIENTED).any() else "every product"
             found[f"limit_{name}"] = Figure.refused("rpm", f"{which} of the sweep jams", limit)
             continue
-        last, jam = sweep.limits[mu]
+        last, jam = r.limits[mu]
         wide, time = jam.n - last.n, last.orientation_time
-        case = sweep.case._replace(mu=mu, n=last.n)
+        case = r.case._replace(mu=mu, n=last.n)
         others = [case._replace(n=max(0.0, last.n - wide)), case._replace(step=STEP / 2)]
-        off = sum(abs(time - simulate(other).orientation_time) for other in others)
+        off = sum(abs(time - simulate(other)[4]) for other in others)
         limit += f"; beyond it: {orientator.REASONS[jam.reason]}"
         takes = f"time of orientation there, {friction}"
         pace = f"products per minute there from one catcher, {friction}"
         found[f"limit_{name}"] = Figure(last.n, "rpm", wide, limit)
         found[f"orientation_time_{name}"] = Figure(time, "s", off, takes)
         found[f"products_{name}"] = Figure(60 / time, "1/min", 60 / time**2 * off, pace)
-    return found | fan(sweep.points)
-
-
-def fan(points: Sequence[Point]) -> dict[str, Figure]:
-    """The first speed of the sweep at which the frictions differ by 10 % or more, if there is one;
-    its error is how far below it the speed before lies.
-    """
-    before, meaning = 0.0, "first speed of the sweep where the frictions differ by 10 %"
-    for n in sorted({p.n for p in points}):
-        times = [p.orientation_time for p in points if p.n == n and p.works]
-        if len(times) > 1:
-            if max(times) / min(times) >= FAN:
-                return {"fan": Figure(n, "rpm", n - before, meaning)}
-            before = n
-    return {}
+    works = r.products[r.products["stage"] == orientator.ORIENTED]
+    times = works.groupby("n")["orientation_time"].agg(["count", "min", "max"])
+    times = times[times["count"] > 1]
+    apart = times.index[times["max"] >= FAN * times["min"]]
+    if len(apart):
+        below = max(times.index[times.index < apart[0]], default=0.0)
+        meaning = "first speed of the sweep where the frictions differ by 10 %"
+        found["fan"] = Figure(apart[0], "rpm", apart[0] - below, meaning)
+    return found
 
 
 def verdict(o: Options, f: Mapping[str, Figure], r: Sweep) -> str:
@@ -194,12 +174,12 @@ def verdict(o: Options, f: Mapping[str, Figure], r: Sweep) -> str:
 def show(o: Options, f: Mapping[str, Figure], r: Sweep) -> Show:
     """The curves, and for each limit the last product that is oriented beside the first that jams."""
     curves, marks, motions = [], [], []
+    works = r.products[r.products["stage"] == orientator.ORIENTED].sort_values("n")
     for mu, color in zip(o.frictions, SERIES * len(o.frictions)):
         most = r.limits[mu][0].n if mu in r.limits else math.inf
-        works = [p for p in r.points if p.mu == mu and p.works and p.n <= most]
-        if works:
-            n, time = np.array(sorted((p.n, p.orientation_time) for p in works)).T
-            curves.append(Curve(f"friction {mu:g}", n, time, color, "linked"))
+        mine = works[(works["mu"] == mu) & (works["n"] <= most)]
+        n, time = mine[["n", "orientation_time"]].to_numpy().T
+        curves.append(Curve(f"friction {mu:g}", n, time, color, "linked"))
     for mu, (good, bad) in r.limits.items():
         marks.append(Mark(good.n, f"friction {mu:g} jams beyond {good.n:.2f} rpm"))
         cases = [r.case._replace(mu=mu, n=p.n, step=1e-3) for p in (good, bad)]
