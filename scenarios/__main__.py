@@ -3,7 +3,6 @@
 import re
 import subprocess
 import sys
-from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 
@@ -17,13 +16,9 @@ from workbench.question import Project
 ROOT = Path(__file__).resolve().parents[1]
 
 
-def build(names: Sequence[str], flavour: str) -> None:
-    """Build the FMUs of these names, "DriveMotor", that are missing or out of date, once in a process."""
-    _build(tuple(names), flavour)
-
-
 @cache
-def _build(names: tuple[str, ...], flavour: str) -> None:
+def build(names: tuple[str, ...], flavour: str) -> None:
+    """Build the FMUs of these names, "DriveMotor", that are missing or out of date, once in a process."""
     components = [re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name).lower() for name in names]
     command = [sys.executable, str(ROOT / "build_fmus.py"), *components, "--flavour", flavour]
     with Console(stderr=True).status("FMUs"):
@@ -34,9 +29,9 @@ def _build(names: tuple[str, ...], flavour: str) -> None:
 
 
 FMUS = ROOT / "fmus"
-PROJECT = Project(
-    home=ROOT / "scenarios", fmus=Library({"python": FMUS, "native": FMUS / "native"}, build)
-)
+FOLDERS = {"python": FMUS, "native": FMUS / "native"}
+LIBRARY = Library(FOLDERS, lambda names, flavour: build(tuple(names), flavour))
+PROJECT = Project(ROOT / "scenarios", LIBRARY)
 
 if __name__ == "__main__":
     sys.exit(main(sys.argv[1:], PROJECT, "python -m scenarios"))

@@ -1,113 +1,76 @@
-"""What the questions of the iron drive share: its systems, and what it does at constant speed."""
-
-from __future__ import annotations
+"""The iron drive at constant speed, and the speeds at which follower and chain let go."""
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 import cosim
 from cosim import Result, System
 from cosim.system import Value
 from workbench import Figure
-from workbench.measure import Measured, largest
+from workbench.measure import largest
 from workbench.options import Start
-
-Samples = NDArray[np.float64]
 
 FLYWHEEL = 1e6
 NOMINAL = "40rpm"
+PER_MINUTE = 30 / math.pi
 PARTS = {"motor": "DriveMotor", "iron": "IronDrive"}
-MOTOR: dict[str, float] = {"motor.A": 4.0, "motor.B": 0.025, "motor.T": 0.012, "motor.tau": 0.0}
+MOTOR: Start = {"motor.A": 4.0, "motor.B": 0.025, "motor.T": 0.012, "motor.tau": 0.0}
 WIRES = ("motor.tau -> iron.tau", "iron.w -> motor.w")
 IMPOSED = ("iron.tau", "iron.phi", "iron.w_cam", "iron.reducer.J")
-FORCES = ("N", "T_span", "T_iron")
+LETS_GO = {
+    "follower": ("iron.N", "the follower lifts off", "least force of the cam on its follower"),
+    "run": ("iron.T_span", "the run of the chain goes slack", "least pull in the run of the chain"),
+    "iron": ("iron.T_iron", "the iron hangs free", "least pull of the chain on the iron"),
+}
 
 
-class Alone(NamedTuple):
-    """The iron drive by itself: its FMU and start values."""
-
-    fmu: Path
-    start: Start
-
-
-def own(fmus: Mapping[str, Path], start: Mapping[str, Value]) -> Alone:
-    """The iron drive of a system, with those of the system's start values that are its own."""
-    mine = {name: value for name, value in start.items() if name.startswith("iron.")}
-    return Alone(fmus["iron"], mine)
+def alone(fmus: Mapping[str, Path], start: Mapping[str, Value]) -> System:
+    """The iron drive by itself, without the start values of the other parts."""
+    others = {f"{part}." for part in fmus if part != "iron"}
+    own = {x: value for x, value in start.items() if not x.startswith(tuple(others))}
+    return System({"iron": fmus["iron"]}, start={"iron.on_invalid": 1} | own)
 
 
-def imposed(speed: float, iron: Alone) -> System:
-    """The iron drive alone at a practically constant cam speed [rad/s], from phi = 0.
+def imposed(speed: float, alone: System) -> System:
+    """The iron drive at a practically constant cam speed [rad/s], from phi = 0.
 
     A rotor a million times as heavy as any motor's imposes the speed: the acceleration left is
     below 1e-8 rad/s2, so that forces and cam torque are the kinetostatic ones. A stiff motor would
     need communication steps below 0.1 us to stay stable.
     """
-    imposed = dict(zip(IMPOSED, (0.0, 0.0, speed, FLYWHEEL)))
-    return System({"iron": iron.fmu}, start={"iron.on_invalid": 1} | iron.start | imposed)
+    values = dict(zip(IMPOSED, (0.0, 0.0, speed, FLYWHEEL)))
+    return replace(alone, start=dict(alone.start) | values)
 
 
-def driven(
-    fmus: Mapping[str, Path], motor: Mapping[str, Value], start: Mapping[str, Value]
-) -> System:
-    """The iron drive on a DriveMotor, wire to wire."""
-    return System({part: fmus[part] for part in PARTS}, WIRES, {**motor, **start})
-
-
-def turn(speed: float, iron: Alone, samples: int, record: Sequence[str]) -> Result:
+def turn(speed: float, alone: System, samples: int, record: Sequence[str]) -> Result:
     """One turn at constant speed, sampled evenly over the cam angle."""
     h = 2 * math.pi / (speed * samples)
-    return cosim.run(imposed(speed, iron), stop=h * samples, step=h, record=record)
+    return cosim.run(imposed(speed, alone), stop=h * samples, step=h, record=record)
 
 
-class Limit(NamedTuple):
-    """The constant speed at which a force vanishes first [rad/s], and the cam angle where [deg]."""
-
-    speed: Measured | None
-    angle: Measured | None
-
-    def figures(self, name: str, meaning: str) -> dict[str, Figure]:
-        """Both as figures; a force that never vanishes, or always, has no such speed."""
-        where = f"cam angle where {meaning}"
-        meaning = f"cam speed where {meaning}"
-        if self.speed is None or self.angle is None:
-            reason = "no speed of the cam changes its sign"
-            return {name: Figure.refused("rad/s", reason, meaning)}
-        return {
-            name: self.speed.figure("rad/s", meaning),
-            f"{name}_angle": self.angle.figure("deg", where),
-        }
-
-
-def speed_limits(iron: Alone, samples: int = 1440) -> dict[str, Limit]:
-    """For each force the speed of the cam at which it vanishes first.
+def limits(alone: System, samples: int = 1440) -> dict[str, Figure]:
+    """The constant cam speed at which each force vanishes first, and the cam angle where.
 
     At constant speed a force is f_0(phi) + f_2(phi) w^2, and two turns tell both: it vanishes where
     -f_2 / f_0 is largest.
     """
-    slow, fast = (turn(w, iron, samples, names(("phi", *FORCES))) for w in (1.0, 2.0))
-    limits = {}
-    for name in FORCES:
-        f_2 = (fast[f"iron.{name}"] - slow[f"iron.{name}"]) / 3.0
-        f_0 = slow[f"iron.{name}"] - f_2
-        limits[name] = Limit(None, None)
+    record = ["iron.phi", *(force for force, *_ in LETS_GO.values())]
+    slow, fast = (turn(w, alone, samples, record) for w in (1.0, 2.0))
+    found = {}
+    for name, (force, event, _) in LETS_GO.items():
+        f_2 = (fast[force] - slow[force]) / 3.0
+        f_0 = slow[force] - f_2
+        key, meaning = f"{name}_limit", f"cam speed where {event}"
         if f_0.min() > 0.0 > f_2.min():
             top = largest(np.degrees(slow["iron.phi"]), -f_2 / f_0)
             speed = top.value**-0.5
-            limits[name] = Limit(Measured(speed, speed * top.error / (2 * top.value)), top.at)
-    return limits
-
-
-def names(variables: Sequence[str]) -> list[str]:
-    """The iron drive's variables as the system names them."""
-    return [f"iron.{name}" for name in variables]
-
-
-def per_minute(speed: float) -> float:
-    """Cycles per minute of a cam speed [rad/s]."""
-    return speed * 30 / math.pi
+            found[key] = Figure(speed, "rad/s", speed * top.error / (2 * top.value), meaning)
+            found[f"{key}_angle"] = top.at.figure("deg", f"cam angle where {event}")
+        else:
+            reason = "no speed of the cam changes the sign of its force"
+            found[key] = Figure.refused("rad/s", reason, meaning)
+    return found

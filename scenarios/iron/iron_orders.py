@@ -5,14 +5,13 @@ nu_k = sqrt(B_eff / (theta T)) / k says where order k of the torque lags its exc
 degrees; theta and the excitation come from turns at constant speed.
 """
 
-from __future__ import annotations
-
+import logging
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,32 +19,30 @@ from numpy.typing import NDArray
 import cosim
 import workbench
 from cosim import System
-from workbench import Bench, Figure, Findings, Show, Table, option
+from cosim.system import Value
+from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, Table, option
 from workbench.answer import parameters, stream
 from workbench.limit import coupling
-from workbench.measure import Measured, harmonics
-from workbench.options import Start
+from workbench.measure import Measured, Samples, harmonics
 from workbench.orbit import NotSteady, steady
+from workbench.report.chart import SERIES
 
 from . import drive as iron
-from . import show as pictures
+from . import mechanism
 
+Frame = Any
 PARTS = iron.PARTS
 OWN = ("motor.A", "motor.T")
-ORDERS = range(1, 13)
-HIGHEST = 60
-LAGS = (0.012, 0.08, 0.2)
+ORDERS, HIGHEST = 12, 60
+LAGS = {"12ms": 0.012, "80ms": 0.08, "200ms": 0.2}
 PER_REV = 1440
-RECORD = ("motor.tau", "iron.phi", "iron.w_cam")
-SHARE = 0.1
+IMPORTANT, SMALL = 10.0, 0.1
 ALGORITHM = "strang"
-TABLE = "iron_orders.csv"
+TABLE, MEETS = "iron_orders.csv", "iron_orders_meets.csv"
 UNITS = {
     "T": "s", "nu": "rad/s", "order": "1", "torque": "N.m", "torque_phase": "deg",
-    "speed": "rad/s", "excitation": "N.m", "lag": "deg", "gain": "1",
+    "speed": "rad/s", "excitation": "N.m", "lag": "deg", "gain": "1", "settling": "N.m",
 }  # fmt: skip
-
-Amplitudes = NDArray[np.complex128]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,319 +51,218 @@ class Options(workbench.Options):
 
 
 class Machine(NamedTuple):
-    """Slope of the motor; the mechanism at the cam's shaft: gear ratio, mean inertia and what the
-    rows of the turn leave open of it, friction work per turn, torque.
-
-    The excitation of the orders 1..12 at constant speed nu is `still` + `moving` nu^2.
+    """FMUs and start values; slope of the motor's line and gear ratio; at the cam's shaft mean
+    inertia, friction work per turn, and a turn's torque at constant speed, `still` + `moving` nu^2,
+    over its angles phi.
     """
 
+    fmus: Mapping[str, Path]
+    start: Mapping[str, Value]
     slope: float
     i_g: float
-    theta: float
-    theta_error: float
+    theta: Measured
     work: float
-    still: Amplitudes
-    moving: Amplitudes
-    peak: tuple[iron.Samples, iron.Samples]
+    phi: Samples
+    still: Samples
+    moving: Samples
 
-    @property
-    def B(self) -> float:
-        """Slope of the motor line at the cam's shaft [N.m.s/rad]; the iron's friction adds none."""
-        return self.i_g**2 * self.slope
-
-    def w_n(self, T: float) -> float:
-        """sqrt(B_eff / (theta T)): order k meets it at the speed w_n / k [rad/s]."""
-        return math.sqrt(self.B / (self.theta * T))
-
-    def zeta(self, T: float) -> float:
-        """Damping ratio of the ripple."""
-        return math.sqrt(self.theta / (self.B * T)) / 2
-
-    def gain(self, w: float, T: float) -> complex:
-        """Torque over excitation of a ripple of frequency w [rad/s], the inertia at its mean."""
-        return self.B / complex(self.B - self.theta * T * w**2, self.theta * w)
-
-    def excitation(self, nu: float) -> Amplitudes:
-        """Torque of the orders 1..12 at constant speed [N.m]."""
+    def torque(self, nu: float) -> Samples:
+        """Over a turn at constant speed [N.m]."""
         return self.still + self.moving * nu**2
 
-    def largest(self, nu: float) -> float:
-        """Largest torque of the turn at constant speed [N.m]."""
-        return float(np.abs(self.peak[0] + self.peak[1] * nu**2).max())
+    def system(self, T: float, nu: float) -> System:
+        """The motor with the lag T [s], set for the mean speed nu [rad/s], on the iron drive."""
+        mean = self.work / (2 * math.pi * self.i_g)
+        motor = {"motor.A": self.slope * self.i_g * nu + mean, "motor.T": T, "motor.tau": mean}
+        values = {**iron.MOTOR, **motor, "iron.w_cam": nu, "iron.on_invalid": 1, **self.start}
+        return System(self.fmus, iron.WIRES, values)
 
 
 class Case(NamedTuple):
-    """FMUs, motor lag T [s], mean speed nu of the cam [rad/s], the machine, start values of the
-    drive, communication steps per revolution."""
+    """Motor lag [s], mean speed [rad/s], communication steps per revolution."""
 
-    fmus: Mapping[str, Path]
     T: float
     nu: float
-    machine: Machine
-    start: Mapping[str, cosim.system.Value]
     per_rev: int = PER_REV
-
-
-class Spectrum(NamedTuple):
-    """Steady motion at one speed: orders 1..12 of the cam's speed and of the torque at its shaft,
-    with what settling leaves of the torque; nan where `problem` says that there is none.
-    """
-
-    T: float
-    nu: float
-    speed: Amplitudes
-    torque: Amplitudes
-    excitation: Amplitudes
-    settling: NDArray[np.float64]
-    problem: str = ""
-
-    def rows(self) -> Iterator[tuple[float | int, ...]]:
-        """One row of the table per order; phases and lags in degrees."""
-        for k, M, w, tau in zip(ORDERS, self.torque, self.speed, self.excitation):
-            lag = math.degrees(np.angle(tau / M)) % 360.0
-            phase = math.degrees(np.angle(M))
-            yield self.T, self.nu, k, abs(M), phase, abs(w), abs(tau), lag, abs(M) / abs(tau)
-
-
-class Worst(NamedTuple):
-    """Where the lag adds most to an order: share of the largest torque, order, speed, gain."""
-
-    share: float
-    order: int
-    nu: float
-    gain: float
-
-
-class Sweep(NamedTuple):
-    """The machine, the iron drive by itself, the spectra by lag, and where each lag adds most."""
-
-    machine: Machine
-    alone: iron.Alone
-    by_lag: Mapping[float, Sequence[Spectrum]]
-    worst: Mapping[float, Worst]
 
 
 def solve(o: Options, bench: Bench) -> Findings:
     """Sweep three motors; where the lag adds most, again with coarser steps."""
-    alone = iron.own(bench.fmus, o.start)
-    machine = measure(bench.fmus, o.start, alone)
-    limit = iron.speed_limits(alone)["N"]
-    cases = [Case(bench.fmus, T, nu, machine, o.start) for T in LAGS for nu in o.speeds]
-    spectra: list[Spectrum] = []
+    machine = measure(bench.fmus, o.start)
+    run = partial(simulate, machine)
+    cases = [Case(T, nu) for T in LAGS.values() for nu in o.speeds]
+    rows: list[Sequence[float]] = []
     with stream(bench.out and bench.out / TABLE, list(UNITS)) as keep:
-        for spectrum in bench.each(simulate, cases, "sweep"):
-            keep(spectrum.rows())
-            spectra.append(spectrum)
-    by_lag = {T: [s for s in spectra if s.T == T] for T in LAGS}
-    at = {T: worst(machine, mine) for T, mine in by_lag.items()}
-    again = [
-        case._replace(per_rev=PER_REV // n)
-        for case in cases
-        for n in (2, 4)
-        if case.nu == at[case.T].nu and at[case.T].order
+        for found in bench.each(run, cases, "sweep"):
+            keep(found)
+            rows += found
+    orders = Table.of_rows(rows, UNITS).frame
+    share = added(machine, orders).fillna(0.0).groupby(orders["T"])
+    worst = orders.loc[share.idxmax()[share.max() > 0.0]]
+    again = [Case(x["T"], x["nu"], PER_REV // n) for n in (1, 2, 4) for _, x in worst.iterrows()]
+    more = [row for found in bench.each(run, again, "coupling errors") for row in found]
+    finer = Table.of_rows(more, UNITS).frame.astype(float)
+    told = figures(machine, finer.merge(worst[["T", "order"]].astype(float)))
+    meets = [
+        (T, k, told[f"w_n_{lag}"].value / k)
+        for lag, T in LAGS.items()
+        for k in range(1, ORDERS + 1)
     ]
-    coarser = list(bench.each(simulate, again, "coupling errors"))
-    found = mechanism(machine, limit)
-    for T, mine in by_lag.items():
-        found |= effect(machine, at[T], mine, [s for s in coarser if s.T == T])
-    rows = [row for s in spectra for row in s.rows()]
-    return Findings(
-        found,
-        Sweep(machine, alone, by_lag, at),
-        system(cases[0]),
-        communication=f"{PER_REV} steps per revolution",
-        algorithm=ALGORITHM,
-        tables={TABLE: Table.of_rows(rows, UNITS)},
-    )
+    units = {x: UNITS[x] for x in ("T", "order", "nu")}
+    tables = {TABLE: Table(orders, UNITS), MEETS: Table.of_rows(meets, units)}
+    system, steps = machine.system(*cases[0][:2]), f"{PER_REV} steps per revolution"
+    return Findings(told, (machine, orders), system, {}, steps, ALGORITHM, tables)
 
 
-def measure(
-    fmus: Mapping[str, Path], start: Mapping[str, cosim.system.Value], alone: iron.Alone
-) -> Machine:
-    """The mechanism from two turns at constant speed."""
-    told = parameters(iron.driven(fmus, iron.MOTOR, start))
+def measure(fmus: Mapping[str, Path], start: Mapping[str, Value]) -> Machine:
+    """The mechanism from two turns at constant speed, whose last rows are the first again."""
+    told = parameters(System(fmus, iron.WIRES, {**iron.MOTOR, **start}))
     slope, i_g, rotor = (
-        float(told[name].value) for name in ("motor.B", "iron.reducer.i_g", "iron.reducer.J")
+        float(told[x].value) for x in ("motor.B", "iron.reducer.i_g", "iron.reducer.J")
     )
-    record = iron.names(("phi", "w_cam", "tau_cam", "E_kin", "E_friction"))
+    record = ("iron.phi", "iron.w_cam", "iron.tau_cam", "iron.E_kin", "iron.E_friction")
+    alone = iron.alone(fmus, start)
     one, two = (iron.turn(speed, alone, PER_REV, record) for speed in (1.0, 2.0))
-    moving = (two["iron.tau_cam"] - one["iron.tau_cam"]) / 3
-    still = one["iron.tau_cam"] - moving
-    whole = 2 * one["iron.E_kin"] / one["iron.w_cam"] ** 2
-    inertia = once(whole - (iron.FLYWHEEL - rotor) * i_g**2)
-    theta = mean(inertia)
-    phi = once(one["iron.phi"])
-    return Machine(
-        slope=slope,
-        i_g=i_g,
-        theta=theta.value,
-        theta_error=theta.error,
-        work=float(one["iron.E_friction"][-1]),
-        still=harmonics(phi, once(still), ORDERS[-1]),
-        moving=harmonics(phi, once(moving), ORDERS[-1]),
-        peak=(still, moving),
-    )
+    moving = (two["iron.tau_cam"] - one["iron.tau_cam"])[:-1] / 3
+    still = one["iron.tau_cam"][:-1] - moving
+    whole = (2 * one["iron.E_kin"] / one["iron.w_cam"] ** 2)[:-1]
+    theta, work = whole - (iron.FLYWHEEL - rotor) * i_g**2, float(one["iron.E_friction"][-1])
+    off = max(abs(float(theta.mean() - theta[first::2].mean())) for first in (0, 1))
+    mean = Measured(float(theta.mean()), off)
+    return Machine(fmus, start, slope, i_g, mean, work, one["iron.phi"][:-1], still, moving)
 
 
-def once(turn: iron.Samples) -> iron.Samples:
-    """The rows of a turn without the last, which is the first again."""
-    return turn[:-1]
-
-
-def mean(x: iron.Samples) -> Measured:
-    """Of a turn's rows, each once; every second row of either half says what they leave open."""
-    value, halves = float(x.mean()), [float(x[first::2].mean()) for first in (0, 1)]
-    return Measured(value, max(abs(value - half) for half in halves))
-
-
-def system(case: Case) -> System:
-    """The motor of the case, set for the mean speed, on the iron drive."""
-    fmus, T, nu, machine, start, _ = case
-    mean = machine.work / (2 * math.pi * machine.i_g)
-    motor: Start = {
-        "motor.A": machine.slope * machine.i_g * nu + mean,
-        "motor.B": machine.slope,
-        "motor.T": T,
-        "motor.tau": mean,
-    }
-    return iron.driven(fmus, motor, {"iron.w_cam": nu, "iron.on_invalid": 1, **start})
-
-
-def simulate(case: Case) -> Spectrum:
-    """Steady motion at one mean speed, in orders."""
-    _, T, nu, machine, _, per_rev = case
-    whole = system(case)
+def simulate(machine: Machine, case: Case) -> list[Sequence[float]]:
+    """The orders of the steady motion at one mean speed; a warning and nan where it does not settle."""
+    T, nu, per_rev = case
+    system = machine.system(T, nu)
 
     def at(states: Mapping[str, float]) -> System:
-        return replace(whole, start={**whole.start, **states, "iron.phi": 0.0})
+        return replace(system, start={**system.start, **states, "iron.phi": 0.0})
 
-    states = {name: float(whole.start[name]) for name in ("iron.w_cam", "motor.tau")}
-    excitation = machine.excitation(nu)
-    try:
-        turns = steady(at, states, "iron.phi", nu, per_rev, RECORD, ALGORITHM)
-    except NotSteady as problem:
-        none = np.full(len(ORDERS), complex(math.nan, math.nan))
-        return Spectrum(T, nu, none, none, excitation, none.real, str(problem))
-
-    def amplitudes(column: str, back: int = 0) -> Amplitudes:
+    def amplitudes(column: str, back: int = 0) -> NDArray[np.complex128]:
         rows = turns.window(back)
-        return harmonics(turns.result["iron.phi"][rows], turns.result[column][rows], HIGHEST)[:12]
+        phi, x = turns.result["iron.phi"][rows], turns.result[column][rows]
+        return harmonics(phi, x, HIGHEST)[:ORDERS]
 
-    torque, before = (machine.i_g * amplitudes("motor.tau", back) for back in (0, 1))
-    settling = np.array([turns.remains(x) for x in np.abs(torque - before)])
-    return Spectrum(T, nu, amplitudes("iron.w_cam"), torque, excitation, settling)
+    states = {name: float(system.start[name]) for name in ("iron.w_cam", "motor.tau")}
+    torque = speed = before = np.full(ORDERS, complex(math.nan, math.nan))
+    left = 0.0
+    try:
+        turns = steady(at, states, "iron.phi", nu, per_rev, (), ALGORITHM)
+        torque, before = (machine.i_g * amplitudes("motor.tau", back) for back in (0, 1))
+        speed, left = amplitudes("iron.w_cam"), turns.remains(1.0)
+    except NotSteady as problem:
+        where = f"{nu:g} rad/s with a lag of {1e3 * T:g} ms"
+        logging.getLogger("cosim").warning(f"no steady motion at {where}: {problem}")
+    tau = harmonics(machine.phi, machine.torque(nu), ORDERS)
+    M, excited, behind = np.abs(torque), np.abs(tau), np.angle(tau) - np.angle(torque)
+    columns = [
+        M, np.degrees(np.angle(torque)), np.abs(speed), excited, np.degrees(behind) % 360.0,
+        M / excited, left * np.abs(torque - before),
+    ]  # fmt: skip
+    return [(T, nu, k, *row) for k, row in enumerate(np.transpose(columns).tolist(), 1)]
 
 
-def worst(machine: Machine, spectra: Sequence[Spectrum]) -> Worst:
-    """What the lag of one motor does at its worst."""
-    found = Worst(0.0, 0, spectra[0].nu, 0.0)
-    for spectrum in spectra:
-        if spectrum.problem:
+def added(machine: Machine, orders: Frame) -> Frame:
+    """What the lag adds to each order as a share of the largest torque [%]."""
+    largest = [np.abs(machine.torque(nu)).max() for nu in orders["nu"]]
+    return 100 * (orders["torque"] - orders["excitation"]) / largest
+
+
+def figures(machine: Machine, worst: Frame) -> dict[str, Figure]:
+    """Inertia, slope and limit of the mechanism; of each lag the formula, and where it adds most.
+
+    `worst` are the order that each lag adds most to, with all, a half and a quarter of the steps;
+    the errors are those of the coupling, and what settling leaves.
+    """
+    theta, B = machine.theta, machine.i_g**2 * machine.slope
+    limits = iron.limits(iron.alone(machine.fmus, machine.start))
+    found = {
+        "theta": theta.figure("kg.m2", "mean inertia at the cam's shaft"),
+        "slope": Figure(B, "N.m.s/rad", 0.0, "slope of the motor line there"),
+        **{name: x for name, x in limits.items() if name.startswith("follower")},
+    }
+    for tail, T in LAGS.items():
+        lag, off = f"lag {1e3 * T:g} ms", theta.error / (2 * theta.value)
+        w_n, zeta = math.sqrt(B / (theta.value * T)), math.sqrt(theta.value / (B * T)) / 2
+        meaning = f"frequency where an order lags 90 deg, by formula, {lag}"
+        found[f"w_n_{tail}"] = Figure(w_n, "rad/s", w_n * off, meaning)
+        meaning = f"damping ratio of the ripple, {lag}"
+        found[f"zeta_{tail}"] = Figure(zeta, "1", zeta * off, meaning)
+        share, runs = f"most that the lag adds, in largest torques, {lag}", worst[worst["T"] == T]
+        if runs.empty:
+            none = "the lag adds to no order at any speed of the sweep"
+            found[f"added_{tail}"] = Figure.refused("%", none, share)
             continue
-        k = int((np.abs(spectrum.torque) - np.abs(spectrum.excitation)).argmax()) + 1
-        share, gain = added(machine, spectrum, k)
-        if share > found.share:
-            found = Worst(share, k, spectrum.nu, gain)
+        at, shares = runs.iloc[0], added(machine, runs).to_list()
+        nu, left = at["nu"], 2 * at["settling"]
+        scale = shares[0] / (at["torque"] - at["excitation"])
+        error = coupling(shares, cosim.ORDERS[ALGORITHM]) + scale * left
+        found[f"added_{tail}"] = Figure(shares[0], "%", error, share)
+        error = coupling(runs["gain"].to_list(), cosim.ORDERS[ALGORITHM]) + left / at["excitation"]
+        meaning = f"gain of order {at['order']:g} there, {lag}"
+        found[f"gain_{tail}"] = Figure(at["gain"], "1", error, meaning)
+        found[f"worst_speed_{tail}"] = Figure(nu, "rad/s", 0.0, f"speed of the sweep there, {lag}")
     return found
 
 
-def added(machine: Machine, spectrum: Spectrum, k: int) -> tuple[float, float]:
-    """What the lag adds to order k as a share of the largest torque [%], and the gain of the order."""
-    torque, excitation = abs(spectrum.torque[k - 1]), abs(spectrum.excitation[k - 1])
-    share = 100 * (torque - excitation) / machine.largest(spectrum.nu)
-    return float(share), float(torque / excitation)
-
-
-def effect(
-    machine: Machine, at: Worst, spectra: Sequence[Spectrum], coarser: Sequence[Spectrum]
-) -> dict[str, Figure]:
-    """What the lag of one motor does: the formula, and share and gain where it adds most.
-
-    Their errors are those of the coupling, from runs with a half and a quarter of the steps, and
-    what settling leaves.
-    """
-    T = spectra[0].T
-    lag, tail = f"lag {1e3 * T:g} ms", f"{1e3 * T:g}ms"
-    off = machine.theta_error / (2 * machine.theta)
-    w_n, zeta = machine.w_n(T), machine.zeta(T)
-    formula = f"frequency where an order lags 90 deg, by formula, {lag}"
-    found = {
-        f"w_n_{tail}": Figure(w_n, "rad/s", w_n * off, formula),
-        f"zeta_{tail}": Figure(zeta, "1", zeta * off, f"damping ratio of the ripple, {lag}"),
-    }
-    for k in ORDERS:
-        if spectra[0].nu <= w_n / k <= spectra[-1].nu:
-            what = f"speed where order {k} meets it, by formula, {lag}"
-            found[f"meets_{k}_{tail}"] = Figure(w_n / k, "rad/s", w_n / k * off, what)
-    meanings = {
-        f"added_{tail}": ("%", f"most that the lag adds, in largest torques, {lag}"),
-        f"gain_{tail}": ("1", f"gain of order {at.order} there, {lag}"),
-    }
-    if not at.order:
-        none = "the lag adds to no order at any speed of the sweep"
-        return found | {
-            name: Figure.refused(unit, none, meaning) for name, (unit, meaning) in meanings.items()
-        }
-    fine = next(s for s in spectra if s.nu == at.nu)
-    tell = partial(added, machine, k=at.order)
-    runs = zip(*(tell(spectrum) for spectrum in (fine, *coarser)))
-    left = fine.settling[at.order - 1]
-    scales = (100 / machine.largest(fine.nu), 1 / abs(fine.excitation[at.order - 1]))
-    for (name, (unit, meaning)), values, scale in zip(meanings.items(), runs, scales):
-        error = coupling(values, cosim.ORDERS[ALGORITHM]) + 2 * scale * float(left)
-        found[name] = Figure(values[0], unit, error, meaning)
-    return found | {
-        f"worst_speed_{tail}": Figure(at.nu, "rad/s", 0.0, f"speed of the sweep there, {lag}")
-    }
-
-
-def mechanism(machine: Machine, limit: iron.Limit) -> dict[str, Figure]:
-    """Inertia, slope and limit of the mechanism alone."""
-    inertia, slope = "mean inertia at the cam's shaft", "slope of the motor line there"
-    return {
-        "theta": Figure(machine.theta, "kg.m2", machine.theta_error, inertia),
-        "slope": Figure(machine.B, "N.m.s/rad", 0.0, slope),
-        **limit.figures("follower_limit", "the follower lifts off"),
-    }
-
-
-def verdict(o: Options, f: Mapping[str, Figure], r: Sweep) -> str:
-    """For which motors a resonance matters, and what the lag of each does."""
-    matter = [T for T in LAGS if r.worst[T].share > SHARE * 100]
-    names = " and ".join(f"{1e3 * T:g} ms" for T in matter)
-    answer = f"with a lag of {names}" if matter else "with none of the motors"
-    lines = [
-        f"A resonance is of practical importance {answer}: there the lag adds more than "
-        f"{SHARE:.0%} of the largest torque. The follower lifts off at "
-        f"{f['follower_limit'].text()}; speeds beyond are not reached."
-        if matter
-        else f"A resonance is of practical importance {answer}. The follower lifts off at "
-        f"{f['follower_limit'].text()}."
+def verdict(o: Options, f: Mapping[str, Figure], r: tuple[Machine, Frame]) -> str:
+    """For which motors a resonance matters, and what the lag of each adds."""
+    does = {x: f[f"added_{x}"] for x in LAGS if f[f"added_{x}"].error is not None}
+    name = {x: f"{1e3 * T:g} ms" for x, T in LAGS.items()}
+    matter = [name[x] for x, share in does.items() if share.value > IMPORTANT]
+    which = f"a lag of {' and '.join(matter)}" if matter else "none of the motors"
+    adds = [
+        f"{share.text()} with {name[x]} at {f[f'worst_speed_{x}'].text()}"
+        for x, share in does.items()
     ]
-    for T, at in r.worst.items():
-        tail = f"{1e3 * T:g}ms"
-        met = ", ".join(
-            f"{k} at {f[f'meets_{k}_{tail}'].text()}" for k in ORDERS if f"meets_{k}_{tail}" in f
-        )
-        word = "of practical" if T in matter else "of no practical"
-        lines.append(
-            f"A lag of {1e3 * T:g} ms is {word} importance: it adds at most "
-            f"{f[f'added_{tail}'].text()} of the largest torque, to order {at.order} at "
-            f"{at.nu:.4g} rad/s, whose gain is {f[f'gain_{tail}'].text()}."
-            if at.order
-            else f"A lag of {1e3 * T:g} ms adds to no order."
-        )
-        lines.append(
-            f"By formula an order lags 90 degrees at {f[f'w_n_{tail}'].text()}, damping ratio "
-            f"{f[f'zeta_{tail}'].text()}; orders that meet it in the sweep: {met or 'none'}."
-        )
-    return "\n".join(lines)
+    return (
+        f"A resonance is of practical importance with {which}: it is where the lag adds more than "
+        f"{IMPORTANT:g} % of the largest torque to an order. At most the lag adds "
+        f"{', '.join(adds) or 'nothing'}. The follower lifts off at {f['follower_limit'].text()}."
+    )
 
 
-def show(o: Options, f: Mapping[str, Figure], r: Sweep) -> Show:
+def show(o: Options, f: Mapping[str, Figure], r: tuple[Machine, Frame]) -> Show:
     """Gains and torques of the orders, and a turn of the mechanism."""
-    nu = o.speeds[len(o.speeds) // 2]
-    turn = iron.turn(nu, r.alone, 360, iron.names(pictures.SEEN))
-    title, last = f"The mechanism at {nu:g} rad/s", float(turn["time"][-1])
-    moving = pictures.motion(turn, r.alone, title, 0.0, last, 4.0)
-    return Show(pictures.orders(r.machine, r.by_lag, f["follower_limit"].value), [moving])
+    machine, orders = r
+    nu, alone = o.speeds[len(o.speeds) // 2], iron.alone(machine.fmus, machine.start)
+    turn = iron.turn(nu, alone, 360, [f"iron.{x}" for x in mechanism.SEEN])
+    title = f"The mechanism at {nu:g} rad/s"
+    moving = mechanism.motion(title, turn, alone, turn["time"][-1], 4.0)
+    return Show([gain(f, orders), *(torque(lag, f, orders) for lag in LAGS)], [moving])
+
+
+def gain(f: Mapping[str, Figure], orders: Frame) -> Chart:
+    """Torque over excitation; orders whose excitation is small say nothing and are left out."""
+    curves, marks, theta, B = [], [], f["theta"].value, f["slope"].value
+    for (lag, T), color in zip(LAGS.items(), SERIES):
+        mine, name, w_n = orders[orders["T"] == T], f"lag {1e3 * T:g} ms", f[f"w_n_{lag}"].value
+        strong = mine[mine["excitation"] > SMALL * mine["excitation"].max()]
+        frequency = (strong["order"] * strong["nu"]).to_numpy()
+        w = np.linspace(frequency.min(), frequency.max(), 300)
+        formula = np.abs(B / (B - theta * T * w**2 + 1j * theta * w))
+        curves.append(Curve(f"{name}, theory", w, formula, color, "theory"))
+        curves.append(Curve(name, frequency, strong["gain"].to_numpy(), color, "points"))
+        if w[0] <= w_n <= w[-1]:
+            marks.append(Mark(w_n, f"{name}: w_n {w_n:.1f} rad/s"))
+    title = f"What the drive makes of an order's excitation, if above {SMALL:.0%} of the largest"
+    one = [Mark(1.0, "1: torque = excitation")]
+    panel = Panel("gain", "1", curves, one, includes=(0.0,))
+    return Chart(title, "frequency of the order [rad/s]", [panel], marks)
+
+
+def torque(lag: str, f: Mapping[str, Figure], orders: Frame) -> Chart:
+    """The torque of each order over the speed, where it meets w_n, and where the follower lifts."""
+    mine, adds = orders[orders["T"] == LAGS[lag]], f[f"added_{lag}"]
+    curves, marks = [], [Mark(f["follower_limit"].value, "follower lifts off")]
+    for k, color in enumerate(SERIES, 1):
+        nu, height = mine[mine["order"] == k][["nu", "torque"]].to_numpy().T
+        curves.append(Curve(f"order {k}", nu, height, color, "linked"))
+        marks.append(Mark(f[f"w_n_{lag}"].value / k, f"w_n / {k}"))
+    share = f"at most {adds.value:.1f} %" if adds.error is not None else "nothing"
+    title = f"A motor lag of {1e3 * LAGS[lag]:g} ms adds {share} of the largest torque to an order"
+    inside = [mark for mark in marks if nu[0] <= mark.at <= nu[-1]]
+    panel = Panel("amplitude", "N.m", curves, includes=(0.0,))
+    return Chart(title, "cam speed [rad/s]", [panel], inside)

@@ -4,25 +4,25 @@ A motor with lag starts the mechanism from rest in the middle of the bottom dwel
 ledger (work in = stored + friction) stands in the CSV, with what the coupling lost or made.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from cosim import Result
-from workbench import Bench, Figure, Findings, Run, Show, Table, option
-from workbench.measure import Samples, integral, largest, measured
+from cosim import Result, System
+from workbench import Bench, Chart, Curve, Figure, Findings, Panel, Run, Show, Table, option
+from workbench.measure import Measured, Samples, integral, largest, measured
+from workbench.report.chart import LIFT, SPEED, THEORY, TORQUE, recorded
 
 from . import drive as iron
-from . import show as pictures
+from . import mechanism
 
 PARTS = iron.PARTS
 STANDS = 0.01
+FIRST = 0.3
 RECORD = (
     "motor.tau", "motor.P", "iron.phi", "iron.w_cam", "iron.lift", "iron.v", "iron.tau_cam",
     "iron.N", "iron.T_iron", "iron.E_kin", "iron.E_pot", "iron.E_friction", "iron.motion",
@@ -39,61 +39,47 @@ class Options(Run):
     step: float = option(5e-4, "finest of three communication steps", "s", above=0.0)
 
 
-class Start(NamedTuple):
-    """The run, the energy ledger beside it, and the iron drive by itself."""
-
-    result: Result
-    energy: Mapping[str, Samples]
-    alone: iron.Alone
-
-
 def solve(o: Options, bench: Bench) -> Findings:
     """One start."""
     motor = iron.MOTOR | {"motor.A": o.motor_A, "motor.B": o.motor_B, "motor.T": o.motor_T}
-    system = iron.driven(bench.fmus, motor, o.start)
+    system = System(bench.fmus, iron.WIRES, motor | dict(o.start))
     result, found = bench.certify(system, figures, o, RECORD, "iron_start.csv")
-    energy, unit = ledger(result), result.units["iron.E_kin"]
-    units = result.units | dict.fromkeys(energy, unit)
-    return Findings(
-        found,
-        Start(result, energy, iron.own(bench.fmus, o.start)),
-        system,
-        result.provenance,
-        tables={"iron_start.csv": Table(result.frame.assign(**energy), units)},
-    )
+    energy, alone = ledger(result), iron.alone(bench.fmus, o.start)
+    units = result.units | dict.fromkeys(energy, "J")
+    tables = {"iron_start.csv": Table(result.frame.assign(**energy), units)}
+    return Findings(found, (result, alone), system, result.provenance, tables=tables)
 
 
 def ledger(r: Result) -> dict[str, Samples]:
     """Work of the motor, energy stored since the start, friction, and what is missing [J]."""
-    power = CubicSpline(r["time"], r["motor.P"])
-    work = np.asarray(power.antiderivative()(r["time"]))
-    stored = r["iron.E_kin"] + r["iron.E_pot"]
-    stored, friction = stored - stored[0], r["iron.E_friction"]
-    work = work - work[0]
+    work = np.asarray(CubicSpline(r["time"], r["motor.P"]).antiderivative()(r["time"]))
+    stored, friction = r["iron.E_kin"] + r["iron.E_pot"], r["iron.E_friction"]
+    stored = stored - stored[0]
     missing = work - stored - friction
     return {"E_in": work, "E_stored": stored, "E_friction": friction, "E_missing": missing}
 
 
 def figures(r: Result) -> dict[str, Figure]:
     """Largest speed and torque with their times, the speed it settles at, energies at the end."""
-    t, phi, rad, J = r["time"], r["iron.phi"], r.units["iron.w_cam"], r.units["iron.E_kin"]
+    t, phi, energy = r["time"], r["iron.phi"], ledger(r)
+    rad, torque, J = (r.units[x] for x in ("iron.w_cam", "motor.tau", "iron.E_kin"))
     w, tau = largest(t, r["iron.w_cam"]), largest(t, r["motor.tau"])
-    energy = ledger(r)
-    work = integral(t, r["motor.P"])
+    mean, work = measured(late, t, phi), integral(t, r["motor.P"])
+    pace = Measured(*(iron.PER_MINUTE * x for x in mean))
+    turns = float(np.ptp(phi[[0, -1]]) / (2 * math.pi))
+    stored, friction = (float(energy[x][-1]) for x in ("E_stored", "E_friction"))
     missing = float(np.abs(energy["E_missing"]).max())
     return {
         "w_cam_max": w.figure(rad, "largest speed of the cam"),
         "w_cam_max_time": w.at.figure("s", "when the cam is fastest"),
-        "tau_max": tau.figure(r.units["motor.tau"], "largest torque of the motor"),
+        "tau_max": tau.figure(torque, "largest torque of the motor"),
         "tau_max_time": tau.at.figure("s", "when the torque is largest"),
-        "w_cam_mean": measured(late, t, phi).figure(rad, "mean speed in the second half"),
-        "cycles": measured(lambda t, phi: iron.per_minute(late(t, phi)), t, phi).figure(
-            "1/min", "cycles per minute in the second half"
-        ),
-        "turns": Figure(float(np.ptp(phi[[0, -1]]) / (2 * math.pi)), "1", 0.0, "turns of the cam"),
+        "w_cam_mean": mean.figure(rad, "mean speed in the second half"),
+        "cycles": pace.figure("1/min", "cycles per minute in the second half"),
+        "turns": Figure(turns, "1", 0.0, "turns of the cam"),
         "energy_in": work.figure(J, "work of the motor"),
-        "energy_stored": Figure(float(energy["E_stored"][-1]), J, 0.0, "stored in the end"),
-        "energy_friction": Figure(float(energy["E_friction"][-1]), J, 0.0, "lost to friction"),
+        "energy_stored": Figure(stored, J, 0.0, "stored in the end"),
+        "energy_friction": Figure(friction, J, 0.0, "lost to friction"),
         "energy_missing_max": Figure(missing, J, work.error, "most that the coupling made or lost"),
     }
 
@@ -111,27 +97,46 @@ def stalls(r: Result, fastest: float) -> bool:
     return bool(phi[-1] - phi[0] < STANDS * fastest * (t[-1] - t[0]))
 
 
-def verdict(o: Options, f: Mapping[str, Figure], r: Start) -> str:
+def verdict(o: Options, f: Mapping[str, Figure], r: tuple[Result, System]) -> str:
     """How the cam starts, how it goes on, and the ledger."""
-    told = {name: figure.text() for name, figure in f.items()}
-    if stalls(r.result, f["w_cam_max"].value):
-        goes_on = f"The motor stalls: the cam has made {told['turns']} turns and does not turn on."
-    else:
-        pace = f["cycles"].text("cycles/min")
-        goes_on = f"In the second half it turns at {told['w_cam_mean']} ({pace})."
-    return "\n".join(
-        [
-            f"The cam shoots up to {told['w_cam_max']} after {told['w_cam_max_time']}. {goes_on} Of "
-            f"{told['energy_in']} from the motor, friction takes {told['energy_friction']} and "
-            f"{told['energy_stored']} are stored in the end.",
-            f"The motor's torque is largest after {told['tau_max_time']}, {told['tau_max']}; in "
-            f"{o.stop:g} s the cam makes {told['turns']} turns.",
-            f"The coupling made or lost at most {told['energy_missing_max']}.",
-        ]
+    pace = f"{f['w_cam_mean'].text()} ({f['cycles'].text('cycles/min')})"
+    goes_on = f"In the second half it turns at {pace}."
+    if stalls(r[0], f["w_cam_max"].value):
+        turns = f["turns"].text()
+        goes_on = f"The motor stalls: the cam has made {turns} turns and does not turn on."
+    return (
+        f"The cam shoots up to {f['w_cam_max'].text()} after {f['w_cam_max_time'].text()}. {goes_on} "
+        f"Of {f['energy_in'].text()} from the motor, friction takes {f['energy_friction'].text()} "
+        f"and {f['energy_stored'].text()} are stored in the end."
     )
 
 
-def show(o: Options, f: Mapping[str, Figure], r: Start) -> Show:
-    """Speed, lift, torque and ledger over time, and the mechanism in motion."""
-    moving = pictures.motion(r.result, r.alone, "The start", 0.0, o.stop, 2.0)
-    return Show(pictures.start_up(r.result, r.energy), [moving])
+def show(o: Options, f: Mapping[str, Figure], r: tuple[Result, System]) -> Show:
+    """The first moments, the whole start with its ledger, and the mechanism in motion."""
+    whole = chart(r[0], "The start from the middle of the bottom dwell", slice(None))
+    first = chart(r[0], "The first moments", r[0]["time"] <= FIRST)
+    moving = mechanism.motion("The start", *r, o.stop, 2.0)
+    return Show([first._replace(panels=first.panels[:3]), whole], [moving])
+
+
+def chart(r: Result, title: str, rows: Any) -> Chart:
+    """Speed, torque, ledger and lift over time."""
+    t = r["time"][rows]
+    work, stored, friction, missing = (x[rows] for x in ledger(r).values())
+
+    def panel(quantity: str, column: str, color: str, unit: str = "") -> Panel:
+        return recorded(quantity, r, t, {column: (quantity, color)}, unit, rows)
+
+    parts = [
+        Curve("friction", t, friction, "grey", "area"),
+        Curve("stored", t, stored, "sky", "area"),
+        Curve("from the motor", t, work, TORQUE),
+    ]
+    panels = [
+        panel("cam speed", "iron.w_cam", SPEED),
+        panel("motor torque", "motor.tau", TORQUE),
+        Panel("energy", "J", parts, includes=(0.0,)),
+        panel("lift", "iron.lift", LIFT, "mm"),
+        Panel("made or lost by the coupling", "mJ", [Curve("missing", t, 1e3 * missing, THEORY)]),
+    ]
+    return Chart(title, "time [s]", panels)

@@ -1,20 +1,43 @@
-"""The orientator as lines, from the outputs and parameters of its FMU."""
-
-from __future__ import annotations
+"""The orientator as lines in motion, from the outputs and parameters of its FMU; its y counts down."""
 
 import math
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Mapping, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
-from workbench.report.motion import Columns, Samples, Shape, arrow, ground, line, pivot
+from cosim import Result
+from workbench.report import motion as draw
+from workbench.report.chart import Span
+from workbench.report.motion import Motion, Samples, Shape, line
 
-Parameters = Mapping[str, Any]
+from .machine import STAGES
+
+SEEN = ("phi1", "phi2", "xc", "yc", "stage")
 
 
-def gravity_orientator(p: Parameters, at: Columns) -> list[Shape]:
-    """Wall, catcher and cup; the FMU counts y downwards."""
+def motion(
+    title: str, runs: Mapping[str, Result], last: float, ghosts: Sequence[Span] = ()
+) -> Motion:
+    """Catcher and cup of several runs of the same step side by side, up to a time [s]."""
+    t = next(iter(runs.values()))["time"]
+    picked = draw.rows(t, 0.0, last)
+    shapes: list[Shape] = []
+    captions = [f"{now:.3f} s: " for now in t[picked]]
+    for k, (name, result) in enumerate(runs.items()):
+        more, stages = drawn(result, picked)
+        shapes += draw.moved(more, 0.3 * k, 0.0)
+        captions = [f"{x}{name} {stage}; " for x, stage in zip(captions, stages)]
+    still = {int(np.searchsorted(t[picked], span.first)): span.text for span in ghosts}
+    if ghosts:
+        still[len(picked) - 1] = stages[-1]
+    return Motion(title, t[picked], 20.0, [x.strip("; ") for x in captions], shapes, ghosts=still)
+
+
+def drawn(result: Result, picked: NDArray[np.int64]) -> tuple[list[Shape], list[str]]:
+    """Wall, catcher and cup at some rows, and the stage of each."""
+    p = result.provenance["parts"]["orientator"]["parameters"]
+    at = draw.columns(result, "orientator", SEEN, picked)
     phi1, phi2, xc, yc = (at[name] for name in ("phi1", "phi2", "xc", "yc"))
     r, back, front = p["cup.d"] / 2, p["cup.l"], p["cup.h"] - p["cup.l"]
     c, s = np.cos(phi2), np.sin(phi2)
@@ -27,11 +50,11 @@ def gravity_orientator(p: Parameters, at: Columns) -> list[Shape]:
     corner = (p["catcher.l"] * np.cos(phi1), -p["catcher.l"] * np.sin(phi1))
     hook = (corner[0] + p["catcher.h"] * np.sin(phi1), corner[1] + p["catcher.h"] * np.cos(phi1))
     wall = p["catcher.l"] * math.cos(p["catcher.phi"]) + p["cup.d"]
-    falls = arrow(line((wall - 3.2 * r, 0.07), (wall - 3.2 * r, 0.02)), 0.012)
+    falls = draw.arrow(line((wall - 3.2 * r, 0.07), (wall - 3.2 * r, 0.02)), 0.012)
     return [
-        Shape("wall", ground(wall, -0.3, wall, 0.07, 0.015), "grey", 1.5, label=0),
-        Shape("pivot", pivot(0.0, 0.0, 0.008), "grey", 1.5, label=1),
+        Shape("wall", draw.ground(wall, -0.3, wall, 0.07, 0.015), "grey", 1.5, label=0),
+        Shape("pivot", draw.pivot(0.0, 0.0, 0.008), "grey", 1.5, label=1),
         Shape("falls", falls, "grey", 1.5, label=0),
         Shape("cup", line(cup(-back, -r), *bottom, cup(-back, r)), "red", 3.0, label=0),
         Shape("catcher", line((0.0, 0.0), corner, hook), "blue", 4.0, label=1),
-    ]
+    ], [STAGES[int(x)] for x in at["stage"]]

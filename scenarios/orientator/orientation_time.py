@@ -4,25 +4,28 @@ The rotor's speed is swept for three coefficients of friction; each curve ends w
 The limits are located by bisection.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
+import cosim
 import workbench
+from cosim import Result, System
 from cosim.system import Value, connect
-from workbench import Bench, Figure, Findings, Show, Table, option
+from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, Table, option
 from workbench.answer import stream
+from workbench.report.chart import SERIES
 
 from . import machine as orientator
-from . import show as pictures
+from . import mechanism
 
+Frame = Any
+Row = Any
 PARTS = orientator.PARTS
 OWN = ("orientator.w", "orientator.chute.mu", "orientator.release")
 TABLE = "orientation_time.csv"
@@ -33,7 +36,6 @@ UNITS = {
 STEP = 0.02
 NEAR = 0.01
 FAN = 1.1
-RECORD = ("stage", "reason", "orientation_time", "t_falling", "t_joint", "t_turning", "t_released")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,196 +45,148 @@ class Options(workbench.Options):
 
 
 class Case(NamedTuple):
-    """FMUs, friction on the wall, rotor speed [rpm], start values, communication step [s]."""
+    """FMUs and start values, friction on the wall, rotor speed [rpm], communication step [s]."""
 
     fmus: Mapping[str, Path]
+    start: Mapping[str, Value]
     mu: float
     n: float
-    start: Mapping[str, Value]
     step: float = STEP
 
-
-class Point(NamedTuple):
-    """One product: friction, rotor speed [rpm], end, durations [s], nan where there is none."""
-
-    mu: float
-    n: float
-    stage: int
-    reason: int
-    orientation_time: float
-    t_falling: float
-    t_joint: float
-    t_turning: float
-    t_released: float
-
     @property
-    def works(self) -> bool:
-        """Whether the product is oriented."""
-        return self.stage == orientator.ORIENTED
+    def system(self) -> System:
+        return orientator.system(self.fmus, self.n * math.pi / 30, self.mu, self.start)
 
-
-class Gap(NamedTuple):
-    """Between the last speed that works and the first that does not [rpm]."""
-
-    mu: float
-    good: float
-    bad: float
+    def run(self, variables: Sequence[str]) -> Result:
+        """The course of one product."""
+        record = [f"orientator.{x}" for x in variables]
+        return cosim.run(self.system, stop=orientator.LONGEST, step=self.step, record=record)
 
 
 class Sweep(NamedTuple):
-    """All products, the limits, and the FMUs."""
+    """All products, of each friction the last that is oriented and the first that jams, and a case."""
 
-    points: Sequence[Point]
-    gaps: Sequence[Gap]
-    fmus: Mapping[str, Path]
-
-    def at(self, mu: float, n: float) -> Point:
-        """The product of this friction and rotor speed [rpm]."""
-        return next(p for p in self.points if (p.mu, p.n) == (mu, n))
+    products: Frame
+    limits: Mapping[float, tuple[Row, Row]]
+    case: Case
 
 
 def solve(o: Options, bench: Bench) -> Findings:
     """Sweep, and halve the gaps between what works and what jams."""
-    system = orientator.system(bench.fmus, o.speeds[0], o.frictions[0], o.start)
-    connect(system)
-    points: list[Point] = []
-    with stream(bench.out and bench.out / TABLE, Point._fields) as keep:
-        cases = [
-            Case(bench.fmus, mu, orientator.rpm(w), o.start) for mu in o.frictions for w in o.speeds
-        ]
-        for point in bench.each(simulate, cases, "sweep", probes=True):
-            keep([point])
-            points.append(point)
-        tasks = [(gap, cases[0]) for gap in gaps(points)]
+    speeds = [orientator.rpm(w) for w in o.speeds]
+    cases = [Case(bench.fmus, o.start, mu, n) for mu in o.frictions for n in speeds]
+    connect(cases[0].system)
+    rows: list[Sequence[float]] = []
+    with stream(bench.out and bench.out / TABLE, list(UNITS)) as keep:
+        for row in bench.each(simulate, cases, "sweep", probes=True):
+            keep([row])
+            rows.append(row)
+        ends = limits(Table.of_rows(rows, UNITS).frame).items()
+        tasks = [(cases[0]._replace(mu=mu), good.n, bad.n) for mu, (good, bad) in ends]
         for more in bench.each(bisect, tasks, "limits", probes=True):
             keep(more)
-            points += more
-    sweep = Sweep(points, gaps(points), bench.fmus)
-    return Findings(
-        figures(sweep, o.start),
-        sweep,
-        system,
-        communication=f"steps of {STEP} s",
-        tables={TABLE: Table.of_rows(points, UNITS)},
-    )
+            rows += more
+    table = Table.of_rows(rows, UNITS)
+    sweep, steps = Sweep(table.frame, limits(table.frame), cases[0]), f"steps of {STEP} s"
+    found = figures(o, sweep)
+    return Findings(found, sweep, cases[0].system, {}, steps, tables={TABLE: table})
 
 
-def simulate(case: Case) -> Point:
-    """One product."""
-    fmus, mu, n, start, step = case
-    system = orientator.system(fmus, orientator.rad_per_s(n), mu, start)
-    result = orientator.product(system, step, RECORD)
-    stage, reason, *times = result.data[-1, 1:].tolist()
-    return Point(mu, n, int(stage), int(reason), *(time or math.nan for time in times))
+def simulate(case: Case) -> Sequence[float]:
+    """How one product ends: a row of the table, nan for what it does not reach."""
+    stage, reason, *times = case.run(list(UNITS)[2:]).data[-1, 1:].tolist()
+    return case.mu, case.n, int(stage), int(reason), *(time or math.nan for time in times)
 
 
-def bisect(task: tuple[Gap, Case]) -> list[Point]:
-    """Halve the gap until it is narrower than NEAR; all products on the way, and some before."""
-    (mu, good, bad), case = task
+def bisect(task: tuple[Case, float, float]) -> list[Sequence[float]]:
+    """Halve the gap between a speed that works and one that does not until it is narrower than NEAR;
+    all products on the way, and some before."""
+    case, good, bad = task
     first = 2 * good - bad
-    points: list[Point] = []
+    rows: list[Sequence[float]] = []
     while bad - good > NEAR:
         middle = (good + bad) / 2
-        points.append(simulate(case._replace(mu=mu, n=middle)))
-        good, bad = (middle, bad) if points[-1].works else (good, middle)
-    before = np.linspace(max(0.0, first), good, 12)[1:-1]
-    return points + [simulate(case._replace(mu=mu, n=float(n))) for n in before]
+        rows.append(simulate(case._replace(n=middle)))
+        good, bad = (middle, bad) if rows[-1][2] == orientator.ORIENTED else (good, middle)
+    before = np.linspace(max(0.0, first), good, 12)[1:-1].tolist()
+    return rows + [simulate(case._replace(n=n)) for n in before]
 
 
-def gaps(points: Sequence[Point]) -> list[Gap]:
-    """For each friction the first pair of speeds between which the machine stops working."""
-    found = []
-    for mu in sorted({p.mu for p in points}):
-        mine = sorted((p for p in points if p.mu == mu), key=lambda p: p.n)
-        for left, right in pairwise(mine):
-            if left.works and not right.works:
-                found.append(Gap(mu, left.n, right.n))
-                break
+def limits(products: Frame) -> dict[float, tuple[Row, Row]]:
+    """For each friction the first neighbours of which the slower works and the faster does not."""
+    found: dict[float, tuple[Row, Row]] = {}
+    for slow, fast in pairwise(products.sort_values(["mu", "n"]).itertuples(index=False)):
+        works, fails = (p.stage == orientator.ORIENTED for p in (slow, fast))
+        if slow.mu == fast.mu and works and not fails:
+            found.setdefault(slow.mu, (slow, fast))
     return found
 
 
-def figures(sweep: Sweep, start: Mapping[str, Value]) -> dict[str, Figure]:
+def figures(o: Options, r: Sweep) -> dict[str, Figure]:
     """For each friction the fastest rotor that works, as near as it was located, and its products."""
     found = {}
-    for mu in sorted({p.mu for p in sweep.points}):
-        name = f"mu_{mu:g}".replace(".", "_")
-        limit = f"fastest rotor that orients, friction {mu:g}"
-        takes = f"time of orientation there, friction {mu:g}"
-        pace = f"products per minute there from one catcher, friction {mu:g}"
-        gap = next((gap for gap in sweep.gaps if gap.mu == mu), None)
-        if gap is None:
-            none = "the sweep does not hold a speed where the machine stops working"
-            found[f"limit_{name}"] = Figure.refused("rpm", none, limit)
+    for mu in o.frictions:
+        name, friction = f"mu_{mu:g}".replace(".", "_"), f"friction {mu:g}"
+        limit = f"fastest rotor that orients, {friction}"
+        if mu not in r.limits:
+            stages = r.products["stage"][r.products["mu"] == mu]
+            which = "no product" if (stages == orientator.ORIENTED).any() else "every product"
+            found[f"limit_{name}"] = Figure.refused("rpm", f"{which} of the sweep jams", limit)
             continue
-        last, wide = sweep.at(mu, gap.good), gap.bad - gap.good
-        slower = Case(sweep.fmus, mu, max(0.0, gap.good - wide), start)
-        finer = slower._replace(n=gap.good, step=STEP / 2)
-        off = [abs(last.orientation_time - simulate(x).orientation_time) for x in (slower, finer)]
-        rate = 60 / last.orientation_time
-        found[f"limit_{name}"] = Figure(gap.good, "rpm", wide, limit)
-        found[f"orientation_time_{name}"] = Figure(last.orientation_time, "s", sum(off), takes)
-        error = rate * sum(off) / last.orientation_time
-        found[f"products_{name}"] = Figure(rate, "1/min", error, pace)
-    spread = fan(sweep.points)
-    meaning = "first speed of the sweep where the frictions differ by 10 %"
-    if spread is not None:
-        found["fan"] = Figure(*spread, meaning)
+        last, jam = r.limits[mu]
+        wide, time = jam.n - last.n, last.orientation_time
+        case = r.case._replace(mu=mu, n=last.n)
+        others = [case._replace(n=max(0.0, last.n - wide)), case._replace(step=STEP / 2)]
+        off = sum(abs(time - simulate(other)[4]) for other in others)
+        limit += f"; beyond it: {orientator.REASONS[jam.reason]}"
+        takes = f"time of orientation there, {friction}"
+        pace = f"products per minute there from one catcher, {friction}"
+        found[f"limit_{name}"] = Figure(last.n, "rpm", wide, limit)
+        found[f"orientation_time_{name}"] = Figure(time, "s", off, takes)
+        found[f"products_{name}"] = Figure(60 / time, "1/min", 60 / time**2 * off, pace)
+    works = r.products[r.products["stage"] == orientator.ORIENTED]
+    times = works.groupby("n")["orientation_time"].agg(["count", "min", "max"])
+    times = times[times["count"] > 1]
+    apart = times.index[times["max"] >= FAN * times["min"]]
+    if len(apart):
+        below = max(times.index[times.index < apart[0]], default=0.0)
+        meaning = "first speed of the sweep where the frictions differ by 10 %"
+        found["fan"] = Figure(apart[0], "rpm", apart[0] - below, meaning)
     return found
-
-
-def fan(points: Sequence[Point]) -> tuple[float, str, float] | None:
-    """The first speed of the sweep at which the frictions differ by 10 % or more, its unit, and how
-    far below it the speed before lies.
-    """
-    before = 0.0
-    for n in sorted({p.n for p in points}):
-        times = [p.orientation_time for p in points if p.n == n and p.works]
-        if len(times) > 1:
-            if max(times) / min(times) >= FAN:
-                return n, "rpm", n - before
-            before = n
-    return None
 
 
 def verdict(o: Options, f: Mapping[str, Figure], r: Sweep) -> str:
-    """How fast the rotor may turn with each friction, how long that takes, and what stops it."""
-    limits = [f"{f[_name('limit', gap)].text()} with friction {gap.mu:g}" for gap in r.gaps]
-    lines = [
-        f"The orientator works up to {', '.join(limits)}."
-        if limits
-        else "At no speed of the sweep does the orientator begin to jam."
-    ]
+    """How fast the rotor may turn with each friction, and from where on friction matters."""
+    limits = {mu: f[f"limit_mu_{mu:g}".replace(".", "_")] for mu in o.frictions}
+    told = [f"{x.text()} with friction {mu:g}" for mu, x in limits.items() if x.error is not None]
+    lines = [f"The orientator works up to {', '.join(told)}."] if told else []
+    for mu, limit in limits.items():
+        if limit.error is None:
+            lines.append(f"With friction {mu:g} {limit.reason}.")
     if "fan" in f:
-        lines[0] += (
-            f" The time of orientation hardly depends on friction up to {f['fan'].text()}, where the "
+        lines.append(
+            f"The time of orientation hardly depends on friction up to {f['fan'].text()}, where the "
             "slowest takes 10 % longer than the fastest."
         )
-    for gap in r.gaps:
-        reason = orientator.ITEMS["reason"][r.at(gap.mu, gap.bad).reason]
-        lines.append(
-            f"With friction {gap.mu:g} orienting takes {f[_name('orientation_time', gap)].text()} at "
-            f"the limit, {f[_name('products', gap)].text('products/min')}; beyond it products jam: {reason}."
-        )
-    for mu in sorted({p.mu for p in r.points} - {gap.mu for gap in r.gaps}):
-        works = any(p.works for p in r.points if p.mu == mu)
-        word = "no product of the sweep jams" if works else "every product of the sweep jams"
-        lines.append(f"With friction {mu:g} {word}.")
-    return "\n".join(lines)
-
-
-def _name(what: str, gap: Gap) -> str:
-    return f"{what}_mu_{gap.mu:g}".replace(".", "_")
+    return " ".join(lines)
 
 
 def show(o: Options, f: Mapping[str, Figure], r: Sweep) -> Show:
     """The curves, and for each limit the last product that is oriented beside the first that jams."""
-    motions = []
-    for mu, *speeds in r.gaps:
-        runs = {}
-        for n in speeds:
-            system = orientator.system(r.fmus, orientator.rad_per_s(n), mu, o.start)
-            runs[f"{n:.2f} rpm"] = orientator.product(system, 1e-3, pictures.SEEN)
-        ends = [orientator.shortened(run)["time"][-1] for run in runs.values()]
+    curves, marks, motions = [], [], []
+    works = r.products[r.products["stage"] == orientator.ORIENTED].sort_values("n")
+    for mu, color in zip(o.frictions, SERIES * len(o.frictions)):
+        most = r.limits[mu][0].n if mu in r.limits else math.inf
+        mine = works[(works["mu"] == mu) & (works["n"] <= most)]
+        n, time = mine[["n", "orientation_time"]].to_numpy().T
+        curves.append(Curve(f"friction {mu:g}", n, time, color, "linked"))
+    for mu, (good, bad) in r.limits.items():
+        marks.append(Mark(good.n, f"friction {mu:g} jams beyond {good.n:.2f} rpm"))
+        cases = [r.case._replace(mu=mu, n=p.n, step=1e-3) for p in (good, bad)]
+        runs = {f"{case.n:.2f} rpm": case.run(mechanism.SEEN) for case in cases}
+        last = max(orientator.shortened(run)["time"][-1] for run in runs.values())
         title = f"Friction {mu:g}: {' works, '.join(runs)} does not"
-        motions.append(pictures.motion(title, runs, float(max(ends))))
-    return Show([pictures.orientation_time(r.points, r.gaps)], motions)
+        motions.append(mechanism.motion(title, runs, float(last)))
+    title = "The time of orientation, up to where products jam"
+    panel = Panel("orientation time", "s", curves, includes=(0.0,))
+    return Show([Chart(title, "rotor speed [rpm]", [panel], marks)], motions)

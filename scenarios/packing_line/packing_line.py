@@ -5,29 +5,39 @@ releases a product at the start of each top dwell; a conveyor on its own motor f
 orientator takes no power from the shaft in its model, so that the supply gives that of two motors.
 """
 
-from __future__ import annotations
-
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
-from typing import NamedTuple
+
+import numpy as np
 
 import cosim
 from cosim import Result, System
-from workbench import Bench, Figure, Findings, Run, Show, Table, option
+from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Run, Show, Table, option
 from workbench.measure import largest, over_rows, smallest
+from workbench.report.chart import LIFT, POWER, Lanes, Span, recorded
+from workbench.report.motion import Motion, moved, rows
 
 from ..conveyor.theory import SETS
 from ..iron import drive as iron
+from ..iron import mechanism as iron_mechanism
 from ..orientator import machine as orientator
+from ..orientator import mechanism as orientator_mechanism
 from . import line as packing
-from . import show as pictures
-from .line import Line
 
 PARTS = packing.PARTS
 TABLE, ORDERS = "packing_line.csv", "packing_line_orders.csv"
+RECORD = (
+    "iron_motor.P", "iron_motor.tau", "iron.phi", "iron.w_cam", "iron.lift", "iron.top_dwell",
+    "iron.E_kin", "iron.E_pot", "iron.E_friction",
+    "iron.alpha", "iron.beta", "iron.H", "iron.motion",
+    "orientator.phi1", "orientator.xc", "orientator.yc",
+    "orientator.stage", "orientator.reason", "orientator.orientation_time", "orientator.phi2",
+    "orientator.oriented", "orientator.jammed", "orientator.missed",
+    "conveyor_motor.P", "conveyor_motor.tau", "conveyor.phi", "conveyor.w", "conveyor.x",
+    "conveyor.E_kin", "conveyor.E_pot", "conveyor.P_loss",
+)  # fmt: skip
 MEANING = {
     "cycle": ("s", "mean time from release to release"),
     "cam": ("rad/s", "mean speed of the cam"),
@@ -52,9 +62,7 @@ MEANING = {
     "correlation": ("1", "correlation of the powers of the two drives"),
 }
 AFTER_JAM = ("orientation", "spare")
-SHAFTS = {"iron": "cam", "conveyor": "crank"}
-MAIN, APART = 0.1, 0.05
-UNITS = {"drive": "1", "order": "1", "frequency": "Hz", "own": "W", "supply": "W"}
+AROUND = 0.05
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,15 +75,6 @@ class Options(Run):
     step: float = option(5e-4, "finest of three communication steps", "s", above=0.0)
 
 
-class Course(NamedTuple):
-    """The run, its products, the orders of its powers, and the iron drive by itself."""
-
-    result: Result
-    pace: packing.Pace
-    lines: Sequence[Line]
-    alone: iron.Alone
-
-
 def solve(o: Options, bench: Bench) -> Findings:
     """The line, long enough for two cycles."""
     least = (packing.FIRST_RELEASE - packing.START + 4.2 * math.pi) / o.iron_speed
@@ -83,137 +82,134 @@ def solve(o: Options, bench: Bench) -> Findings:
         raise cosim.SetupError(
             f"stop = {o.stop:g} s must be at least {least:.3f} s, two cycles after the first release"
         )
-    line = system(o, bench.fmus)
-    result, found = bench.certify(line, figures, o, packing.RECORD, TABLE)
-    lines = packing.ripple(result)
-    frame = result.frame.assign(P_supply=packing.powers(result)["supply"])
-    units = result.units | {"P_supply": result.units["iron_motor.P"]}
-    alone = iron.own(bench.fmus, line.start)
-    return Findings(
-        found,
-        Course(result, packing.pace(result), lines, alone),
-        line,
-        result.provenance,
-        tables={TABLE: Table(frame, units), ORDERS: Table.of_rows(lines, UNITS)},
-        files={"line.ssp": partial(_ssp, line, o.stop)},
-    )
-
-
-def system(o: Options, fmus: Mapping[str, Path]) -> System:
-    """The line."""
-    return packing.system(fmus, o.gear, o.iron_speed, o.set, o.speed, o.start)
-
-
-def _ssp(line: System, stop: float, path: Path) -> None:
-    cosim.write_ssp(line, path, stop=stop)
+    line = packing.system(bench.fmus, o.gear, o.iron_speed, o.set, o.speed, o.start)
+    r, found = bench.certify(line, figures, o, RECORD, TABLE)
+    rows = r.frame.assign(P_supply=packing.powers(r)["supply"])
+    units = r.units | {"P_supply": r.units["iron_motor.P"]}
+    tables = {TABLE: Table(rows, units), ORDERS: Table(packing.ripple(r), packing.UNITS)}
+    files = {"line.ssp": partial(cosim.write_ssp, line, stop=o.stop)}
+    data = r, iron.alone(bench.fmus, line.start)
+    return Findings(found, data, line, r.provenance, tables=tables, files=files)
 
 
 def figures(r: Result) -> dict[str, Figure]:
     """Pace, cost of jams, powers and their ripple; no time of orientation after a jam."""
-    pace, units = packing.pace(r), MEANING
-    jam = f"the orientator jams: {orientator.ITEMS['reason'][pace.reason]}"
+    releases, rows, unit = packing.releases(r), packing.window(r), r.units["iron_motor.P"]
+    oriented = float(np.ptp(r["orientator.oriented"][rows]))
+    missed, released = float(r["orientator.missed"][releases[-1]]), len(releases) - 1.0
+    reason = int(r["orientator.reason"][rows][-2])
+    jam = f"the orientator jams: {orientator.REASONS[reason]}"
+    why = jam if reason else "a product is still under way when the next is released"
     found = {
-        "released": Figure(float(pace.released), "1", 0.0, "products released in the whole cycles"),
-        "oriented": Figure(float(pace.oriented), "1", 0.0, "products oriented of these"),
+        "released": Figure(released, "1", 0.0, "products released in the whole cycles"),
+        "oriented": Figure(oriented, "1", 0.0, "products oriented of these"),
+        "missed": Figure(missed, "1", 0.0, "releases that came while a product was under way"),
     }
     for name, value in over_rows(averages, r).items():
-        found[name] = value.figure(*units[name])
-        if name in AFTER_JAM and pace.oriented < pace.released:
-            found[name] = Figure.refused(units[name][0], jam, units[name][1])
-    rows = packing.window(r)
+        found[name] = value.figure(*MEANING[name])
+        if name in AFTER_JAM and oriented < released:
+            found[name] = Figure.refused(MEANING[name][0], why, MEANING[name][1])
     for name, power in packing.powers(r).items():
-        t, unit, whose = r["time"][rows], r.units["iron_motor.P"], f"power of the {name}"
-        found[f"least_{name}"] = smallest(t, power[rows]).figure(unit, f"least {whose}")
-        found[f"most_{name}"] = largest(t, power[rows]).figure(unit, f"largest {whose}")
+        low, high = (end(r["time"][rows], power[rows]) for end in (smallest, largest))
+        found[f"least_{name}"] = low.figure(unit, f"least power of the {name}")
+        found[f"most_{name}"] = high.figure(unit, f"largest power of the {name}")
     return found
 
 
 def averages(r: Result) -> dict[str, float]:
     """What the rows tell of the whole cycles."""
-    pace, lines, found = packing.pace(r), packing.ripple(r), packing.averages(r)
-    orientation, rate = packing.orientation(r), 60 / found["cycle"]
-    cam, crank = nearest(lines)
-    gap = abs(cam.frequency - crank.frequency)
-    for drive in SHAFTS:
-        main = max((x for x in lines if x.drive == drive), key=lambda x: x.own)
-        found |= {f"main_{drive}": main.own, f"main_{drive}_frequency": main.frequency}
+    rows, orders, found = packing.window(r), packing.ripple(r), packing.averages(r)
+    orientation = float(r["orientator.orientation_time"][rows][-2])
+    released, oriented = len(packing.releases(r)) - 1, np.ptp(r["orientator.oriented"][rows])
+    iron, conveyor, _ = (x[rows] for x in packing.powers(r).values())
+    near, rate = packing.nearest(orders), 60 / found["cycle"]
+    for _, main in orders.loc[orders.groupby("drive")["own"].idxmax()].iterrows():
+        found[f"main_{main['drive']}"] = main["own"]
+        found[f"main_{main['drive']}_frequency"] = main["frequency"]
     return found | {
         "orientation": orientation,
         "spare": found["cycle"] - orientation,
-        "products": rate * pace.oriented / pace.released,
-        "lost": rate * (1 - pace.oriented / pace.released),
+        "products": rate * oriented / released,
+        "lost": rate * (1 - oriented / released),
         "work": found["mean_supply"] * found["cycle"],
-        "gap": gap,
-        "beat": 60 * gap,
-        "together": cam.own + crank.own,
-        "correlation": packing.correlation(r),
+        "gap": near["gap"],
+        "beat": 60 * near["gap"],
+        "together": near["own_x"] + near["own_y"],
+        "correlation": float(np.corrcoef(iron, conveyor)[0, 1]),
     }
 
 
-def nearest(lines: Sequence[Line]) -> tuple[Line, Line]:
-    """Of the strong orders of cam and crank the two that are nearest to each other in frequency."""
-    strong = {
-        drive: [x for x in lines if x.drive == drive and x.own > MAIN * most]
-        for drive in SHAFTS
-        for most in [max(x.own for x in lines if x.drive == drive)]
-    }
-    return min(
-        ((a, b) for a in strong["iron"] for b in strong["conveyor"]),
-        key=lambda pair: abs(pair[0].frequency - pair[1].frequency),
-    )
-
-
-def verdict(o: Options, f: Mapping[str, Figure], r: Course) -> str:
+def verdict(o: Options, f: Mapping[str, Figure], r: tuple[Result, System]) -> str:
     """Whether the line keeps pace, what a jam costs, and what the supply bears."""
     told = {name: figure.text() for name, figure in f.items()}
-    if r.pace.oriented == r.pace.released:
+    pace = (
+        f"The line keeps pace: every product is oriented in {told['orientation']} and the next "
+        f"comes after {told['cycle']}, {told['spare']} to spare."
+    )
+    if f["oriented"].value < f["released"].value:
         pace = (
-            f"The line keeps pace: every product is oriented in {told['orientation']} and the next "
-            f"comes after {told['cycle']}, {told['spare']} to spare."
+            f"The line does not keep pace: {told['oriented']} of {told['released']} products are "
+            f"oriented, {f['orientation'].reason}."
         )
-    else:
-        missed = r.result["orientator.missed"][r.pace.releases[-1]]
-        under_way = f"; {missed:.0f} of the releases find it under way" if missed else ""
-        pace = (
-            f"The line does not keep pace: {r.pace.oriented} of {r.pace.released} products are "
-            f"oriented, {f['orientation'].reason}{under_way}."
+    near, meets = packing.nearest(packing.ripple(r[0])), ""
+    if near["gap"] < near["frequency_x"] / near["order_x"] / 2:
+        meets = (
+            f", where order {near['order_x']} of the cam and order {near['order_y']} of the crank "
+            f"meet and beat {f['beat'].text('times a minute')}"
         )
-    products, lost = f["products"].text("products/min"), f["lost"].text("products/min")
-    lines = [
-        f"{pace} The line makes {products} and jams cost {lost}. The supply gives "
-        f"{told['mean_supply']} with a ripple of {told['rms_supply']} rms, between "
-        f"{told['least_supply']} and {told['most_supply']}.",
-        f"A jam costs its product and the {told['work']} that the supply gives in a cycle; each minute "
-        "of clearing, a minute's products more.",
-    ]
-    for drive, shaft in SHAFTS.items():
-        main = max((x for x in r.lines if x.drive == drive), key=lambda x: x.own)
-        lines.append(
-            f"Power of the {drive}: mean {told[f'mean_{drive}']}, ripple {told[f'rms_{drive}']} rms, "
-            f"between {told[f'least_{drive}']} and {told[f'most_{drive}']}; most of it in order "
-            f"{main.order} of the {shaft}, {told[f'main_{drive}']} at "
-            f"{told[f'main_{drive}_frequency']}."
-        )
-    return "\n".join([*lines, together(f, r.lines)])
-
-
-def together(f: Mapping[str, Figure], lines: Sequence[Line]) -> str:
-    """Whether the ripples of the two drives add."""
-    cam, crank = nearest(lines)
-    if f["gap"].value < cam.frequency / cam.order / 2:
-        return (
-            f"The ripples meet: order {cam.order} of the cam and order {crank.order} of the crank "
-            f"are {f['gap'].text()} apart and beat {f['beat'].text('times a minute')}; at worst they "
-            f"add to {f['together'].text()}."
-        )
-    r = f["correlation"]
-    sums = "add in squares" if abs(r.value) < APART else f"add with correlation {r.text()}"
     return (
-        f"The ripples sit apart in frequency, the nearest main orders (cam {cam.order}, crank "
-        f"{crank.order}) by {f['gap'].text()}: their rms values {sums}."
+        f"{pace} It makes {f['products'].text('products/min')}; jams cost "
+        f"{f['lost'].text('products/min')}, and each the {told['work']} of a cycle. The supply gives "
+        f"{told['mean_supply']} with a ripple of {told['rms_supply']} rms, between "
+        f"{told['least_supply']} and {told['most_supply']}{meets}."
     )
 
 
-def show(o: Options, f: Mapping[str, Figure], r: Course) -> Show:
-    """The whole cycles, and the last of them in motion."""
-    return Show([pictures.line(r.result, r.pace)], [pictures.motion(r.result, r.pace, r.alone)])
+def show(o: Options, f: Mapping[str, Figure], r: tuple[Result, System]) -> Show:
+    """The last whole cycle from release to release: cam, orientator, powers; and in motion."""
+    result, alone = r
+    first, last = packing.releases(result)[-2:]
+    t = result["time"] - result["time"][first]
+    period, bars = float(t[last]), lanes(result, first, last)
+    seen = (t >= -AROUND * period) & (t <= (1 + AROUND) * period)
+    dwell = first + np.flatnonzero(result["iron.top_dwell"][first : last + 1] < 0.5)[0]
+    lift = recorded("lift of the iron", result, t[seen], {"iron.lift": ("iron", LIFT)}, "mm", seen)
+    panels: list[Panel | Lanes] = [lift, Lanes(bars)]
+    for name, color in {"supply": POWER, "iron": "gold", "conveyor": "sky"}.items():
+        course = Curve(name, t[seen], packing.powers(result)[name][seen], color)
+        mean = [Mark.of("mean", f[f"mean_{name}"])]
+        panels.append(Panel(f"power, {name}", "W", [course], mean))
+    told = ", ".join(bar.text for bar in bars["pace"])
+    title = f"One cycle of {period:.3f} s, {60 / period:.2f} releases/min: {told}"
+    marks = [Mark(0.0, "release"), Mark(period, "next release")]
+    spans = [Span(0.0, float(t[dwell]), "top dwell", "green")]
+    chart = Chart(title, "time since the release [s]", panels, marks, spans)
+    return Show([chart], [motion(result, alone, first, last)])
+
+
+def lanes(r: Result, first: int, last: int) -> dict[str, list[Span]]:
+    """The stages of the product from a release to the next, and how long it all took."""
+    since = r["time"][first]
+    bars = [
+        x._replace(first=x.first - since, last=x.last - since)
+        for x in orientator.stages(r, first + 1, last)
+    ]
+    bars[0] = bars[0]._replace(first=0.0)
+    end, period, over = bars[-1].first, bars[-1].last, bars[-1].text
+    works = over == orientator.STAGES[orientator.ORIENTED]
+    why = orientator.REASONS[int(r["orientator.reason"][last - 1])]
+    rest = f"{period - end:.3f} s to spare" if works else f"lost: {why}"
+    pace = [Span(0.0, end, f"{over} after {end:.3f} s", "blue")] if end > 0.0 else []
+    pace.append(Span(end, period, rest, "green" if works else "red"))
+    return {"orientator": bars, "pace": pace}
+
+
+def motion(r: Result, alone: System, first: int, last: int) -> Motion:
+    """Iron and orientator side by side between two rows."""
+    picked = rows(r["time"], float(r["time"][first]), float(r["time"][last]), 360)
+    shapes, captions = iron_mechanism.drawn(r, alone, picked)
+    more, stages = orientator_mechanism.drawn(r, picked)
+    captions = [f"{caption}; orientator {stage}" for caption, stage in zip(captions, stages)]
+    title = "One cycle: the iron drive and the orientator it releases"
+    note = "The conveyor, which shakes too fast to be seen here, is left out."
+    return Motion(title, r["time"][picked], 4.0, captions, [*shapes, *moved(more, 0.5, 0.2)], note)
