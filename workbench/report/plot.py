@@ -48,7 +48,7 @@ def _layout(picture: Picture, laid: Layout) -> Words:
     drawn: Words = LOOK | {
         "height": inside + BELOW, "hovermode": "closest" if plane else "x unified",
         "xaxis": _axis(x) | {
-            "anchor": f"y{len(laid.rows)}", "showgrid": not plane, "spikethickness": 1,
+            "anchor": f"y{len(laid.rows)}", "spikethickness": 1,
             "unifiedhovertitle": {"text": f"{x.label} %{{x:.5g}}"}, "spikecolor": COLORS["grey"],
         },
         "annotations": [
@@ -62,10 +62,10 @@ def _layout(picture: Picture, laid: Layout) -> Words:
     }  # fmt: skip
     for k, row in enumerate(laid.rows, 1):
         low, high = top - INCH * (row.above + row.height), top - INCH * row.above
-        drawn[_legend(k)] = LEGEND | {"y": (top - TIGHT) / inside}
-        drawn[f"yaxis{k}"] = _axis(row.y) | {"domain": [low / inside, high / inside], "anchor": "x"}
-        if plane or row.y.ticks:
-            drawn[f"yaxis{k}"] |= {"showgrid": False, "zeroline": False}
+        drawn[f"legend{k + 1}"] = LEGEND | {"y": (top - TIGHT) / inside}
+        grid = {"showgrid": not row.y.ticks, "zeroline": not row.y.ticks}
+        domain = {"domain": [low / inside, high / inside], "anchor": "x"}
+        drawn[f"yaxis{k}"] = _axis(row.y) | domain | grid
         place, top = {"yref": f"y{k} domain", "y0": 0, "y1": 1}, low
         for span in picture.spans:
             color, ends = COLORS[span.color], {"x0": span.first, "x1": span.last}
@@ -86,10 +86,6 @@ def _layout(picture: Picture, laid: Layout) -> Words:
             "range": [factor * end for end in x.ends],
         }  # fmt: skip
     return drawn | {"shapes": shapes}
-
-
-def _legend(row: int) -> str:
-    return "legend" if row == 1 else f"legend{row}"
 
 
 def _colors(field: Field, long: float) -> Words:
@@ -126,7 +122,7 @@ def _chart(chart: Chart, laid: Layout) -> list[Words]:
             look = {"hovertemplate": f"%{{y:.5g}} {row.part.unit}", "showlegend": bool(row.names)}
             each = zip(curves, covered(curves))
             traces = [look | trace for curve, ends in each for trace in _curve(curve, *ends)]
-        data += [trace | {"yaxis": f"y{k}", "legend": _legend(k)} for trace in traces]
+        data += [trace | {"yaxis": f"y{k}", "legend": f"legend{k + 1}"} for trace in traces]
     if chart.second:
         unseen = {"hoverinfo": "skip", "showlegend": False}
         data.append(
@@ -181,7 +177,7 @@ def _field(field: Field) -> list[Words]:
     for level in field.levels:
         over = np.asarray(values if level.values is None else level.values, float)
         contour = at | {"type": "contour", "showscale": False, "hoverinfo": "skip"}
-        contour |= {"name": level.text, "z": list(map(numbers, over))}
+        contour |= {"name": level.text, "legend": "legend2", "z": list(map(numbers, over))}
         contour["contours"] = {"coloring": "none", "start": level.at, "end": level.at, "size": 1}
         for color, wide in (("#202020", 4.0), ("#ffffff", 1.6)):
             line = {"line": {"color": color, "width": wide}, "showlegend": wide > 2}
@@ -190,6 +186,7 @@ def _field(field: Field) -> list[Words]:
         (drawn,) = _curve(curve, *covered([curve])[0])
         drawn["line"]["width"] = 3
         drawn["marker"] |= {"size": 9, "line": {"color": "white", "width": 1.5}}
+        drawn["legend"] = "legend2"
         data.append(drawn | {"hovertemplate": f"%{{y:.5g}} {field.y.unit}"})
     return data
 
