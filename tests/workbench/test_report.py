@@ -154,6 +154,9 @@ def test_the_renderers_draw_marks_spans_lanes_errors_and_a_second_unit() -> None
     assert words == {"peak", "crossing", "avoid", "falling"}
     assert words == {text["text"] for text in (*wide["annotations"], *data) if text.get("text")}
     assert "turning" in legends and "falling" not in legends
+    placed = {(a["text"], a["x"], round(a["yshift"] / 19)) for a in wide["annotations"]}
+    assert placed == {(t.get_text(), t.xy[0], round(t.xyann[1] / 14)) for t in axes[0].texts}
+    assert placed == {("avoid", 3.0, 0), ("peak", 3.0, 1), ("crossing", 3.1, 1)}
     places = [line.get_xdata()[0] for line in axes[0].lines if len(line.get_xdata()) == 2]
     assert {2.0, 3.0, 3.1, 4.0} <= set(places)
     shapes = {(s["yref"], s["x0"], s["x1"]) for s in wide["shapes"]}
@@ -396,13 +399,13 @@ def test_the_page_tells_errors_warnings_and_what_is_dangerous_as_text(sample: Pa
     assert "seen from -1 to 7.5 (force [N])" in label
 
 
-COVERED = """[...document.querySelectorAll('.chart')].flatMap(c =>
-    [...c.querySelectorAll('g.legend')].filter(g => {
-        const box = g.getBoundingClientRect();
-        return [...c.querySelectorAll('.subplot .plot')].some(p => {
-            const plot = p.getBoundingClientRect();
-            return plot.height && box.top < plot.bottom - 3 && plot.top + 3 < box.bottom; });
-    }).map(g => g.textContent))"""
+COVERED = """[...document.querySelectorAll('.chart')].flatMap(chart => {
+    const boxes = name => [...chart.querySelectorAll(name)].map(x => x.getBoundingClientRect());
+    const [plots, legends] = [boxes('.nsewdrag'), boxes('.infolayer > g[class^=legend]')];
+    const rows = Object.keys(chart._fullLayout).filter(key => /^yaxis/.test(key)).length;
+    if (plots.length !== rows) return ['no plots'];
+    return legends.filter(a => plots.some(b => a.top < b.bottom - 1 && b.top < a.bottom - 1));
+})"""
 DRAWN = (
     "[...document.querySelectorAll('.chart')].map(c => c.querySelectorAll('.trace, .hm').length)"
 )
