@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-NEGLIGIBLE, SMALL, FLOOR, ROUNDING = 1e-9, 1e-3, 0.02, 1e-12
+from cosim import estimate
+
+NEGLIGIBLE, SMALL, FLOOR = 1e-9, 1e-3, 0.02
 
 
 def limit(values: Sequence[float], order: float) -> tuple[float, float | None, str]:
@@ -28,13 +30,11 @@ def limit(values: Sequence[float], order: float) -> tuple[float, float | None, s
 
 
 def coupling(values: Sequence[float], order: float) -> float:
-    """The coupling error of the first of values at steps h, 2 h, 4 h: how far it is from their limit,
-    and the error of that. Where they go nowhere it is twice their spread; it is 0 only for a count
-    that all runs agree on.
+    """The coupling error of the first of values at steps h, 2 h, 4 h, as `cosim.estimate` states it;
+    twice their spread where it states none, and 0 for a count that all runs agree on.
     """
-    fine = values[0]
-    value, error, _ = limit(values, order)
-    if error is None:
-        return 2.0 * (max(values) - min(values))
-    least = 0.0 if fine == round(fine) else ROUNDING * abs(fine)
-    return max(abs(fine - value) + error, least)
+    spread = max(values) - min(values)
+    if spread == 0.0 and values[0] == round(values[0]):
+        return 0.0
+    error = estimate(values, order).error
+    return 2.0 * spread if error is None else error

@@ -119,8 +119,7 @@ class Option:
     def _number(self, given: Any, key: str) -> float:
         said = f"{key} = {shown(given)}"
         if isinstance(given, str):
-            (value,), scale = self._parsed([given], said, self._expected())
-            return value * scale
+            return self._parsed([given], said, self._expected())[0]
         if isinstance(given, bool) or not isinstance(given, int | float):
             raise SetupError(f"{said} must {self._expected()}")
         return float(given)
@@ -135,18 +134,17 @@ class Option:
                 raise SetupError(f"{said} must be a list of numbers")
             return [self._number(x, key) for x in given]
         if ":" not in given:
-            values, scale = self._parsed(given.split(","), said, form)
-            return [value * scale for value in values]
+            return self._parsed(given.split(","), said, form)
         *ends, count = given.split(":")
         if len(ends) != 2 or not count.strip().isdigit():
             raise SetupError(f"{said} must {form}")
-        (low, high), scale = self._parsed(ends, said, form)
+        low, high = self._parsed(ends, said, form)
         if int(count) < 1:
             raise SetupError(f"{said} names no number")
-        return [value * scale for value in np.linspace(low, high, int(count)).tolist()]
+        return list(np.linspace(low, high, int(count)).tolist())
 
-    def _parsed(self, texts: Sequence[str], said: str, form: str) -> tuple[list[float], float]:
-        """Numbers in one unit, and what they are multiplied by; others are refused by their form."""
+    def _parsed(self, texts: Sequence[str], said: str, form: str) -> list[float]:
+        """Numbers that are written in one unit, in the declared one; others are refused by their form."""
         matches = [match for match in map(QUANTITY.fullmatch, texts) if match]
         if len(matches) < len(texts):
             raise SetupError(f"{said} must {form}")
@@ -156,7 +154,7 @@ class Option:
         scale = self._units().get("".join(units) or self.unit)
         if scale is None:
             raise SetupError(f"{said} must {self._expected()}")
-        return [float(match[1]) for match in matches], scale
+        return [float(match[1]) * scale for match in matches]
 
     def _units(self) -> dict[str, float]:
         """The units that a number may be in, and what it is then multiplied by."""

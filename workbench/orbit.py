@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import krogh_interpolate
 
 import cosim
 from cosim import Result, SimulationError, System
@@ -146,12 +147,6 @@ def at_angles(phi: Samples, values: Samples, wanted: Samples) -> Samples:
     found = np.empty((len(values), len(wanted)))
     for k, angle in enumerate(wanted):
         i = int(np.clip(np.searchsorted(phi, angle) - NEAR // 2, 0, len(phi) - NEAR))
-        x = phi[i : i + NEAR]
-        if np.any(x == angle):
-            found[:, k] = values[:, i + int(np.argmax(x == angle))]
-            continue
-        weights = np.array([1.0 / np.prod(x[j] - np.delete(x, j)) for j in range(NEAR)]) / (
-            angle - x
-        )
-        found[:, k] = values[:, i : i + NEAR] @ weights / weights.sum()
+        near = slice(i, i + NEAR)
+        found[:, k] = krogh_interpolate(phi[near], values[:, near], angle, axis=1)
     return found

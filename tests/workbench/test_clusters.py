@@ -172,7 +172,12 @@ def elsewhere(tmp_path: Path) -> Iterator[tuple[str, Path, Callable[[], None]]]:
         command += ["--nthreads", "1", "--no-dashboard", "--local-directory", tmp_path / "scratch"]
         silent = subprocess.DEVNULL
         worker = subprocess.Popen(
-            command, cwd=home, stdout=silent, stderr=silent, start_new_session=True
+            command,
+            cwd=home,
+            env=os.environ | {"PYTHONPATH": ""},
+            stdout=silent,
+            stderr=silent,
+            start_new_session=True,
         )
 
         def vanish() -> None:
@@ -202,14 +207,18 @@ def test_fmus_travel_to_workers_and_other_code_is_refused(
         )
     assert here.table["orientation_time"].nunique() == 4
     assert not (home / "fmus").exists()
+
+    def refused(message: str) -> None:
+        with Client(address) as client:
+            client.restart()
+        with pytest.raises(SetupError, match=f"worker tcp.* {message}"):
+            study.run(study.load(path, PROJECT), out=tmp_path / "again", scheduler=address)
+
     with (home / "cosim" / "curve.py").open("a") as file:
         file.write("# changed\n")
-    with Client(address) as client:
-        client.restart()
-    with pytest.raises(
-        SetupError, match=r"worker tcp.* differs: code.\"cosim/curve.py\" is another one"
-    ):
-        study.run(study.load(path, PROJECT), out=tmp_path / "again", scheduler=address)
+    refused(r"differs: code.\"cosim/curve.py\" is another one")
+    shutil.rmtree(home / "workbench")
+    refused("cannot do runs: .*No module named 'workbench'.*; start it in the project's folder")
 
 
 def test_a_study_whose_workers_are_gone_for_good_ends_with_its_rows(

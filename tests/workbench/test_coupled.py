@@ -37,6 +37,18 @@ def test_crossings_are_found_up_and_down_with_their_errors() -> None:
         assert 0.0 < abs(crossing.value - exact) < crossing.error < 1e-3
 
 
+def test_a_crossing_that_never_happens_is_a_refused_figure() -> None:
+    t = np.linspace(0.0, 2 * math.pi, 60)
+    found = measure.crossings(t, np.sin(t), 0.5)
+    assert [measure.crossing(t, np.sin(t), 0.5, which) for which in (0, 1, -1)] == [
+        *found,
+        found[1],
+    ]
+    for level, which in ((2.0, 0), (0.5, 2), (0.5, -3)):
+        figure = measure.crossing(t, np.sin(t), level, which).figure("s", "when")
+        assert (figure.error, figure.reason) == (None, "it does not happen while the run lasts")
+
+
 def test_an_integral_states_what_its_rows_leave_open() -> None:
     t = np.linspace(0.0, 3.0, 31)
     found = measure.integral(t, np.exp(-t) * np.sin(7 * t))
@@ -70,14 +82,14 @@ def test_a_coupling_error_holds_whatever_the_order_and_is_not_much_too_wide(
     order: float, power: float
 ) -> None:
     values = [5.0 + 0.1 * h**power for h in (1.0, 2.0, 4.0)]
-    assert 0.1 < coupling(values, order) < (1.3 if power == order else 4.2) * 0.1 * (2**power - 1)
+    assert 0.1 < coupling(values, order) < (1.6 if power == order else 7.1) * 0.1
 
 
 def test_values_in_no_order_have_twice_their_spread_and_only_a_count_is_exact() -> None:
     assert coupling([1.1, 1.5, 1.0], 2.0) == 1.0
     assert coupling([1.3, 1.1, 1.0], 2.0) == pytest.approx(0.6)
     assert coupling([3.0, 3.0, 3.0], 2.0) == 0.0
-    assert coupling([0.3, 0.3, 0.3], 2.0) == pytest.approx(3e-13)
+    assert coupling([0.3, 0.3, 0.3], 2.0) == pytest.approx(3e-11)
     assert limit([1.0, 1.2, 1.1], 2.0)[1] is None
     assert limit([1.0], 2.0)[1] is None
     value, error, _ = limit([1.0, 1.0 + 2e-6, 1.0 + 1e-6], 2.0)
@@ -87,7 +99,7 @@ def test_values_in_no_order_have_twice_their_spread_and_only_a_count_is_exact() 
 def test_errors_of_rows_and_coupling_add_up_and_a_refusal_stays_one() -> None:
     runs = [Figure(5.0 + 0.1 * h**2, "N", 0.02, "force") for h in (4.0, 2.0, 1.0)]
     error = certified(runs, 2.0).error
-    assert error is not None and 0.12 < error < 0.13
+    assert error is not None and 0.12 < error < 0.18
     refused = Figure.refused("N", "it never was", "force")
     assert certified([*runs[:2], refused], 2.0) == refused
     assert certified([refused, *runs[1:]], 2.0).error is None

@@ -20,6 +20,7 @@ from cosim.commandline import exit_code
 from tests.conftest import ROOT, hear_ctrl_c, until
 from tests.hosts import light, plane
 from workbench import Bench
+from workbench.ask import answer
 from workbench.question import load
 from workbench.runs import identity, journal, local
 from workbench.runs.worker import PREFIX, Worker, _tidy
@@ -131,7 +132,9 @@ class Options(workbench.Options): pass
 class Point(NamedTuple):
     x: float
 def double(point): return Point(2.0 * point.x)
-def solve(o, bench): ...
+def solve(o, bench):
+    list(bench.each(double, [Point(1.0)], "double"))
+    raise KeyboardInterrupt
 """
 
 
@@ -143,6 +146,20 @@ def test_a_sweep_of_a_question_in_a_file_of_its_own_runs_in_processes(tmp_path: 
     bench = Bench({}, str(path), jobs=2)
     points = [page.Point(1.0), page.Point(3.0)]
     assert list(bench.each(page.double, points, "double")) == [(2.0,), (6.0,)]
+
+
+def test_a_question_of_ones_own_that_was_changed_takes_no_rows_of_the_one_before(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "mine.py"
+    for text in (MINE, MINE, MINE.replace("2.0", "3.0")):
+        path.write_text(text)
+        page = load(str(path))
+        with pytest.raises(KeyboardInterrupt):
+            answer(page, page.Options(), {}, out=tmp_path)
+    goes_on, dropped = capsys.readouterr().err.splitlines()
+    assert goes_on == f"{tmp_path}: 1 runs are done already"
+    assert dropped.endswith("runs: question is another one; they are dropped")
 
 
 def test_a_task_that_crashes_ends_its_sweep_with_one_sentence(

@@ -64,10 +64,7 @@ def rows(
     submitted: dict[Any, Key] = {}
     done: SimpleQueue[Any] = SimpleQueue()
     with client:
-        try:
-            client.wait_for_workers(1, timeout=WORKERS)
-        except TimeoutError:
-            raise SetupError(f"the scheduler at {scheduler} has no workers") from None
+        _check(client, scheduler, packages)
         shipped = client.submit(_ship, needed, pure=False)
 
         def submit(key: Key) -> None:
@@ -103,16 +100,31 @@ def rows(
                         continue
                     text = "its workers were lost again and again"
                     outcome = Outcome("crashed", None, text, 0.0, str(killed))
-                except ImportError as error:
-                    raise SetupError(
-                        f"a worker cannot do runs: {error}; start it in the project's folder"
-                    ) from error
                 seen = time.monotonic()
                 yield submitted.pop(future), outcome
         finally:
             with contextlib.suppress(OSError, TimeoutError):
                 client.cancel(list(submitted))
                 client.run(_release, on_error="ignore")
+
+
+def _check(client: Any, scheduler: str, packages: Sequence[str]) -> None:
+    """Refuse workers that would compute something else; one without our code would die of a run."""
+    try:
+        client.wait_for_workers(1, timeout=WORKERS)
+    except TimeoutError:
+        raise SetupError(f"the scheduler at {scheduler} has no workers") from None
+    for worker, there in client.run(facts, *packages, on_error="return").items():
+        if isinstance(there, BaseException):
+            raise SetupError(
+                f"worker {worker} cannot do runs: {there}; start it in the project's folder"
+            )
+        _same(worker, there, facts(*packages))
+
+
+def _same(worker: str, there: Mapping[str, Any], here: Mapping[str, Any]) -> None:
+    if there != here:
+        raise SetupError(f"worker {worker} differs: {differences(there, here)} on this side")
 
 
 def _seen(client: Any, scheduler: str, before: float) -> float:
@@ -138,10 +150,7 @@ def _run(task: Any, shipped: Shipped, timeout: float | None) -> Outcome:
     from distributed import get_worker
 
     worker = get_worker()
-    there = facts(*shipped.packages)
-    if there != shipped.facts:
-        wrong = differences(there, shipped.facts)
-        raise SetupError(f"worker {worker.address} differs: {wrong} on this side")
+    _same(worker.address, facts(*shipped.packages), shipped.facts)
     function = shipped.cases.unpacked(Path(worker.local_directory) / "studies")
     multiprocessing.current_process().daemon = False  # a nanny's worker may have no children else
     try:

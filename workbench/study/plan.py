@@ -53,12 +53,12 @@ class Study:
     project: Project
     where: str
     module: ModuleType
-    fixed: Mapping[str, Value]
-    grid: Mapping[str, Sequence[Value]]
     sampling: Sampling | None
-    tolerances: Mapping[str, Any]
     timeout: float | None
     figures: Sequence[str]
+    fixed: Mapping[str, Value]
+    grid: Mapping[str, Sequence[Value]]
+    tolerances: Mapping[str, Any]
 
     @property
     def name(self) -> str:
@@ -133,10 +133,12 @@ def _study(path: Path, content: Spec, project: Project) -> Study:
         raise SetupError(f"figures = {shown(figures)} must be a list of names")
     page = question.load(where)
     read: dict[str, dict[str, Any]] = {
-        table: {name: how(_input(page, table, name, x), _key(table, name), x)
-                for name, x in tables[table].items()}
-        for table, how in (("fixed", lambda option, key, x: option.read(x, key)), ("grid", _values), ("tolerances", _tolerance))
-    }  # fmt: skip
+        table: {
+            name: how(_input(page, table, name, given), _key(table, name), given)
+            for name, given in tables[table].items()
+        }
+        for table, how in (("fixed", _one), ("grid", _values), ("tolerances", _tolerance))
+    }
     for name, times in Counter(itertools.chain(*read.values())).items():
         if times > 1:
             raise SetupError(f"{name!r} stands in two of [fixed], [grid] and [tolerances]")
@@ -146,10 +148,7 @@ def _study(path: Path, content: Spec, project: Project) -> Study:
         raise SetupError("[tolerances] and [sampling] need each other")
     sampling = _sampling(tables["sampling"]) if "sampling" in content else None
     timeout = TIMEOUT.read(content.get("timeout"))
-    return Study(
-        path, content, project, where, page, read["fixed"], read["grid"], sampling,
-        read["tolerances"], timeout, figures,
-    )  # fmt: skip
+    return Study(path, content, project, where, page, sampling, timeout, figures, **read)
 
 
 class _StartValue(Option):
@@ -182,6 +181,11 @@ def _input(page: ModuleType, table: str, name: str, spec: object) -> Option:
     if name in getattr(page, "OWN", ()):
         raise SetupError(f"{key}: {who} sets it on its own")
     return _StartValue(name, float)
+
+
+def _one(option: Option, key: str, given: object) -> Any:
+    """One value of an input, of its type and in its unit."""
+    return option.read(given, key)
 
 
 def _values(option: Option, key: str, spec: object) -> list[Value]:
