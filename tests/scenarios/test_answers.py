@@ -21,7 +21,6 @@ from scenarios.conveyor.theory import FIELDS, Machine
 from scenarios.iron import drive as iron
 from scenarios.iron import iron_orders
 from scenarios.orientator import machine as orientator
-from scenarios.packing_line import line as packing
 from scenarios.packing_line import packing_line
 from tests.conftest import QUICK, ask, fmus_of
 from workbench.answer import Answer, content, finish, write
@@ -257,9 +256,8 @@ def test_theory_and_machine_follow_the_same_start_values() -> None:
 
 def test_the_line_keeps_its_speeds_whatever_its_motors_are() -> None:
     start = {"conveyor_motor.B": 50.0, "conveyor.trough.d": 3e3, "iron_motor.B": 0.05}
-    line = packing.system(
-        fmus_of(packing_line), 1.25, 4.0, "B", 60.0, start | {"iron.reducer.i_g": 30.0}
-    )
+    o = packing_line.Options(iron_speed=4.0, start=start | {"iron.reducer.i_g": 30.0})
+    line = packing_line.system(o, fmus_of(packing_line))
     assert line.start["conveyor_motor.A"] == pytest.approx((50.0 + 3e3 * 0.01**2 / 2) * 60.0)
     assert line.start["iron_motor.A"] == pytest.approx(0.05 * 30.0 * 4.0)
     assert start.items() <= line.start.items()
