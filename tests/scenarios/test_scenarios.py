@@ -298,6 +298,14 @@ def test_iron_cycle_knows_torque_forces_and_limits() -> None:
     assert "(55 cycles/min) is NOT possible: the follower lifts off at" in fast.verdict
 
 
+def test_a_follower_that_its_rocker_lifts_at_rest_has_no_speed_that_is_safe() -> None:
+    heavy = ask("iron_cycle", start={"iron.rocker.m": 40.0, "iron.rocker.gamma": -1.5})
+    assert heavy.figures["follower_limit"].value == 0.0
+    assert heavy.figures["share"].reason == "the first limit is 0"
+    assert "is NOT possible: the follower lifts off at 0 rad/s already" in heavy.verdict
+    assert any("cam follower lifts off" in warning for warning in heavy.warnings)
+
+
 def test_iron_start_keeps_the_energy_ledger() -> None:
     answer = ask("iron_start")
     rows = answer.tables["iron_start.csv"].frame
