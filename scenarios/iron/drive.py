@@ -53,10 +53,11 @@ def turn(speed: float, alone: System, samples: int, record: Sequence[str]) -> Re
 
 
 def limits(alone: System, samples: int = 1440) -> dict[str, Figure]:
-    """The constant cam speed at which each force vanishes first, and the cam angle where.
+    """The constant cam speed at which each force vanishes first, and the cam angle where; 0 for a
+    force that is not there at rest.
 
     At constant speed a force is f_0(phi) + f_2(phi) w^2, and two turns tell both: it vanishes where
-    -f_2 / f_0 is largest.
+    -f_2 / f_0 is largest. It does somewhere, because accelerations have both signs in a turn.
     """
     record = ["iron.phi", *(force for force, *_ in LETS_GO.values())]
     slow, fast = (turn(w, alone, samples, record) for w in (1.0, 2.0))
@@ -64,13 +65,11 @@ def limits(alone: System, samples: int = 1440) -> dict[str, Figure]:
     for name, (force, event, _) in LETS_GO.items():
         f_2 = (fast[force] - slow[force]) / 3.0
         f_0 = slow[force] - f_2
-        key, meaning = f"{name}_limit", f"cam speed where {event}"
-        if f_0.min() > 0.0 > f_2.min():
+        speed = Figure(0.0, "rad/s", 0.0, f"cam speed where {event}")
+        if f_0.min() > 0.0:
             top = largest(np.degrees(slow["iron.phi"]), -f_2 / f_0)
-            speed = top.value**-0.5
-            found[key] = Figure(speed, "rad/s", speed * top.error / (2 * top.value), meaning)
-            found[f"{key}_angle"] = top.at.figure("deg", f"cam angle where {event}")
-        else:
-            reason = "no speed of the cam changes the sign of its force"
-            found[key] = Figure.refused("rad/s", reason, meaning)
+            w = top.value**-0.5
+            speed = speed._replace(value=w, error=w * top.error / (2 * top.value))
+            found[f"{name}_limit_angle"] = top.at.figure("deg", f"cam angle where {event}")
+        found[f"{name}_limit"] = speed
     return found

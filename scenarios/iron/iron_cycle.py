@@ -47,12 +47,11 @@ def solve(o: Options, bench: Bench) -> Findings:
     result, found = bench.certify(system, figures, run, RECORD, "iron_cycle.csv")
     found["cycles"] = Figure(o.speed * iron.PER_MINUTE, "1/min", 0.0, "cycles per minute")
     found |= iron.limits(alone)
-    meaning, first = "speed, in shares of the first limit", lowest(found)
-    found["share"] = Figure.refused("%", "there is no limit", meaning)
-    if first:
-        limit, share = found[f"{first}_limit"], 100 * o.speed / found[f"{first}_limit"].value
-        error = share * (limit.error or 0.0) / limit.value
-        found["share"] = Figure(share, "%", error, meaning)
+    meaning, limit = "speed, in shares of the first limit", found[f"{lowest(found)}_limit"]
+    found["share"] = Figure.refused("%", "the first limit is 0", meaning)
+    if limit.value:
+        share = 100 * o.speed / limit.value
+        found["share"] = Figure(share, "%", share * (limit.error or 0.0) / limit.value, meaning)
     tables = {"iron_cycle.csv": Table.of(result)}
     return Findings(found, (result, alone), system, result.provenance, tables=tables)
 
@@ -82,20 +81,18 @@ def figures(r: Result) -> dict[str, Figure]:
 
 
 def lowest(f: Mapping[str, Figure]) -> str:
-    """What lets go first; "" if nothing ever does."""
-    there = [name for name in iron.LETS_GO if f[f"{name}_limit"].error is not None]
-    return min(there, key=lambda name: f[f"{name}_limit"].value, default="")
+    """What lets go first."""
+    return min(iron.LETS_GO, key=lambda name: f[f"{name}_limit"].value)
 
 
 def verdict(o: Options, f: Mapping[str, Figure], r: object) -> str:
     """Whether the speed is safe, and what the drive carries."""
-    pace, first = f"{o.speed:.5g} rad/s ({f['cycles'].text('cycles/min')})", lowest(f)
-    answer = f"{pace} is safe: no speed of the cam makes follower or chain let go."
-    if first:
-        limit, event = f[f"{first}_limit"], iron.LETS_GO[first][1]
-        share = f"it is {f['share'].text()} of {limit.text()}, where {event}"
-        beyond = f"{pace} is NOT possible: {event} at {limit.text()} already."
-        answer = f"{pace} is safe: {share}." if o.speed < limit.value else beyond
+    pace = f"{o.speed:.5g} rad/s ({f['cycles'].text('cycles/min')})"
+    limit, event = f[f"{lowest(f)}_limit"], iron.LETS_GO[lowest(f)][1]
+    answer = f"{pace} is NOT possible: {event} at {limit.text()} already."
+    if o.speed < limit.value:
+        share = f["share"].text()
+        answer = f"{pace} is safe: it is {share} of {limit.text()}, where {event}."
     return (
         f"{answer} The cam's shaft carries between {f['tau_cam_min'].text()} and "
         f"{f['tau_cam_max'].text()}, the motor up to {f['tau_motor_max'].text()}. Friction takes "
@@ -106,7 +103,7 @@ def verdict(o: Options, f: Mapping[str, Figure], r: object) -> str:
 def show(o: Options, f: Mapping[str, Figure], r: tuple[Result, System]) -> Show:
     """Forces, torque and motion over the cam angle, its phases as spans; the mechanism in motion."""
     result, alone = r
-    phi, first = np.degrees(result["iron.phi"]), lowest(f)
+    phi = np.degrees(result["iron.phi"])
     p = result.provenance["parts"]["iron"]["parameters"]
     parts = [math.degrees(p[f"cam.{x}"]) for x in ("rise", "top", "ret")]
     ends = pairwise([0.0, *accumulate(parts), 360.0])
@@ -115,10 +112,9 @@ def show(o: Options, f: Mapping[str, Figure], r: tuple[Result, System]) -> Show:
     def panel(quantity: str, column: str, color: str, unit: str = "") -> Panel:
         return recorded(quantity, result, phi, {column: (quantity, color)}, unit)
 
-    title = f"One turn of the cam at {f['cycles'].value:.1f} cycles/min"
-    if first:
-        pace = iron.PER_MINUTE * f[f"{first}_limit"].value
-        title += f"; {iron.LETS_GO[first][1]} at {pace:.1f} cycles/min"
+    pace, event = iron.PER_MINUTE * f[f"{lowest(f)}_limit"].value, iron.LETS_GO[lowest(f)][1]
+    now = f"One turn of the cam at {f['cycles'].value:.1f} cycles/min"
+    title = f"{now}; {event} at {pace:.1f} cycles/min"
     zero = [Mark(0.0, "0: contact or chain lets go")]
     panels = [
         recorded("forces", result, phi, FORCES, includes=(0.0,), levels=zero),

@@ -1,70 +1,20 @@
-"""The packing line: its system, its releases, and what its powers are made of."""
+"""What a run of the packing line tells: its releases, and what its powers are made of."""
 
 import math
-from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from cosim import Result, SetupError, System
-from cosim.system import Value
+from cosim import Result, SetupError
 from workbench import Table
 from workbench.measure import Samples, harmonics
-from workbench.options import Start
-
-from ..conveyor.theory import SETS
-from ..iron import drive as iron
 
 Frame = Any
-PARTS = {
-    "iron_motor": "DriveMotor",
-    "iron": "IronDrive",
-    "orientator": "GravityOrientator",
-    "conveyor_motor": "DriveMotor",
-    "conveyor": "CrankConveyor",
-}
-WIRES = (
-    "iron_motor.tau -> iron.tau",
-    "iron.w -> iron_motor.w",
-    "iron.top_dwell -> orientator.release",
-    "conveyor_motor.tau -> conveyor.tau",
-    "conveyor.w -> conveyor_motor.w",
-)
 HIGHEST = {"iron": 12, "conveyor": 4}
 MAIN = 0.1
 UNITS = {"drive": "1", "order": "1", "frequency": "Hz", "own": "W", "supply": "W"}
-I_G = 36.0
-START, FIRST_RELEASE = math.radians(-60.0), math.radians(100.0)
-
-
-def system(
-    fmus: Mapping[str, Path],
-    gear: float,
-    iron_speed: float,
-    conveyor_set: str,
-    speed: float,
-    start: Mapping[str, Value],
-) -> System:
-    """The line; all start values are parameters, because some hosts set no other ones.
-
-    `start` stands above what the other values say; the motors are set for their speeds with it.
-    """
-    slope = start.get("iron_motor.B", iron.MOTOR["motor.B"])
-    ratio = start.get("iron.reducer.i_g", I_G)
-    values: Start = {
-        "iron_motor.A": float(slope) * float(ratio) * iron_speed,
-        "iron_motor.B": slope,
-        "iron_motor.T": iron.MOTOR["motor.T"],
-        "iron.reducer.i_g": ratio,
-    }
-    own = {name.replace("conveyor_motor.", "motor."): value for name, value in start.items()}
-    for name, value in SETS[conveyor_set].follow(own).start(speed).items():
-        if name not in ("motor.tau", "conveyor.phi", "conveyor.w"):
-            values[name.replace("motor.", "conveyor_motor.")] = value
-    wires = [*WIRES, f"iron.w_cam * {gear!r} -> orientator.w"]
-    return System(fmus, wires, values | dict(start))
+FIRST_RELEASE = math.radians(100.0)
 
 
 def powers(r: Result) -> dict[str, Samples]:

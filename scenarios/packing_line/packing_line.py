@@ -9,6 +9,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 
@@ -16,6 +17,7 @@ import cosim
 from cosim import Result, System
 from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Run, Show, Table, option
 from workbench.measure import largest, over_rows, smallest
+from workbench.options import Start
 from workbench.report.chart import LIFT, POWER, Lanes, Span, recorded
 from workbench.report.motion import Motion, moved, rows
 
@@ -26,17 +28,30 @@ from ..orientator import machine as orientator
 from ..orientator import mechanism as orientator_mechanism
 from . import line as packing
 
-PARTS = packing.PARTS
+PARTS = {
+    "iron_motor": "DriveMotor",
+    "iron": "IronDrive",
+    "orientator": "GravityOrientator",
+    "conveyor_motor": "DriveMotor",
+    "conveyor": "CrankConveyor",
+}
+WIRES = (
+    "iron_motor.tau -> iron.tau",
+    "iron.w -> iron_motor.w",
+    "iron.top_dwell -> orientator.release",
+    "conveyor_motor.tau -> conveyor.tau",
+    "conveyor.w -> conveyor_motor.w",
+)
+I_G, START = 36.0, math.radians(-60.0)
 TABLE, ORDERS = "packing_line.csv", "packing_line_orders.csv"
 RECORD = (
     "iron_motor.P", "iron_motor.tau", "iron.phi", "iron.w_cam", "iron.lift", "iron.top_dwell",
-    "iron.E_kin", "iron.E_pot", "iron.E_friction",
-    "iron.alpha", "iron.beta", "iron.H", "iron.motion",
-    "orientator.phi1", "orientator.xc", "orientator.yc",
-    "orientator.stage", "orientator.reason", "orientator.orientation_time", "orientator.phi2",
-    "orientator.oriented", "orientator.jammed", "orientator.missed",
-    "conveyor_motor.P", "conveyor_motor.tau", "conveyor.phi", "conveyor.w", "conveyor.x",
-    "conveyor.E_kin", "conveyor.E_pot", "conveyor.P_loss",
+    "iron.E_kin", "iron.E_pot", "iron.E_friction", "iron.alpha", "iron.beta", "iron.H",
+    "iron.motion", "orientator.phi1", "orientator.xc", "orientator.yc", "orientator.stage",
+    "orientator.reason", "orientator.orientation_time", "orientator.phi2", "orientator.oriented",
+    "orientator.jammed", "orientator.missed", "conveyor_motor.P", "conveyor_motor.tau",
+    "conveyor.phi", "conveyor.w", "conveyor.x", "conveyor.E_kin", "conveyor.E_pot",
+    "conveyor.P_loss",
 )  # fmt: skip
 MEANING = {
     "cycle": ("s", "mean time from release to release"),
@@ -75,14 +90,33 @@ class Options(Run):
     step: float = option(5e-4, "finest of three communication steps", "s", above=0.0)
 
 
+def system(o: Options, fmus: Mapping[str, Path]) -> System:
+    """The line, its motors set for their speeds; all start values are parameters, because some hosts
+    set no other ones."""
+    slope = o.start.get("iron_motor.B", iron.MOTOR["motor.B"])
+    ratio = o.start.get("iron.reducer.i_g", I_G)
+    values: Start = {
+        "iron_motor.A": float(slope) * float(ratio) * o.iron_speed,
+        "iron_motor.B": slope,
+        "iron_motor.T": iron.MOTOR["motor.T"],
+        "iron.reducer.i_g": ratio,
+    }
+    own = {name.replace("conveyor_motor.", "motor."): value for name, value in o.start.items()}
+    for name, value in SETS[o.set].follow(own).start(o.speed).items():
+        if name not in ("motor.tau", "conveyor.phi", "conveyor.w"):
+            values[name.replace("motor.", "conveyor_motor.")] = value
+    wires = [*WIRES, f"iron.w_cam * {o.gear!r} -> orientator.w"]
+    return System(fmus, wires, {**values, **o.start})
+
+
 def solve(o: Options, bench: Bench) -> Findings:
     """The line, long enough for two cycles."""
-    least = (packing.FIRST_RELEASE - packing.START + 4.2 * math.pi) / o.iron_speed
+    least = (packing.FIRST_RELEASE - START + 4.2 * math.pi) / o.iron_speed
     if o.stop < least:
         raise cosim.SetupError(
             f"stop = {o.stop:g} s must be at least {least:.3f} s, two cycles after the first release"
         )
-    line = packing.system(bench.fmus, o.gear, o.iron_speed, o.set, o.speed, o.start)
+    line = system(o, bench.fmus)
     r, found = bench.certify(line, figures, o, RECORD, TABLE)
     rows = r.frame.assign(P_supply=packing.powers(r)["supply"])
     units = r.units | {"P_supply": r.units["iron_motor.P"]}

@@ -20,7 +20,6 @@ from scipy.integrate import simpson
 from cosim import System, run
 from scenarios.__main__ import PROJECT
 from scenarios.conveyor.theory import SETS
-from scenarios.packing_line import line as packing
 from scenarios.packing_line import packing_line
 from tests.conftest import ROOT, ask, fmus_of
 from workbench.answer import Answer
@@ -168,7 +167,7 @@ def test_what_the_line_cannot_do_is_one_line(
 
 def ours(step: float, steps: int, record: list[str]) -> np.ndarray:
     """What our Jacobi master makes of the system that was written."""
-    system = packing.system(fmus_of(packing_line), 1.25, 4 * math.pi / 3, "B", 60.0, {})
+    system = packing_line.system(packing_line.Options(), fmus_of(packing_line))
     result = run(system, stop=step * steps, step=step, algorithm="jacobi", record=record)
     return np.column_stack([result[name] for name in record])
 
@@ -184,7 +183,7 @@ def ssp(line: Answer, tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_libcosim_runs_the_line_with_our_numbers(ssp: Path) -> None:
     """A release and an orientation; the file asks for parameters only, which libcosim sets."""
     step, steps, none = 1e-3, 1100, {"wires": [], "start": {}}
-    task = none | {"parts": dict.fromkeys(packing.PARTS), "record": COMPARED}
+    task = none | {"parts": dict.fromkeys(packing_line.PARTS), "record": COMPARED}
     task |= {"steps": steps, "step": step}
     command = [sys.executable, str(HOSTS / "libcosim_system.py"), json.dumps(task), str(ssp)]
     done = subprocess.run(command, check=False, capture_output=True, text=True, timeout=60)
