@@ -114,6 +114,14 @@ def echo(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "Echo.fmu"
 
 
+@pytest.fixture(scope="session")
+def half(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """An FMU that is half of any system."""
+    folder = tmp_path_factory.mktemp("half")
+    FmuBuilder.build_FMU(ROOT / "tests" / "hosts" / "half.py", dest=folder)
+    return folder / "Half.fmu"
+
+
 @pytest.fixture(scope="session", params=["python", "native"])
 def both(request: pytest.FixtureRequest, fmus: Path) -> Path:
     """The folder of the FMUs of one flavour, then of the other."""

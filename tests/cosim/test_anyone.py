@@ -33,7 +33,7 @@ from cosim import (
 )
 from cosim.isolated import _remains
 from cosim.library import KEPT
-from tests.conftest import DESCRIPTION, ROOT, described, hear_ctrl_c, rewritten
+from tests.conftest import DESCRIPTION, ROOT, described, hear_ctrl_c, rewritten, until
 from tests.cosim.foreign import BINARY, Value, library, pack
 
 Make = Callable[..., Path]
@@ -881,11 +881,6 @@ def test_an_error_of_the_caller_ends_an_isolated_run(
     assert "Traceback" not in capfd.readouterr().err
 
 
-def size(path: Path) -> int:
-    """Bytes in a file that may not be there yet."""
-    return path.stat().st_size if path.exists() else 0
-
-
 SCRIPT = """
 import sys, tempfile
 from pathlib import Path
@@ -905,7 +900,7 @@ if __name__ == "__main__":
     [("early", "all", False), ("running", "parent", False), ("running", "all", True)],
 )
 def test_ctrl_c_ends_an_isolated_run(
-    when: str, whom: str, hangs: bool, make: Make, tmp_path: Path, scratch: Path
+    when: str, whom: str, hangs: bool, make: Make, diary: Diary, tmp_path: Path, scratch: Path
 ) -> None:
     """Be it heard by all processes or by the first; a child that hangs takes a second one."""
     script, partial = tmp_path / "script.py", tmp_path / "run.partial.csv"
@@ -922,22 +917,17 @@ def test_ctrl_c_ends_an_isolated_run(
     try:
         assert process.stdout is not None
         assert process.stdout.readline() == b"started\n"
-        deadline = time.monotonic() + 60
         if when == "running":
-            while not size(partial) and time.monotonic() < deadline:
-                time.sleep(0.05)
+            until(lambda: partial.exists() and partial.stat().st_size)
+        until(lambda: not hangs or "hangs A" in diary())
         time.sleep(0.3)
-        known = -1
-        while hangs and known != size(partial):
-            known = size(partial)
-            time.sleep(0.7)
         kill = os.killpg if whom == "all" else os.kill
         kill(process.pid, signal.SIGINT)
         if hangs:
             time.sleep(1.0)
             assert process.poll() is None
             kill(process.pid, signal.SIGINT)
-        _, errors = process.communicate(timeout=60)
+        _, errors = process.communicate(timeout=600)
     finally:
         with suppress(ProcessLookupError):
             os.killpg(process.pid, signal.SIGKILL)

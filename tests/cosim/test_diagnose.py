@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from pythonfmu import FmuBuilder
 
 from cosim import SetupError, System, diagnose
 from cosim.modes import fit
@@ -34,14 +33,6 @@ THREE = {
     ),
     "load": Unit(INERTIA, [[0], [1 / J_2]], np.eye(2), [0, 0], ("shaft.1",)),
 }  # fmt: skip
-
-
-@pytest.fixture(scope="module")
-def half(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Half of any system."""
-    folder = tmp_path_factory.mktemp("half")
-    FmuBuilder.build_FMU(ROOT / "tests" / "hosts" / "half.py", dest=folder)
-    return folder / "Half.fmu"
 
 
 DELAYS = {

@@ -167,7 +167,7 @@ def test_nothing_is_left_behind(
         partial = tmp_path / "last.partial.csv"
         until(lambda: partial.exists() and partial.stat().st_size > 1000)
         process.send_signal(signal.SIGINT)
-    _, complaint = process.communicate(timeout=60)
+    _, complaint = process.communicate(timeout=600)
     assert process.returncode == (ending == "Ctrl-C"), complaint
     if ending == "Ctrl-C":
         assert "interrupted by the user; stopped at t = " in complaint

@@ -1,49 +1,11 @@
 /* Every function of an FMU in every phase, right and wrong: LIBRARY GUID VARIABLES STEPS.
    Ends with 0 if all memory came back and the last run repeated the first to the bit. */
 
-#include <math.h>
-#include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include "fmi2FunctionTypes.h"
-
-#ifdef _WIN32
-#include <windows.h>
-#define dlopen(path, mode) LoadLibraryA(path)
-#define dlsym (void *)GetProcAddress
-#define dlclose FreeLibrary
-#define dlerror() "no such library or function"
-#else
-#include <dlfcn.h>
-#endif
+#include "fmi.h"
 
 #define MOST 256
 #define H 1e-3
-#define FUNCTIONS(X) \
-    X(GetReal) X(SetReal) X(GetInteger) X(SetInteger) X(GetBoolean) X(SetBoolean) X(GetString) \
-    X(SetString) X(GetRealOutputDerivatives) X(SetRealInputDerivatives) \
-    X(GetDirectionalDerivative) X(GetFMUstate) X(SetFMUstate) X(FreeFMUstate) X(SetupExperiment) \
-    X(EnterInitializationMode) X(ExitInitializationMode) X(Terminate) X(DoStep) X(CancelStep) \
-    X(GetStatus) X(GetRealStatus) X(GetIntegerStatus) X(GetBooleanStatus) X(GetStringStatus) \
-    X(SetDebugLogging) X(SerializedFMUstateSize) X(SerializeFMUstate) X(DeSerializeFMUstate) \
-    X(Instantiate) X(FreeInstance) X(Reset) X(GetTypesPlatform) X(GetVersion)
-#define DECLARE(name) static fmi2##name##TYPE *fmi2##name;
-#define LOAD(name) fmi2##name = (fmi2##name##TYPE *)function("fmi2" #name);
-
-FUNCTIONS(DECLARE)
-
-static void *library;
 static int variables, steps, messages, blocks;
-
-static void *function(const char *name) {
-    void *found = dlsym(library, name);
-    if (!found) {
-        fprintf(stderr, "%s\n", dlerror());
-        exit(2);
-    }
-    return found;
-}
 
 static void logger(fmi2ComponentEnvironment environment, fmi2String instance, fmi2Status status,
                    fmi2String category, fmi2String message, ...) {
@@ -197,12 +159,9 @@ int main(int count, char **arguments) {
     double first[MOST] = {0}, again[MOST] = {0};
     fmi2Component unit;
     int different;
-    if (count != 5 || !(library = dlopen(arguments[1], RTLD_NOW | RTLD_LOCAL))) {
-        fprintf(stderr, "%s\n", count == 5 ? dlerror() : arguments[0]);
-        return 2;
-    }
+    if (count != 5) return 2;
+    load(arguments[1]);
     variables = atoi(arguments[3]), steps = atoi(arguments[4]);
-    FUNCTIONS(LOAD)
 #define UNIT(name, type, guid, with) \
     fmi2Instantiate(name, type, guid, "file:///", with, fmi2False, fmi2True)
     if (UNIT("unit", fmi2CoSimulation, "{another}", &callbacks)) return 3;

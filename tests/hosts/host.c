@@ -1,30 +1,12 @@
 /* A host without Python: LIBRARY RESOURCES GUID J_REF J TAU_REF TAU W_REF STATUS -> w after every step.
    STATUS is what a refused step returns. */
 
-#include <dlfcn.h>
-#include <stdarg.h>
-#include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include "fmi2FunctionTypes.h"
+#include "fmi.h"
 
 #define STEPS 200
 #define HALF (STEPS / 2)
 #define H 1e-3
-#define FUNCTION(name) name##TYPE *name = (name##TYPE *)function(#name)
 #define EXPECT(status, call) expect(__LINE__, status, call)
-
-static void *library;
-
-static void *function(const char *name) {
-    void *found = dlsym(library, name);
-    if (!found) {
-        fprintf(stderr, "%s\n", dlerror());
-        exit(2);
-    }
-    return found;
-}
 
 static void expect(int line, int wanted, int got) {
     if (got != wanted) {
@@ -50,10 +32,6 @@ static double J, tau;
 static int refused;
 
 static void initialise(void) {
-    FUNCTION(fmi2SetupExperiment);
-    FUNCTION(fmi2EnterInitializationMode);
-    FUNCTION(fmi2ExitInitializationMode);
-    FUNCTION(fmi2SetReal);
     EXPECT(fmi2OK, fmi2SetReal(unit, &J_ref, 1, &J));
     EXPECT(fmi2OK, fmi2SetupExperiment(unit, fmi2False, 0.0, 0.0, fmi2False, 0.0));
     EXPECT(fmi2OK, fmi2EnterInitializationMode(unit));
@@ -62,8 +40,6 @@ static void initialise(void) {
 }
 
 static void run(int from, int to, double *w) {
-    FUNCTION(fmi2DoStep);
-    FUNCTION(fmi2GetReal);
     for (int n = from; n < to; n++) {
         EXPECT(fmi2OK, fmi2DoStep(unit, n * H, H, fmi2True));
         EXPECT(fmi2OK, fmi2GetReal(unit, &w_ref, 1, &w[n]));
@@ -71,7 +47,6 @@ static void run(int from, int to, double *w) {
 }
 
 static void fail(void) {
-    FUNCTION(fmi2DoStep);
     EXPECT(refused, fmi2DoStep(unit, STEPS * H, -H, fmi2True));
 }
 
@@ -80,18 +55,7 @@ int main(int count, char **arguments) {
     fmi2CallbackFunctions callbacks = {logger, calloc, free, NULL, NULL};
     fmi2FMUstate state = NULL;
     EXPECT(10, count);
-    library = dlopen(arguments[1], RTLD_NOW | RTLD_LOCAL);
-    if (!library) {
-        fprintf(stderr, "%s\n", dlerror());
-        return 2;
-    }
-    FUNCTION(fmi2Instantiate);
-    FUNCTION(fmi2GetFMUstate);
-    FUNCTION(fmi2SetFMUstate);
-    FUNCTION(fmi2FreeFMUstate);
-    FUNCTION(fmi2Reset);
-    FUNCTION(fmi2Terminate);
-    FUNCTION(fmi2FreeInstance);
+    load(arguments[1]);
     J_ref = atoi(arguments[4]), J = atof(arguments[5]);
     tau_ref = atoi(arguments[6]), tau = atof(arguments[7]);
     w_ref = atoi(arguments[8]), refused = atoi(arguments[9]);

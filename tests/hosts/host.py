@@ -29,7 +29,7 @@ def apart(function: Callable[..., Any]) -> Callable[..., Any]:
         command = [sys.executable, "-X", "faulthandler", "-c", code]
         command += [function.__module__, function.__name__, json.dumps(args, default=str)]
         done = subprocess.run(
-            command, check=False, cwd=ROOT, capture_output=True, text=True, timeout=120
+            command, check=False, cwd=ROOT, capture_output=True, text=True, timeout=600
         )
         assert done.returncode == 0, f"exit code {done.returncode}\n{done.stdout}\n{done.stderr}"
         return json.loads(done.stdout.splitlines()[-1])

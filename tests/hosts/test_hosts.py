@@ -117,7 +117,7 @@ def finish(
         env={**os.environ, "PATH": path, **environment},
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=600,
         check=False,
     )
     assert done.returncode == 0, f"exit code {done.returncode}: {done.stdout}{done.stderr}"

@@ -13,7 +13,7 @@ that noSetFMUStatePriorToCurrentPoint excluded are errors, after which a state o
 
 `steps` (doStep calls), `restores`, `states_alive` and `gets_after_set` (calls that get outputs after
 a set without a step between) count over the life of an instance. Lines of the file `diary`:
-"terminated NAME", "refused NAME" (a call out of order), "leaked states NAME", "used after fatal NAME", "freed NAME".
+"terminated NAME", "refused NAME" (a call out of order), "leaked states NAME", "used after fatal NAME", "hangs NAME", "freed NAME".
 """
 
 import subprocess

@@ -95,7 +95,7 @@ static fmi2Status reach(Foreign *c, double from, double to) {
 #define NOW(at) (later(c->m.at, from) && !later(c->m.at, to))
     if (NOW(crash_at)) *(volatile int *)NULL = 0;
     if (NOW(exit_at)) exit(3);
-    for (volatile int forever = NOW(hang_at); forever;);
+    if (NOW(hang_at)) for (note(c, "hangs");;);
     if (NOW(fatal_at)) END(FATAL, fmi2Fatal, "%s broke down at t = %g s", c->name, c->m.fatal_at);
     if (NOW(error_at)) FAIL("error at t = %g s, step %d", c->m.error_at, c->m.steps);
     if (NOW(warn_at)) END(c->m.mode, fmi2Warning, "t = %g s in %s", c->m.warn_at, c->name);
