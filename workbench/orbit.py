@@ -23,7 +23,7 @@ Samples = NDArray[np.floating[Any]]
 TURN = 2 * math.pi
 NEAR = 8
 SETTLED, NOISE = 3e-9, 1e-6
-TOLD = 1e-6
+TOLD, CLEAR = 1e-6, 5e-3
 ROUNDS = 16
 SLACK = 1.02
 
@@ -135,11 +135,13 @@ def steady(
 def return_map(sections: Samples) -> tuple[Samples, float]:
     """The linear map that takes each deviation between sections to the next, and its largest rate.
 
-    Sections have the shape (revolutions + 1, states).
+    Sections have the shape (revolutions + 1, states). Of a direction in which deviations hardly
+    point the map is not known, and left at 0.
     """
     d = np.diff(sections, axis=0)
-    found = np.linalg.lstsq(d[:-1], d[1:], rcond=1e-9)[0].T
-    return found, float(np.abs(np.linalg.eigvals(found)).max())
+    size = np.maximum(np.abs(d).max(axis=0), 1e-300)
+    found = np.linalg.lstsq(d[:-1] / size, d[1:] / size, rcond=CLEAR)[0].T
+    return found * size[:, None] / size, float(np.abs(np.linalg.eigvals(found)).max())
 
 
 def at_angles(phi: Samples, values: Samples, wanted: Samples) -> Samples:

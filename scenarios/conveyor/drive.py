@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 import cosim
 from cosim import SetupError, System
@@ -32,46 +34,40 @@ def followed(fmus: Mapping[str, Path], machine: Machine, start: Mapping[str, Val
     return changed
 
 
-@dataclass(frozen=True)
-class Drive:
-    """A machine and further start values; its motor's line is moved so that it runs at a mean speed.
+def linearised(machine: Machine, start: Mapping[str, Value], nu: Any) -> Machine:
+    """The machine with the slope that its motor has at the mean speed nu.
 
-    An induction motor (Kloss) is fed with another frequency: its synchronous speed moves, its
-    breakdown torque and the slip speed there stay. Theory knows it by its slope at the working point.
+    A motor is fed so that it runs at that speed. The line of a linear motor moves; of an induction
+    motor (Kloss) the synchronous speed does, while its breakdown torque and the slip speed there stay.
     """
+    if not induction(start):
+        return machine
+    tau_b, b, slip = _kloss(machine, start, nu)
+    return replace(machine, B=2.0 * tau_b * b * (b**2 - slip**2) / (slip**2 + b**2) ** 2)
 
-    base: Machine
-    changes: Mapping[str, Value]
 
-    @property
-    def induction(self) -> bool:
-        """Whether the motor has the Kloss characteristic."""
-        return self.changes.get("motor.characteristic", 0) in (1, "kloss")
+def start_values(machine: Machine, start: Mapping[str, Value], nu: float) -> dict[str, Value]:
+    """Start values near the orbit of the mean speed nu, of a motor fed for it."""
+    values = {**machine.start(nu), **start}
+    if induction(start):
+        _, b, slip = _kloss(machine, start, nu)
+        values |= {"motor.kloss.w_s": nu + slip, "motor.kloss.s_b": b / (nu + slip)}
+    return values
 
-    def _kloss(self, nu: float) -> tuple[float, float, float]:
-        """Breakdown torque [N.m], slip speed there, and slip speed at the load of nu [rad/s]."""
-        tau_b, s_b, w_s = (float(self.changes.get(name, x)) for name, x in KLOSS.items())
-        load = self.base.load_slope * nu
-        if load >= tau_b:
-            raise SetupError(
-                f"motor.kloss.tau_b = {tau_b!r} N.m must be above {load:.6g} N.m, the mean load "
-                f"torque at {nu:g} rad/s"
-            )
-        breakdown = s_b * w_s
-        share = load / tau_b
-        return tau_b, breakdown, breakdown * share / (1.0 + math.sqrt(1.0 - share**2))
 
-    def machine(self, nu: float) -> Machine:
-        """The machine with the slope that its motor has at the mean speed nu."""
-        if not self.induction:
-            return self.base
-        tau_b, b, slip = self._kloss(nu)
-        return replace(self.base, B=2.0 * tau_b * b * (b**2 - slip**2) / (slip**2 + b**2) ** 2)
+def induction(start: Mapping[str, Value]) -> bool:
+    """Whether start values choose the Kloss characteristic."""
+    return start.get("motor.characteristic", 0) in (1, "kloss")
 
-    def start(self, nu: float) -> dict[str, Value]:
-        """Start values near the orbit of the mean speed nu."""
-        start = {**self.base.start(nu), **self.changes}
-        if self.induction:
-            _, breakdown, slip = self._kloss(nu)
-            start |= {"motor.kloss.w_s": nu + slip, "motor.kloss.s_b": breakdown / (nu + slip)}
-        return start
+
+def _kloss(machine: Machine, start: Mapping[str, Value], nu: Any) -> tuple[float, float, Any]:
+    """Breakdown torque [N.m], slip speed there, and slip speed at the load of nu [rad/s]."""
+    tau_b, s_b, w_s = (float(start.get(name, value)) for name, value in KLOSS.items())
+    fastest = float(np.max(nu))
+    if machine.load_slope * fastest >= tau_b:
+        raise SetupError(
+            f"motor.kloss.tau_b = {tau_b!r} N.m must be above {machine.load_slope * fastest:.6g} N.m, "
+            f"the mean load torque at {fastest:g} rad/s"
+        )
+    share = machine.load_slope * nu / tau_b
+    return tau_b, s_b * w_s, s_b * w_s * share / (1.0 + (1.0 - share**2) ** 0.5)

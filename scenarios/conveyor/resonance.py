@@ -8,26 +8,26 @@ ripple lags 90 degrees behind the load ripple with formula (22).
 from __future__ import annotations
 
 import cmath
+import logging
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
-import cosim
-import workbench
+from cosim import ORDERS, SetupError
 from workbench import Bench, Figure, Findings, Show, Table, option
 from workbench.limit import limit
+from workbench.orbit import NotSteady
 
 from . import response
-from . import show as conveyor_show
+from . import show as pictures
 from .drive import PARTS as DRIVE
-from .drive import Drive, conveyor_drive, followed
-from .response import Case, Point, simulate
-from .theory import SETS, Machine, longest_step
+from .drive import conveyor_drive, followed, linearised
+from .response import COARSER, LAG, SPEED, TORQUE, Line, Point, Ripple, Setup
+from .theory import SETS, Machine
 
 PARTS = DRIVE
 SPEEDS = {
@@ -37,7 +37,6 @@ SPEEDS = {
     "55,60,66",
 }
 OPERATING = {"A": 40.0, "B": 60.0}
-RATED = {"A": 100.0, "B": 88.0}
 TABLE = "resonance.csv"
 UNITS = {
     "nu": "rad/s", "w2": "rad/s", "w2_error": "rad/s", "w2_phase": "deg", "tau2": "N.m",
@@ -46,345 +45,197 @@ UNITS = {
     "w_mean": "rad/s", "w_mean_error": "rad/s", "f_rod_peak": "N", "f_rod_peak_error": "N",
 }  # fmt: skip
 OWN = ("motor.A", "motor.tau", "conveyor.phi", "conveyor.w")
-ALGORITHMS = ("jacobi", "gauss-seidel", "strang")
-LADDER = (1, 2, 4)
-FEWEST = 18
+NOT_KNOWN = "its coupling error is not known: more steps"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options(workbench.Options):
-    set: str = option("A", "parameter set", choices=SETS)
+class Options(Ripple):
     speed: float | None = option(
         None, "operating speed, 40 in set A and 60 in set B by default", "rad/s", above=0.0
     )
-    limit: float = option(
-        50.0, "torque ripple that is too much, of the rated torque", "%", above=0.0
-    )
-    rated_torque: float | None = option(
-        None, "rated motor torque at the crank, 100 in set A and 88 in set B by default", "N.m",
-        above=0.0,
-    )  # fmt: skip
-    algorithm: str = option("strang", "coupling algorithm", choices=ALGORITHMS)
     steps_per_rev: int = option(512, "communication steps per revolution", least=1)
     speeds: tuple[float, ...] = option((), "those of the set by default", "rad/s", above=0.0)
 
 
-class Row(NamedTuple):
-    """One speed of the sweep: SI units, phases and lag in degrees; nan where there is no orbit, and
-    for errors that are not known.
-    """
-
-    nu: float
-    w2: float
-    w2_error: float
-    w2_phase: float
-    tau2: float
-    tau2_error: float
-    tau2_phase: float
-    w2_theory: float
-    w2_phase_theory: float
-    tau2_theory: float
-    tau2_phase_theory: float
-    lag: float
-    lag_error: float
-    w_mean: float
-    w_mean_error: float
-    f_rod_peak: float
-    f_rod_peak_error: float
-
-
-def row(machine: Machine, points: Sequence[Point], order: float) -> Row:
-    """What the orbits of one speed with N, N/2, N/4 steps tell."""
-    nu = points[0].nu
-
-    def told(values: Sequence[float], settling: float, order: float = order) -> tuple[float, float]:
-        value, error, _ = limit(values, order)
-        return value, math.nan if error is None else error + 2.0 * settling
-
-    def amplitude(values: Sequence[complex], settling: float) -> tuple[float, float, float]:
-        """Amplitude, its error, phase in degrees."""
-        parts = [told([pick(value) for value in values], settling) for pick in (_re, _im)]
-        whole = complex(parts[0][0], parts[1][0])
-        return abs(whole), math.hypot(parts[0][1], parts[1][1]), math.degrees(cmath.phase(whole))
-
-    first = points[0]
-    w2, w2_error, w2_phase = amplitude([p.speed for p in points], first.speed_error)
-    tau2, tau2_error, tau2_phase = amplitude([p.torque for p in points], first.torque_error)
-    load = math.degrees(cmath.phase(machine.load_ripple(nu)))
-    return Row(
-        nu, w2, w2_error, w2_phase, tau2, tau2_error, tau2_phase,
-        *polar(machine.speed_ripple(nu)), *polar(machine.torque_ripple(nu)),
-        (load - tau2_phase) % 360.0, math.degrees(tau2_error / tau2),
-        *told([p.mean for p in points], first.mean * 1e-9),
-        *either(*(told(x, first.force_error, 1.0) for x in zip(*((p.push, p.pull) for p in points)))),
-    )  # fmt: skip
-
-
-def either(one: tuple[float, float], other: tuple[float, float]) -> tuple[float, float]:
-    """The larger of two values with its error, or with that of the other where this reaches higher.
-
-    Which of two nearly equal peaks is the larger may change with the step; each by itself converges.
-    """
-    (low, low_error), (high, high_error) = sorted((one, other))
-    reach = math.nan if math.isnan(low_error) else max(high_error, low + low_error - high)
-    return high, reach
-
-
-def _re(value: complex) -> float:
-    return value.real
-
-
-def _im(value: complex) -> float:
-    return value.imag
-
-
-def polar(z: complex) -> tuple[float, float]:
-    """Amplitude, and phase in degrees."""
-    return abs(z), math.degrees(cmath.phase(z))
-
-
-def check_steps(machine: Machine, algorithm: str, steps_per_rev: int, nu: float) -> None:
-    """Raise SetupError for too few steps per revolution to fit orders or to stay stable at nu."""
-    if steps_per_rev < FEWEST:
-        raise cosim.SetupError(f"{steps_per_rev} steps per revolution must be at least {FEWEST}")
-    limit = 2 * math.pi / (nu * longest_step(machine, algorithm))
-    if steps_per_rev <= limit:
-        raise cosim.SetupError(
-            f"{steps_per_rev} steps per revolution are unstable with {algorithm} at {nu:g} rad/s: "
-            f"its limit there is {limit:.2f} (a step of {longest_step(machine, algorithm):.3g} s)"
-        )
-
-
-def ladder(machine: Machine, algorithm: str, steps_per_rev: int, slowest: float) -> list[int]:
-    """N, N/2 and N/4 steps per revolution; N alone where N/4 are not stable at the slowest speed."""
-    try:
-        check_steps(machine, algorithm, steps_per_rev // LADDER[-1], slowest)
-    except cosim.SetupError:
-        return [steps_per_rev]
-    return [steps_per_rev // share for share in LADDER]
-
-
 class Sweep(NamedTuple):
-    """What was asked and found: the drive, rows, figures, why orbits are missing, a case like all."""
+    """How machines were run, the machine at each speed, rows of the table, stretches to avoid."""
 
-    drive: Drive
-    rows: Sequence[Row]
-    figures: Mapping[str, Figure]
-    problems: Mapping[float, str]
-    like: Case
+    setup: Setup
+    line: Line
+    points: Sequence[Any]
     operating: float
-    limit: float
-    rated: float
-
-
-def case(like: Case, drive: Drive, nu: float, steps_per_rev: int) -> Case:
-    """The case of a speed, with so many steps per revolution."""
-    start = {k: v for k, v in drive.start(nu).items() if k not in response.STATES}
-    return like._replace(start=start, machine=drive.machine(nu), nu=nu, steps_per_rev=steps_per_rev)
-
-
-def survey(
-    drive: Drive,
-    nus: Sequence[float],
-    like: Case,
-    each: response.Each,
-    operating: float,
-    limit: float,
-    rated: float,
-) -> Sweep:
-    """The orbits of a sweep, and on them the places where the response is special."""
-    numbers = ladder(
-        drive.machine(nus[0]), like.algorithm, like.steps_per_rev, min(nus[0], operating)
-    )
-    order = cosim.ORDERS[like.algorithm]
-    wanted = sorted({*nus, operating})
-    swept = each(simulate, [case(like, drive, nu, n) for n in numbers for nu in wanted], "sweep")
-    by_steps = [swept[k * len(wanted) : (k + 1) * len(wanted)] for k in range(len(numbers))]
-    problems = {p.nu: p.problem for points in by_steps for p in points if p.problem}
-    rows = {nu: row(drive.machine(nu), points, order) for nu, *points in zip(wanted, *by_steps)}
-    start: dict[str, float] = {}
-    lost: dict[str, response.Found | str] = {}
-    finest = [point for point in by_steps[0] if point.nu in nus]
-    for place in response.PLACES:
-        try:
-            start[place.name] = response.candidate(place, drive.machine, finest)
-        except response.Unclear as reason:
-            lost[place.name] = str(reason)
-    middle = drive.machine(nus[len(nus) // 2]).nu_res
-    machine = drive.machine(middle)
-    spacing = min(response.NEAR * machine.zeta, 0.05) * machine.nu_res
-    found = []
-    for n in numbers:
-        measure = partial(_measure, drive, like, n, each)
-        found.append(lost | response.locate(start, drive.machine, spacing, measure))
-    figures = {
-        "nu_res": Figure(machine.nu_res, "rad/s", 0.0, "resonance by formula (22)"),
-        "zeta": Figure(machine.zeta, "1", 0.0, "damping ratio by formula"),
-        **response.figures(found, order),
-        "tau2_operating": _at(
-            rows[operating], "tau2", "N.m", "torque ripple at the operating speed"
-        ),
-    }
-    swept_rows = [rows[nu] for nu in nus]
-    hardest = max(swept_rows, key=lambda r: math.inf if math.isnan(r.f_rod_peak) else r.f_rod_peak)
-    figures["f_rod_peak"] = _at(hardest, "f_rod_peak", "N", "largest rod force of the sweep")
-    return Sweep(drive, swept_rows, figures, problems, like, operating, limit, rated)
-
-
-def _measure(
-    drive: Drive, like: Case, steps_per_rev: int, each: response.Each, nus: Sequence[float]
-) -> Sequence[Point]:
-    return each(simulate, [case(like, drive, nu, steps_per_rev) for nu in nus], "places")
-
-
-def _at(row: Row, column: str, unit: str, meaning: str) -> Figure:
-    """A figure from a row and its error."""
-    value, error = getattr(row, column), getattr(row, f"{column}_error")
-    if math.isnan(value):
-        return Figure.refused(unit, f"no steady orbit at {row.nu:g} rad/s", meaning)
-    if math.isnan(error):
-        return Figure.refused(unit, "its coupling error is not known: more steps", meaning)
-    return Figure(value, unit, error, meaning)
-
-
-def band(sweep: Sweep) -> list[tuple[float, float]]:
-    """Stretches of speed in which the torque ripple is above the limit [rad/s], within the sweep."""
-    rows = [row for row in sweep.rows if not math.isnan(row.tau2)]
-    if len(rows) < 4:
-        return []
-    nu = np.array([row.nu for row in rows])
-    ratio = make_interp_spline(nu, [row.tau2 / row.tau2_theory for row in rows], k=3)
-    fine = np.linspace(nu[0], nu[-1], 4001)
-    ripple = np.array([abs(sweep.drive.machine(x).torque_ripple(x)) for x in fine]) * ratio(fine)
-    above = np.concatenate([[False], ripple > sweep.limit * sweep.rated, [False]])
-    edges = np.flatnonzero(np.diff(above.astype(int)))
-    return [(float(fine[a]), float(fine[b - 1])) for a, b in zip(edges[::2], edges[1::2])]
-
-
-def verdict(o: Options, f: Mapping[str, Figure], sweep: Sweep) -> str:
-    """The answer in plain words."""
-    nu = sweep.operating
-    resonance, ripple = f["nu_90"], f["tau2_operating"]
-    at = f"{nu:g} rad/s ({nu * 30 / math.pi:.0f} rpm)"
-    most = sweep.limit * sweep.rated
-    stretches = band(sweep)
-    inside = any(low <= nu <= high for low, high in stretches)
-    share = (
-        "" if ripple.error is None else f", {ripple.value / sweep.rated:.0%} of the rated torque"
-    )
-    lines = [
-        f"{'Yes' if inside else 'No'}: at the operating speed of {at} the torque ripple is "
-        f"{ripple.text()}{share}; the limit is {most:g} N.m."
-    ]
-    if resonance.error is not None:
-        away = resonance.value / nu - 1.0
-        lines[0] = lines[0][:-1] + (
-            f", and the resonance at {resonance.text()} is {abs(away):.1%} "
-            f"{'above' if away > 0 else 'below'} that speed."
-            if abs(away) >= 5e-4
-            else f", and the resonance is there, at {resonance.text()}."
-        )
-    if stretches:
-        first, last = sweep.rows[0].nu, sweep.rows[-1].nu
-        told = " and ".join(
-            f"{'below' if low == first else f'from {low:.3g} to'} {high:.3g} rad/s"
-            if high < last
-            else f"above {low:.3g} rad/s"
-            for low, high in stretches
-        )
-        lines.append(f"Avoid speeds {told}, where the torque ripple is above the limit.")
-    else:
-        lines.append("The torque ripple stays below the limit at every speed of the sweep.")
-    return "\n".join([*lines, "", *details(sweep)])
-
-
-def details(sweep: Sweep) -> list[str]:
-    """What stands behind the answer."""
-    f = sweep.figures
-    formula = f["nu_res"].value
-    first, last = sweep.rows[0].nu, sweep.rows[-1].nu
-    lines = [
-        f"Formula (22) puts the resonance at {formula:.3f} rad/s ({formula * 30 / math.pi:.0f} rpm), "
-        f"damping ratio {f['zeta'].value:.4g}."
-    ]
-    if not first <= formula <= last:
-        lines[-1] += f" The sweep from {first:g} to {last:g} rad/s does not hold it."
-    where = f["nu_90"]
-    if where.error is None:
-        lines.append(f"No 90 degree lag of the torque ripple is told: {where.reason}.")
-    else:
-        lines.append(
-            f"In simulation the torque ripple lags the load ripple by 90 degrees at {where.text()}, "
-            f"{where.value / formula - 1:+.3%} from the formula."
-        )
-    for name, key, what in (
-        ("nu_peak_tau", "tau2_peak", "torque"),
-        ("nu_peak_w", "w2_peak", "speed"),
-    ):
-        where, height = f[name], f[key]
-        if where.error is None:
-            lines.append(f"No peak of the {what} ripple is told: {where.reason}.")
-        else:
-            lines.append(
-                f"The {what} ripple is largest at {where.text()}, {where.value / formula - 1:+.1%} "
-                f"from the formula: {height.text()}."
-            )
-    machine = sweep.drive.machine(formula)
-    lines.append(
-        "These speeds differ because (22) marks a phase, which neither damping nor the load moves; "
-        "the amplitudes are largest where the drive's gain times the load ripple is"
-        + (
-            f", and that falls towards sqrt(c/m) = {math.sqrt(machine.c / machine.m):.1f} rad/s."
-            if machine.c
-            else "."
-        )
-    )
-    lines.append(f"Over the sweep the rod carries at most {f['f_rod_peak'].text()}.")
-    for nu, problem in list(sweep.problems.items())[:4]:
-        lines.append(f"No steady orbit at {nu:g} rad/s: {problem}.")
-    return lines
+    avoid: Sequence[tuple[float, float]]
 
 
 def solve(o: Options, bench: Bench) -> Findings:
     """Sweep and locate; raises cosim.SetupError for settings that cannot give an answer."""
     nus = o.speeds or tuple(float(nu) for nu in SPEEDS[o.set].split(","))
     operating = o.speed or OPERATING[o.set]
-    rated = o.rated_torque or RATED[o.set]
-    drive = Drive(followed(bench.fmus, SETS[o.set], o.start), o.start)
-    for nu in (nus[0], nus[-1], operating):
-        check_steps(drive.machine(nu), o.algorithm, o.steps_per_rev, nu)
-    like = Case(bench.fmus, {}, drive.base, nus[0], o.steps_per_rev, o.algorithm)
-
-    def each(function: Any, cases: Sequence[Case], title: str) -> list[Point]:
-        return list(bench.each(function, cases, title))
-
-    found = survey(drive, nus, like, each, operating, o.limit / 100, rated)
+    base = followed(bench.fmus, SETS[o.set], o.start)
+    line = Line(lambda nu: (linearised(base, o.start, nu), nu), nus[0], nus[-1])
+    setup = Setup(bench, o.start, o.algorithm, o.steps_per_rev)
+    wanted = sorted({*nus, operating})
+    for nu in wanted:
+        setup.check(*line.at(nu))
+    coarser = ladder(setup, line, wanted[0])
+    orbits = setup.orbits([(*line.at(nu), k) for nu in wanted for k in coarser], "sweep")
+    by_speed = {nu: orbits[n * len(coarser) :][: len(coarser)] for n, nu in enumerate(wanted)}
+    problems = {point.nu: point.problem for point in orbits if point.problem}
+    for nu, problem in problems.items():
+        logging.getLogger("cosim").warning(f"No steady orbit at {nu:g} rad/s: {problem}")
+    rows = [row(line.at(nu)[0], points, ORDERS[o.algorithm]) for nu, points in by_speed.items()]
+    middle = line.at(nus[len(nus) // 2])[0].nu_res
+    machine = line.at(middle)[0]
+    known = [(nu, by_speed[nu][0]) for nu in nus]
+    sought = [(line, place, known) for place in (LAG, TORQUE, SPEED)]
+    (lag, _), (torque, tau2), (speed, w2) = response.places(sought, coarser, "rad/s", setup)
+    force = response.largest_force(points for nu, points in by_speed.items() if nu in nus)
+    standing = next((nu for nu in problems if nu in nus), nus[0])
+    at = rows[wanted.index(operating)]
+    figures = {
+        "nu_res": Figure(machine.nu_res, "rad/s", 0.0, "resonance by formula (22)"),
+        "zeta": Figure(machine.zeta, "1", 0.0, "damping ratio by formula"),
+        "nu_90": lag, "nu_peak_tau": torque, "tau2_peak": tau2, "nu_peak_w": speed, "w2_peak": w2,
+        "tau2_operating": told(
+            at["tau2"], at["tau2_error"], "N.m", "torque ripple at the operating speed", operating
+        ),
+        "f_rod_peak": told(*force, "N", "largest rod force of the sweep", standing),
+    }  # fmt: skip
+    avoid = band(line, rows, o.most)
+    table = Table.of_rows(
+        [[one[name] for name in UNITS] for one in rows if one["nu"] in nus], UNITS
+    )
     return Findings(
-        found.figures,
-        found,
-        conveyor_drive(bench.fmus, drive.start(found.figures["nu_res"].value)),
+        figures,
+        Sweep(setup, line, list(table.frame.itertuples()), operating, avoid),
+        conveyor_drive(bench.fmus, setup.case(*line.at(machine.nu_res)).start),
         communication=f"{o.steps_per_rev} steps per revolution",
         algorithm=o.algorithm,
-        tables={TABLE: Table.of_rows(found.rows, UNITS)},
-        facts={
-            "operating_speed": operating,
-            "rated_torque": rated,
-            "avoid": band(found),
-            "not_steady": {f"{nu:g}": problem for nu, problem in found.problems.items()},
-        },
+        tables={TABLE: table},
+        facts={"operating_speed": operating, "rated_torque": o.rated, "avoid": avoid},
     )
 
 
-def show(o: Options, f: Mapping[str, Figure], sweep: Sweep) -> Show:
+def ladder(setup: Setup, line: Line, slowest: float) -> Sequence[int]:
+    """N, N/2 and N/4 steps per revolution; N alone where N/4 are not stable at the slowest speed."""
+    try:
+        setup.check(*line.at(slowest), COARSER[-1])
+    except SetupError:
+        return COARSER[:1]
+    return COARSER
+
+
+def row(machine: Machine, points: Sequence[Point], order: float) -> dict[str, float]:
+    """The orbits of one speed with N, N/2, N/4 steps: SI units, phases and lag in degrees; nan where
+    there is no orbit, and for errors that are not known.
+    """
+    nu = points[0].nu
+    row = {"nu": nu}
+    theory = {"w2": (SPEED, machine.speed_ripple), "tau2": (TORQUE, machine.torque_ripple)}
+    for name, (place, ripple) in theory.items():
+        whole, error = extrapolated([place.response(point) for point in points], order)
+        error += 2.0 * place.settling(points[0])
+        row |= {name: abs(whole), f"{name}_error": error, f"{name}_phase": degrees(whole)}
+        row |= {f"{name}_theory": abs(ripple(nu)), f"{name}_phase_theory": degrees(ripple(nu))}
+    mean, error = extrapolated([point.mean for point in points], order)
+    force, force_error = response.largest_force([points])
+    return row | {
+        "lag": (degrees(machine.load_ripple(nu)) - row["tau2_phase"]) % 360.0,
+        "lag_error": math.degrees(row["tau2_error"] / row["tau2"]),
+        "w_mean": mean.real,
+        "w_mean_error": error + 2e-9 * points[0].mean,
+        "f_rod_peak": force,
+        "f_rod_peak_error": force_error,
+    }
+
+
+def extrapolated(values: Sequence[complex], order: float) -> tuple[complex, float]:
+    """Where values at steps h, 2 h, 4 h go, and the error of that, nan where it is not known."""
+    parts = [limit([getattr(x, part) for x in values], order) for part in ("real", "imag")]
+    errors = [math.nan if error is None else error for _, error, _ in parts]
+    return complex(parts[0][0], parts[1][0]), math.hypot(*errors)
+
+
+def degrees(z: complex) -> float:
+    """The phase."""
+    return math.degrees(cmath.phase(z))
+
+
+def told(value: float, error: float, unit: str, meaning: str, nu: float) -> Figure:
+    """A figure of the orbit at nu, refused where that or the error is not known."""
+    if math.isnan(value):
+        return Figure.refused(unit, f"no steady orbit at {nu:g} rad/s", meaning)
+    if math.isnan(error):
+        return Figure.refused(unit, NOT_KNOWN, meaning)
+    return Figure(value, unit, error, meaning)
+
+
+def band(line: Line, rows: Sequence[Mapping[str, float]], most: float) -> list[tuple[float, float]]:
+    """Stretches of speed between the rows in which the torque ripple is above a limit [rad/s]."""
+    known = [one for one in rows if not math.isnan(one["tau2"])]
+    if not known:
+        return []
+    nu = np.array([one["nu"] for one in known])
+    ratios = [one["tau2"] / one["tau2_theory"] for one in known]
+    ratio = make_interp_spline(nu, ratios, k=3 if len(nu) > 3 else min(1, len(nu) - 1))
+    fine = np.linspace(nu[0], nu[-1], 4001)
+    machine, _ = line.at(fine)
+    above = abs(machine.torque_ripple(fine)) * ratio(fine) > most
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], above, [0]]).astype(int)))
+    return [(float(fine[a]), float(fine[b - 1])) for a, b in zip(edges[::2], edges[1::2])]
+
+
+def verdict(o: Options, f: Mapping[str, Figure], r: Sweep) -> str:
+    """The answer in plain words."""
+    ripple, resonance, formula = f["tau2_operating"], f["nu_90"], f["nu_res"].value
+    at = f"{r.operating:g} rad/s ({r.operating * 30 / math.pi:.0f} rpm)"
+    first, last = r.line.first, r.line.last
+    if ripple.error is None:
+        answer = f"Whether the operating speed of {at} is on it is not told: {ripple.reason}"
+    else:
+        answer = (
+            f"{'Yes' if ripple.value > o.most else 'No'}: at the operating speed of {at} the torque "
+            f"ripple is {ripple.text()}, {ripple.value / o.rated:.0%} of the rated torque; the limit is "
+            f"{o.most:g} N.m"
+        )
+    away = resonance.value / r.operating - 1.0
+    if resonance.error is not None and abs(away) < 5e-4:
+        answer += f", and the resonance is there, at {resonance.text()}"
+    elif resonance.error is not None:
+        side = "above" if away > 0 else "below"
+        answer += f", and the resonance at {resonance.text()} is {abs(away):.1%} {side} that speed"
+    where = " and ".join(
+        (f"{'below' if low == first else f'from {low:.3g} to'} {high:.3g} rad/s")
+        if high < last
+        else f"above {low:.3g} rad/s"
+        for low, high in r.avoid
+    )
+    lines = [
+        f"{answer}.",
+        f"Avoid speeds {where}, where the torque ripple is above the limit."
+        if where
+        else "The torque ripple stays below the limit at every speed of the sweep.",
+    ]
+    if resonance.error is None:
+        beside = (
+            ""
+            if first <= formula <= last
+            else (
+                f"; the sweep from {first:g} to {last:g} rad/s does not hold the {formula:.3f} rad/s of "
+                "formula (22)"
+            )
+        )
+        lines.append(f"No 90 degree lag of the torque ripple is told: {resonance.reason}{beside}.")
+    return "\n".join(lines)
+
+
+def show(o: Options, f: Mapping[str, Figure], r: Sweep) -> Show:
     """The sweep against theory, and one revolution at the operating speed."""
-    like, drive = sweep.like, sweep.drive
-    record = (*response.RECORD, "conveyor.x", "conveyor.tau_load")
-    machine, most = drive.machine(f["nu_res"].value), sweep.limit * sweep.rated
-    chart = conveyor_show.ripple(
-        machine, sweep.rows, f, sweep.operating, sweep.rated, most, band(sweep)
-    )
-    if sweep.operating in sweep.problems:
-        return Show([chart], [])
-    turns = response.orbit(case(like, drive, sweep.operating, like.steps_per_rev), record)
-    course, motion = conveyor_show.revolution(sweep.operating, turns.result)
+    machine, _ = r.line.at(f["nu_res"].value)
+    chart = pictures.ripple(machine, r.points, f, r.operating, o.rated, o.most, r.avoid)
+    try:
+        turns = response.orbit(r.setup.case(*r.line.at(r.operating)), pictures.RECORD)
+    except NotSteady:
+        return Show([chart])
+    course, motion = pictures.revolution(r.operating, turns.result)
     return Show([chart], [motion], [course])

@@ -8,36 +8,52 @@ largest, and how likely it is above a limit when every part may be off within it
 
 from __future__ import annotations
 
+import cmath
+import logging
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby
-from typing import Any, NamedTuple
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-import workbench
-from cosim import SetupError
+from cosim import ORDERS, SetupError
+from cosim.result import partial
 from workbench import Bench, Figure, Findings, Show, Table, option
+from workbench.answer import stream
+from workbench.limit import coupling
 from workbench.options import refuse
 
+from . import show as pictures
+from . import tolerances
 from .drive import PARTS as DRIVE
 from .drive import conveyor_drive, followed
-from .map import pages, tolerances, zone
-from .map.pages import LOOKS
-from .map.plane import Plane, Setup, axis, shares, span
-from .map.survey import Coupling, Row, Survey, columns, coupling, locate, sweep
-from .map.tolerances import CONFIDENCE, Check
-from .resonance import ALGORITHMS, check_steps
+from .plane import Axis, Plane, axis, shares, span
+from .response import (
+    COARSER,
+    LAG,
+    TORQUE,
+    Point,
+    Ripple,
+    Setup,
+    orbit,
+    places,
+    simulate,
+)
 from .theory import FIELDS, SETS
+from .tolerances import Sample
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 Real = NDArray[np.float64]
 PARTS = DRIVE
 FLAVOUR = "native"
 X, Y = "speed=15:80:60", "motor.T=0.015:0.16:40:log"
 RANGE, FIXED = "45:60", 60.0
-RATED = {"A": 100.0, "B": 88.0}
 TOLERANCES = {
     "motor.T": 0.10,
     "motor.B": 0.05,
@@ -46,20 +62,16 @@ TOLERANCES = {
     "conveyor.trough.m": 0.02,
     "conveyor.trough.d": 0.20,
 }
-SURE = 0.01
-NO_ORDER = "runs with coarser steps converge in no order, so that its error is not known"
-OFF = {
-    ("lag_90", "formula"): "formula (22)",
-    ("peak", "formula"): "formula (22)",
-    ("peak", "peak_theory"): "that of first-order theory",
-}
+SURE, SPEEDS, GRID = 0.01, 61, 5
 TABLE, ROWS_TABLE = "resonance_map.csv", "resonance_map_rows.csv"
+VALUES = {"ripple": "N.m", "gain": "1", "lag": "deg", "settling": "1", "ripple_theory": "N.m"}
+RIDGES = ("lag_90", "lag_90_error", "formula", "peak", "peak_error", "peak_theory")
+RANGES = {"ripple_in_range": "N.m", "probability_in_range": "1"}
 OWN = ("motor.A", "motor.tau", "motor.characteristic", "conveyor.phi", "conveyor.w")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options(workbench.Options):
-    set: str = option("A", "parameter set", choices=SETS)
+class Options(Ripple):
     x: str = option(X, f"NAME=FROM:TO:NUMBER[:log] of `speed` [rad/s], {', '.join(FIELDS)}")
     y: str = option(Y, "the same without `speed`")
     speed: float | None = option(
@@ -67,16 +79,6 @@ class Options(workbench.Options):
     )
     range: str | None = option(
         None, f"FROM:TO, operating range where x is the speed, {RANGE} [rad/s] by default"
-    )
-    limit: float = option(
-        50.0, "torque ripple that is too much, of the rated torque", "%", above=0.0
-    )
-    rated_torque: float | None = option(
-        None,
-        "rated motor torque at the crank, by default "
-        + ", ".join(f"{torque:g} in set {name}" for name, torque in RATED.items()),
-        "N.m",
-        above=0.0,
     )
     tolerance: tuple[str, ...] = option(
         (),
@@ -87,282 +89,25 @@ class Options(workbench.Options):
     samples: int = option(4096, "machines per point, a power of 2", least=2)
     checks: int = option(8, "points to check by co-simulation, half as many rows", least=0)
     check_runs: int = option(128, "machines to co-simulate at each", least=1)
-    algorithm: str = option("strang", "coupling algorithm", choices=ALGORITHMS)
     steps_per_rev: int = option(256, "communication steps per revolution", least=1)
 
 
 class Map(NamedTuple):
-    """The survey, its ridges, their errors, the risk; limit and rated torque [N.m], the range [rad/s]."""
+    """The machines, how they are run, the tables of their points and rows, the operating range [rad/s]."""
 
-    survey: Survey
-    rows: Sequence[Row]
-    errors: Coupling
-    risk: Risk
-    limit: float
-    rated: float
-    within: tuple[float, float] | None
+    plane: Plane
     setup: Setup
+    points: DataFrame
+    rows: DataFrame
+    within: tuple[float, float] | None
 
+    def field(self, column: str) -> Real:
+        """A column of the points over the plane, shape (rows, columns)."""
+        return self.points[column].to_numpy().reshape(len(self.rows), -1)
 
-class Risk(NamedTuple):
-    """Probability of a torque ripple above the limit at every point; in the range for every row,
-    with the largest ripple there of the nominal machine [N.m]. What co-simulation said of samples.
-    """
-
-    points: Real
-    rows: Real
-    nominal: Real
-    checks: Sequence[Check]
-    range_checks: Sequence[Check]
-    samples: int
-
-
-class Off(NamedTuple):
-    """How far places are from others, relative: the largest, the row it is in, the root mean square,
-    and in how many rows there are both.
-    """
-
-    largest: float
-    at: float
-    rms: float
-    rows: int
-
-    def text(self, form: str, unit: str) -> str:
-        """As the verdict has it."""
-        return (
-            f"{self.rms:{form}} (rms) over {self.rows} rows, at most {self.largest:+{form}} "
-            f"at {self.at:.3g} {unit}"
-        )
-
-
-def off(rows: Iterable[Row], place: str, other: str) -> Off:
-    """Of one ridge from another."""
-    pairs = [(row.y, getattr(row, place), getattr(row, other)) for row in rows]
-    shares = [(a / b - 1.0, y) for y, a, b in pairs if a is not None and b is not None]
-    if not shares:
-        return Off(math.nan, math.nan, math.nan, 0)
-    largest, at = max(shares, key=lambda share: abs(share[0]))
-    rms = math.sqrt(sum(share**2 for share, _ in shares) / len(shares))
-    return Off(largest, at, rms, len(shares))
-
-
-def assess(
-    survey: Survey,
-    limit: float,
-    within: tuple[float, float] | None,
-    tolerance: dict[str, float],
-    exponent: int,
-    checks: int,
-    runs: int,
-    setup: Setup,
-) -> Risk:
-    """Probabilities by corrected theory over the map, and what co-simulation says at its edge."""
-    plane, ratio = survey.plane, survey.ratio
-    factors = tolerances.factors(tolerance, exponent)
-    nominal = {name: np.ones(1) for name in factors}
-    height, width = plane.shape
-    points = np.array(
-        [
-            [
-                zone.probability(zone.at_point(plane, ratio, factors, n, k), limit)
-                for k in range(width)
-            ]
-            for n in range(height)
-        ]
-    )
-    some = [zone.at_point(plane, ratio, factors, n, k) for n, k in zone.on_edge(points, checks)]
-    rows = worst = np.full(height, math.nan)
-    few = []
-    if within is not None:
-        over = [zone.in_range(plane, ratio, factors, n, within) for n in range(height)]
-        rows = np.array([zone.probability(sample, limit) for sample in over])
-        plain = [zone.in_range(plane, ratio, nominal, n, within) for n in range(height)]
-        worst = np.array([sample.expected[0] for sample in plain])
-        few = [over[n] for (n,) in zone.on_edge(rows, checks // 2)]
-    return Risk(
-        points,
-        rows,
-        worst,
-        zone.check(some, runs, limit, setup),
-        zone.check(few, runs, limit, setup),
-        2**exponent,
-    )
-
-
-def stretches(values: Real, good: NDArray[np.bool_], unit: str) -> str:
-    """The values that are good, as from .. to of those next to each other."""
-    runs = [[v for _, v in group] for ok, group in groupby(zip(good, values), lambda p: p[0]) if ok]
-    return (
-        " and ".join(f"{run[0]:.3g} .. {run[-1]:.3g} {unit}" for run in runs)
-        or "no value of the map"
-    )
-
-
-def headline(plane: Plane, risk: Risk, within: tuple[float, float] | None) -> str:
-    """The answer as the picture's title has it."""
-    sure = f"in at least {1 - SURE:.0%} of the machines"
-    if within is None:
-        share = np.nanmean(risk.points <= SURE)
-        return f"At {plane.speed:g} rad/s {share:.0%} of the map stays clear of resonance {sure}"
-    clear = stretches(plane.y.values, risk.rows <= SURE, plane.y.unit)
-    return (
-        f"{within[0]:g} .. {within[1]:g} rad/s stays clear of resonance "
-        f"{sure} with {plane.y.name} of {clear}"
-    )
-
-
-def verdict(o: Options, f: Mapping[str, Figure], r: Map) -> str:
-    """The answer in plain words."""
-    survey, rows, errors, risk, limit, rated, within, _ = r
-    plane = survey.plane
-    x, y = plane.x, plane.y
-    lines = []
-    if within is not None:
-        bounds = f"{within[0]:g} .. {within[1]:g} rad/s"
-        lines.append(
-            f"The operating range {bounds} stays clear of a torque ripple above {limit:g} N.m "
-            f"({limit / rated:.0%} of the rated torque of {rated:g} N.m) with {y.name} of "
-            f"{stretches(y.values, risk.nominal <= limit, y.unit)}; with every part within its "
-            f"tolerance, in at least {1 - SURE:.0%} of the machines, with "
-            f"{stretches(y.values, risk.rows <= SURE, y.unit)}."
-        )
-    else:
-        lines.append(
-            f"At {plane.speed:g} rad/s a torque ripple above {limit:g} N.m ({limit / rated:.0%} of "
-            f"the rated torque of {rated:g} N.m) is in {np.nanmean(survey.ripple > limit):.0%} of "
-            f"the map; {np.nanmean(risk.points <= SURE):.0%} of it stays clear in at least "
-            f"{1 - SURE:.0%} of the machines with every part within its tolerance."
-        )
-    phase = off(rows, "lag_90", "formula")
-    if phase.rows:
-        lines.append(
-            "Phase: the torque ripple lags by 90 degrees on formula (22), off by "
-            f"{phase.text('.2%', y.unit)}; {coupled(errors.lag_90)}."
-        )
-    else:
-        lines.append("Phase: no row of the map holds a 90 degree lag.")
-    amplitude, theory = (off(rows, "peak", other) for other in ("formula", "peak_theory"))
-    if amplitude.rows:
-        lines.append(
-            f"Amplitude: the torque ripple is largest off formula (22), by "
-            f"{amplitude.text('.1%', y.unit)}; it is off first-order theory's own peak by "
-            f"{theory.text('.2%', y.unit)}; {coupled(errors.peak)}."
-        )
-    peakless = sum(row.peak is None for row in rows)
-    if peakless:
-        lines.append(
-            f"In {peakless} of {len(rows)} rows the torque ripple has no peak between the ends."
-        )
-    lines.append(
-        "They differ because (22) marks a phase, which neither damping nor load moves, while the "
-        "torque ripple is the drive's gain times the load ripple, which "
-        + (
-            "falls over the speed towards sqrt(c/m) and rises beyond."
-            if plane.over_speed
-            else "need not be largest there."
-        )
-    )
-    n, k = np.unravel_index(np.nanargmax(abs(survey.ratio - 1.0)), survey.ratio.shape)
-    lines.append(
-        "Theory is of first order in the ripple: co-simulation makes the torque ripple "
-        f"{np.nanmin(survey.ratio):.3f} to {np.nanmax(survey.ratio):.3f} times as large, farthest "
-        f"off at {x.name} = {x.values[k]:.3g} {x.unit}, {y.name} = {y.values[n]:.3g} {y.unit}, "
-        f"where the torque swings by {survey.ripple[n, k]:.0f} N.m."
-    )
-    error = "not known" if errors.gain is None else f"at most {errors.gain:.2g} of it"
-    lines.append(
-        f"The coupling error of the gain is {error}, from runs with a half and a quarter of the "
-        f"steps at {errors.points} points, of which {errors.converged} converge as they should"
-        + (
-            f"; halving the step moves the others by up to {errors.last:.2g}."
-            * (errors.converged < errors.points)
-            or "."
-        )
-    )
-    restless = int((~survey.steady).sum())
-    lines.append(
-        "All orbits are steady."
-        if not restless
-        else f"{restless} of {survey.torque.size} orbits are not steady, and left out: "
-        f"{'; '.join(restless_places(survey))}."
-    )
-    lines += told_checks(risk)
-    return "\n".join(lines)
-
-
-def coupled(error: float | None) -> str:
-    """The coupling error of a ridge as the verdict has it."""
-    return "coupling error " + ("not known" if error is None else f"up to {error:.3%}")
-
-
-def restless_places(survey: Survey) -> list[str]:
-    """Points without a steady orbit, row by row."""
-    x, y = survey.plane.x, survey.plane.y
-    return [
-        f"{y.name} = {value:.3g} {y.unit} at {x.name} {stretches(x.values, ~steady, x.unit)}"
-        for value, steady in zip(y.values, survey.steady)
-        if not steady.all()
-    ]
-
-
-def told_checks(risk: Risk) -> list[str]:
-    """What co-simulation said of the probabilities."""
-    checks = [*risk.checks, *risk.range_checks]
-    error = tolerances.sampling_error(risk.points, risk.samples)
-    first = (
-        f"The probabilities come from {risk.samples} machines per point, judged by theory times the "
-        f"ratio measured at the point; standard error of sampling at most {error:.2%}."
-    )
-    if not checks:
-        return [first, "No point of the map was checked by co-simulating machines."]
-    total = sum(check.samples for check in checks)
-    restless = sum(check.restless for check in checks)
-    wrong = sum(check.above + check.below for check in checks)
-    outside = sum(not c.interval[0] <= c.predicted <= c.interval[1] for c in checks)
-    spread = np.concatenate([check.off for check in checks])
-    return [
-        first,
-        f"Co-simulating {total} of these machines at {len(checks)} places on the edge changes the "
-        f"judgement of {wrong} ({wrong / total:.1%}, at most "
-        f"{tolerances.interval(wrong, total)[1]:.1%} with {CONFIDENCE:.0%} confidence); their "
-        f"ripples are off by {np.sqrt(np.mean(spread**2)):.2%} (rms), at most "
-        f"{np.abs(spread).max():.1%}. The probability is off by at most "
-        f"{max(abs(c.counted - c.predicted) for c in checks):.3f} from brute force, of which "
-        f"{max(abs(c.corrected - c.predicted) for c in checks):.3f} is theory and the rest the "
-        f"sampling of {checks[0].samples} machines; {outside} of {len(checks)} places lie outside "
-        f"the {CONFIDENCE:.0%} interval of brute force."
-        + (f" {restless} further orbits are not steady." if restless else ""),
-    ]
-
-
-def figures(survey: Survey, rows: Sequence[Row], errors: Coupling) -> dict[str, Figure]:
-    """The largest gain and torque ripple, deviations of the ridges in %."""
-    told = {}
-    for name, values, unit, meaning in (
-        ("gain_max", survey.gain, "1", "largest gain: torque ripple over load ripple, order 2"),
-        ("ripple_max", survey.ripple, "N.m", "largest torque ripple, order 2"),
-    ):
-        largest = float(np.nanmax(values))
-        error = None if errors.gain is None else errors.gain * largest
-        told[name] = _told(largest, unit, error, meaning)
-    for (place, other), named in OFF.items():
-        found = off(rows, place, other)
-        if found.rows:
-            error = getattr(errors, place)
-            error = None if error is None else 100 * error
-            what = f"{LOOKS[place][0]} beside {named}"
-            for name, value, word in (("max", found.largest, "at most"), ("rms", found.rms, "rms")):
-                told[f"{place}_off_{other}_{name}"] = _told(
-                    100 * value, "%", error, f"{what}, {word}"
-                )
-    return told
-
-
-def _told(value: float, unit: str, error: float | None, meaning: str) -> Figure:
-    """A figure, refused where its error is not known."""
-    if error is None:
-        return Figure.refused(unit, NO_ORDER, meaning)
-    return Figure(value, unit, error, meaning)
+    def clear(self, column: str, most: float) -> str:
+        """The values of y for which the operating range keeps a column of the rows below a value."""
+        return stretches(self.plane.y, (self.rows[column] <= most).to_numpy())
 
 
 def solve(o: Options, bench: Bench) -> Findings:
@@ -370,97 +115,255 @@ def solve(o: Options, bench: Bench) -> Findings:
 
     Raises cosim.SetupError for settings that cannot give an answer.
     """
-    across, up = axis(bench.fmus, "x", o.x, 4), axis(bench.fmus, "y", o.y, 2)
-    if across.name == up.name:
-        raise SetupError(f"--x and --y are both {up.name}")
-    refuse(o.start, (across.name, up.name))
-    machine = followed(bench.fmus, SETS[o.set], o.start)
-    if across.name == "speed" and o.speed is not None:
-        raise SetupError("--speed is for maps whose x is not the speed")
-    if across.name != "speed" and o.range is not None:
-        raise SetupError("--range is for maps whose x is the speed")
-    nu = FIXED if o.speed is None else o.speed
-    plane = Plane(across, up, machine, nu)
-    bounds = span("range", o.range or RANGE, across) if plane.over_speed else None
-    rated = RATED[o.set] if o.rated_torque is None else o.rated_torque
-    ripple = o.limit / 100 * rated
+    plane, within = planned(o, bench)
     spread = shares(bench.fmus, "tolerance", o.tolerance, TOLERANCES)
     if o.samples & (o.samples - 1):
         raise SetupError(f"samples = {o.samples} must be a power of 2, at least 2")
     if o.check_runs > o.samples:
         raise SetupError(f"check_runs = {o.check_runs} must be at most samples = {o.samples}")
-    fastest, at = max(plane.points(), key=lambda p: p[0].nu_res / p[1])
-    check_steps(fastest, o.algorithm, o.steps_per_rev // 4, at)
     beside = {key: value for key, value in o.start.items() if key not in FIELDS}
-    setup = Setup(beside, o.algorithm, o.steps_per_rev, bench)
+    setup = Setup(bench, beside, o.algorithm, o.steps_per_rev)
+    spots = [plane.at(*node) for node in plane.nodes()]
+    setup.check(*max(spots, key=lambda spot: spot[0].nu_res / spot[1]), COARSER[-1])
 
-    survey, points = sweep(plane, setup, bench.out and bench.out / TABLE)
-    if not survey.steady.any():
-        raise SetupError("no orbit of the map is steady")
-    rows = locate(survey, setup)
-    errors = coupling(survey, rows, setup)
-    exponent = o.samples.bit_length() - 1
-    risk = assess(survey, ripple, bounds, spread, exponent, o.checks, o.check_runs, setup)
-    import pandas as pd
+    orbits, points = swept(plane, setup, bench.out and bench.out / TABLE)
+    rows = ridges(plane, orbits, setup)
+    error = coupling_error(plane, orbits, setup)
+    rows = rows.assign(**dict.fromkeys(RANGES, math.nan))
+    x, y, levels = plane.x.values, plane.y, plane.y.values.tolist()
+    ratio = (points["ripple"] / points["ripple_theory"]).to_numpy().reshape(len(levels), -1)
+    drawn = tolerances.factors(spread, o.samples)
 
-    frame = pd.DataFrame(points, columns=list(columns(plane)))
-    lines = pd.DataFrame(rows).assign(ripple_in_range=risk.nominal, probability_in_range=risk.rows)
-    unit = across.unit
-    units = {up.name: up.unit, "lag_90": unit, "formula": unit, "peak": unit, "peak_theory": unit,
-             "ripple_in_range": "N.m", "probability_in_range": "1"}  # fmt: skip
+    def built(n: int, x: Real, factors: Mapping[str, Real] = drawn) -> Sample:
+        return tolerances.built(plane, x, levels[n], ratio[n], factors)
+
+    cells = [(n, x[k : k + 1]) for n in range(len(levels)) for k in range(len(x))]
+    points["probability"] = [built(*cell).probability(o.most) for cell in cells]
+    edge = tolerances.on_edge(points["probability"].to_numpy(), o.checks)
+    samples = [built(*cells[k]) for k in edge]
+    if within is not None:
+        nus, nominal = np.linspace(*within, SPEEDS), {name: np.ones(1) for name in drawn}
+        rows["ripple_in_range"] = [built(n, nus, nominal).expected[0] for n in range(len(levels))]
+        over = [built(n, nus) for n in range(len(levels))]
+        rows["probability_in_range"] = [sample.probability(o.most) for sample in over]
+        edge = tolerances.on_edge(rows["probability_in_range"].to_numpy(), o.checks // 2)
+        samples += [over[n] for n in edge]
+    checks = tolerances.check(samples, o.check_runs, o.most, setup)
     return Findings(
-        figures(survey, rows, errors),
-        Map(survey, rows, errors, risk, ripple, rated, bounds, setup),
-        conveyor_drive(bench.fmus, {**machine.start(nu), **beside}),
+        figures(points, rows, error) | judgement(checks, error),
+        Map(plane, setup, points, rows, within),
+        conveyor_drive(bench.fmus, {**plane.machine.start(plane.speed), **beside}),
         communication=f"{o.steps_per_rev} steps per revolution",
         algorithm=o.algorithm,
         tables={
-            TABLE: Table(
-                frame.assign(probability=risk.points.ravel()),
-                {**columns(plane), "probability": "1"},
+            TABLE: Table(points, plane.units | VALUES | {"probability": "1"}),
+            ROWS_TABLE: Table(
+                rows, {y.name: y.unit} | dict.fromkeys(RIDGES, plane.x.unit) | RANGES
             ),
-            ROWS_TABLE: Table(lines.rename(columns={"y": up.name}), units),
         },
         facts={
-            "x": {"name": across.name, "unit": across.unit, "log": across.log},
-            "y": {"name": up.name, "unit": up.unit, "log": up.log},
-            "shape": {"rows": plane.shape[0], "columns": plane.shape[1]},
-            "range": bounds,
-            "limit": ripple,
-            "rated_torque": rated,
+            "range": within,
+            "limit": o.most,
+            "rated_torque": o.rated,
             "tolerances": spread,
             "distribution": "uniform within the tolerance, speed held",
-            "coupling": errors._asdict(),
-            "not_steady": restless_places(survey),
-            "checks": [told(check) for check in risk.checks],
-            "range_checks": [told(check) for check in risk.range_checks],
-            "sampling_error": tolerances.sampling_error(risk.points, o.samples),
+            "checks": checks,
         },
-    )  # fmt: skip
+    )
+
+
+def planned(o: Options, bench: Bench) -> tuple[Plane, tuple[float, float] | None]:
+    """The plane, and the operating range if x is the speed; raises SetupError."""
+    across, up = axis(bench.fmus, "x", o.x, 4), axis(bench.fmus, "y", o.y, 2)
+    if across.name == up.name:
+        raise SetupError(f"--x and --y are both {up.name}")
+    refuse(o.start, (across.name, up.name))
+    plane = Plane(across, up, followed(bench.fmus, SETS[o.set], o.start), o.speed or FIXED)
+    if plane.over_speed and o.speed is not None:
+        raise SetupError("--speed is for maps whose x is not the speed")
+    if not plane.over_speed and o.range is not None:
+        raise SetupError("--range is for maps whose x is the speed")
+    return plane, span("range", o.range or RANGE, across) if plane.over_speed else None
+
+
+def swept(plane: Plane, setup: Setup, path: Path | None) -> tuple[list[Point], DataFrame]:
+    """The orbits of all points and the rows of their table, which are kept on the way, too.
+
+    Raises SetupError where none is steady.
+    """
+    nodes, units = plane.nodes(), plane.units | VALUES
+    spots = [plane.at(*node) for node in nodes]
+    orbits: list[Point] = []
+    rows: list[tuple[float, ...]] = []
+    with stream(path, list(units)) as keep:
+        try:
+            each = setup.bench.each(simulate, [setup.case(*spot) for spot in spots], "map")
+            for node, (machine, nu), orbit in zip(nodes, spots, each):
+                load, ripple = machine.load_ripple(nu), abs(orbit.torque)
+                lag = math.degrees(cmath.phase(load / orbit.torque)) % 360.0
+                theory, left = abs(machine.torque_ripple(nu)), orbit.torque_error / ripple
+                rows.append((*node, ripple, ripple / abs(load), lag, left, theory))
+                keep(rows[-1:])
+                orbits.append(orbit)
+        except KeyboardInterrupt:
+            kept = f" in {partial(path)}" if path else ""
+            raise KeyboardInterrupt(f"{len(rows)} of {len(spots)} points{kept}") from None
+    steady = np.array([not orbit.problem for orbit in orbits]).reshape(len(plane.y.values), -1)
+    if not steady.any():
+        raise SetupError("no orbit of the map is steady")
+    for y, there in zip(plane.y.values, steady):
+        if not there.all():
+            place = f"{plane.y.name} = {y:.3g} {plane.y.unit}, {plane.x.name}"
+            logging.getLogger("cosim").warning(
+                f"No steady orbit at {place} of {stretches(plane.x, ~there)}"
+            )
+    return orbits, Table.of_rows(rows, units).frame
+
+
+def ridges(plane: Plane, orbits: Sequence[Point], setup: Setup) -> DataFrame:
+    """Where every row has its ridges, with their errors, beside formula (22) and theory; nan where it
+    has none.
+    """
+    x, y = plane.x.values.tolist(), plane.y.values.tolist()
+    lines = [plane.line(level) for level in y]
+    known = [list(zip(x, orbits[n * len(x) :])) for n in range(len(y))]
+    sought = [(line, place, at) for line, at in zip(lines, known) for place in (LAG, TORQUE)]
+    found = [
+        (figure.value, math.nan if figure.error is None else figure.error)
+        for figure, _ in places(sought, COARSER, plane.x.unit, setup)
+    ]
+    theory = [line.theory(place) for line, place, _ in sought]
+    rows = [
+        (level, *found[k], theory[k], *found[k + 1], theory[k + 1])
+        for level, k in zip(y, range(0, len(found), 2))
+    ]
+    return Table.of_rows(rows, dict.fromkeys([plane.y.name, *RIDGES], plane.x.unit)).frame
+
+
+def coupling_error(plane: Plane, orbits: Sequence[Point], setup: Setup) -> float:
+    """The largest relative coupling error of the torque ripple, from coarser runs all over the map."""
+    rows, columns = (evenly(len(axis.values)) for axis in (plane.y, plane.x))
+    grid = [n * len(plane.x.values) + k for n in rows for k in columns]
+    grid = [k for k in grid if not orbits[k].problem]
+    nodes = plane.nodes()
+    spots = [(*plane.at(*nodes[k]), coarser) for coarser in COARSER[1:] for k in grid]
+    coarse = [abs(orbit.torque) for orbit in setup.orbits(spots, "coupling error")]
+    runs = zip((abs(orbits[k].torque) for k in grid), coarse, coarse[len(grid) :])
+    order = ORDERS[setup.algorithm]
+    errors = [coupling(values, order) / values[0] for values in runs if not np.isnan(values).any()]
+    if not errors:
+        raise SetupError("no orbit is steady with a quarter of the steps per revolution: take more")
+    return max(errors)
+
+
+def evenly(length: int) -> list[int]:
+    """Numbers of places from the first to the last, at most GRID."""
+    return sorted({round(k) for k in np.linspace(0, length - 1, GRID).tolist()})
+
+
+def figures(points: DataFrame, rows: DataFrame, error: float) -> dict[str, Figure]:
+    """The largest gain and torque ripple, and how far theory and the ridges are off."""
+    over = "torque ripple by co-simulation over that of first-order theory"
+    ratio = points["ripple"] / points["ripple_theory"]
+    found = {
+        name: Figure(float(value), unit, error * float(value), meaning)
+        for name, value, unit, meaning in (
+            ("gain_max", points["gain"].max(), "1",
+             "largest gain: torque ripple over load ripple, order 2"),
+            ("ripple_max", points["ripple"].max(), "N.m", "largest torque ripple, order 2"),
+            ("ratio_min", ratio.min(), "1", f"least {over}"),
+            ("ratio_max", ratio.max(), "1", f"largest {over}"),
+        )
+    }  # fmt: skip
+    for place, other, what in (
+        ("lag_90", "formula", "90 deg lag beside formula (22)"),
+        ("peak", "formula", "largest torque ripple beside formula (22)"),
+        ("peak", "peak_theory", "largest torque ripple beside that of first-order theory"),
+    ):
+        off = (100 * (rows[place] / rows[other] - 1.0)).dropna()
+        if len(off):
+            left = float((100 * rows[f"{place}_error"] / rows[other]).max())
+            farthest, rms = max(off, key=abs), math.sqrt((off**2).mean())
+            what = f"{what}, {len(off)} of {len(rows)} rows"
+            name = f"{place}_off_{other}"
+            found[f"{name}_max"] = Figure(float(farthest), "%", left, f"{what}, at most")
+            found[f"{name}_rms"] = Figure(rms, "%", left, f"{what}, rms")
+    return found
+
+
+def judgement(checks: Sequence[Mapping[str, Any]], error: float) -> dict[str, Figure]:
+    """How far probabilities may be off, by the machines that were co-simulated."""
+    wrong, off, beside = (
+        "co-simulated machines that theory judges otherwise",
+        "torque ripple of these machines beside theory's, rms",
+        "probability by these machines less that of the map, at most",
+    )
+    if not checks:
+        return {"misjudged": Figure.refused("%", "no machine is co-simulated", wrong)}
+    total = sum(check["samples"] for check in checks)
+    otherwise = sum(check["judged_above"] + check["judged_below"] for check in checks)
+    share, ends = otherwise / total, tolerances.interval(otherwise, total)
+    rms = math.sqrt(sum(check["samples"] * check["off_rms"] ** 2 for check in checks) / total)
+    worst = max(checks, key=lambda check: abs(check["brute_force"] - check["probability"]))
+    brute = worst["brute_force"]
+    return {
+        "misjudged": Figure(100 * share, "%", 100 * max(abs(end - share) for end in ends), wrong),
+        "machines_off_rms": Figure(100 * rms, "%", 100 * error, off),
+        "probability_off_max": Figure(
+            brute - worst["probability"],
+            "1",
+            max(abs(x - brute) for x in worst["interval"]),
+            beside,
+        ),
+    }
+
+
+def stretches(along: Axis, good: NDArray[np.bool_]) -> str:
+    """The values of an axis that are good, as from .. to of those next to each other."""
+    runs = [
+        [x for _, x in group]
+        for ok, group in groupby(zip(good, along.values), lambda p: p[0])
+        if ok
+    ]
+    told = [f"{run[0]:.3g} .. {run[-1]:.3g} {along.unit}" for run in runs]
+    return " and ".join(told) or "no value of the map"
+
+
+def verdict(o: Options, f: Mapping[str, Figure], r: Map) -> str:
+    """The answer in plain words."""
+    above = (
+        f"a torque ripple above {o.most:g} N.m ({o.most / o.rated:.0%} of the rated torque of "
+        f"{o.rated:g} N.m)"
+    )
+    built = f"with every part within its tolerance, in at least {1 - SURE:.0%} of the machines"
+    if r.within is None:
+        over = np.nanmean(r.points["ripple"] > o.most)
+        clear = np.nanmean(r.points["probability"] <= SURE)
+        return (
+            f"At {r.plane.speed:g} rad/s {above} is in {over:.0%} of the map; {built}, {clear:.0%} of "
+            "it stays clear."
+        )
+    return (
+        f"The operating range {r.within[0]:g} .. {r.within[1]:g} rad/s stays clear of {above} with "
+        f"{r.plane.y.name} of {r.clear('ripple_in_range', o.most)}; {built}, with "
+        f"{r.clear('probability_in_range', SURE)}."
+    )
 
 
 def show(o: Options, f: Mapping[str, Figure], r: Map) -> Show:
     """Both maps, the rows, and one revolution where the torque swings most."""
-    survey, rows, _, risk, limit, _, within, setup = r
-    course, motion = pages.worst(survey, setup)
-    maps = pages.maps(survey, rows, risk.points, limit, within)
-    lines = pages.rows_chart(survey, rows, risk.nominal, risk.rows, limit, within)
-    title = headline(survey.plane, risk, within)
-    return Show([*maps, *([lines] if lines.panels else [])], [motion], [course], title)
-
-
-def told(check: Check) -> dict[str, Any]:
-    """A check as the JSON has it."""
-    return {
-        "place": check.place,
-        "probability": check.predicted,
-        "brute_force": check.counted,
-        "interval": check.interval,
-        "corrected": check.corrected,
-        "samples": check.samples,
-        "judged_above": check.above,
-        "judged_below": check.below,
-        "not_steady": check.restless,
-        "ripple_off_rms": float(np.sqrt(np.mean(check.off**2))),
-        "ripple_off_max": float(np.abs(check.off).max()),
-    }
+    worst = r.plane.nodes()[int(r.points["ripple"].argmax())]
+    case = r.setup.case(*r.plane.at(*worst))
+    course, motion = pictures.revolution(case.nu, orbit(case, pictures.RECORD).result)
+    sure = f"in at least {1 - SURE:.0%} of the machines"
+    if r.within is None:
+        share = np.nanmean(r.points["probability"] <= SURE)
+        title = f"At {r.plane.speed:g} rad/s {share:.0%} of the map stays clear of resonance {sure}"
+    else:
+        title = (
+            f"{r.within[0]:g} .. {r.within[1]:g} rad/s stays clear of resonance {sure} with "
+            f"{r.plane.y.name} of {r.clear('probability_in_range', SURE)}"
+        )
+    return Show(
+        [*pictures.maps(r, o.most), *pictures.map_rows(r, o.most)], [motion], [course], title
+    )

@@ -3,50 +3,70 @@
 At a speed nu the motor's line is set for the mean speed nu, motor and conveyor are coupled until their
 orbit is steady, and the ripple of order 2 is read off the last revolution. The places where the torque
 ripple lags its load by 90 degrees, and where the ripples are largest, are found on the response itself:
-what load over response is, a smooth curve, is followed through orbits ever closer to the place.
+load over response, a smooth curve, is followed through orbits ever closer to the place.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
+from itertools import pairwise
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import make_interp_spline
+from scipy.interpolate import CubicSpline, make_interp_spline
 from scipy.optimize import brentq
 
-from cosim import System
+import workbench
+from cosim import ORDERS, SetupError, System
 from cosim.system import Value
-from workbench.figure import Figure
+from workbench import Bench, Figure, option
 from workbench.limit import limit
-from workbench.measure import harmonics, largest
-from workbench.orbit import NotSteady, Turns, steady
+from workbench.measure import harmonics
+from workbench.orbit import TURN, NotSteady, Turns, steady
 
-from .drive import WIRES
-from .theory import Machine
+from .drive import WIRES, start_values
+from .theory import SETS, Machine, longest_step
 
 Samples = NDArray[np.float64]
-Complex = NDArray[np.complex128]
-Each = Callable[[Callable[["Case"], "Point"], Sequence["Case"], str], Sequence["Point"]]
-STATES = ("conveyor.w", "motor.tau")
+ALGORITHMS = ("jacobi", "gauss-seidel", "strang")
+RATED = {"A": 100.0, "B": 88.0}
 RECORD = ("motor.tau", "conveyor.phi", "conveyor.w", "conveyor.f_rod")
-HIGHEST, PER_ORDER, EDGE = 40, 3, 8
-NEAR, AROUND = 0.25, (-2, -1, 0, 1, 2)
-ROUNDS, FINE = 8, 2000
-INSIDE, CLOSE = 0.75, 0.1
-VANISHING = 0.02
-MEANING = {
-    "nu_90": ("speed where the torque ripple lags its load by 90 deg", ""),
-    "nu_peak_tau": ("speed of the largest torque ripple", "torque ripple there, order 2"),
-    "nu_peak_w": ("speed of the largest speed ripple", "speed ripple there, order 2"),
-}
-PEAKS = {"nu_peak_tau": ("tau2_peak", "N.m"), "nu_peak_w": ("w2_peak", "rad/s")}
+HIGHEST, PER_ORDER, EDGE, SECTORS = 40, 3, 8, 16
+FEWEST, COARSER = 18, (1, 2, 4)
+FINE, VANISHING = 20_000, 0.02
+NEAR, WIDEST, AROUND = 0.25, 0.05, (-2, -1, 0, 1, 2)
+ROUNDS, INSIDE, CLOSE = 8, 0.75, 0.1
+NONE = complex(math.nan, math.nan)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ripple(workbench.Options):
+    """What is asked of the torque ripple, at one speed or in a plane."""
+
+    set: str = option("A", "parameter set", choices=SETS)
+    limit: float = option(
+        50.0, "torque ripple that is too much, of the rated torque", "%", above=0.0
+    )
+    rated_torque: float | None = option(
+        None, "rated motor torque at the crank, 100 in set A and 88 in set B by default", "N.m",
+        above=0.0,
+    )  # fmt: skip
+    algorithm: str = option("strang", "coupling algorithm", choices=ALGORITHMS)
+
+    @property
+    def rated(self) -> float:
+        """The rated torque [N.m]."""
+        return self.rated_torque or RATED[self.set]
+
+    @property
+    def most(self) -> float:
+        """The torque ripple above which it is too much [N.m]."""
+        return self.limit / 100 * self.rated
 
 
 class Case(NamedTuple):
@@ -61,26 +81,52 @@ class Case(NamedTuple):
 
 
 class Point(NamedTuple):
-    """What one steady orbit tells; `problem` says why there is none, the rest is nan then.
+    """One steady orbit; `problem` says why there is none, the rest is nan then.
 
     Complex amplitudes of order 2 over the crank angle of torque [N.m] and speed [rad/s] with their
-    settling errors, mean speed [rad/s], largest rod force in either sense [N] with the error of its
-    place.
+    settling errors, mean speed [rad/s], the largest rod forces of every sector of the crank angle, in
+    either sense [N], and what the rows leave open of these.
     """
 
     nu: float
-    torque: complex
-    speed: complex
-    mean: float
-    push: float
-    pull: float
-    torque_error: float
-    speed_error: float
-    force_error: float
+    torque: complex = NONE
+    speed: complex = NONE
+    mean: float = math.nan
+    forces: Sequence[float] = (math.nan,)
+    torque_error: float = math.nan
+    speed_error: float = math.nan
+    force_errors: Sequence[float] = (math.nan,)
     problem: str = ""
 
 
-NONE = complex(math.nan, math.nan)
+class Setup(NamedTuple):
+    """How machines are run: on what, with which further start values, algorithm and steps."""
+
+    bench: Bench
+    start: Mapping[str, Value]
+    algorithm: str
+    steps_per_rev: int
+
+    def case(self, machine: Machine, nu: float, coarser: int = 1) -> Case:
+        """A machine at its nominal mean speed [rad/s], with `coarser` times fewer steps."""
+        start = start_values(machine, self.start, nu)
+        steps = self.steps_per_rev // coarser
+        return Case(self.bench.fmus, start, machine, nu, steps, self.algorithm)
+
+    def orbits(self, spots: Iterable[tuple[Machine, float, int]], title: str) -> list[Point]:
+        """The orbits of cases."""
+        return list(self.bench.each(simulate, [self.case(*spot) for spot in spots], title))
+
+    def check(self, machine: Machine, nu: float, coarser: int = 1) -> None:
+        """Raise SetupError for too few steps per revolution to fit orders or to stay stable at nu."""
+        steps, longest = self.steps_per_rev // coarser, longest_step(machine, self.algorithm)
+        if steps < FEWEST:
+            raise SetupError(f"{steps} steps per revolution must be at least {FEWEST}")
+        if steps <= TURN / (nu * longest):
+            raise SetupError(
+                f"{steps} steps per revolution are unstable with {self.algorithm} at {nu:g} rad/s: "
+                f"its limit there is {TURN / (nu * longest):.2f} (a step of {longest:.3g} s)"
+            )
 
 
 def simulate(case: Case) -> Point:
@@ -88,7 +134,7 @@ def simulate(case: Case) -> Point:
     try:
         return read(orbit(case, RECORD), case.nu)
     except NotSteady as problem:
-        return Point(case.nu, NONE, NONE, *(math.nan,) * 6, problem=str(problem))
+        return Point(case.nu, problem=str(problem))
 
 
 def orbit(case: Case, record: Sequence[str]) -> Turns:
@@ -98,15 +144,9 @@ def orbit(case: Case, record: Sequence[str]) -> Turns:
         "conveyor.w": nu + machine.speed_ripple(nu).imag,
         "motor.tau": machine.load_slope * nu + machine.torque_ripple(nu).imag,
     }
-    return steady(
-        partial(coupled, case.fmus, case.start),
-        near,
-        "conveyor.phi",
-        nu,
-        case.steps_per_rev,
-        record,
-        case.algorithm,
-    )
+    system = partial(coupled, case.fmus, case.start)
+    steps = case.steps_per_rev
+    return steady(system, near, "conveyor.phi", nu, steps, record, case.algorithm)
 
 
 def coupled(
@@ -117,235 +157,275 @@ def coupled(
 
 
 def read(turns: Turns, nu: float) -> Point:
-    """What the last revolution tells, and how far it may be from steady."""
+    """The ripple of the last revolution, how far it may be from steady, and its rod forces."""
 
-    def order_2(column: str, back: int) -> complex:
-        rows = turns.window(back)
-        phi = turns.result[turns.angle][rows]
-        most = min(HIGHEST, len(phi) // PER_ORDER)
-        return complex(harmonics(phi, turns.result[column][rows], most)[1])
+    def order_2(column: str) -> tuple[complex, float]:
+        found = []
+        for rows in (turns.window(), turns.window(1)):
+            phi = turns.result[turns.angle][rows]
+            most = min(HIGHEST, len(phi) // PER_ORDER)
+            found.append(complex(harmonics(phi, turns.result[column][rows], most)[1]))
+        return found[0], turns.remains(abs(found[0] - found[1]))
 
-    def settled(column: str) -> tuple[complex, float]:
-        now, before = order_2(column, 0), order_2(column, 1)
-        return now, turns.remains(abs(now - before))
-
-    torque, torque_error = settled("motor.tau")
-    speed, speed_error = settled("conveyor.w")
+    torque, torque_error = order_2("motor.tau")
+    speed, speed_error = order_2("conveyor.w")
     whole = turns.window()
     rows = slice(max(0, whole.start - EDGE), whole.stop + EDGE)  # a peak may lie at an end
-    t, force = turns.result["time"][rows], turns.result["conveyor.f_rod"][rows]
-    push, push_error = _highest(t, force)
-    pull, pull_error = _highest(t, -force)
-    mean = 2 * math.pi / turns.period()
-    place_error = max(push_error, pull_error)
-    return Point(nu, torque, speed, mean, push, pull, torque_error, speed_error, place_error)
+    phi, force = turns.result[turns.angle][rows], turns.result["conveyor.f_rod"][rows]
+    edges = np.linspace(turns.ends[-2], turns.ends[-1], SECTORS + 1)
+    tops = sector_tops(phi, force, edges)
+    halves = [sector_tops(phi[k::2], force[k::2], edges) for k in (0, 1)]
+    left = np.abs(np.array(halves) - tops).max(axis=0) / 4
+    mean = TURN / turns.period()
+    return Point(nu, torque, speed, mean, tops.tolist(), torque_error, speed_error, left.tolist())
 
 
-def _highest(t: Samples, x: Samples) -> tuple[float, float]:
-    """The largest value between the rows, and what every second row says of its error."""
-    most = largest(t, x)[0]
-    coarse = [largest(t[k::2], x[k::2])[0] for k in (0, 1)]
-    return most, max(abs(value - most) for value in coarse) / 4
+def sector_tops(phi: Samples, x: Samples, edges: Samples) -> Samples:
+    """The largest x, then the largest -x, of every sector between edges, on the spline through rows.
+
+    Which of two nearly equal peaks is the larger may change with the step; each by itself converges.
+    """
+    curve = CubicSpline(phi, x)
+    at = np.concatenate([edges, curve.derivative().roots(extrapolate=False)])
+    inside = [curve(at[(at >= first) & (at <= last)]) for first, last in pairwise(edges)]
+    return np.array([(sense * values).max() for sense in (1, -1) for values in inside])
 
 
-@dataclass(frozen=True)
-class Place:
-    """A place of the response: a root of `condition` on the smooth curve load over `part`."""
-
-    name: str
-    part: Callable[[Point], complex]
-    settling: Callable[[Point], float]
-    condition: Callable[[complex, complex, complex, complex], float]
-    peak: bool
-
-
-def _quadrature(load: complex, slope: complex, inverse: complex, inverse_slope: complex) -> float:
-    """Zero where the response lags the load by 90 degrees."""
-    return inverse.real
-
-
-def _flat(load: complex, slope: complex, inverse: complex, inverse_slope: complex) -> float:
-    """Zero where the amplitude |load / inverse| is stationary: half of its relative slope."""
-    return (slope / load - inverse_slope / inverse).real
+def largest_force(orbits: Iterable[Sequence[Point]]) -> tuple[float, float]:
+    """The largest rod force of orbits, each with N, N/2 and N/4 steps, and its error [N], which
+    reaches as far as that of any other peak does; nan where one is not known that may be the largest.
+    """
+    peaks = []
+    for points in orbits:
+        for values, left in zip(zip(*(p.forces for p in points)), points[0].force_errors):
+            value, error, _ = limit(values, 1.0)
+            reach = 2.0 * float(np.ptp(values)) if error is None else error + 2.0 * left
+            peaks.append((value, reach, error is not None))
+    best, error, _ = max(peaks, key=lambda peak: math.inf if math.isnan(peak[0]) else peak[0])
+    above = [
+        (value + reach - best, known) for value, reach, known in peaks if value + reach >= best
+    ]
+    return best, max([error, *(x for x, _ in above)]) if all(k for _, k in above) else math.nan
 
 
-LAG = Place("nu_90", lambda p: p.torque, lambda p: p.torque_error, _quadrature, False)
-TORQUE = Place("nu_peak_tau", lambda p: p.torque, lambda p: p.torque_error, _flat, True)
-SPEED = Place("nu_peak_w", lambda p: p.speed, lambda p: p.speed_error, _flat, True)
-PLACES = (LAG, TORQUE, SPEED)
+Known = Sequence[tuple[float, Point]]
 
 
-class Found(NamedTuple):
-    """Where a place is at one number of steps [rad/s], how high the response is there, and what the
-    orbits around it leave open of both.
+class Place(NamedTuple):
+    """A place of the response of a quantity, "torque" or "speed": where it lags its load by 90
+    degrees, or is largest.
     """
 
-    nu: float
-    height: float
-    nu_error: float
-    height_error: float
+    meaning: str
+    quantity: str
+    unit: str
+    peak: bool = True
+
+    def response(self, point: Point) -> complex:
+        """The amplitude of order 2."""
+        return complex(getattr(point, self.quantity))
+
+    def settling(self, point: Point) -> float:
+        """The settling error of that."""
+        return float(getattr(point, f"{self.quantity}_error"))
+
+
+LAG = Place("speed where the torque ripple lags its load by 90 deg", "torque", "N.m", False)
+TORQUE = Place("speed of the largest torque ripple", "torque", "N.m")
+SPEED = Place("speed of the largest speed ripple", "speed", "rad/s")
 
 
 class Unclear(Exception):
-    """A place that the response does not have, or that it does not tell; says why."""
+    """A place that the response does not have, or that it does not show; says why."""
 
 
-def candidate(place: Place, machine: Callable[[float], Machine], points: Sequence[Point]) -> float:
-    """About where the place is, from the orbits of a sweep: theory, times what they say of it [rad/s].
-
-    Raises Unclear.
+@dataclass(frozen=True, eq=False)
+class Line:
+    """Machines along x > 0, a speed or a parameter: `at` gives the machine and its mean speed
+    [rad/s], of an array of x as well.
     """
-    known = [point for point in points if not point.problem]
-    if len(known) < 2:
-        raise Unclear("the sweep holds no two steady orbits")
-    nu = np.array([point.nu for point in known])
-    theory = _theory(place, machine)
-    ratio = np.array([_load(machine, p.nu) / place.part(p) / theory(p.nu) for p in known])
-    curve = make_interp_spline(nu, ratio, k=min(3, len(nu) - 1) if len(nu) != 3 else 1)
-    center = machine(float(nu.mean())).nu_res
-    width = machine(center).zeta * center
-    dense = center + width * np.sinh(np.linspace(-8, 8, FINE))
-    fine = np.unique(np.concatenate([np.linspace(nu[0], nu[-1], FINE), dense, nu]))
-    fine = fine[(fine >= nu[0]) & (fine <= nu[-1])]
-    inverse = np.array([theory(float(x)) for x in fine]) * curve(fine)
-    load = np.array([_load(machine, float(x)) for x in fine])
-    if place.peak:
-        top = int(np.argmax(np.abs(load / inverse)))
-        if top in (0, len(fine) - 1):
-            raise Unclear("it is largest at an end of the sweep")
-        return float(fine[top])
-    below = (inverse.real > 0.0) & (inverse.imag > 0.0)
-    passed = np.flatnonzero(below[:-1] & (inverse.real[1:] <= 0.0) & (inverse.imag[1:] > 0.0))
-    if not len(passed):
-        raise Unclear("no speed of the sweep has it")
-    at = int(passed[0])
-    if abs(load[at]) < VANISHING * np.abs(load).max():
-        raise Unclear("the load ripple nearly vanishes there, and its phase means nothing")
-    return float(fine[at])
+
+    at: Callable[[Any], tuple[Machine, Any]]
+    first: float
+    last: float
+
+    def load(self, x: Any) -> Any:
+        """The load ripple at constant speed [N.m]."""
+        machine, nu = self.at(x)
+        return machine.load_ripple(nu) + 0.0 * x
+
+    def ideal(self, place: Place, x: Any) -> Any:
+        """Load over response by first-order theory."""
+        machine, nu = self.at(x)
+        return self.load(x) / getattr(machine, f"{place.quantity}_ripple")(nu)
+
+    @cached_property
+    def sense(self) -> float:
+        """1 where the lag grows with x, -1 where it falls."""
+        ends = [self.ideal(LAG, x).real for x in (self.first, self.last)]
+        return 1.0 if ends[0] >= ends[1] else -1.0
+
+    def theory(self, place: Place) -> float:
+        """Where first-order theory has the place, formula (22) the lag; nan where it is not."""
+        try:
+            return self.expected(place)
+        except Unclear:
+            return math.nan
+
+    @cached_property
+    def spacing(self) -> float:
+        """How far apart orbits around a place are: a share of the width of the resonance."""
+        x = self.theory(LAG)
+        x = math.sqrt(self.first * self.last) if math.isnan(x) else x
+        (machine, nu), (beside, nu_beside) = self.at(x), self.at(1.001 * x)
+        moved = abs(math.log(beside.nu_res / machine.nu_res * nu / nu_beside)) / 0.001
+        return float(x * min(NEAR * machine.zeta / max(moved, 1e-9), WIDEST))
+
+    def expected(self, place: Place, known: Known = ()) -> float:
+        """Where the place is by theory, times what orbits at known x say of it. Raises Unclear."""
+        x = np.geomspace(self.first, self.last, FINE)
+        inverse, load = self.ideal(place, x), self.load(x)
+        if known:
+            steady = [(at, point) for at, point in known if not point.problem]
+            if len(steady) < 2:
+                raise Unclear("the sweep holds no two steady orbits")
+            places = np.array([at for at, _ in steady])
+            seen = [self.load(at) / place.response(point) for at, point in steady]
+            ratio = np.array(seen) / self.ideal(place, places)
+            degree = 3 if len(steady) > 3 else 1
+            inverse = inverse * make_interp_spline(places, ratio, k=degree)(x)
+        step = x[1] / x[0]
+        if place.peak:
+            ripple = np.abs(load / inverse)
+            top = int(np.argmax(ripple))
+            if top in (0, FINE - 1):
+                raise Unclear("it is largest at an end of the sweep")
+            before, most, after = ripple[top - 1 : top + 2]
+            return float(x[top] * step ** ((after - before) / (2 * most - before - after) / 2))
+        ahead = self.sense * inverse.real
+        passed = (ahead[:-1] > 0.0) & (ahead[1:] <= 0.0) & (inverse.imag[:-1] > 0.0)
+        if not passed.any():
+            raise Unclear("no speed of the sweep has it")
+        k = int(np.argmax(passed))
+        if abs(load[k]) < VANISHING * np.abs(load).max():
+            raise Unclear("the load ripple nearly vanishes there, and its phase means nothing")
+        return float(x[k] * step ** (ahead[k] / (ahead[k] - ahead[k + 1])))
+
+    def fitted(
+        self, place: Place, x: Sequence[float], points: Sequence[Point]
+    ) -> tuple[float, float, float]:
+        """The place, the height there, and the slope of its condition, on the polynomial through
+        orbits; of a place beyond them only the direction, an x outside, the rest is nan.
+        """
+        middle, reach = (min(x) + max(x)) / 2, (max(x) - min(x)) / 2
+        inverse = [self.load(at) / place.response(point) for at, point in zip(x, points)]
+        curve = np.polynomial.Polynomial.fit(x, inverse, len(x) - 1)
+        slope = curve.deriv()
+
+        def condition(x: Any) -> Any:
+            if not place.peak:
+                return self.sense * curve(x).real
+            step = 1e-4 * reach
+            change = (self.load(x + step) - self.load(x - step)) / (2 * step)
+            return (change / self.load(x) - slope(x) / curve(x)).real
+
+        fine = np.linspace(middle - 1.5 * reach, middle + 1.5 * reach, 61)
+        values = condition(fine)
+        passed = np.flatnonzero((values[:-1] > 0.0) & (values[1:] <= 0.0))
+        if not len(passed):
+            return float(fine[-1] if values[30] > 0.0 else fine[0]), math.nan, math.nan
+        k = int(passed[np.argmin(np.abs(fine[passed] - middle))])
+        at = float(brentq(condition, fine[k], fine[k + 1], xtol=1e-14 * middle))
+        step = 1e-3 * reach
+        bend = (condition(at + step) - condition(at - step)) / (2 * step)
+        return at, float(abs(self.load(at) / curve(at))), float(bend)
 
 
-def _load(machine: Callable[[float], Machine], nu: float) -> complex:
-    return machine(nu).load_ripple(nu)
+class Found(NamedTuple):
+    """Where a place is, how high the response is there, and what the orbits leave open of both."""
+
+    x: float
+    height: float
+    x_error: float
+    height_error: float
 
 
-def _theory(place: Place, machine: Callable[[float], Machine]) -> Callable[[float], complex]:
-    """Load over response by first-order theory."""
-    ripple = Machine.speed_ripple if place is SPEED else Machine.torque_ripple
-    return lambda nu: _load(machine, nu) / ripple(machine(nu), nu)
-
-
-def between(nu: float, points: Sequence[Point]) -> float:
-    """The place itself for one more orbit, or half a spacing aside where one is there already."""
-    spacing = points[1].nu - points[0].nu
-    nearest = min((point.nu for point in points), key=lambda at: abs(at - nu))
-    return nu if abs(nu - nearest) > CLOSE * spacing else nearest + spacing / 2
-
-
-def located(
-    place: Place, machine: Callable[[float], Machine], points: Sequence[Point], more: Point
-) -> Found:
-    """The place on the polynomial through orbits around it and one more at it.
-
-    What that one changed, and what settling leaves, is the error.
+def search(line: Line, place: Place, known: Known) -> Generator[Sequence[float], Any, Found]:
+    """A place from known orbits: through five on a lattice of the line until they surround it, and
+    one more at it. Yields where it needs orbits; raises Unclear.
     """
-    nu, height, bend = _on(place, machine, sorted([*points, more]))
-    rough, rough_height, _ = _on(place, machine, points)
-    noise = place.settling(more) / abs(place.part(more))
-    spacing = points[1].nu - points[0].nu
-    value = abs(_load(machine, more.nu) / place.part(more))
-    unsure = noise / spacing if place.peak else noise * value
-    return Found(
-        nu,
-        height,
-        abs(nu - rough) + abs(unsure / bend),
-        abs(height - rough_height) + place.settling(more),
-    )
-
-
-def _on(
-    place: Place, machine: Callable[[float], Machine], points: Sequence[Point]
-) -> tuple[float, float, float]:
-    """Place, height there, and slope of the condition, on the polynomial through some orbits."""
-    x = np.array([point.nu for point in points])
-    middle, reach = (x[0] + x[-1]) / 2, (x[-1] - x[0]) / 2
-    inverse = np.array([_load(machine, p.nu) / place.part(p) for p in points])
-    curve = np.polynomial.Polynomial.fit(x, inverse, len(x) - 1, domain=[x[0], x[-1]])
-    slope = curve.deriv()
-
-    def condition(nu: float) -> float:
-        load = _load(machine, nu)
-        step = 1e-4 * reach
-        change = (_load(machine, nu + step) - _load(machine, nu - step)) / (2 * step)
-        return place.condition(load, change, complex(curve(nu)), complex(slope(nu)))
-
-    fine = np.linspace(middle - 1.5 * reach, middle + 1.5 * reach, 61)
-    values = np.array([condition(float(nu)) for nu in fine])
-    passed = np.flatnonzero((values[:-1] > 0.0) & (values[1:] <= 0.0))
-    if not len(passed):
-        uphill = values[len(values) // 2] > 0.0
-        raise Beyond(float(fine[-1] if uphill else fine[0]))
-    k = int(passed[np.argmin(np.abs(fine[passed] - middle))])
-    nu = float(brentq(condition, fine[k], fine[k + 1], xtol=1e-14 * middle))
-    step = 1e-3 * reach
-    bend = (condition(nu + step) - condition(nu - step)) / (2 * step)
-    return nu, abs(_load(machine, nu) / complex(curve(nu))), bend
-
-
-class Beyond(Exception):
-    """A place that is not among the orbits but in the direction of this speed [rad/s]."""
-
-    def __init__(self, nu: float) -> None:
-        super().__init__(nu)
-        self.nu = nu
+    spacing = line.spacing
+    center = round(line.expected(place, known) / spacing)
+    for _ in range(ROUNDS):
+        if center + AROUND[0] < 1:
+            raise Unclear("it lies at standstill")
+        x = [(center + k) * spacing for k in AROUND]
+        points = yield x
+        rough, rough_height, _ = line.fitted(place, x, points)
+        if math.isnan(rough_height) or abs(rough / spacing - center) > INSIDE:
+            center = round(rough / spacing)
+            continue
+        off = rough / spacing - round(rough / spacing)
+        more = rough if abs(off) > CLOSE else rough + (0.5 - off) * spacing
+        (point,) = yield [more]
+        at, height, bend = line.fitted(place, [*x, more], [*points, point])
+        if not math.isnan(height):
+            noise, response = place.settling(point), abs(place.response(point))
+            value = abs(line.load(more)) / response
+            unsure = noise / response * (1 / spacing if place.peak else value)
+            x_error = abs(at - rough) + abs(unsure / bend)
+            return Found(at, height, x_error, abs(height - rough_height) + noise)
+    raise Unclear("it does not stand still")
 
 
 def locate(
-    start: Mapping[str, float],
-    machine: Callable[[float], Machine],
-    spacing: float,
-    measure: Callable[[Sequence[float]], Sequence[Point]],
-) -> dict[str, Found | str]:
-    """Each place from about where it is, through orbits on a lattice of speeds `spacing` apart.
-
-    `measure` gives the orbits of speeds. A place that escapes is told by a sentence.
-    """
-    places = {place.name: place for place in PLACES if place.name in start}
-    centers = {name: round(at / spacing) for name, at in start.items()}
-    known: dict[int, Point] = {}
-    found: dict[str, Found | str] = {}
-    for _ in range(ROUNDS):
-        open_ = [name for name in places if name not in found]
-        wanted = sorted({centers[name] + k for name in open_ for k in AROUND} - known.keys())
-        if min(wanted, default=1) < 1:
-            for name in open_:
-                if centers[name] + AROUND[0] < 1:
-                    found[name] = "it lies at standstill"
-            continue
-        known |= dict(zip(wanted, measure([k * spacing for k in wanted])))
-        near: dict[str, float] = {}
-        for name in open_:
-            points = [known[centers[name] + k] for k in AROUND]
+    sought: Sequence[tuple[Line, Place, Known]], coarser: Sequence[int], setup: Setup
+) -> list[list[Found | str]]:
+    """Places from known orbits, each with so many times fewer steps; of one that is not there, why."""
+    searches = {(n, k): search(*one) for n, one in enumerate(sought) for k in coarser}
+    orbits: dict[tuple[Line, int, float], Point] = {}
+    found: dict[tuple[int, int], Found | str] = {}
+    asked: dict[tuple[int, int], list[tuple[Line, int, float]]] = {key: [] for key in searches}
+    while asked:
+        wanted = dict.fromkeys(one for ones in asked.values() for one in ones if one not in orbits)
+        spots = [(*line.at(x), k) for line, k, x in wanted]
+        orbits |= dict(zip(wanted, setup.orbits(spots, "places")))
+        before, asked = asked, {}
+        for (n, k), ones in before.items():
+            points = [orbits[one] for one in ones]
             problem = next((point.problem for point in points if point.problem), "")
-            if problem:
-                found[name] = problem
-                continue
             try:
-                nu = _on(places[name], machine, points)[0]
-            except Beyond as beyond:
-                centers[name] = round(beyond.nu / spacing)
-                continue
-            if abs(nu / spacing - centers[name]) <= INSIDE:
-                near[name] = between(nu, points)
-            else:
-                centers[name] = round(nu / spacing)
-        for (name, _), more in zip(near.items(), measure(list(near.values())) if near else ()):
-            points = [known[centers[name] + k] for k in AROUND]
-            if more.problem:
-                found[name] = more.problem
-            else:
-                with suppress(Beyond):
-                    found[name] = located(places[name], machine, points, more)
-    return {name: found.get(name, "it does not stand still") for name in places}
+                if problem:
+                    raise Unclear(problem)
+                x = searches[n, k].send(points if points else None)
+                asked[n, k] = [(sought[n][0], k, at) for at in x]
+            except StopIteration as done:
+                found[n, k] = done.value
+            except Unclear as reason:
+                found[n, k] = str(reason)
+    return [[found[n, k] for k in coarser] for n in range(len(sought))]
+
+
+def places(
+    sought: Sequence[tuple[Line, Place, Known]], coarser: Sequence[int], unit: str, setup: Setup
+) -> list[tuple[Figure, Figure]]:
+    """Where places are and how high the response is there, from known orbits."""
+    order = ORDERS[setup.algorithm]
+
+    def pair(place: Place, found: Sequence[Found | str]) -> tuple[Figure, Figure]:
+        there = f"{place.quantity} ripple there, order 2"
+        lost = next((one for one in found if isinstance(one, str)), None)
+        if lost is not None:
+            refused = Figure.refused(unit, lost, place.meaning)
+            return refused, Figure.refused(place.unit, lost, there)
+        x, heights, x_errors, height_errors = zip(*(one for one in found if isinstance(one, Found)))
+        return (
+            figure(unit, place.meaning, x, x_errors, order),
+            figure(place.unit, there, heights, height_errors, order),
+        )
+
+    located = locate(sought, coarser, setup)
+    return [pair(place, found) for (_, place, _), found in zip(sought, located)]
 
 
 def figure(
@@ -356,26 +436,3 @@ def figure(
     if error is None:
         return Figure.refused(unit, reason, meaning)
     return Figure(value, unit, error + 2.0 * max(errors), meaning)
-
-
-def figures(found: Sequence[Mapping[str, Found | str]], order: float) -> dict[str, Figure]:
-    """Places and heights from what was found with N, N/2 and N/4 steps."""
-    told = {}
-    for place in PLACES:
-        name, (where, height) = place.name, MEANING[place.name]
-        mine = [some.get(name, "the sweep does not hold it") for some in found]
-        lost = next((one for one in mine if isinstance(one, str)), None)
-        known = [one for one in mine if isinstance(one, Found)]
-        if lost is not None:
-            told[name] = Figure.refused("rad/s", lost, where)
-        else:
-            nus, widths = [one.nu for one in known], [one.nu_error for one in known]
-            told[name] = figure("rad/s", where, nus, widths, order)
-        if place.peak:
-            key, unit = PEAKS[name]
-            if lost is not None:
-                told[key] = Figure.refused(unit, lost, height)
-            else:
-                tops, widths = [one.height for one in known], [one.height_error for one in known]
-                told[key] = figure(unit, height, tops, widths, order)
-    return told

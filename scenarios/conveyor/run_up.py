@@ -10,13 +10,12 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from cosim import Result, System
+from cosim import Result
 from workbench import Bench, Figure, Findings, Run, Show, Table, option
 from workbench.measure import Samples, crossings, largest, measured, smallest
 
@@ -54,62 +53,52 @@ class RunUp(NamedTuple):
     runs: Mapping[str, Result]
 
 
-def drive(fmus: Mapping[str, Path], machine: Machine, motor: str, o: Options) -> System:
-    """The conveyor at rest; the linear motor set for its mean speed."""
-    rest = {"motor.tau": 0.0, "conveyor.w": 0.0, "motor.characteristic": MOTORS[motor]}
-    return conveyor_drive(fmus, machine.start(o.speed) | rest | dict(o.start))
-
-
 def solve(o: Options, bench: Bench) -> Findings:
-    """Both motors, one after the other."""
+    """Both motors, one after the other; the linear one set for its mean speed."""
     machine = followed(bench.fmus, SETS[o.set], o.start)
     build_up = 1 / (4 * math.pi * machine.zeta)
     found = {
         "nu_res": Figure(machine.nu_res, "rad/s", 0.0, "resonance by formula (22)"),
         "build_up": Figure(build_up, "1", 0.0, "revolutions in which a resonance builds up"),
     }
-    runs = {}
-    for motor in MOTORS:
-        system = drive(bench.fmus, machine, motor, o)
-        tell = partial(figures, machine, motor)
-        runs[motor], mine = bench.certify(system, tell, o, RECORD, f"{motor}.csv")
+    runs, systems = {}, {}
+    for motor, characteristic in MOTORS.items():
+        rest = {"motor.tau": 0.0, "conveyor.w": 0.0, "motor.characteristic": characteristic}
+        start = machine.start(o.speed) | rest | dict(o.start)
+        systems[motor] = conveyor_drive(bench.fmus, start)
+        tell = partial(figures, machine, WORDS[motor])
+        runs[motor], mine = bench.certify(systems[motor], tell, o, RECORD, f"{motor}.csv")
         found |= {f"{motor}_{name}": figure for name, figure in mine.items()}
     return Findings(
         found,
         RunUp(machine, runs),
-        drive(bench.fmus, machine, "linear", o),
+        systems["linear"],
         runs["linear"].provenance,
         tables={f"{motor}.csv": Table.of(result) for motor, result in runs.items()},
     )
 
 
-def figures(machine: Machine, motor: str, r: Result) -> dict[str, Figure]:
-    """When the resonance is passed, revolutions near it, the largest loads, where it all ends."""
-    t, word, last = r["time"], WORDS[motor], r["time"] > END * r["time"][-1]
-    near = measured(
-        partial(revolutions_near, machine.nu_res), t, r["conveyor.w"], r["conveyor.phi"]
-    )
+def figures(machine: Machine, word: str, r: Result) -> dict[str, Figure]:
+    """When the crank rises through the resonance for good, revolutions near it, the largest loads,
+    where it all ends.
+    """
+    t, w, second = r["time"], r["conveyor.w"], r.units["time"]
+    meaning, late = f"when the crank has passed it, {word}", t > END * t[-1]
+    near = measured(partial(revolutions_near, machine.nu_res), t, w, r["conveyor.phi"])
     found = {
-        "passing": passing(r, machine.nu_res, f"when the crank has passed it, {word}"),
+        "passing": Figure.refused(second, "the crank does not stay above the resonance", meaning)
+        if w[-1] < machine.nu_res
+        else crossings(t, w, machine.nu_res)[-1].figure(second, meaning),
         "revolutions_near": near.figure("1", f"revolutions within 10 % of it, {word}"),
     }
     for name, (column, what) in LOADS.items():
         x, unit = r[column], r.units[column]
-        peak = largest(t, np.abs(x))
-        found[f"{name}_max"] = peak.figure(unit, f"largest {what}, {word}")
+        found[f"{name}_max"] = largest(t, np.abs(x)).figure(unit, f"largest {what}, {word}")
         if name != "f_rod":
-            low, high = smallest(t[last], x[last]), largest(t[last], x[last])
+            low, high = smallest(t[late], x[late]), largest(t[late], x[late])
             found[f"{name}_end_min"] = low.figure(unit, f"least {what} in the end, {word}")
             found[f"{name}_end_max"] = high.figure(unit, f"largest {what} in the end, {word}")
     return found
-
-
-def passing(r: Result, nu: float, meaning: str) -> Figure:
-    """When the crank rises through the speed nu [rad/s] for good."""
-    if r["conveyor.w"][-1] < nu:
-        reason = "the crank does not stay above the resonance"
-        return Figure.refused(r.units["time"], reason, meaning)
-    return crossings(r["time"], r["conveyor.w"], nu)[-1].figure(r.units["time"], meaning)
 
 
 def revolutions_near(nu: float, t: Samples, w: Samples, phi: Samples) -> float:
@@ -122,30 +111,17 @@ def revolutions_near(nu: float, t: Samples, w: Samples, phi: Samples) -> float:
 
 
 def verdict(o: Options, f: Mapping[str, Figure], r: RunUp) -> str:
-    """Who passes the resonance, what it costs on the way, and where the drives end."""
-    resonance = f["nu_res"].text()
-    passed = " ".join(
-        f"The {word} has passed it after {f[f'{motor}_passing'].text()}."
-        if f[f"{motor}_passing"].error is not None
-        else f"The {word} does not stay above it within {o.stop:g} s."
-        for motor, word in WORDS.items()
-    )
-    lines = [f"The resonance lies at {resonance}. {passed}"]
+    """Who passes the resonance."""
+    lines = []
     for motor, word in WORDS.items():
-        told = {name: figure.text() for name, figure in f.items() if name.startswith(motor)}
-        lines.append(
-            f"The {word} spends {told[f'{motor}_revolutions_near']} revolutions within 10 % of the "
-            f"resonance, which takes {f['build_up'].text()} to build up. On the way its torque "
-            f"reaches {told[f'{motor}_tau_max']}, the speed {told[f'{motor}_w_max']} and the rod "
-            f"force {told[f'{motor}_f_rod_max']}."
-        )
-        if f[f"{motor}_w_end_max"].value < 0.1 * f["nu_res"].value:
-            lines.append(f"The {word} stalls: in the end the crank stands or only rocks.")
+        passing = f[f"{motor}_passing"]
+        if passing.error is not None:
+            answer = f"has passed the resonance at {f['nu_res'].text()} after {passing.text()}"
+        elif f[f"{motor}_w_end_max"].value < 0.1 * f["nu_res"].value:
+            answer = "stalls: in the end the crank stands or only rocks"
         else:
-            lines.append(
-                f"In the end the speed lies between {told[f'{motor}_w_end_min']} and "
-                f"{told[f'{motor}_w_end_max']}."
-            )
+            answer = f"does not stay above the resonance within {o.stop:g} s"
+        lines.append(f"The {word} {answer}.")
     return "\n".join(lines)
 
 

@@ -17,12 +17,14 @@ from workbench.report.chart import (
     TORQUE,
     Chart,
     Curve,
+    Field,
+    Level,
     Mark,
     Panel,
     Second,
     Span,
     recorded,
-)
+)  # fmt: skip
 from workbench.report.motion import Motion, columns, moved, rows
 
 from . import mechanism
@@ -31,7 +33,11 @@ from .theory import Machine
 if TYPE_CHECKING:
     from cosim import Result
 
-SEEN = ("phi", "x", "w")
+    from .resonance_map import Map
+
+RECORD = (
+    "motor.tau", "conveyor.phi", "conveyor.w", "conveyor.x", "conveyor.tau_load", "conveyor.f_rod",
+)  # fmt: skip
 NOTE = (
     f"Crank and stroke are drawn {mechanism.ENLARGED:g} times as long as they are against the rod."
 )
@@ -40,6 +46,11 @@ MOTORS = {
     "linear": ("linear motor", "purple"),
     "kloss": ("induction motor (Kloss)", "gold"),
 }
+RIDGES = (
+    ("formula", "formula (22)", "grey", "theory"),
+    ("lag_90", "90 deg lag", "sky", "points"),
+    ("peak", "largest torque ripple", "red", "points"),
+)
 MARKS = {
     "nu_90": "90 deg lag",
     "nu_peak_tau": "torque peak",
@@ -177,7 +188,7 @@ def _motion(
     shapes, told = [], [""] * len(picked)
     for k, (name, result) in enumerate(runs.items()):
         p = result.provenance["parts"]["conveyor"]["parameters"]
-        at = columns(result, "conveyor", SEEN, picked)
+        at = columns(result, "conveyor", ("phi", "x", "w"), picked)
         drawn = mechanism.crank_conveyor(p, at)
         shapes += moved(drawn, 0.0, -0.8 * k * p["rod.l"])
         tau = result["motor.tau"][picked]
@@ -188,3 +199,53 @@ def _motion(
     t = results[0]["time"][picked]
     captions = [f"{x - first:.3f} s: {text.strip('; ')}" for x, text in zip(t, told)]
     return Motion(title, t, slow, captions, shapes, NOTE)
+
+
+def maps(r: Map, limit: float) -> list[Field]:
+    """The gain in colour with the ridges over it; the probability of too much ripple; on both the
+    line of the limit [N.m], and the operating range where the map is over the speed.
+    """
+    x, y, ripple = r.plane.x.direction, r.plane.y.direction, r.field("ripple")
+    over = ridges(r, "x")
+    reached = np.nanmin(ripple) < limit < np.nanmax(ripple)
+    line = [Level(limit, f"torque ripple of {limit:g} N.m", ripple)] if reached else []
+    bounds = [Span(*r.within, "operating range", "green")] if r.within else []
+    formula = [curve for curve in over if curve.look == "theory"]
+    return [
+        Field("How much the drive magnifies the load's ripple", x, y,
+              "torque ripple over load ripple", r.field("gain"), over, True, line, bounds),
+        Field(f"Machines within tolerance whose torque ripple is above {limit:g} N.m", x, y,
+              "share of the machines", r.field("probability"), formula, levels=line, spans=bounds,
+              scale="risk"),
+    ]  # fmt: skip
+
+
+def ridges(r: Map, along: str) -> list[Curve]:
+    """The ridges of the rows that have them, their places on the axis "x" or "y" of the picture."""
+    curves = []
+    for column, name, color, look in RIDGES:
+        there = r.rows[np.isfinite(r.rows[column])]
+        x, y = there[column].to_numpy(), there[r.plane.y.name].to_numpy()
+        if len(there):
+            curves.append(Curve(name, *((x, y) if along == "x" else (y, x)), color, look))
+    return curves
+
+
+def map_rows(r: Map, limit: float) -> list[Chart]:
+    """The ridges of every row; where there is an operating range, its ripple and probability."""
+    x, y, curves, title = r.plane.x, r.plane.y, ridges(r, "y"), "The ridges"
+    panels = [Panel(x.name, x.unit, curves)] if curves else []
+    if r.within:
+        title = f"Anywhere in {r.within[0]:g} to {r.within[1]:g} rad/s"
+        share = 100 * r.rows["probability_in_range"].to_numpy()
+        above = Curve("machines above the limit", y.values, share, "purple")
+        ripple = r.rows["ripple_in_range"].to_numpy()
+        worst = Curve("nominal machine", y.values, ripple, TORQUE)
+        level = [Mark(limit, f"limit {limit:g} N.m")]
+        panels = [
+            Panel("machines above the limit", "%", [above], includes=(0.0, 100.0)),
+            Panel("largest torque ripple", "N.m", [worst], level, includes=(0.0,)),
+            *panels,
+        ]
+    label = " ".join(y.direction.label.split())
+    return [Chart(title, label, panels, log=y.log)] if panels else []

@@ -1,8 +1,8 @@
 r"""First-order theory of the crank conveyor with a lagging motor, the paper's formulas corrected.
 
 Complex amplitudes follow the crank angle in the sine convention, X = Im(X_hat exp(i k phi)):
-L_hat load torque, W_hat speed, M_hat motor torque, all of order 2, at mean speed nu. The ripples
-are plain arithmetic: a machine whose fields are arrays, or an array of speeds, gives arrays.
+L_hat load torque, W_hat speed, M_hat motor torque, all of order 2, at mean speed nu. All is plain
+arithmetic: machines whose fields are arrays, or an array of speeds, give arrays.
 """
 
 from __future__ import annotations
@@ -10,12 +10,23 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from cosim.system import Value
+
+FIELDS = {
+    "motor.B": "B",
+    "motor.T": "T",
+    "conveyor.rotor.J": "theta1",
+    "conveyor.crank.r": "r",
+    "conveyor.trough.m": "m",
+    "conveyor.spring.c": "c",
+    "conveyor.trough.d": "d",
+}
 
 
 @dataclass(frozen=True)
@@ -51,36 +62,31 @@ class Machine:
         return self.theta0 + self.T * self.load_slope
 
     @property
-    def nu_res(self) -> float:
+    def nu_res(self) -> Any:
         """Phase resonance (22) [rad/s]."""
-        return math.sqrt(self.slope / (self.theta0 * self.T)) / 2
+        return (self.slope / (self.theta0 * self.T)) ** 0.5 / 2
 
     @property
-    def zeta(self) -> float:
+    def zeta(self) -> Any:
         """Damping ratio of the torque ripple."""
-        return self.J / (2 * math.sqrt(self.slope * self.theta0 * self.T))
-
-    @property
-    def decay_rate(self) -> float:
-        """Rate of the slowest exponential by which deviations from the orbit die out [1/s]."""
-        return -float(np.roots([self.theta0 * self.T, self.J, self.slope]).real.max())
+        return self.J / (2 * (self.slope * self.theta0 * self.T) ** 0.5)
 
     def A(self, nu: float) -> float:
         """No-speed torque of the motor line that gives the mean speed nu, from (18) [N.m]."""
         return self.slope * nu
 
-    def load_ripple(self, nu: float) -> complex:
+    def load_ripple(self, nu: Any) -> Any:
         """L_hat at constant speed [N.m]."""
         return self.r**2 / 2 * (self.c - self.m * nu**2 + 1j * self.d * nu)
 
-    def _denominator(self, nu: float) -> complex:
+    def _denominator(self, nu: Any) -> Any:
         return self.slope - 4 * self.theta0 * self.T * nu**2 + 2j * nu * self.J
 
-    def speed_ripple(self, nu: float) -> complex:
+    def speed_ripple(self, nu: Any) -> Any:
         """W_hat of (20) [rad/s]."""
         return -self.load_ripple(nu) * (1 + 2j * self.T * nu) / self._denominator(nu)
 
-    def torque_ripple(self, nu: float) -> complex:
+    def torque_ripple(self, nu: Any) -> Any:
         """M_hat of (26) [N.m]."""
         return self.B * self.load_ripple(nu) / self._denominator(nu)
 
@@ -100,42 +106,28 @@ class Machine:
         }
 
 
-FIELDS = {
-    "motor.B": "B",
-    "motor.T": "T",
-    "conveyor.rotor.J": "theta1",
-    "conveyor.crank.r": "r",
-    "conveyor.trough.m": "m",
-    "conveyor.spring.c": "c",
-    "conveyor.trough.d": "d",
-}
 SETS: Mapping[str, Machine] = {"A": Machine(B=199.8, T=0.0625), "B": Machine(B=35.8, T=0.02)}
 
 
-Matrix = NDArray[np.float64]
-
-
-def coupling_map(machine: Machine, algorithm: str, h: float) -> Matrix:
+def coupling_map(machine: Machine, algorithm: str, h: float) -> NDArray[np.float64]:
     """Small deviations (w, tau) one communication step of h seconds later, shape (2, 2).
 
     Both units exact, inputs held, the inertia at its mean: the motor's step maps tau to
     e tau - B (1 - e) w, the conveyor's w to f w + (1 - f) tau / (alpha r^2 / 2).
     """
 
-    def motor(h: float) -> Matrix:
+    def motor(h: float) -> NDArray[np.float64]:
         e = math.exp(-h / machine.T)
         return np.array([[1.0, 0.0], [-machine.B * (1 - e), e]])
 
-    def conveyor(h: float) -> Matrix:
-        lost = machine.load_slope * h / machine.theta0
-        share = -math.expm1(-lost) / lost if lost else 1.0
-        return np.array([[math.exp(-lost), share * h / machine.theta0], [0.0, 1.0]])
-
+    lost = machine.load_slope * h / machine.theta0
+    share = -math.expm1(-lost) / lost if lost else 1.0
+    conveyor = np.array([[math.exp(-lost), share * h / machine.theta0], [0.0, 1.0]])
     if algorithm == "jacobi":
-        return np.vstack([conveyor(h)[0], motor(h)[1]])
+        return np.vstack([conveyor[0], motor(h)[1]])
     if algorithm == "gauss-seidel":
-        return np.asarray(conveyor(h) @ motor(h))
-    return np.asarray(motor(h / 2) @ conveyor(h) @ motor(h / 2))
+        return np.asarray(conveyor @ motor(h))
+    return np.asarray(motor(h / 2) @ conveyor @ motor(h / 2))
 
 
 def longest_step(machine: Machine, algorithm: str) -> float:

@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-import cosim
-from cosim.system import Port, Value, describe_fmu
-from workbench import Bench
+from cosim import SetupError
+from cosim.system import Port, describe_fmu
 from workbench.options import at_least
+from workbench.report.chart import Direction
 
-from ..response import Case
-from ..theory import FIELDS, Machine
+from .response import Line
+from .theory import FIELDS, Machine
 
 SPEED = "speed"
 
@@ -32,10 +32,10 @@ class Axis(NamedTuple):
     log: bool
 
     @property
-    def label(self) -> str:
-        """What stands at the axis of a picture."""
-        name = "" if self.name == SPEED else f"\n{self.name}"
-        return f"{self.meaning}{name} [{self.unit}]"
+    def direction(self) -> Direction:
+        """The axis of a picture."""
+        meaning = self.meaning if self.name == SPEED else f"{self.meaning}\n{self.name}"
+        return Direction(meaning, self.unit, self.values, self.log)
 
 
 class Plane(NamedTuple):
@@ -47,44 +47,35 @@ class Plane(NamedTuple):
     speed: float
 
     @property
-    def shape(self) -> tuple[int, int]:
-        """Rows of equal y, columns of equal x."""
-        return len(self.y.values), len(self.x.values)
+    def units(self) -> dict[str, str]:
+        """Those of both axes, by name."""
+        return {axis.name: axis.unit for axis in (self.x, self.y)}
 
     @property
     def over_speed(self) -> bool:
+        """Whether x is the speed."""
         return self.x.name == SPEED
 
-    def at(self, x: float, y: float) -> tuple[Machine, float]:
-        """The machine at a point, and its mean speed [rad/s]."""
+    def at(self, x: Any, y: Any) -> tuple[Machine, Any]:
+        """The machine at a point, or machines at arrays of points, and its mean speed [rad/s]."""
         here = {self.x.name: x, self.y.name: y}
         nu = here.pop(SPEED, self.speed)
         return replace(self.machine, **{FIELDS[name]: v for name, v in here.items()}), nu
 
-    def points(self) -> Iterator[tuple[Machine, float]]:
-        """All points, row by row."""
-        return (self.at(float(x), float(y)) for y in self.y.values for x in self.x.values)
+    def nodes(self) -> list[tuple[float, float]]:
+        """x and y of all points, row by row."""
+        return [(x, y) for y in self.y.values.tolist() for x in self.x.values.tolist()]
 
-
-class Setup(NamedTuple):
-    """How machines are run: start values that they do not know, algorithm, steps, and on what."""
-
-    start: Mapping[str, Value]
-    algorithm: str
-    steps_per_rev: int
-    bench: Bench
-
-    def case(self, machine: Machine, nu: float, coarser: int = 1) -> Case:
-        """The case of a machine at its nominal mean speed [rad/s], with `coarser` times fewer steps."""
-        start = {**machine.start(nu), **self.start}
-        steps = self.steps_per_rev // coarser
-        return Case(self.bench.fmus, start, machine, nu, steps, self.algorithm)
+    def line(self, y: float) -> Line:
+        """The machines of equal y."""
+        first, last = self.x.values[[0, -1]].tolist()
+        return Line(lambda x: self.at(x, y), first, last)
 
 
 def part(fmus: Mapping[str, Path], name: str) -> tuple[str, str]:
     """Unit and meaning that an FMU gives a parameter; raises SetupError for names not in FIELDS."""
     if name not in FIELDS:
-        raise cosim.SetupError(f"{name!r} is no part of the drive, only {', '.join(FIELDS)}")
+        raise SetupError(f"{name!r} is no part of the drive, only {', '.join(FIELDS)}")
     owner, _, variable = name.partition(".")
     description = describe_fmu(owner, fmus[owner])
     found = next(v for v in description.modelVariables if v.name == variable)
@@ -95,30 +86,30 @@ def axis(fmus: Mapping[str, Path], option: str, text: str, least: int) -> Axis:
     """Read NAME=FROM:TO:NUMBER[:log], at least so many values; raises SetupError."""
     name, _, numbers = text.partition("=")
     if name == SPEED and option != "x":
-        raise cosim.SetupError(f"--{option} {text}: the speed belongs on x")
+        raise SetupError(f"--{option} {text}: the speed belongs on x")
     unit, meaning = ("rad/s", "Operating speed") if name == SPEED else part(fmus, name)
     try:
         first, last, count, *spacing = numbers.split(":")
         low, high, number = float(first), float(last), int(count)
         log = {(): False, ("log",): True}[tuple(spacing)]
     except (ValueError, KeyError):
-        raise cosim.SetupError(
+        raise SetupError(
             f"--{option} {text!r} must read NAME=FROM:TO:NUMBER or NAME=FROM:TO:NUMBER:log"
         ) from None
     for value in (low, high):
         if not 0.0 < value < math.inf:
-            raise cosim.SetupError(
+            raise SetupError(
                 f"--{option} {name} = {value!r} {unit} must be a finite number above 0"
             )
     if high <= low:
-        raise cosim.SetupError(f"--{option} {name} must rise: {low:g} .. {high:g} {unit} does not")
+        raise SetupError(f"--{option} {name} must rise: {low:g} .. {high:g} {unit} does not")
     at_least(f"--{option} number of values of {name}", number, least)
     values = np.geomspace(low, high, number) if log else np.linspace(low, high, number)
     return Axis(name, unit, meaning, values, log)
 
 
 def shares(
-    fmus: Mapping[str, Path], option: str, texts: Sequence[str], default: dict[str, float]
+    fmus: Mapping[str, Path], option: str, texts: Sequence[str], default: Mapping[str, float]
 ) -> dict[str, float]:
     """Read NAME=PERCENT, several, over the defaults, as shares of 1; raises SetupError."""
     read = dict(default)
@@ -128,11 +119,9 @@ def shares(
         try:
             value = float(percent)
         except ValueError:
-            raise cosim.SetupError(f"--{option} {text!r} must read NAME=PERCENT") from None
+            raise SetupError(f"--{option} {text!r} must read NAME=PERCENT") from None
         if not 0.0 <= value < 100.0:
-            raise cosim.SetupError(
-                f"--{option} {name} = {value!r} % must be at least 0 and below 100"
-            )
+            raise SetupError(f"--{option} {name} = {value!r} % must be at least 0 and below 100")
         read[name] = value / 100.0
     return read
 
@@ -142,10 +131,10 @@ def span(option: str, text: str, within: Axis) -> tuple[float, float]:
     try:
         low, high = (float(end) for end in text.split(":"))
     except ValueError:
-        raise cosim.SetupError(f"--{option} {text!r} must read FROM:TO") from None
-    first, last = float(within.values[0]), float(within.values[-1])
-    if not (first <= low < high <= last and math.isfinite(high)):
-        raise cosim.SetupError(
+        raise SetupError(f"--{option} {text!r} must read FROM:TO") from None
+    first, last = within.values[[0, -1]]
+    if not first <= low < high <= last:
+        raise SetupError(
             f"--{option} {low:g}:{high:g} {within.unit} must rise and lie inside the map, "
             f"{first:g} .. {last:g} {within.unit}"
         )

@@ -1,1 +1,0 @@
-"""What the resonance map is made of."""
