@@ -88,14 +88,9 @@ def axis(fmus: Mapping[str, Path], option: str, text: str, least: int) -> Axis:
     if name == SPEED and option != "x":
         raise SetupError(f"--{option} {text}: the speed belongs on x")
     unit, meaning = ("rad/s", "Operating speed") if name == SPEED else part(fmus, name)
-    try:
-        first, last, count, *spacing = numbers.split(":")
-        low, high, number = float(first), float(last), int(count)
-        log = {(): False, ("log",): True}[tuple(spacing)]
-    except (ValueError, KeyError):
-        raise SetupError(
-            f"--{option} {text!r} must read NAME=FROM:TO:NUMBER or NAME=FROM:TO:NUMBER:log"
-        ) from None
+    log = numbers.endswith(":log")
+    form = "NAME=FROM:TO:NUMBER or NAME=FROM:TO:NUMBER:log"
+    low, high, number = read(option, text, numbers.removesuffix(":log"), form, float, float, int)
     for value in (low, high):
         if not 0.0 < value < math.inf:
             raise SetupError(
@@ -112,26 +107,20 @@ def shares(
     fmus: Mapping[str, Path], option: str, texts: Sequence[str], default: Mapping[str, float]
 ) -> dict[str, float]:
     """Read NAME=PERCENT, several, over the defaults, as shares of 1; raises SetupError."""
-    read = dict(default)
+    found = dict(default)
     for text in texts:
         name, _, percent = text.partition("=")
         part(fmus, name)
-        try:
-            value = float(percent)
-        except ValueError:
-            raise SetupError(f"--{option} {text!r} must read NAME=PERCENT") from None
+        (value,) = read(option, text, percent, "NAME=PERCENT", float)
         if not 0.0 <= value < 100.0:
             raise SetupError(f"--{option} {name} = {value!r} % must be at least 0 and below 100")
-        read[name] = value / 100.0
-    return read
+        found[name] = value / 100.0
+    return found
 
 
 def span(option: str, text: str, within: Axis) -> tuple[float, float]:
     """Read FROM:TO inside an axis; raises SetupError."""
-    try:
-        low, high = (float(end) for end in text.split(":"))
-    except ValueError:
-        raise SetupError(f"--{option} {text!r} must read FROM:TO") from None
+    low, high = read(option, text, text, "FROM:TO", float, float)
     first, last = within.values[[0, -1]]
     if not first <= low < high <= last:
         raise SetupError(
@@ -139,3 +128,11 @@ def span(option: str, text: str, within: Axis) -> tuple[float, float]:
             f"{first:g} .. {last:g} {within.unit}"
         )
     return low, high
+
+
+def read(option: str, text: str, numbers: str, form: str, *kinds: type) -> list[Any]:
+    """Numbers between colons; raises SetupError for others than these kinds of them."""
+    try:
+        return [kind(number) for kind, number in zip(kinds, numbers.split(":"), strict=True)]
+    except ValueError:
+        raise SetupError(f"--{option} {text!r} must read {form}") from None

@@ -7,11 +7,11 @@ ripple lags 90 degrees behind the load ripple with formula (22).
 
 from __future__ import annotations
 
-import cmath
 import logging
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -45,7 +45,6 @@ UNITS = {
     "w_mean": "rad/s", "w_mean_error": "rad/s", "f_rod_peak": "N", "f_rod_peak_error": "N",
 }  # fmt: skip
 OWN = ("motor.A", "motor.tau", "conveyor.phi", "conveyor.w")
-NOT_KNOWN = "its coupling error is not known: more steps"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -129,18 +128,18 @@ def row(machine: Machine, points: Sequence[Point], order: float) -> dict[str, fl
     """The orbits of one speed with N, N/2, N/4 steps: SI units, phases and lag in degrees; nan where
     there is no orbit, and for errors that are not known.
     """
-    nu = points[0].nu
+    nu, angle = points[0].nu, partial(np.angle, deg=True)
     row = {"nu": nu}
     theory = {"w2": (SPEED, machine.speed_ripple), "tau2": (TORQUE, machine.torque_ripple)}
     for name, (place, ripple) in theory.items():
         whole, error = extrapolated([place.response(point) for point in points], order)
         error += 2.0 * place.settling(points[0])
-        row |= {name: abs(whole), f"{name}_error": error, f"{name}_phase": degrees(whole)}
-        row |= {f"{name}_theory": abs(ripple(nu)), f"{name}_phase_theory": degrees(ripple(nu))}
+        row |= {name: abs(whole), f"{name}_error": error, f"{name}_phase": angle(whole)}
+        row |= {f"{name}_theory": abs(ripple(nu)), f"{name}_phase_theory": angle(ripple(nu))}
     mean, error = extrapolated([point.mean for point in points], order)
     force, force_error = response.largest_force([points])
     return row | {
-        "lag": (degrees(machine.load_ripple(nu)) - row["tau2_phase"]) % 360.0,
+        "lag": (angle(machine.load_ripple(nu)) - row["tau2_phase"]) % 360.0,
         "lag_error": math.degrees(row["tau2_error"] / row["tau2"]),
         "w_mean": mean.real,
         "w_mean_error": error + 2e-9 * points[0].mean,
@@ -156,17 +155,12 @@ def extrapolated(values: Sequence[complex], order: float) -> tuple[complex, floa
     return complex(parts[0][0], parts[1][0]), math.hypot(*errors)
 
 
-def degrees(z: complex) -> float:
-    """The phase."""
-    return math.degrees(cmath.phase(z))
-
-
 def told(value: float, error: float, unit: str, meaning: str, nu: float) -> Figure:
     """A figure of the orbit at nu, refused where that or the error is not known."""
-    if math.isnan(value):
-        return Figure.refused(unit, f"no steady orbit at {nu:g} rad/s", meaning)
     if math.isnan(error):
-        return Figure.refused(unit, NOT_KNOWN, meaning)
+        why = f"there is no steady orbit at {nu:g} rad/s"
+        reason = why if math.isnan(value) else "its coupling error is not known: more steps"
+        return Figure.refused(unit, reason, meaning)
     return Figure(value, unit, error, meaning)
 
 
@@ -188,44 +182,36 @@ def band(line: Line, rows: Sequence[Mapping[str, float]], most: float) -> list[t
 def verdict(o: Options, f: Mapping[str, Figure], r: Sweep) -> str:
     """The answer in plain words."""
     ripple, resonance, formula = f["tau2_operating"], f["nu_90"], f["nu_res"].value
-    at = f"{r.operating:g} rad/s ({r.operating * 30 / math.pi:.0f} rpm)"
-    first, last = r.line.first, r.line.last
+    at = f"the operating speed of {r.operating:g} rad/s ({r.operating * 30 / math.pi:.0f} rpm)"
+    first, last, away = r.line.first, r.line.last, resonance.value / r.operating - 1.0
     if ripple.error is None:
-        answer = f"Whether the operating speed of {at} is on it is not told: {ripple.reason}"
+        answer = f"Whether {at} is on it is not told: {ripple.reason}"
     else:
         answer = (
-            f"{'Yes' if ripple.value > o.most else 'No'}: at the operating speed of {at} the torque "
-            f"ripple is {ripple.text()}, {ripple.value / o.rated:.0%} of the rated torque; the limit is "
-            f"{o.most:g} N.m"
+            f"{'Yes' if ripple.value > o.most else 'No'}: at {at} the torque ripple is "
+            f"{ripple.text()}, {ripple.value / o.rated:.0%} of the rated torque; the limit is {o.most:g} N.m"
         )
-    away = resonance.value / r.operating - 1.0
-    if resonance.error is not None and abs(away) < 5e-4:
+    if abs(away) < 5e-4:
         answer += f", and the resonance is there, at {resonance.text()}"
     elif resonance.error is not None:
         side = "above" if away > 0 else "below"
         answer += f", and the resonance at {resonance.text()} is {abs(away):.1%} {side} that speed"
-    where = " and ".join(
-        (f"{'below' if low == first else f'from {low:.3g} to'} {high:.3g} rad/s")
-        if high < last
-        else f"above {low:.3g} rad/s"
-        for low, high in r.avoid
-    )
-    lines = [
-        f"{answer}.",
-        f"Avoid speeds {where}, where the torque ripple is above the limit."
-        if where
-        else "The torque ripple stays below the limit at every speed of the sweep.",
-    ]
-    if resonance.error is None:
-        beside = (
-            ""
-            if first <= formula <= last
-            else (
-                f"; the sweep from {first:g} to {last:g} rad/s does not hold the {formula:.3f} rad/s of "
-                "formula (22)"
-            )
+    lines = [f"{answer}."]
+    if r.avoid:
+        where = " and ".join(
+            f"{'below' if low <= first else f'from {low:.3g} to'} {high:.3g} rad/s"
+            if high < last
+            else f"above {low:.3g} rad/s"
+            for low, high in r.avoid
         )
-        lines.append(f"No 90 degree lag of the torque ripple is told: {resonance.reason}{beside}.")
+        lines.append(f"Avoid speeds {where}, where the torque ripple is above the limit.")
+    elif not all(math.isnan(point.tau2) for point in r.points):
+        lines.append("The torque ripple stays below the limit at every speed of the sweep.")
+    if resonance.error is None:
+        lines.append(f"No 90 degree lag of the torque ripple is told: {resonance.reason}.")
+    if not first <= formula <= last:
+        sweep = f"The sweep from {first:g} to {last:g} rad/s"
+        lines[-1] += f" {sweep} does not hold the {formula:.3f} rad/s of formula (22)."
     return "\n".join(lines)
 
 

@@ -8,7 +8,6 @@ largest, and how likely it is above a limit when every part may be off within it
 
 from __future__ import annotations
 
-import cmath
 import logging
 import math
 from collections.abc import Mapping, Sequence
@@ -200,7 +199,7 @@ def swept(plane: Plane, setup: Setup, path: Path | None) -> tuple[list[Point], D
             each = setup.bench.each(simulate, [setup.case(*spot) for spot in spots], "map")
             for node, (machine, nu), orbit in zip(nodes, spots, each):
                 load, ripple = machine.load_ripple(nu), abs(orbit.torque)
-                lag = math.degrees(cmath.phase(load / orbit.torque)) % 360.0
+                lag = float(np.angle(load / orbit.torque, deg=True)) % 360.0
                 theory, left = abs(machine.torque_ripple(nu)), orbit.torque_error / ripple
                 rows.append((*node, ripple, ripple / abs(load), lag, left, theory))
                 keep(rows[-1:])
@@ -242,9 +241,11 @@ def ridges(plane: Plane, orbits: Sequence[Point], setup: Setup) -> DataFrame:
 
 def coupling_error(plane: Plane, orbits: Sequence[Point], setup: Setup) -> float:
     """The largest relative coupling error of the torque ripple, from coarser runs all over the map."""
-    rows, columns = (evenly(len(axis.values)) for axis in (plane.y, plane.x))
-    grid = [n * len(plane.x.values) + k for n in rows for k in columns]
-    grid = [k for k in grid if not orbits[k].problem]
+    height, width = len(plane.y.values), len(plane.x.values)
+    rows, columns = (
+        sorted({round(k) for k in np.linspace(0, n - 1, GRID).tolist()}) for n in (height, width)
+    )
+    grid = [k for n in rows for k in (n * width + c for c in columns) if not orbits[k].problem]
     nodes = plane.nodes()
     spots = [(*plane.at(*nodes[k]), coarser) for coarser in COARSER[1:] for k in grid]
     coarse = [abs(orbit.torque) for orbit in setup.orbits(spots, "coupling error")]
@@ -253,12 +254,7 @@ def coupling_error(plane: Plane, orbits: Sequence[Point], setup: Setup) -> float
     errors = [coupling(values, order) / values[0] for values in runs if not np.isnan(values).any()]
     if not errors:
         raise SetupError("no orbit is steady with a quarter of the steps per revolution: take more")
-    return max(errors)
-
-
-def evenly(length: int) -> list[int]:
-    """Numbers of places from the first to the last, at most GRID."""
-    return sorted({round(k) for k in np.linspace(0, length - 1, GRID).tolist()})
+    return float(max(errors))
 
 
 def figures(points: DataFrame, rows: DataFrame, error: float) -> dict[str, Figure]:

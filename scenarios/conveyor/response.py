@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -144,16 +144,12 @@ def orbit(case: Case, record: Sequence[str]) -> Turns:
         "conveyor.w": nu + machine.speed_ripple(nu).imag,
         "motor.tau": machine.load_slope * nu + machine.torque_ripple(nu).imag,
     }
-    system = partial(coupled, case.fmus, case.start)
-    steps = case.steps_per_rev
-    return steady(system, near, "conveyor.phi", nu, steps, record, case.algorithm)
 
+    def system(at: Mapping[str, float]) -> System:
+        return System(case.fmus, WIRES, {**case.start, **at, "conveyor.phi": 0.0})
 
-def coupled(
-    fmus: Mapping[str, Path], start: Mapping[str, Value], at: Mapping[str, float]
-) -> System:
-    """Motor and conveyor from these start values."""
-    return System(fmus, WIRES, {**start, **at, "conveyor.phi": 0.0})
+    steps, angle = case.steps_per_rev, "conveyor.phi"
+    return steady(system, near, angle, nu, steps, record, case.algorithm)
 
 
 def read(turns: Turns, nu: float) -> Point:
@@ -393,11 +389,11 @@ def locate(
         before, asked = asked, {}
         for (n, k), ones in before.items():
             points = [orbits[one] for one in ones]
-            problem = next((point.problem for point in points if point.problem), "")
+            if problem := next((point.problem for point in points if point.problem), ""):
+                found[n, k] = problem
+                continue
             try:
-                if problem:
-                    raise Unclear(problem)
-                x = searches[n, k].send(points if points else None)
+                x = searches[n, k].send(points or None)
                 asked[n, k] = [(sought[n][0], k, at) for at in x]
             except StopIteration as done:
                 found[n, k] = done.value
@@ -410,29 +406,18 @@ def places(
     sought: Sequence[tuple[Line, Place, Known]], coarser: Sequence[int], unit: str, setup: Setup
 ) -> list[tuple[Figure, Figure]]:
     """Where places are and how high the response is there, from known orbits."""
-    order = ORDERS[setup.algorithm]
-
-    def pair(place: Place, found: Sequence[Found | str]) -> tuple[Figure, Figure]:
-        there = f"{place.quantity} ripple there, order 2"
-        lost = next((one for one in found if isinstance(one, str)), None)
-        if lost is not None:
-            refused = Figure.refused(unit, lost, place.meaning)
-            return refused, Figure.refused(place.unit, lost, there)
-        x, heights, x_errors, height_errors = zip(*(one for one in found if isinstance(one, Found)))
-        return (
-            figure(unit, place.meaning, x, x_errors, order),
-            figure(place.unit, there, heights, height_errors, order),
-        )
-
-    located = locate(sought, coarser, setup)
-    return [pair(place, found) for (_, place, _), found in zip(sought, located)]
-
-
-def figure(
-    unit: str, meaning: str, values: Sequence[float], errors: Sequence[float], order: float
-) -> Figure:
-    """A figure from runs with N, N/2 and N/4 steps, each with what its orbits leave open."""
-    value, error, reason = limit(values, order)
-    if error is None:
-        return Figure.refused(unit, reason, meaning)
-    return Figure(value, unit, error + 2.0 * max(errors), meaning)
+    figures = []
+    for (_, place, _), found in zip(sought, locate(sought, coarser, setup)):
+        names = ((unit, place.meaning), (place.unit, f"{place.quantity} ripple there, order 2"))
+        lost = next((one for one in found if isinstance(one, str)), "")
+        known = [one for one in found if isinstance(one, Found)]
+        for k, (own, meaning) in enumerate(names):
+            value, error, reason = math.nan, None, lost
+            if not lost:
+                value, error, reason = limit([one[k] for one in known], ORDERS[setup.algorithm])
+            if error is None:
+                figures.append(Figure.refused(own, reason, meaning))
+            else:
+                left = 2.0 * max(one[k + 2] for one in known)
+                figures.append(Figure(value, own, error + left, meaning))
+    return list(zip(figures[::2], figures[1::2]))

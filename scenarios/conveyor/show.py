@@ -8,23 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from workbench.figure import Figure
-from workbench.report.chart import (
-    FORCE,
-    LIFT,
-    SPEED,
-    THEORY,
-    TORQUE,
-    Chart,
-    Curve,
-    Field,
-    Level,
-    Mark,
-    Panel,
-    Second,
-    Span,
-    recorded,
-)  # fmt: skip
+from workbench import Chart, Curve, Figure, Mark, Panel
+from workbench.report import chart
+from workbench.report.chart import THEORY, TORQUE, Field, Level, Second, Span, recorded
 from workbench.report.motion import Motion, columns, moved, rows
 
 from . import mechanism
@@ -42,20 +28,13 @@ NOTE = (
     f"Crank and stroke are drawn {mechanism.ENLARGED:g} times as long as they are against the rod."
 )
 RPM = Second("rpm", 30 / math.pi)
-MOTORS = {
-    "linear": ("linear motor", "purple"),
-    "kloss": ("induction motor (Kloss)", "gold"),
-}
+MOTORS = {"linear": ("linear motor", "purple"), "kloss": ("induction motor (Kloss)", "gold")}
 RIDGES = (
     ("formula", "formula (22)", "grey", "theory"),
     ("lag_90", "90 deg lag", "sky", "points"),
     ("peak", "largest torque ripple", "red", "points"),
 )
-MARKS = {
-    "nu_90": "90 deg lag",
-    "nu_peak_tau": "torque peak",
-    "nu_peak_w": "speed peak",
-}
+MARKS = {"nu_90": "90 deg lag", "nu_peak_tau": "torque peak", "nu_peak_w": "speed peak"}
 
 
 def ripple(
@@ -75,10 +54,8 @@ def ripple(
     """
     nu = np.array([p.nu for p in points])
     fine = np.linspace(nu.min(), nu.max(), 400)
-    load, torque, omega = (
-        np.array([f(x) for x in fine])
-        for f in (machine.load_ripple, machine.torque_ripple, machine.speed_ripple)
-    )
+    torque, omega = machine.torque_ripple(fine), machine.speed_ripple(fine)
+    lag = np.angle(machine.load_ripple(fine) / torque, deg=True) % 360.0
 
     def panel(quantity: str, unit: str, name: str, theory: Any, color: str, **rest: Any) -> Panel:
         y, errors = ([getattr(p, column) for p in points] for column in (name, f"{name}_error"))
@@ -87,7 +64,6 @@ def ripple(
         return Panel(quantity, unit, [line, seen], **rest)
 
     levels = [Mark(rated, f"rated torque {rated:g} N.m"), Mark(limit, f"limit {limit:g} N.m")]
-    lag = np.degrees(np.angle(load / torque)) % 360.0
     marks = [Mark(machine.nu_res, f"formula {machine.nu_res:.2f} rad/s")]
     marks += [
         Mark.of(text, figures[name])
@@ -99,8 +75,8 @@ def ripple(
         "operating speed [rad/s]",
         [
             panel("torque ripple", "N.m", "tau2", abs(torque), TORQUE, includes=(0.0,), levels=levels),
-            panel("speed ripple", "rad/s", "w2", abs(omega), SPEED, includes=(0.0,)),
-            panel("lag behind the load", "deg", "lag", lag, LIFT, includes=(0.0, 180.0),
+            panel("speed ripple", "rad/s", "w2", abs(omega), chart.SPEED, includes=(0.0,)),
+            panel("lag behind the load", "deg", "lag", lag, chart.LIFT, includes=(0.0, 180.0),
                   levels=[Mark(90.0, "90 deg")]),
         ],
         [*marks, Mark(speed, f"operating speed {speed:g} rad/s")],
@@ -127,16 +103,16 @@ def revolution(nu: float, result: Result) -> tuple[Chart, Motion]:
         return recorded(quantity, result, since, curves, unit, late)
 
     torque = {"motor.tau": ("motor", TORQUE), "conveyor.tau_load": ("load", THEORY)}
-    chart = Chart(
+    course = Chart(
         f"One revolution at {nu:g} rad/s",
         "time [ms]",
         [
             panel("torque", torque),
-            panel("speed", {"conveyor.w": ("crank", SPEED)}),
-            panel("rod force", {"conveyor.f_rod": ("rod", FORCE)}, "kN"),
+            panel("speed", {"conveyor.w": ("crank", chart.SPEED)}),
+            panel("rod force", {"conveyor.f_rod": ("rod", chart.FORCE)}, "kN"),
         ],
     )
-    return chart, _motion(
+    return course, _motion(
         f"Crank conveyor at {nu:g} rad/s", {"": result}, first, float(t[-1]), 25.0
     )
 
