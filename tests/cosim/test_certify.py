@@ -7,17 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from cosim import ORDERS, certify, estimate
+from cosim import certify, estimate
 from cosim.verification.ideal import Ideal
 from cosim.verification.systems import couple, drive
-from scenarios.conveyor.drive import PARTS
-from scenarios.conveyor.resonance import SPEEDS
-from scenarios.conveyor.response import Case, simulate
-from scenarios.conveyor.theory import SETS
 from tests.cosim.test_cosim import ripple
-from tests.oracle import monolithic, revolution_samples
-from workbench.measure import last_revolutions, order
-from workbench.runs import local as pool
 
 
 @pytest.mark.parametrize("order", [1, 2])
@@ -44,46 +37,6 @@ def test_text_shows_the_digits_that_the_error_leaves() -> None:
 def test_jacobi_with_long_steps_is_called_not_converged(fmus) -> None:
     values = [ripple(fmus, "jacobi", steps, 48)[1] for steps in (320, 160, 80)]
     assert estimate(values, 1).error is None
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("algorithm", "n"), [("jacobi", 2048), ("gauss-seidel", 256), ("strang", 256)]
-)
-def test_stated_errors_hold_at_every_speed_of_the_sweep(fmus: Path, algorithm: str, n: int) -> None:
-    """Both amplitudes at 31 speeds, from runs at n, 2 n and 4 n steps, against one solver.
-
-    The bound holds the true error and is no more than ten times as wide, or 1e-4 of the figure.
-    """
-    machine = SETS["A"]
-    nus = [float(text) for text in SPEEDS["A"].split(",")]
-    assert len(nus) == 31
-    parts = {part: fmus / "native" / f"{name}.fmu" for part, name in PARTS.items()}
-    cases = [
-        Case(parts, machine.start(nu), machine, nu, n * k, algorithm)
-        for nu in nus
-        for k in (4, 2, 1)
-    ]
-    points = iter(list(pool.each(simulate, cases, pool.available_cores(), "speeds")))
-    told = 0
-    for nu in nus:
-        runs = [next(points) for _ in range(3)]
-        times = revolution_samples(nu, 24, 512)
-        phi, w, tau = monolithic(machine.start(nu), times[-1], t_eval=times).y[:3]
-        late = last_revolutions(phi, 8)
-        for exact, seen in (
-            (abs(order(phi[late], tau[late], 2)), [abs(p.torque) for p in runs]),
-            (abs(order(phi[late], w[late], 2)), [abs(p.speed) for p in runs]),
-        ):
-            got = estimate(seen, ORDERS[algorithm])
-            if got.error is None:
-                assert "not converged" in got.text("")
-                continue
-            told += 1
-            true = abs(got.value - exact)
-            assert true <= got.error + 1e-6 * exact, (nu, got, exact)
-            assert got.error <= max(10 * true, 1e-4 * exact), (nu, got, exact)
-    assert told >= 50
 
 
 def test_the_order_stated_knows_of_direct_feedthrough(fmus: Path) -> None:

@@ -151,23 +151,6 @@ def orders(errors: Any) -> Any:
     return np.array([np.log2(coarse / fine) for coarse, fine in pairwise(errors)])
 
 
-def test_energy_created_by_the_coupling_falls_with_second_order(fmus: Path) -> None:
-    """Motor work against damper loss over eight revolutions in steady state."""
-    residuals = []
-    for n in (64, 128, 256):
-        h = 2 * math.pi / NU / n
-        result = run(pair(fmus), stop=32 * n * h, step=h, record=RECORD)
-        t, phi = result["time"], result["conveyor.phi"]
-        began = float(CubicSpline(phi, t)(phi[-1] - 16 * math.pi))
-        work, loss = (
-            CubicSpline(t, result[name]).integrate(began, t[-1])
-            for name in ("motor.P", "conveyor.P_loss")
-        )
-        residuals.append(abs(work / loss - 1))
-    assert residuals[-1] < 1e-5
-    assert [math.log2(a / b) for a, b in pairwise(residuals)] == pytest.approx([2, 2], abs=0.2)
-
-
 def test_rows_are_labelled_with_the_time_of_their_values(fmus: Path) -> None:
     """A conveyor alone at constant torque: phi(t) of every row is the solution at its time."""
     system = System(
