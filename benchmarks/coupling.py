@@ -78,7 +78,7 @@ def master(steps: int, fmus: Path) -> Callable[[], object]:
 
 def master_in_python(steps: int, fmus: Path) -> Callable[[], object]:
     """Our master without its compiled loop."""
-    from cosim import stepping
+    from cosim.engine import stepping
 
     def missing(*_: object) -> None:
         raise OSError("not wanted")

@@ -1,11 +1,9 @@
 """Couple FMI 2.0 co-simulation FMUs: a system of parts and wires, and the error of its coupling."""
 
-from .adaptive import Adaptive
-from .algorithms import ALGORITHMS, ORDERS
-from .certify import Certified, Estimate, certify, estimate, summary
-from .container import write_container
-from .damping import Diagnosis, diagnose
-from .errors import Interrupted, SetupError, SimulationError
+from .engine.adaptive import Adaptive
+from .engine.algorithms import ALGORITHMS, ORDERS
+from .engine.part import quiet
+from .errors import SetupError
 from .figures import (
     crossing,
     largest,
@@ -15,12 +13,14 @@ from .figures import (
     time_of_largest,
     time_of_smallest,
 )
-from .isolated import run_isolated
+from .formats.container import write_container
+from .formats.osp import write_osp
+from .formats.ssp import Package, read_ssp, write_ssp
+from .judge.certify import Certified, Estimate, certify, estimate, summary
+from .judge.diagnose import Diagnosis, diagnose
+from .judge.isolated import run_isolated
 from .master import run, versions
-from .osp import write_osp
-from .part import quiet
-from .result import Result
-from .ssp import Package, read_ssp, write_ssp
+from .result import Interrupted, Result, SimulationError
 from .system import System
 
 __all__ = [

@@ -7,7 +7,8 @@ import sys
 from collections.abc import Callable
 from typing import NoReturn
 
-from .errors import SetupError, SimulationError
+from .errors import SetupError
+from .result import SimulationError
 from .system import Value
 
 

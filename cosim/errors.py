@@ -1,11 +1,6 @@
-"""What can go wrong: a system that cannot be run, or a run that stops half-way."""
+"""What can go wrong: a system that cannot be run, or a call into an FMU."""
 
 from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from .result import Result
 
 
 class SetupError(ValueError):
@@ -26,19 +21,3 @@ class Discarded(PartFailure):
 
 class Ended(PartFailure):
     """A part ended the simulation of its own accord."""
-
-
-class SimulationError(RuntimeError):
-    """A part failed on the way; `result` holds every row up to there."""
-
-    def __init__(self, message: str, result: Result) -> None:
-        super().__init__(message)
-        self.result = result
-
-
-class Interrupted(KeyboardInterrupt):
-    """Ctrl-C; `result` holds every row up to there."""
-
-    def __init__(self, message: str, result: Result) -> None:
-        super().__init__(message)
-        self.result = result

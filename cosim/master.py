@@ -13,16 +13,17 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from .adaptive import Adaptive
-from .algorithms import ALGORITHMS
-from .curve import same
-from .errors import Interrupted, PartFailure, SetupError, SimulationError
-from .initial import initialise
-from .ledger import balance, bonds, complaints
-from .part import Part
-from .result import Recorder, Result
-from .stepping import Plan, Row, Run
-from .structure import algebraic_loops, describe
+from .engine.adaptive import Adaptive
+from .engine.algorithms import ALGORITHMS
+from .engine.clock import same
+from .engine.initial import initialise
+from .engine.ledger import balance, bonds, complaints
+from .engine.part import Part
+from .engine.rows import Recorder
+from .engine.stepping import Plan, Row, Run
+from .errors import PartFailure, SetupError
+from .loops import algebraic_loops, describe
+from .result import Interrupted, Result, SimulationError
 from .system import STATE, VARIABLE_STEP, Network, Port, System, connect, lacking
 
 
@@ -112,7 +113,7 @@ def run(
         except PartFailure as failure:
             reason = str(failure)
         finally:
-            energy = balance(parts.values())
+            energy = balance(end for part in parts.values() for end in part.ends)
             heard = [f"{part.name}: {text}" for part in parts.values() for text in part.warnings]
             result = recorder.finish(
                 provenance

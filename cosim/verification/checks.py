@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import brentq
 
-from ..adaptive import Adaptive
+from ..engine.adaptive import Adaptive
 from ..master import run
 from ..result import Result
 from .ideal import Ideal, Scheme

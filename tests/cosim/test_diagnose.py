@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from cosim import SetupError, System, diagnose
-from cosim.modes import fit
+from cosim.judge.modes import fit
 from cosim.verification.ideal import Ideal, Scheme
 from cosim.verification.systems import DC_MOTOR, OSCILLATOR, Unit, couple, drive, twisting_drive
 from scenarios.conveyor.drive import conveyor_drive

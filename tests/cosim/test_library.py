@@ -18,7 +18,7 @@ import pytest
 
 from cosim import SetupError, System, run, run_isolated, write_ssp
 from cosim.__main__ import main
-from cosim.library import KEPT, MOST_KEPT
+from cosim.engine.library import KEPT, MOST_KEPT
 from tests.conftest import ROOT, described, hear_ctrl_c, rewritten, until
 
 WIRES = ("motor.tau -> conveyor.tau", "conveyor.w -> motor.w")

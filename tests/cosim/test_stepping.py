@@ -19,8 +19,9 @@ from fmpy.fmi2 import FMU2Slave
 from numpy.testing import assert_array_equal
 from scipy.integrate import solve_ivp
 
-from cosim import Adaptive, Result, SetupError, System, run, stepping
-from cosim.result import CHUNK, Grid, Recorder
+from cosim import Adaptive, Result, SetupError, System, run
+from cosim.engine import stepping
+from cosim.engine.rows import CHUNK, Grid, Recorder
 from scenarios.conveyor.theory import SETS
 from tests.cosim.test_cosim import NU, RECORD, REST, WIRES, pair
 from tests.oracle import monolithic

@@ -214,9 +214,9 @@ def test_fmus_travel_to_workers_and_other_code_is_refused(
         with pytest.raises(SetupError, match=f"worker tcp.* {message}"):
             study.run(study.load(path, PROJECT), out=tmp_path / "again", scheduler=address)
 
-    with (home / "cosim" / "curve.py").open("a") as file:
+    with (home / "cosim" / "engine" / "curve.py").open("a") as file:
         file.write("# changed\n")
-    refused(r"differs: code.\"cosim/curve.py\" is another one")
+    refused(r"differs: code.\"cosim/engine/curve.py\" is another one")
     shutil.rmtree(home / "workbench")
     refused("cannot do runs: .*No module named 'workbench'.*; start it in the project's folder")
 

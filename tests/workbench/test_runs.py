@@ -306,7 +306,7 @@ def test_code_that_computes_is_part_of_an_identity_and_code_that_shows_is_not(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     here = identity.code("cosim", "workbench", "scenarios")
-    assert {"cosim/loop.c", "workbench/runs/worker.py", "scenarios/orientator/machine.py"} <= {
+    assert {"cosim/engine/loop.c", "workbench/runs/worker.py", "scenarios/orientator/machine.py"} <= {
         *here
     }
     assert not [name for name in here if "/report/" in name or name.endswith("show.py")]

@@ -16,7 +16,8 @@ import fmpy
 from fmpy.fmi2 import FMU2Slave
 from fmpy.model_description import ModelDescription
 
-from .errors import PartFailure
+from ..errors import PartFailure
+from ..system import version
 
 MOST_KEPT = 32
 
@@ -93,12 +94,6 @@ def borrow(path: Path, description: ModelDescription) -> Library:
         for other in list(KEPT.values())[:-MOST_KEPT]:
             other.forget()
     return library
-
-
-def version(path: Path) -> tuple[int, int]:
-    """What tells a file that has been replaced: its time of change [ns] and its size."""
-    file = path.stat()
-    return file.st_mtime_ns, file.st_size
 
 
 def unpack(path: Path, folder: Path) -> None:

@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 from fmpy.model_description import ScalarVariable
 
-from ..errors import SetupError
-from ..system import FALSE_TRUE, READ, Value
+from ...errors import SetupError
+from ...system import FALSE_TRUE, READ, Value
 from .files import Element, children, parse, plain, qualified, validate
 from .units import Definitions, Step, Unit, definitions
 

@@ -25,11 +25,9 @@ from fmpy.fmi2 import (
 from fmpy.logging import addLoggerProxy
 from fmpy.model_description import ModelDescription, ScalarVariable
 
-from .curve import Curves
-from .errors import Discarded, Ended, PartFailure
-from .ledger import End
+from ..errors import Discarded, Ended, PartFailure
+from ..system import Value
 from .library import Library
-from .system import Value, feedthrough
 
 OK, WARNING, DISCARD, ERROR, FATAL = range(5)
 STATUS = ("OK", "Warning", "Discard", "Error", "Fatal", "Pending")
@@ -130,28 +128,15 @@ class Block:
 
 
 class Part:
-    """An instance of an FMU from instantiation to `close`; raises PartFailure where a call fails.
+    """An instance of an FMU from instantiation to `close`; raises PartFailure where a call fails."""
 
-    `substeps` is the number of steps that it takes within one that it is given.
-    """
-
-    def __init__(
-        self, name: str, description: ModelDescription, fmu: Library, substeps: int = 1
-    ) -> None:
+    def __init__(self, name: str, description: ModelDescription, fmu: Library) -> None:
         self.name = name
         self.fmu = fmu
         self.description = description
-        self.substeps = substeps
         self.log: deque[str] = deque(maxlen=20)
         self.warnings: list[str] = []
         self._complaint = ""
-        self.inputs: list[Block] = []
-        self.outputs: list[Block] = []
-        self.copies: list[tuple[Any, int, Any, int]] = []
-        self.scaled: list[tuple[Any, int, Any, int, float, float]] = []
-        self.curves: Curves | None = None
-        self.ends: list[End] = []
-        self.do_steps = 0
         self._states: list[ctypes.c_void_p] = []
         self._worst = 0
         self._initialised = False
@@ -247,64 +232,12 @@ class Part:
         kinds = dict.fromkeys(v.type for v in variables)
         return [Block(self, action, [v for v in variables if v.type == kind]) for kind in kinds]
 
-    def fed_through(self) -> frozenset[str]:
-        """The wired Real outputs on which a wired input acts at once, as far as it is declared."""
-        wired = {name for block in self.inputs for name in block.names}
-        shown = frozenset(name for block in self.outputs if block.real for name in block.names)
-        return shown & {
-            f"{self.name}.{output}"
-            for output, inputs in feedthrough(self.description).items()
-            if any(f"{self.name}.{name}" in wired for name in inputs)
-        }
-
-    def wire(self, target: Any, i: int, source: Any, j: int, factor: float, offset: float) -> None:
-        """Let input cell `target[i]` follow factor * source[j] + offset."""
-        if (factor, offset) == (1.0, 0.0):
-            self.copies.append((target, i, source, j))
-        else:
-            self.scaled.append((target, i, source, j, factor, offset))
-
-    def fetch(self) -> None:
-        """Get the wired outputs."""
-        for block in self.outputs:
-            block()
-
-    def read(self, t: float) -> None:
-        """Get the wired outputs at time t [s]; they must be finite."""
-        for block in self.outputs:
-            block()
-            block.require_finite(t)
-        if self.curves is not None:
-            self.curves.read(t)
-
-    def bring(self) -> None:
-        """Bring the values of the wires."""
-        for target, i, source, j in self.copies:
-            target[i] = source[j]
-        for target, i, source, j, factor, offset in self.scaled:
-            target[i] = factor * source[j] + offset
-
-    def send(self) -> None:
-        """Hand the inputs over as they stand in the buffers."""
-        for block in self.inputs:
-            block()
-
-    def step(self, t: float, h: float) -> None:
-        """Take the values of the wires and advance from time t by h [s]."""
-        size = h / self.substeps
-        for k in range(self.substeps):
-            begin = t + k * size
-            self.bring()
-            if self.curves is not None:
-                self.curves.bring(begin, size, first=k == 0)
-            self.send()
-            if self.curves is not None:
-                self.curves.send()
-            self._time.value, self._size.value = begin, size
-            self.do_steps += 1
-            status = self._do_step()
-            if status != OK:
-                self.stepped(begin, size, status)
+    def do_step(self, t: float, h: float) -> None:
+        """Advance from time t by h [s]."""
+        self._time.value, self._size.value = t, h
+        status = self._do_step()
+        if status != OK:
+            self.stepped(t, h, status)
 
     def stepped(self, t: float, h: float, status: int) -> None:
         """Keep a warning of a step from t by h [s]; raise PartFailure for a worse status."""
@@ -348,11 +281,6 @@ class Part:
         if state:
             self.library.fmi2FreeFMUstate(self.component, ctypes.byref(state))
             state.value = None
-
-    def book(self, h: float) -> None:
-        """Enter the energy of a step of size h [s] that ends with the outputs as they stand."""
-        for end in self.ends:
-            end.book(h)
 
     def close(self) -> None:
         """Terminate and free as far as the worst status of the FMU allows."""

@@ -13,9 +13,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..errors import PartFailure
 from .curve import Node, value
-from .errors import PartFailure
-from .part import Part
+from .exchange import Coupled
 from .snapshot import Snapshot
 
 Advance = Callable[[float, float], None]
@@ -29,7 +29,7 @@ MEMORY = 5
 class Turn(NamedTuple):
     """A part's step within a communication step h: from t + at * h by size * h."""
 
-    part: Part
+    part: Coupled
     at: float
     size: float
 
@@ -37,17 +37,17 @@ class Turn(NamedTuple):
 Stages = list[list[Turn]]
 
 
-def jacobi(parts: Sequence[Part]) -> Stages:
+def jacobi(parts: Sequence[Coupled]) -> Stages:
     """All parts step with the values of the step's beginning."""
     return [[Turn(part, 0.0, 1.0) for part in parts]]
 
 
-def gauss_seidel(parts: Sequence[Part]) -> Stages:
+def gauss_seidel(parts: Sequence[Coupled]) -> Stages:
     """One after the other, each with the newest values of the ones before."""
     return [[Turn(part, 0.0, 1.0)] for part in parts]
 
 
-def strang(parts: Sequence[Part]) -> Stages:
+def strang(parts: Sequence[Coupled]) -> Stages:
     """Symmetric: all but the last half a step, the last a full one, the others backwards."""
     *first, last = parts
     there = [[Turn(part, 0.0, 0.5)] for part in first]
@@ -69,7 +69,7 @@ def explicit(stages: Stages) -> Advance:
     return advance
 
 
-def iterated(parts: Sequence[Part]) -> Advance:
+def iterated(parts: Sequence[Coupled]) -> Advance:
     """Repeat the step until the outputs at its end are those that the inputs were made of.
 
     Rollback through the FMU state; fixed point with Anderson acceleration. An input that is held
@@ -151,7 +151,7 @@ class Anderson:
         return mixed
 
 
-EXPLICIT: dict[str, Callable[[Sequence[Part]], Stages]] = {
+EXPLICIT: dict[str, Callable[[Sequence[Coupled]], Stages]] = {
     "jacobi": jacobi,
     "gauss-seidel": gauss_seidel,
     "strang": strang,
@@ -160,7 +160,7 @@ ORDERS = {"jacobi": 1, "gauss-seidel": 1, "strang": 2, "iterated": 1}
 ALGORITHMS = tuple(ORDERS)
 
 
-def order(algorithm: str, input_order: int, parts: Sequence[Part]) -> int:
+def order(algorithm: str, input_order: int, parts: Sequence[Coupled]) -> int:
     """The order at which the states converge.
 
     An FMU that cannot interpolate gets means, of order 2. Means and the half steps of Strang are of

@@ -11,12 +11,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from ..errors import PartFailure, SetupError
+from ..system import Network, Wire
 from .curve import Curves, Entry, Signal
-from .errors import PartFailure, SetupError
+from .exchange import Coupled
 from .ledger import End, bonds, watt
 from .library import borrow
-from .part import Block, Part
-from .system import Network, Wire
+from .part import Block
 
 Vector = NDArray[np.float64]
 MOST_ITERATIONS = 20
@@ -34,20 +35,20 @@ def initialise(
     tolerance: float | None = None,
     substeps: Mapping[str, int] | None = None,
     input_order: int = 0,
-) -> dict[str, Part]:
+) -> dict[str, Coupled]:
     """All parts at `start`, their coupled start values consistent, ready for the first step.
 
     The stack closes the parts. Raises PartFailure where an FMU refuses,
     SetupError where the start values have no solution.
     """
-    parts: dict[str, Part] = {}
+    parts: dict[str, Coupled] = {}
     for name, path in network.system.parts.items():
         description = network.descriptions[name]
         try:
             fmu = borrow(Path(path), description)
         except PartFailure as error:
             raise PartFailure(f"{name}: {error}") from error
-        parts[name] = Part(name, description, fmu, (substeps or {}).get(name, 1))
+        parts[name] = Coupled(name, description, fmu, (substeps or {}).get(name, 1))
         stack.callback(parts[name].close)
     for port, value in network.start:
         parts[port.part].set(port.variable, value)
@@ -72,7 +73,7 @@ def initialise(
     return parts
 
 
-def _make_blocks(network: Network, parts: Mapping[str, Part]) -> None:
+def _make_blocks(network: Network, parts: Mapping[str, Coupled]) -> None:
     """Give every part the buffers of its wired variables, the inputs at their declared start."""
     for name, part in parts.items():
         sources = dict.fromkeys(w.source for w in network.wires if w.source.part == name)
@@ -85,13 +86,13 @@ def _make_blocks(network: Network, parts: Mapping[str, Part]) -> None:
                 block.cells[:] = [float(declared[name] or 0.0) for name in block.names]
 
 
-def _places(parts: Mapping[str, Part]) -> dict[str, tuple[Block, int]]:
+def _places(parts: Mapping[str, Coupled]) -> dict[str, tuple[Block, int]]:
     """Where each wired variable's value stands."""
     blocks = (block for part in parts.values() for block in chain(part.outputs, part.inputs))
     return {name: (block, i) for block in blocks for i, name in enumerate(block.names)}
 
 
-def _connect(network: Network, parts: Mapping[str, Part]) -> None:
+def _connect(network: Network, parts: Mapping[str, Coupled]) -> None:
     """Let every input follow its source."""
     place = _places(parts)
     for wire in network.wires:
@@ -100,7 +101,7 @@ def _connect(network: Network, parts: Mapping[str, Part]) -> None:
         parts[wire.target.part].wire(*ends, wire.factor, wire.offset)
 
 
-def _watch(network: Network, parts: Mapping[str, Part], degree: int) -> None:
+def _watch(network: Network, parts: Mapping[str, Coupled], degree: int) -> None:
     """Let Real inputs follow the polynomials of their sources in place of the last values."""
     signals: dict[str, Signal] = {}
     for part in parts.values():
@@ -127,7 +128,7 @@ def _watch(network: Network, parts: Mapping[str, Part], degree: int) -> None:
         )
 
 
-def _open_ledger(network: Network, parts: Mapping[str, Part]) -> None:
+def _open_ledger(network: Network, parts: Mapping[str, Coupled]) -> None:
     """Give every part its sides of the power bonds."""
     place = _places(parts)
 
@@ -145,7 +146,7 @@ def _open_ledger(network: Network, parts: Mapping[str, Part]) -> None:
         parts[bond.back.source.part].ends.append(end(bond.name, 1, bond.back, bond.there))
 
 
-def settle(parts: Sequence[Part], t: float) -> None:
+def settle(parts: Sequence[Coupled], t: float) -> None:
     """Propagate start values in initialisation mode; solve what feeds back on itself by Newton."""
     for part in parts:
         part.fetch()
@@ -165,7 +166,7 @@ def settle(parts: Sequence[Part], t: float) -> None:
             block.require_finite(t)
 
 
-def _listen(part: Part) -> bool:
+def _listen(part: Coupled) -> bool:
     """Bring the values of the wires as far as they are finite; whether any has changed."""
     before = [list(block.cells) for block in part.inputs]
     part.bring()
@@ -175,14 +176,14 @@ def _listen(part: Part) -> bool:
     return before != [list(block.cells) for block in part.inputs]
 
 
-def _inputs(parts: Sequence[Part]) -> Vector:
+def _inputs(parts: Sequence[Coupled]) -> Vector:
     """The wired Real inputs as they stand."""
     return np.array(
         [x for part in parts for block in part.inputs if block.real for x in block.cells]
     )
 
 
-def _response(parts: Sequence[Part], z: Vector) -> Vector:
+def _response(parts: Sequence[Coupled], z: Vector) -> Vector:
     """The Real inputs that the outputs give when the inputs are z."""
     values = iter(z.tolist())
     for part in parts:

@@ -12,8 +12,8 @@ from typing import NamedTuple
 
 from fmpy.model_description import ModelDescription, ScalarVariable
 
-from ..errors import SetupError
-from ..system import Port, Value, own_start
+from ...errors import SetupError
+from ...system import Port, Value, own_start
 from .parameters import Parameter, enumeration
 from .units import Step, Unit, chain, defined, unit_of
 

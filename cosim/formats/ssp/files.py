@@ -13,7 +13,7 @@ from urllib.parse import unquote, urlsplit
 import fmpy
 from lxml import etree
 
-from ..errors import SetupError
+from ...errors import SetupError
 
 Element = Any
 STANDARD = "http://ssp-standard.org/SSP1/SystemStructure"

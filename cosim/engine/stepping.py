@@ -7,16 +7,17 @@ import time as clock
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
 
+from ..errors import Discarded, PartFailure, SetupError
+from ..system import STATE, VARIABLE_STEP, Port, lacking
 from . import adaptive
 from .adaptive import Adaptive
 from .algorithms import EXPLICIT, Advance, explicit, iterated, order
-from .compiled import Loop
-from .curve import same
-from .errors import Discarded, PartFailure, SetupError
-from .part import Block, Part
-from .result import Grid, Recorder
+from .clock import same
+from .exchange import Coupled
+from .part import Block
+from .program import Loop
+from .rows import Grid, Recorder
 from .snapshot import Snapshot, forget_after
-from .system import STATE, VARIABLE_STEP, Port, lacking
 
 CHECKPOINT = 1000
 SHORTEST = 2.0**-20
@@ -70,7 +71,7 @@ class Plan(NamedTuple):
 class Row:
     """Reads the recorded variables, those that are wired from the wires' buffers."""
 
-    def __init__(self, parts: Sequence[Part], ports: Sequence[Port]) -> None:
+    def __init__(self, parts: Sequence[Coupled], ports: Sequence[Port]) -> None:
         wired = {name: (b, i) for p in parts for b in p.outputs for i, name in enumerate(b.names)}
         self.extra: list[Block] = []
         for part in parts:
@@ -95,7 +96,7 @@ class Run:
 
     def __init__(
         self,
-        parts: Sequence[Part],
+        parts: Sequence[Coupled],
         algorithm: str,
         input_order: int,
         plan: Plan,
@@ -264,7 +265,7 @@ class Run:
         }
 
 
-def _plain(parts: Sequence[Part]) -> bool:
+def _plain(parts: Sequence[Coupled]) -> bool:
     """Whether all wires carry Real values that are held over a step."""
     blocks = (block for part in parts for block in (*part.inputs, *part.outputs))
     return all(block.real for block in blocks) and all(part.curves is None for part in parts)

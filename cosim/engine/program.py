@@ -13,8 +13,8 @@ from itertools import chain
 from pathlib import Path
 from typing import Any, NoReturn
 
+from ..errors import PartFailure
 from .algorithms import Stages, Turn
-from .errors import PartFailure
 from .ledger import End
 from .part import WARNING, Block
 

@@ -6,9 +6,9 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from .curve import same
-from .errors import Discarded, PartFailure, SetupError
-from .part import Part
+from ..errors import Discarded, PartFailure, SetupError
+from .clock import same
+from .exchange import Coupled
 from .snapshot import Snapshot, forget_after
 
 SAFETY = 0.9
@@ -50,7 +50,7 @@ class Adaptive:
 class Scale:
     """The largest size of each wired Real output so far, at least its nominal value."""
 
-    def __init__(self, parts: Sequence[Part], settings: Adaptive) -> None:
+    def __init__(self, parts: Sequence[Coupled], settings: Adaptive) -> None:
         self.blocks = [block for part in parts for block in part.outputs if block.real]
         self.names = [name for block in self.blocks for name in block.names]
         self.tolerance = settings.tolerance
@@ -111,7 +111,7 @@ class Controller:
 
 
 def doubling(
-    parts: Sequence[Part],
+    parts: Sequence[Coupled],
     advance: Callable[[float, float], None],
     settings: Adaptive,
     order: int,
@@ -156,7 +156,7 @@ def doubling(
 
 
 def by_energy(
-    parts: Sequence[Part],
+    parts: Sequence[Coupled],
     advance: Callable[[float, float], None],
     settings: Adaptive,
     order: int,

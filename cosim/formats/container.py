@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING
 
 from fmpy.validation import validate_fmu
 
-from .errors import SetupError
-from .structure import acts
-from .system import Network, Port, System, Value, connect
+from ..errors import SetupError
+from ..loops import acts
+from ..system import Network, Port, System, Value, connect
 
 if TYPE_CHECKING:
     from fmu_manipulation_toolbox.container import FMUContainer

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from .part import Part
+from .exchange import Coupled
 
 
 class Snapshot:
     """One place for the state of the parts; `take` overwrites what was there."""
 
-    def __init__(self, parts: Sequence[Part]) -> None:
+    def __init__(self, parts: Sequence[Coupled]) -> None:
         self._states = [(part, part.state()) for part in parts]
         self._outputs = [block for part in parts for block in part.outputs]
         self._ends = [end for part in parts for end in part.ends]
@@ -39,7 +39,7 @@ class Snapshot:
             end.booked = booked
 
 
-def forget_after(parts: Sequence[Part], t: float) -> None:
+def forget_after(parts: Sequence[Coupled], t: float) -> None:
     """Drop what moving inputs know of their sources after the time t [s]."""
     for part in parts:
         for signal, _, _ in part.curves.signals if part.curves else ():

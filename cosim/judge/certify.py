@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from .adaptive import Adaptive
-from .figures import FEWEST, largest, mean, smallest
-from .master import run
-from .result import Result, Rows
-from .system import System
+from ..engine.adaptive import Adaptive
+from ..figures import FEWEST, largest, mean, smallest
+from ..master import run
+from ..result import Result, Rows
+from ..system import System
 
 NEGLIGIBLE = 1e-10
 SLOWEST, FASTER, VAGUE, SAFETY = 0.5, 1.5, 0.1, 1.5

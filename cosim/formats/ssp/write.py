@@ -9,8 +9,8 @@ from urllib.parse import quote
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
-from ..errors import SetupError
-from ..system import Network, Port, System, Value, Wire, connect
+from ...errors import SetupError
+from ...system import Network, Port, System, Value, Wire, connect
 from .files import NAMESPACES, qualified
 
 Enumerations = dict[str, dict[str, int]]

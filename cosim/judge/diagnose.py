@@ -15,14 +15,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .errors import PartFailure, SetupError
-from .initial import initialise
-from .master import problems, stepping_order
+from ..engine.exchange import Coupled
+from ..engine.initial import initialise
+from ..engine.rows import Recorder
+from ..engine.stepping import Plan, Row, Run
+from ..errors import PartFailure, SetupError
+from ..master import problems, stepping_order
+from ..system import Network, System, connect
 from .modes import SIGNIFICANT, Array, Fit, Mode, fit
-from .part import Part
-from .result import Recorder
-from .stepping import Plan, Row, Run
-from .system import Network, System, connect
 
 KICK = 1e-3
 FEWEST_STEPS, MOST_STEPS = 256, 1 << 12
@@ -214,7 +214,7 @@ class Bench:
 
 
 @contextmanager
-def _kicked(parts: Sequence[Part], kick: float) -> Iterator[None]:
+def _kicked(parts: Sequence[Coupled], kick: float) -> Iterator[None]:
     """Let every wired Real input be off by `kick` times the size of what it hears."""
     held = [(part, part.copies, part.scaled) for part in parts]
     moving = [(e, e.offset) for part in parts if part.curves for e in part.curves.entries]

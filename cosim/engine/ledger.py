@@ -5,13 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Mapping
 from itertools import product
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
-from .errors import SetupError
-from .system import Network, Port, Wire, base_unit, exponents
-
-if TYPE_CHECKING:
-    from .part import Part
+from ..errors import SetupError
+from ..system import Network, Port, Wire, base_unit, exponents
 
 POWER = (1, 2, -3, 0, 0, 0, 0)
 NOTICEABLE, NEGLIGIBLE = 0.05, 0.005
@@ -120,18 +117,17 @@ def watt(network: Network, output: Port, entry: Port) -> float:
     return math.prod(1.0 if unit is None else unit.factor for unit in units)
 
 
-def balance(parts: Iterable[Part]) -> dict[str, dict[str, float]]:
+def balance(ends: Iterable[End]) -> dict[str, dict[str, float]]:
     """By bond: what the first side gave, the second took, and the residual that neither has [J].
 
     `exchanged` is what went to and fro, by the side that saw more of it.
     """
     sides: dict[str, list[End]] = {}
-    for part in parts:
-        for end in part.ends:
-            sides.setdefault(end.bond, []).append(end)
+    for end in ends:
+        sides.setdefault(end.bond, []).append(end)
     found = {}
-    for bond, ends in sides.items():
-        first, second = sorted(ends, key=lambda end: end.side)
+    for bond, pair in sides.items():
+        first, second = sorted(pair, key=lambda end: end.side)
         found[bond] = {
             "given": first.energy,
             "taken": second.energy,

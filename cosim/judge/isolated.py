@@ -17,11 +17,11 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from .errors import Interrupted, SetupError, SimulationError
-from .master import interrupts, run
-from .part import log
-from .result import Result, partial, read_rows, write_json
-from .system import System
+from ..engine.part import log
+from ..errors import SetupError
+from ..master import interrupts, run
+from ..result import Interrupted, Result, SimulationError, partial, read_rows, write_json
+from ..system import System
 
 PATIENCE = 0.1
 GRACE = 10.0

@@ -6,10 +6,10 @@ import ctypes
 import math
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
-if TYPE_CHECKING:
-    from .part import Part
+from .clock import same
+from .part import Part
 
 
 class Node(NamedTuple):
@@ -53,11 +53,6 @@ class Signal:
         known = [(n, order) for n, order in known if order == 0 or n.rate is not None]
         chosen = sorted((n.time, order, n) for n, order in known[: self.degree + 1])
         return expand(*divided_differences([n for _, _, n in chosen]), begin)
-
-
-def same(a: float, b: float) -> bool:
-    """Whether two times [s] differ by rounding only."""
-    return abs(a - b) <= 64 * math.ulp(max(abs(a), abs(b)))
 
 
 def divided_differences(nodes: list[Node]) -> tuple[list[float], list[float]]:

@@ -8,11 +8,11 @@ from pathlib import Path
 from fmpy import supported_platforms
 from fmpy.model_description import ModelDescription
 
-from .ledger import bonds
-from .master import problems, stepping_order
-from .stepping import Plan
-from .structure import algebraic_loops, describe
-from .system import Network, Port, Wire, base_unit, exponents
+from ..engine.ledger import bonds
+from ..engine.stepping import Plan
+from ..loops import algebraic_loops, describe
+from ..master import problems, stepping_order
+from ..system import Network, Port, Wire, base_unit, exponents
 
 ANGLE = (0, 0, 0, 0, 0, 0, 0, 1)
 ABILITIES = {

@@ -12,8 +12,8 @@ from tempfile import mkdtemp
 from typing import NamedTuple
 from urllib.parse import unquote, urldefrag
 
-from ..errors import SetupError
-from ..system import PART, System, connect, describe_fmu
+from ...errors import SetupError
+from ...system import PART, System, connect, describe_fmu
 from .files import NAMESPACES, Element, children, locate, parse, plain, unpack
 from .parameters import Locate, bound, linear
 from .plan import DOWNWARD, Arrow, Connector, Node, Plan, dotted

@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 
 from fmpy.model_description import BaseUnit, ModelDescription
 
-from ..errors import SetupError
-from ..system import Port, convert
+from ...errors import SetupError
+from ...system import Port, convert
 from .files import Element, children
 
 POWERS = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")

@@ -8,9 +8,9 @@ from urllib.parse import quote
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
-from .errors import SetupError
+from ..errors import SetupError
+from ..system import Network, Port, System, Value, Wire, connect
 from .ssp.write import archived
-from .system import Network, Port, System, Value, Wire, connect
 
 NAMESPACE = "http://opensimulationplatform.com/MSMI/OSPSystemStructure"
 FILE = "OspSystemStructure.xml"

@@ -1,0 +1,1 @@
+"""Systems in the formats of other tools."""
