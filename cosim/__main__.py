@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
+from importlib.util import find_spec
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
@@ -26,9 +27,11 @@ from .judge import describe
 from .judge.certify import SUMMARY, Estimate, certify, summary
 from .judge.diagnose import diagnose
 from .judge.isolated import run_isolated
+from .master import Settings
 from .progress import bar
 from .result import Interrupted, Result, SimulationError
-from .system import Network, System, connect, describe_fmu, own_start
+from .result import partial as partial_file
+from .system import PART, Network, System, connect, describe_fmu, own_start
 
 EXACT = Path("fmus/LinearSystem.fmu")
 
@@ -47,8 +50,9 @@ class Task(NamedTuple):
 
 
 @contextmanager
-def opened(path: Path, given: Sequence[str]) -> Iterator[Task]:
-    """The system of a file, with start values "part.variable=value" in place of its own."""
+def opened(options: argparse.Namespace) -> Iterator[Task]:
+    """The system of the file, with start values "part.variable=value" in place of its own."""
+    path, given, strict = options.file, options.given, options.strict
     with TemporaryDirectory(prefix="cosim_") as folder:
         if path.suffix == ".ssp":
             system, start, stop, connectors = read_ssp(path, Path(folder) / "ssp")
@@ -63,12 +67,17 @@ def opened(path: Path, given: Sequence[str]) -> Iterator[Task]:
             for name, text in texts.items()
         }
         network = connect(replace(system, start={**system.start, **values}))
+        for part, blemish in network.blemishes.items() if strict else ():
+            raise SetupError(f"part {part}: {blemish}")
         yield Task(network, start or 0.0, stop, connectors)
 
 
 def alone(path: Path) -> System:
-    """A single FMU, its inputs at their declared start."""
+    """A single FMU, its inputs at their declared start; named like its file as far as that is a name."""
     name = path.stem
+    if PART.fullmatch(name) is None:
+        name = re.sub(r"[^\w-]+", "_", name).strip("_")
+        name = name if PART.fullmatch(name) else f"part_{name}"
     description = describe_fmu(name, path)
     inputs = [v for v in description.modelVariables if v.causality == "input"]
     declared = {f"{name}.{v.name}": own_start(v) for v in inputs}
@@ -108,6 +117,8 @@ def parser() -> Parser:
                 "--set", dest="given", metavar="NAME=VALUE", action="append", default=[],
                 help="start value of a parameter or input, by its dotted name",
             )  # fmt: skip
+            text = "refuse an FMU whose model description is not valid"
+            one.add_argument("--strict", action="store_true", help=text)
         return one
 
     command("info", show, "what a system is made of")
@@ -175,7 +186,7 @@ def plan(task: Task, options: argparse.Namespace) -> Plan:
 
 def show(options: argparse.Namespace) -> int:
     """python -m cosim info."""
-    with opened(options.file, options.given) as task:
+    with opened(options) as task:
         print("\n".join(describe.info(task.network)))
         for connector, port in task.connectors.items():
             print(f"connector {connector} is {port}")
@@ -186,21 +197,23 @@ def show(options: argparse.Namespace) -> int:
 
 def examine(options: argparse.Namespace) -> int:
     """python -m cosim check; exit code 1 if something stands in the way."""
-    with opened(options.file, options.given) as task:
+    with opened(options) as task:
         substeps = rates(options.substeps)
-        way = (options.algorithm, options.input_order, substeps)
-        errors, notes = describe.check(task.network, plan(task, options), *way)
+        way = Settings(
+            options.algorithm, options.order, options.input_order, substeps, options.tolerance
+        )
+        errors, notes = describe.check(task.network, plan(task, options), way)
     for note in notes:
         print(note)
     for error in errors:
         print(f"error: {error}")
-    print("ready to run" if not errors else f"{len(errors)} in the way")
+    print("ready to run" if not errors else f"problems: {len(errors)}")
     return 1 if errors else 0
 
 
 def simulate(options: argparse.Namespace) -> int:
     """python -m cosim run."""
-    with opened(options.file, options.given) as task:
+    with opened(options) as task:
         chosen = plan(task, options)
         settings: dict[str, Any] = {
             "start": chosen.start,
@@ -215,6 +228,7 @@ def simulate(options: argparse.Namespace) -> int:
         }
         if chosen.output_step is not None:
             settings["output_step"] = chosen.output_step
+        require_files(options, task.system)
         whole = options.out is not None and options.part is None and options.out.suffix == ".csv"
         figures: dict[str, Estimate] = {}
         with TemporaryDirectory(prefix="cosim_") as folder:
@@ -230,6 +244,8 @@ def simulate(options: argparse.Namespace) -> int:
                         result = runner(task.system, **settings)
             except (SimulationError, Interrupted) as stopped:
                 warn(stopped.result)
+                if options.out is not None and not whole:
+                    stopped.result.write(partial_file(options.out), part=options.part)
                 raise
             if options.out is not None and not whole:
                 result.write(options.out, part=options.part)
@@ -242,6 +258,25 @@ def simulate(options: argparse.Namespace) -> int:
         print("\n".join(certified(result, figures)))
     warn(result)
     return 0
+
+
+def require_files(options: argparse.Namespace, system: System) -> None:
+    """Raise SetupError, before a run, for files that it could not write at its end."""
+    for path in filter(None, (options.out, options.plot)):
+        if path.is_dir():
+            raise SetupError(f"{path} is a folder")
+        path.absolute().parent.mkdir(parents=True, exist_ok=True)
+    if options.out is not None and options.out.suffix not in (".csv", ".parquet"):
+        raise SetupError(f"{options.out} must end in .csv or .parquet")
+    if options.out is not None and options.out.suffix == ".parquet" and not find_spec("pyarrow"):
+        raise SetupError(f"{options.out}: Parquet needs the package pyarrow, the extra `parquet`")
+    if options.part is not None and options.part not in system.parts:
+        raise SetupError(f"there is no part {options.part!r}, only {', '.join(system.parts)}")
+    if options.plot is not None:
+        from matplotlib.backend_bases import FigureCanvasBase
+
+        if options.plot.suffix[1:] not in (kinds := FigureCanvasBase.get_supported_filetypes()):
+            raise SetupError(f"{options.plot} must end in one of {', '.join(kinds)}")
 
 
 def warn(result: Result) -> None:
@@ -281,7 +316,7 @@ def told(result: Result) -> Iterator[str]:
 
 def measure(options: argparse.Namespace) -> int:
     """python -m cosim diagnose."""
-    with opened(options.file, options.given) as task:
+    with opened(options) as task:
         found = diagnose(
             task.system,
             step=preferred_step(task.network) if options.step is None else options.step,
@@ -304,7 +339,7 @@ def preferred_step(network: Network) -> float:
 
 def export(options: argparse.Namespace) -> int:
     """python -m cosim export."""
-    with opened(options.file, options.given) as task:
+    with opened(options) as task:
         if options.to == "ssp":
             write_ssp(task.system, options.out, task.stop)
         else:

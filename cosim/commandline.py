@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import argparse
+import signal
 import sys
 from collections.abc import Callable
 from typing import NoReturn
 
 from .errors import SetupError
 from .result import SimulationError
+from .signals import heard
 from .system import Value
 
 
@@ -20,9 +22,10 @@ class Parser(argparse.ArgumentParser):
 
 
 def exit_code(action: Callable[[], int]) -> int:
-    """What the action returns; 1 for a run that failed on the way, 2 for bad input, 130 for Ctrl-C."""
+    """What the action returns; 1 for a run that failed on the way, 2 for bad input, 130 for Ctrl-C and the like."""
     try:
-        return action()
+        with heard(signal.default_int_handler):
+            return action()
     except SetupError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2

@@ -19,5 +19,9 @@ class Discarded(PartFailure):
         self.reached = reached
 
 
+class NotFinite(PartFailure):
+    """A value that a wire or a row was to carry is not a finite number."""
+
+
 class Ended(PartFailure):
     """A part ended the simulation of its own accord."""

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import importlib.metadata
 import platform
-import signal
-import threading
 import time as clock
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from functools import cache
 from pathlib import Path
-from typing import Any
+from types import MappingProxyType
+from typing import Any, NamedTuple
 
 from .engine.adaptive import Adaptive
 from .engine.algorithms import ALGORITHMS
@@ -24,7 +23,21 @@ from .engine.stepping import Plan, Row, Run
 from .errors import PartFailure, SetupError
 from .loops import algebraic_loops, describe
 from .result import Interrupted, Result, SimulationError
+from .signals import interrupts
 from .system import STATE, VARIABLE_STEP, Network, Port, System, connect, lacking
+
+MOST_SUBSTEPS = 1 << 20
+HIGHEST = 8
+
+
+class Settings(NamedTuple):
+    """How a system is stepped, see `run`."""
+
+    algorithm: str = "strang"
+    order: Sequence[str] | None = None
+    input_order: int = 0
+    substeps: Mapping[str, int] = MappingProxyType({})
+    tolerance: float | None = None
 
 
 def run(
@@ -40,7 +53,7 @@ def run(
     tolerance: float | None = None,
     record: Sequence[str] | None = None,
     output_step: float | None = None,
-    csv: Path | None = None,
+    csv: Path | str | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> Result:
     """Simulate from `start` to `stop` [s] with communication steps of `step` [s], or adaptive ones.
@@ -51,21 +64,21 @@ def run(
     `tolerance` is handed to the FMUs.
 
     Rows are the values at every communication point, or at every `output_step` [s] and at changes
-    of a recorded discrete variable; `record` names the columns (default: all outputs). `progress`
-    is called with the share of the run that is done.
+    of a recorded discrete variable; `record` names the columns (default: all outputs). With `csv`
+    they stream to this file, which no other run may write meanwhile. `progress` is called with the
+    share of the run that is done.
 
     What FMUs warn of is in the result, and as it comes in the log "cosim" unless that is `quiet`.
     Raises SetupError before the first step; SimulationError or Interrupted with the rows so far.
     """
     network = connect(system)
-    sequence = stepping_order(network, order)
     plan = Plan(start, stop, step, output_step)
     plan.check()
-    if tolerance is not None and not tolerance > 0.0:
-        raise SetupError(f"tolerance = {tolerance!r} must be above 0")
     rates = dict(substeps or {})
-    for problem in problems(network, plan, algorithm, input_order, rates):
+    settings = Settings(algorithm, order, input_order, rates, tolerance)
+    for problem in problems(network, plan, settings):
         raise SetupError(problem)
+    sequence = stepping_order(network, order)
     ports = [network.port(name) for name in record] if record is not None else _outputs(network)
     if any(port.type == "String" for port in ports):
         raise SetupError("a String cannot be recorded")
@@ -98,7 +111,8 @@ def run(
         }
         row = Row([parts[name] for name in parts], ports)
         units = {port.name: port.unit for port in ports}
-        recorder = Recorder([port.name for port in ports], units, csv, provenance)
+        path = None if csv is None else Path(csv).absolute()
+        recorder = Recorder([port.name for port in ports], units, path, provenance)
         run = Run([parts[name] for name in sequence], algorithm, input_order, plan, row, recorder)
         status, reason = "failed", "stopped by an error outside the FMUs"
         try:
@@ -109,12 +123,14 @@ def run(
                     status, reason = "interrupted", "interrupted by the user"
                     break
             else:
+                recorder.flush()
                 status, reason = "complete", ""
         except PartFailure as failure:
             reason = str(failure)
         finally:
             energy = balance(end for part in parts.values() for end in part.ends)
-            heard = [f"{part.name}: {text}" for part in parts.values() for text in part.warnings]
+            heard = [f"{name}: {text}" for name, text in network.blemishes.items()]
+            heard += [f"{part.name}: {text}" for part in parts.values() for text in part.warnings]
             result = recorder.finish(
                 provenance
                 | run.statistics()
@@ -130,19 +146,23 @@ def run(
     return result
 
 
-def problems(
-    network: Network, plan: Plan, algorithm: str, input_order: int, substeps: Mapping[str, int]
-) -> Iterator[str]:
+def problems(network: Network, plan: Plan, settings: Settings) -> Iterator[str]:
     """What keeps these FMUs from being run in this way."""
+    algorithm, order, input_order, substeps, tolerance = settings
+    parts = ", ".join(network.descriptions)
+    if order is not None and sorted(order) != sorted(network.descriptions):
+        yield f"order {list(order)} must name each of {parts} once"
+    if tolerance is not None and not tolerance > 0.0:
+        yield f"tolerance = {tolerance!r} must be above 0"
     if algorithm not in ALGORITHMS:
         yield f"algorithm {algorithm!r} must be one of {', '.join(ALGORITHMS)}"
-    if input_order < 0:
-        yield f"input_order = {input_order!r} must be at least 0"
+    if not 0 <= input_order <= HIGHEST:
+        yield f"input_order = {input_order!r} must be at least 0 and at most {HIGHEST}"
     for name, count in substeps.items():
         if name not in network.descriptions:
-            yield f"substeps: there is no part {name!r}, only {', '.join(network.descriptions)}"
-        if count < 1:
-            yield f"substeps of {name} = {count!r} must be at least 1"
+            yield f"substeps: there is no part {name!r}, only {parts}"
+        if not 1 <= count < MOST_SUBSTEPS:
+            yield f"substeps of {name} = {count!r} must be at least 1 and below {MOST_SUBSTEPS}"
     by_guid: dict[str, str] = {}
     for name, description in network.descriptions.items():
         twin = by_guid.setdefault(description.guid, name)
@@ -174,28 +194,11 @@ def problems(
         )
 
 
-@contextmanager
-def interrupts() -> Iterator[list[int]]:
-    """A list that fills when the user presses Ctrl-C, so that no FMU is interrupted half-way."""
-    seen: list[int] = []
-    elsewhere = threading.current_thread() is not threading.main_thread()
-    if elsewhere or signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
-        yield seen
-        return
-    before = signal.signal(signal.SIGINT, lambda number, _: seen.append(number))
-    try:
-        yield seen
-    finally:
-        signal.signal(signal.SIGINT, before)
-
-
 def stepping_order(network: Network, order: Sequence[str] | None) -> list[str]:
     """The parts, each after those it hears where the wires allow it, else as declared."""
-    parts = list(network.descriptions)
     if order is not None:
-        if sorted(order) != sorted(parts):
-            raise SetupError(f"order {list(order)} must name each of {', '.join(parts)} once")
         return list(order)
+    parts = list(network.descriptions)
     hears = {
         name: {w.source.part for w in network.wires if w.target.part == name} for name in parts
     }

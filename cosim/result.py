@@ -64,13 +64,13 @@ class Result:
 
         return pd.DataFrame(self.data, columns=self.columns)
 
-    def write(self, path: Path, part: str | None = None) -> None:
+    def write(self, path: Path | str, part: str | None = None) -> None:
         """Write NAME.csv or NAME.parquet, and units and provenance to NAME.json.
 
         With a part, only its columns, under their bare names. Raises SetupError for another suffix
         or a part without columns.
         """
-        frame, units = self.frame, self.units
+        path, frame, units = Path(path), self.frame, self.units
         if part is not None:
             own = {name: name.removeprefix(f"{part}.") for name in self.columns[1:]}
             own = {name: bare for name, bare in own.items() if name != bare}
@@ -92,11 +92,14 @@ class Result:
             raise SetupError(f"{path} must end in .csv or .parquet")
         write_json(path.with_suffix(".json"), {**self.provenance, "units": units})
 
-    def plot(self, names: Sequence[str] | None = None, path: Path | None = None) -> Figure:
+    def plot(
+        self, names: Sequence[str] | str | None = None, path: Path | str | None = None
+    ) -> Figure:
         """The columns over time, those of one unit in one axis; written to a file if asked."""
         from matplotlib.figure import Figure
 
-        names = self.columns[1:] if names is None else list(names)
+        names = self.columns[1:] if names is None else names
+        names = [names] if isinstance(names, str) else list(names)
         axes_of = list(dict.fromkeys(self.units.get(name, "") for name in names))
         figure = Figure(figsize=(9, 1.2 + 2.2 * len(axes_of)), layout="constrained")
         axes = figure.subplots(len(axes_of), sharex=True, squeeze=False)[:, 0]

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 import re
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NamedTuple
-from zipfile import BadZipFile, ZipFile
+from zipfile import ZipFile
 
 import fmpy
 from fmpy.model_description import ModelDescription, ScalarVariable, read_model_description
@@ -71,8 +73,7 @@ class Port(NamedTuple):
 
     @property
     def unit(self) -> str:
-        declared = self.variable.declaredType
-        return self.variable.unit or (declared.unit if declared else None) or ""
+        return self.variable.unit or ""
 
     def __str__(self) -> str:
         return f"{self.name} [{self.unit}]" if self.unit else self.name
@@ -88,12 +89,16 @@ class Wire(NamedTuple):
 
 
 class Network(NamedTuple):
-    """A system whose names, directions, units and start values have been checked."""
+    """A system whose names, directions, units and start values have been checked.
+
+    `blemishes` say by part what is wrong in its model description but does not touch a run.
+    """
 
     system: System
     descriptions: dict[str, ModelDescription]
     wires: list[Wire]
     start: list[tuple[Port, Value]]
+    blemishes: Mapping[str, str] = MappingProxyType({})
 
     def port(self, name: str) -> Port:
         """The port of a dotted name; raises SetupError if there is none."""
@@ -125,7 +130,9 @@ def connect(system: System) -> Network:
             port = Port(name, variable)
             if variable.causality == "input" and port.name not in driven.keys() | given:
                 raise SetupError(f"input {port} is not connected: wire it or give it a start value")
-    return Network(system, descriptions, wires, start)
+    read = {name: _read(Path(path), version(Path(path))) for name, path in system.parts.items()}
+    blemishes = {name: blemish for name, (_, blemish) in read.items() if blemish}
+    return Network(system, descriptions, wires, start, blemishes)
 
 
 def describe_fmu(name: str, path: Path) -> ModelDescription:
@@ -138,7 +145,7 @@ def describe_fmu(name: str, path: Path) -> ModelDescription:
     if not path.is_file():
         raise SetupError(f"part {name}: there is no file {path}")
     try:
-        return _read(path, version(path))
+        return _read(path, version(path))[0]
     except SetupError as error:
         raise SetupError(f"part {name}: {path} {error}") from error
 
@@ -150,8 +157,8 @@ def version(path: Path) -> tuple[int, int]:
 
 
 @lru_cache(maxsize=64)
-def _read(path: Path, _: tuple[int, int]) -> ModelDescription:
-    """The model description of an FMU that this master can run on this platform.
+def _read(path: Path, _: tuple[int, int]) -> tuple[ModelDescription, str]:
+    """The model description of an FMU that this master can run on this platform, and its blemish.
 
     Kept for as long as the file has this version.
     """
@@ -159,15 +166,14 @@ def _read(path: Path, _: tuple[int, int]) -> ModelDescription:
     try:
         with ZipFile(path) as archive:
             files = archive.namelist()
-    except (BadZipFile, OSError) as error:
+    except Exception as error:
         raise SetupError(f"is not a valid FMU, it cannot be opened as zip: {error}") from error
     if "modelDescription.xml" not in files:
         raise SetupError("is not a valid FMU, it has no modelDescription.xml")
     try:
-        description = read_model_description(str(path))
+        description = read_model_description(str(path), validate=False)
     except Exception as error:
-        reason = "; ".join(line.removeprefix("- ") for line in str(error).splitlines()[-3:])
-        raise SetupError(f"is not a valid FMU: modelDescription.xml: {reason}") from error
+        raise SetupError(f"is not a valid FMU: modelDescription.xml: {_reason(error)}") from error
     if description.fmiVersion != "2.0":
         raise SetupError(f"is FMI {description.fmiVersion}; {wanted}")
     if description.coSimulation is None:
@@ -178,7 +184,23 @@ def _read(path: Path, _: tuple[int, int]) -> ModelDescription:
         raise SetupError(
             f"has no binary for this platform, binaries/{fmpy.platform}/{library}; it is for {there}"
         )
-    return description
+    names = Counter(v.name for v in description.modelVariables)
+    if twice := [name for name, count in names.items() if count > 1]:
+        raise SetupError(f"is not a valid FMU: it has two variables {twice[0]}")
+    for variable in description.modelVariables:
+        for attribute in ("unit", "min", "max", "nominal") if variable.declaredType else ():
+            if getattr(variable, attribute) is None:
+                setattr(variable, attribute, getattr(variable.declaredType, attribute))
+    try:
+        read_model_description(str(path))
+    except Exception as error:  # noqa: BLE001
+        return description, f"modelDescription.xml is not valid: {_reason(error)}"
+    return description, ""
+
+
+def _reason(error: Exception) -> str:
+    """The last lines of an error as one."""
+    return "; ".join(line.removeprefix("- ") for line in str(error).splitlines()[-3:])
 
 
 def _require_distinct(descriptions: Mapping[str, ModelDescription]) -> None:
@@ -221,8 +243,10 @@ def _wire(descriptions: Mapping[str, ModelDescription], text: str) -> Wire:
         raise SetupError(f"wire {text!r}: {target} is {target.variable.causality}, not an input")
     if source.type != target.type:
         raise SetupError(f"wire {text!r}: {source.type} cannot drive {target.type}")
-    factor, offset = (float((match[key] or default).replace(" ", ""))
+    factor, offset = (float(re.sub(r"\s", "", match[key] or default))
                       for key, default in (("factor", "1"), ("offset", "0")))  # fmt: skip
+    if not math.isfinite(factor + offset):
+        raise SetupError(f"wire {text!r}: factor and offset must be finite numbers")
     raw = match["arrow"] == "=>"
     scale, shift = (1.0, 0.0) if raw else _conversion(descriptions, source, target)
     wire = Wire(source, target, scale * factor, scale * offset + shift)

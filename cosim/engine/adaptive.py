@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from ..errors import Discarded, PartFailure, SetupError
+from ..errors import Discarded, NotFinite, PartFailure, SetupError
 from .clock import same
 from .exchange import Coupled
 from .snapshot import Snapshot, forget_after
@@ -135,17 +135,20 @@ def doubling(
             snapshot.restore()
             advance(t, h / 2)
             advance(t + h / 2, h / 2)
-        except Discarded as discarded:
-            used, smaller = math.inf, min(h / 2, max(0.0, discarded.reached - t)) or h / 2
+        except (Discarded, NotFinite) as failure:
+            reached = failure.reached if isinstance(failure, Discarded) else t
+            used, smaller = math.inf, min(h / 2, max(0.0, reached - t)) or h / 2
+            reason = f"{failure}; "
         else:
             errors = [a - b for a, b in zip(scale.values(), whole)]
             used = scale.share(errors, (stop - start) / h)
             smaller = controller.again(h, used) if used > ACCEPT else h
+            reason = ""
         if used > ACCEPT:
             rejected.append(h)
             h = smaller
             if h < LEAST * (stop - start):
-                raise PartFailure(f"the tolerance asks for steps below {h:.2g} s")
+                raise PartFailure(f"{reason}the tolerance asks for steps below {h:.2g} s")
             snapshot.restore()
             forget_after(parts, t)
             continue

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import PartFailure
+from ..errors import Discarded, NotFinite, PartFailure
 from .curve import Node, value
 from .exchange import Coupled
 from .snapshot import Snapshot
@@ -74,7 +74,8 @@ def iterated(parts: Sequence[Coupled]) -> Advance:
 
     Rollback through the FMU state; fixed point with Anderson acceleration. An input that is held
     takes the value of the step's end, one of higher order runs there on a polynomial. Raises
-    PartFailure if MOST_SWEEPS do not bring every signal to TOLERANCE.
+    PartFailure if MOST_SWEEPS do not bring every signal to TOLERANCE; Discarded where a sweep runs
+    into a value that is not finite.
     """
     outputs = [block for part in parts for block in part.outputs]
     real = [block for block in outputs if block.real]
@@ -114,8 +115,11 @@ def iterated(parts: Sequence[Coupled]) -> Advance:
             before = [list(block.cells) for block in discrete]
             for part in parts:
                 part.step(t, h)
-            for part in parts:
-                part.read(t + h)
+            try:
+                for part in parts:
+                    part.read(t + h)
+            except NotFinite as failure:
+                raise Discarded(str(failure), t) from failure
             image = ends()
             gap = np.abs(image - z) / (1.0 + np.abs(image))
             same = before == [list(block.cells) for block in discrete]

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from itertools import chain
-from math import isfinite
+from math import isclose, isfinite
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import PartFailure, SetupError
-from ..system import Network, Wire
+from ..system import Network, Port, Value, Wire
 from .curve import Curves, Entry, Signal
 from .exchange import Coupled
 from .ledger import End, bonds, watt
@@ -53,16 +53,17 @@ def initialise(
     for port, value in network.start:
         parts[port.part].set(port.variable, value)
     for part in parts.values():
-        part.call("setupExperiment", tolerance, start, stop)
-        part.call("enterInitializationMode")
+        part.set_up(tolerance, start, stop)
     for port, value in network.start:
-        if port.variable.causality == "input":
+        if port.variable.causality == "input" or _keeps(port):
             parts[port.part].set(port.variable, value)
     _make_blocks(network, parts)
     _connect(network, parts)
     settle([parts[name] for name in sequence], start)
     for part in parts.values():
         part.begin()
+    for port, value, kept in _lost(network, parts):
+        parts[port.part].warn(f"{port} = {value!r} was given, but the FMU starts with {kept!r}")
     if input_order:
         _watch(network, parts, input_order)
     _open_ledger(network, parts)
@@ -71,6 +72,26 @@ def initialise(
         for end in part.ends:
             end.before = end.value()
     return parts
+
+
+def _keeps(port: Port) -> bool:
+    """Whether the variable is to keep its start value; some FMUs lose it in SetupExperiment."""
+    return bool(port.variable.causality == "parameter" or port.variable.initial == "exact")
+
+
+def _lost(network: Network, parts: Mapping[str, Coupled]) -> Iterator[tuple[Port, Value, Value]]:
+    """What was given a start value and is to keep it, but has another: both values."""
+    for name, part in parts.items():
+        given = {
+            port.variable.name: (port, value)
+            for port, value in network.start
+            if port.part == name and port.variable.causality != "input" and _keeps(port)
+        }
+        for own, kept in part.values([port.variable for port, _ in given.values()]).items():
+            port, value = given[own]
+            real = port.type == "Real" and isclose(float(value), float(kept), rel_tol=1e-9)
+            if kept != value and not real:
+                yield port, value, kept
 
 
 def _make_blocks(network: Network, parts: Mapping[str, Coupled]) -> None:

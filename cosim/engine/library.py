@@ -26,7 +26,11 @@ LOCK = RLock()
 
 
 class Library:
-    """An unpacked and loaded FMU, from `borrow` to `release`."""
+    """An unpacked and loaded FMU, from `borrow` to `release`.
+
+    `functions` are called with the interpreter locked, which is quick; those of `free` let other
+    threads run, such as those of an FMU that log, and are for what takes its time.
+    """
 
     def __init__(self, path: Path, description: ModelDescription) -> None:
         self.path, self.version = path, version(path)
@@ -40,7 +44,9 @@ class Library:
         except BaseException:
             rmtree(self.folder)
             raise
-        self.functions = ctypes.PyDLL(None, handle=self._slave.dll._handle)
+        handle = self._slave.dll._handle
+        self.functions = ctypes.PyDLL(None, handle=handle)
+        self.free = ctypes.CDLL(None, handle=handle)
         self._unload = Finalize(None, self._go, exitpriority=0)
 
     def slave(self, name: str) -> FMU2Slave:

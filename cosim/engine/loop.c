@@ -9,10 +9,10 @@
 enum { COPY, SCALE, SET, GET, FINITE, STEP, BOOK };
 
 typedef int (*exchange)(void *component, const unsigned *references, size_t count, void *cells);
-typedef int (*do_step)(void *component, double time, double size, int no_return);
+typedef int (*do_step)(void *component, double time, double size, int forward);
 
 typedef struct {
-    int code, count;
+    int code, count, forward;
     void *function, *component, *references, *cells;
     double *target;
     const double *source, *first, *last;
@@ -47,7 +47,8 @@ static int run(const operation *op, double t, double h)
         double size = op->b * h / op->count;
         int warned = 0;
         for (int k = 0; k < op->count; k++) {
-            int status = ((do_step)op->function)(op->component, t + op->a * h + k * size, size, 0);
+            double begin = t + op->a * h + k * size;
+            int status = ((do_step)op->function)(op->component, begin, size, op->forward);
             if (status > 1 || status < 0) return status;
             warned |= status;
         }

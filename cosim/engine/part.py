@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import ctypes
 import logging
+import math
 import re
 from collections import deque
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from functools import partial
 from itertools import count
-from math import isfinite
 from typing import Any
 from weakref import WeakValueDictionary
 
@@ -25,7 +25,7 @@ from fmpy.fmi2 import (
 from fmpy.logging import addLoggerProxy
 from fmpy.model_description import ModelDescription, ScalarVariable
 
-from ..errors import Discarded, Ended, PartFailure
+from ..errors import Discarded, Ended, NotFinite, PartFailure
 from ..system import Value
 from .library import Library
 
@@ -118,13 +118,15 @@ class Block:
 
     def require_finite(self, t: float) -> None:
         """Raise PartFailure for a value that no wire may carry; t is its time [s]."""
-        if self.real and not all(map(isfinite, self.cells)):
+        if self.real and not all(map(math.isfinite, self.cells)):
             raise self.not_finite(t)
 
     def not_finite(self, t: float) -> PartFailure:
         """The error for the first value that is not a finite number."""
-        bad = next((cell, name) for cell, name in zip(self.cells, self.names) if not isfinite(cell))
-        return PartFailure(f"{bad[1]} = {bad[0]!r} at t = {t!r} s must be a finite number")
+        bad = next(
+            (cell, name) for cell, name in zip(self.cells, self.names) if not math.isfinite(cell)
+        )
+        return NotFinite(f"{bad[1]} = {bad[0]!r} at t = {t!r} s must be a finite number")
 
 
 class Part:
@@ -155,8 +157,11 @@ class Part:
             ) from error
         self.component = ctypes.c_void_p(self.slave.component)
         self._time, self._size = ctypes.c_double(), ctypes.c_double()
+        self.returns = True
+        self._stop = self._nearly = math.inf
+        self._forward = ctypes.c_int()
         self._do_step = partial(
-            self.library.fmi2DoStep, self.component, self._time, self._size, ctypes.c_int(0)
+            fmu.free.fmi2DoStep, self.component, self._time, self._size, self._forward
         )
 
     def hear(self, status: int, message: str) -> None:
@@ -232,9 +237,19 @@ class Part:
         kinds = dict.fromkeys(v.type for v in variables)
         return [Block(self, action, [v for v in variables if v.type == kind]) for kind in kinds]
 
+    def set_up(self, tolerance: float | None, start: float, stop: float) -> None:
+        """Hand over the times [s] between which the FMU runs, and enter initialisation mode."""
+        self._stop, self._nearly = stop, stop - 64 * math.ulp(stop)
+        self.call("setupExperiment", tolerance, start, stop)
+        self.call("enterInitializationMode")
+
     def do_step(self, t: float, h: float) -> None:
-        """Advance from time t by h [s]."""
-        self._time.value, self._size.value = t, h
+        """Advance from time t by h [s]; what ends at the stop time but for rounding ends there."""
+        if t + h >= self._nearly and t + h != self._stop:
+            h = self._stop - t
+            while t + h > self._stop:
+                h = math.nextafter(h, 0.0)
+        self._time.value, self._size.value, self._forward.value = t, h, not self.returns
         status = self._do_step()
         if status != OK:
             self.stepped(t, h, status)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import hashlib
+import platform
 import subprocess
 import sys
 import tempfile
@@ -26,7 +27,7 @@ class Operation(ctypes.Structure):
     """struct operation of loop.c."""
 
     _fields_ = [
-        *((name, ctypes.c_int) for name in ("code", "count")),
+        *((name, ctypes.c_int) for name in ("code", "count", "forward")),
         *((name, ctypes.c_void_p) for name in ("function", "component", "references", "cells")),
         *((name, ctypes.c_void_p) for name in ("target", "source", "first", "last")),
         *((name, ctypes.c_double) for name in ("a", "b")),
@@ -44,20 +45,29 @@ class Column(ctypes.Structure):
 @cache
 def library() -> Any:
     """The compiled loop; raises OSError with the reason if there is none."""
-    source = SOURCE.read_bytes()
-    name = f"loop-{hashlib.sha256(source).hexdigest()[:16]}-{sys.platform}.so"
+    compiler = [
+        sys.executable,
+        "-m",
+        "ziglang",
+        "cc",
+        "-O2",
+        "-ffp-contract=off",
+        "-shared",
+        "-fPIC",
+    ]
+    made_of = (SOURCE.read_text(), *compiler[1:], sys.platform, platform.machine())
+    name = f"loop-{hashlib.sha256(repr(made_of).encode()).hexdigest()[:16]}.so"
     path = SOURCE.parent / "__pycache__" / name
     if not path.exists():
         path.parent.mkdir(exist_ok=True)
         with tempfile.TemporaryDirectory(dir=path.parent) as folder:
             made = Path(folder) / name
-            command = [sys.executable, "-m", "ziglang", "cc", "-O2", "-ffp-contract=off"]
-            command += ["-shared", "-fPIC", "-o", str(made), str(SOURCE)]
+            command = [*compiler, "-o", str(made), str(SOURCE)]
             done = subprocess.run(command, capture_output=True, text=True, check=False)
             if done.returncode:
                 raise OSError((done.stderr.strip() or "the compiler failed").splitlines()[-1])
             made.replace(path)
-    return ctypes.PyDLL(str(path))
+    return ctypes.CDLL(str(path))
 
 
 class Loop:
@@ -112,7 +122,8 @@ class Loop:
             yield self._exchange(SET, block)
         self._tell.append(lambda t, h, status: part.stepped(t + at * h, size * h, status))
         function = ctypes.cast(part.library.fmi2DoStep, ctypes.c_void_p)
-        yield Operation(STEP, part.substeps, function, part.component, a=at, b=size)
+        count, forward = part.substeps, not part.returns
+        yield Operation(STEP, count, forward, function, part.component, a=at, b=size)
 
     def _get(self, block: Block, at: float) -> Iterator[Operation]:
         yield self._exchange(GET, block)
@@ -125,6 +136,7 @@ class Loop:
         return Operation(
             code,
             len(block.cells),
+            0,
             ctypes.cast(block.function, ctypes.c_void_p),
             block.part.component,
             _address(block.references, 0),

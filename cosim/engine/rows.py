@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 import csv
+import errno
+import io
 import math
+import os
+import sys
 import time as clock
 from array import array
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 import numpy as np
 
+from ..errors import PartFailure, SetupError
 from ..result import Result, Rows, partial, read_rows, write_json
 from .clock import same
 
@@ -39,50 +45,110 @@ class Recorder:
         self.count = 0
         self.rows = array("d")
         self._path = path
-        self._file: IO[str] | None = None
+        self._stream: Stream | None = None
         if path is not None:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            self._file = partial(path).open("w", newline="", encoding="utf-8")
-            csv.writer(self._file).writerow(self.columns)
-            self._file.flush()
-            self._flushed = clock.perf_counter()
-            write_json(
-                partial(path).with_suffix(".json"),
-                {**provenance, "status": "running", "units": self.units},
-            )
+            if path.suffix != ".csv" or path.is_dir():
+                raise SetupError(f"csv = {path} must be a file that ends in .csv")
+            self._stream = Stream(partial(path))
+            self._write(self.columns)
+            facts = {**provenance, "status": "running", "units": self.units}
+            write_json(partial(path).with_suffix(".json"), facts)
 
     def add(self, row: Sequence[float]) -> None:
         """Append one row, or several one after the other: the time, then the columns' values."""
         self.rows.extend(row)
         self.count += len(row) // len(self.columns)
-        if self._file is not None and (
+        if self._stream is not None and (
             len(self.rows) >= CHUNK * len(self.columns)
             or clock.perf_counter() > self._flushed + LONGEST
         ):
-            self._flush(self._file)
+            self.flush()
 
-    def _flush(self, file: IO[str]) -> None:
-        fresh = np.array(self.rows).reshape(-1, len(self.columns))
-        csv.writer(file).writerows(fresh.tolist())
-        file.flush()
+    def flush(self) -> None:
+        """Bring the rows into the file; raises PartFailure if it does not take them."""
+        if self._stream is not None:
+            fresh = np.array(self.rows).reshape(-1, len(self.columns))
+            self.rows = array("d")
+            self._write(*fresh.tolist())
+
+    def _write(self, *rows: Sequence[Any]) -> None:
+        assert self._stream is not None
+        text = io.StringIO(newline="")
+        csv.writer(text).writerows(rows)
+        self._stream.append(text.getvalue())
         self._flushed = clock.perf_counter()
-        self.rows = array("d")
 
     def finish(self, provenance: dict[str, Any]) -> Result:
         """Close the file; only a run of status "complete" gets the name that was asked for."""
         width, rows = len(self.columns), self.rows
-        if self._file is None or self._path is None:
+        if self._stream is None or self._path is None:
             return Result(
                 self.columns, self.units, provenance, lambda: np.array(rows).reshape(-1, width)
             )
-        self._flush(self._file)
-        self._file.close()
+        with suppress(PartFailure):
+            self.flush()
         target = partial(self._path)
         if provenance["status"] == "complete":
-            target.with_suffix(".json").unlink()
+            target.with_suffix(".json").unlink(missing_ok=True)
             target = target.replace(self._path)
-        write_json(target.with_suffix(".json"), {**provenance, "units": self.units})
+        with suppress(OSError):
+            write_json(target.with_suffix(".json"), {**provenance, "units": self.units})
+        self._stream.close()
         return Result(self.columns, self.units, provenance, lambda: read_rows(target))
+
+
+class Stream:
+    """A text file of whole lines that one run writes; raises SetupError if another one does.
+
+    The lock holds on systems that have fcntl.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._size = 0
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            while True:
+                self._file = path.open("ab", buffering=0)
+                if not _lock(self._file.fileno()):
+                    self._file.close()
+                    raise SetupError(f"another run is writing {path}")
+                if path.exists() and path.stat().st_ino == os.fstat(self._file.fileno()).st_ino:
+                    break
+                self._file.close()
+            self._file.truncate(0)
+        except OSError as error:
+            raise SetupError(f"{path} cannot be written: {error.strerror}") from error
+
+    def append(self, text: str) -> None:
+        """Add lines; raises PartFailure, and leaves whole lines, if there is no room or no file."""
+        rest = memoryview(text.encode())
+        try:
+            if not self.path.exists():
+                raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT))
+            while rest:
+                rest = rest[self._file.write(rest) or 0 :]
+        except OSError as error:
+            self._file.truncate(self._size)
+            raise PartFailure(f"{self.path} cannot be written: {error.strerror}") from error
+        self._size += len(text.encode())
+
+    def close(self) -> None:
+        """Let others write the file."""
+        self._file.close()
+
+
+def _lock(file: int) -> bool:
+    """Lock a file until it is closed; False if another has."""
+    if sys.platform == "win32":
+        return True
+    import fcntl
+
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    return True
 
 
 class Grid:
@@ -109,12 +175,15 @@ class Grid:
             self._window = [now]
             self._emit(now)
             return
-        event = (self._window[-1][self._discrete] != now[self._discrete]).any()
-        self._window.append(now)
-        if event:
+        if (self._window[-1][self._discrete] != now[self._discrete]).any():
+            if len(self._window) > 1:
+                self._fill(*self._window[-2:])
+            self._window = [self._window[-1], now]
             self.flush()
             self._window = [now]
-        elif len(self._window) == 3:
+            return
+        self._window.append(now)
+        if len(self._window) == 3:
             self._fill(*self._window[:2])
         elif len(self._window) == 4:
             self._fill(*self._window[1:3])

@@ -20,6 +20,7 @@ from .rows import Grid, Recorder
 from .snapshot import Snapshot, forget_after
 
 CHECKPOINT = 1000
+SHORTEST_TIME = 2.0**-46
 SHORTEST = 2.0**-20
 PATIENCE = 0.05
 MOST_ROWS = 1 << 16
@@ -44,6 +45,8 @@ class Plan(NamedTuple):
         for name, value in sizes.items():
             if value <= 0.0:
                 raise SetupError(f"{name} = {value!r} s must be above 0")
+            if value < SHORTEST_TIME * max(abs(self.start), abs(self.stop)):
+                raise SetupError(f"{name} = {value!r} s is too short to tell its times apart")
         if self.stop <= self.start:
             raise SetupError(f"stop = {self.stop!r} s must be after start = {self.start!r} s")
         if isinstance(self.step, Adaptive):
@@ -52,7 +55,7 @@ class Plan(NamedTuple):
     def number(self) -> int:
         """Fixed steps from start to stop, the last one as long as what is left."""
         assert not isinstance(self.step, Adaptive)
-        return math.ceil((self.stop - self.start) / self.step - 1e-6)
+        return max(1, math.ceil((self.stop - self.start) / self.step - 1e-6))
 
     def every(self) -> int | None:
         """After how many fixed steps a row is due; None if rows lie between steps."""
@@ -81,7 +84,11 @@ class Row:
         place = wired | {name: (b, i) for b in self.extra for i, name in enumerate(b.names)}
         self.columns = [place[port.name] for port in ports]
         self._cells = [(block.cells, i) for block, i in self.columns]
-        self.discrete = [k for k, (block, _) in enumerate(self.columns, 1) if not block.real]
+        self.discrete = [
+            k
+            for k, port in enumerate(ports, 1)
+            if port.type != "Real" or port.variable.variability in ("discrete", "tunable")
+        ]
 
     def __call__(self, t: float) -> list[float]:
         """The time and the values of the columns; raises PartFailure."""
@@ -122,9 +129,14 @@ class Run:
         lost = lacking(descriptions, STATE)
         if isinstance(plan.step, Adaptive):
             self.control = plan.step.control or ("energy" if lost else "doubling")
-            return
-        if not lost and not lacking(descriptions, VARIABLE_STEP):
+        elif not lost and not lacking(descriptions, VARIABLE_STEP):
             self._checkpoint = (0, Snapshot(parts))
+        for part in parts:
+            part.returns = (
+                stages is None or self.control == "doubling" or self._checkpoint is not None
+            )
+        if isinstance(plan.step, Adaptive):
+            return
         if stages is None or every is None or not _plain(parts):
             return
         try:
@@ -182,10 +194,11 @@ class Run:
                     self._redo(failure, step)
                 elif clock.perf_counter() - began < PATIENCE:
                     chunk = min(2 * chunk, MOST_ROWS * every)
+                else:
+                    chunk = max(chunk // 2, 1)
             else:
                 last_one = n == count - 1
-                rest = stop - self.t
-                h = rest if last_one and not same(self.t + step, stop) else step
+                h = step if self.t + step == stop or not last_one else stop - self.t
                 try:
                     self._advance(self.t, h)
                 except Discarded as failure:

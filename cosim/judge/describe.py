@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from fmpy import supported_platforms
@@ -11,7 +11,7 @@ from fmpy.model_description import ModelDescription
 from ..engine.ledger import bonds
 from ..engine.stepping import Plan
 from ..loops import algebraic_loops, describe
-from ..master import problems, stepping_order
+from ..master import Settings, problems, stepping_order
 from ..system import Network, Port, Wire, base_unit, exponents
 
 ANGLE = (0, 0, 0, 0, 0, 0, 0, 1)
@@ -66,16 +66,15 @@ def _wire(wire: Wire) -> str:
     return f"{wire.source}{scaled}{shifted} -> {wire.target}"
 
 
-def check(
-    network: Network, plan: Plan, algorithm: str, input_order: int, substeps: Mapping[str, int]
-) -> tuple[list[str], list[str]]:
+def check(network: Network, plan: Plan, settings: Settings) -> tuple[list[str], list[str]]:
     """What keeps the system from being run like this, and what is worth knowing about it."""
-    errors = list(problems(network, plan, algorithm, input_order, substeps))
-    return errors, list(_notes(network, algorithm))
+    return list(problems(network, plan, settings)), list(_notes(network, settings))
 
 
-def _notes(network: Network, algorithm: str) -> Iterator[str]:
-    yield f"order of steps: {', '.join(stepping_order(network, None))}"
+def _notes(network: Network, settings: Settings) -> Iterator[str]:
+    for name, blemish in network.blemishes.items():
+        yield f"{name}: {blemish}"
+    yield f"order of steps: {', '.join(stepping_order(network, settings.order))}"
     for loop in algebraic_loops(network):
         yield f"algebraic loop: {describe(loop)}"
     silent = [
@@ -99,7 +98,7 @@ def _notes(network: Network, algorithm: str) -> Iterator[str]:
     for bond in bonds(network):
         yield f"power bond: {bond.name}"
     yield from _steps(network)
-    if algorithm == "jacobi" and bonds(network):
+    if settings.algorithm == "jacobi" and bonds(network):
         yield (
             "jacobi delays every loop by a step, which takes damping away from its oscillations: "
             "see what it does with diagnose"

@@ -20,7 +20,7 @@ from ..engine.initial import initialise
 from ..engine.rows import Recorder
 from ..engine.stepping import Plan, Row, Run
 from ..errors import PartFailure, SetupError
-from ..master import problems, stepping_order
+from ..master import Settings, problems, stepping_order
 from ..system import Network, System, connect
 from .modes import SIGNIFICANT, Array, Fit, Mode, fit
 
@@ -141,7 +141,7 @@ def diagnose(
     network = connect(system)
     plan = Plan(start, start + step, step, None)
     plan.check()
-    for problem in problems(network, plan, algorithm, input_order, {}):
+    for problem in problems(network, plan, Settings(algorithm, order, input_order)):
         raise SetupError(problem)
     if not 0.0 < share < math.inf:
         raise SetupError(f"share = {share!r} must be a finite number above 0")
@@ -227,11 +227,13 @@ def _kicked(parts: Sequence[Coupled], kick: float) -> Iterator[None]:
         ]
     for entry, _ in moving:
         entry.offset += entry.factor * kick * (1.0 + abs(entry.signal.nodes[-1].value))
-    yield
-    for part, copies, scaled in held:
-        part.copies, part.scaled = copies, scaled
-    for entry, offset in moving:
-        entry.offset = offset
+    try:
+        yield
+    finally:
+        for part, copies, scaled in held:
+            part.copies, part.scaled = copies, scaled
+        for entry, offset in moving:
+            entry.offset = offset
 
 
 def _real(cells: Sequence[float]) -> bool:

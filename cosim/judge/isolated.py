@@ -4,23 +4,27 @@ from __future__ import annotations
 
 import json
 import logging
+import math
 import multiprocessing
 import os
 import signal
 import tempfile
+import threading
 import time as clock
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from pathlib import Path
+from shutil import rmtree
 from tempfile import TemporaryDirectory
 from typing import Any
 
 from ..engine.part import log
 from ..errors import SetupError
-from ..master import interrupts, run
+from ..master import run
 from ..result import Interrupted, Result, SimulationError, partial, read_rows, write_json
+from ..signals import interrupts
 from ..system import System
 
 PATIENCE = 0.1
@@ -30,14 +34,19 @@ CRASHES = ("SIGSEGV", "SIGABRT", "SIGBUS", "SIGFPE", "SIGILL")
 
 
 def run_isolated(
-    system: System, *, csv: Path, progress: Callable[[float], None] | None = None, **settings: Any
+    system: System,
+    *,
+    csv: Path | str,
+    progress: Callable[[float], None] | None = None,
+    **settings: Any,
 ) -> Result:
     """What `run` does with these settings, in a child process; the rows stream to `csv`.
 
     Raises what `run` raises. If an FMU ends the process, SimulationError with the rows that reached
-    the file, or SetupError before the first step. Ctrl-C ends the child, a second one kills it; both
-    keep the rows. As always with child processes, a script needs `if __name__ == "__main__"`.
+    the file, or SetupError before the first step. Ctrl-C ends the child, a second one kills it, and so
+    does SIGTERM or SIGHUP after a while; all keep the rows. If this process dies, so does the child. As always with child processes, a script needs `if __name__ == "__main__"`.
     """
+    csv = Path(csv).absolute()
     before = _stamps(csv)
     heard: list[logging.LogRecord] = []
     context = multiprocessing.get_context("spawn")
@@ -79,6 +88,7 @@ def _work(
     folder: str, pipe: Connection, system: System, csv: Path, settings: dict[str, Any]
 ) -> None:
     """Run in the child and tell the parent of the progress, the log and the end."""
+    threading.Thread(target=_die_with_parent, args=(folder,), daemon=True).start()
     signal.signal(signal.SIGINT, lambda *_: None)
     tempfile.tempdir = os.environ["TMPDIR"] = folder
     logging.getLogger().addHandler(_Forward(pipe))
@@ -104,6 +114,15 @@ def _work(
             pipe.send(("end", (None, "", *_parcel(result))))
 
 
+def _die_with_parent(folder: str) -> None:
+    """Leave no trace when the parent is gone."""
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+    wait([parent.sentinel])
+    rmtree(folder, ignore_errors=True)
+    os._exit(1)
+
+
 class _Forward(logging.Handler):
     """Hands log records to the parent."""
 
@@ -112,7 +131,7 @@ class _Forward(logging.Handler):
         self._pipe = pipe
 
     def emit(self, record: logging.LogRecord) -> None:
-        record.msg, record.args = record.getMessage(), None
+        record.msg, record.args, record.exc_info = record.getMessage(), None, None
         self._pipe.send(("log", record))
 
 
@@ -153,9 +172,12 @@ def _deaf() -> Iterator[None]:
 
 def _messages(pipe: Connection, process: BaseProcess, pressed: Sequence[int]) -> Iterator[Any]:
     """What the child tells until it ends; hands Ctrl-C on to it until it hears."""
+    asked = math.inf
     while True:
         ready = wait([pipe, process.sentinel], PATIENCE)
-        if len(pressed) > 1:
+        if pressed and pressed[0] != signal.SIGINT:
+            asked = min(asked, clock.monotonic())
+        if len(pressed) > 1 or clock.monotonic() > asked + GRACE:
             process.kill()
         elif pressed and process.pid is not None:
             os.kill(process.pid, signal.SIGINT)

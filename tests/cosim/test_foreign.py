@@ -163,7 +163,7 @@ def after_discard(unit: Unit) -> Unit:
         ),
         ({}, lambda unit: unit.step(0.0, 0.0), "h = 0 s must be above 0"),
         ({}, lambda unit: unit.step(0.0, H).step(0.11, H), "step from t = 0.11 s, not 0.1 s"),
-        ({}, lambda unit: unit.set(a=-2.0), "cannot be set"),
+        ({}, lambda unit: unit.set(b=-2.0), "cannot be set"),
         ({}, lambda unit: unit.set(y=1.0), "cannot be set"),
         ({}, lambda unit: unit.fmi.getReal([99]), "no such variable, reference 99"),
         ({}, lambda unit: unit.fmi.enterInitializationMode(), "while stepping"),

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 import zipfile
-import zlib
 from functools import cache
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -41,7 +40,9 @@ def unpack(archive: Path, folder: Path) -> None:
             file.extractall(folder)
     except FileNotFoundError:
         raise SetupError(f"there is no file {archive}") from None
-    except (OSError, zipfile.BadZipFile, zlib.error, EOFError, RuntimeError) as error:
+    except SetupError:
+        raise
+    except Exception as error:
         raise SetupError(f"{archive.name} is not a readable zip file: {error}") from error
 
 
@@ -68,6 +69,8 @@ def parse(path: Path, tag: str) -> Element:
         root = etree.parse(str(path), parser).getroot()
     except etree.XMLSyntaxError as error:
         raise SetupError(f"{path.name}, line {error.lineno}: {error.msg}") from None
+    except OSError as error:
+        raise SetupError(f"{path.name} cannot be read: {error}") from None
     validate(root, tag, path.name)
     return root
 

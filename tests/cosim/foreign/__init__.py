@@ -7,8 +7,10 @@ step mode outputs are those of the last step (`fresh`: z follows u at once). Ste
 `longest_step` end there with Discard (`stubborn`: do not start); afterwards only a saved state helps.
 So do steps beyond `pause_at`, once. Discard at `end_at` says Terminated. A `..._at` is the time at
 which the call that reaches it, also the end of initialisation, logs and returns that status (`talks`: and says more), kills
-the process (`crash`: SIGSEGV, also `crash_at_end`, when terminated; `exit`: code 3), never returns (`hang`), or makes y NaN. `needs_input`: u must be set while
-initialising. Other calls out of order, wrong times, steps beyond the stop time and returns to times
+the process (`crash`: SIGSEGV, also `crash_at_end`, when terminated; `exit`: code 3), never returns (`hang`), or makes y NaN, as do steps above `nan_above`. `needs_input`: u must be set while
+initialising. One that `forgets` goes back to the start values of its file when an experiment is set up,
+one that `overrules` takes its own x0 at the end of initialisation, one that `commits` steps only where noSetFMUStatePriorToCurrentPoint is true, one that is `punctual` steps
+to the stop time and no bit further, one that `chats` logs from a thread that its step waits for. Other calls out of order, wrong times, steps beyond the stop time and returns to times
 that noSetFMUStatePriorToCurrentPoint excluded are errors, after which a state or a reset helps.
 
 `steps` (doStep calls), `restores`, `states_alive` and `gets_after_set` (calls that get outputs after
@@ -78,7 +80,7 @@ VARIABLES = [
         for name in ("steps", "restores", "states_alive", "gets_after_set")
     ),
     Variable("token", "String", "output"),
-    Variable("a", "Real", "parameter", -1.0),
+    Variable("a", "Real", "tunable", -1.0),
     Variable("b", "Real", "parameter", 1.0),
     Variable("d", "Real", "parameter", 0.5),
     Variable("x0", "Real", "parameter", 1.0),
@@ -88,6 +90,10 @@ VARIABLES = [
         for name in ("fresh", "counts", "stubborn", "needs_input", "talks", "crash_at_end")
     ),
     *(
+        Variable(name, "Boolean", "parameter", False)
+        for name in ("forgets", "overrules", "commits", "punctual", "chats")
+    ),
+    *(
         Variable(name, "Real", "parameter", NEVER)
         for name in [
             "longest_step",
@@ -95,6 +101,7 @@ VARIABLES = [
             "error_at",
             "fatal_at",
             "nan_at",
+            "nan_above",
             "crash_at",
             "hang_at",
             "exit_at",
@@ -123,7 +130,13 @@ def library() -> bytes:
     with TemporaryDirectory(prefix="foreign_") as folder:
         binary = Path(folder, f"foreign{fmpy.sharedLibraryExtension}")
         command = [sys.executable, "-m", "ziglang", "cc", "-shared", "-fPIC", "-O2", "-std=c11"]
-        command += ["-Wall", "-Wextra", "-Werror", f"-I{Path(fmpy.__file__).with_name('c-code')}"]
+        command += [
+            "-pthread",
+            "-Wall",
+            "-Wextra",
+            "-Werror",
+            f"-I{Path(fmpy.__file__).with_name('c-code')}",
+        ]
         for cell, variables in CELLS.items():
             command.append(f"-D{cell}_NAMES={','.join(v.name for v in variables)}")
             command.append(
@@ -168,7 +181,7 @@ def _element(tag: str, content: str = "", **attributes: Value) -> str:
 
 
 def _description(guid: str, values: Mapping[str, Value]) -> str:
-    shown = [v for v in VARIABLES if v.causality in ("input", "output", "parameter")]
+    shown = [v for v in VARIABLES if v.causality in ("input", "output", "parameter", "tunable")]
     index = {v.name: n for n, v in enumerate(shown, 1)}
 
     def scalar(v: Variable) -> str:
@@ -181,8 +194,8 @@ def _description(guid: str, values: Mapping[str, Value]) -> str:
             _element(v.type, **kind),
             name=v.name,
             valueReference=REFERENCES[v.name],
-            causality=v.causality,
-            variability="fixed" if v.causality == "parameter" else variability,
+            causality=v.causality.replace("tunable", "parameter"),
+            variability={"parameter": "fixed", "tunable": "tunable"}.get(v.causality, variability),
         )
 
     def unknown(v: Variable, known: str) -> str:

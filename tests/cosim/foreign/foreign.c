@@ -2,6 +2,9 @@
    Names and causalities of the variables come as macros from the table in __init__.py. */
 
 #include <math.h>
+#ifndef _WIN32
+#include <pthread.h>
+#endif
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -33,7 +36,7 @@
     union { struct { Cell Type##_NAMES; }; Cell Type[sizeof (char[]){Type##_CAUSALITIES}]; }
 
 typedef char Text[SIZE];
-enum { OUTPUT, CAPABILITY, IDENTITY, PARAMETER, INPUT };
+enum { OUTPUT, CAPABILITY, IDENTITY, PARAMETER, TUNABLE, INPUT };
 enum { INSTANTIATED, INITIALIZING, STEPPING, DISCARDED, FAILED, TERMINATED, FATAL };
 static const char *const MODES[] = {"instantiated", "initializing", "stepping",
                                     "discarded",    "failed",       "terminated"};
@@ -102,6 +105,19 @@ static fmi2Status reach(Foreign *c, double from, double to) {
     return fmi2OK;
 }
 
+#ifndef _WIN32
+static void *talk(void *p) {
+    const Foreign *c = p;
+    return LOG(fmi2Warning, "%s works in a thread of its own", c->name), NULL;
+}
+static void chat(Foreign *c) {
+    pthread_t thread;
+    pthread_create(&thread, NULL, talk, c), pthread_join(thread, NULL);
+}
+#else
+static void chat(Foreign *c) {}
+#endif
+
 /* Replace the model by a saved one; what is counted goes on. */
 static void restore(Foreign *c, const Model *saved) {
     Model old = c->m;
@@ -163,6 +179,7 @@ void fmi2FreeInstance(fmi2Component p) {
     fmi2Status fmi2##name parameters { ENTER(modes); return __VA_ARGS__, fmi2OK; }
 CALL(SetupExperiment, (fmi2Component p, fmi2Boolean tolerance_defined, fmi2Real tolerance,
                        fmi2Real start, fmi2Boolean stops, fmi2Real stop), BIT(INSTANTIATED),
+     c->m.forgets ? restore(c, &c->start) : (void)0,
      c->m.tolerance_defined = tolerance_defined, c->m.tolerance = tolerance,
      c->m.stop_time_defined = stops, c->m.stop_time = stop, c->m.start_time = c->m.time = start)
 CALL(EnterInitializationMode, (fmi2Component p), BIT(INSTANTIATED), c->m.mode = INITIALIZING)
@@ -187,6 +204,7 @@ fmi2Status fmi2SetFMUstate(fmi2Component p, fmi2FMUstate state) {
 fmi2Status fmi2ExitInitializationMode(fmi2Component p) {
     ENTER(BIT(INITIALIZING));
     if (c->m.needs_input && !c->m.u_given) FAIL("%s: u was not set while initializing", c->name);
+    if (c->m.overrules) c->m.x0 = c->start.x0;
     look(&c->m);
     fmi2Status status = reach(c, -INFINITY, c->m.time);
     if (status <= fmi2Warning) c->m.mode = STEPPING;
@@ -212,7 +230,7 @@ fmi2Status fmi2ExitInitializationMode(fmi2Component p) {
         ENTER(BIT(INSTANTIATED) | BIT(INITIALIZING) | BIT(STEPPING)); \
         for (size_t i = 0; i < n; i++) { \
             if (ref[i] >= sizeof Type##_CAUSALITY) REJECT(ref[i], "no such variable"); \
-            if (Type##_CAUSALITY[ref[i]] < (c->m.mode < STEPPING ? PARAMETER : INPUT)) \
+            if (Type##_CAUSALITY[ref[i]] < (c->m.mode < STEPPING ? PARAMETER : TUNABLE)) \
                 REJECT(ref[i], "cannot be set"); \
             PUT(c->m.Type[ref[i]], value[i]); \
             c->m.u_given |= c->m.mode == INITIALIZING && (void *)&c->m.Type[ref[i]] == &c->m.u; \
@@ -256,7 +274,7 @@ fmi2Status fmi2DoStep(fmi2Component p, fmi2Real t, fmi2Real h, fmi2Boolean final
     m->mode = STEPPING, m->steps++;
     if (!(h > 0.0)) FAIL("the step size h = %g s must be above 0", h);
     if (!(fabs(t - m->time) <= SLACK(t))) FAIL("step from t = %g s, not %g s", t, m->time);
-    if (m->stop_time_defined && later(t + h, m->stop_time))
+    if (m->stop_time_defined && (m->punctual ? t + h > m->stop_time : later(t + h, m->stop_time)))
         FAIL("step to t = %g s, beyond the stop time %g s", t + h, m->stop_time);
     if (m->first_step == 0.0) m->first_step = h;
     if (!m->canHandleVariableCommunicationStepSize && fabs(h / m->first_step - 1.0) > 1e-9)
@@ -269,8 +287,11 @@ fmi2Status fmi2DoStep(fmi2Component p, fmi2Real t, fmi2Real h, fmi2Boolean final
     m->ended = !later(m->end_at, t + size);
     fmi2Status status = reach(c, t, t + size);
     if (status > fmi2Warning) return status;
-    if (size > 0.0) {
+    if (m->chats) chat(c);
+    if (m->commits && !final) m->time += size, m->dirty = 0;
+    else if (size > 0.0) {
         advance(m, size), show(m);
+        if (size > m->nan_above) m->y = NAN;
         m->du[1] = m->du[2] = 0.0, m->dirty = 0, m->last_step = size;
     }
     if (size == h) return status;

@@ -1,0 +1,38 @@
+"""Signals that ask a program to stop: Ctrl-C, and what batch systems and closed terminals send."""
+
+from __future__ import annotations
+
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+STOPS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
+
+
+@contextmanager
+def heard(handler: Callable[[int, Any], Any]) -> Iterator[None]:
+    """Call this function for signals that ask to stop, as far as they are not ignored.
+
+    Only the main thread can; where Ctrl-C is ignored, as in the children of a pool, nothing changes.
+    """
+    elsewhere = threading.current_thread() is not threading.main_thread()
+    if elsewhere or signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        yield
+        return
+    free = [number for number in STOPS if signal.getsignal(number) is not signal.SIG_IGN]
+    before = {number: signal.signal(number, handler) for number in free}
+    try:
+        yield
+    finally:
+        for number, old in before.items():
+            signal.signal(number, old)
+
+
+@contextmanager
+def interrupts() -> Iterator[list[int]]:
+    """A list that fills with the signals that ask to stop, so that no FMU is left half-way."""
+    seen: list[int] = []
+    with heard(lambda number, _: seen.append(number)):
+        yield seen

@@ -1,0 +1,172 @@
+"""Rows are neither lost nor mixed, whatever ends a run."""
+
+from __future__ import annotations
+
+import json
+import os
+import resource
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from shutil import rmtree
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from cosim import SetupError, SimulationError, run
+from cosim.__main__ import alone, main
+from tests.conftest import ROOT, hear_ctrl_c, until
+from tests.cosim.foreign import pack
+
+COMMAND = [sys.executable, "-m", "cosim", "run"]
+
+
+def start(*arguments: str | Path, **more: Any) -> subprocess.Popen[str]:
+    """The program, hearing signals although the tests may not."""
+    return subprocess.Popen(
+        [*COMMAND, *map(str, arguments)], cwd=ROOT, text=True, preexec_fn=hear_ctrl_c,  # noqa: PLW1509
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, **more,
+    )  # fmt: skip
+
+
+def long(tmp_path: Path, *options: str | Path, **start_values: Any) -> list[str | Path]:
+    """The arguments of a run that takes minutes."""
+    fmu = pack(tmp_path / "A.fmu", **start_values)
+    return [fmu, "--stop", "2000", "--step", "1e-4", *options]
+
+
+def test_two_runs_do_not_write_one_file(tmp_path: Path) -> None:
+    out = tmp_path / "r.csv"
+    first = start(*long(tmp_path, "--out", out))
+    until((tmp_path / "r.partial.csv").exists)
+    with pytest.raises(SetupError, match=r"another run is writing .*r\.partial\.csv"):
+        run(alone(tmp_path / "A.fmu"), stop=1.0, step=0.1, csv=out)
+    until(lambda: (tmp_path / "r.partial.csv").stat().st_size > 100_000)
+    first.send_signal(signal.SIGINT)
+    first.communicate(timeout=60)
+    rows = pd.read_csv(tmp_path / "r.partial.csv")
+    assert np.diff(rows["time"]) == pytest.approx(1e-4, rel=1e-6)
+    run(alone(tmp_path / "A.fmu"), stop=1.0, step=0.1, csv=out)
+    assert len(pd.read_csv(out)) == 11
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_signals_that_ask_to_stop_keep_the_rows(number: signal.Signals, tmp_path: Path) -> None:
+    scratch = tmp_path / "scratch"
+    scratch.mkdir()
+    environment = os.environ | {"TMPDIR": str(scratch)}
+    out = tmp_path / "r.csv"
+    process = start(*long(tmp_path, "--out", out), env=environment)
+    until(lambda: out.with_name("r.partial.csv").exists())
+    process.send_signal(number)
+    _, said = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert "interrupted, what was computed is kept" in said and "Traceback" not in said
+    assert json.loads((tmp_path / "r.partial.json").read_text())["status"] == "interrupted"
+    assert list(scratch.iterdir()) == []
+
+
+def test_a_child_does_not_outlive_its_parent(tmp_path: Path) -> None:
+    """Not even one whose FMU never returns."""
+    process = start(*long(tmp_path, "--out", tmp_path / "r.csv", hang_at=0.01))
+    until((tmp_path / "r.partial.csv").exists)
+    children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
+    assert children
+    process.kill()
+    process.communicate(timeout=60)
+    until(lambda: not any(Path(f"/proc/{child}/exe").exists() for child in children))
+
+
+@pytest.mark.parametrize("options", [["--out", "r.parquet"], ["--out", "r.csv", "--part", "A"]])
+def test_a_failed_run_keeps_its_rows_whatever_the_format(
+    options: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fmu = pack(tmp_path / "A.fmu", error_at=0.55)
+    monkeypatch.chdir(tmp_path)
+    assert main(["run", str(fmu), "--stop", "1", "--step", "0.1", *options]) == 1
+    kept = Path(options[1]).with_stem("r.partial")
+    rows = pd.read_parquet(kept) if kept.suffix == ".parquet" else pd.read_csv(kept)
+    assert list(rows["time"]) == pytest.approx([0.1 * n for n in range(6)])
+    assert json.loads(Path("r.partial.json").read_text())["status"] == "failed"
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--out", "r.txt"], "r.txt must end in .csv or .parquet"),
+        (["--out", "folder"], "folder is a folder"),
+        (["--out", "r.csv", "--part", "B"], "there is no part 'B', only A"),
+        (["--plot", "q.xyz"], "q.xyz must end in one of"),
+    ],
+)
+def test_files_that_could_not_be_written_are_refused_before_the_run(
+    options: list[str],
+    message: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    (tmp_path / "folder").mkdir()
+    fmu = pack(tmp_path / "A.fmu", crash_at=0.0)
+    monkeypatch.chdir(tmp_path)
+    assert main(["run", str(fmu), "--stop", "1", "--step", "0.1", *options]) == 2
+    assert message in capsys.readouterr().err
+
+
+def test_csv_must_be_a_csv_file(tmp_path: Path) -> None:
+    system = alone(pack(tmp_path / "A.fmu"))
+    with pytest.raises(SetupError, match=r"must be a file that ends in \.csv"):
+        run(system, stop=1.0, step=0.1, csv=tmp_path / "a.parquet")
+    assert len(run(system, stop=1.0, step=0.1, csv=str(tmp_path / "a.csv")).data) == 11
+
+
+def test_a_full_disk_ends_a_run_with_whole_rows(tmp_path: Path) -> None:
+    """A limit on the size of files stands for it."""
+
+    def limited() -> None:
+        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (3_000_000, 3_000_000))
+
+    arguments = long(tmp_path, "--out", tmp_path / "r.csv")
+    done = subprocess.run(
+        [*COMMAND, *map(str, arguments)], check=False, cwd=ROOT, preexec_fn=limited,
+        capture_output=True, text=True, timeout=300,
+    )  # fmt: skip
+    assert done.returncode == 1, done.stderr
+    assert "r.partial.csv cannot be written: File too large; stopped at" in done.stderr
+    assert "Traceback" not in done.stderr
+    content = (tmp_path / "r.partial.csv").read_text()
+    assert content.endswith("\n") and len({line.count(",") for line in content.splitlines()}) == 1
+    assert json.loads((tmp_path / "r.partial.json").read_text())["status"] == "failed"
+
+
+def test_a_folder_that_goes_ends_a_run(tmp_path: Path) -> None:
+    folder = tmp_path / "out"
+
+    def go(_: float) -> None:
+        rmtree(folder, ignore_errors=True)
+        time.sleep(0.02)
+
+    with pytest.raises(SimulationError, match=r"cannot be written: No such file or directory"):
+        run(
+            alone(pack(tmp_path / "A.fmu")),
+            stop=2000.0,
+            step=1e-3,
+            csv=folder / "r.csv",
+            progress=go,
+        )
+
+
+def test_an_fmu_that_changes_the_folder_does_not_move_the_rows(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    run(
+        alone(pack(tmp_path / "A.fmu")), stop=1.0, step=0.1, csv="a.csv",
+        progress=lambda _: os.chdir("/"),
+    )  # fmt: skip
+    assert (tmp_path / "a.csv").exists()

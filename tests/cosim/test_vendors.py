@@ -1,0 +1,206 @@
+"""What FMUs of other tools need to run right, and what of them is no reason to refuse them."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+from zipfile import ZipFile
+
+import numpy as np
+import pytest
+
+from cosim import Adaptive, SetupError, System, run
+from cosim.__main__ import alone as single
+from cosim.__main__ import main
+from cosim.engine import stepping
+from cosim.engine.rows import Grid
+from tests.conftest import ROOT
+from tests.cosim.foreign import pack
+
+H = 0.1
+
+
+def edited(path: Path, old: str, new: str) -> Path:
+    """The same FMU with another text in its model description."""
+    with ZipFile(path) as archive:
+        files = {name: archive.read(name) for name in archive.namelist()}
+    before = files["modelDescription.xml"].decode()
+    files["modelDescription.xml"] = before.replace(old, new).encode()
+    assert files["modelDescription.xml"].decode() != before
+    with ZipFile(path, "w") as archive:
+        for name, content in files.items():
+            archive.writestr(name, content)
+    return path
+
+
+def alone(path: Path, **start: float) -> System:
+    """The FMU by itself, with these start values."""
+    system = single(path)
+    return replace(system, start={**system.start, **{f"A.{k}": v for k, v in start.items()}})
+
+
+def test_an_fmu_that_loses_its_start_values_gets_them_again(tmp_path: Path) -> None:
+    """As those of 20-sim do when the experiment is set up."""
+    result = run(alone(pack(tmp_path / "A.fmu", forgets=True), a=-2.0, x0=3.0), stop=1.0, step=H)
+    assert result["A.y"][-1] == pytest.approx(3.0 * np.exp(-2.0), rel=1e-12)
+    assert result.provenance["parts"]["A"]["parameters"]["x0"] == 3.0
+    assert not result.warnings
+
+
+def test_a_start_value_that_is_not_kept_is_a_warning(tmp_path: Path) -> None:
+    result = run(alone(pack(tmp_path / "A.fmu", overrules=True), x0=3.0), stop=1.0, step=H)
+    assert result.warnings == ["A: A.x0 = 3.0 was given, but the FMU starts with 1.0"]
+
+
+@pytest.mark.parametrize("compiled", [True, False])
+def test_a_run_that_does_not_go_back_says_so(
+    compiled: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Some FMUs take a step for good only then."""
+    if not compiled:
+        monkeypatch.setattr(stepping, "Loop", lambda *_: (_ for _ in ()).throw(OSError("none")))
+    fmu = pack(tmp_path / "A.fmu", commits=True, canGetAndSetFMUstate=False)
+    result = run(alone(fmu), stop=1.0, step=H)
+    assert result.provenance["loop"].startswith("compiled" if compiled else "Python")
+    assert result["A.y"][-1] == pytest.approx(np.exp(-1.0), rel=1e-12)
+
+
+@pytest.mark.parametrize("step", [1e-3, Adaptive(1e-3, control="doubling")])
+@pytest.mark.parametrize("stop", [0.01, 0.3, 0.7, 1.1])
+@pytest.mark.parametrize("substeps", [1, 3])
+def test_no_step_goes_beyond_the_stop_time_by_a_bit(
+    step: float | Adaptive, stop: float, substeps: int, tmp_path: Path
+) -> None:
+    fmu = pack(tmp_path / "A.fmu", punctual=True)
+    result = run(alone(fmu), stop=stop, step=step, substeps={"A": substeps})
+    assert result["time"][-1] == stop
+
+
+def test_an_fmu_may_log_from_a_thread_of_its_own(tmp_path: Path) -> None:
+    """Its step waits for the thread, and the thread for Python, which must not be locked."""
+    fmu = pack(tmp_path / "A.fmu", chats=True)
+    program = (
+        "from cosim.__main__ import alone; from cosim import run; from pathlib import Path; import sys\n"
+        "print(run(alone(Path(sys.argv[1])), stop=1.0, step=0.1).warnings)"
+    )
+    command = [sys.executable, "-c", program, str(fmu)]
+    done = subprocess.run(
+        command, check=False, cwd=ROOT, capture_output=True, text=True, timeout=120
+    )
+    assert done.stdout == "['A: A works in a thread of its own']\n", done.stderr
+
+
+def test_a_type_gives_its_bounds_and_its_nominal_value(tmp_path: Path) -> None:
+    fmu = pack(tmp_path / "A.fmu")
+    limits = '<SimpleType name="Amount"><Real min="0" max="7" unit="1"/></SimpleType><SimpleType '
+    edited(fmu, "<SimpleType ", limits)
+    edited(fmu, '<Real start="1.0"/>', '<Real start="1.0" declaredType="Amount"/>')
+    run(alone(fmu, x0=7.0), stop=1.0, step=H)
+    with pytest.raises(SetupError, match=r"A\.x0 \[1\] = 7\.5 must be at most 7\.0"):
+        run(alone(fmu, x0=7.5), stop=1.0, step=H)
+
+
+def test_a_blemish_of_the_description_is_a_warning(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    fmu = edited(pack(tmp_path / "A.fmu"), 'fmiVersion="2.0"', 'fmiVersion="2.0" colour="red"')
+    (warning,) = run(alone(fmu), stop=1.0, step=H).warnings
+    assert warning.startswith("A: modelDescription.xml is not valid: ") and "colour" in warning
+    assert main(["check", str(fmu), "--stop", "1", "--step", "0.1"]) == 0
+    assert "A: modelDescription.xml is not valid: " in capsys.readouterr().out
+    assert main(["run", str(fmu), "--stop", "1", "--step", "0.1", "--strict"]) == 2
+    assert "colour" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("file", "name"),
+    [
+        ("0004_Atmos", "part_0004_Atmos"),
+        ("model (1)", "model_1"),
+        ("a.b", "a.b"),
+        ("(2)", "part_2"),
+    ],
+)
+def test_an_fmu_whose_file_is_no_name_gets_one(
+    file: str, name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["info", str(pack(tmp_path / f"{file}.fmu"))]) == 0
+    assert capsys.readouterr().out.startswith(f"{name}: foreign, {file}.fmu")
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--order", "nonsense"], "order ['nonsense'] must name each of A once"),
+        (["--tolerance", "-1"], "tolerance = -1.0 must be above 0"),
+        (["--substeps", "A=9999999999"], "substeps of A = 9999999999 must be at least 1 and below"),
+        (["--input-order", "1000000"], "input_order = 1000000 must be at least 0 and at most 8"),
+    ],
+)
+def test_check_refuses_what_run_refuses(
+    options: list[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    told = [str(pack(tmp_path / "A.fmu")), "--stop", "1", "--step", "0.1", *options]
+    assert main(["check", *told]) == 1
+    assert f"error: {message}" in capsys.readouterr().out
+    assert main(["run", *told]) == 2
+    assert message in capsys.readouterr().err
+
+
+def test_steps_longer_than_the_run_are_one_step(tmp_path: Path) -> None:
+    result = run(alone(pack(tmp_path / "A.fmu")), stop=1.0, step=1e7)
+    assert result.provenance["steps"] == 1
+    assert result["A.y"][-1] == pytest.approx(np.exp(-1.0), rel=1e-12)
+
+
+@pytest.mark.parametrize(("start", "step"), [(1e15, 1e-3), (0.0, 1e-320)])
+def test_steps_that_rounding_swallows_are_refused(
+    start: float, step: float, tmp_path: Path
+) -> None:
+    with pytest.raises(SetupError, match="too short to tell its times apart"):
+        run(alone(pack(tmp_path / "A.fmu")), start=start, stop=start + 1.0, step=step)
+
+
+def test_rows_before_an_event_know_nothing_of_what_comes_after() -> None:
+    rows: list[list[float]] = []
+    grid = Grid(lambda row: rows.append(list(row)), 0.25, discrete=[2])
+    for t in range(9):
+        grid.take([float(t), float(t > 4), float(t > 4)])
+    grid.flush()
+    assert all(x == (t > 4) for t, x, _ in rows if t <= 4 or t >= 5)
+
+
+def test_a_real_that_is_discrete_is_not_interpolated(tmp_path: Path) -> None:
+    fmu = pack(tmp_path / "A.fmu", counts=True)
+    with ZipFile(fmu) as archive:
+        text = archive.read("modelDescription.xml").decode()
+    line = next(x for x in text.split("<ScalarVariable ") if x.startswith('name="last_step"'))
+    edited(fmu, line, line.replace("continuous", "discrete"))
+    result = run(alone(fmu), stop=1.0, step=H, output_step=H / 4, record=["A.last_step"])
+    assert set(np.round(result["A.last_step"], 12)) == {0.0, H}
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [{"step": Adaptive(1e-3, first=0.5)}, {"step": 0.5, "algorithm": "iterated"}],
+    ids=["adaptive", "iterated"],
+)
+def test_a_trial_that_gives_no_number_is_taken_shorter(
+    settings: dict[str, Any], tmp_path: Path
+) -> None:
+    system = System(
+        {"A": pack(tmp_path / "A.fmu", nan_above=0.2), "B": pack(tmp_path / "B.fmu", x0=0.5)},
+        ["A.y -> B.u", "B.y -> A.u"],
+        {f"{p}.{k}_in": 1 for p in "AB" for k in ("integer", "boolean", "enumeration")}
+        | {"A.string_in": "", "B.string_in": ""},
+    )
+    result = run(system, stop=2.0, record=["A.y", "A.last_step"], **settings)
+    assert result.provenance["status"] == "complete"
+    assert result["A.last_step"].max() <= 0.2
+    slow, fast = 0.75, 0.25 * np.exp(-4.0)
+    assert result["A.y"][-1] == pytest.approx(
+        slow + fast, rel=1e-2 if "algorithm" not in settings else 0.2
+    )
