@@ -16,12 +16,15 @@ from .figures import (
 from .formats.container import write_container
 from .formats.osp import write_osp
 from .formats.ssp import Package, read_ssp, write_ssp
+from .inputs import Table
 from .judge.certify import Certified, Estimate, certify, estimate, summary
 from .judge.diagnose import Diagnosis, diagnose
 from .judge.isolated import run_isolated
 from .master import run, versions
 from .result import Interrupted, Result, SimulationError
 from .system import System
+
+__version__ = "0.1.0"
 
 __all__ = [
     "ALGORITHMS",
@@ -36,6 +39,7 @@ __all__ = [
     "SetupError",
     "SimulationError",
     "System",
+    "Table",
     "certify",
     "crossing",
     "diagnose",

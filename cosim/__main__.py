@@ -14,6 +14,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
+from . import __version__
 from .commandline import Parser, assignment, exit_code, literal
 from .engine.adaptive import Adaptive
 from .engine.algorithms import ALGORITHMS
@@ -23,6 +24,7 @@ from .errors import SetupError
 from .formats.container import write_container
 from .formats.osp import write_osp
 from .formats.ssp import read_ssp, write_ssp
+from .inputs import Table
 from .judge import describe
 from .judge.certify import SUMMARY, Estimate, certify, summary
 from .judge.diagnose import diagnose
@@ -49,6 +51,22 @@ class Task(NamedTuple):
         return self.network.system
 
 
+def over_time(system: System, options: argparse.Namespace) -> System:
+    """The system with the columns of --input on the inputs that --map names, and with --at."""
+    if "input" not in options:
+        return system
+    columns = dict(assignment(text) for text in options.map)
+    if columns and options.input is None:
+        raise SetupError("--map needs an --input")
+    inputs = {
+        name: Table.read(options.input, column, held=options.held)
+        for name, column in columns.items()
+    }
+    if options.input is not None and not inputs:
+        raise SetupError("--input needs a --map NAME=COLUMN")
+    return replace(system, inputs=inputs, changes=options.at)
+
+
 @contextmanager
 def opened(options: argparse.Namespace) -> Iterator[Task]:
     """The system of the file, with start values "part.variable=value" in place of its own."""
@@ -66,7 +84,8 @@ def opened(options: argparse.Namespace) -> Iterator[Task]:
             name: text if network.port(name).type == "String" else literal(text)
             for name, text in texts.items()
         }
-        network = connect(replace(system, start={**system.start, **values}))
+        system = replace(system, start={**system.start, **values})
+        network = connect(over_time(system, options))
         for part, blemish in network.blemishes.items() if strict else ():
             raise SetupError(f"part {part}: {blemish}")
         yield Task(network, start or 0.0, stop, connectors)
@@ -101,6 +120,7 @@ def rates(texts: Sequence[str]) -> dict[str, int]:
 def parser() -> Parser:
     """The command line."""
     top = Parser(prog="python -m cosim", description="Couple FMI 2.0 co-simulation FMUs.")
+    top.add_argument("--version", action="version", version=f"cosim {__version__}")
     commands = top.add_subparsers(required=True, metavar="COMMAND", dest="command")
 
     def command(name: str, does: Callable[..., int], text: str, *, file: bool = True) -> Parser:
@@ -166,6 +186,10 @@ def stepping(one: Parser) -> None:
     add("--input-order", type=int, default=0, help="polynomial order of inputs within a step")
     add("--substeps", action="append", default=[], metavar="PART=N", help="steps within a step")
     add("--tolerance", type=float, help="relative tolerance handed to the FMUs")
+    add("--input", type=Path, help="CSV of inputs over time, its first column the time [s]")
+    add("--map", action="append", default=[], metavar="NAME=COLUMN", help="input and its column")
+    add("--held", action="store_true", help="hold values of --input to the next row, no lines")
+    add("--at", action="append", default=[], metavar="'TIME NAME=VALUE'", help="change on the way")
     add("--output-step", type=float, help="distance of rows [s]; every step by default")
 
 
@@ -252,6 +276,8 @@ def simulate(options: argparse.Namespace) -> int:
             if options.plot is not None:
                 result.plot(path=options.plot)
             print("\n".join(told(result)))
+            if options.out is None and options.plot is None:
+                print("\n".join(last(result)))
     if figures:
         ways = ("step, a half and a quarter", "tolerance, a tenth and a hundredth")
         print(f"coupling errors, from runs with the {ways[options.adaptive is not None]} of it")
@@ -312,6 +338,15 @@ def told(result: Result) -> Iterator[str]:
             f"{bond}: {energy['given']:.6g} J given, {energy['taken']:.6g} J taken, "
             f"{-energy['residual']:+.2g} J made by the coupling"
         )
+
+
+def last(result: Result) -> Iterator[str]:
+    """The values at the end, in columns."""
+    rows = [
+        (name, f"{value:.6g} {result.units[name]}")
+        for name, value in zip(result.columns, result.data[-1])
+    ]
+    yield from (f"  {line}" for line in describe.table(rows))
 
 
 def measure(options: argparse.Namespace) -> int:

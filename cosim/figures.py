@@ -6,10 +6,13 @@ t are times [s] and x values, shape (rows,); rows that repeat a time are left ou
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
+
+if TYPE_CHECKING:
+    from scipy.interpolate import CubicSpline
 
 Rows = NDArray[np.float64]
 FEWEST = 4
@@ -45,7 +48,7 @@ def crossing(t: Rows, x: Rows, level: float) -> float:
         return math.nan
     k = int(passed[0])
     if len(t) >= FEWEST:
-        roots = CubicSpline(t, x - level).solve(extrapolate=False)
+        roots = spline(t, x - level).solve(extrapolate=False)
         inside = roots[(roots >= t[k]) & (roots <= t[k + 1])]
         if len(inside):
             return float(inside[0])
@@ -57,12 +60,19 @@ def mean(t: Rows, x: Rows) -> float:
     t, x = _distinct(t, x)
     if len(t) < FEWEST:
         return float(np.trapezoid(x, t) / (t[-1] - t[0]))
-    return float(CubicSpline(t, x).integrate(t[0], t[-1]) / (t[-1] - t[0]))
+    return float(spline(t, x).integrate(t[0], t[-1]) / (t[-1] - t[0]))
 
 
 def rms(t: Rows, x: Rows) -> float:
     """The square root of the mean of x squared over time."""
     return math.sqrt(max(0.0, mean(t, np.square(x))))
+
+
+def spline(t: Rows, x: Rows) -> CubicSpline:
+    """Imported where it is needed, since that takes longer than most runs."""
+    from scipy.interpolate import CubicSpline
+
+    return CubicSpline(t, x)
 
 
 def _distinct(t: Rows, x: Rows) -> tuple[Rows, Rows]:
@@ -82,7 +92,7 @@ def _top(t: Rows, x: Rows) -> tuple[float, float]:
     value, time = float(x[row]), float(t[row])
     if len(t) < FEWEST:
         return value, time
-    a, b, c, _ = (curve := CubicSpline(t, x)).c
+    a, b, c, _ = (curve := spline(t, x)).c
     higher = np.maximum(x[:-1], x[1:])
     beyond = np.concatenate([[-np.inf], x, [-np.inf]])
     lower = np.maximum(beyond[: len(higher)], beyond[3:])

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import connected_components
 
 from .system import Network, Wire, feedthrough
 
@@ -16,17 +14,14 @@ def algebraic_loops(network: Network) -> list[list[Wire]]:
     dependencies is taken to have a state in between.
     """
     wires = network.wires
-    matrix = np.array(
-        [[acts(network, first, then) for then in wires] for first in wires], dtype=int
-    )
-    if not matrix.any():
-        return []
-    _, label = connected_components(csr_array(matrix), connection="strong")
-    groups = [[i for i in range(len(wires)) if label[i] == k] for k in sorted(set(label))]
+    leads = np.array([[acts(network, first, then) for then in wires] for first in wires], bool)
+    for k in range(len(wires)):
+        leads |= np.outer(leads[:, k], leads[k])
+    both = leads & leads.T
     return [
-        [wires[i] for i in group]
-        for group in groups
-        if len(group) > 1 or matrix[group[0], group[0]]
+        [wires[j] for j in np.flatnonzero(ring)]
+        for i, ring in enumerate(both)
+        if ring[i] and not ring[:i].any()
     ]
 
 

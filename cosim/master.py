@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 
 from .engine.adaptive import Adaptive
 from .engine.algorithms import ALGORITHMS
+from .engine.changes import changes, fed
 from .engine.clock import same
 from .engine.initial import initialise
 from .engine.ledger import balance, bonds, complaints
@@ -106,6 +107,8 @@ def run(
             "stop": stop,
             "tolerance": tolerance,
             "wires": list(system.wires),
+            "inputs": {port.name: profile.told() for port, profile in network.inputs},
+            "changes": list(system.changes),
             "parts": identities,
             "versions": versions(),
         }
@@ -113,7 +116,9 @@ def run(
         units = {port.name: port.unit for port in ports}
         path = None if csv is None else Path(csv).absolute()
         recorder = Recorder([port.name for port in ports], units, path, provenance)
-        run = Run([parts[name] for name in sequence], algorithm, input_order, plan, row, recorder)
+        made = changes(network, parts, start, stop)
+        stepped = [parts[name] for name in sequence]
+        run = Run(stepped, algorithm, input_order, plan, row, recorder, made)
         status, reason = "failed", "stopped by an error outside the FMUs"
         try:
             for share in run.steps():
@@ -187,11 +192,24 @@ def problems(network: Network, plan: Plan, settings: Settings) -> Iterator[str]:
                 yield f"step doubling needs the FMU state, which {name} cannot save"
         elif (plan.step.control == "energy" or lost) and not bonds(network):
             yield "step control by energy needs a power bond, and the system has none"
-    elif steady and not same(plan.start + plan.number() * plan.step, plan.stop):
-        yield (
-            f"stop = {plan.stop!r} s must be a whole number of steps of {plan.step!r} s after "
-            f"start, since {steady[0]} cannot vary its step"
-        )
+    elif steady:
+        moving = [port for port, _ in fed(network)]
+        times = {
+            port.name: profile.jumps(plan.start, plan.stop)
+            for port, profile in network.inputs
+            if port not in moving
+        }
+        for name, found in ({"stop": [plan.stop]} | times).items():
+            for time in found:
+                steps = max(1, round((time - plan.start) / plan.step))
+                if not same(plan.start + steps * plan.step, time):
+                    yield (
+                        f"{name} = {time!r} s must be a whole number of steps of {plan.step!r} s "
+                        f"after start, since {steady[0]} cannot vary its step"
+                    )
+    for port, profile in network.inputs:
+        if lack := profile.lacks(plan.start, plan.stop):
+            yield f"{port.name}: its table {lack}"
 
 
 def stepping_order(network: Network, order: Sequence[str] | None) -> list[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import json
 from collections.abc import Callable, Sequence
 from functools import cached_property
@@ -32,6 +33,16 @@ class Result:
     ) -> None:
         self.columns, self.units, self.provenance = columns, units, provenance
         self._load = load
+
+    def __repr__(self) -> str:
+        ran = self.provenance
+        shown = (f"{name} [{self.units.get(name, '')}]" for name in self.columns[1:])
+        return (
+            f"Result({ran['status']}, {ran['start']:g} to {ran['reached']:g} s: {', '.join(shown)})"
+        )
+
+    def _repr_html_(self) -> str:
+        return f"<p>{html.escape(repr(self))}</p>{self.frame.describe().to_html()}"
 
     @cached_property
     def data(self) -> Rows:

@@ -6,6 +6,7 @@ import math
 import re
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
@@ -17,6 +18,7 @@ import fmpy
 from fmpy.model_description import ModelDescription, ScalarVariable, read_model_description
 
 from .errors import SetupError
+from .inputs import Course, Table, change
 
 Value = float | int | bool | str
 STATE, VARIABLE_STEP = "canGetAndSetFMUstate", "canHandleVariableCommunicationStepSize"
@@ -49,12 +51,18 @@ class System:
     target takes the number as it stands, whatever the units. A bond names two outputs that are wired
     there and back and multiply to a power: "motor.tau * conveyor.w". Wires whose units show a bond
     beyond doubt need not be named. A part of a subsystem has a dotted name, "line.motor".
+
+    `inputs` are inputs over time by variable: a Table, or a function of time [s]. A change of an
+    input or a tunable parameter reads "at 2 s motor.A = 7500". Within a step a Real input is held at
+    its mean, or moves on a line where its FMU can; all else changes between steps.
     """
 
     parts: Mapping[str, Path]
     wires: Sequence[str] = ()
     start: Mapping[str, Value] = field(default_factory=dict)
     bonds: Sequence[str] = ()
+    inputs: Mapping[str, Table | Callable[[float], float]] = field(default_factory=dict)
+    changes: Sequence[str] = ()
 
 
 class Port(NamedTuple):
@@ -99,6 +107,7 @@ class Network(NamedTuple):
     wires: list[Wire]
     start: list[tuple[Port, Value]]
     blemishes: Mapping[str, str] = MappingProxyType({})
+    inputs: Sequence[tuple[Port, Table | Course]] = ()
 
     def port(self, name: str) -> Port:
         """The port of a dotted name; raises SetupError if there is none."""
@@ -124,7 +133,12 @@ def connect(system: System) -> Network:
             first = driven[wire.target.name].source
             raise SetupError(f"{wire.target} is driven twice, by {first} and by {wire.source}")
         driven[wire.target.name] = wire
-    given = {port.name for port, _ in start}
+    inputs = [_input(descriptions, name, given) for name, given in system.inputs.items()]
+    inputs += _changed(descriptions, system, {port.name: value for port, value in start})
+    for port, _ in inputs:
+        if port.name in driven:
+            raise SetupError(f"{port} is driven twice, by {driven[port.name].source} and over time")
+    given = {port.name for port, _ in (*start, *inputs)}
     for name, description in descriptions.items():
         for variable in description.modelVariables:
             port = Port(name, variable)
@@ -132,7 +146,15 @@ def connect(system: System) -> Network:
                 raise SetupError(f"input {port} is not connected: wire it or give it a start value")
     read = {name: _read(Path(path), version(Path(path))) for name, path in system.parts.items()}
     blemishes = {name: blemish for name, (_, blemish) in read.items() if blemish}
-    return Network(system, descriptions, wires, start, blemishes)
+    return Network(system, descriptions, wires, start, blemishes, inputs)
+
+
+def still(system: System, where: str) -> Network:
+    """Connect a system for a format, which has no place for inputs over time; raises SetupError."""
+    network = connect(system)
+    for port, _ in network.inputs:
+        raise SetupError(f"{port.name} changes over time, which {where} cannot say")
+    return network
 
 
 def describe_fmu(name: str, path: Path) -> ModelDescription:
@@ -342,6 +364,79 @@ def _start(
         known = ", ".join(f"{n} ({item})" for item, n in items.items())
         raise SetupError(f"{port} = {value!r} must be one of {known}")
     return port, number
+
+
+def _input(
+    descriptions: Mapping[str, ModelDescription],
+    name: str,
+    given: Table | Callable[[float], float],
+) -> tuple[Port, Table | Course]:
+    """A table in the unit of its input, or a function; raises SetupError for what does not fit."""
+    port = _port(descriptions, name)
+    causality = str(port.variable.causality)
+    parameter = causality == "parameter"
+    if causality != "input" and not (parameter and port.variable.variability == "tunable"):
+        kind = "a parameter that is not tunable" if parameter else causality
+        raise SetupError(f"{port} is {kind} and cannot change over time")
+    moving = port.type == "Real" and not parameter
+    if not isinstance(given, Table):
+        if not moving:
+            raise SetupError(f"{port} cannot follow a function of time, only a Real input can")
+        return port, Course(given)
+    if not (moving or given.held):
+        raise SetupError(f"{port} cannot follow lines, only a table that is held")
+    factor, offset = _scale(descriptions, port, given.unit)
+    if (factor, offset) != (1.0, 0.0):
+        given = given.mapped(lambda value: factor * value + offset)
+    extremes = set(given.values)
+    if moving:
+        extremes = {min(extremes), max(extremes), *filter(math.isnan, extremes)}
+    fitting = {value: _start(descriptions, name, value)[1] for value in extremes}
+    return port, given.mapped(float if moving else fitting.__getitem__)
+
+
+def _scale(
+    descriptions: Mapping[str, ModelDescription], port: Port, unit: str
+) -> tuple[float, float]:
+    """Factor and offset from a unit to that of a port."""
+    if unit in ("", port.unit):
+        return 1.0, 0.0
+    units = [known for d in descriptions.values() for known in d.unitDefinitions]
+    for shown in (s for known in units if known.name == port.unit for s in known.displayUnits):
+        if shown.name == unit:
+            return 1.0 / shown.factor, -shown.offset / shown.factor
+    here = next((known.baseUnit for known in units if known.name == unit), None)
+    there = base_unit(descriptions, port)
+    if here is None or there is None:
+        raise SetupError(f"{port} cannot follow a table in {unit}: no FMU here defines that unit")
+    factors = convert(here, there)
+    if factors is None:
+        raise SetupError(f"{port} cannot follow a table in {unit}")
+    return factors
+
+
+def _changed(
+    descriptions: Mapping[str, ModelDescription], system: System, start: Mapping[str, Value]
+) -> Iterator[tuple[Port, Table | Course]]:
+    """The changes of each variable as a table that begins with its start value."""
+    steps: dict[str, list[tuple[float, Value]]] = {}
+    for time, name, text in map(change, system.changes):
+        port = _port(descriptions, name)
+        value: Value = text
+        with suppress(KeyError, ValueError):
+            whole = text.isdecimal() and port.type != "String"
+            value = READ["Integer" if whole else port.type](text)
+        steps.setdefault(port.name, []).append((time, value))
+    for name, rows in steps.items():
+        port = _port(descriptions, name)
+        before = start.get(name, own_start(port.variable))
+        if name in system.inputs or before is None:
+            why = "follows a table too" if name in system.inputs else "has no start value"
+            raise SetupError(f"{port} cannot change: it {why}")
+        fitting = [(time, _start(descriptions, name, value)[1]) for time, value in rows]
+        times, values = zip(*sorted(fitting, key=lambda row: row[0]))
+        table = Table(times, values, held=True)
+        yield _input(descriptions, name, table.after(before))
 
 
 def _items(port: Port) -> dict[str, int]:

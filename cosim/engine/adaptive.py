@@ -115,19 +115,21 @@ def doubling(
     advance: Callable[[float, float], None],
     settings: Adaptive,
     order: int,
-    span: tuple[float, float],
+    times: Sequence[float],
     rejected: list[float],
 ) -> Iterator[float]:
-    """The times at which accepted steps end; sizes of rejected ones go to `rejected`.
+    """The times at which accepted steps end, all of `times` [s], from the first to the last of
+    them, among them; sizes of rejected ones go to `rejected`.
 
     The whole step's end serves the halves as a prediction where inputs move within a step.
     """
-    start, stop = span
+    start, stop = span = times[0], times[-1]
     scale, snapshot = Scale(parts, settings), Snapshot(parts)
     controller = Controller(order, settings)
     t, h = start, first_step(settings, span)
     while t < stop:
-        h = last_step(t, h, stop)
+        end = following(t, times)
+        h = last_step(t, h, end)
         snapshot.take()
         try:
             advance(t, h)
@@ -153,7 +155,7 @@ def doubling(
             forget_after(parts, t)
             continue
         scale.accept()
-        t = stop if same(t + h, stop) else t + h
+        t = end if same(t + h, end) else t + h
         h = controller.next(h, used)
         yield t
 
@@ -163,28 +165,29 @@ def by_energy(
     advance: Callable[[float, float], None],
     settings: Adaptive,
     order: int,
-    span: tuple[float, float],
+    times: Sequence[float],
 ) -> Iterator[float]:
-    """The times at which steps end; the next size from the energy each bond made in the last.
+    """The times at which steps end, all of `times` [s] among them; the next size from the energy each bond made in the last.
 
     After the energy-conservation-based co-simulation of Sadjina et al. (2017), with the power that
     a bond may create held to the tolerance times the largest power so far.
     """
-    start, stop = span
-    ends = [end for part in parts for end in part.ends]
-    bonds = dict.fromkeys(end.bond for end in ends)
-    sides = [[end for end in ends if end.bond == bond] for bond in bonds]
+    start, stop = span = times[0], times[-1]
+    booked = [end for part in parts for end in part.ends]
+    bonds = dict.fromkeys(end.bond for end in booked)
+    sides = [[end for end in booked if end.bond == bond] for bond in bonds]
     controller = Controller(order, settings)
     t, h = start, first_step(settings, span)
     largest = 0.0
     while t < stop:
-        h = last_step(t, h, stop)
+        until = following(t, times)
+        h = last_step(t, h, until)
         before = [[end.energy for end in pair] for pair in sides]
         advance(t, h)
         given = [[end.energy - e for end, e in zip(p, b)] for p, b in zip(sides, before)]
         largest = max([largest, *(abs(e) / h for pair in given for e in pair)])
         made = max(abs(first - second) for first, second in given) / h
-        t = stop if same(t + h, stop) else t + h
+        t = until if same(t + h, until) else t + h
         h = controller.next(h, made / (settings.tolerance * largest) if largest else 0.0)
         yield t
 
@@ -194,6 +197,11 @@ def first_step(settings: Adaptive, span: tuple[float, float]) -> float:
     start, stop = span
     first = FIRST * (stop - start) if settings.first is None else settings.first
     return min(first, settings.longest)
+
+
+def following(t: float, times: Sequence[float]) -> float:
+    """The first of the times [s] after t."""
+    return next((time for time in times if time > t and not same(t, time)), times[-1])
 
 
 def last_step(t: float, h: float, stop: float) -> float:

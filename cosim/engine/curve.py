@@ -9,6 +9,7 @@ from functools import partial
 from typing import Any, NamedTuple
 
 from .clock import same
+from .feed import Feed
 from .part import Part
 
 
@@ -40,7 +41,7 @@ class Signal:
         """Drop the nodes after a time."""
         self.nodes = [n for n in self.nodes if n.time < time or same(n.time, time)]
 
-    def taylor(self, begin: float) -> list[float]:
+    def taylor(self, begin: float, _: float = 0.0) -> list[float]:
         """Coefficients about `begin` of the polynomial through the newest of what is known.
 
         The nodes from `begin` on come first, then their rates, then older nodes.
@@ -97,7 +98,9 @@ def mean(taylor: list[float], h: float) -> float:
 class Entry:
     """A Real input that follows factor * signal + offset; `first` and `last` in the last step."""
 
-    def __init__(self, cells: Any, i: int, signal: Signal, factor: float, offset: float) -> None:
+    def __init__(
+        self, cells: Any, i: int, signal: Signal | Feed, factor: float, offset: float
+    ) -> None:
         self.cells, self.i = cells, i
         self.signal, self.factor, self.offset = signal, factor, offset
         self.first, self.last = [0.0], [0.0]
@@ -154,7 +157,7 @@ class Curves:
     def bring(self, t: float, h: float, *, first: bool) -> None:
         """Fill inputs and derivatives for a step from t by h [s], the first of its turn or not."""
         for k, entry in enumerate(self.entries):
-            taylor = [entry.factor * a for a in entry.signal.taylor(t)]
+            taylor = [entry.factor * a for a in entry.signal.taylor(t, h)]
             taylor[0] += entry.offset
             if self.capable:
                 begin, entry.last[0] = taylor[0], value(taylor, h)

@@ -8,6 +8,7 @@ from fmpy.model_description import ModelDescription
 
 from ..system import feedthrough
 from .curve import Curves
+from .feed import Feed
 from .ledger import End
 from .library import Library
 from .part import Block, Part
@@ -29,6 +30,7 @@ class Coupled(Part):
         self.copies: list[tuple[Any, int, Any, int]] = []
         self.scaled: list[tuple[Any, int, Any, int, float, float]] = []
         self.curves: Curves | None = None
+        self.feeds: list[Feed] = []
         self.ends: list[End] = []
         self.do_steps = 0
 
@@ -79,6 +81,9 @@ class Coupled(Part):
         size = h / self.substeps
         for k in range(self.substeps):
             begin = t + k * size
+            if k == 0 and self.curves is None:
+                for feed in self.feeds:
+                    feed.bring(t, h)
             self.bring()
             if self.curves is not None:
                 self.curves.bring(begin, size, first=k == 0)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from itertools import chain
 from math import isclose, isfinite
@@ -12,9 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import PartFailure, SetupError
-from ..system import Network, Port, Value, Wire
+from ..system import Network, Port, Value, Wire, feedthrough
+from .changes import fed
 from .curve import Curves, Entry, Signal
 from .exchange import Coupled
+from .feed import Feed
 from .ledger import End, bonds, watt
 from .library import borrow
 from .part import Block
@@ -50,19 +52,21 @@ def initialise(
             raise PartFailure(f"{name}: {error}") from error
         parts[name] = Coupled(name, description, fmu, (substeps or {}).get(name, 1))
         stack.callback(parts[name].close)
-    for port, value in network.start:
+    given = {port.name: (port, value) for port, value in network.start}
+    given |= {port.name: (port, profile.at(start)) for port, profile in network.inputs}
+    for port, value in given.values():
         parts[port.part].set(port.variable, value)
     for part in parts.values():
         part.set_up(tolerance, start, stop)
-    for port, value in network.start:
+    for port, value in given.values():
         if port.variable.causality == "input" or _keeps(port):
             parts[port.part].set(port.variable, value)
     _make_blocks(network, parts)
-    _connect(network, parts)
+    _connect(network, parts, start)
     settle([parts[name] for name in sequence], start)
     for part in parts.values():
         part.begin()
-    for port, value, kept in _lost(network, parts):
+    for port, value, kept in _lost(given.values(), parts):
         parts[port.part].warn(f"{port} = {value!r} was given, but the FMU starts with {kept!r}")
     if input_order:
         _watch(network, parts, input_order)
@@ -79,26 +83,41 @@ def _keeps(port: Port) -> bool:
     return bool(port.variable.causality == "parameter" or port.variable.initial == "exact")
 
 
-def _lost(network: Network, parts: Mapping[str, Coupled]) -> Iterator[tuple[Port, Value, Value]]:
+def _lost(
+    given: Collection[tuple[Port, Value]], parts: Mapping[str, Coupled]
+) -> Iterator[tuple[Port, Value, Value]]:
     """What was given a start value and is to keep it, but has another: both values."""
     for name, part in parts.items():
-        given = {
+        own = {
             port.variable.name: (port, value)
-            for port, value in network.start
+            for port, value in given
             if port.part == name and port.variable.causality != "input" and _keeps(port)
         }
-        for own, kept in part.values([port.variable for port, _ in given.values()]).items():
-            port, value = given[own]
+        for variable, kept in part.values([port.variable for port, _ in own.values()]).items():
+            port, value = own[variable]
             real = port.type == "Real" and isclose(float(value), float(kept), rel_tol=1e-9)
             if kept != value and not real:
                 yield port, value, kept
 
 
 def _make_blocks(network: Network, parts: Mapping[str, Coupled]) -> None:
-    """Give every part the buffers of its wired variables, the inputs at their declared start."""
+    """Give every part the buffers of its wired variables, the inputs at their declared start.
+
+    A part that only follows inputs over time shows its Real outputs, for step control to see; but
+    not those on which an input acts at once, which show it as it was within the step.
+    """
     for name, part in parts.items():
         sources = dict.fromkeys(w.source for w in network.wires if w.source.part == name)
         targets = [w.target for w in network.wires if w.target.part == name]
+        driven = [port for port, _ in fed(network) if port.part == name]
+        targets += driven
+        if driven and not any(port.type == "Real" for port in sources):
+            acting = feedthrough(part.description)
+            sources |= {
+                Port(name, v): None
+                for v in part.description.modelVariables
+                if v.causality == "output" and v.type == "Real" and not acting.get(v.name)
+            }
         part.outputs = part.blocks("Get", [port.variable for port in sources])
         part.inputs = part.blocks("Set", [port.variable for port in targets])
         declared = {port.name: port.variable.start for port in targets}
@@ -113,13 +132,17 @@ def _places(parts: Mapping[str, Coupled]) -> dict[str, tuple[Block, int]]:
     return {name: (block, i) for block in blocks for i, name in enumerate(block.names)}
 
 
-def _connect(network: Network, parts: Mapping[str, Coupled]) -> None:
+def _connect(network: Network, parts: Mapping[str, Coupled], start: float) -> None:
     """Let every input follow its source."""
     place = _places(parts)
     for wire in network.wires:
         (target, i), (source, j) = place[wire.target.name], place[wire.source.name]
         ends = (target.cells, i, source.cells, j)
         parts[wire.target.part].wire(*ends, wire.factor, wire.offset)
+    for port, profile in fed(network):
+        (target, i), feed = place[port.name], Feed(port.name, profile, start)
+        parts[port.part].feeds.append(feed)
+        parts[port.part].wire(target.cells, i, feed.cell, 0, 1.0, 0.0)
 
 
 def _watch(network: Network, parts: Mapping[str, Coupled], degree: int) -> None:
@@ -137,8 +160,13 @@ def _watch(network: Network, parts: Mapping[str, Coupled], degree: int) -> None:
         real = [block for block in part.inputs if block.real]
         for block in real:
             for i, name in enumerate(block.names):
-                wire = wires[name]
-                entry = Entry(block.cells, i, signals[wire.source.name], wire.factor, wire.offset)
+                feeds = [feed for feed in part.feeds if feed.name == name]
+                if feeds:
+                    entry = Entry(block.cells, i, feeds[0], 1.0, 0.0)
+                else:
+                    wire = wires[name]
+                    signal = signals[wire.source.name]
+                    entry = Entry(block.cells, i, signal, wire.factor, wire.offset)
                 part.curves.entries.append(entry)
         moved = {id(block.cells) for block in real}
         part.copies = [copy for copy in part.copies if id(copy[0]) not in moved]

@@ -6,7 +6,7 @@
 #include <math.h>
 #include <stddef.h>
 
-enum { COPY, SCALE, SET, GET, FINITE, STEP, BOOK };
+enum { COPY, SCALE, SET, GET, FINITE, STEP, BOOK, FEED };
 
 typedef int (*exchange)(void *component, const unsigned *references, size_t count, void *cells);
 typedef int (*do_step)(void *component, double time, double size, int forward);
@@ -26,8 +26,9 @@ typedef struct {
     int real;
 } column;
 
-/* 0, or the status of the operation that failed; FINITE fails with -1. */
-static int run(const operation *op, double t, double h)
+/* 0, or the status of the operation that failed; FINITE fails with -1. The step is number n of
+   those whose inputs over time are laid out. */
+static int run(const operation *op, double t, double h, long long n)
 {
     switch (op->code) {
     case COPY:
@@ -35,6 +36,9 @@ static int run(const operation *op, double t, double h)
         return 0;
     case SCALE:
         *op->target = op->a * *op->source + op->b;
+        return 0;
+    case FEED:
+        *op->target = op->source[n];
         return 0;
     case SET:
     case GET:
@@ -79,7 +83,7 @@ int advance(operation *program, int length, int row_begin, const column *columns
         double t = start + (double)(n - 1) * h;
         int due = n % every == 0;
         for (int i = 0; i < (due ? length : row_begin); i++) {
-            *status = run(&program[i], t, h);
+            *status = run(&program[i], t, h, n - first - 1);
             if (*status == 1 && !program[i].warned) program[i].warned = n;
             if (*status > 1 || *status < 0) {
                 *failed = i;

@@ -16,11 +16,12 @@ from typing import Any, NoReturn
 
 from ..errors import PartFailure
 from .algorithms import Stages, Turn
+from .feed import Feed
 from .ledger import End
 from .part import WARNING, Block
 
 SOURCE = Path(__file__).with_name("loop.c")
-COPY, SCALE, SET, GET, FINITE, STEP, BOOK = range(7)
+COPY, SCALE, SET, GET, FINITE, STEP, BOOK, FEED = range(8)
 
 
 class Operation(ctypes.Structure):
@@ -89,6 +90,7 @@ class Loop:
         self._energy = (ctypes.c_double * len(self._ends))()
         self._exchanged = (ctypes.c_double * len(self._ends))()
         self._before = (ctypes.c_double * len(self._ends))()
+        self._feeds: list[tuple[int, Turn, Feed]] = []
         self._tell: list[Callable[[float, float, int], None]] = []
         operations = [*chain.from_iterable(map(self._stage, stages))]
         self._row_begin = len(operations)
@@ -110,6 +112,12 @@ class Loop:
 
     def _step(self, turn: Turn) -> Iterator[Operation]:
         part, at, size = turn
+        for feed in part.feeds:
+            self._feeds.append((len(self._tell), turn, feed))
+            self._tell.append(_cannot)
+            yield Operation(FEED, target=_address(feed.cell, 0))
+            self._tell.append(lambda t, h, _, feed=feed: feed.require_finite(t + at * h))  # type: ignore[misc]
+            yield Operation(FINITE, 1, cells=_address(feed.cell, 0))
         for target, i, source, j in part.copies:
             self._tell.append(_cannot)
             ends = {"target": _address(target, i), "source": _address(source, j)}
@@ -169,6 +177,12 @@ class Loop:
         for k, end in enumerate(self._ends):
             self._energy[k], self._exchanged[k], self._before[k] = end.booked
         rows = (ctypes.c_double * (self._width * ((last - first) // self._every + 1)))()
+        kept = []
+        for k, turn, feed in self._feeds:
+            times = (start + n * h + turn.at * h for n in range(first, last))
+            means = [feed.profile.mean(t, turn.size * h) for t in times]
+            kept.append((ctypes.c_double * len(means))(*means))
+            self._program[k].source = _address(kept[-1], 0)
         done, failed, status = ctypes.c_longlong(), ctypes.c_int(), ctypes.c_int()
         count = self._advance(
             self._program,

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 import time as clock
+from bisect import bisect_left
 from collections.abc import Callable, Iterator, Sequence
+from itertools import chain
 from typing import Any, NamedTuple
 
 from ..errors import Discarded, PartFailure, SetupError
@@ -12,6 +14,7 @@ from ..system import STATE, VARIABLE_STEP, Port, lacking
 from . import adaptive
 from .adaptive import Adaptive
 from .algorithms import EXPLICIT, Advance, explicit, iterated, order
+from .changes import Change, changing
 from .clock import same
 from .exchange import Coupled
 from .part import Block
@@ -109,6 +112,7 @@ class Run:
         plan: Plan,
         row: Row,
         recorder: Recorder,
+        changes: Sequence[Change] = (),
     ) -> None:
         self.parts, self.plan, self.row, self.recorder = parts, plan, row, recorder
         self.t = plan.start
@@ -116,6 +120,8 @@ class Run:
         self.rejected: list[float] = []
         stages = EXPLICIT[algorithm](parts) if algorithm in EXPLICIT else None
         self._advance: Advance = explicit(stages) if stages is not None else iterated(parts)
+        self._advance = changing(self._advance, changes)
+        self._events = [change.time for change in changes]
         self._order = order(algorithm, input_order, parts)
         every = plan.every()
         if plan.output_step is not None and self.row.discrete:
@@ -165,13 +171,15 @@ class Run:
     def _adaptive(
         self, settings: Adaptive, add: Callable[[Sequence[float]], None]
     ) -> Iterator[float]:
-        start, stop = span = self.plan.start, self.plan.stop
-        common = (self.parts, self._advance, settings, self._order, span)
+        start, stop = self.plan.start, self.plan.stop
+        jumps = (f.profile.jumps(start, stop) for part in self.parts for f in part.feeds)
+        times = [start, *sorted({*self._events, *chain.from_iterable(jumps)}), stop]
+        common = (self.parts, self._advance, settings, self._order, times)
         if self.control == "doubling":
-            times = adaptive.doubling(*common, self.rejected)
+            ends = adaptive.doubling(*common, self.rejected)
         else:
-            times = adaptive.by_energy(*common)
-        for t in times:
+            ends = adaptive.by_energy(*common)
+        for t in ends:
             row = self.row(t)
             self.accepted, self.t = self.accepted + 1, t
             add(row)
@@ -181,12 +189,13 @@ class Run:
         start, stop, count = self.plan.start, self.plan.stop, self.plan.number()
         every = self._every or 1
         chunk = 16
+        split = [*(self._step_at(time, step) for time in self._events), count]
         while self.accepted < count:
             n = self.accepted
             self._take_checkpoint(n)
-            if self._loop is not None and n < count - 1:
+            last = min(n + chunk, count - 1, split[bisect_left(split, n)])
+            if self._loop is not None and n < last:
                 began = clock.perf_counter()
-                last = min(n + chunk, count - 1)
                 rows, self.accepted, failure = self._loop.run(start, step, n, last)
                 self.recorder.add(rows)
                 self.t = start + self.accepted * step
@@ -210,6 +219,12 @@ class Run:
                 if row is not None:
                     add(row)
             yield self.accepted / count
+
+    def _step_at(self, time: float, step: float) -> int:
+        """The number of the step that a time lies in, or that begins there."""
+        start = self.plan.start
+        n = int((time - start) / step)
+        return n + 1 if same(start + (n + 1) * step, time) else n
 
     def _take_checkpoint(self, n: int) -> None:
         """Remember the parts every CHECKPOINT steps, to come back to if one discards a step."""

@@ -13,7 +13,7 @@ from fmpy.validation import validate_fmu
 
 from ..errors import SetupError
 from ..loops import acts
-from ..system import Network, Port, System, Value, connect
+from ..system import Network, Port, System, Value, still
 
 if TYPE_CHECKING:
     from fmu_manipulation_toolbox.container import FMUContainer
@@ -44,7 +44,7 @@ def write_container(
     from fmu_manipulation_toolbox.container import FMUContainer, FMUContainerError
     from fmu_manipulation_toolbox.operations import FMUError
 
-    network = connect(system)
+    network = still(system, "a container")
     sequence = list(order) if order is not None else list(system.parts)
     if sorted(sequence) != sorted(system.parts):
         raise SetupError(f"order {sequence} must name each of {', '.join(system.parts)} once")

@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
 from ..errors import SetupError
-from ..system import Network, Port, System, Value, Wire, connect
+from ..system import Network, Port, System, Value, Wire, still
 from .ssp.write import archived
 
 NAMESPACE = "http://opensimulationplatform.com/MSMI/OSPSystemStructure"
@@ -27,7 +27,7 @@ def write_osp(
     """
     if not 0.0 < step < float("inf"):
         raise SetupError(f"step = {step!r} s must be above 0")
-    network = connect(system)
+    network = still(system, "an OSP system structure")
     files = archived(network)
     structure = _structure(network, files, step, start, stop)
     folder.mkdir(parents=True, exist_ok=True)

@@ -10,10 +10,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 
 from ..engine.adaptive import Adaptive
-from ..figures import FEWEST, largest, mean, smallest
+from ..figures import FEWEST, largest, mean, smallest, spline
 from ..master import run
 from ..result import Result, Rows
 from ..system import System
@@ -224,7 +223,7 @@ def _shifted(
     if len(data) < FEWEST:
         return []
     t = (1.0 - share) * data[:-1, 0] + share * data[1:, 0]
-    between = CubicSpline(data[:, 0], data)(t)
+    between = spline(data[:, 0], data)(t)
     whole = (data == np.round(data)).all(axis=0)
     between[:, whole] = data[:-1, whole]
     between[:, 0] = t
@@ -247,7 +246,7 @@ def _foretold(
     if len(t) <= FEWEST or t[1] != rows[1, 0]:
         return []
     after = rows[1 : FEWEST + 1]
-    rows[0, 1:] = CubicSpline(after[:, 0], after[:, 1:])(rows[0, 0])
+    rows[0, 1:] = spline(after[:, 0], after[:, 1:])(rows[0, 0])
     with suppress(Exception), np.errstate(all="ignore"):
         return [figures(Result(result.columns, result.units, result.provenance, lambda: rows))]
     return []

@@ -10,6 +10,7 @@ from fmpy.model_description import ModelDescription
 
 from ..engine.ledger import bonds
 from ..engine.stepping import Plan
+from ..inputs import Course, Table
 from ..loops import algebraic_loops, describe
 from ..master import Settings, problems, stepping_order
 from ..system import Network, Port, Wire, base_unit, exponents
@@ -31,6 +32,7 @@ def info(network: Network) -> Iterator[str]:
     for title, lines in (
         ("wires", [_wire(wire) for wire in network.wires]),
         ("start values", [f"{port} = {value!r}" for port, value in network.start]),
+        ("inputs over time", [_course(port, profile) for port, profile in network.inputs]),
         ("power bonds", [bond.name for bond in bonds(network)]),
     ):
         if lines:
@@ -49,6 +51,10 @@ def _part(name: str, description: ModelDescription, path: Path) -> Iterator[str]
             yield f"  {causality:<7} {port}: {port.type}{_said(port)}"
     parameters = [v for v in description.modelVariables if v.causality == "parameter"]
     yield f"  {len(parameters)} parameters"
+
+
+def _course(port: Port, profile: Table | Course) -> str:
+    return f"{port}: {', '.join(f'{what} {value}' for what, value in profile.told().items())}"
 
 
 def _said(port: Port) -> str:

@@ -15,6 +15,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..engine.changes import changes
+from ..engine.curve import Signal
 from ..engine.exchange import Coupled
 from ..engine.initial import initialise
 from ..engine.rows import Recorder
@@ -194,7 +196,8 @@ class Bench:
         def go(first: int, last: int, recorder: Recorder) -> None:
             plan = Plan(self.start + first * h, self.start + last * h, h, None)
             row = Row(parts, ports)
-            run = Run(parts, self.algorithm, self.input_order, plan, row, recorder)
+            made = changes(self.network, named, plan.start, plan.stop)
+            run = Run(parts, self.algorithm, self.input_order, plan, row, recorder, made)
             for _ in run.steps():
                 pass
 
@@ -217,7 +220,8 @@ class Bench:
 def _kicked(parts: Sequence[Coupled], kick: float) -> Iterator[None]:
     """Let every wired Real input be off by `kick` times the size of what it hears."""
     held = [(part, part.copies, part.scaled) for part in parts]
-    moving = [(e, e.offset) for part in parts if part.curves for e in part.curves.entries]
+    entries = [e for part in parts if part.curves for e in part.curves.entries]
+    moving = [(e, e.signal, e.offset) for e in entries if isinstance(e.signal, Signal)]
     for part, copies, scaled in held:
         wires = [*((*copy, 1.0, 0.0) for copy in copies if _real(copy[0])), *scaled]
         part.copies = [copy for copy in copies if not _real(copy[0])]
@@ -225,14 +229,14 @@ def _kicked(parts: Sequence[Coupled], kick: float) -> Iterator[None]:
             (target, i, source, j, factor, offset + factor * kick * (1.0 + abs(source[j])))
             for target, i, source, j, factor, offset in wires
         ]
-    for entry, _ in moving:
-        entry.offset += entry.factor * kick * (1.0 + abs(entry.signal.nodes[-1].value))
+    for entry, signal, _ in moving:
+        entry.offset += entry.factor * kick * (1.0 + abs(signal.nodes[-1].value))
     try:
         yield
     finally:
         for part, copies, scaled in held:
             part.copies, part.scaled = copies, scaled
-        for entry, offset in moving:
+        for entry, _, offset in moving:
             entry.offset = offset
 
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import subprocess
 import sys
+import tomllib
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -204,3 +206,21 @@ def test_a_trial_that_gives_no_number_is_taken_shorter(
     assert result["A.y"][-1] == pytest.approx(
         slow + fast, rel=1e-2 if "algorithm" not in settings else 0.2
     )
+
+
+def test_a_run_without_files_shows_where_it_ends(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    fmu = pack(tmp_path / "A.fmu")
+    assert main(["run", str(fmu), "--stop", "1", "--step", "0.1", "--record", "A.y"]) == 0
+    assert f"A.y   {math.exp(-1):.6g}" in capsys.readouterr().out
+    result = run(single(fmu), stop=1.0, step=0.1, record=["A.y"])
+    assert repr(result) == "Result(complete, 0 to 1 s: A.y [])"
+    assert "<td>" in result._repr_html_()
+
+
+def test_the_version_is_the_project_s(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["--version"])
+    text = (ROOT / "pyproject.toml").read_text()
+    assert capsys.readouterr().out == f"cosim {tomllib.loads(text)['project']['version']}\n"

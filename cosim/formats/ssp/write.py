@@ -10,7 +10,7 @@ from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
 from ...errors import SetupError
-from ...system import Network, Port, System, Value, Wire, connect
+from ...system import Network, Port, System, Value, Wire, still
 from .files import NAMESPACES, qualified
 
 Enumerations = dict[str, dict[str, int]]
@@ -24,7 +24,7 @@ def write_ssp(system: System, path: Path, stop: float | None = None, start: floa
     of a component. Raises what `connect` raises, and SetupError for an enumeration value that has
     no name; then there is no file.
     """
-    network = connect(system)
+    network = still(system, "an .ssp")
     files = archived(network)
     structure = _structure(network, files, path.stem, start, stop)
     with TemporaryDirectory(dir=path.parent, prefix=f".{path.stem}_") as folder:

@@ -1,0 +1,35 @@
+"""An input over time on its way into a running part."""
+
+from __future__ import annotations
+
+import ctypes
+import math
+
+from ..errors import NotFinite
+from ..inputs import Course, Table
+
+
+class Feed:
+    """A Real input that follows a table or a function: `cell` holds its mean over the last step."""
+
+    def __init__(self, name: str, profile: Table | Course, t: float) -> None:
+        self.name, self.profile = name, profile
+        self.cell = (ctypes.c_double * 1)(float(profile.at(t)))
+
+    def bring(self, t: float, h: float) -> None:
+        """Take the mean over the step from t by h [s]; raises NotFinite."""
+        self.cell[0] = self.profile.mean(t, h)
+        self.require_finite(t)
+
+    def require_finite(self, t: float) -> None:
+        """Raise NotFinite for what no FMU may get; t is its time [s]."""
+        if not math.isfinite(self.cell[0]):
+            raise NotFinite(
+                f"{self.name} = {self.cell[0]!r} at t = {t!r} s must be a finite number"
+            )
+
+    def taylor(self, begin: float, h: float) -> list[float]:
+        """Coefficients of the line with the mean and the rise of the step from `begin` by h [s]."""
+        self.bring(begin, h)
+        slope = self.profile.rise(begin, h) / h
+        return [self.cell[0] - 0.5 * slope * h, slope]

@@ -1,0 +1,200 @@
+"""What drives a free input over time: a table of measurements, a function, changes at a time."""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import math
+import re
+from bisect import bisect_left, bisect_right
+from collections.abc import Callable, Iterator, Sequence
+from copy import copy
+from pathlib import Path
+from typing import Any
+
+from .errors import SetupError
+
+CHANGE = re.compile(
+    r"\s*(?:at\s+)?(?P<time>\S+?)\s*(?:s\s)?\s*(?P<name>[^\s=]+)\s*=\s*(?P<value>.*?)\s*"
+)
+COLUMN = re.compile(r"\s*(?P<name>.*?)\s*(?:\[(?P<unit>[^\[\]]*)\])?\s*")
+GAUSS = 0.5 / math.sqrt(3.0)
+
+
+class Table:
+    """An input's values over time [s]: on lines between the rows, or `held` from each row on.
+
+    Times must not fall; two rows of one time are a jump. `unit` is that of the values, where it is
+    not the input's own: its display units and all units that an FMU of the system defines are
+    known. `times` and `values` may be lists, NumPy arrays or columns of a pandas frame. `source`
+    says where they come from. Raises SetupError for what makes no table.
+    """
+
+    def __init__(
+        self,
+        times: Sequence[float],
+        values: Sequence[Any],
+        *,
+        unit: str = "",
+        held: bool = False,
+        source: str = "",
+    ) -> None:
+        self.times = [float(t) for t in times]
+        self.values = [v.item() if hasattr(v, "item") else v for v in values]
+        self.unit, self.held, self.source = unit, held, source
+        what = source or "a table"
+        if not self.times or len(self.times) != len(self.values):
+            raise SetupError(
+                f"{what}: {len(self.times)} times and {len(self.values)} values are not rows"
+            )
+        for before, t in zip([-math.inf, *self.times], self.times):
+            if not before <= t < math.inf:
+                raise SetupError(
+                    f"{what}: time {t!r} s after {before!r} s must be finite and not fall"
+                )
+
+    @classmethod
+    def read(
+        cls, path: Path | str, column: str, *, unit: str | None = None, held: bool = False
+    ) -> Table:
+        """A column of a CSV file, whose first column is the time [s].
+
+        A header may give a unit, "torque [N.mm]", which holds unless another is given here. Raises
+        SetupError with file and line for what is no number.
+        """
+        try:
+            with Path(path).open(newline="", encoding="utf-8-sig") as file:
+                header, *rows = csv.reader(file)
+        except (OSError, ValueError) as error:
+            raise SetupError(f"{path} cannot be read as a table: {error}") from error
+        heads = [match.groups() for match in map(COLUMN.fullmatch, header) if match]
+        names = [name for name, _ in heads]
+        if column not in names[1:]:
+            raise SetupError(f"{path} has no column {column!r}, only {', '.join(names[1:])}")
+        if heads[0][1] not in (None, "", "s"):
+            raise SetupError(f"{path}: time must be in s, not {heads[0][1]}")
+        place = names.index(column, 1)
+        pairs = []
+        for line, row in enumerate(rows, 2):
+            try:
+                pairs.append((float(row[0]), float(row[place])))
+            except (IndexError, ValueError):
+                raise SetupError(
+                    f"{path}, line {line}: time and {column} must be numbers"
+                ) from None
+        own = heads[place][1] or ""
+        source = f"{Path(path).name}, column {column}"
+        times, values = zip(*pairs) if pairs else ((), ())
+        return cls(times, values, unit=own if unit is None else unit, held=held, source=source)
+
+    def after(self, value: Any) -> Table:
+        """The table with a value that holds before its first row."""
+        whole = self.mapped(lambda v: v)
+        whole.times.insert(0, -math.inf)
+        whole.values.insert(0, value)
+        return whole
+
+    def mapped(self, change: Callable[[Any], Any]) -> Table:
+        """The table with other values, in the input's unit."""
+        other = copy(self)
+        other.times, other.values = list(self.times), [change(v) for v in self.values]
+        other.unit = ""
+        return other
+
+    def at(self, t: float) -> Any:
+        """The value at time t [s], after a jump there."""
+        return self._on(bisect_right(self.times, t) - 1, t)
+
+    def mean(self, t: float, h: float) -> float:
+        """The mean value from t to t + h [s]."""
+        times, end = self.times, t + h
+        k = bisect_right(times, t)
+        if k == len(times) or times[k] >= end:
+            return float(self._on(k - 1, t + 0.5 * h))
+        total = sum((b - a) * self._on(n, 0.5 * (a + b)) for n, a, b in self._pieces(t, end))
+        return float(total / h)
+
+    def rise(self, t: float, h: float) -> float:
+        """By how much the value rises from t to t + h [s], jumps left aside."""
+        return float(sum(self._on(n, b) - self._on(n, a) for n, a, b in self._pieces(t, t + h)))
+
+    def _pieces(self, begin: float, end: float) -> Iterator[tuple[int, float, float]]:
+        """The rows that hold between two times [s], each with its share of the time."""
+        first, last = bisect_right(self.times, begin), bisect_left(self.times, end)
+        times = [begin, *self.times[first:last], end]
+        yield from zip(range(first - 1, last), times, times[1:])
+
+    def _on(self, k: int, t: float) -> Any:
+        """The value at time t [s] after row k, which counts from 0."""
+        k = max(k, 0)
+        if self.held or k == len(self.times) - 1:
+            return self.values[k]
+        begin, end = self.times[k], self.times[k + 1]
+        low, high = self.values[k], self.values[k + 1]
+        return low if begin == end else low + (high - low) * ((t - begin) / (end - begin))
+
+    def jumps(self, start: float, stop: float) -> list[float]:
+        """The times [s] between start and stop at which the value changes at once."""
+        return [
+            b
+            for a, b, u, v in zip(self.times, self.times[1:], self.values, self.values[1:])
+            if (self.held or a == b) and u != v and start < b < stop
+        ]
+
+    def lacks(self, start: float, stop: float) -> str:
+        """What is missing of the table for a run from start to stop [s]; empty if nothing is."""
+        near = 1e-9 * (stop - start)
+        first, last = self.times[0], self.times[-1]
+        if first > start + near:
+            return f"begins at {first!r} s, after the start at {start!r} s"
+        if not self.held and last < stop - near:
+            return f"ends at {last!r} s, before the stop at {stop!r} s"
+        return ""
+
+    def told(self) -> dict[str, Any]:
+        """What a result says of it."""
+        rows = list(zip(self.times, self.values))
+        digest = hashlib.sha256(repr(rows).encode()).hexdigest()[:16]
+        return {"source": self.source, "rows": len(rows), "held": self.held, "sha256": digest}
+
+
+class Course:
+    """A function of time [s] as an input."""
+
+    held = False
+
+    def __init__(self, function: Callable[[float], float]) -> None:
+        self.at = function
+
+    def mean(self, t: float, h: float) -> float:
+        """The mean value from t to t + h [s], by Gauss' rule of two points."""
+        middle, aside = t + 0.5 * h, GAUSS * h
+        return 0.5 * (float(self.at(middle - aside)) + float(self.at(middle + aside)))
+
+    def rise(self, t: float, h: float) -> float:
+        """By how much the value rises from t to t + h [s]."""
+        return float(self.at(t + h)) - float(self.at(t))
+
+    def jumps(self, start: float, stop: float) -> list[float]:
+        """None are known."""
+        return []
+
+    def lacks(self, start: float, stop: float) -> str:
+        """Nothing."""
+        return ""
+
+    def told(self) -> dict[str, Any]:
+        """What a result says of it."""
+        return {"function": getattr(self.at, "__qualname__", repr(self.at))}
+
+
+def change(text: str) -> tuple[float, str, str]:
+    """Time [s], name and value of a change, "at 2 s motor.A = 7500"; raises SetupError."""
+    match = CHANGE.fullmatch(text)
+    try:
+        time = float(match["time"]) if match else math.nan
+    except ValueError:
+        time = math.nan
+    if match is None or not math.isfinite(time):
+        raise SetupError(f"change {text!r} must read 'at TIME s part.variable = value'")
+    return time, match["name"], match["value"]

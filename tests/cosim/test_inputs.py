@@ -1,0 +1,406 @@
+"""Inputs over time against closed solutions: tables, functions, changes; in every loop alike."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+from numpy.testing import assert_array_equal
+
+from cosim import (
+    Adaptive,
+    SetupError,
+    SimulationError,
+    System,
+    Table,
+    certify,
+    diagnose,
+    read_ssp,
+    run,
+    write_container,
+    write_osp,
+    write_ssp,
+)
+from cosim.__main__ import alone, main
+from cosim.engine import stepping
+from tests.cosim.foreign import pack
+
+A, B, T = 100.0, 2.0, 0.05
+RAMP = Table([0.0, 0.35, 0.35, 1.0], [0.0, 10.0, 20.0, 5.0])
+
+
+@pytest.fixture
+def no_loop(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No compiled loop."""
+
+    def missing(*_: Any) -> None:
+        raise OSError("no compiler")
+
+    monkeypatch.setattr(stepping, "Loop", missing)
+
+
+def motor(fmus: Path, speed: Any, **more: Any) -> System:
+    """A motor T M' + M = A - B w at a speed over time, from M = A."""
+    return System(
+        {"motor": fmus / "native" / "DriveMotor.fmu"},
+        start={"motor.T": T, "motor.A": A, "motor.B": B, "motor.tau": A},
+        inputs={"motor.w": speed},
+        **more,
+    )
+
+
+def torque(t: Any) -> Any:
+    """The motor's torque at the speed RAMP: a ramp, a jump, a ramp down, in closed form."""
+
+    def on_line(M: float, w: float, slope: float, s: Any) -> Any:
+        """After s [s] from M at the speed w + slope s."""
+        steady = A - B * (w + slope * (s - T))
+        return steady + (M - (A - B * (w - slope * T))) * np.exp(-s / T)
+
+    up, down = 10.0 / 0.35, -15.0 / 0.65
+    middle = on_line(A, 0.0, up, 0.35)
+    return np.where(t <= 0.35, on_line(A, 0.0, up, t), on_line(middle, 20.0, down, t - 0.35))
+
+
+def off(result: Any) -> float:
+    """The largest error of the torque [N m]."""
+    return float(np.abs(result["motor.tau"] - torque(result["time"])).max())
+
+
+def test_a_motor_follows_a_ramp_and_a_step_with_order_two(fmus: Path) -> None:
+    """A value held from the beginning or the end of each step would be of order one."""
+    errors = []
+    for n in (100, 200, 400, 800):
+        result = run(motor(fmus, RAMP), stop=1.0, step=1 / n, record=["motor.tau"])
+        assert result.provenance["loop"] == "compiled"
+        errors.append(off(result))
+    assert [math.log2(a / b) for a, b in pairwise(errors)] == pytest.approx([2.0] * 3, abs=0.15)
+    assert errors[-1] < 1e-3
+
+
+def test_an_fmu_that_interpolates_follows_a_line_exactly(fmus: Path) -> None:
+    """The jump is at a communication point: nothing is left but the accuracy of the FMU."""
+    result = run(motor(fmus, RAMP), stop=1.0, step=0.01, input_order=1, record=["motor.tau"])
+    assert off(result) < 1e-6
+
+
+@pytest.mark.parametrize("hold", ["first", "last"])
+def test_a_wrong_hold_would_be_caught(
+    hold: str, fmus: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    wrong = {"first": lambda table, t, h: table.at(t), "last": lambda table, t, h: table.at(t + h)}
+    monkeypatch.setattr(Table, "mean", wrong[hold])
+    errors = [off(run(motor(fmus, RAMP), stop=1.0, step=h)) for h in (0.01, 0.005)]
+    assert math.log2(errors[0] / errors[1]) == pytest.approx(1.0, abs=0.15)
+    assert errors[0] > 0.1
+
+
+@pytest.mark.parametrize("held", [False, True])
+@pytest.mark.parametrize("substeps", [1, 3])
+@pytest.mark.parametrize("algorithm", ["jacobi", "gauss-seidel", "strang"])
+def test_both_loops_follow_with_the_same_bits(
+    algorithm: str, substeps: int, held: bool, fmus: Path, request: pytest.FixtureRequest
+) -> None:
+    rng = np.random.default_rng(1)
+    times = np.sort(rng.uniform(0.0, 1.0, 500))
+    table = Table([0.0, *times, 1.0], rng.normal(size=502), held=held)
+    system = System(
+        {name: fmus / "native" / f"{file}.fmu" for name, file in (
+            ("motor", "DriveMotor"), ("conveyor", "CrankConveyor"), ("free", "DriveMotor"))},
+        ["motor.tau -> conveyor.tau", "conveyor.w -> motor.w"],
+        {"conveyor.w": 30.0},
+        inputs={"free.w": table},
+    )  # fmt: skip
+    settings: dict[str, Any] = {"stop": 1.0, "step": 1.3e-3, "algorithm": algorithm}
+    settings["substeps"] = {"free": substeps}
+    compiled = run(system, **settings)
+    request.getfixturevalue("no_loop")
+    plain = run(system, **settings)
+    assert compiled.provenance["loop"] == "compiled"
+    assert plain.provenance["loop"].startswith("Python")
+    assert_array_equal(compiled.data, plain.data)
+
+
+def test_adaptive_steps_end_at_a_jump_and_keep_the_tolerance(fmus: Path) -> None:
+    tolerances = (1e-2, 1e-3, 1e-4)
+    errors = []
+    for tolerance in tolerances:
+        result = run(motor(fmus, RAMP), stop=1.0, step=Adaptive(tolerance), record=["motor.tau"])
+        assert 0.35 in result["time"]
+        errors.append(off(result) / A)
+        assert errors[-1] < tolerance
+    assert [math.log10(a / b) for a, b in pairwise(errors)] == pytest.approx([1.0, 1.0], abs=0.35)
+
+
+def test_a_coarse_run_is_certified(fmus: Path) -> None:
+    system = motor(fmus, RAMP)
+    _, figures = certify(system, lambda r: {"end": float(r["motor.tau"][-1])}, stop=1.0, step=0.02)
+    end = figures["end"]
+    assert end.order == pytest.approx(2.0, abs=0.1)
+    assert end.error is not None and abs(end.value - torque(1.0)) < end.error < 1e-1
+
+
+@pytest.mark.parametrize("input_order", [0, 1])
+def test_a_function_of_time_is_of_order_two(input_order: int, fmus: Path) -> None:
+    """M of w = sin(omega t), from the complex amplitude and what dies out."""
+    omega = 20.0
+
+    def exact(t: Any) -> Any:
+        amplitude = -B / (1.0 + 1j * omega * T)
+        swing = (amplitude * np.exp(1j * omega * t)).imag
+        return A + swing - amplitude.imag * np.exp(-t / T)
+
+    system = motor(fmus, lambda t: math.sin(omega * t))
+    errors = []
+    for h in (0.02, 0.01, 0.005):
+        result = run(system, stop=1.0, step=h, input_order=input_order, record=["motor.tau"])
+        errors.append(np.abs(result["motor.tau"] - exact(result["time"])).max())
+    orders = [math.log2(a / b) for a, b in pairwise(errors)]
+    assert min(orders) > (1.9 if input_order == 0 else 2.9)
+    assert "lambda" in result.provenance["inputs"]["motor.w"]["function"]
+
+
+def test_units_are_converted(fmus: Path) -> None:
+    """Display units of the input, and units of other variables."""
+    rpm = Table(RAMP.times, [30.0 / math.pi * w for w in RAMP.values], unit="rpm")
+    plain, turned = (run(motor(fmus, table), stop=1.0, step=0.01) for table in (RAMP, rpm))
+    assert turned["motor.tau"] == pytest.approx(plain["motor.tau"], rel=1e-12)
+    for unit, message in (
+        ("N.m", "cannot follow a table in N.m"),
+        ("knots", "no FMU here defines"),
+    ):
+        with pytest.raises(SetupError, match=message):
+            run(motor(fmus, Table([0.0, 1.0], [0.0, 1.0], unit=unit)), stop=1.0, step=0.01)
+
+
+def test_a_frame_and_a_file_give_the_same_rows(fmus: Path, tmp_path: Path) -> None:
+    frame = pd.DataFrame({"time": RAMP.times, "speed": RAMP.values})
+    frame.rename(columns={"speed": "speed [rad/s]"}).to_csv(tmp_path / "w.csv", index=False)
+    tables = [Table(frame["time"], frame["speed"]), Table.read(tmp_path / "w.csv", "speed")]
+    first, second = (run(motor(fmus, table), stop=1.0, step=0.01) for table in tables)
+    assert_array_equal(first.data, second.data)
+    told = second.provenance["inputs"]["motor.w"]
+    assert told == {"source": "w.csv, column speed", "rows": 4, "held": False} | {
+        "sha256": first.provenance["inputs"]["motor.w"]["sha256"]
+    }
+
+
+def echo(tmp_path: Path, **more: Any) -> System:
+    """x' = -x + u from x = 1, which shows what it hears, and whose rate is tunable."""
+    capabilities = more.pop("capabilities", {})
+    return replace(alone(pack(tmp_path / "A.fmu", **capabilities)), **more)
+
+
+@pytest.mark.parametrize("step", [0.1, 0.07, Adaptive(1e-3, first=0.1)])
+def test_a_parameter_changes_at_its_time(
+    step: float | Adaptive, tmp_path: Path, request: pytest.FixtureRequest
+) -> None:
+    """x' = a x with a = -1, from 0.5 s -3: also where no step would have ended there."""
+    system = echo(tmp_path, changes=["at 0.5 s A.a = -3"])
+    for loop in ("compiled", "Python"):
+        if loop == "Python":
+            request.getfixturevalue("no_loop")
+        result = run(system, stop=1.0, step=step, record=["A.y"])
+        assert result["A.y"][-1] == pytest.approx(math.exp(-0.5 - 1.5), rel=1e-12)
+        if not isinstance(step, Adaptive):
+            assert result.provenance["loop"].startswith(loop)
+    assert result.provenance["changes"] == ["at 0.5 s A.a = -3"]
+
+
+def test_changes_survive_a_step_that_is_taken_again(tmp_path: Path) -> None:
+    """Half of the steps are discarded: the run comes back over changes that were made."""
+    limits = {"longest_step": 0.06, "resumes": True}
+    system = echo(
+        tmp_path, capabilities=limits, changes=["at 0.2 s A.a = -3", "at 0.55 s A.a = -2"]
+    )
+    result = run(system, stop=1.0, step=0.1, record=["A.y"])
+    assert result.provenance["discarded"]
+    assert result["A.y"][-1] == pytest.approx(math.exp(-0.2 - 1.05 - 0.9), rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("kind", "values"),
+    [
+        ("integer", [0, 7, -2]),
+        ("boolean", [False, True, False]),
+        ("enumeration", [1, "high", "low"]),
+        ("string", ["", "a b", "c"]),
+    ],
+)
+@pytest.mark.parametrize("step", [0.1, Adaptive(1e-2, first=0.05)])
+def test_discrete_inputs_are_held_to_their_next_row(
+    kind: str, values: list[Any], step: float | Adaptive, tmp_path: Path
+) -> None:
+    table = Table([0.0, 0.3, 0.6], values, held=True)
+    system = echo(tmp_path, inputs={f"A.{kind}_in": table})
+    out = "A.spelled" if kind == "string" else f"A.{kind}_out"
+    result = run(system, stop=1.0, step=step, record=[out])
+    seen = list(dict.fromkeys(result[out]))
+    wanted = {"integer": [0, 7, -2], "boolean": [0, 1], "enumeration": [1, 5], "string": [0]}
+    assert seen == wanted[kind]
+    times = result["time"][1:][np.diff(result[out]) != 0]
+    if kind != "string" and step == 0.1:
+        assert times == pytest.approx([0.4, 0.7])
+
+
+def test_an_input_changes_at_a_time_too(tmp_path: Path) -> None:
+    """x' = -x + u from 1, u = 0, from 0.5 s 2; half a step late would be seen."""
+    system = echo(tmp_path, changes=["0.5 A.u=2"])
+    result = run(system, stop=1.0, step=0.1, record=["A.y"])
+    exact = 2.0 + (math.exp(-0.5) - 2.0) * math.exp(-0.5)
+    assert result["A.y"][-1] == pytest.approx(exact, rel=1e-12)
+
+
+@pytest.mark.parametrize("capable", [True, False])
+def test_inputs_feed_a_loop_of_parts(capable: bool, tmp_path: Path) -> None:
+    """a' = -a + b, b' = -b + u with u = t: the exact solution in closed form."""
+    fmu = pack(tmp_path / "A.fmu", x0=0.0, canInterpolateInputs=capable)
+    (one,) = [alone(fmu)]
+    start = {k.replace("A.", f"{p}."): v for p in "ab" for k, v in one.start.items()}
+    del start["a.u"], start["b.u"]
+    table = Table([0.0, 2.0], [0.0, 2.0])
+    system = System({"a": fmu, "b": fmu}, ["b.y -> a.u"], start, inputs={"b.u": table})
+    errors = []
+    for n in (20, 40, 80):
+        result = run(system, stop=2.0, step=2 / n, algorithm="jacobi", input_order=1)
+        t = result["time"]
+        exact = t - 2.0 + (t + 2.0) * np.exp(-t)
+        errors.append(np.abs(result["a.y"] - exact).max())
+    assert [math.log2(a / b) for a, b in pairwise(errors)] == pytest.approx([2.0, 2.0], abs=0.25)
+
+
+def test_a_diagnosis_leaves_the_inputs_out_of_account(tmp_path: Path) -> None:
+    fmu = pack(tmp_path / "A.fmu")
+    one = alone(fmu).start
+    start = {k.replace("A.", f"{p}."): v for p in "abc" for k, v in one.items()}
+    del start["a.u"], start["b.u"], start["c.u"]
+    parts, wires = {"a": fmu, "b": fmu, "c": fmu}, ["a.y * -4 -> b.u", "b.y * 4 -> a.u"]
+    calm = System(parts, wires, start | {"c.u": 0.0})
+    moved = System(parts, wires, start, inputs={"c.u": math.sin})
+    one_, other = (diagnose(s, step=0.01, algorithm="gauss-seidel") for s in (calm, moved))
+    assert other.frequency == pytest.approx(one_.frequency, rel=1e-9)
+
+
+REFUSED: dict[str, tuple[dict[str, Any], str]] = {
+    "output": ({"inputs": {"A.y": RAMP}}, "is output and cannot change over time"),
+    "fixed": ({"changes": ["at 0.5 s A.b = 2"]}, "is a parameter that is not tunable"),
+    "unknown": ({"inputs": {"A.v": RAMP}}, "A has no variable 'v'"),
+    "lines": ({"inputs": {"A.integer_in": RAMP}}, "cannot follow lines, only a table that is held"),
+    "function": ({"inputs": {"A.boolean_in": math.sin}}, "cannot follow a function of time"),
+    "late": ({"inputs": {"A.u": Table([0.5, 1.0], [0, 1])}}, "A.u: its table begins at 0.5 s"),
+    "short": ({"inputs": {"A.u": Table([0.0, 0.5], [0, 1])}}, "A.u: its table ends at 0.5 s"),
+    "nan": ({"inputs": {"A.u": Table([0, 1], [0, math.nan])}}, "must be a finite number"),
+    "item": (
+        {"inputs": {"A.enumeration_in": Table([0.0], ["fast"], held=True)}},
+        "must be one of low, middle, high",
+    ),
+    "both": ({"inputs": {"A.u": RAMP}, "changes": ["1 A.u=2"]}, "it follows a table too"),
+    "text": ({"changes": ["A.u = 2"]}, "must read 'at TIME s part.variable = value'"),
+    "value": ({"changes": ["at 0.5 s A.u = two"]}, "A.u = 'two' must be of type Real"),
+    "grid": (
+        {"changes": ["at 0.55 s A.a = -3"]}
+        | {"capabilities": {"canHandleVariableCommunicationStepSize": False}},
+        "A.a = 0.55 s must be a whole number of steps of 0.1 s",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_what_does_not_fit_is_refused(case: str, tmp_path: Path) -> None:
+    given, message = REFUSED[case]
+    with pytest.raises(SetupError) as caught:
+        run(echo(tmp_path, **dict(given)), stop=1.0, step=0.1)
+    assert message in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("times", "values", "message"),
+    [
+        ([], [], "0 times and 0 values are not rows"),
+        ([0.0, 1.0], [1.0], "2 times and 1 values are not rows"),
+        ([0.0, -1.0], [1.0, 2.0], "time -1.0 s after 0.0 s must be finite and not fall"),
+        ([0.0, math.nan], [1.0, 2.0], "time nan s after 0.0 s must be finite and not fall"),
+    ],
+)
+def test_what_is_no_table_is_refused(times: Any, values: Any, message: str) -> None:
+    with pytest.raises(SetupError, match=message):
+        Table(times, values)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("time,tau\n0,1\n1,x\n", "line 3: time and tau must be numbers"),
+        ("time,w\n0,1\n", "has no column 'tau', only w"),
+        ("time [ms],tau\n0,1\n", "time must be in s, not ms"),
+        ("", "cannot be read as a table"),
+    ],
+)
+def test_what_is_no_file_of_rows_is_refused(text: str, message: str, tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text(text)
+    with pytest.raises(SetupError, match=message):
+        Table.read(tmp_path / "a.csv", "tau")
+
+
+@pytest.mark.parametrize("compiled", [True, False])
+def test_a_function_that_gives_no_number_ends_the_run_there(
+    compiled: bool, tmp_path: Path, request: pytest.FixtureRequest
+) -> None:
+    if not compiled:
+        request.getfixturevalue("no_loop")
+    system = echo(tmp_path, inputs={"A.u": lambda t: math.nan if t > 0.51 else 0.0})
+    with pytest.raises(SimulationError, match=r"A\.u = nan at t = 0\.5 s must be") as caught:
+        run(system, stop=1.0, step=0.1, record=["A.y"])
+    assert caught.value.result["time"] == pytest.approx([0.1 * n for n in range(6)])
+
+
+@pytest.mark.parametrize(
+    "write",
+    [
+        write_ssp,
+        lambda s, path: write_osp(s, path, step=0.1, start=0.0, stop=1.0),
+        lambda s, path: write_container(s, path, step=0.1),
+    ],
+)
+def test_formats_without_inputs_over_time_refuse_them(
+    write: Callable[[System, Path], None], fmus: Path, tmp_path: Path
+) -> None:
+    with pytest.raises(SetupError, match=r"motor\.w changes over time, which .* cannot say"):
+        write(motor(fmus, RAMP), tmp_path / "a.ssp")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_command_line_feeds_an_ssp(
+    fmus: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    ssp, out = tmp_path / "motor.ssp", tmp_path / "out.csv"
+    still = motor(fmus, RAMP)
+    write_ssp(replace(still, inputs={}, start={**still.start, "motor.w": 0.0}), ssp, 1.0)
+    pd.DataFrame({"t": RAMP.times, "speed": RAMP.values}).to_csv(tmp_path / "w.csv", index=False)
+    told = ["run", str(ssp), "--step", "0.01", "--input", str(tmp_path / "w.csv")]
+    assert main([*told, "--map", "motor.w=speed", "--out", str(out)]) == 0
+    rows = pd.read_csv(out)
+    assert rows["motor.tau"].to_numpy() == pytest.approx(
+        run(motor(fmus, RAMP), stop=1.0, step=0.01)["motor.tau"], rel=1e-14
+    )
+    with_table = replace(read_ssp(ssp, tmp_path / "parts").system, inputs={"motor.w": RAMP})
+    assert_array_equal(run(with_table, stop=1.0, step=0.01)["motor.tau"], rows["motor.tau"])
+    capsys.readouterr()
+    assert main([*told, "--map", "motor.w=torque"]) == 2
+    assert "has no column 'torque', only speed" in capsys.readouterr().err
+    assert main(told) == 2
+    assert "--input needs a --map" in capsys.readouterr().err
+
+
+def test_the_command_line_makes_changes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    fmu, out = pack(tmp_path / "A.fmu"), tmp_path / "out.csv"
+    told = ["run", str(fmu), "--stop", "1", "--step", "0.1", "--out", str(out)]
+    assert main([*told, "--record", "A.y", "--at", "0.5 A.a=-3", "--at", "0.5 A.u=0"]) == 0
+    assert pd.read_csv(out)["A.y"].iloc[-1] == pytest.approx(math.exp(-2.0), rel=1e-12)
