@@ -11,7 +11,7 @@ from .curve import Curves
 from .feed import Feed
 from .ledger import End
 from .library import Library
-from .part import Block, Part
+from .part import OK, Block, Part
 
 
 class Coupled(Part):
@@ -79,19 +79,24 @@ class Coupled(Part):
     def step(self, t: float, h: float) -> None:
         """Take the values of the wires and advance from time t by h [s]."""
         size = h / self.substeps
+        if self.curves is None:
+            for feed in self.feeds:
+                feed.bring(t, h)
         for k in range(self.substeps):
             begin = t + k * size
-            if k == 0 and self.curves is None:
-                for feed in self.feeds:
-                    feed.bring(t, h)
             self.bring()
             if self.curves is not None:
                 self.curves.bring(begin, size, first=k == 0)
             self.send()
             if self.curves is not None:
                 self.curves.send()
+            if begin + size >= self.nearly:
+                size = self.rest(begin, size)
+            self.begin_of_step.value, self.size_of_step.value = begin, size
             self.do_steps += 1
-            self.do_step(begin, size)
+            status = self.do_step()
+            if status != OK:
+                self.stepped(begin, size, status)
 
     def book(self, h: float) -> None:
         """Enter the energy of a step of size h [s] that ends with the outputs as they stand."""

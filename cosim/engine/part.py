@@ -156,13 +156,11 @@ class Part:
                 + (f"; it needs {description.generationTool or 'its tool'} to run" if tool else "")
             ) from error
         self.component = ctypes.c_void_p(self.slave.component)
-        self._time, self._size = ctypes.c_double(), ctypes.c_double()
-        self.returns = True
-        self._stop = self._nearly = math.inf
-        self._forward = ctypes.c_int()
-        self._do_step = partial(
-            fmu.free.fmi2DoStep, self.component, self._time, self._size, self._forward
-        )
+        self.begin_of_step, self.size_of_step = ctypes.c_double(), ctypes.c_double()
+        self._stop = self.nearly = math.inf
+        self.forward = ctypes.c_int()
+        times = (self.begin_of_step, self.size_of_step)
+        self.do_step = partial(fmu.free.fmi2DoStep, self.component, *times, self.forward)
 
     def hear(self, status: int, message: str) -> None:
         """Keep the last line of a log message, without the name that FMUs may put before it."""
@@ -239,20 +237,17 @@ class Part:
 
     def set_up(self, tolerance: float | None, start: float, stop: float) -> None:
         """Hand over the times [s] between which the FMU runs, and enter initialisation mode."""
-        self._stop, self._nearly = stop, stop - 64 * math.ulp(stop)
+        self._stop, self.nearly = stop, stop - 64 * math.ulp(stop)
         self.call("setupExperiment", tolerance, start, stop)
         self.call("enterInitializationMode")
 
-    def do_step(self, t: float, h: float) -> None:
-        """Advance from time t by h [s]; what ends at the stop time but for rounding ends there."""
-        if t + h >= self._nearly and t + h != self._stop:
+    def rest(self, t: float, h: float) -> float:
+        """The step h from t [s], or what is left to the stop time where it differs by rounding."""
+        if t + h != self._stop:
             h = self._stop - t
             while t + h > self._stop:
                 h = math.nextafter(h, 0.0)
-        self._time.value, self._size.value, self._forward.value = t, h, not self.returns
-        status = self._do_step()
-        if status != OK:
-            self.stepped(t, h, status)
+        return h
 
     def stepped(self, t: float, h: float, status: int) -> None:
         """Keep a warning of a step from t by h [s]; raise PartFailure for a worse status."""

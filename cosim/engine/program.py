@@ -130,7 +130,7 @@ class Loop:
             yield self._exchange(SET, block)
         self._tell.append(lambda t, h, status: part.stepped(t + at * h, size * h, status))
         function = ctypes.cast(part.library.fmi2DoStep, ctypes.c_void_p)
-        count, forward = part.substeps, not part.returns
+        count, forward = part.substeps, part.forward.value
         yield Operation(STEP, count, forward, function, part.component, a=at, b=size)
 
     def _get(self, block: Block, at: float) -> Iterator[Operation]:

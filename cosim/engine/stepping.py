@@ -137,10 +137,9 @@ class Run:
             self.control = plan.step.control or ("energy" if lost else "doubling")
         elif not lost and not lacking(descriptions, VARIABLE_STEP):
             self._checkpoint = (0, Snapshot(parts))
+        returns = stages is None or self.control == "doubling" or self._checkpoint is not None
         for part in parts:
-            part.returns = (
-                stages is None or self.control == "doubling" or self._checkpoint is not None
-            )
+            part.forward.value = not returns
         if isinstance(plan.step, Adaptive):
             return
         if stages is None or every is None or not _plain(parts):
@@ -193,7 +192,9 @@ class Run:
         while self.accepted < count:
             n = self.accepted
             self._take_checkpoint(n)
-            last = min(n + chunk, count - 1, split[bisect_left(split, n)])
+            last = n
+            if self._loop is not None:
+                last = min(n + chunk, count - 1, split[bisect_left(split, n)])
             if self._loop is not None and n < last:
                 began = clock.perf_counter()
                 rows, self.accepted, failure = self._loop.run(start, step, n, last)
@@ -207,7 +208,7 @@ class Run:
                     chunk = max(chunk // 2, 1)
             else:
                 last_one = n == count - 1
-                h = step if self.t + step == stop or not last_one else stop - self.t
+                h = step if not last_one or self.t + step == stop else stop - self.t
                 try:
                     self._advance(self.t, h)
                 except Discarded as failure:
