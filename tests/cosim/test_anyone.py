@@ -31,8 +31,8 @@ from cosim import (
     run,
     run_isolated,
 )
-from cosim.judge.isolated import _remains
 from cosim.engine.library import KEPT
+from cosim.judge.isolated import _remains
 from tests.conftest import DESCRIPTION, ROOT, described, hear_ctrl_c, rewritten, until
 from tests.cosim.foreign import BINARY, Value, library, pack
 

@@ -216,7 +216,7 @@ def test_a_parameter_changes_at_its_time(
 
 def test_changes_survive_a_step_that_is_taken_again(tmp_path: Path) -> None:
     """Half of the steps are discarded: the run comes back over changes that were made."""
-    limits = {"longest_step": 0.06, "resumes": True}
+    limits = {"longest_step": 0.06}
     system = echo(
         tmp_path, capabilities=limits, changes=["at 0.2 s A.a = -3", "at 0.55 s A.a = -2"]
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import subprocess
 import sys
 import tomllib
@@ -19,7 +20,7 @@ from cosim.__main__ import alone as single
 from cosim.__main__ import main
 from cosim.engine import stepping
 from cosim.engine.rows import Grid
-from tests.conftest import ROOT
+from tests.conftest import ROOT, described, rewritten
 from tests.cosim.foreign import pack
 
 H = 0.1
@@ -27,15 +28,7 @@ H = 0.1
 
 def edited(path: Path, old: str, new: str) -> Path:
     """The same FMU with another text in its model description."""
-    with ZipFile(path) as archive:
-        files = {name: archive.read(name) for name in archive.namelist()}
-    before = files["modelDescription.xml"].decode()
-    files["modelDescription.xml"] = before.replace(old, new).encode()
-    assert files["modelDescription.xml"].decode() != before
-    with ZipFile(path, "w") as archive:
-        for name, content in files.items():
-            archive.writestr(name, content)
-    return path
+    return rewritten(path, path, described((re.escape(old), new)))
 
 
 def alone(path: Path, **start: float) -> System:

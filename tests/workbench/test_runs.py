@@ -306,9 +306,11 @@ def test_code_that_computes_is_part_of_an_identity_and_code_that_shows_is_not(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     here = identity.code("cosim", "workbench", "scenarios")
-    assert {"cosim/engine/loop.c", "workbench/runs/worker.py", "scenarios/orientator/machine.py"} <= {
-        *here
-    }
+    assert {
+        "cosim/engine/loop.c",
+        "workbench/runs/worker.py",
+        "scenarios/orientator/machine.py",
+    } <= {*here}
     assert not [name for name in here if "/report/" in name or name.endswith("show.py")]
     for name in ("some/__init__.py", "some/b.c", "some/d/e.py", "some/d/show.py"):
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
