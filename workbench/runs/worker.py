@@ -246,7 +246,7 @@ def _answer(pipe: Connection, call: bytes) -> None:
 
 def _failure(error: BaseException) -> Outcome:
     """What an exception makes of a call; cosim may not be loaded."""
-    errors: Any = sys.modules.get("cosim.errors")
+    errors: Any = sys.modules.get("cosim")
     if errors and isinstance(error, errors.SetupError):
         return Outcome("refused", message=str(error))
     if errors and isinstance(error, errors.SimulationError):
