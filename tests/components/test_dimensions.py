@@ -9,8 +9,9 @@ from typing import Any
 import pint
 import pytest
 
-from components import crank_conveyor, drive_motor
-from components.kit.record import Declaration, declarations, fill
+from components.crank_conveyor import model as crank_conveyor
+from components.drive_motor import model as drive_motor
+from fmukit.declare.record import Declaration, declarations, fill
 from tests.oracle import load_copy
 
 UNITS = pint.UnitRegistry()

@@ -15,10 +15,10 @@ import numpy as np
 import pytest
 import sympy
 
-from components import iron_drive as iron
-from components.kit import motion
-from components.kit.record import declarations, fill, replace, start
+from components.iron_drive import model as iron
 from cosim import System, run
+from fmukit.declare.record import declarations, fill, replace, start
+from fmukit.step import hybrid as motion
 from tests.components import test_dimensions as dimensions
 from tests.components.iron_oracle import OneSystem, by_material_points, derivation, flat, tables
 from tests.hosts.host import MESSAGES, Unit
