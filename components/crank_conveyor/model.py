@@ -37,10 +37,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from math import cos, sin, sqrt
 
-from .kit import turn
-from .kit.interface import Experiment
-from .kit.record import discrete, real, record
-from .kit.si import (
+from fmukit import Experiment, discrete, real, record
+from fmukit.si import (
     Angle,
     AngularAcceleration,
     AngularVelocity,
@@ -55,6 +53,7 @@ from .kit.si import (
     TranslationalStiffness,
     Velocity,
 )
+from fmukit.step import near
 
 EXPERIMENT = Experiment(stop=1.0, step=1e-3)
 
@@ -129,12 +128,12 @@ def check(p: Parameters) -> Iterator[str]:
         yield f"crank.r = {r!r} m is not small against rod.l = {l!r} m: set rod.finite = true"
 
 
-def prepare(p: Parameters, x: State) -> turn.Direction:
+def prepare(p: Parameters, x: State) -> near.Direction:
     """The direction of the crank, from which it turns only a little within a step."""
-    return turn.Direction(x.phi, sin(x.phi), cos(x.phi))
+    return near.Direction(x.phi, sin(x.phi), cos(x.phi))
 
 
-def trough(p: Parameters, crank: turn.Direction) -> tuple[float, float, float, float]:
+def trough(p: Parameters, crank: near.Direction) -> tuple[float, float, float, float]:
     """Trough position x, its derivatives x', x'' by the crank angle, and l/R of the rod."""
     r, l = p.crank.r, p.rod.l
     s, c = r * crank.sin, r * crank.cos
@@ -144,7 +143,7 @@ def trough(p: Parameters, crank: turn.Direction) -> tuple[float, float, float, f
     return s + R - l, c * (1 + s / R), -s + (c * c - s * s) / R - (s * c) ** 2 / R**3, l / R
 
 
-def load(p: Parameters, x: State, crank: turn.Direction) -> tuple[float, float]:
+def load(p: Parameters, x: State, crank: near.Direction) -> tuple[float, float]:
     """Reduced inertia theta, and load torque M_c + theta' w^2 / 2."""
     m, c, d = p.trough.m, p.spring.c, p.trough.d
     position, dx, ddx, _ = trough(p, crank)
@@ -154,9 +153,9 @@ def load(p: Parameters, x: State, crank: turn.Direction) -> tuple[float, float]:
 
 
 def derivatives(
-    p: Parameters, t: float, x: State, u: Inputs, near: turn.Direction | None = None
+    p: Parameters, t: float, x: State, u: Inputs, crank: near.Direction | None = None
 ) -> State:
-    theta, tau_load = load(p, x, turn.turned(near, x.phi) if near else prepare(p, x))
+    theta, tau_load = load(p, x, near.turned(crank, x.phi) if crank else prepare(p, x))
     return State(phi=x.w, w=(u.tau - tau_load) / theta)
 
 

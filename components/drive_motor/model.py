@@ -33,9 +33,8 @@ from __future__ import annotations
 from enum import IntEnum
 from math import expm1
 
-from .kit.interface import Experiment
-from .kit.record import discrete, real, record
-from .kit.si import AngularVelocity, Power, Ratio, RotationalDamping, Time, Torque
+from fmukit import Experiment, discrete, real, record
+from fmukit.si import AngularVelocity, Power, Ratio, RotationalDamping, Time, Torque
 
 EXPERIMENT = Experiment(stop=1.0, step=1e-3)
 

@@ -118,9 +118,8 @@ from enum import IntEnum
 from math import acos, atan2, cos, pi, sin, sqrt, tan
 from typing import NamedTuple
 
-from .kit.interface import Experiment
-from .kit.record import discrete, real, record, replace, start
-from .kit.si import (
+from fmukit import Experiment, discrete, real, record, replace, start
+from fmukit.si import (
     Acceleration,
     Angle,
     AngularVelocity,

@@ -103,9 +103,8 @@ from enum import IntEnum
 from functools import lru_cache
 from math import acos, atan, cos, pi, radians, sin, sqrt
 
-from .kit.interface import Experiment
-from .kit.record import discrete, real, record, replace
-from .kit.si import (
+from fmukit import Experiment, discrete, real, record, replace
+from fmukit.si import (
     Acceleration,
     Angle,
     AngularVelocity,

@@ -44,11 +44,11 @@ from itertools import count
 from math import frexp, fsum
 from operator import add, mul
 
-from .kit.interface import Experiment
-from .kit.record import array, fill, record
-from .kit.si import Ratio
+from fmukit import Experiment, array, fill, record
+from fmukit.si import Ratio
 
 EXPERIMENT = Experiment(stop=5.0, step=0.01)
+PYTHON_ONLY = "its matrix exponential is computed in decimals, which C has not"
 
 Vector = tuple[Ratio, ...]
 Matrix = tuple[Vector, ...]

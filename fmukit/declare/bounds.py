@@ -7,8 +7,8 @@ from enum import IntEnum
 from math import isfinite
 from typing import Any
 
-from .interface import Interface, Variable
 from .record import Value
+from .variables import Interface, Variable
 
 
 def number(value: Value, unit: str) -> str:
@@ -25,7 +25,7 @@ def finite(variable: Variable, value: Value) -> None:
         )
 
 
-def bounds(variable: Variable, value: Value) -> None:
+def within(variable: Variable, value: Value) -> None:
     """Raise ValueError for a value outside its declared bounds or enumeration."""
     finite(variable, value)
     d = variable.declaration
@@ -53,6 +53,6 @@ def start_values(interface: Interface, parameters: Any, values: list[Value]) -> 
     """
     for variable in interface.variables:
         if variable.settable_before_start:
-            bounds(variable, values[variable.reference])
+            within(variable, values[variable.reference])
     if hasattr(interface.model, "check"):
         yield from interface.model.check(parameters)

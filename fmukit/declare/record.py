@@ -17,7 +17,7 @@ from typing import (
     get_type_hints,
 )
 
-from .si import Quantity
+from ..si import Quantity
 
 if TYPE_CHECKING:
     from typing import dataclass_transform

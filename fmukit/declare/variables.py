@@ -99,6 +99,12 @@ def title(model: ModuleType) -> str:
     return (model.__doc__ or "").strip().splitlines()[0].rstrip(".")
 
 
+def component(model: ModuleType) -> str:
+    """The name of a model: drive_motor for the file drive_motor.py or drive_motor/model.py."""
+    parent, name = ("", *model.__name__.split("."))[-2:]
+    return parent if name == "model" else name
+
+
 def class_name(model: ModuleType) -> str:
     """drive_motor -> DriveMotor, the FMU's name."""
-    return "".join(word.capitalize() for word in model.__name__.rpartition(".")[2].split("_"))
+    return "".join(word.capitalize() for word in component(model).split("_"))

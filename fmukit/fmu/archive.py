@@ -4,6 +4,8 @@ import uuid
 import zipfile
 from pathlib import Path
 
+from fmpy.model_description import read_model_description
+
 EPOCH = (1980, 1, 1, 0, 0, 0)
 
 
@@ -20,3 +22,13 @@ def write_archive(contents: dict[str, bytes], fmu: Path) -> None:
             entry.compress_type = zipfile.ZIP_DEFLATED
             entry.create_system, entry.external_attr = 3, 0o644 << 16
             target.writestr(entry, contents[name])
+
+
+def is_current(guid: str, fmu: Path) -> bool:
+    """Whether this file is already the build of this guid."""
+    if not zipfile.is_zipfile(fmu):
+        return False
+    with zipfile.ZipFile(fmu) as archive:
+        if "modelDescription.xml" not in archive.namelist():
+            return False
+    return bool(read_model_description(str(fmu), validate=False).guid == guid)

@@ -1,9 +1,10 @@
 """What people read of a component: one page, for the documentation and for the FMU.
 
-Its text is written once: the equations in the component's docstring, what is said beyond them in
-`components/pages/NAME.md` with the drawing NAME.svg, the variables in their declarations.
+Its text is written once: the equations in the model's docstring, what is said beyond them in `page.md`
+beside the model, with `drawing.svg`, the variables in their declarations.
 """
 
+import os
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -11,10 +12,9 @@ from pathlib import Path
 import markdown
 from latex2mathml.converter import convert
 
-from ..kit.description import start_text
-from ..kit.interface import Interface, Variable, class_name, title
-
-PAGES = Path(__file__).resolve().parents[1] / "pages"
+from ..declare.variables import Interface, Variable, class_name, title
+from .load import beside
+from .xml import start_text
 
 EXTERNAL_DEPENDENCIES = """\
 linux64 or win64, and CPython 3.10 or newer with its standard library; nothing else.
@@ -90,20 +90,16 @@ def table(interface: Interface) -> str:
     return "\n".join(f"| {line} |" for line in lines)
 
 
-def part(interface: Interface, end: str) -> Path:
-    """components/pages/NAME.md or NAME.svg, which a component need not have."""
-    return PAGES / f"{interface.model.__name__.rpartition('.')[2]}{end}"
-
-
 def text(interface: Interface, drawing: str, plot: str) -> str:
     """The page in Markdown with $ formulas, and with these pictures."""
-    model, notes, (stop, step) = interface.model, part(interface, ".md"), interface.model.EXPERIMENT
+    model, notes = interface.model, beside(interface.model, "page.md")
+    stop, step = model.EXPERIMENT
     sections = [
         f"# {class_name(model)}",
         f"**{title(model)}.**",
         drawing,
         (model.__doc__ or "").strip().partition("\n")[2].strip(),
-        notes.read_text(encoding="utf-8").strip() if notes.exists() else "",
+        notes.read_text(encoding="utf-8").strip() if notes else "",
         f"## Inputs between communication points\n\n{HOLD.strip()}",
         f"## Default experiment\n\nInputs and parameters at their start values, {stop:g} s in steps "
         f"of {step:g} s; the FMU carries these numbers as CSV.",
@@ -113,10 +109,11 @@ def text(interface: Interface, drawing: str, plot: str) -> str:
     return "\n\n".join(section for section in sections if section) + "\n"
 
 
-def github(interface: Interface, plot: str) -> str:
-    """The page as GitHub shows it from `docs/machines`, formulas where Markdown cannot touch them."""
-    picture = part(interface, ".svg")
-    drawing = f"![Drawing](../../components/pages/{picture.name})" if picture.exists() else ""
+def github(interface: Interface, plot: str, folder: Path) -> str:
+    """The page as GitHub shows it from this folder, formulas where Markdown cannot touch them."""
+    picture = beside(interface.model, "drawing.svg")
+    place = os.path.relpath(picture, folder) if picture else ""
+    drawing = f"![Drawing]({Path(place).as_posix()})" if picture else ""
 
     def keep(match: re.Match[str]) -> str:
         return f"```math\n{match[1].strip()}\n```" if match[1] else f"$`{match[2]}`$"
@@ -127,8 +124,8 @@ def github(interface: Interface, plot: str) -> str:
 
 def html(interface: Interface, plot: str = "") -> str:
     """The page as one file that needs no network: formulas as MathML, pictures as SVG."""
-    picture = part(interface, ".svg")
-    drawing = picture.read_text(encoding="utf-8") if picture.exists() else ""
+    picture = beside(interface.model, "drawing.svg")
+    drawing = picture.read_text(encoding="utf-8") if picture else ""
     body = prose(text(interface, "DRAWING", "PLOT"))
     for place, svg in (("DRAWING", drawing), ("PLOT", plot)):
         body = body.replace(f"<p>{place}</p>", svg)

@@ -3,8 +3,8 @@
 import csv
 import io
 
-from ..kit.interface import Interface, Variable, class_name
-from ..kit.slave import ModelSlave
+from ..declare.variables import Interface, Variable, class_name
+from .python.instance import ModelSlave
 
 Rows = list[list[float | int]]
 FOLDER = "extra/org.fmi-standard.fmi-ls-ref"

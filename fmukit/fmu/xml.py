@@ -7,9 +7,9 @@ from datetime import datetime, timezone
 from typing import NamedTuple
 from xml.etree.ElementTree import Element, SubElement
 
-from . import VERSION
-from .interface import Interface, Variable, class_name, title
-from .record import Declaration
+from .. import VERSION
+from ..declare.record import Declaration
+from ..declare.variables import Interface, Variable, class_name, title
 
 
 class Flavour(NamedTuple):

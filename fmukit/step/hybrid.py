@@ -28,10 +28,10 @@ from math import inf
 from types import ModuleType
 from typing import Any, NamedTuple
 
+from ..declare.record import declarations
+from ..declare.variables import InputHold
 from . import ode
 from .flow import repeat
-from .interface import InputHold
-from .record import declarations
 
 TOLERANCE = 1e-11
 MOST_EVENTS = 1000

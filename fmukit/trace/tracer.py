@@ -15,8 +15,8 @@ from contextlib import contextmanager
 from types import FunctionType, ModuleType
 from typing import Any, NamedTuple
 
-from ..kit import flow
-from ..kit.record import Declaration
+from ..declare.record import Declaration
+from ..step import flow
 
 COMPARISONS = ("<", "<=", ">", ">=", "==", "!=")
 

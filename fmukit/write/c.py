@@ -8,7 +8,7 @@ import re
 from collections.abc import Iterator
 from typing import Any
 
-from .trace import COMPARISONS, NODES, Branch, Function, Leaf, Node, Tree, size
+from ..trace.tracer import COMPARISONS, NODES, Branch, Function, Leaf, Node, Tree, size
 
 INFIX = {"+", "-", "*", *COMPARISONS}
 FAILING = {"/", "power", "modulo", "sin", "cos", "tan", "acos", "sqrt", "exp", "expm1"}

@@ -5,21 +5,24 @@ from __future__ import annotations
 import json
 from typing import Any
 
-from ..kit import checks, motion, ode, turn
-from ..kit.interface import Interface, Variable, class_name
-from ..kit.record import Value, start
-from . import c, derive, trace
+from ..declare import bounds
+from ..declare.record import Value, start
+from ..declare.variables import Interface, Variable, class_name
+from ..step import hybrid, near, ode
+from ..trace import tangents
+from ..trace import tracer as trace
+from . import c
 
 BOUNDARIES = {
-    motion: ("course", "along", "fallen", "slope", "smaller", "announce"),
+    hybrid: ("course", "along", "fallen", "slope", "smaller", "announce"),
     ode: ("reach", "resized"),
-    checks: ("bounds",),
-    turn: ("turned",),
+    bounds: ("within",),
+    near: ("turned",),
 }
 
 
 def source(interface: Interface, guid: str) -> str:
-    """The C file to compile; it includes `runtime.c`."""
+    """The C file to compile; it includes `fmi2.c`."""
     functions = traced(interface)
     width = {name: getattr(interface, name) for name in ("inputs", "states", "outputs")}
     defined = {
@@ -27,7 +30,7 @@ def source(interface: Interface, guid: str) -> str:
         "GUID": json.dumps(guid),
         "VARIABLES": len(interface.variables),
         "INPUT_HOLD": interface.input_hold,
-        "HIGHEST_DEGREE": motion.HIGHEST_DEGREE,
+        "HIGHEST_DEGREE": hybrid.HIGHEST_DEGREE,
         **{f"FIRST_{name[:-1].upper()}": place.start for name, place in width.items()},
         **{name.upper(): place.stop - place.start for name, place in width.items()},
     }
@@ -35,7 +38,7 @@ def source(interface: Interface, guid: str) -> str:
         [
             f"/* {class_name(interface.model)}: written by build_fmus.py. */",
             *(f"#define {name} {value}" for name, value in defined.items()),
-            '#include "runtime.c"\n',
+            '#include "fmi2.c"\n',
             *map(c.definition, functions),
             f"static const Variable variables[VARIABLES] = {{\n{table(interface)}\n}};\n",
         ]
@@ -58,38 +61,38 @@ def traced(interface: Interface) -> list[trace.Function]:
     model = interface.model
     tracer = trace.Tracer(model, BOUNDARIES)
     p, x, u = (start(cls) for cls in (model.Parameters, model.State, model.Inputs))
-    inputs = motion.Course(u, u, 0.0, 1, (u,) * (motion.HIGHEST_DEGREE - 1))
+    inputs = hybrid.Course(u, u, 0.0, 1, (u,) * (hybrid.HIGHEST_DEGREE - 1))
 
     def check(p: Any) -> None:
         values: list[Value] = [
             trace.symbol("element", "p", v.reference, kind=v.kind)  # type: ignore[misc]
             for v in interface.variables
         ]
-        for sentence in checks.start_values(interface, p, values):
+        for sentence in bounds.start_values(interface, p, values):
             trace.note(sentence)
 
     def begin(p: Any, t: Any, x: Any, now: Any) -> Any:
-        return motion.sample(model, p, t, x, None, now, trace.note)
+        return hybrid.sample(model, p, t, x, None, now, trace.note)
 
     def course(hold: Any, before: Any, now: Any, past: Any, h: Any) -> Any:
-        return motion.course(hold, before, now, past, h)
+        return hybrid.course(hold, before, now, past, h)
 
     def step(p: Any, t: Any, x: Any, before: Any, now: Any, inputs: Any) -> Any:
-        return motion.step(model, p, t, x, before, now, inputs, trace.note)
+        return hybrid.step(model, p, t, x, before, now, inputs, trace.note)
 
     def outputs(p: Any, t: Any, x: Any, u: Any) -> Any:
         return model.outputs(p, t, x, u)
 
     def initial(p: Any, t: Any, x: Any, u: Any) -> Any:
-        settled = motion.settle(model, p, x)
+        settled = hybrid.settle(model, p, x)
         return settled, model.outputs(p, t, settled, u)
 
     def rates(p: Any, t: Any, x: Any, u: Any, du: Any) -> Any:
         change = model.derivatives(p, t, x, u)
-        places = motion.continuous(model.State)
+        places = hybrid.continuous(model.State)
         dx = [d if i in places else 0.0 for i, d in enumerate(change)]
         groups = [numbers for _, numbers in map(trace.flatten, (p, t, x, u))]
-        dy = derive.forward(tracer, at_end, groups, [[0.0] * len(groups[0]), [1.0], dx, list(du)])
+        dy = tangents.forward(tracer, at_end, groups, [[0.0] * len(groups[0]), [1.0], dx, list(du)])
         return [*dx, *dy]
 
     tracer.entry("model_check", check, p=p)
@@ -99,7 +102,7 @@ def traced(interface: Interface) -> list[trace.Function]:
     at_end = tracer.entry("model_outputs", outputs, p=p, t=0.0, x=x, u=u)
     at_start = tracer.entry("model_initial", initial, p=p, t=0.0, x=x, u=u)
     with tracer.patched():
-        directional = derive.derived(tracer, at_start, (True, False, True, True))
+        directional = tangents.derived(tracer, at_start, (True, False, True, True))
     tracer.functions["directional"] = directional._replace(name="model_directional")
     tracer.functions = {k: v for k, v in tracer.functions.items() if v is not directional}
     tracer.entry("model_rates", rates, p=p, t=0.0, x=x, u=u, du=tuple(u))

@@ -7,8 +7,8 @@ from collections import deque
 from collections.abc import Iterator
 from typing import Any
 
+from ..trace.tracer import COMPARISONS, NODES, Branch, Function, Leaf, Node, Tree, Untraceable, size
 from .c import MARK, acts, has_array, in_place, marked, needed, parameter, used
-from .trace import COMPARISONS, NODES, Branch, Function, Leaf, Node, Tree, Untraceable, size
 
 HEAD = '''"""The step of a component in straight lines, written by build_fmus.py from its equations."""
 

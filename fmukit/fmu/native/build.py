@@ -1,7 +1,6 @@
 """A native FMU: the C of a component, compiled for every platform with the Zig tool chain."""
 
 import hashlib
-import importlib
 import importlib.metadata
 import os
 import struct
@@ -18,15 +17,15 @@ from xml.etree.ElementTree import SubElement
 
 import fmpy
 
-from ..kit.description import NATIVE, to_xml
-from ..kit.interface import Interface, class_name
-from ..kit.slave import slave_class
-from ..packing import page, plot, reference
-from ..packing.archive import guid_of, write_archive
-from .generate import source
+from ...declare.variables import Interface, class_name
+from ...write.entries import source
+from .. import page, plot, reference
+from ..archive import guid_of, write_archive
+from ..python.instance import slave_class
+from ..xml import NATIVE, to_xml
 
-ROOT = Path(__file__).resolve().parents[2]
-RUNTIME = Path(__file__).with_name("runtime.c")
+ROOT = Path(__file__).resolve().parents[3]
+RUNTIME = Path(__file__).with_name("fmi2.c")
 HEADERS = [
     Path(fmpy.__file__).with_name("c-code") / name
     for name in ("fmi2FunctionTypes.h", "fmi2TypesPlatform.h")
@@ -63,13 +62,12 @@ class NativeBuild(NamedTuple):
         return guid_of(self.digest)
 
 
-def collect(component: str) -> NativeBuild:
-    """Trace a component of the catalogue and hash everything that its native FMU is made from."""
-    model = importlib.import_module(f"components.{component}")
+def collect(model: ModuleType) -> NativeBuild:
+    """Trace a model and hash everything that its native FMU is made from."""
     interface = Interface(model)
     digest = hashlib.sha256(importlib.metadata.version("ziglang").encode())
-    packing = ROOT / "components" / "packing"
-    makers = [*sorted(packing.glob("*.py")), *sorted(RUNTIME.parent.glob("*.*")), *HEADERS]
+    makers = [*sorted(RUNTIME.parents[1].glob("*.py")), *sorted(RUNTIME.parent.glob("*.*"))]
+    makers += [*HEADERS]
     for maker in (*makers, ROOT / "LICENSE"):
         digest.update(hashlib.sha256(maker.read_bytes()).digest())
     digest.update(source(interface, "").encode())

@@ -1,6 +1,6 @@
 /* FMI 2.0 co-simulation over one array of values; the generated file of a component includes this.
 
-   The rules and messages are those of components/kit/slave.py. All values, Integers and Booleans
+   The rules and messages are those of fmukit/fmu/python/instance.py. All values, Integers and Booleans
    too, are doubles at the index of their value reference; the parameters come first. */
 
 #include <math.h>
@@ -552,7 +552,7 @@ EXPORT fmi2Status API(fmi2Reset)(fmi2Component component) {
     return fmi2OK;
 }
 
-/* The inputs over the next step as kit/motion.py describes them, and their slopes at its end. The
+/* The inputs over the next step as fmukit/step/hybrid.py describes them, and their slopes at its end. The
    polynomial of the derivatives given, a_n s^n, is the line between its ends and s (s - h) times
    the sum of a_n h^(n-2-j) s^j over n >= 2 and j <= n - 2. */
 static void course(Instance *i, double h, double *inputs, double *slopes) {

@@ -21,14 +21,13 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from types import ModuleType
 from typing import Any, ClassVar, NamedTuple, NoReturn, TypeVar
-from xml.etree.ElementTree import Element
 
 from pythonfmu import Fmi2Slave
 
-from . import checks, motion
-from .description import to_xml
-from .interface import Interface, Variable, class_name
-from .record import Value, fill
+from ...declare import bounds
+from ...declare.record import Value, fill
+from ...declare.variables import Interface, Variable, class_name
+from ...step import hybrid
 
 INSTANTIATED, INITIALIZING, STEPPING, TERMINATED, FAILED = range(5)
 PHASES = (
@@ -152,10 +151,6 @@ class ModelSlave(Fmi2Slave):  # type: ignore[misc]
         self.time, self.past, self.stale, self.phase, _ = range(len(self.values))[-len(HIDDEN) :]
         self.parameters: Any = None
 
-    def to_xml(self, model_options: dict[str, str] | None = None) -> Element:
-        """The model description, which pythonfmu's builder asks for."""
-        return to_xml(self.interface, self.guid)
-
     def _get_log_queue(self) -> list[Message]:
         return self.log_queue
 
@@ -201,7 +196,7 @@ class ModelSlave(Fmi2Slave):  # type: ignore[misc]
         v, model = self.values, self.interface.model
         x = model.State._make(v[self.interface.states])
         now = model.Inputs._make(v[self.interface.inputs])
-        v[self.interface.states] = motion.sample(
+        v[self.interface.states] = hybrid.sample(
             model, self.parameters, v[self.time], x, None, now, self.warn
         )
         v[self.before] = now
@@ -227,11 +222,11 @@ class ModelSlave(Fmi2Slave):  # type: ignore[misc]
         x = model.State._make(v[interface.states])
         now = model.Inputs._make(v[interface.inputs])
         before = model.Inputs._make(v[self.before])
-        inputs = motion.course(v[interface.input_hold], before, now, v[self.past], h)
+        inputs = hybrid.course(v[interface.input_hold], before, now, v[self.past], h)
         try:
             end = self.step(t, x, before, now, inputs)
             for state, value in zip(interface.variables[interface.states], end):
-                checks.finite(state, value)
+                bounds.finite(state, value)
         except (ArithmeticError, ValueError) as error:
             known = interface.variables[interface.inputs] + interface.variables[interface.states]
             raise ArithmeticError(
@@ -250,10 +245,10 @@ class ModelSlave(Fmi2Slave):  # type: ignore[misc]
                 f"{call} is not allowed {PHASES[self.values[self.phase]]}, only {PHASES[phase]}"
             )
 
-    def step(self, t: float, x: Any, before: Any, now: Any, inputs: motion.Course) -> Any:
+    def step(self, t: float, x: Any, before: Any, now: Any, inputs: hybrid.Course) -> Any:
         """The state at the end of a communication step."""
         p = self.parameters or self.read_parameters()
-        return motion.step(self.interface.model, p, t, x, before, now, inputs, self.warn)
+        return hybrid.step(self.interface.model, p, t, x, before, now, inputs, self.warn)
 
     def outputs(self, t: float, x: Any, u: Any) -> Sequence[Value]:
         """The outputs of a state."""
@@ -270,7 +265,7 @@ class ModelSlave(Fmi2Slave):  # type: ignore[misc]
 
     def check(self) -> list[str]:
         """Warnings about the start values; raises ValueError for the impossible."""
-        return list(checks.start_values(self.interface, self.read_parameters(), self.values))
+        return list(bounds.start_values(self.interface, self.read_parameters(), self.values))
 
     def refresh(self) -> None:
         """Calculate the outputs from the state and the inputs at the end of the last step."""
@@ -281,10 +276,10 @@ class ModelSlave(Fmi2Slave):  # type: ignore[misc]
             v[self.end] = v[interface.inputs]
         x, u = model.State._make(v[interface.states]), model.Inputs._make(v[self.end])
         if v[self.phase] == INITIALIZING:
-            x = v[interface.states] = motion.settle(model, self.parameters, x)
+            x = v[interface.states] = hybrid.settle(model, self.parameters, x)
         outputs = self.outputs(v[self.time], x, u)
         for output, value in zip(interface.variables[interface.outputs], outputs):
-            checks.finite(output, value)
+            bounds.finite(output, value)
         v[interface.outputs] = outputs
         v[self.stale] = False
 
@@ -364,9 +359,9 @@ class ModelSlave(Fmi2Slave):  # type: ignore[misc]
     def refuse(self, kind: str, reference: int, value: Value) -> NoReturn:
         """Raise ValueError with the reason why this variable cannot take this value now."""
         variable = self.variable(kind, reference)
-        checks.finite(variable, value)
+        bounds.finite(variable, value)
         raise ValueError(
-            f"{variable.name} = {checks.number(value, variable.unit)} cannot be set: "
+            f"{variable.name} = {bounds.number(value, variable.unit)} cannot be set: "
             f"{variable.variability} {variable.causality}, {PHASES[self.values[self.phase]]}"
         )
 
@@ -399,7 +394,7 @@ class ModelSlave(Fmi2Slave):  # type: ignore[misc]
 def named(variables: Sequence[Variable], values: Sequence[Value]) -> str:
     """Variables and their values as text: phi = 0.1 rad, w = 40.0 rad/s."""
     return ", ".join(
-        f"{v.name} = {checks.number(value, v.unit)}" for v, value in zip(variables, values)
+        f"{v.name} = {bounds.number(value, v.unit)}" for v, value in zip(variables, values)
     )
 
 
@@ -409,7 +404,7 @@ class StraightSlave(ModelSlave):
     straight: ClassVar[ModuleType]
     types: ClassVar[dict[str, list[tuple[int, type]]]]
 
-    def step(self, t: float, x: Any, before: Any, now: Any, inputs: motion.Course) -> Any:
+    def step(self, t: float, x: Any, before: Any, now: Any, inputs: hybrid.Course) -> Any:
         course = (*inputs.start, *inputs.end, inputs.h, inputs.degree)
         end = self.straight.model_step(self.warn, self.values, t, x, before, now, course)
         return self.typed("states", end)
@@ -433,7 +428,7 @@ def slave_class(
 ) -> type[ModelSlave]:
     """The class that pythonfmu's wrapper instantiates for a component.
 
-    `straight` is the module that `components.native.python` makes of it, if there is one.
+    `straight` is the module that `fmukit.write.python` makes of it, if there is one.
     """
     interface = Interface(model)
     references = {

@@ -1,37 +1,54 @@
-"""Pack a component with pythonfmu: same source, same bytes.
+"""Pack a model with pythonfmu's wrapper: same source, same bytes.
 
-The component and `kit` travel as a private package named by its content, so that two FMUs, two
-versions of one, or the host's own modules of the same name never meet in `sys.modules`.
+The model and the part of fmukit that it runs on travel as a private package named by its content,
+so that two FMUs, two versions of one, or the host's own modules of the same name never meet in
+`sys.modules`.
 """
 
 import hashlib
-import importlib
 import importlib.metadata
 import os
-import sys
-import tempfile
-import zipfile
+import re
 from pathlib import Path
 from types import ModuleType
 from typing import NamedTuple
+from xml.etree import ElementTree
 
 import pythonfmu
-from fmpy.model_description import read_model_description
-from pythonfmu import FmuBuilder
 
-from .. import PYTHON_ONLY
-from ..kit.interface import Interface, class_name
-from ..kit.slave import slave_class
-from ..native import generate, python
-from . import page, plot, reference
-from .archive import guid_of, write_archive
+from ...declare.variables import Interface, class_name, component
+from ...write import entries, python
+from .. import page, plot, reference
+from ..archive import guid_of, write_archive
+from ..xml import PYTHON, to_xml
+from .instance import slave_class
 
-ROOT = Path(__file__).resolve().parents[2]
-WRAPPERS = Path(pythonfmu.__file__).parent / "resources" / "binaries"
+KIT = Path(__file__).resolve().parents[2]
+LICENSE = KIT.parent / "LICENSE"
+WRAPPER = Path(pythonfmu.__file__).parent
+BINARIES = WRAPPER / "resources" / "binaries"
+RUNTIME = (
+    "__init__.py",
+    "si.py",
+    "declare/*.py",
+    "step/*.py",
+    "fmu/__init__.py",
+    "fmu/python/__init__.py",
+    "fmu/python/instance.py",
+)
+STUB = """\
+# pythonfmu 0.7.0 runs this file once per instance and then releases a reference
+# to its namespace that it does not own: give one back each time.
+import ctypes
+
+from {package}.fmu import {name}
+
+ctypes.pythonapi.Py_IncRef(ctypes.py_object(globals()))
+"""
 
 
 class Build(NamedTuple):
-    """A component ready to pack: its files by path in the private package, and their hash."""
+    """A model ready to pack: its files by path in the private package, and their hash."""
 
     model: ModuleType
     files: dict[str, bytes]
@@ -46,27 +63,23 @@ class Build(NamedTuple):
         return guid_of(self.digest)
 
     @property
-    def component(self) -> str:
-        return self.model.__name__.rpartition(".")[2]
-
-    @property
     def package(self) -> str:
-        return f"{self.component}_{self.digest[:12]}"
+        return f"{component(self.model)}_{self.digest[:12]}"
 
 
-def collect(component: str) -> Build:
-    """Read a component of the catalogue and everything that its FMU is made from."""
-    model = importlib.import_module(f"components.{component}")
-    folder = ROOT / "components"
-    files = {"__init__.py": b"", f"{component}.py": (folder / f"{component}.py").read_bytes()}
-    for source in sorted((folder / "kit").glob("*.py")):
-        files[f"kit/{source.name}"] = source.read_bytes()
-    if component not in PYTHON_ONLY:
-        functions = generate.traced(Interface(model))
+def collect(model: ModuleType) -> Build:
+    """Read everything that the FMU of a model is made from."""
+    source = Path(model.__file__ or "").read_text(encoding="utf-8")
+    private = re.sub(r"^from fmukit\b", "from .fmukit", source, flags=re.MULTILINE)
+    files = {"__init__.py": b"", f"{component(model)}.py": private.encode()}
+    for file in sorted(file for pattern in RUNTIME for file in KIT.glob(pattern)):
+        files[f"fmukit/{file.relative_to(KIT).as_posix()}"] = file.read_bytes()
+    if not hasattr(model, "PYTHON_ONLY"):
+        functions = entries.traced(Interface(model))
         files["straight.py"] = python.module(functions, ("model_step", "model_outputs")).encode()
     digest = hashlib.sha256(importlib.metadata.version("pythonfmu").encode())
-    makers = [*sorted(Path(__file__).parent.glob("*.py")), ROOT / "LICENSE"]
-    for maker in (*makers, *sorted(WRAPPERS.rglob("*.*"))):
+    makers = [*sorted(KIT.joinpath("fmu").rglob("*.py")), LICENSE]
+    for maker in (*makers, *sorted(BINARIES.rglob("*.*"))):
         digest.update(hashlib.sha256(maker.read_bytes()).digest())
     for name, content in files.items():
         digest.update(name.encode() + b"\0" + hashlib.sha256(content).digest())
@@ -75,74 +88,49 @@ def collect(component: str) -> Build:
     return Build(model, files, digest.hexdigest())
 
 
-def is_current(guid: str, fmu: Path) -> bool:
-    """Whether this file is already the build of this guid."""
-    if not zipfile.is_zipfile(fmu):
-        return False
-    with zipfile.ZipFile(fmu) as archive:
-        if "modelDescription.xml" not in archive.namelist():
-            return False
-    return bool(read_model_description(str(fmu), validate=False).guid == guid)
-
-
 def pack(build: Build, fmu: Path) -> None:
     """Write the FMU."""
-    with tempfile.TemporaryDirectory(prefix="fmu_") as temporary:
-        folder = Path(temporary)
-        stub = _write_sources(build, folder)
-        interface = Interface(build.model)
-        rows = reference.experiment(slave_class(build.model, build.guid))
-        _write_documentation(
-            folder / "documentation", page.html(interface, plot.svg(interface, rows))
-        )
-        raw = folder / "raw.fmu"
-        sys.dont_write_bytecode = True
-        FmuBuilder.build_FMU(
-            stub,
-            dest=raw,
-            project_files=[folder / build.package],
-            documentation_folder=folder / "documentation",
-        )
-        _repack(raw, fmu, reference.entries(interface, rows))
-
-
-def _write_sources(build: Build, folder: Path) -> Path:
-    component = build.component
+    interface, stub = Interface(build.model), f"{build.package}_fmu"
+    rows = reference.experiment(slave_class(build.model, build.guid))
+    root = to_xml(interface, build.guid, PYTHON)
+    ElementTree.indent(root)
+    documents = {
+        "index.html": page.html(interface, plot.svg(interface, rows)),
+        "externalDependencies.txt": page.EXTERNAL_DEPENDENCIES,
+        "licenses/license.txt": licence(),
+    }
     straight = "straight" if "straight.py" in build.files else "None"
+    model = component(build.model)
     entry = (
-        f"from . import {component}{', straight' if straight != 'None' else ''}\n"
-        f"from .kit.slave import slave_class\n\n"
-        f'{build.name} = slave_class({component}, "{build.guid}", {straight})\n'
+        f"from . import {model}{', straight' if straight != 'None' else ''}\n"
+        f"from .fmukit.fmu.python.instance import slave_class\n\n"
+        f'{build.name} = slave_class({model}, "{build.guid}", {straight})\n'
     )
-    for name, content in {**build.files, "fmu.py": entry.encode()}.items():
-        target = folder / build.package / name
-        target.parent.mkdir(parents=True, exist_ok=True)
-        target.write_bytes(content)
-    stub = folder / f"{build.package}_fmu.py"
-    stub.write_text(
-        "# pythonfmu 0.7.0 runs this file once per instance and then releases a reference\n"
-        "# to its namespace that it does not own: give one back each time.\n"
-        "import ctypes\n\n"
-        f"from {build.package}.fmu import {build.name}\n\n"
-        "ctypes.pythonapi.Py_IncRef(ctypes.py_object(globals()))\n"
-    )
-    return stub
+    sources = {f"{build.package}/{name}": content for name, content in build.files.items()} | {
+        f"{build.package}/fmu.py": entry.encode(),
+        f"{stub}.py": STUB.format(package=build.package, name=build.name).encode(),
+        "slavemodule.txt": stub.encode(),
+        **{f"pythonfmu/{file.name}": file.read_bytes() for file in WRAPPER.glob("*.py")},
+    }
+    binaries = {
+        f"{file.parent.name}/{build.name}{file.suffix}": file.read_bytes()
+        for file in BINARIES.rglob("*.*")
+    }
+    contents = {
+        "modelDescription.xml": ElementTree.tostring(root, "UTF-8", xml_declaration=True),
+        **{f"documentation/{name}": text.encode() for name, text in documents.items()},
+        **{f"resources/{name}": content for name, content in sources.items()},
+        **{f"binaries/{name}": content for name, content in binaries.items()},
+        **reference.entries(interface, rows),
+    }
+    write_archive(contents, fmu)
 
 
-def _write_documentation(folder: Path, index: str) -> None:
-    (folder / "licenses").mkdir(parents=True)
-    (folder / "index.html").write_text(index, encoding="utf-8")
-    (folder / "externalDependencies.txt").write_text(page.EXTERNAL_DEPENDENCIES, encoding="utf-8")
+def licence() -> str:
+    """The licence of the project and that of pythonfmu."""
     metadata = importlib.metadata.distribution("pythonfmu")
-    licence = next(f for f in metadata.files or () if f.name == "LICENSE")
-    (folder / "licenses" / "license.txt").write_text(
-        f"{(ROOT / 'LICENSE').read_text()}\n"
-        f"The FMI wrapper and resources/pythonfmu are PythonFMU's:\n\n{licence.read_text()}",
-        encoding="utf-8",
+    theirs = next(f for f in metadata.files or () if f.name == "LICENSE")
+    return (
+        f"{LICENSE.read_text()}\n"
+        f"The FMI wrapper and resources/pythonfmu are PythonFMU's:\n\n{theirs.read_text()}"
     )
-
-
-def _repack(raw: Path, clean: Path, more: dict[str, bytes]) -> None:
-    with zipfile.ZipFile(raw) as source:
-        contents = {name: source.read(name) for name in source.namelist()} | more
-    write_archive(contents, clean)
