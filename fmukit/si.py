@@ -45,7 +45,22 @@ TranslationalStiffness = Annotated[
 TranslationalDamping = Annotated[
     float, Quantity("TranslationalDampingConstant", "N.s/m", {"kg": 1, "s": -1})
 ]
+RotationalStiffness = Annotated[
+    float,
+    Quantity("RotationalSpringConstant", "N.m/rad", {"kg": 1, "m": 2, "s": -2, "rad": -1}),
+]
 RotationalDamping = Annotated[
     float, Quantity("RotationalDampingConstant", "N.m.s/rad", {"kg": 1, "m": 2, "s": -1, "rad": -1})
 ]
+Pressure = Annotated[
+    float, Quantity("Pressure", "Pa", {"kg": 1, "m": -1, "s": -2}, Display("bar", 1e-5))
+]
+VolumeFlowRate = Annotated[float, Quantity("VolumeFlowRate", "m3/s", {"m": 3, "s": -1})]
+MassFlowRate = Annotated[float, Quantity("MassFlowRate", "kg/s", {"kg": 1, "s": -1})]
+Temperature = Annotated[float, Quantity("ThermodynamicTemperature", "K", {"K": 1})]
+Voltage = Annotated[float, Quantity("Voltage", "V", {"kg": 1, "m": 2, "s": -3, "A": -1})]
+Current = Annotated[float, Quantity("Current", "A", {"A": 1})]
+Resistance = Annotated[float, Quantity("Resistance", "Ohm", {"kg": 1, "m": 2, "s": -3, "A": -2})]
+Inductance = Annotated[float, Quantity("Inductance", "H", {"kg": 1, "m": 2, "s": -2, "A": -2})]
+MagneticFlux = Annotated[float, Quantity("MagneticFlux", "Wb", {"kg": 1, "m": 2, "s": -2, "A": -1})]
 Ratio = Annotated[float, Quantity("DimensionlessRatio", "1", {})]

@@ -103,7 +103,7 @@ from enum import IntEnum
 from functools import lru_cache
 from math import acos, atan, cos, pi, radians, sin, sqrt
 
-from fmukit import Experiment, discrete, real, record, replace
+from fmukit import Experiment, discrete, real, record, repeat, replace
 from fmukit.si import (
     Acceleration,
     Angle,
@@ -311,8 +311,12 @@ def check(p: Parameters) -> Iterator[str]:
 @lru_cache(maxsize=16)
 def turns(p: Parameters) -> bool:
     """True; raises ValueError for what is in the way first in a turn in steps of half a degree."""
-    for step in range(720):
+
+    def passed(step: int) -> tuple[bool, int]:
         passes(p, radians(step / 2))
+        return step >= 719, step + 1
+
+    repeat(passed, 0)
     return True
 
 

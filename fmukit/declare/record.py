@@ -8,6 +8,7 @@ from enum import IntEnum
 from operator import itemgetter
 from typing import (
     TYPE_CHECKING,
+    Annotated,
     Any,
     NamedTuple,
     TypeVar,
@@ -17,6 +18,7 @@ from typing import (
     get_type_hints,
 )
 
+from .. import si
 from ..si import Quantity
 
 if TYPE_CHECKING:
@@ -74,6 +76,8 @@ def real(
     `feedthrough` names the inputs that act on an output without delay; a `held` one is part of a
     State and changes only at events.
     """
+    if positive and min is not None:
+        raise ValueError(f"positive=True is min = 0 without the 0: leave out min={min!r}")
     low = 0.0 if positive else min
     return Declaration(float(start), meaning, low, max, nominal, feedthrough, held, positive)
 
@@ -105,11 +109,18 @@ def record(cls: type[R]) -> type[R]:
     """
     fields: dict[str, Any] = {}
     body: dict[str, Any] = {"__slots__": (), "__doc__": cls.__doc__, "__module__": cls.__module__}
-    for name, annotation in get_type_hints(cls, include_extras=True).items():
+    body["__getattr__"] = _missing
+    annotations = _annotations(cls)
+    body |= {
+        name: value
+        for name, value in vars(cls).items()
+        if name not in annotations and not name.startswith("__")
+    }
+    for name, annotation in annotations.items():
         if hasattr(annotation, "_declared"):
             fields[name] = annotation
             continue
-        declared, quantity = getattr(cls, name), _quantity(annotation)
+        declared, quantity = _declared(cls, name), _quantity(annotation)
         if isinstance(declared, list):
             body[name] = _whole(len(fields), declared)
         for index, element in _elements(declared):
@@ -118,6 +129,38 @@ def record(cls: type[R]) -> type[R]:
     made = type(cls.__name__, (namedtuple(cls.__name__, names),), body)
     made._declared = fields  # type: ignore[attr-defined]
     return cast(type[R], made)
+
+
+def _annotations(cls: Any) -> dict[str, Any]:
+    """The types of the fields; raises TypeError for what is neither a quantity nor a type."""
+    try:
+        return get_type_hints(cls, include_extras=True)
+    except NameError as error:
+        known = ", ".join(
+            name for name, value in vars(si).items() if get_origin(value) is Annotated
+        )
+        raise TypeError(
+            f"{error.name} in class {cls.__name__} is no type: from fmukit.si import one of {known}"
+        ) from None
+
+
+def _declared(cls: Any, name: str) -> Any:
+    """What a class says of a field; raises TypeError where it is not a declaration."""
+    value = getattr(cls, name, None)
+    place = value
+    while isinstance(place, list) and place:
+        place = place[0]
+    if not isinstance(place, Declaration):
+        given = f"{value!r}" if isinstance(value, int | float) else "0.0"
+        how = "discrete" if isinstance(value, bool | int | str) else "real"
+        raise TypeError(
+            f'{cls.__name__}.{name} has no declaration: write {name}: ... = {how}({given}, "Meaning")'
+        )
+    return value
+
+
+def _missing(self: Any, name: str) -> Any:
+    raise AttributeError(f"{type(self).__name__} has no {name}: it has {', '.join(self._fields)}")
 
 
 def _quantity(annotation: Any) -> Quantity | None:
@@ -170,7 +213,10 @@ def _fill(cls: Any, values: Iterator[Value]) -> Any:
 
 
 def replace(record: R, **changes: Value) -> R:
-    """The record with some fields changed."""
+    """The record with some fields changed; raises AttributeError for one that it has not."""
+    for name in changes:
+        if name not in cast(Any, record)._fields:
+            getattr(record, name)
     return cast(R, cast(Any, record)._replace(**changes))
 
 

@@ -6,7 +6,7 @@ from enum import IntEnum
 from types import ModuleType
 from typing import Any, NamedTuple
 
-from .record import Declaration, declarations, discrete
+from .record import Declaration, declarations, discrete, record
 
 
 class InputHold(IntEnum):
@@ -56,6 +56,31 @@ class Variable(NamedTuple):
     def unit(self) -> str:
         """Unit, or an empty string for what has none."""
         return self.declaration.quantity.unit if self.declaration.quantity else ""
+
+
+RECORDS = ("Parameters", "Inputs", "State", "Outputs")
+
+
+def complete(model: Any) -> None:
+    """Give a model the records that it lacks, empty; raises TypeError for what must be there."""
+    for name in RECORDS:
+        if not hasattr(model, name):
+            setattr(model, name, record(type(name, (), {"__module__": model.__name__})))
+        if not hasattr(getattr(model, name), "_declared"):
+            raise TypeError(f"class {name} needs @record above it")
+    if not hasattr(model, "derivatives") and not model.State._declared:
+        model.derivatives = lambda p, t, x, u: x
+    if not hasattr(model, "outputs") and not model.Outputs._declared:
+        empty = model.Outputs()
+        model.outputs = lambda p, t, x, u: empty
+    for name, form in {
+        "__doc__": 'write """One line that says what it is""" at the top of the file',
+        "EXPERIMENT": "write EXPERIMENT = Experiment(stop=10.0, step=0.01)",
+        "derivatives": "write def derivatives(p, t, x, u), which returns the State of slopes",
+        "outputs": "write def outputs(p, t, x, u), which returns the Outputs",
+    }.items():
+        if not getattr(model, name, None):
+            raise TypeError(f"{'the docstring' if name == '__doc__' else name} is missing: {form}")
 
 
 class Interface:

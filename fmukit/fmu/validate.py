@@ -2,14 +2,22 @@
 
 import math
 import re
+import tempfile
 import zipfile
 from collections.abc import Iterator
 from pathlib import Path
 
+from fmpy import extract, platform, supported_platforms
+from fmpy.fmi1 import FMICallException
+from fmpy.fmi2 import FMU2Slave
 from fmpy.model_description import ModelDescription, ScalarVariable, read_model_description
 from fmpy.validation import validate_fmu
 
-DISPLAY_FACTORS = {("rad", "deg"): 180 / math.pi, ("rad/s", "rpm"): 30 / math.pi}
+DISPLAY_FACTORS = {
+    ("rad", "deg"): 180 / math.pi,
+    ("rad/s", "rpm"): 30 / math.pi,
+    ("Pa", "bar"): 1e-5,
+}
 BINARIES = {"linux64": "so", "win64": "dll"}
 NATIVE_BINARIES = BINARIES | {
     "aarch64-linux": "so", "darwin64": "dylib", "aarch64-darwin": "dylib"
@@ -24,6 +32,67 @@ def problems(fmu: Path) -> list[str]:
         return found
     description = read_model_description(str(fmu))
     return [*_files(fmu, description), *_description(description)]
+
+
+def differences(fmu: Path) -> Iterator[str]:
+    """Where the default experiment of an FMU, played, leaves the reference that it carries.
+
+    Raises RuntimeError if a call fails. An FMU without a binary for this platform is not played.
+    """
+    description = read_model_description(str(fmu))
+    if platform not in supported_platforms(str(fmu)):
+        return
+    with zipfile.ZipFile(fmu) as archive:
+        (name,) = [n for n in archive.namelist() if n.endswith("_ref.csv")]
+        header, *lines = archive.read(name).decode().splitlines()
+    outputs = [v for v in description.modelVariables if v.name in header.split(",")[1:]]
+    for text, played in zip(lines, play(fmu, description, outputs), strict=True):
+        expected = [float(number) for number in text.split(",")]
+        for variable, value, wanted in zip(outputs, played[1:], expected[1:]):
+            if value != wanted:
+                yield (
+                    f"{variable.name} = {value!r} at {expected[0]!r} s in the FMU, "
+                    f"{wanted!r} by its equations"
+                )
+                return
+
+
+def play(
+    fmu: Path, description: ModelDescription, outputs: list[ScalarVariable]
+) -> Iterator[list[float]]:
+    """Time and outputs of the default experiment at every communication point."""
+    stop, step = (
+        float(getattr(description.defaultExperiment, n)) for n in ("stopTime", "stepSize")
+    )
+    slave = description.coSimulation
+    with tempfile.TemporaryDirectory(prefix="played_") as folder:
+        extract(str(fmu), folder)
+        unit = FMU2Slave(
+            guid=description.guid,
+            unzipDirectory=folder,
+            modelIdentifier=slave.modelIdentifier,
+            instanceName="played",
+        )
+        try:
+            unit.instantiate()
+            unit.setupExperiment()
+            unit.enterInitializationMode()
+            unit.exitInitializationMode()
+            for n in range(round(stop / step) + 1):
+                if n:
+                    unit.doStep((n - 1) * step, step)
+                yield [n * step, *(value_of(unit, output) for output in outputs)]
+            unit.terminate()
+        except FMICallException as error:
+            raise RuntimeError(f"the default experiment fails: {error}") from None
+        finally:
+            unit.freeInstance()
+
+
+def value_of(unit: FMU2Slave, variable: ScalarVariable) -> float:
+    kind = "Integer" if variable.type == "Enumeration" else variable.type
+    (value,) = getattr(unit, f"get{kind}")([variable.valueReference])
+    return float(value)
 
 
 def _files(fmu: Path, description: ModelDescription) -> Iterator[str]:

@@ -10,6 +10,7 @@ from xml.etree.ElementTree import Element, SubElement
 from .. import VERSION
 from ..declare.record import Declaration
 from ..declare.variables import Interface, Variable, class_name, title
+from .load import about
 
 
 class Flavour(NamedTuple):
@@ -55,21 +56,19 @@ PYTHON = Flavour("PythonFMU 0.7.0", True, False, "logStatusFatal")
 NATIVE = Flavour(f"build_fmus.py {VERSION}", False, True, "logStatusError")
 
 
-def to_xml(interface: Interface, guid: str, flavour: Flavour = PYTHON) -> Element:
+def to_xml(interface: Interface, guid: str, flavour: Flavour) -> Element:
     """The FMI 2.0 model description of a component with this guid."""
     model = interface.model
-    root = Element(
-        "fmiModelDescription",
-        fmiVersion="2.0",
-        modelName=class_name(model),
-        guid=guid,
-        description=title(model),
-        author="The drive FMU authors",
-        version=VERSION,
-        license="MIT",
-        generationTool=flavour.tool,
-        variableNamingConvention="structured",
-    )
+    attributes = {
+        "fmiVersion": "2.0",
+        "modelName": class_name(model),
+        "guid": guid,
+        "description": title(model),
+        **about(model),
+        "generationTool": flavour.tool,
+        "variableNamingConvention": "structured",
+    }
+    root = Element("fmiModelDescription", attributes)
     if "SOURCE_DATE_EPOCH" in os.environ:
         date = datetime.fromtimestamp(int(os.environ["SOURCE_DATE_EPOCH"]), timezone.utc)
         root.set("generationDateAndTime", date.strftime("%Y-%m-%dT%H:%M:%SZ"))
@@ -100,6 +99,8 @@ def _units(root: Element, interface: Interface) -> None:
         for v in interface.variables
         if v.declaration.quantity
     }
+    if not quantities:
+        return
     definitions = SubElement(root, "UnitDefinitions")
     for unit, quantity in quantities.items():
         element = SubElement(definitions, "Unit", name=unit)
@@ -129,7 +130,10 @@ def _types(root: Element, interface: Interface) -> None:
 
 
 def _first_line(items: type) -> str:
-    return (items.__doc__ or "").strip().splitlines()[0].rstrip(".")
+    lines = (items.__doc__ or "").strip().splitlines()
+    if not lines:
+        raise TypeError(f'{items.__name__} has no docstring: write """What its values are""" in it')
+    return lines[0].rstrip(".")
 
 
 def _scalar_variable(variable: Variable) -> Element:
@@ -180,10 +184,11 @@ def start_text(declaration: Declaration) -> str:
 
 def _structure(root: Element, interface: Interface) -> None:
     structure = SubElement(root, "ModelStructure")
-    outputs = SubElement(structure, "Outputs")
     unknowns = [v for v in interface.variables if v.initial == "calculated"]
-    for variable in interface.variables:
-        if variable.causality == "output":
+    known = [v for v in interface.variables if v.causality == "output"]
+    if known:
+        outputs = SubElement(structure, "Outputs")
+        for variable in known:
             inputs = interface.feedthrough(variable)
             SubElement(outputs, "Unknown", _dependencies(variable, inputs))
     if unknowns:

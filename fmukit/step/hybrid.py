@@ -121,10 +121,7 @@ def advance(
         if end is not None:
             return end
 
-    def happened(s: float, old: Any, new: Any) -> None:
-        announce(model, p, t + s, old, new, inputs.at(s), note)
-
-    return settle(model, p, travel(model, p, t, x, inputs, happened))
+    return settle(model, p, travel(model, p, t, x, inputs, note))
 
 
 def sample(
@@ -164,7 +161,7 @@ def events(
     Raises what `travel` raises.
     """
     seen: list[tuple[float, Any, Any]] = []
-    end = travel(model, p, t, x, inputs, lambda *event: seen.append(event))
+    end = travel(model, p, t, x, inputs, silent, lambda *event: seen.append(event))
     return [*seen, (inputs.h, end, end)]
 
 
@@ -183,9 +180,10 @@ def travel(
     t: float,
     x: Any,
     inputs: Course,
-    happened: Callable[[float, Any, Any], None],
+    note: Note,
+    happened: Callable[[float, Any, Any], None] | None = None,
 ) -> Any:
-    """The state at the end of a step, through its events, of which `happened` is told.
+    """The state at the end of a step, through its events, which `happened` may record.
 
     Raises ArithmeticError for a system that chatters, and what `ode.substep` raises.
     """
@@ -205,7 +203,9 @@ def travel(
                     f"more than {MOST_EVENTS} events, the last at {t + walk.s!r} s"
                 )
             new = model.jump(p, t + walk.s, x, inputs.at(walk.s), which)
-            happened(walk.s, x, new)
+            announce(model, p, t + walk.s, x, new, inputs.at(walk.s), note)
+            if happened:
+                happened(walk.s, x, new)
             which = fallen(model, p, t, walk.s, new, inputs)
             walk = begin(walk.s, new) if which < 0 else walk
             return which < 0 and walk.s >= h, Stage(which, new, walk, events + 1)

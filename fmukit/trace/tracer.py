@@ -1,9 +1,8 @@
-"""Follow pure functions with symbols for numbers: every path that their conditions allow, as a tree.
+"""Trace the functions of a model: what they compute becomes trees, which C and Python repeat bit by bit.
 
-Operations stay in the order of the source, so that C repeats every bit; what is computed twice on
-a path is one node. A condition on a symbol ends the run, which then starts again once for either
-answer. Functions of `boundaries` become functions of their own, called; all others are followed
-where they are called.
+Operations stay as the source has them; what is computed twice on a path is one node. Functions of
+the model, and of the kit where `entries` names them, become functions of their own, called where
+they return numbers; all others are followed where they are called.
 """
 
 from __future__ import annotations
@@ -12,332 +11,30 @@ import inspect
 import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from types import FunctionType, ModuleType
-from typing import Any, NamedTuple
+from types import BuiltinFunctionType, FunctionType, ModuleType, SimpleNamespace
+from typing import Any
 
-from ..declare.record import Declaration
 from ..step import flow
-
-COMPARISONS = ("<", "<=", ">", ">=", "==", "!=")
-
-
-class Untraceable(TypeError):
-    """What cannot be told in C."""
-
-
-class Fork(BaseException):
-    """The end of a run at a condition that is still open."""
-
-    def __init__(self, condition: Node) -> None:
-        self.condition = condition
-
-
-class Node:
-    """A value that is known when the FMU runs; `items` are all that it can be, if it is a choice."""
-
-    __slots__ = ("args", "items", "kind", "number", "op")
-
-    def __init__(
-        self, number: int, op: str, args: tuple[Any, ...], kind: str, items: Sequence[int]
-    ) -> None:
-        self.number, self.op, self.args, self.kind, self.items = number, op, args, kind, items
-
-    def __add__(self, other: Any) -> Any:
-        return operation("+", self, other)
-
-    def __radd__(self, other: Any) -> Any:
-        return operation("+", other, self)
-
-    def __sub__(self, other: Any) -> Any:
-        return operation("-", self, other)
-
-    def __rsub__(self, other: Any) -> Any:
-        return operation("-", other, self)
-
-    def __mul__(self, other: Any) -> Any:
-        return operation("*", self, other)
-
-    def __rmul__(self, other: Any) -> Any:
-        return operation("*", other, self)
-
-    def __truediv__(self, other: Any) -> Any:
-        return operation("/", self, other)
-
-    def __rtruediv__(self, other: Any) -> Any:
-        return operation("/", other, self)
-
-    def __mod__(self, other: Any) -> Any:
-        return operation("modulo", self, other)
-
-    def __pow__(self, other: Any) -> Any:
-        if isinstance(other, Node):
-            raise Untraceable("a power whose exponent is not a constant")
-        return operation("power", self, other)
-
-    def __neg__(self) -> Any:
-        return operation("neg", self)
-
-    def __abs__(self) -> Any:
-        return operation("fabs", self)
-
-    def __lt__(self, other: Any) -> Any:
-        return compared("<", self, other)
-
-    def __le__(self, other: Any) -> Any:
-        return compared("<=", self, other)
-
-    def __gt__(self, other: Any) -> Any:
-        return compared(">", self, other)
-
-    def __ge__(self, other: Any) -> Any:
-        return compared(">=", self, other)
-
-    def __eq__(self, other: object) -> Any:
-        return compared("==", self, other)
-
-    def __ne__(self, other: object) -> Any:
-        return compared("!=", self, other)
-
-    def __bool__(self) -> bool:
-        if self.op == "!=":
-            return not compared("==", *self.args)
-        return PATHS[-1].decide(self) if self.op in COMPARISONS else bool(self != 0.0)
-
-    def __hash__(self) -> int:
-        return hash(self.choice())
-
-    def __index__(self) -> int:
-        return int(self.choice())
-
-    def __repr__(self) -> str:
-        """A mark in a text, for a value that the FMU will know."""
-        return f"\x01{self.number}\x02"
-
-    def __format__(self, spec: str) -> str:
-        if spec:
-            raise Untraceable(f"the format {spec!r} of a number in a text")
-        return repr(self)
-
-    def choice(self) -> Any:
-        """The one of its items that it is on this path."""
-        for item in self.items:
-            if self == item:
-                return item
-        raise Untraceable(f"{describe(self)} used as a key, an index or a choice")
-
-
-class Branch(NamedTuple):
-    """Nodes in the order of their computation, then one of two trees."""
-
-    nodes: list[Node]
-    condition: Node
-    true: Tree
-    false: Tree
-
-
-class Leaf(NamedTuple):
-    """The end of a path: its last nodes, and the values returned or the reason for having none."""
-
-    nodes: list[Node]
-    values: list[Any]
-    shape: Any
-    error: str | None
-
-
-Tree = Branch | Leaf
-
-
-class Function(NamedTuple):
-    """A traced function: shapes of the parameters by name, its paths, how its values are arranged."""
-
-    name: str
-    parameters: dict[str, Any]
-    tree: Tree
-    shape: Any
-
-
-class Static:
-    """Something without numbers, the same wherever it is the same object or text."""
-
-    def __init__(self, value: Any) -> None:
-        self.value = value
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, Static) and hash(self) == hash(other)
-
-    def __hash__(self) -> int:
-        return hash(self.value) if isinstance(self.value, str) else id(self.value)
-
-
-class Path:
-    """What is known on the way through a function: answers given, and nodes already computed."""
-
-    def __init__(self, answers: tuple[bool, ...], outer: Path | None, token: tuple[Any, ...]):
-        self.answers, self.token, self.given, self.marks = answers, token, 0, 0
-        self.seen: set[int] = set(outer.seen) if outer else set()
-        self.facts: dict[int, bool] = dict(outer.facts) if outer else {}
-        self.choices: dict[int, list[int]] = dict(outer.choices) if outer else {}
-        self.nodes: list[Node] = []
-
-    def mark(self) -> tuple[Any, ...]:
-        """A name for a place on this path, the same whenever it is run through."""
-        self.marks += 1
-        return (*self.token, self.answers[: self.given], self.marks)
-
-    def visit(self, node: Node) -> Node:
-        if node.number not in self.seen:
-            self.seen.add(node.number)
-            self.nodes.append(node)
-        return node
-
-    def decide(self, condition: Node) -> bool:
-        if condition.number not in self.facts:
-            if self.given == len(self.answers):
-                raise Fork(condition)
-            self.learn(condition, self.answers[self.given])
-            self.given += 1
-            self.nodes = []
-        return self.facts[condition.number]
-
-    def learn(self, condition: Node, answer: bool) -> None:
-        self.facts[condition.number] = answer
-        left, right = condition.args
-        if condition.op == "==" and left.items and not isinstance(right, Node):
-            known = self.choices.get(left.number, left.items)
-            self.choices[left.number] = [item for item in known if (item == right) == answer]
-
+from .paths import arranged, flatten, grow, has_static, kinds, leaves, symbols
+from .values import (
+    NODES,
+    PATHS,
+    TABLE,
+    Function,
+    Leaf,
+    Node,
+    Tree,
+    Untraceable,
+    key,
+    kind_of,
+    operation,
+    plain,
+    size,
+    symbol,
+    unique,
+)
 
 SHORT = 40
-PATHS: list[Path] = []
-TABLE: dict[Any, Node] = {}
-NODES: list[Node] = []
-
-
-def key(value: Any) -> Any:
-    return value.number if isinstance(value, Node) else float(value).hex()
-
-
-def unique(
-    identity: tuple[Any, ...], args: Sequence[Any], kind: str = "Real", items: Sequence[int] = ()
-) -> Node:
-    """The node of this identity, which begins with its operation."""
-    if identity not in TABLE:
-        TABLE[identity] = Node(len(NODES), identity[0], tuple(args), kind, items)
-        NODES.append(TABLE[identity])
-    return TABLE[identity]
-
-
-def symbol(op: str, *args: Any, kind: str = "Real", items: Sequence[int] = ()) -> Node:
-    """A symbol that is told from others by its arguments."""
-    return unique((op, *args, kind, tuple(items)), args, kind, items)
-
-
-def operation(op: str, *args: Any) -> Any:
-    """The result of an operation that C knows by this name."""
-    if not all(isinstance(arg, int | float | Node) for arg in args):
-        return NotImplemented
-    return PATHS[-1].visit(unique((op, *map(key, args)), plain(args)))
-
-
-def plain(args: Sequence[Any]) -> list[Any]:
-    """Numbers as Reals."""
-    return [arg if isinstance(arg, Node) else float(arg) for arg in args]
-
-
-def compared(op: str, left: Node, right: Any) -> Any:
-    """A comparison, with its answer where the path knows it."""
-    if not isinstance(right, int | float | Node):
-        return NotImplemented
-    known = PATHS[-1].choices.get(left.number, left.items)
-    if known and not isinstance(right, Node) and op in ("==", "!="):
-        if right not in list(known):
-            return op == "!="
-        if len(known) == 1:
-            return op == "=="
-    return unique((op, left.number, key(right)), plain((left, right)), "Boolean")
-
-
-def describe(node: Node) -> str:
-    return f"{node.op} {node.args[0] if node.args else ''}".strip()
-
-
-def flatten(value: Any) -> tuple[Any, list[Any]]:
-    """The arrangement of a value, and its numbers in order."""
-    if isinstance(value, Node | int | float):
-        return "number", [value]
-    if isinstance(value, tuple | list):
-        parts = [flatten(item) for item in value]
-        numbers = [number for _, numbers in parts for number in numbers]
-        shape = (type(value), tuple(shape for shape, _ in parts))
-        if not has_static(shape) or any(isinstance(number, Node) for number in numbers):
-            return shape, numbers
-    return ("static", Static(value)), []
-
-
-def arranged(shape: Any, numbers: Iterator[Any]) -> Any:
-    """The value of this arrangement with these numbers."""
-    if shape == "number":
-        return next(numbers)
-    cls, parts = shape
-    if cls == "static":
-        return parts.value
-    values = [arranged(part, numbers) for part in parts]
-    return cls._make(values) if hasattr(cls, "_make") else cls(values)
-
-
-def size(shape: Any) -> int:
-    """How many numbers are arranged so."""
-    return 1 if shape == "number" else 0 if shape[0] == "static" else sum(map(size, shape[1]))
-
-
-def kinds(shape: Any) -> Iterator[tuple[str, Sequence[int]]]:
-    """The type of each number of a shape, with all its values if it is an enumeration."""
-    if shape == "number":
-        yield "Real", ()
-    elif shape[0] != "static":
-        declared = getattr(shape[0], "_declared", {}).values()
-        for part, field in zip(shape[1], declared or shape[1]):
-            if part == "number" and isinstance(field, Declaration):
-                yield field.kind, tuple(field.items or ())
-            else:
-                yield from kinds(part)
-
-
-def symbols(shape: Any, name: Callable[[int], tuple[Any, ...]]) -> Any:
-    """A value of this shape made of symbols, each named by its place."""
-    numbers = (
-        symbol(*name(place), kind=kind, items=items)
-        for place, (kind, items) in enumerate(kinds(shape))
-    )
-    return arranged(shape, iter(list(numbers)))
-
-
-def grow(run: Callable[[], Any], token: tuple[Any, ...], answers: tuple[bool, ...] = ()) -> Tree:
-    """All paths through `run` that begin with these answers."""
-    path = Path(answers, PATHS[-1] if PATHS else None, token)
-    PATHS.append(path)
-    try:
-        shape, values = flatten(run())
-        return Leaf(path.nodes, values, shape, None)
-    except (ValueError, ArithmeticError) as error:
-        return Leaf(path.nodes, [], None, str(error))
-    except LookupError as error:
-        return Leaf(path.nodes, [], None, type(error).__name__)
-    except Fork as fork:
-        condition = fork.condition
-    finally:
-        PATHS.pop()
-    true, false = (grow(run, token, (*answers, answer)) for answer in (True, False))
-    return Branch(path.nodes, condition, true, false)
-
-
-def leaves(tree: Tree) -> Iterator[Leaf]:
-    """The ends of all paths."""
-    if isinstance(tree, Branch):
-        yield from leaves(tree.true)
-        yield from leaves(tree.false)
-    else:
-        yield tree
 
 
 def function(
@@ -375,12 +72,6 @@ def unified(shape: Any) -> Any:
     return cls, tuple(unified(part) for part in shape[1])
 
 
-def has_static(shape: Any) -> bool:
-    if shape == "number":
-        return False
-    return shape[0] == "static" or any(map(has_static, shape[1]))
-
-
 class Tracer:
     """Everything traced for one component: `functions` in the order in which C needs them."""
 
@@ -389,6 +80,7 @@ class Tracer:
         for record in (TABLE, NODES, LOOPS, BODIES):
             record.clear()
         self.functions: dict[Any, Function | None] = {}
+        self.joins: dict[Any, Node] = {}
 
     def entry(self, name: str, run: Callable[..., Any], **examples: Any) -> Function:
         """Trace a function that the runtime calls, with symbols in the shape of these examples."""
@@ -397,12 +89,12 @@ class Tracer:
             traced = function(name, run, shapes)
         if traced is None:
             raise Untraceable(f"{name} does not return the same record on all paths")
-        self.functions[name] = traced
+        self.functions[name] = traced._replace(entry=True)
         return traced
 
     @contextmanager
     def patched(self) -> Iterator[None]:
-        """Mathematics, loops and boundaries of component and kit replaced by what records them."""
+        """Replace mathematics, loops and boundaries of model and kit by what records them."""
         kept = []
         for module in (self.model, *self.kit):
             for name, value in list(vars(module).items()):
@@ -417,9 +109,8 @@ class Tracer:
                 setattr(module, name, value)
 
     def replacement(self, module: ModuleType, name: str, value: Any) -> Any:
-        for original, new in REPLACED.items():
-            if value is original:
-                return new
+        if isinstance(value, FunctionType | BuiltinFunctionType | ModuleType) and value in REPLACED:
+            return REPLACED[value]
         value = getattr(value, "__wrapped__", value)
         own = isinstance(value, FunctionType) and value.__module__ == module.__name__
         wanted = not inspect.isgeneratorfunction(value)
@@ -439,7 +130,7 @@ class Tracer:
             if bound.kwargs or not any(n for _, n in flat):
                 return original(*given, **named)
             shapes = {name: unified(shape) for name, (shape, _) in zip(bound.arguments, flat)}
-            types = tuple(arg.kind if isinstance(arg, Node) else "Real" for arg in args)
+            types = tuple(map(kind_of, args))
             identity = (original, tuple(shapes.items()), types)
             if identity not in self.functions:
                 name = f"{original.__name__}_{len(self.functions)}"
@@ -459,9 +150,9 @@ class Tracer:
 
 def is_short(traced: Function) -> bool:
     """Whether a function is better followed than called: one path, and a short one."""
-    return (
-        isinstance(traced.tree, Leaf) and len(traced.tree.nodes) <= SHORT and size(traced.shape) > 0
-    )
+    nodes = traced.tree.nodes
+    one_path = isinstance(traced.tree, Leaf) and not {"join", "loop"} & {n.op for n in nodes}
+    return one_path and len(nodes) <= SHORT and size(traced.shape) > 0
 
 
 def called(traced: Function, numbers: list[tuple[Any, ...]]) -> list[Any]:
@@ -477,22 +168,28 @@ def called(traced: Function, numbers: list[tuple[Any, ...]]) -> list[Any]:
 
 def mathematical(original: Callable[..., Any]) -> Callable[..., Any]:
     """A function of `math` that also takes symbols."""
+    name = original.__name__
 
     def call(*args: Any) -> Any:
-        if any(isinstance(arg, Node) for arg in args):
-            return operation(original.__name__, *args)
-        return original(*args)
+        if not any(isinstance(number, Node) for number in flatten(args)[1]):
+            return original(*args)
+        if name in OTHERWISE:
+            return OTHERWISE[name](*args)
+        if name not in OPERATIONS:
+            instead = INSTEAD.get(name, f"one of {', '.join(sorted(OPERATIONS | {*OTHERWISE}))}")
+            raise Untraceable(f"{name} of math, which C computes otherwise: write {instead}")
+        return operation(name, *args)
 
     return call
 
 
-def isfinite(x: Any) -> Any:
-    """`math.isfinite` that also takes symbols."""
-    return abs(x) < math.inf
+def logarithm(x: Any, *base: Any) -> Any:
+    """`math.log` of one number or two."""
+    return operation("/", logarithm(x), logarithm(*base)) if base else operation("log", x)
 
 
 def effect(op: str, *args: Any) -> Node:
-    """Something that happens at this place."""
+    """Record a side effect here."""
     path = PATHS[-1]
     return path.visit(unique((op, path.mark()), args))
 
@@ -532,18 +229,41 @@ def repeat(body: Callable[[Any], tuple[bool, Any]], carry: Any) -> Any:
 
 
 def finished(done: Any, carry: Any) -> tuple[bool, Any]:
+    """Whether a loop is done, which is followed like any condition, and what it carries on."""
     return bool(done), carry
 
 
 LOOPS: dict[Any, int] = {}
 BODIES: dict[Any, Tree] = {}
 
-MATHEMATICS = (
-    math.sin, math.cos, math.tan, math.acos, math.atan, math.atan2, math.sqrt, math.exp, math.expm1
-)  # fmt: skip
-REPLACED: dict[Callable[..., Any], Callable[..., Any]] = {
-    **{original: mathematical(original) for original in MATHEMATICS},
-    math.isfinite: isfinite,
+OPERATIONS = {
+    "sin", "cos", "tan", "asin", "acos", "atan", "atan2", "sinh", "cosh", "tanh", "asinh", "acosh",
+    "atanh", "sqrt", "exp", "expm1", "log10", "log2", "log1p", "pow", "fmod", "copysign", "erf",
+    "erfc", "floor", "ceil", "trunc", "fabs",
+}  # fmt: skip
+OTHERWISE: dict[str, Callable[..., Any]] = {
+    "log": logarithm,
+    "degrees": lambda x: x * (180.0 / math.pi),
+    "radians": lambda x: x * (math.pi / 180.0),
+    "isnan": lambda x: operation("-", x, 0.0) != x,
+    "isinf": lambda x: abs(x) == math.inf,
+    "isfinite": lambda x: abs(x) < math.inf,
+}
+INSTEAD = {
+    "hypot": "sqrt(x * x + y * y)",
+    "fsum": "x + y + z",
+    "prod": "x * y * z",
+    "cbrt": "copysign(abs(x) ** (1 / 3), x)",
+    "exp2": "2.0 ** x",
+}
+MATHEMATICS = {
+    name: mathematical(function)
+    for name, function in vars(math).items()
+    if callable(function) and not name.startswith("_")
+}
+REPLACED: dict[Any, Any] = {
+    **{getattr(math, name): new for name, new in MATHEMATICS.items()},
+    math: SimpleNamespace(**vars(math) | MATHEMATICS),
     flow.repeat: repeat,
     flow.attempted: attempted,
 }

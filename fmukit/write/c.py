@@ -5,18 +5,45 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Iterator
+import textwrap
+from collections.abc import Iterable, Iterator
+from itertools import groupby
 from typing import Any
 
-from ..trace.tracer import COMPARISONS, NODES, Branch, Function, Leaf, Node, Tree, size
+from ..trace.values import (
+    COMPARISONS,
+    FAILING,
+    MARK,
+    NODES,
+    Branch,
+    Function,
+    Leaf,
+    Node,
+    Tree,
+    acts,
+    failing,
+    joins_of,
+    marked,
+    needed,
+    reach,
+    size,
+)
+from .names import given, parameter
 
 INFIX = {"+", "-", "*", *COMPARISONS}
-FAILING = {"/", "power", "modulo", "sin", "cos", "tan", "acos", "sqrt", "exp", "expm1"}
-LIBM = {"sin", "cos", "tan", "acos", "atan", "atan2", "exp", "expm1"}
-NAMES = {"/": "quotient", "power": "power", "modulo": "modulo"}
-ALWAYS = {"call", "loop", "note", "leave if failed", "forget failure"}
-SMALL = 60
-MARK = re.compile("\x01(\\d+)\x02")
+POINTERS = {
+    "sin", "cos", "tan", "asin", "acos", "atan", "atan2", "sinh", "cosh", "tanh", "asinh", "acosh",
+    "atanh", "exp", "expm1", "log", "log10", "log2", "log1p", "erf", "erfc",
+}  # fmt: skip
+OVERFLOWING = {"cosh", "sinh", "exp", "expm1"}
+NAMES = {
+    "/": "quotient", "power": "power", "pow": "math_pow", "modulo": "modulo", "fmod": "math_fmod",
+    "floordiv": "floored", "floor": "whole", "ceil": "whole", "trunc": "whole",
+}  # fmt: skip
+SMALL, WIDTH = 60, 98
+PACKED = re.compile(
+    r" *(const double (?=n)|double (?=v\w+ =)|(?=(j\d+|v\d+_\d+|result\[\d+\]) = ))"
+)
 CONVERSIONS = {"Real": "%r", "Boolean": "%b"}
 
 
@@ -25,25 +52,57 @@ def declaration(function: Function) -> str:
     parameters = ["Context *c"]
     for name, shape in function.parameters.items():
         if shape == "number":
-            parameters.append(f"double {name}")
-        elif size(shape):
-            parameters.append(f"const double *{name}")
-    if has_array(function):
+            parameters.append(f"double {given(name)}")
+        elif size(shape) or function.entry:
+            parameters.append(f"const double *{given(name)}")
+    if has_array(function) or (function.entry and not is_static(function.shape)):
         parameters.append("double *result")
-    returned = "double" if function.shape == "number" else "void"
+    returned = "double" if is_number(function) else "void"
     return f"{returned} {function.name}({', '.join(parameters)})"
 
 
 def has_array(function: Function) -> bool:
     """Whether the caller provides the place for the results."""
-    return function.shape != "number" and size(function.shape) > 0
+    return size(function.shape) > 0 and not is_number(function)
+
+
+def is_number(function: Function) -> bool:
+    """Whether the function returns its one result."""
+    return size(function.shape) == 1 and not function.entry
+
+
+def is_static(shape: Any) -> bool:
+    """Whether this is the shape of None or of another single thing."""
+    return bool(shape != "number" and shape[0] == "static")
 
 
 def definition(function: Function) -> str:
     """The C function."""
     lines = list(Printer(function).lines())
     kind = "INLINE" if len(lines) <= SMALL else "static inline"
-    return "\n".join([f"{kind} {declaration(function)} {{", *lines, "}\n"])
+    return "\n".join([f"{kind} {declaration(function)} {{", *packed(lines), "}\n"])
+
+
+def beginning(line: str) -> str | None:
+    """What lines begin with that may be one statement; None for any other line."""
+    found = PACKED.match(line)
+    return found[0] if found else None
+
+
+def packed(lines: Iterable[str]) -> Iterator[str]:
+    """Definitions that follow each other as one statement: each stays an expression of its own."""
+    for start, group in groupby(lines, beginning):
+        if start is None:
+            yield from group
+            continue
+        line = ""
+        for definition in group:
+            more = definition.removeprefix(start)[:-1]
+            if line and len(line) + len(more) > WIDTH:
+                yield f"{line};"
+                line = ""
+            line = f"{line}, {more}" if line else start + more
+        yield f"{line};"
 
 
 def real(value: float) -> str:
@@ -51,54 +110,6 @@ def real(value: float) -> str:
     if not math.isfinite(value):
         return {math.inf: "INFINITY", -math.inf: "-INFINITY"}.get(value, "NAN")
     return f"({value!r})" if math.copysign(1.0, value) < 0 else repr(value)
-
-
-def used(node: Any) -> Iterator[Any]:
-    """The values that a node is computed from."""
-    if not isinstance(node, Node):
-        return
-    if node.op == "result":
-        yield NODES[node.args[0]]
-    elif node.op == "call":
-        for group in node.args[1]:
-            yield from group
-    elif node.op == "loop":
-        yield from node.args[1]
-        yield from needed(node.args[2])
-    elif node.op == "note":
-        yield from marked(node.args[0])
-    elif node.op not in ("symbol", "element", "variable"):
-        yield from node.args
-
-
-def marked(text: str) -> Iterator[Node]:
-    """The values that stand in a text."""
-    for number in MARK.findall(text):
-        yield NODES[int(number)]
-
-
-def needed(tree: Tree) -> Iterator[Any]:
-    """What a tree cannot do without: results, conditions, texts, and what may fail or acts."""
-    yield from (arg for node in tree.nodes if acts(node) for arg in used(node))
-    if isinstance(tree, Branch):
-        yield from tree.condition.args
-        yield from needed(tree.true)
-        yield from needed(tree.false)
-    else:
-        yield from tree.values
-        yield from marked(tree.error or "")
-
-
-def acts(node: Node) -> bool:
-    """Whether a node does something even where its value is not used."""
-    return node.op in ALWAYS or failing(node)
-
-
-def failing(node: Node) -> bool:
-    """Whether Python may raise here."""
-    if node.op == "/":
-        return isinstance(node.args[1], Node) or node.args[1] == 0.0
-    return node.op in FAILING
 
 
 def in_place(group: list[Any]) -> Node | None:
@@ -113,13 +124,9 @@ def in_place(group: list[Any]) -> Node | None:
     return first if is_array and row == found else None
 
 
-def parameter(node: Node) -> str | None:
-    """A number that a function has been given, or carries through a loop; None for any other."""
-    if node.op == "symbol":
-        return str(node.args[0])
-    if node.op == "element":
-        return f"{node.args[0]}[{node.args[1]}]"
-    return f"v{node.args[0]}_{node.args[1]}" if node.op == "variable" else None
+def wrapped(indent: str, text: str) -> Iterator[str]:
+    """A long declaration in lines."""
+    yield from textwrap.wrap(text, 100, initial_indent=indent, subsequent_indent=indent + "    ")
 
 
 class Printer:
@@ -128,25 +135,24 @@ class Printer:
     def __init__(self, function: Function) -> None:
         self.function = function
         self.names: dict[int, str] = {}
-        self.used: set[int] = set()
-        waiting = list(needed(function.tree))
-        seen: set[int] = set()
-        while waiting:
-            value = waiting.pop()
-            if isinstance(value, Node):
-                self.used.add(value.number)
-            if isinstance(value, Node) and value.number not in seen:
-                seen.add(value.number)
-                waiting += used(value)
+        self.used = reach(needed(function.tree), joins_of(function.tree))
 
     def lines(self) -> Iterator[str]:
         yield from self.tree(self.function.tree, 1, None)
 
+    def nodes(self, nodes: list[Node], depth: int) -> Iterator[str]:
+        for node in nodes:
+            if node.number in self.used or acts(node) or self.handed(node):
+                yield from self.statement(node, depth)
+
+    def handed(self, node: Node) -> list[tuple[Node, int]]:
+        """The values that a join hands on to where they are used, with their places."""
+        phis = node.args[3] if node.op == "join" else ()
+        return [(phi, place) for place, phi in enumerate(phis) if phi.number in self.used]
+
     def tree(self, tree: Tree, depth: int, loop: Node | None) -> Iterator[str]:
         indent = "    " * depth
-        for node in tree.nodes:
-            if node.number in self.used or acts(node):
-                yield from self.statement(node, depth)
+        yield from self.nodes(tree.nodes, depth)
         if isinstance(tree, Branch):
             condition, short, long = self.comparison(tree.condition), tree.true, tree.false
             if isinstance(long, Leaf) and isinstance(short, Branch):
@@ -164,23 +170,26 @@ class Printer:
             yield from self.returned(tree, indent)
 
     def leave(self) -> str:
-        if self.function.shape == "number":
+        if is_number(self.function):
             return "return NAN;"
         count = size(self.function.shape)
         return f"spoil(result, {count}); return;" if count else "return;"
 
     def returned(self, leaf: Leaf, indent: str) -> Iterator[str]:
-        if self.function.shape == "number":
+        if is_number(self.function):
             yield f"{indent}return {self.value(leaf.values[0])};"
             return
         for place, value in enumerate(leaf.values):
             yield f"{indent}result[{place}] = {self.value(value)};"
-        yield f"{indent}return;"
+        if len(indent) > 4:
+            yield f"{indent}return;"
 
     def turn(self, leaf: Leaf, loop: Node, indent: str) -> Iterator[str]:
         """The end of a loop's body: the next values of its variables."""
         number = loop.args[0]
         done, *values = leaf.values
+        if isinstance(done, Node):
+            yield f"{indent}const int done{number} = {self.value(done)};"
         new = {
             f"v{number}_{place}": value
             for place, value in enumerate(values)
@@ -194,7 +203,45 @@ class Printer:
         for name, value in new.items():
             moved = isinstance(value, Node) and value.op == "variable" and value.args[0] == number
             yield f"{indent}{name} = {f'next_{name}' if moved else self.value(value)};"
-        yield f"{indent}{'break' if done else 'continue'};"
+        if isinstance(done, Node):
+            yield f"{indent}if (done{number}) break;"
+        yield f"{indent}{'continue' if isinstance(done, Node) or not done else 'break'};"
+
+    def join(self, node: Node, depth: int) -> Iterator[str]:
+        """A condition, and what either arm hands on."""
+        indent = "    " * depth
+        condition, handed = self.comparison(node.args[0]), self.handed(node)
+        true, false = node.args[1:3]
+        names = [self.name(phi, "j") for phi, _ in handed]
+        if not true.nodes and not false.nodes and true.error is false.error is None:
+            for name, (_, place) in zip(names, handed):
+                yes, no = self.value(true.values[place]), self.value(false.values[place])
+                yield f"{indent}const double {name} = {condition} ? {yes} : {no};"
+            return
+        if names:
+            yield from wrapped(indent, f"double {', '.join(names)};")
+        arms = [list(self.arm(arm, names, handed, depth + 1)) for arm in (true, false)]
+        if not arms[0]:
+            condition, arms = f"!({condition})", arms[::-1]
+        yield f"{indent}if ({condition}) {{"
+        yield from arms[0]
+        if arms[1]:
+            yield f"{indent}}} else {{"
+            yield from arms[1]
+        yield f"{indent}}}"
+
+    def arm(
+        self, arm: Leaf, names: list[str], handed: list[tuple[Node, int]], depth: int
+    ) -> Iterator[str]:
+        """One arm of a join."""
+        indent = "    " * depth
+        yield from self.nodes(arm.nodes, depth)
+        if arm.error is not None:
+            yield f"{indent}fail({self.text(arm.error)});"
+            yield f"{indent}{self.leave()}"
+            return
+        for name, (_, place) in zip(names, handed):
+            yield f"{indent}{name} = {self.value(arm.values[place])};"
 
     def statement(self, node: Node, depth: int) -> Iterator[str]:
         indent = "    " * depth
@@ -212,15 +259,17 @@ class Printer:
             yield f"{indent}}}"
         elif node.op == "call":
             yield from self.call(node, indent)
+        elif node.op == "join":
+            yield from self.join(node, depth)
         else:
             expression = self.expression(node)
             kind = "int" if node.op == "forget failure" else "double"
             target = f"const {kind} {self.name(node)} = " if node.number in self.used else ""
             yield f"{indent}{target}{expression};"
 
-    def name(self, node: Node) -> str:
+    def name(self, node: Node, letter: str = "n") -> str:
         """The name of a node in C."""
-        return self.names.setdefault(node.number, f"n{len(self.names)}")
+        return self.names.setdefault(node.number, f"{letter}{len(self.names)}")
 
     def call(self, node: Node, indent: str) -> Iterator[str]:
         traced, groups = node.args
@@ -241,7 +290,7 @@ class Printer:
         first = in_place(group)
         if first is not None:
             base, place = first.args
-            name = str(base) if first.op == "element" else self.names[base]
+            name = given(base) if first.op == "element" else self.names[base]
             return f"{name} + {place}" if place else name
         return f"(const double[]){{{', '.join(map(self.value, group))}}}"
 
@@ -275,11 +324,16 @@ class Printer:
             return f"{values[0]} {node.op} {values[1]}"
         if node.op == "neg":
             return f"-{values[0]}"
-        if node.op in LIBM:
-            called = f"libm_{node.op}({', '.join(values)})"
-            return f"checked(c, {values[0]}, {called})" if len(values) == 1 else called
-        if node.op == "sqrt":
-            return f"checked(c, {values[0]}, sqrt({values[0]}))"
+        if node.op in POINTERS or node.op == "sqrt":
+            called = f"{'' if node.op == 'sqrt' else 'libm_'}{node.op}({', '.join(values)})"
+            if node.op not in FAILING:
+                return called
+            check = "checked" if node.op in OVERFLOWING else "defined"
+            return f"{check}(c, {values[0]}, {called})"
+        if node.op == "copysign":
+            return f"copysign({', '.join(values)})"
+        if NAMES.get(node.op) == "whole":
+            return f"whole(c, {values[0]}, {node.op}({values[0]}))"
         if node.op == "fabs":
             return f"fabs({values[0]})"
         return f"{NAMES[node.op]}(c, {', '.join(values)})"

@@ -7,16 +7,36 @@ from collections import deque
 from collections.abc import Iterator
 from typing import Any
 
-from ..trace.tracer import COMPARISONS, NODES, Branch, Function, Leaf, Node, Tree, Untraceable, size
-from .c import MARK, acts, has_array, in_place, marked, needed, parameter, used
+from ..trace.values import (
+    COMPARISONS,
+    MARK,
+    NODES,
+    Branch,
+    Function,
+    Leaf,
+    Node,
+    Tree,
+    Untraceable,
+    acts,
+    joins_of,
+    marked,
+    needed,
+    reach,
+    size,
+)
+from .c import has_array, in_place
+from .names import given, parameter
 
-HEAD = '''"""The step of a component in straight lines, written by build_fmus.py from its equations."""
+HEAD = '''"""The step of a component in straight lines, written from its equations."""
 
-from math import acos, atan, atan2, cos, exp, expm1, inf, nan, sin, sqrt, tan
+from math import acos, acosh, asin, asinh, atan, atan2, atanh, ceil, copysign, cos, cosh, erf, erfc
+from math import exp, expm1, floor, fmod, inf, log, log1p, log2, log10, nan, pow, sin, sinh, sqrt
+from math import tan, tanh, trunc
 
 '''
-INFIX = {"+", "-", "*", "/", *COMPARISONS} | {"power", "modulo"}
-SIGNS = {"power": "**", "modulo": "%", "fabs": "abs"}
+INFIX = {"+", "-", "*", "/", "power", "modulo", "floordiv", *COMPARISONS}
+SIGNS = {"power": "**", "modulo": "%", "floordiv": "//", "fabs": "abs"}
+WHOLE = {"floor", "ceil", "trunc"}
 NESTED = {"+", "-", "*", "neg"}
 SMALL, LONG = 8, 300
 
@@ -36,15 +56,17 @@ def calls(tree: Tree) -> Iterator[Node]:
     for node in tree.nodes:
         if node.op == "call":
             yield node
-        elif node.op == "loop":
-            yield from calls(node.args[2])
+        elif node.op in ("loop", "join"):
+            for part in node.args[1:3] if node.op == "join" else node.args[2:]:
+                yield from calls(part)
     if isinstance(tree, Branch):
         yield from calls(tree.true)
         yield from calls(tree.false)
 
 
 def definition(function: Function) -> str:
-    parameters = [name for name, shape in function.parameters.items() if size(shape)]
+    kept = [n for n, shape in function.parameters.items() if size(shape) or function.entry]
+    parameters = map(given, kept)
     head = f"def {function.name}({', '.join(['note', *parameters])}):"
     draft = Printer(function, frozenset())
     deque(draft.tree(function.tree, 1, None), maxlen=0)
@@ -67,23 +89,25 @@ class Printer:
         self.place = 0
         self.places: dict[int, int] = {}
         self.readers: dict[int, list[int]] = {}
-        self.used: set[int] = set()
-        waiting = list(needed(function.tree))
-        while waiting:
-            value = waiting.pop()
-            if isinstance(value, Node) and value.number not in self.used:
-                self.used.add(value.number)
-                waiting += used(value)
+        self.used = reach(needed(function.tree), joins_of(function.tree))
 
-    def tree(self, tree: Tree, depth: int, loop: Node | None) -> Iterator[str]:
-        for node in tree.nodes:
-            self.place = self.places[node.number] = id(tree)
+    def nodes(self, nodes: list[Node], depth: int, place: int) -> Iterator[str]:
+        for node in nodes:
+            self.place = self.places[node.number] = place
             text = f"({self.expression(node)})" if node.number in self.nested else ""
             if 0 < len(text) < LONG:
                 self.names[node.number] = text
-            elif node.number in self.used or acts(node):
+            elif node.number in self.used or acts(node) or self.handed(node):
                 yield from self.statement(node, depth)
-        self.place = id(tree)
+        self.place = place
+
+    def handed(self, node: Node) -> list[tuple[Node, int]]:
+        """The values that a join hands on to where they are used, with their places."""
+        phis = node.args[3] if node.op == "join" else ()
+        return [(phi, place) for place, phi in enumerate(phis) if phi.number in self.used]
+
+    def tree(self, tree: Tree, depth: int, loop: Node | None) -> Iterator[str]:
+        yield from self.nodes(tree.nodes, depth, id(tree))
         if self.trying:
             raise Untraceable("a condition within what is attempted")
         indent = "    " * depth
@@ -118,9 +142,48 @@ class Printer:
         moves = {
             name: new for name, value in zip(old, values) if (new := self.value(value)) != name
         }
+        if isinstance(done, Node):
+            moves["done"] = self.value(done)
         if moves:
             yield f"{indent}{', '.join(moves)} = {', '.join(moves.values())}"
-        yield f"{indent}{'break' if done else 'continue'}"
+        if isinstance(done, Node):
+            yield f"{indent}if done:"
+            yield f"{indent}    break"
+        yield f"{indent}{'continue' if isinstance(done, Node) or not done else 'break'}"
+
+    def join(self, node: Node, depth: int) -> Iterator[str]:
+        """A condition, and what either arm hands on."""
+        indent = "    " * depth
+        condition, handed, here = self.value(node.args[0]), self.handed(node), self.place
+        true, false = node.args[1:3]
+        names = [self.name(phi, "j") for phi, _ in handed]
+        if not true.nodes and not false.nodes and true.error is false.error is None:
+            for name, (_, place) in zip(names, handed):
+                yes, no = self.value(true.values[place]), self.value(false.values[place])
+                yield f"{indent}{name} = {yes} if {condition} else {no}"
+            return
+        arms = [list(self.arm(arm, names, handed, depth + 1)) for arm in (true, false)]
+        self.place = here
+        if not arms[0]:
+            condition, arms = f"not {condition}", arms[::-1]
+        yield f"{indent}if {condition}:"
+        yield from arms[0]
+        if arms[1]:
+            yield f"{indent}else:"
+            yield from arms[1]
+
+    def arm(
+        self, arm: Leaf, names: list[str], handed: list[tuple[Node, int]], depth: int
+    ) -> Iterator[str]:
+        """One arm of a join."""
+        indent = "    " * depth
+        yield from self.nodes(arm.nodes, depth, id(arm))
+        if arm.error is not None:
+            yield f"{indent}raise ValueError({self.text(arm.error)})"
+            return
+        if names:
+            values = ", ".join(self.value(arm.values[place]) for _, place in handed)
+            yield f"{indent}{', '.join(names)} = {values}"
 
     def statement(self, node: Node, depth: int) -> Iterator[str]:
         indent = "    " * (depth + self.trying)
@@ -142,11 +205,13 @@ class Printer:
             yield from self.tree(body, depth + 1, node)
         elif node.op == "call":
             yield f"{indent}{self.call(node)}"
+        elif node.op == "join":
+            yield from self.join(node, depth + self.trying)
         else:
             yield f"{indent}{self.name(node)} = {self.expression(node)}"
 
-    def name(self, node: Node) -> str:
-        return self.names.setdefault(node.number, f"n{len(self.names)}")
+    def name(self, node: Node, letter: str = "n") -> str:
+        return self.names.setdefault(node.number, f"{letter}{len(self.names)}")
 
     def call(self, node: Node) -> str:
         traced, groups = node.args
@@ -165,9 +230,10 @@ class Printer:
         first = in_place(group)
         if first is not None:
             base, place = first.args
-            name, shape = str(base), self.function.parameters.get(str(base))
             if first.op == "result":
                 name, shape = self.names[base], NODES[base].args[0].shape
+            else:
+                name, shape = given(base), self.function.parameters[base]
             whole = shape is not None and size(shape) == len(group)
             return name if whole else f"{name}[{place}:{place + len(group)}]"
         return f"({''.join(f'{self.value(value)}, ' for value in group)})"
@@ -200,6 +266,8 @@ class Printer:
             return f"{values[0]} {sign} {values[1]}"
         if node.op == "neg":
             return f"-{values[0]}"
+        if node.op in WHOLE:
+            return f"float({sign}({values[0]}))"
         return f"{sign}({', '.join(values)})"
 
     def text(self, text: str) -> str:

@@ -18,7 +18,7 @@ from xml.etree.ElementTree import SubElement
 import fmpy
 
 from ...declare.variables import Interface, class_name
-from ...write.entries import source
+from ...write.entries import written
 from .. import page, plot, reference
 from ..archive import guid_of, write_archive
 from ..python.instance import slave_class
@@ -51,6 +51,7 @@ class NativeBuild(NamedTuple):
     """A component ready to compile: its C but for the guid, and the hash of all it is made from."""
 
     model: ModuleType
+    source: str
     digest: str
 
     @property
@@ -70,11 +71,12 @@ def collect(model: ModuleType) -> NativeBuild:
     makers += [*HEADERS]
     for maker in (*makers, ROOT / "LICENSE"):
         digest.update(hashlib.sha256(maker.read_bytes()).digest())
-    digest.update(source(interface, "").encode())
+    source = written(model).c
+    digest.update(source.encode())
     digest.update(ElementTree.tostring(to_xml(interface, "", NATIVE)))
     digest.update(page.html(interface).encode())
     digest.update(os.environ.get("SOURCE_DATE_EPOCH", "").encode())
-    return NativeBuild(model, digest.hexdigest())
+    return NativeBuild(model, source, digest.hexdigest())
 
 
 def pack(build: NativeBuild, fmu: Path) -> None:
@@ -83,7 +85,9 @@ def pack(build: NativeBuild, fmu: Path) -> None:
     rows = reference.experiment(slave_class(build.model, build.guid))
     licence = f"{(ROOT / 'LICENSE').read_text()}\nThe headers of FMI in sources/ carry their own.\n"
     sources = {
-        f"{build.name}.c": source(interface, build.guid).encode(),
+        f"{build.name}.c": build.source.replace(
+            '#define GUID ""', f'#define GUID "{build.guid}"'
+        ).encode(),
         RUNTIME.name: RUNTIME.read_bytes(),
         **{header.name: header.read_bytes() for header in HEADERS},
     }

@@ -12,6 +12,9 @@
 
 #include "fmi2FunctionTypes.h"
 
+/* A length for arrays that may have no elements, which C does not allow. */
+#define SOME(n) ((n) + !(n))
+
 /* Numbers of a course of the inputs: start, end, length, degree, bends. */
 #define COURSE (2 * INPUTS + 2 + (HIGHEST_DEGREE - 1) * INPUTS)
 
@@ -35,7 +38,7 @@
 #define INLINE static inline
 #endif
 
-enum { TEXT = 4096, NUMBER = 32 };
+enum { TEXT = 4096, ROOM = 64, NUMBER = 32 };
 enum { INSTANTIATED, INITIALIZING, STEPPING, TERMINATED, FAILED };
 
 static const char *const PHASES[] = {
@@ -51,15 +54,15 @@ typedef struct {
 
 /* What an equation has to tell: why it has no value, and sentences for the log. */
 typedef struct {
-    int failed;
+    int failed, dropped;
     size_t reason_length, notes_length;
     char reason[TEXT], notes[TEXT];
 } Context;
 
 /* Everything that evolves. */
 typedef struct {
-    double values[VARIABLES], before[INPUTS], end[INPUTS], slopes[INPUTS];
-    double rates[HIGHEST_DEGREE][INPUTS];
+    double values[VARIABLES], before[SOME(INPUTS)], end[SOME(INPUTS)], slopes[SOME(INPUTS)];
+    double rates[HIGHEST_DEGREE][SOME(INPUTS)];
     double time, past, stale, phase, driven;
 } State;
 
@@ -189,12 +192,16 @@ static void fail(Context *c, const char *form, ...) {
 }
 
 static inline void note(Context *c, const char *form, ...) {
+    size_t before = c->notes_length;
     va_list values;
     if (c->failed) return;
     va_start(values, form);
     put_form(c->notes, &c->notes_length, form, values);
     va_end(values);
     put(c->notes, &c->notes_length, "\n");
+    if (c->notes_length < TEXT - ROOM && !c->dropped) return;
+    c->notes[c->notes_length = before] = '\0';
+    c->dropped++;
 }
 
 /* What has no value. */
@@ -213,7 +220,9 @@ static inline int forget(Context *c) {
    compilers replace some by others that round otherwise. */
 
 #define LIBM(name) static double (*const volatile libm_##name)(double) = name;
-LIBM(sin) LIBM(cos) LIBM(tan) LIBM(acos) LIBM(atan) LIBM(exp) LIBM(expm1)
+LIBM(sin) LIBM(cos) LIBM(tan) LIBM(asin) LIBM(acos) LIBM(atan) LIBM(sinh) LIBM(cosh) LIBM(tanh)
+LIBM(asinh) LIBM(acosh) LIBM(atanh) LIBM(exp) LIBM(expm1) LIBM(log) LIBM(log10) LIBM(log2)
+LIBM(log1p) LIBM(erf) LIBM(erfc)
 static double (*const volatile libm_pow)(double, double) = pow;
 static double (*const volatile libm_atan2)(double, double) = atan2;
 static double (*const volatile libm_fmod)(double, double) = fmod;
@@ -223,6 +232,18 @@ INLINE double checked(Context *c, double x, double value) {
         if (isnan(value) && !isnan(x)) fail(c, "math domain error");
         if (isinf(value) && fabs(x) < INFINITY) fail(c, "math range error");
     }
+    return value;
+}
+
+INLINE double defined(Context *c, double x, double value) {
+    if (!(fabs(value) < INFINITY) && !isnan(x) && (isnan(value) || fabs(x) < INFINITY))
+        fail(c, "math domain error");
+    return value;
+}
+
+static inline double whole(Context *c, double x, double value) {
+    if (isnan(x)) fail(c, "cannot convert float NaN to integer");
+    if (isinf(x)) fail(c, "cannot convert float infinity to integer");
     return value;
 }
 
@@ -249,6 +270,28 @@ static inline double modulo(Context *c, double a, double b) {
     return (b < 0.0) != (rest < 0.0) ? rest + b : rest;
 }
 
+static inline double floored(Context *c, double a, double b) {
+    double rest = libm_fmod(a, b), count = (a - rest) / b, floor_of;
+    if (b == 0.0) fail(c, "float floor division by zero");
+    if (rest != 0.0 && (b < 0.0) != (rest < 0.0)) count -= 1.0;
+    if (count == 0.0) return copysign(0.0, a / b);
+    floor_of = floor(count);
+    return count - floor_of > 0.5 ? floor_of + 1.0 : floor_of;
+}
+
+static inline double math_fmod(Context *c, double a, double b) {
+    double rest = libm_fmod(a, b);
+    if (isnan(rest) && !isnan(a) && !isnan(b)) fail(c, "math domain error");
+    return rest;
+}
+
+static inline double math_pow(Context *c, double base, double exponent) {
+    double value = libm_pow(base, exponent);
+    if (!(fabs(value) < INFINITY) && fabs(base) < INFINITY && fabs(exponent) < INFINITY)
+        fail(c, isnan(value) || base == 0.0 ? "math domain error" : "math range error");
+    return value;
+}
+
 /* Instances. */
 
 static double *part(Instance *i, int first) { return i->state.values + first; }
@@ -257,8 +300,8 @@ static void restart(Instance *i) {
     memset(&i->state, 0, sizeof i->state);
     memset(&i->context, 0, sizeof i->context);
     for (int k = 0; k < VARIABLES; k++) i->state.values[k] = variables[k].start;
-    memcpy(i->state.before, part(i, FIRST_INPUT), sizeof i->state.before);
-    memcpy(i->state.end, part(i, FIRST_INPUT), sizeof i->state.end);
+    memcpy(i->state.before, part(i, FIRST_INPUT), INPUTS * sizeof(double));
+    memcpy(i->state.end, part(i, FIRST_INPUT), INPUTS * sizeof(double));
     i->state.stale = 1.0;
     i->state.phase = INSTANTIATED;
 }
@@ -282,10 +325,14 @@ static fmi2Status told(Instance *i) {
     fmi2Status status = fmi2OK;
     char text[TEXT];
     size_t length = 0;
+    if (c->dropped) {
+        put_value(c->notes, &c->notes_length, "Integer", (double)c->dropped);
+        put(c->notes, &c->notes_length, " more messages are left out\n");
+    }
     if (c->failed) {
         put(text, &length, i->name);
         put(text, &length, ": ");
-        for (char *end, *line = c->notes; *line; line = end + 1) {
+        for (char *end, *line = c->notes; *line && length < TEXT / 2; line = end + 1) {
             *(end = strchr(line, '\n')) = '\0';
             put(text, &length, i->name), put(text, &length, ": ");
             put(text, &length, line), put(text, &length, "; ");
@@ -307,7 +354,7 @@ static fmi2Status told(Instance *i) {
             tell(i->logger, i->environment, i->name, fmi2Warning, "logStatusWarning", text);
         }
     }
-    c->failed = 0;
+    c->failed = c->dropped = 0;
     c->reason[c->reason_length = 0] = c->notes[c->notes_length = 0] = '\0';
     return status;
 }
@@ -334,12 +381,12 @@ INLINE void check_finite(Context *c, const Variable *v, double value) {
 static void refresh(Instance *i) {
     Context *c = &i->context;
     State *s = &i->state;
-    double *x = part(i, FIRST_STATE), result[STATES + OUTPUTS];
+    double *x = part(i, FIRST_STATE), result[SOME(STATES + OUTPUTS)];
     if (s->phase == INITIALIZING) {
         model_check(c, s->values);
-        c->notes[c->notes_length = 0] = '\0';
+        c->notes[c->notes_length = c->dropped = 0] = '\0';
         if (c->failed) return;
-        memcpy(s->end, part(i, FIRST_INPUT), sizeof s->end);
+        memcpy(s->end, part(i, FIRST_INPUT), INPUTS * sizeof(double));
         model_initial(c, s->values, s->time, x, s->end, result);
         if (!c->failed) memcpy(x, result, STATES * sizeof *x);
     } else {
@@ -521,7 +568,7 @@ EXPORT fmi2Status API(fmi2EnterInitializationMode)(fmi2Component component) {
 EXPORT fmi2Status API(fmi2ExitInitializationMode)(fmi2Component component) {
     Instance *i = component;
     State *s;
-    double *x, *now, result[STATES];
+    double *x, *now, result[SOME(STATES)];
     if (!i) return fmi2Error;
     s = &i->state, x = part(i, FIRST_STATE), now = part(i, FIRST_INPUT);
     if (allowed(i, "exitInitializationMode", INITIALIZING)) refresh(i);
@@ -530,8 +577,8 @@ EXPORT fmi2Status API(fmi2ExitInitializationMode)(fmi2Component component) {
         model_begin(&i->context, s->values, s->time, x, now, result);
     }
     if (!i->context.failed) {
-        memcpy(x, result, sizeof result);
-        memcpy(s->before, now, sizeof s->before);
+        memcpy(x, result, STATES * sizeof *x);
+        memcpy(s->before, now, INPUTS * sizeof *now);
         s->phase = STEPPING;
         s->stale = 1.0;
     }
@@ -585,7 +632,7 @@ EXPORT fmi2Status API(fmi2DoStep)(fmi2Component component, fmi2Real t, fmi2Real 
     Instance *i = component;
     Context *c;
     State *s;
-    double *x, *now, inputs[COURSE], slopes[INPUTS], result[STATES];
+    double *x, *now, inputs[COURSE], slopes[SOME(INPUTS)], result[SOME(STATES)];
     (void)final;
     if (!i) return fmi2Error;
     c = &i->context, s = &i->state, x = part(i, FIRST_STATE), now = part(i, FIRST_INPUT);
@@ -610,10 +657,10 @@ EXPORT fmi2Status API(fmi2DoStep)(fmi2Component component, fmi2Real t, fmi2Real 
         }
         return finish(i);
     }
-    memcpy(s->slopes, slopes, sizeof slopes);
-    memcpy(x, result, sizeof result);
-    memcpy(s->before, now, sizeof s->before);
-    memcpy(s->end, inputs + INPUTS, sizeof s->end);
+    memcpy(s->slopes, slopes, INPUTS * sizeof *slopes);
+    memcpy(x, result, STATES * sizeof *x);
+    memcpy(s->before, now, INPUTS * sizeof *now);
+    memcpy(s->end, inputs + INPUTS, INPUTS * sizeof *inputs);
     s->time = t + h, s->past = h, s->stale = 1.0, s->driven = 0.0;
     return finish(i);
 }
@@ -659,7 +706,7 @@ EXPORT fmi2Status API(fmi2GetRealOutputDerivatives)(fmi2Component component,
                                              const fmi2Integer order[], fmi2Real value[]) {
     Instance *i = component;
     State *s;
-    double result[STATES + OUTPUTS];
+    double result[SOME(STATES + OUTPUTS)];
     if (!i) return fmi2Error;
     s = &i->state;
     if (!allowed(i, "getRealOutputDerivatives", STEPPING) || !of_order(&i->context, order, n, 1))
@@ -682,7 +729,7 @@ EXPORT fmi2Status API(fmi2GetDirectionalDerivative)(fmi2Component component,
     Instance *i = component;
     Context *c;
     State *s;
-    double d[VARIABLES] = {0}, result[STATES + OUTPUTS];
+    double d[VARIABLES] = {0}, result[SOME(STATES + OUTPUTS)];
     if (!i) return fmi2Error;
     c = &i->context, s = &i->state;
     if (s->phase != INITIALIZING && !allowed(i, "getDirectionalDerivative", STEPPING))

@@ -26,7 +26,7 @@ from pythonfmu import Fmi2Slave
 
 from ...declare import bounds
 from ...declare.record import Value, fill
-from ...declare.variables import Interface, Variable, class_name
+from ...declare.variables import Interface, Variable, class_name, complete
 from ...step import hybrid
 
 INSTANTIATED, INITIALIZING, STEPPING, TERMINATED, FAILED = range(5)
@@ -430,6 +430,7 @@ def slave_class(
 
     `straight` is the module that `fmukit.write.python` makes of it, if there is one.
     """
+    complete(model)
     interface = Interface(model)
     references = {
         kind: frozenset(v.reference for v in interface.variables if v.kind == kind)

@@ -17,7 +17,7 @@ from xml.etree import ElementTree
 import pythonfmu
 
 from ...declare.variables import Interface, class_name, component
-from ...write import entries, python
+from ...write import entries
 from .. import page, plot, reference
 from ..archive import guid_of, write_archive
 from ..xml import PYTHON, to_xml
@@ -75,14 +75,14 @@ def collect(model: ModuleType) -> Build:
     for file in sorted(file for pattern in RUNTIME for file in KIT.glob(pattern)):
         files[f"fmukit/{file.relative_to(KIT).as_posix()}"] = file.read_bytes()
     if not hasattr(model, "PYTHON_ONLY"):
-        functions = entries.traced(Interface(model))
-        files["straight.py"] = python.module(functions, ("model_step", "model_outputs")).encode()
+        files["straight.py"] = entries.written(model).python.encode()
     digest = hashlib.sha256(importlib.metadata.version("pythonfmu").encode())
     makers = [*sorted(KIT.joinpath("fmu").rglob("*.py")), LICENSE]
     for maker in (*makers, *sorted(BINARIES.rglob("*.*"))):
         digest.update(hashlib.sha256(maker.read_bytes()).digest())
     for name, content in files.items():
         digest.update(name.encode() + b"\0" + hashlib.sha256(content).digest())
+    digest.update(ElementTree.tostring(to_xml(Interface(model), "", PYTHON)))
     digest.update(page.html(Interface(model)).encode())
     digest.update(os.environ.get("SOURCE_DATE_EPOCH", "").encode())
     return Build(model, files, digest.hexdigest())
