@@ -21,7 +21,7 @@ def write_archive(contents: dict[str, bytes], fmu: Path) -> None:
             entry = zipfile.ZipInfo(name, EPOCH)
             entry.compress_type = zipfile.ZIP_DEFLATED
             entry.create_system, entry.external_attr = 3, 0o644 << 16
-            target.writestr(entry, contents[name])
+            target.writestr(entry, contents[name], compresslevel=9)
 
 
 def is_current(guid: str, fmu: Path) -> bool:
