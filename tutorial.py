@@ -8,7 +8,7 @@ Then start `.venv/bin/python` there and enter the lines yourself. What follows `
 you should see.
 """
 
-# %% The parts: two FMUs, made from components/drive_motor.py and components/crank_conveyor.py
+# %% The parts: two FMUs, made from components/drive_motor and components/crank_conveyor
 
 import cmath
 import math

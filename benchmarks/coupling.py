@@ -126,9 +126,9 @@ def dop853(steps: int, _: Path) -> Callable[[], object]:
     """The drive as one system in scipy, as precise as the FMUs; no communication at all."""
     from scipy.integrate import solve_ivp
 
-    from components import crank_conveyor as conveyor
-    from components import drive_motor as motor
-    from components.kit.record import start
+    from components.crank_conveyor import model as conveyor
+    from components.drive_motor import model as motor
+    from fmukit.declare.record import start
 
     p, q = start(motor.Parameters), start(conveyor.Parameters)
 
@@ -159,12 +159,13 @@ def sweep(_: int, fmus: Path) -> Callable[[], object]:
 
 def bare_slaves(steps: int, _: Path) -> Callable[[], object]:
     """The steps of the slaves in the Python FMUs without any FMI."""
-    from components.kit.slave import slave_class
-    from components.packing.pack import collect
+    from fmukit.fmu.load import load
+    from fmukit.fmu.python.instance import slave_class
+    from fmukit.fmu.python.pack import collect
 
     slaves = []
     for name in ("drive_motor", "crank_conveyor"):
-        build = collect(name)
+        build = collect(load(ROOT / "components" / name / "model.py"))
         with tempfile.TemporaryDirectory() as folder:
             source = Path(folder) / "straight.py"
             source.write_bytes(build.files[source.name])

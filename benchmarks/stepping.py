@@ -17,9 +17,10 @@ from scipy.integrate import solve_ivp
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from components import crank_conveyor as conveyor
-from components.kit import motion, ode
-from components.kit.record import start
+from components.crank_conveyor import model as conveyor
+from fmukit.declare.record import start
+from fmukit.step import hybrid as motion
+from fmukit.step import ode
 
 LENGTH = 1e-3
 SPAN = 0.5

@@ -1,5 +1,5 @@
-"""The physics: one module, one model, one FMU."""
+"""The machines: a folder for each, made of the equations in model.py and the page about them."""
 
-CATALOGUE = ("drive_motor", "crank_conveyor", "iron_drive", "gravity_orientator", "linear_system")
+from pathlib import Path
 
-PYTHON_ONLY = {"linear_system": "its matrix exponential is computed in decimals, which C has not"}
+MACHINES = tuple(sorted(model.parent.name for model in Path(__file__).parent.glob("*/model.py")))

@@ -11,8 +11,9 @@ import numpy as np
 import sympy
 from scipy.integrate import solve_ivp
 
-from components import crank_conveyor, drive_motor
-from components.kit.record import start
+from components.crank_conveyor import model as crank_conveyor
+from components.drive_motor import model as drive_motor
+from fmukit.declare.record import start
 
 SYMBOLIC = {"sin": sympy.sin, "cos": sympy.cos, "sqrt": sympy.sqrt, "exp": sympy.exp}
 

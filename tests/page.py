@@ -23,6 +23,7 @@ def main() -> None:
             subprocess.run([*shell, aliases + text], check=True, stdin=subprocess.DEVNULL)
             aliases += "".join(f"{line}\n" for line in text.splitlines() if line[:6] == "alias ")
         else:
+            Path(language).parent.mkdir(parents=True, exist_ok=True)
             Path(language).write_text(text)
 
 

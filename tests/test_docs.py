@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import pytest
 
-from components.packing.page import EXTERNAL_DEPENDENCIES
+from fmukit.fmu.page import EXTERNAL_DEPENDENCIES
 from tests.conftest import ROOT, ask
 
 PAGES = sorted(

@@ -10,11 +10,11 @@ import mpmath
 import numpy as np
 from mpmath import mpf
 
-from components import drive_motor
-from components import iron_drive as iron
-from components.kit import motion
-from components.kit.record import discrete, real, record, start
-from components.kit.si import Angle, AngularVelocity, Energy, Torque
+from components.drive_motor import model as drive_motor
+from components.iron_drive import model as iron
+from fmukit.declare.record import discrete, real, record, start
+from fmukit.si import Angle, AngularVelocity, Energy, Torque
+from fmukit.step import hybrid as motion
 
 TABLES = """
 deg R alpha beta H H_1 H_2

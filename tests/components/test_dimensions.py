@@ -10,8 +10,11 @@ from typing import Any
 import pint
 import pytest
 
-from components import crank_conveyor, drive_motor, gravity_orientator, iron_drive
-from components.kit.record import Declaration, declarations, fill
+from components.crank_conveyor import model as crank_conveyor
+from components.drive_motor import model as drive_motor
+from components.gravity_orientator import model as gravity_orientator
+from components.iron_drive import model as iron_drive
+from fmukit.declare.record import Declaration, declarations, fill
 from tests.oracle import load_copy
 
 UNITS = pint.UnitRegistry()

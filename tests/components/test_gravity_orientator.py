@@ -16,10 +16,10 @@ import numpy as np
 import pytest
 import sympy
 
-from components import gravity_orientator as model
-from components.gravity_orientator import Reason, Stage
-from components.kit import motion
-from components.kit.record import declarations, start
+from components.gravity_orientator import model
+from components.gravity_orientator.model import Reason, Stage
+from fmukit.declare.record import declarations, start
+from fmukit.step import hybrid as motion
 from tests.hosts.fmus import resident
 from tests.hosts.host import MESSAGES, Unit
 

@@ -14,10 +14,10 @@ import mpmath
 import numpy as np
 import pytest
 
-from components import iron_drive as iron
-from components.kit import motion
-from components.kit.record import declarations, fill, replace, start
+from components.iron_drive import model as iron
 from cosim import System, run
+from fmukit.declare.record import declarations, fill, replace, start
+from fmukit.step import hybrid as motion
 from tests.components.iron_oracle import OneSystem, by_material_points, tables
 from tests.hosts.host import MESSAGES, Unit
 

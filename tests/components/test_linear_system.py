@@ -14,11 +14,11 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from components import linear_system as linear
-from components.kit import motion
-from components.kit.interface import InputHold
-from components.kit.record import array, declarations, fill, real, record, replace, start
-from components.kit.si import Ratio
+from components.linear_system import model as linear
+from fmukit.declare.record import array, declarations, fill, real, record, replace, start
+from fmukit.declare.variables import InputHold
+from fmukit.si import Ratio
+from fmukit.step import hybrid as motion
 from tests.hosts.host import Unit
 
 FMU = "LinearSystem.fmu"

@@ -15,9 +15,12 @@ import sympy
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
-from components import crank_conveyor, drive_motor
-from components.kit import motion, ode, turn
-from components.kit.record import start
+from components.crank_conveyor import model as crank_conveyor
+from components.drive_motor import model as drive_motor
+from fmukit.declare.record import start
+from fmukit.step import hybrid as motion
+from fmukit.step import near as turn
+from fmukit.step import ode
 from scenarios.conveyor.theory import SETS
 from tests.oracle import monolithic, revolution_samples, symbolic
 from workbench.measure import last_revolutions, mean_speed, order

@@ -10,9 +10,9 @@ from typing import Any
 
 import pytest
 
-from components.kit import motion
-from components.kit.record import discrete, real, record, start
-from components.kit.si import Length, Velocity
+from fmukit.declare.record import discrete, real, record, start
+from fmukit.si import Length, Velocity
+from fmukit.step import hybrid as motion
 
 
 class Stage(IntEnum):

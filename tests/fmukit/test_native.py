@@ -19,8 +19,8 @@ import numpy as np
 import pytest
 from fmpy.fmi1 import FMICallException
 
-from components.kit.slave import slave_class
-from components.native import trace
+from fmukit.fmu.python.instance import slave_class
+from fmukit.trace import tracer as trace
 from tests.conftest import ROOT
 from tests.hosts.host import MESSAGES, Unit
 
@@ -77,7 +77,7 @@ def rows(fmu: Path, start: dict[str, Any], inputs: Any, h: float, steps: int) ->
 def equations(name: str, start: dict[str, Any], inputs: Any, h: float, steps: int) -> Any:
     """All outputs after every step, from the functions of the component as they are written."""
     component = re.sub(r"(?<!^)([A-Z])", r"_\1", name).lower()
-    slave = slave_class(importlib.import_module(f"components.{component}"), "guid")(
+    slave = slave_class(importlib.import_module(f"components.{component}.model"), "guid")(
         instance_name=name
     )
     known = slave.interface.by_name
@@ -411,8 +411,6 @@ def test_an_importing_tool_can_compile_the_sources(fmus: Path, tmp_path: Path) -
     ("run", "what"),
     [
         (lambda x: [1, 2][x], "used as a key, an index or a choice"),
-        (lambda x: 2.0**x, "unsupported operand"),
-        (lambda x: x**x, "a power whose exponent is not a constant"),
         (lambda x: f"{x:.3f}", "the format '.3f'"),
     ],
 )
@@ -429,7 +427,8 @@ def test_traced_conditions_are_followed_once_for_each_answer() -> None:
 
     made = trace.function("f", run, {"x": "number"})
     assert made is not None
-    assert [leaf.values[0].op for leaf in trace.leaves(made.tree)] == ["+", "neg", "fabs"]
+    (outer,) = [node for node in made.tree.nodes if node.op == "join"]
+    assert [[node.op for node in arm.nodes] for arm in outer.args[1:3]] == [["join"], ["fabs"]]
 
 
 @pytest.mark.parametrize("name", ["IronDrive", "GravityOrientator"])

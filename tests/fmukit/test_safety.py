@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from components import drive_motor
-from components.kit.slave import Failure, slave_class
+from components.drive_motor import model as drive_motor
+from fmukit.fmu.python.instance import Failure, slave_class
 from tests.hosts import safety
 
 MOTOR, CONVEYOR = "DriveMotor.fmu", "CrankConveyor.fmu"

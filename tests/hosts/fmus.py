@@ -40,7 +40,7 @@ def crowd(fmu: str, name: str, values: list[float]) -> list[list[float]]:
 @apart
 def versions(fmus: list[str]) -> list[float]:
     """Torque of several builds side by side, in a host that has modules of the same names."""
-    for name in ("components", "drive_motor", "fmu", "kit", "kit.slave"):
+    for name in ("components", "drive_motor", "fmu", "fmukit", "fmukit.fmu"):
         sys.modules[name] = ModuleType(name)
     units = [Unit(fmu).start() for fmu in fmus]
     for n in range(10):

@@ -8,8 +8,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from components import crank_conveyor
-from components.kit.record import start
+from components.crank_conveyor import model as crank_conveyor
+from fmukit.declare.record import start
 from scenarios.conveyor.theory import SETS, Machine
 from tests.oracle import monolithic
 from tests.scenarios.orbit_oracle import (

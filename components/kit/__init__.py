@@ -1,3 +1,0 @@
-"""What turns a page of equations into an FMU; standard library only, but for `slave`."""
-
-VERSION = "0.1.0"

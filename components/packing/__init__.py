@@ -1,1 +1,0 @@
-"""Component in, FMU out: pages, packing and the checks no public tool makes."""

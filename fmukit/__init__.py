@@ -1,0 +1,22 @@
+"""A page of equations becomes an FMU; knows no machine."""
+
+from .declare.record import array, discrete, fill, real, record, replace, start
+from .declare.variables import Experiment, InputHold
+from .step.flow import attempted, repeat
+
+VERSION = "0.1.0"
+
+__all__ = [
+    "VERSION",
+    "Experiment",
+    "InputHold",
+    "array",
+    "attempted",
+    "discrete",
+    "fill",
+    "real",
+    "record",
+    "repeat",
+    "replace",
+    "start",
+]

@@ -1,0 +1,24 @@
+"""python -m fmukit build MODEL.py ... [--flavour python|native|both] [--out DIR] [--force]."""
+
+import argparse
+import sys
+from pathlib import Path
+
+from .fmu.make import FLAVOURS, make_all
+
+
+def main() -> int:
+    """Run the command line; 0 if every FMU is there, else 1."""
+    parser = argparse.ArgumentParser(prog="fmukit", description="FMUs from pages of equations.")
+    commands = parser.add_subparsers(dest="command", required=True)
+    build = commands.add_parser("build", help="build, validate and play the FMUs of models")
+    build.add_argument("model", nargs="+", type=Path, help="NAME.py, or NAME/model.py")
+    build.add_argument("--flavour", choices=FLAVOURS, default="both", help="default both")
+    build.add_argument("--out", type=Path, default=Path(), help="folder of the FMUs, default here")
+    build.add_argument("--force", action="store_true", help="build also what is up to date")
+    options = parser.parse_args()
+    return min(1, make_all(options.model, options.flavour, options.out, options.force))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,1 @@
+"""What a model declares: variables with quantity, start, bounds and meaning."""

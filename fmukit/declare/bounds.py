@@ -1,0 +1,58 @@
+"""Refuse what is physically impossible before the first step, with name, value, unit and bound."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from enum import IntEnum
+from math import isfinite
+from typing import Any
+
+from .record import Value
+from .variables import Interface, Variable
+
+
+def number(value: Value, unit: str) -> str:
+    """A value with its unit, as it stands in messages; a ratio has none."""
+    plain = value.value if isinstance(value, IntEnum) else value
+    return repr(plain) if unit in ("", "1") else f"{plain!r} {unit}"
+
+
+def finite(variable: Variable, value: Value) -> None:
+    """Raise ValueError for NaN and infinity."""
+    if variable.kind == "Real" and not isfinite(value):  # type: ignore[arg-type]
+        raise ValueError(
+            f"{variable.name} = {number(value, variable.unit)} must be a finite number"
+        )
+
+
+def within(variable: Variable, value: Value) -> None:
+    """Raise ValueError for a value outside its declared bounds or enumeration."""
+    finite(variable, value)
+    d = variable.declaration
+    if d.items is not None:
+        if all(value != item for item in d.items):
+            allowed = ", ".join(f"{item.value} ({item.name})" for item in d.items)
+            raise ValueError(f"{variable.name} = {value!r} must be one of {allowed}")
+        return
+    if d.positive and value <= 0.0:  # type: ignore[operator]
+        limit = "> 0"
+    elif d.min is not None and value < d.min:  # type: ignore[operator]
+        limit = f"at least {number(d.min, variable.unit)}"
+    elif d.max is not None and value > d.max:  # type: ignore[operator]
+        limit = f"at most {number(d.max, variable.unit)}"
+    else:
+        return
+    raise ValueError(f"{variable.name} = {number(value, variable.unit)} must be {limit}")
+
+
+def start_values(interface: Interface, parameters: Any, values: list[Value]) -> Iterator[str]:
+    """Check all that may be set before the start; yield warnings, raise ValueError.
+
+    `parameters` is the record of the parameters for the component's own `check(p)`, which yields
+    a sentence for what is unusual and raises ValueError for what cannot be.
+    """
+    for variable in interface.variables:
+        if variable.settable_before_start:
+            within(variable, values[variable.reference])
+    if hasattr(interface.model, "check"):
+        yield from interface.model.check(parameters)

@@ -1,0 +1,229 @@
+"""Declare a variable in one line: type, start, meaning, bounds. A record is a named tuple of them."""
+
+from __future__ import annotations
+
+from collections import namedtuple
+from collections.abc import Iterator, Sequence
+from enum import IntEnum
+from operator import itemgetter
+from typing import (
+    TYPE_CHECKING,
+    Annotated,
+    Any,
+    NamedTuple,
+    TypeVar,
+    cast,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
+
+from .. import si
+from ..si import Quantity
+
+if TYPE_CHECKING:
+    from typing import dataclass_transform
+else:
+
+    def dataclass_transform(**_: Any) -> Any:
+        return lambda decorated: decorated
+
+
+Value = float | int | bool | str
+IDENTIFIER = str.maketrans({"[": "_", ",": "_", "]": None})
+
+
+class Declaration(NamedTuple):
+    """What a component says of one variable; bounds are inclusive, but 0 is not `positive`."""
+
+    start: Value
+    meaning: str
+    min: float | None = None
+    max: float | None = None
+    nominal: float | None = None
+    feedthrough: tuple[str, ...] = ()
+    held: bool = False
+    positive: bool = False
+    quantity: Quantity | None = None
+
+    @property
+    def kind(self) -> str:
+        """Real, Integer, Boolean, String or Enumeration."""
+        if isinstance(self.start, IntEnum):
+            return "Enumeration"
+        names = {bool: "Boolean", int: "Integer", str: "String"}
+        return names.get(type(self.start), "Real")
+
+    @property
+    def items(self) -> type[IntEnum] | None:
+        """The enumeration, where there is one."""
+        return type(self.start) if isinstance(self.start, IntEnum) else None
+
+
+def real(
+    start: float,
+    meaning: str,
+    *,
+    min: float | None = None,
+    max: float | None = None,
+    nominal: float | None = None,
+    feedthrough: tuple[str, ...] = (),
+    held: bool = False,
+    positive: bool = False,
+) -> Any:
+    """Declare a Real; `positive` is min = 0 without the 0 itself.
+
+    `feedthrough` names the inputs that act on an output without delay; a `held` one is part of a
+    State and changes only at events.
+    """
+    if positive and min is not None:
+        raise ValueError(f"positive=True is min = 0 without the 0: leave out min={min!r}")
+    low = 0.0 if positive else min
+    return Declaration(float(start), meaning, low, max, nominal, feedthrough, held, positive)
+
+
+def discrete(start: int | bool | str, meaning: str, feedthrough: tuple[str, ...] = ()) -> Any:
+    """Declare an Integer, Boolean, String or, with an IntEnum member, an Enumeration."""
+    return Declaration(start, meaning, feedthrough=feedthrough)
+
+
+def array(start: Any, meaning: str, **rest: Any) -> Any:
+    """Declare a vector, or a matrix by its rows: a Real A[1,1] for every start value.
+
+    `meaning` may name the place: {0} is the row, {1} the column.
+    """
+    if not isinstance(start, Sequence):
+        return real(start, meaning, **rest)
+    return [array(item, meaning, **rest) for item in start]
+
+
+R = TypeVar("R")
+
+
+@dataclass_transform(field_specifiers=(real, discrete, array))
+def record(cls: type[R]) -> type[R]:
+    """Make a named tuple of the declared fields; a field that is itself a record nests.
+
+    An array lies flat in the tuple, element by element, and is read whole, a matrix as its rows;
+    `fill`, not the class itself, makes a record that has one.
+    """
+    fields: dict[str, Any] = {}
+    body: dict[str, Any] = {"__slots__": (), "__doc__": cls.__doc__, "__module__": cls.__module__}
+    body["__getattr__"] = _missing
+    annotations = _annotations(cls)
+    body |= {
+        name: value
+        for name, value in vars(cls).items()
+        if name not in annotations and not name.startswith("__")
+    }
+    for name, annotation in annotations.items():
+        if hasattr(annotation, "_declared"):
+            fields[name] = annotation
+            continue
+        declared, quantity = _declared(cls, name), _quantity(annotation)
+        if isinstance(declared, list):
+            body[name] = _whole(len(fields), declared)
+        for index, element in _elements(declared):
+            fields[name + index] = element._replace(quantity=quantity)
+    names = [name.translate(IDENTIFIER) for name in fields]
+    made = type(cls.__name__, (namedtuple(cls.__name__, names),), body)
+    made._declared = fields  # type: ignore[attr-defined]
+    return cast(type[R], made)
+
+
+def _annotations(cls: Any) -> dict[str, Any]:
+    """The types of the fields; raises TypeError for what is neither a quantity nor a type."""
+    try:
+        return get_type_hints(cls, include_extras=True)
+    except NameError as error:
+        known = ", ".join(
+            name for name, value in vars(si).items() if get_origin(value) is Annotated
+        )
+        raise TypeError(
+            f"{error.name} in class {cls.__name__} is no type: from fmukit.si import one of {known}"
+        ) from None
+
+
+def _declared(cls: Any, name: str) -> Any:
+    """What a class says of a field; raises TypeError where it is not a declaration."""
+    value = getattr(cls, name, None)
+    place = value
+    while isinstance(place, list) and place:
+        place = place[0]
+    if not isinstance(place, Declaration):
+        given = f"{value!r}" if isinstance(value, int | float) else "0.0"
+        how = "discrete" if isinstance(value, bool | int | str) else "real"
+        raise TypeError(
+            f'{cls.__name__}.{name} has no declaration: write {name}: ... = {how}({given}, "Meaning")'
+        )
+    return value
+
+
+def _missing(self: Any, name: str) -> Any:
+    raise AttributeError(f"{type(self).__name__} has no {name}: it has {', '.join(self._fields)}")
+
+
+def _quantity(annotation: Any) -> Quantity | None:
+    """The quantity of a type, or of what a tuple of it is made of."""
+    while get_origin(annotation) is tuple:
+        annotation = get_args(annotation)[0]
+    return next(iter(getattr(annotation, "__metadata__", ())), None)
+
+
+def _elements(declared: Any, *index: str) -> Iterator[tuple[str, Declaration]]:
+    """The declarations of an array with their indices, [1,2]; of anything else, itself."""
+    if isinstance(declared, list):
+        for i, item in enumerate(declared, 1):
+            yield from _elements(item, *index, str(i))
+    elif index:
+        meaning = declared.meaning.format(*index)
+        yield f"[{','.join(index)}]", declared._replace(meaning=meaning)
+    else:
+        yield "", declared
+
+
+def _whole(first: int, declared: list[Any]) -> property:
+    """The view of an array whose elements begin at `first`: a tuple, of rows for a matrix."""
+    if isinstance(declared[0], Declaration):
+        return property(itemgetter(slice(first, first + len(declared))))
+    width = len(declared[0])
+    rows = [slice(first + i * width, first + (i + 1) * width) for i in range(len(declared))]
+    return property(lambda values: tuple([values[row] for row in rows]))
+
+
+def declarations(cls: Any, prefix: str = "") -> Iterator[tuple[str, Declaration]]:
+    """Every variable of a record class with its dotted name, depth first."""
+    for name, field in cls._declared.items():
+        if isinstance(field, Declaration):
+            yield prefix + name, field
+        else:
+            yield from declarations(field, f"{prefix}{name}.")
+
+
+def fill(cls: type[R], values: Sequence[Value]) -> R:
+    """The record of these values, given in the order of `declarations`."""
+    return cast(R, _fill(cls, iter(values)))
+
+
+def _fill(cls: Any, values: Iterator[Value]) -> Any:
+    return cls._make(
+        next(values) if isinstance(field, Declaration) else _fill(field, values)
+        for field in cls._declared.values()
+    )
+
+
+def replace(record: R, **changes: Value) -> R:
+    """The record with some fields changed; raises AttributeError for one that it has not."""
+    for name in changes:
+        if name not in cast(Any, record)._fields:
+            getattr(record, name)
+    return cast(R, cast(Any, record)._replace(**changes))
+
+
+def start(cls: Any, **changes: Value) -> Any:
+    """The record of the start values, with some changed: `start(Parameters, **{"crank.r": 0.02})`."""
+    known = dict(declarations(cls))
+    unknown = changes.keys() - known.keys()
+    if unknown:
+        raise KeyError(f"{cls.__name__} has no {', '.join(sorted(unknown))}")
+    return fill(cls, [changes.get(name, field.start) for name, field in known.items()])

@@ -1,0 +1,135 @@
+"""The FMI variables of a component, in the order that is both XML index and value reference."""
+
+from __future__ import annotations
+
+from enum import IntEnum
+from types import ModuleType
+from typing import Any, NamedTuple
+
+from .record import Declaration, declarations, discrete, record
+
+
+class InputHold(IntEnum):
+    """What an input does between two communication points."""
+
+    zero = 0
+    extrapolate = 1
+    interpolate = 2
+
+
+INPUT_HOLD: Declaration = discrete(
+    InputHold.zero,
+    "Course of the inputs over a communication step: held as set (0), "
+    "on the line through the last two (1), from the one before to the one just set (2)",
+)
+
+
+class Experiment(NamedTuple):
+    """Default experiment: stop time and preferred communication step, in s."""
+
+    stop: float
+    step: float
+
+
+class Variable(NamedTuple):
+    """One FMI variable: its declaration and its role."""
+
+    name: str
+    reference: int
+    causality: str
+    variability: str
+    initial: str
+    declaration: Declaration
+
+    @property
+    def settable_before_start(self) -> bool:
+        """Inputs, parameters and exact outputs may be set until initialisation ends."""
+        return self.initial == "exact" or self.causality == "input"
+
+    @property
+    def kind(self) -> str:
+        """The FMI type that gets and sets it: an Enumeration is an Integer there."""
+        kind = self.declaration.kind
+        return "Integer" if kind == "Enumeration" else kind
+
+    @property
+    def unit(self) -> str:
+        """Unit, or an empty string for what has none."""
+        return self.declaration.quantity.unit if self.declaration.quantity else ""
+
+
+RECORDS = ("Parameters", "Inputs", "State", "Outputs")
+
+
+def complete(model: Any) -> None:
+    """Give a model the records that it lacks, empty; raises TypeError for what must be there."""
+    for name in RECORDS:
+        if not hasattr(model, name):
+            setattr(model, name, record(type(name, (), {"__module__": model.__name__})))
+        if not hasattr(getattr(model, name), "_declared"):
+            raise TypeError(f"class {name} needs @record above it")
+    if not hasattr(model, "derivatives") and not model.State._declared:
+        model.derivatives = lambda p, t, x, u: x
+    if not hasattr(model, "outputs") and not model.Outputs._declared:
+        empty = model.Outputs()
+        model.outputs = lambda p, t, x, u: empty
+    for name, form in {
+        "__doc__": 'write """One line that says what it is""" at the top of the file',
+        "EXPERIMENT": "write EXPERIMENT = Experiment(stop=10.0, step=0.01)",
+        "derivatives": "write def derivatives(p, t, x, u), which returns the State of slopes",
+        "outputs": "write def outputs(p, t, x, u), which returns the Outputs",
+    }.items():
+        if not getattr(model, name, None):
+            raise TypeError(f"{'the docstring' if name == '__doc__' else name} is missing: {form}")
+
+
+class Interface:
+    """All variables of a component and where each kind starts in the list of values."""
+
+    def __init__(self, model: ModuleType) -> None:
+        self.model = model
+        self.variables: list[Variable] = []
+        self.parameters = self._add(model.Parameters, "parameter", "exact")
+        self.input_hold = len(self.variables)
+        self._append("input_hold", "parameter", "exact", INPUT_HOLD)
+        self.inputs = self._add(model.Inputs, "input", "")
+        self.states = self._add(model.State, "output", "exact")
+        self.outputs = self._add(model.Outputs, "output", "calculated")
+        self.by_name = {v.name: v for v in self.variables}
+        if len(self.by_name) != len(self.variables):
+            raise ValueError(f"{model.__name__} declares a name twice")
+
+    def _add(self, cls: Any, causality: str, initial: str) -> slice:
+        first = len(self.variables)
+        for name, declaration in declarations(cls):
+            self._append(name, causality, initial, declaration)
+        return slice(first, len(self.variables))
+
+    def _append(self, name: str, causality: str, initial: str, declaration: Declaration) -> None:
+        variability = "fixed" if causality == "parameter" else "discrete"
+        if causality != "parameter" and declaration.kind == "Real" and not declaration.held:
+            variability = "continuous"
+        self.variables.append(
+            Variable(name, len(self.variables), causality, variability, initial, declaration)
+        )
+
+    def feedthrough(self, variable: Variable) -> list[Variable]:
+        """The inputs that act on an output without delay, in index order."""
+        names = variable.declaration.feedthrough
+        return [v for v in self.variables[self.inputs] if v.name in names]
+
+
+def title(model: ModuleType) -> str:
+    """The first line of a component's docstring."""
+    return (model.__doc__ or "").strip().splitlines()[0].rstrip(".")
+
+
+def component(model: ModuleType) -> str:
+    """The name of a model: drive_motor for the file drive_motor.py or drive_motor/model.py."""
+    parent, name = ("", *model.__name__.split("."))[-2:]
+    return parent if name == "model" else name
+
+
+def class_name(model: ModuleType) -> str:
+    """drive_motor -> DriveMotor, the FMU's name."""
+    return "".join(word.capitalize() for word in component(model).split("_"))

@@ -1,0 +1,1 @@
+"""The FMU file: description, page, reference results, archive."""

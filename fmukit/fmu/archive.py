@@ -1,0 +1,34 @@
+"""What makes FMUs of the same content the same: one rule for guids, fixed order and times of files."""
+
+import uuid
+import zipfile
+from pathlib import Path
+
+from fmpy.model_description import read_model_description
+
+EPOCH = (1980, 1, 1, 0, 0, 0)
+
+
+def guid_of(digest: str) -> str:
+    """The guid of an FMU made from what has this hash."""
+    return f"{{{uuid.uuid5(uuid.NAMESPACE_OID, digest)}}}"
+
+
+def write_archive(contents: dict[str, bytes], fmu: Path) -> None:
+    """Write these files, given by their path, as a zip archive."""
+    with zipfile.ZipFile(fmu, "w") as target:
+        for name in sorted(contents):
+            entry = zipfile.ZipInfo(name, EPOCH)
+            entry.compress_type = zipfile.ZIP_DEFLATED
+            entry.create_system, entry.external_attr = 3, 0o644 << 16
+            target.writestr(entry, contents[name], compresslevel=9)
+
+
+def is_current(guid: str, fmu: Path) -> bool:
+    """Whether this file is already the build of this guid."""
+    if not zipfile.is_zipfile(fmu):
+        return False
+    with zipfile.ZipFile(fmu) as archive:
+        if "modelDescription.xml" not in archive.namelist():
+            return False
+    return bool(read_model_description(str(fmu), validate=False).guid == guid)

@@ -1,0 +1,100 @@
+"""A model from its file: NAME.py, or NAME/model.py with the page.md and the drawing.svg beside it."""
+
+import ast
+import importlib.util
+import sys
+import traceback
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import ModuleType
+
+import tomllib
+
+from ..declare.variables import complete
+
+
+class Refused(Exception):
+    """Why a model cannot become an FMU, in one line with the place in its file."""
+
+
+def load(path: Path) -> ModuleType:
+    """The module of this file, which nobody else can import; a record that it lacks is empty.
+
+    Raises Refused.
+    """
+    name = f"{path.resolve().parent.name}.model" if path.stem == "model" else path.stem
+    spec = importlib.util.spec_from_file_location(name, path)
+    if spec is None or spec.loader is None or not path.exists():
+        raise Refused(f"{path} is no Python file")
+    module = importlib.util.module_from_spec(spec)
+    before = sys.modules.get(name)
+    sys.modules[name] = module
+    try:
+        with refusing(path):
+            spec.loader.exec_module(module)
+            complete(module)
+            require_imports(path)
+    finally:
+        del sys.modules[name]
+        if before is not None:
+            sys.modules[name] = before
+    return module
+
+
+def require_imports(path: Path) -> None:
+    """Raise ImportError for what would not be in the FMU."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if not isinstance(node, ast.Import | ast.ImportFrom):
+            continue
+        if isinstance(node, ast.Import):
+            names = [alias.name for alias in node.names]
+        else:
+            names = ["." * node.level + (node.module or "")]
+        for name in names:
+            package = name.partition(".")[0]
+            whole = isinstance(node, ast.Import) and package == "fmukit"
+            if whole or package not in {"fmukit", *sys.stdlib_module_names}:
+                raise ImportError(
+                    f"line {node.lineno}: {name or '.'} cannot go into the FMU: a model is one file "
+                    "on the standard library and 'from fmukit import ...'"
+                )
+
+
+@contextmanager
+def refusing(path: Path) -> Iterator[None]:
+    """Turn what a model raises into Refused, with the line of its file."""
+    try:
+        yield
+    except Refused:
+        raise
+    except SyntaxError as error:
+        raise Refused(f"{path}:{error.lineno}: {error.msg}") from error
+    except Exception as error:
+        frames = [f for f in traceback.extract_tb(error.__traceback__) if f.filename == str(path)]
+        place = f"{path}:{frames[-1].lineno}" if frames else str(path)
+        where = f" in {frames[-1].name}" if frames and frames[-1].name != "<module>" else ""
+        said = " ".join(str(error).split()) or type(error).__name__
+        raise Refused(f"{place}:{where} {said}") from error
+
+
+def beside(model: ModuleType, name: str) -> Path | None:
+    """The file of this name beside a model.py, if there is one."""
+    file = Path(model.__file__ or "")
+    found = file.with_name(name)
+    return found if file.stem == "model" and found.exists() else None
+
+
+def about(model: ModuleType) -> dict[str, str]:
+    """Author, licence and version of the project that a model is part of, by its pyproject.toml."""
+    for folder in Path(model.__file__ or "").resolve().parents:
+        if (folder / "pyproject.toml").exists():
+            text = (folder / "pyproject.toml").read_text(encoding="utf-8")
+            project = tomllib.loads(text).get("project", {})
+            said = {
+                "author": ", ".join(author["name"] for author in project.get("authors", ())),
+                "version": project.get("version", ""),
+                "license": project.get("license", ""),
+            }
+            return {name: value for name, value in said.items() if value and isinstance(value, str)}
+    return {}

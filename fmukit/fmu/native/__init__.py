@@ -1,0 +1,1 @@
+"""The native FMU: C compiled for every platform."""

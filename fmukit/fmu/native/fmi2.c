@@ -1,0 +1,899 @@
+/* FMI 2.0 co-simulation over one array of values; the generated file of a component includes this.
+
+   The rules and messages are those of fmukit/fmu/python/instance.py. All values, Integers and Booleans
+   too, are doubles at the index of their value reference; the parameters come first. */
+
+#include <math.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "fmi2FunctionTypes.h"
+
+/* A length for arrays that may have no elements, which C does not allow. */
+#define SOME(n) ((n) + !(n))
+
+/* Numbers of a course of the inputs: start, end, length, degree, bends. */
+#define COURSE (2 * INPUTS + 2 + (HIGHEST_DEGREE - 1) * INPUTS)
+
+#ifdef FMI2_FUNCTION_PREFIX
+#define PASTED(a, b) a##b
+#define PASTE(a, b) PASTED(a, b)
+#define API(name) PASTE(FMI2_FUNCTION_PREFIX, name)
+#define EXPORT
+#else
+#define API(name) name
+#ifdef _WIN32
+#define EXPORT __declspec(dllexport)
+#else
+#define EXPORT __attribute__((visibility("default")))
+#endif
+#endif
+
+#ifdef __GNUC__
+#define INLINE static inline __attribute__((always_inline))
+#else
+#define INLINE static inline
+#endif
+
+enum { TEXT = 4096, ROOM = 64, NUMBER = 32 };
+enum { INSTANTIATED, INITIALIZING, STEPPING, TERMINATED, FAILED };
+
+static const char *const PHASES[] = {
+    "before initialisation", "in initialisation mode", "after initialisation", "after terminate",
+    "after a failure (reset the instance first)",
+};
+
+typedef struct {
+    const char *name, *unit, *kind, *causality, *variability;
+    int settable_before_start;
+    double start;
+} Variable;
+
+/* What an equation has to tell: why it has no value, and sentences for the log. */
+typedef struct {
+    int failed, dropped;
+    size_t reason_length, notes_length;
+    char reason[TEXT], notes[TEXT];
+} Context;
+
+/* Everything that evolves. */
+typedef struct {
+    double values[VARIABLES], before[SOME(INPUTS)], end[SOME(INPUTS)], slopes[SOME(INPUTS)];
+    double rates[HIGHEST_DEGREE][SOME(INPUTS)];
+    double time, past, stale, phase, driven;
+} State;
+
+typedef struct {
+    size_t size; /* of the bytes of a state that is not sound */
+    int sound;
+    State state;
+    unsigned char bytes[];
+} Saved;
+
+typedef struct {
+    Context context;
+    State state;
+    fmi2CallbackLogger logger;
+    fmi2CallbackAllocateMemory allocate;
+    fmi2CallbackFreeMemory release;
+    fmi2ComponentEnvironment environment;
+    int logging;
+    char name[];
+} Instance;
+
+static const Variable variables[VARIABLES];
+static void model_check(Context *c, const double *p);
+static void model_begin(Context *c, const double *p, double t, const double *x, const double *now,
+                        double *result);
+static void model_course(Context *c, double hold, const double *before, const double *now,
+                         double past, double h, double *result);
+static void model_step(Context *c, const double *p, double t, const double *x,
+                       const double *before, const double *now, const double *inputs,
+                       double *result);
+static void model_outputs(Context *c, const double *p, double t, const double *x, const double *u,
+                          double *result);
+static void model_initial(Context *c, const double *p, double t, const double *x, const double *u,
+                          double *result);
+static void model_directional(Context *c, const double *p, double t, const double *x,
+                              const double *u, const double *d_p, const double *d_x,
+                              const double *d_u, double *result);
+static void model_rates(Context *c, const double *p, double t, const double *x, const double *u,
+                        const double *du, double *result);
+
+/* Texts as Python writes them: %r a Real, %d an Integer, %b a Boolean, %v a Variable with its
+   value and unit, %s a text. */
+
+static void put(char *text, size_t *length, const char *more) {
+    size_t n = strlen(more), room = TEXT - 1 - *length;
+    if (n > room) n = room;
+    memcpy(text + *length, more, n);
+    text[*length += n] = '\0';
+}
+
+static void represent(double value, char *text) {
+    char digits[NUMBER], *at = text;
+    int precision = 1, exponent, count;
+    if (!(fabs(value) < INFINITY)) {
+        strcpy(text, isnan(value) ? "nan" : value > 0 ? "inf" : "-inf");
+        return;
+    }
+    do
+        snprintf(digits, sizeof digits, "%.*e", precision - 1, value);
+    while (precision++ < 17 && strtod(digits, NULL) != value);
+    if (digits[0] == '-') *at++ = '-';
+    memmove(digits, digits + (digits[0] == '-'), strlen(digits) + (digits[0] != '-'));
+    exponent = atoi(strchr(digits, 'e') + 1);
+    count = 1;
+    for (char *d = digits + 1; *d != 'e'; d++)
+        if (*d >= '0' && *d <= '9') digits[count++] = *d;
+    while (count > 1 && digits[count - 1] == '0') count--;
+    if (exponent < -4 || exponent >= 16) {
+        *at++ = digits[0];
+        if (count > 1) *at++ = '.';
+        for (int i = 1; i < count; i++) *at++ = digits[i];
+        sprintf(at, "e%c%02d", exponent < 0 ? '-' : '+', abs(exponent));
+        return;
+    }
+    for (int place = exponent < 0 ? exponent : 0; place < count || place <= exponent + 1; place++) {
+        *at++ = place >= 0 && place < count ? digits[place] : '0';
+        if ((exponent < 0 && place == exponent) || (exponent >= 0 && place == exponent)) *at++ = '.';
+    }
+    *at = '\0';
+}
+
+static void put_value(char *text, size_t *length, const char *kind, double value) {
+    char number[NUMBER];
+    if (!strcmp(kind, "Real"))
+        represent(value, number);
+    else if (!strcmp(kind, "Boolean"))
+        strcpy(number, value != 0.0 ? "True" : "False");
+    else
+        snprintf(number, sizeof number, "%.0f", value);
+    put(text, length, number);
+}
+
+static void put_form(char *text, size_t *length, const char *form, va_list values) {
+    char letter[2] = "";
+    for (; *form; form++) {
+        if (*form != '%' || *++form == '%') {
+            letter[0] = *form;
+            put(text, length, letter);
+        } else if (*form == 's') {
+            put(text, length, va_arg(values, const char *));
+        } else if (*form == 'v') {
+            const Variable *v = va_arg(values, const Variable *);
+            put_value(text, length, v->kind, va_arg(values, double));
+            if (*v->unit && strcmp(v->unit, "1")) put(text, length, " "), put(text, length, v->unit);
+        } else {
+            const char *kind = *form == 'r' ? "Real" : *form == 'b' ? "Boolean" : "Integer";
+            put_value(text, length, kind, va_arg(values, double));
+        }
+    }
+}
+
+static void append(Context *c, const char *form, ...) {
+    va_list values;
+    va_start(values, form);
+    put_form(c->reason, &c->reason_length, form, values);
+    va_end(values);
+}
+
+/* The first failure counts; what is computed after it is of no use. */
+static void fail(Context *c, const char *form, ...) {
+    va_list values;
+    if (c->failed) return;
+    c->failed = 1;
+    va_start(values, form);
+    put_form(c->reason, &c->reason_length, form, values);
+    va_end(values);
+}
+
+static inline void note(Context *c, const char *form, ...) {
+    size_t before = c->notes_length;
+    va_list values;
+    if (c->failed) return;
+    va_start(values, form);
+    put_form(c->notes, &c->notes_length, form, values);
+    va_end(values);
+    put(c->notes, &c->notes_length, "\n");
+    if (c->notes_length < TEXT - ROOM && !c->dropped) return;
+    c->notes[c->notes_length = before] = '\0';
+    c->dropped++;
+}
+
+/* What has no value. */
+static inline void spoil(double *values, int count) {
+    while (count--) *values++ = NAN;
+}
+
+static inline int forget(Context *c) {
+    int failed = c->failed;
+    c->failed = 0;
+    c->reason[c->reason_length = 0] = '\0';
+    return failed;
+}
+
+/* Arithmetic that Python refuses. The functions of libm are called through pointers, because
+   compilers replace some by others that round otherwise. */
+
+#define LIBM(name) static double (*const volatile libm_##name)(double) = name;
+LIBM(sin) LIBM(cos) LIBM(tan) LIBM(asin) LIBM(acos) LIBM(atan) LIBM(sinh) LIBM(cosh) LIBM(tanh)
+LIBM(asinh) LIBM(acosh) LIBM(atanh) LIBM(exp) LIBM(expm1) LIBM(log) LIBM(log10) LIBM(log2)
+LIBM(log1p) LIBM(erf) LIBM(erfc)
+static double (*const volatile libm_pow)(double, double) = pow;
+static double (*const volatile libm_atan2)(double, double) = atan2;
+static double (*const volatile libm_fmod)(double, double) = fmod;
+
+INLINE double checked(Context *c, double x, double value) {
+    if (!(fabs(value) < INFINITY)) {
+        if (isnan(value) && !isnan(x)) fail(c, "math domain error");
+        if (isinf(value) && fabs(x) < INFINITY) fail(c, "math range error");
+    }
+    return value;
+}
+
+INLINE double defined(Context *c, double x, double value) {
+    if (!(fabs(value) < INFINITY) && !isnan(x) && (isnan(value) || fabs(x) < INFINITY))
+        fail(c, "math domain error");
+    return value;
+}
+
+static inline double whole(Context *c, double x, double value) {
+    if (isnan(x)) fail(c, "cannot convert float NaN to integer");
+    if (isinf(x)) fail(c, "cannot convert float infinity to integer");
+    return value;
+}
+
+INLINE double quotient(Context *c, double a, double b) {
+    if (b == 0.0) fail(c, "float division by zero");
+    return a / b;
+}
+
+static inline double power(Context *c, double base, double exponent) {
+    double value = libm_pow(base, exponent);
+    if (!(fabs(value) < INFINITY) && fabs(base) < INFINITY) {
+        if (base == 0.0)
+            fail(c, "0.0 cannot be raised to a negative power");
+        else
+            fail(c, isnan(value) ? "math domain error" : "(34, 'Numerical result out of range')");
+    }
+    return value;
+}
+
+static inline double modulo(Context *c, double a, double b) {
+    double rest = libm_fmod(a, b);
+    if (b == 0.0) fail(c, "float modulo");
+    if (rest == 0.0) return copysign(0.0, b);
+    return (b < 0.0) != (rest < 0.0) ? rest + b : rest;
+}
+
+static inline double floored(Context *c, double a, double b) {
+    double rest = libm_fmod(a, b), count = (a - rest) / b, floor_of;
+    if (b == 0.0) fail(c, "float floor division by zero");
+    if (rest != 0.0 && (b < 0.0) != (rest < 0.0)) count -= 1.0;
+    if (count == 0.0) return copysign(0.0, a / b);
+    floor_of = floor(count);
+    return count - floor_of > 0.5 ? floor_of + 1.0 : floor_of;
+}
+
+static inline double math_fmod(Context *c, double a, double b) {
+    double rest = libm_fmod(a, b);
+    if (isnan(rest) && !isnan(a) && !isnan(b)) fail(c, "math domain error");
+    return rest;
+}
+
+static inline double math_pow(Context *c, double base, double exponent) {
+    double value = libm_pow(base, exponent);
+    if (!(fabs(value) < INFINITY) && fabs(base) < INFINITY && fabs(exponent) < INFINITY)
+        fail(c, isnan(value) || base == 0.0 ? "math domain error" : "math range error");
+    return value;
+}
+
+/* Instances. */
+
+static double *part(Instance *i, int first) { return i->state.values + first; }
+
+static void restart(Instance *i) {
+    memset(&i->state, 0, sizeof i->state);
+    memset(&i->context, 0, sizeof i->context);
+    for (int k = 0; k < VARIABLES; k++) i->state.values[k] = variables[k].start;
+    memcpy(i->state.before, part(i, FIRST_INPUT), INPUTS * sizeof(double));
+    memcpy(i->state.end, part(i, FIRST_INPUT), INPUTS * sizeof(double));
+    i->state.stale = 1.0;
+    i->state.phase = INSTANTIATED;
+}
+
+/* Hosts take a message as a printf format. */
+static void tell(fmi2CallbackLogger logger, fmi2ComponentEnvironment environment, const char *name,
+                 fmi2Status status, const char *category, const char *message) {
+    char text[2 * TEXT + 1], *at = text;
+    if (!logger) return;
+    for (; *message && at < text + sizeof text - 2; message++) {
+        if (*message == '%') *at++ = '%';
+        *at++ = *message;
+    }
+    *at = '\0';
+    logger(environment, name, status, category, text);
+}
+
+/* Hand on the notes of a call, or its failure with the notes before it. */
+static fmi2Status told(Instance *i) {
+    Context *c = &i->context;
+    fmi2Status status = fmi2OK;
+    char text[TEXT];
+    size_t length = 0;
+    if (c->dropped) {
+        put_value(c->notes, &c->notes_length, "Integer", (double)c->dropped);
+        put(c->notes, &c->notes_length, " more messages are left out\n");
+    }
+    if (c->failed) {
+        put(text, &length, i->name);
+        put(text, &length, ": ");
+        for (char *end, *line = c->notes; *line && length < TEXT / 2; line = end + 1) {
+            *(end = strchr(line, '\n')) = '\0';
+            put(text, &length, i->name), put(text, &length, ": ");
+            put(text, &length, line), put(text, &length, "; ");
+        }
+        put(text, &length, c->reason);
+        for (int k = 0; k < VARIABLES; k++)
+            if (!strcmp(variables[k].causality, "output") && !strcmp(variables[k].kind, "Real"))
+                i->state.values[k] = NAN;
+        i->state.stale = 0.0;
+        i->state.phase = FAILED;
+        status = fmi2Error;
+        tell(i->logger, i->environment, i->name, status, "logStatusError", text);
+    } else {
+        for (char *end, *line = c->notes; i->logging && *line; line = end + 1) {
+            if (!(end = strchr(line, '\n'))) break;
+            *end = '\0';
+            length = 0;
+            put(text, &length, i->name), put(text, &length, ": "), put(text, &length, line);
+            tell(i->logger, i->environment, i->name, fmi2Warning, "logStatusWarning", text);
+        }
+    }
+    c->failed = c->dropped = 0;
+    c->reason[c->reason_length = 0] = c->notes[c->notes_length = 0] = '\0';
+    return status;
+}
+
+/* End a call. */
+INLINE fmi2Status finish(Instance *i) {
+    return i->context.failed || i->context.notes_length ? told(i) : fmi2OK;
+}
+
+/* Whether a call is in order. */
+INLINE int allowed(Instance *i, const char *call, int phase) {
+    if (i->state.phase == phase) return 1;
+    fail(&i->context, "%s is not allowed %s, only %s", call, PHASES[(int)i->state.phase],
+         PHASES[phase]);
+    return 0;
+}
+
+INLINE void check_finite(Context *c, const Variable *v, double value) {
+    if (!(fabs(value) < INFINITY) && !strcmp(v->kind, "Real"))
+        fail(c, "%s = %v must be a finite number", v->name, v, value);
+}
+
+/* Calculate the outputs from the state and the inputs at the end of the last step. */
+static void refresh(Instance *i) {
+    Context *c = &i->context;
+    State *s = &i->state;
+    double *x = part(i, FIRST_STATE), result[SOME(STATES + OUTPUTS)];
+    if (s->phase == INITIALIZING) {
+        model_check(c, s->values);
+        c->notes[c->notes_length = c->dropped = 0] = '\0';
+        if (c->failed) return;
+        memcpy(s->end, part(i, FIRST_INPUT), INPUTS * sizeof(double));
+        model_initial(c, s->values, s->time, x, s->end, result);
+        if (!c->failed) memcpy(x, result, STATES * sizeof *x);
+    } else {
+        model_outputs(c, s->values, s->time, x, s->end, result + STATES);
+    }
+    for (int k = 0; k < OUTPUTS; k++) check_finite(c, &variables[FIRST_OUTPUT + k], result[STATES + k]);
+    if (c->failed) return;
+    memcpy(part(i, FIRST_OUTPUT), result + STATES, OUTPUTS * sizeof *result);
+    s->stale = 0.0;
+}
+
+/* The types differ in their first letters; an Enumeration is got and set as an Integer. */
+INLINE int is_of(const Variable *v, const char *kind) {
+    return *v->kind == *kind || (*v->kind == 'E' && *kind == 'I');
+}
+
+/* The variable of this reference; refuses what is unknown or of another type. */
+INLINE const Variable *variable(Context *c, const char *kind, fmi2ValueReference reference) {
+    if (reference >= VARIABLES)
+        fail(c, "value reference %d is unknown", (double)reference);
+    else if (!is_of(&variables[reference], kind))
+        fail(c, "%s is of type %s, not %s", variables[reference].name, variables[reference].kind,
+             kind);
+    return c->failed ? NULL : &variables[reference];
+}
+
+INLINE int is_input(fmi2ValueReference reference) {
+    return reference >= FIRST_INPUT && reference < FIRST_INPUT + INPUTS;
+}
+
+/* Refuse references that are not of this type; bring the outputs up to date. */
+INLINE int prepared(Instance *i, const char *kind, const fmi2ValueReference vr[], size_t n) {
+    int held = !strcmp(kind, "Real");
+    for (size_t k = 0; k < n; k++) {
+        if (!variable(&i->context, kind, vr[k])) return 0;
+        if (vr[k] >= FIRST_OUTPUT) held = 0;
+    }
+    if (!held && i->state.stale != 0.0 && i->state.phase != INSTANTIATED) refresh(i);
+    return !i->context.failed;
+}
+
+INLINE int may_set(Instance *i, const char *kind, fmi2ValueReference reference, double value) {
+    Context *c = &i->context;
+    const Variable *v = variable(c, kind, reference);
+    int phase = (int)i->state.phase;
+    if (!v) return 0;
+    check_finite(c, v, value);
+    if (c->failed) return 0;
+    if (phase <= INITIALIZING ? v->settable_before_start : phase == STEPPING && is_input(reference))
+        return 1;
+    fail(c, "%s = %v cannot be set: %s %s, %s", v->name, v, value, v->variability, v->causality,
+         PHASES[phase]);
+    return 0;
+}
+
+#define GET(Kind)                                                                              \
+    EXPORT fmi2Status API(fmi2Get##Kind)(fmi2Component component, const fmi2ValueReference vr[],      \
+                                  size_t n, fmi2##Kind value[]) {                              \
+        Instance *i = component;                                                               \
+        if (!i) return fmi2Error;                                                              \
+        if (prepared(i, #Kind, vr, n))                                                         \
+            for (size_t k = 0; k < n; k++) value[k] = (fmi2##Kind)i->state.values[vr[k]];      \
+        return finish(i);                                                                      \
+    }
+
+#define SET(Kind, stored)                                                                      \
+    EXPORT fmi2Status API(fmi2Set##Kind)(fmi2Component component, const fmi2ValueReference vr[],      \
+                                  size_t n, const fmi2##Kind value[]) {                        \
+        Instance *i = component;                                                               \
+        if (!i) return fmi2Error;                                                              \
+        for (size_t k = 0; k < n && may_set(i, #Kind, vr[k], stored); k++)                     \
+            i->state.values[vr[k]] = stored;                                                   \
+        if (i->state.phase != STEPPING) i->state.stale = 1.0;                                  \
+        return finish(i);                                                                      \
+    }
+
+GET(Real)
+GET(Integer)
+GET(Boolean)
+SET(Real, value[k])
+SET(Integer, value[k])
+SET(Boolean, value[k] ? 1.0 : 0.0)
+
+/* There are no Strings. */
+EXPORT fmi2Status API(fmi2GetString)(fmi2Component component, const fmi2ValueReference vr[], size_t n,
+                              fmi2String value[]) {
+    Instance *i = component;
+    (void)value;
+    if (!i) return fmi2Error;
+    prepared(i, "String", vr, n);
+    return finish(i);
+}
+
+EXPORT fmi2Status API(fmi2SetString)(fmi2Component component, const fmi2ValueReference vr[], size_t n,
+                              const fmi2String value[]) {
+    Instance *i = component;
+    (void)value;
+    if (!i) return fmi2Error;
+    if (n) variable(&i->context, "String", vr[0]);
+    return finish(i);
+}
+
+EXPORT const char *API(fmi2GetTypesPlatform)(void) { return fmi2TypesPlatform; }
+
+EXPORT const char *API(fmi2GetVersion)(void) { return "2.0"; }
+
+EXPORT fmi2Status API(fmi2SetDebugLogging)(fmi2Component component, fmi2Boolean on, size_t n,
+                                    const fmi2String categories[]) {
+    Instance *i = component;
+    if (!i) return fmi2Error;
+    i->logging = on && !n;
+    for (size_t k = 0; on && k < n; k++)
+        if (!strcmp(categories[k], "logStatusWarning") || !strcmp(categories[k], "logAll"))
+            i->logging = 1;
+    return fmi2OK;
+}
+
+EXPORT fmi2Component API(fmi2Instantiate)(fmi2String name, fmi2Type type, fmi2String guid,
+                                   fmi2String resources, const fmi2CallbackFunctions *functions,
+                                   fmi2Boolean visible, fmi2Boolean logging) {
+    char text[TEXT];
+    size_t length = 0;
+    const char *known = name ? name : "";
+    Instance *i;
+    (void)resources, (void)visible;
+    if (!functions || !functions->allocateMemory || !functions->freeMemory) return NULL;
+    if (!*known)
+        put(text, &length, "an instance must have a name");
+    else if (type != fmi2CoSimulation)
+        put(text, &length, IDENTIFIER " is for co-simulation, not for model exchange");
+    else if (!guid || strcmp(guid, GUID)) {
+        put(text, &length, "guid ");
+        put(text, &length, guid ? guid : "");
+        put(text, &length, " is not that of this build, " GUID);
+    } else if (!(i = functions->allocateMemory(1, sizeof *i + strlen(known) + 1))) {
+        put(text, &length, "no memory for an instance");
+    } else {
+        strcpy(i->name, known);
+        i->logger = functions->logger;
+        i->allocate = functions->allocateMemory;
+        i->release = functions->freeMemory;
+        i->environment = functions->componentEnvironment;
+        i->logging = logging;
+        restart(i);
+        return i;
+    }
+    tell(functions->logger, functions->componentEnvironment, known, fmi2Error, "logStatusError",
+         text);
+    return NULL;
+}
+
+EXPORT void API(fmi2FreeInstance)(fmi2Component component) {
+    Instance *i = component;
+    if (i) i->release(i);
+}
+
+EXPORT fmi2Status API(fmi2SetupExperiment)(fmi2Component component, fmi2Boolean tolerance_given,
+                                    fmi2Real tolerance, fmi2Real start, fmi2Boolean stop_given,
+                                    fmi2Real stop) {
+    Instance *i = component;
+    (void)tolerance_given, (void)tolerance, (void)stop_given, (void)stop;
+    if (!i) return fmi2Error;
+    if (allowed(i, "setupExperiment", INSTANTIATED)) {
+        if (fabs(start) < INFINITY)
+            i->state.time = start;
+        else
+            fail(&i->context, "start time = %r s must be a finite number", start);
+    }
+    return finish(i);
+}
+
+EXPORT fmi2Status API(fmi2EnterInitializationMode)(fmi2Component component) {
+    Instance *i = component;
+    if (!i) return fmi2Error;
+    if (allowed(i, "enterInitializationMode", INSTANTIATED)) i->state.phase = INITIALIZING;
+    return finish(i);
+}
+
+EXPORT fmi2Status API(fmi2ExitInitializationMode)(fmi2Component component) {
+    Instance *i = component;
+    State *s;
+    double *x, *now, result[SOME(STATES)];
+    if (!i) return fmi2Error;
+    s = &i->state, x = part(i, FIRST_STATE), now = part(i, FIRST_INPUT);
+    if (allowed(i, "exitInitializationMode", INITIALIZING)) refresh(i);
+    if (!i->context.failed) {
+        model_check(&i->context, s->values);
+        model_begin(&i->context, s->values, s->time, x, now, result);
+    }
+    if (!i->context.failed) {
+        memcpy(x, result, STATES * sizeof *x);
+        memcpy(s->before, now, INPUTS * sizeof *now);
+        s->phase = STEPPING;
+        s->stale = 1.0;
+    }
+    return finish(i);
+}
+
+EXPORT fmi2Status API(fmi2Terminate)(fmi2Component component) {
+    Instance *i = component;
+    if (!i) return fmi2Error;
+    if (allowed(i, "terminate", STEPPING)) i->state.phase = TERMINATED;
+    return finish(i);
+}
+
+EXPORT fmi2Status API(fmi2Reset)(fmi2Component component) {
+    Instance *i = component;
+    if (!i) return fmi2Error;
+    restart(i);
+    return fmi2OK;
+}
+
+/* The inputs over the next step as fmukit/step/hybrid.py describes them, and their slopes at its end. The
+   polynomial of the derivatives given, a_n s^n, is the line between its ends and s (s - h) times
+   the sum of a_n h^(n-2-j) s^j over n >= 2 and j <= n - 2. */
+static void course(Instance *i, double h, double *inputs, double *slopes) {
+    State *s = &i->state;
+    double *now = part(i, FIRST_INPUT), *bends = inputs + 2 * INPUTS + 2;
+    memset(inputs, 0, COURSE * sizeof *inputs);
+    if (s->driven == 0.0) {
+        model_course(&i->context, s->values[INPUT_HOLD], s->before, now, s->past, h, inputs);
+        for (int k = 0; k < INPUTS; k++) slopes[k] = (inputs[INPUTS + k] - inputs[k]) / h;
+        return;
+    }
+    for (int k = 0; k < INPUTS; k++) {
+        double a[HIGHEST_DEGREE + 1] = {now[k]}, factorial = 1.0;
+        inputs[k] = inputs[INPUTS + k] = now[k];
+        slopes[k] = 0.0;
+        for (int n = 1; n <= (int)s->driven; n++) {
+            a[n] = s->rates[n - 1][k] / (factorial *= n);
+            if (a[n] != 0.0) inputs[INPUTS + k] += a[n] * pow(h, n);
+            slopes[k] += n * a[n] * pow(h, n - 1);
+        }
+        for (int j = 0; j <= (int)s->driven - 2; j++)
+            for (int n = j + 2; n <= (int)s->driven; n++)
+                bends[j * INPUTS + k] += a[n] * pow(h, n - 2 - j);
+    }
+    inputs[2 * INPUTS] = h;
+    inputs[2 * INPUTS + 1] = s->driven;
+}
+
+EXPORT fmi2Status API(fmi2DoStep)(fmi2Component component, fmi2Real t, fmi2Real h, fmi2Boolean final) {
+    Instance *i = component;
+    Context *c;
+    State *s;
+    double *x, *now, inputs[COURSE], slopes[SOME(INPUTS)], result[SOME(STATES)];
+    (void)final;
+    if (!i) return fmi2Error;
+    c = &i->context, s = &i->state, x = part(i, FIRST_STATE), now = part(i, FIRST_INPUT);
+    if (!allowed(i, "doStep", STEPPING)) return finish(i);
+    if (!(h > 0.0 && h < INFINITY))
+        fail(c, "communication step = %r s must be a finite number above 0", h);
+    else if (!(fabs(t - s->time) <= 1e-3 * h + 1e-9 * fabs(s->time)))
+        fail(c, "communication point = %r s must be %r s, no jump", t, s->time);
+    if (c->failed) return finish(i);
+
+    course(i, h, inputs, slopes);
+    model_step(c, s->values, t, x, s->before, now, inputs, result);
+    for (int k = 0; k < STATES; k++) check_finite(c, &variables[FIRST_STATE + k], result[k]);
+    if (c->failed) {
+        char reason[TEXT];
+        strcpy(reason, c->reason);
+        c->reason_length = 0;
+        append(c, "step from t = %r s: %s", t, reason);
+        for (int k = 0; k < INPUTS + STATES; k++) {
+            const Variable *v = &variables[FIRST_INPUT + k];
+            append(c, "%s%s = %v", k ? ", " : "; ", v->name, v, s->values[FIRST_INPUT + k]);
+        }
+        return finish(i);
+    }
+    memcpy(s->slopes, slopes, INPUTS * sizeof *slopes);
+    memcpy(x, result, STATES * sizeof *x);
+    memcpy(s->before, now, INPUTS * sizeof *now);
+    memcpy(s->end, inputs + INPUTS, INPUTS * sizeof *inputs);
+    s->time = t + h, s->past = h, s->stale = 1.0, s->driven = 0.0;
+    return finish(i);
+}
+
+static int of_order(Context *c, const fmi2Integer order[], size_t n, int highest) {
+    for (size_t k = 0; k < n; k++)
+        if (order[k] < 1 || order[k] > highest)
+            fail(c, "derivatives are of order 1 to %d, not %d", (double)highest, (double)order[k]);
+    return !c->failed;
+}
+
+/* Derivatives of the inputs over the next step; where some are given, the others are 0. */
+EXPORT fmi2Status API(fmi2SetRealInputDerivatives)(fmi2Component component,
+                                            const fmi2ValueReference vr[], size_t n,
+                                            const fmi2Integer order[], const fmi2Real value[]) {
+    Instance *i = component;
+    State *s;
+    if (!i) return fmi2Error;
+    s = &i->state;
+    if (!of_order(&i->context, order, n, HIGHEST_DEGREE)) return finish(i);
+    for (size_t k = 0; k < n; k++) {
+        const Variable *v = variable(&i->context, "Real", vr[k]);
+        if (!v) return finish(i);
+        if (!is_input(vr[k]) || s->phase > STEPPING) {
+            fail(&i->context, "the derivative of %s cannot be set: %s %s, %s", v->name,
+                 v->variability, v->causality, PHASES[(int)s->phase]);
+            return finish(i);
+        }
+        if (!(fabs(value[k]) < INFINITY)) {
+            fail(&i->context, "the derivative of %s = %r must be a finite number", v->name,
+                 value[k]);
+            return finish(i);
+        }
+        if (s->driven == 0.0) memset(s->rates, 0, sizeof s->rates);
+        if (s->driven < order[k]) s->driven = order[k];
+        s->rates[order[k] - 1][vr[k] - FIRST_INPUT] = value[k];
+    }
+    return finish(i);
+}
+
+EXPORT fmi2Status API(fmi2GetRealOutputDerivatives)(fmi2Component component,
+                                             const fmi2ValueReference vr[], size_t n,
+                                             const fmi2Integer order[], fmi2Real value[]) {
+    Instance *i = component;
+    State *s;
+    double result[SOME(STATES + OUTPUTS)];
+    if (!i) return fmi2Error;
+    s = &i->state;
+    if (!allowed(i, "getRealOutputDerivatives", STEPPING) || !of_order(&i->context, order, n, 1))
+        return finish(i);
+    model_rates(&i->context, s->values, s->time, part(i, FIRST_STATE), s->end, s->slopes, result);
+    for (size_t k = 0; k < n && !i->context.failed; k++) {
+        const Variable *v = variable(&i->context, "Real", vr[k]);
+        if (v && strcmp(v->causality, "output"))
+            fail(&i->context, "%s is no output", v->name);
+        else if (v)
+            value[k] = result[vr[k] - FIRST_STATE];
+    }
+    return finish(i);
+}
+
+EXPORT fmi2Status API(fmi2GetDirectionalDerivative)(fmi2Component component,
+                                             const fmi2ValueReference unknown[], size_t n_unknown,
+                                             const fmi2ValueReference known[], size_t n_known,
+                                             const fmi2Real d_known[], fmi2Real d_unknown[]) {
+    Instance *i = component;
+    Context *c;
+    State *s;
+    double d[VARIABLES] = {0}, result[SOME(STATES + OUTPUTS)];
+    if (!i) return fmi2Error;
+    c = &i->context, s = &i->state;
+    if (s->phase != INITIALIZING && !allowed(i, "getDirectionalDerivative", STEPPING))
+        return finish(i);
+    if (s->phase == INITIALIZING && s->stale != 0.0) refresh(i);
+    for (size_t k = 0; k < n_known && !c->failed; k++) {
+        const Variable *v = variable(c, "Real", known[k]);
+        if (v && !(s->phase == INITIALIZING ? v->settable_before_start : is_input(known[k])))
+            fail(c, "%s is not known in its own right %s", v->name, PHASES[(int)s->phase]);
+        else if (v)
+            d[known[k]] += d_known[k];
+    }
+    if (!c->failed)
+        model_directional(c, s->values, s->time, part(i, FIRST_STATE), s->end, d, d + FIRST_STATE,
+                          d + FIRST_INPUT, result);
+    for (size_t k = 0; k < n_unknown && !c->failed; k++) {
+        const Variable *v = variable(c, "Real", unknown[k]);
+        if (v && strcmp(v->causality, "output"))
+            fail(c, "%s is no output", v->name);
+        else if (v)
+            d_unknown[k] = result[unknown[k] - FIRST_STATE];
+    }
+    return finish(i);
+}
+
+/* The state of an instance; as bytes: the guid, the state and a checksum. */
+
+enum { BYTES = sizeof GUID + sizeof(State) + 4 };
+
+static unsigned long checksum(const unsigned char *bytes, size_t n) {
+    unsigned long sum = 0xFFFFFFFFul;
+    while (n--) {
+        sum ^= *bytes++;
+        for (int bit = 0; bit < 8; bit++) sum = sum >> 1 ^ (sum & 1 ? 0xEDB88320ul : 0);
+    }
+    return sum ^ 0xFFFFFFFFul;
+}
+
+static Saved *saved(Instance *i, size_t more) {
+    Saved *state = i->allocate(1, sizeof *state + more);
+    if (!state) fail(&i->context, "no memory for an FMU state");
+    return state;
+}
+
+EXPORT fmi2Status API(fmi2GetFMUstate)(fmi2Component component, fmi2FMUstate *state) {
+    Instance *i = component;
+    Saved *kept;
+    if (!i || !state) return fmi2Error;
+    kept = *state ? *state : saved(i, 0);
+    if (!kept) return finish(i);
+    kept->sound = 1;
+    kept->state = i->state;
+    *state = kept;
+    return fmi2OK;
+}
+
+EXPORT fmi2Status API(fmi2SetFMUstate)(fmi2Component component, fmi2FMUstate state) {
+    Instance *i = component;
+    Saved *kept = state;
+    if (!i) return fmi2Error;
+    if (kept && kept->sound)
+        i->state = kept->state;
+    else
+        fail(&i->context, "FMU state is damaged or not of this build " GUID ": %d bytes",
+             kept ? (double)kept->size : 0.0);
+    return finish(i);
+}
+
+EXPORT fmi2Status API(fmi2FreeFMUstate)(fmi2Component component, fmi2FMUstate *state) {
+    Instance *i = component;
+    if (!i) return fmi2Error;
+    if (state && *state) i->release(*state), *state = NULL;
+    return fmi2OK;
+}
+
+EXPORT fmi2Status API(fmi2SerializedFMUstateSize)(fmi2Component component, fmi2FMUstate state,
+                                           size_t *size) {
+    Saved *kept = state;
+    if (!component || !kept) return fmi2Error;
+    *size = kept->sound ? BYTES : kept->size;
+    return fmi2OK;
+}
+
+EXPORT fmi2Status API(fmi2SerializeFMUstate)(fmi2Component component, fmi2FMUstate state, fmi2Byte bytes[],
+                                      size_t size) {
+    Instance *i = component;
+    Saved *kept = state;
+    unsigned char *at = (unsigned char *)bytes;
+    if (!i || !kept) return fmi2Error;
+    if (size < (kept->sound ? BYTES : kept->size)) {
+        fail(&i->context, "%d bytes are too few for an FMU state", (double)size);
+    } else if (kept->sound) {
+        unsigned long sum;
+        memcpy(at, GUID, sizeof GUID);
+        memcpy(at + sizeof GUID, &kept->state, sizeof kept->state);
+        sum = checksum(at, BYTES - 4);
+        for (int k = 0; k < 4; k++) at[BYTES - 4 + k] = (unsigned char)(sum >> 8 * k);
+    } else {
+        memcpy(at, kept->bytes, kept->size);
+    }
+    return finish(i);
+}
+
+EXPORT fmi2Status API(fmi2DeSerializeFMUstate)(fmi2Component component, const fmi2Byte bytes[],
+                                        size_t size, fmi2FMUstate *state) {
+    Instance *i = component;
+    const unsigned char *at = (const unsigned char *)bytes;
+    Saved *kept;
+    if (!i || !state) return fmi2Error;
+    if (*state) i->release(*state), *state = NULL;
+    if (!(kept = saved(i, size))) return finish(i);
+    kept->sound = 0;
+    kept->size = size;
+    if (size) memcpy(kept->bytes, bytes, size);
+    if (size == BYTES && !memcmp(at, GUID, sizeof GUID)) {
+        unsigned long sum = checksum(at, BYTES - 4);
+        kept->sound = 1;
+        for (int k = 0; k < 4; k++)
+            if (at[BYTES - 4 + k] != (unsigned char)(sum >> 8 * k)) kept->sound = 0;
+        memcpy(&kept->state, at + sizeof GUID, sizeof kept->state);
+    }
+    *state = kept;
+    return fmi2OK;
+}
+
+/* No step runs asynchronously, so that there is no status but one. */
+
+EXPORT fmi2Status API(fmi2CancelStep)(fmi2Component component) {
+    Instance *i = component;
+    if (!i) return fmi2Error;
+    tell(i->logger, i->environment, i->name, fmi2Error, "logStatusError",
+         "cancelStep is not allowed: no step is under way");
+    return fmi2Error;
+}
+
+EXPORT fmi2Status API(fmi2GetRealStatus)(fmi2Component component, const fmi2StatusKind kind,
+                                  fmi2Real *value) {
+    Instance *i = component;
+    if (!i || kind != fmi2LastSuccessfulTime) return fmi2Discard;
+    *value = i->state.time;
+    return fmi2OK;
+}
+
+EXPORT fmi2Status API(fmi2GetBooleanStatus)(fmi2Component component, const fmi2StatusKind kind,
+                                     fmi2Boolean *value) {
+    if (!component || kind != fmi2Terminated) return fmi2Discard;
+    *value = fmi2False;
+    return fmi2OK;
+}
+
+EXPORT fmi2Status API(fmi2GetStatus)(fmi2Component component, const fmi2StatusKind kind,
+                              fmi2Status *value) {
+    (void)component, (void)kind, (void)value;
+    return fmi2Discard;
+}
+
+EXPORT fmi2Status API(fmi2GetIntegerStatus)(fmi2Component component, const fmi2StatusKind kind,
+                                     fmi2Integer *value) {
+    (void)component, (void)kind, (void)value;
+    return fmi2Discard;
+}
+
+EXPORT fmi2Status API(fmi2GetStringStatus)(fmi2Component component, const fmi2StatusKind kind,
+                                    fmi2String *value) {
+    (void)component, (void)kind, (void)value;
+    return fmi2Discard;
+}

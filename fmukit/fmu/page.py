@@ -1,0 +1,155 @@
+"""What people read of a component: one page, for the documentation and for the FMU.
+
+Its text is written once: the equations in the model's docstring, what is said beyond them in `page.md`
+beside the model, with `drawing.svg`, the variables in their declarations.
+"""
+
+import os
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import markdown
+from latex2mathml.converter import convert
+
+from ..declare.variables import Interface, Variable, class_name, title
+from .load import beside
+from .xml import start_text
+
+EXTERNAL_DEPENDENCIES = """\
+linux64 or win64, and CPython 3.10 or newer with its standard library; nothing else.
+
+A host that is itself Python (fmpy, PyFMI, libcosimpy, ecospy) needs no more.
+
+Any other host must find libpython and the standard library. Linux: start it as
+    LD_PRELOAD=$(python3 -c "import sysconfig as s, os; \
+print(os.path.join(s.get_config_var('LIBDIR'), s.get_config_var('INSTSONAME')))") HOST
+with the python3 on PATH that the line asks (PYTHONHOME names another one).
+Windows: the folder of python3.dll must be on PATH.
+
+The path that the FMU is unpacked to must not contain + # % or letters beyond ASCII: pythonfmu's
+wrapper does not decode them. It does not compare the GUID handed to fmi2Instantiate either.
+"""
+
+STYLE = """\
+body{font:16px/1.5 system-ui,sans-serif;max-width:60rem;margin:2rem auto;padding:0 1rem}
+table{border-collapse:collapse;font-size:.85rem;display:block;overflow-x:auto}
+td:last-child{min-width:14rem}
+td,th{border-bottom:1px solid #ccc;padding:.2rem .6rem;text-align:left;vertical-align:top}
+.formula{overflow-x:auto;margin:1rem 0}
+svg{max-width:100%;height:auto}
+code{font-size:.9em;overflow-wrap:anywhere}
+"""
+
+HEADER = ("name", "type", "unit", "causality", "variability", "initial", "start", "meaning")
+
+HOLD = """\
+`input_hold` says what an input does between two communication points, for hosts that can only
+set inputs. `zero` (0) holds the value that was set: right for Gauss-Seidel and Strang masters.
+`extrapolate` (1) follows the line through the last two values: second order in a Jacobi master,
+where every unit is given the values of the step's beginning; this is also the setting of the unit
+that a Gauss-Seidel master steps first. `interpolate` (2) runs from the value before to the one
+just set: right for the unit that a Gauss-Seidel master steps last, which is given the values of
+the step's end. Interpolating only one of two coupled inputs, the other one held, is worse than
+holding both.
+"""
+
+FORMULA = re.compile(r"\$\$(.+?)\$\$|\$(.+?)\$", re.DOTALL)
+
+
+def rows(interface: Interface) -> Iterator[tuple[str, ...]]:
+    """The variable table, one row of HEADER's columns per variable."""
+    for v in interface.variables:
+        yield (
+            v.name,
+            v.declaration.kind,
+            v.unit,
+            v.causality,
+            v.variability,
+            v.initial,
+            start_text(v.declaration) if v.settable_before_start else "",
+            meaning(v),
+        )
+
+
+def meaning(variable: Variable) -> str:
+    """The description with bounds, or with the values of an enumeration."""
+    d = variable.declaration
+    if d.items:
+        values = ", ".join(f"{item.value} = {item.name}" for item in d.items)
+        return f"{d.meaning} [{values}]"
+    limits = ["> 0"] if d.positive else [f"min {d.min!r}"] if d.min is not None else []
+    limits += [f"max {d.max!r}"] if d.max is not None else []
+    return f"{d.meaning} [{', '.join(limits)}]" if limits else d.meaning
+
+
+def table(interface: Interface) -> str:
+    """The variable table in Markdown."""
+    lines = [" | ".join(HEADER), " | ".join("---" for _ in HEADER)]
+    lines += [" | ".join(row) for row in rows(interface)]
+    return "\n".join(f"| {line} |" for line in lines)
+
+
+def text(interface: Interface, drawing: str, plot: str) -> str:
+    """The page in Markdown with $ formulas, and with these pictures."""
+    model, notes = interface.model, beside(interface.model, "page.md")
+    stop, step = model.EXPERIMENT
+    sections = [
+        f"# {class_name(model)}",
+        f"**{title(model)}.**",
+        drawing,
+        (model.__doc__ or "").strip().partition("\n")[2].strip(),
+        notes.read_text(encoding="utf-8").strip() if notes else "",
+        f"## Inputs between communication points\n\n{HOLD.strip()}",
+        f"## Default experiment\n\nInputs and parameters at their start values, {stop:g} s in steps "
+        f"of {step:g} s; the FMU carries these numbers as CSV.",
+        plot,
+        f"## Variables\n\n{table(interface)}",
+    ]
+    return "\n\n".join(section for section in sections if section) + "\n"
+
+
+def github(interface: Interface, plot: str, folder: Path) -> str:
+    """The page as GitHub shows it from this folder, formulas where Markdown cannot touch them."""
+    picture = beside(interface.model, "drawing.svg")
+    place = os.path.relpath(picture, folder) if picture else ""
+    drawing = f"![Drawing]({Path(place).as_posix()})" if picture else ""
+
+    def keep(match: re.Match[str]) -> str:
+        return f"```math\n{match[1].strip()}\n```" if match[1] else f"$`{match[2]}`$"
+
+    page = text(interface, drawing, f"![Outputs over time]({plot})")
+    return f"<!-- Written by build_fmus.py --docs -->\n\n{FORMULA.sub(keep, page)}"
+
+
+def html(interface: Interface, plot: str = "") -> str:
+    """The page as one file that needs no network: formulas as MathML, pictures as SVG."""
+    picture = beside(interface.model, "drawing.svg")
+    drawing = picture.read_text(encoding="utf-8") if picture else ""
+    body = prose(text(interface, "DRAWING", "PLOT"))
+    for place, svg in (("DRAWING", drawing), ("PLOT", plot)):
+        body = body.replace(f"<p>{place}</p>", svg)
+    return (
+        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
+        '<meta name="viewport" content="width=device-width">'
+        f"<title>{class_name(interface.model)}</title><style>{STYLE}</style></head><body>\n"
+        f"{body}\n</body></html>\n"
+    )
+
+
+def prose(text: str) -> str:
+    """Markdown with $$ equations $$ and $ symbols $ to HTML with MathML."""
+    formulas: list[str] = []
+
+    def keep(match: re.Match[str]) -> str:
+        block = match[1] is not None
+        formula = convert(match[1] or match[2], display="block" if block else "inline")
+        formulas.append(f'<div class="formula">{formula}</div>' if block else formula)
+        return f"FORMULA{len(formulas) - 1}END"
+
+    page = markdown.markdown(FORMULA.sub(keep, text), extensions=["tables"])
+    return re.sub(
+        r"<p>FORMULA(\d+)END</p>|FORMULA(\d+)END",
+        lambda match: formulas[int(match[1] or match[2])],
+        page,
+    )

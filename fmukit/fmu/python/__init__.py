@@ -1,0 +1,1 @@
+"""The FMU that runs in a Python interpreter."""

@@ -1,0 +1,156 @@
+"""Is this FMU valid? fmpy's checks, and the rules of FMI 2.0 that no public checker reports."""
+
+import math
+import re
+import tempfile
+import zipfile
+from collections.abc import Iterator
+from pathlib import Path
+
+from fmpy import extract, platform, supported_platforms
+from fmpy.fmi1 import FMICallException
+from fmpy.fmi2 import FMU2Slave
+from fmpy.model_description import ModelDescription, ScalarVariable, read_model_description
+from fmpy.validation import validate_fmu
+
+DISPLAY_FACTORS = {
+    ("rad", "deg"): 180 / math.pi,
+    ("rad/s", "rpm"): 30 / math.pi,
+    ("Pa", "bar"): 1e-5,
+}
+BINARIES = {"linux64": "so", "win64": "dll"}
+NATIVE_BINARIES = BINARIES | {
+    "aarch64-linux": "so", "darwin64": "dylib", "aarch64-darwin": "dylib"
+}  # fmt: skip
+DOCUMENTS = ("index.html", "externalDependencies.txt", "licenses/license.txt")
+
+
+def problems(fmu: Path) -> list[str]:
+    """All that is wrong with an FMU; empty if it is valid."""
+    found: list[str] = validate_fmu(str(fmu))
+    if found:
+        return found
+    description = read_model_description(str(fmu))
+    return [*_files(fmu, description), *_description(description)]
+
+
+def differences(fmu: Path) -> Iterator[str]:
+    """Where the default experiment of an FMU, played, leaves the reference that it carries.
+
+    Raises RuntimeError if a call fails. An FMU without a binary for this platform is not played.
+    """
+    description = read_model_description(str(fmu))
+    if platform not in supported_platforms(str(fmu)):
+        return
+    with zipfile.ZipFile(fmu) as archive:
+        (name,) = [n for n in archive.namelist() if n.endswith("_ref.csv")]
+        header, *lines = archive.read(name).decode().splitlines()
+    outputs = [v for v in description.modelVariables if v.name in header.split(",")[1:]]
+    for text, played in zip(lines, play(fmu, description, outputs), strict=True):
+        expected = [float(number) for number in text.split(",")]
+        for variable, value, wanted in zip(outputs, played[1:], expected[1:]):
+            if value != wanted:
+                yield (
+                    f"{variable.name} = {value!r} at {expected[0]!r} s in the FMU, "
+                    f"{wanted!r} by its equations"
+                )
+                return
+
+
+def play(
+    fmu: Path, description: ModelDescription, outputs: list[ScalarVariable]
+) -> Iterator[list[float]]:
+    """Time and outputs of the default experiment at every communication point."""
+    stop, step = (
+        float(getattr(description.defaultExperiment, n)) for n in ("stopTime", "stepSize")
+    )
+    slave = description.coSimulation
+    with tempfile.TemporaryDirectory(prefix="played_") as folder:
+        extract(str(fmu), folder)
+        unit = FMU2Slave(
+            guid=description.guid,
+            unzipDirectory=folder,
+            modelIdentifier=slave.modelIdentifier,
+            instanceName="played",
+        )
+        try:
+            unit.instantiate()
+            unit.setupExperiment()
+            unit.enterInitializationMode()
+            unit.exitInitializationMode()
+            for n in range(round(stop / step) + 1):
+                if n:
+                    unit.doStep((n - 1) * step, step)
+                yield [n * step, *(value_of(unit, output) for output in outputs)]
+            unit.terminate()
+        except FMICallException as error:
+            raise RuntimeError(f"the default experiment fails: {error}") from None
+        finally:
+            unit.freeInstance()
+
+
+def value_of(unit: FMU2Slave, variable: ScalarVariable) -> float:
+    kind = "Integer" if variable.type == "Enumeration" else variable.type
+    (value,) = getattr(unit, f"get{kind}")([variable.valueReference])
+    return float(value)
+
+
+def _files(fmu: Path, description: ModelDescription) -> Iterator[str]:
+    with zipfile.ZipFile(fmu) as archive:
+        names = set(archive.namelist())
+    slave = description.coSimulation
+    identifier = slave.modelIdentifier
+    libraries = BINARIES if slave.needsExecutionTool else NATIVE_BINARIES
+    wanted = [f"binaries/{folder}/{identifier}.{end}" for folder, end in libraries.items()]
+    wanted += [f"documentation/{name}" for name in DOCUMENTS]
+    yield from (f"{name} is missing" for name in wanted if name not in names)
+
+
+def _description(description: ModelDescription) -> Iterator[str]:
+    slave = description.coSimulation
+    if not re.fullmatch(r"[A-Za-z_]\w*", slave.modelIdentifier, re.ASCII):
+        yield f"modelIdentifier {slave.modelIdentifier} is not a C identifier"
+    if slave.canSerializeFMUstate and not slave.canGetAndSetFMUstate:
+        yield "canSerializeFMUstate needs canGetAndSetFMUstate"
+    experiment = description.defaultExperiment
+    if experiment is None or None in (
+        experiment.startTime,
+        experiment.stopTime,
+        experiment.stepSize,
+    ):
+        yield "DefaultExperiment lacks startTime, stopTime or stepSize"
+    for unit in description.unitDefinitions:
+        for display in unit.displayUnits:
+            factor = DISPLAY_FACTORS.get((unit.name, display.name))
+            if factor != display.factor:
+                yield f"display unit {display.name} of {unit.name} has factor {display.factor}"
+    for variable in description.modelVariables:
+        yield from _variable(variable)
+    for unknown in [*description.outputs, *description.initialUnknowns]:
+        order = [description.modelVariables.index(v) for v in unknown.dependencies or ()]
+        if order != sorted(set(order)):
+            yield f"dependencies of {unknown.variable.name} are not in order"
+        if unknown.variable in (unknown.dependencies or ()):
+            yield f"{unknown.variable.name} depends on itself"
+
+
+def _variable(variable: ScalarVariable) -> Iterator[str]:
+    if variable.type == "Boolean":
+        return
+    limits = {
+        name: float(text)
+        for name in ("min", "max", "start", "nominal")
+        if (text := getattr(variable, name)) is not None
+    }
+    yield from (
+        f"{name} of {variable.name} is not finite"
+        for name, value in limits.items()
+        if not math.isfinite(value)
+    )
+    if limits.get("nominal") == 0.0:
+        yield f"nominal of {variable.name} is 0"
+    low, high = limits.get("min", -math.inf), limits.get("max", math.inf)
+    if low > high:
+        yield f"min {low} of {variable.name} is above max {high}"
+    if "start" in limits and not low <= limits["start"] <= high:
+        yield f"start {limits['start']} of {variable.name} is outside {low} .. {high}"

@@ -1,0 +1,66 @@
+"""Quantities of the SI: name, unit and exponents of the base units, the radian counted as one."""
+
+import math
+from typing import Annotated, NamedTuple
+
+
+class Display(NamedTuple):
+    """A unit people read: value_in_display_unit = factor * value_in_unit."""
+
+    unit: str
+    factor: float
+
+
+class Quantity(NamedTuple):
+    """A physical quantity; `exponents` maps the FMI base units (kg, m, s, A, K, rad) to powers."""
+
+    name: str
+    unit: str
+    exponents: dict[str, int]
+    display: Display | None = None
+
+
+Angle = Annotated[float, Quantity("Angle", "rad", {"rad": 1}, Display("deg", 180 / math.pi))]
+AngularVelocity = Annotated[
+    float, Quantity("AngularVelocity", "rad/s", {"rad": 1, "s": -1}, Display("rpm", 30 / math.pi))
+]
+AngularAcceleration = Annotated[
+    float, Quantity("AngularAcceleration", "rad/s2", {"rad": 1, "s": -2})
+]
+Length = Annotated[float, Quantity("Length", "m", {"m": 1})]
+Velocity = Annotated[float, Quantity("Velocity", "m/s", {"m": 1, "s": -1})]
+Acceleration = Annotated[float, Quantity("Acceleration", "m/s2", {"m": 1, "s": -2})]
+Time = Annotated[float, Quantity("Time", "s", {"s": 1})]
+Mass = Annotated[float, Quantity("Mass", "kg", {"kg": 1})]
+LinearDensity = Annotated[float, Quantity("LinearDensity", "kg/m", {"kg": 1, "m": -1})]
+Inertia = Annotated[float, Quantity("MomentOfInertia", "kg.m2", {"kg": 1, "m": 2})]
+Force = Annotated[float, Quantity("Force", "N", {"kg": 1, "m": 1, "s": -2})]
+Impulse = Annotated[float, Quantity("Impulse", "N.s", {"kg": 1, "m": 1, "s": -1})]
+Torque = Annotated[float, Quantity("Torque", "N.m", {"kg": 1, "m": 2, "s": -2})]
+Energy = Annotated[float, Quantity("Energy", "J", {"kg": 1, "m": 2, "s": -2})]
+Power = Annotated[float, Quantity("Power", "W", {"kg": 1, "m": 2, "s": -3})]
+TranslationalStiffness = Annotated[
+    float, Quantity("TranslationalSpringConstant", "N/m", {"kg": 1, "s": -2})
+]
+TranslationalDamping = Annotated[
+    float, Quantity("TranslationalDampingConstant", "N.s/m", {"kg": 1, "s": -1})
+]
+RotationalStiffness = Annotated[
+    float,
+    Quantity("RotationalSpringConstant", "N.m/rad", {"kg": 1, "m": 2, "s": -2, "rad": -1}),
+]
+RotationalDamping = Annotated[
+    float, Quantity("RotationalDampingConstant", "N.m.s/rad", {"kg": 1, "m": 2, "s": -1, "rad": -1})
+]
+Pressure = Annotated[
+    float, Quantity("Pressure", "Pa", {"kg": 1, "m": -1, "s": -2}, Display("bar", 1e-5))
+]
+VolumeFlowRate = Annotated[float, Quantity("VolumeFlowRate", "m3/s", {"m": 3, "s": -1})]
+MassFlowRate = Annotated[float, Quantity("MassFlowRate", "kg/s", {"kg": 1, "s": -1})]
+Temperature = Annotated[float, Quantity("ThermodynamicTemperature", "K", {"K": 1})]
+Voltage = Annotated[float, Quantity("Voltage", "V", {"kg": 1, "m": 2, "s": -3, "A": -1})]
+Current = Annotated[float, Quantity("Current", "A", {"A": 1})]
+Resistance = Annotated[float, Quantity("Resistance", "Ohm", {"kg": 1, "m": 2, "s": -3, "A": -2})]
+Inductance = Annotated[float, Quantity("Inductance", "H", {"kg": 1, "m": 2, "s": -2, "A": -2})]
+MagneticFlux = Annotated[float, Quantity("MagneticFlux", "Wb", {"kg": 1, "m": 2, "s": -2, "A": -1})]
+Ratio = Annotated[float, Quantity("DimensionlessRatio", "1", {})]

@@ -1,0 +1,1 @@
+"""How a model goes from one communication point to the next."""

@@ -1,0 +1,1 @@
+"""Equations run with symbols: what they compute, as trees."""

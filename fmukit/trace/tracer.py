@@ -1,0 +1,269 @@
+"""Trace the functions of a model: what they compute becomes trees, which C and Python repeat bit by bit.
+
+Operations stay as the source has them; what is computed twice on a path is one node. Functions of
+the model, and of the kit where `entries` names them, become functions of their own, called where
+they return numbers; all others are followed where they are called.
+"""
+
+from __future__ import annotations
+
+import inspect
+import math
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from types import BuiltinFunctionType, FunctionType, ModuleType, SimpleNamespace
+from typing import Any
+
+from ..step import flow
+from .paths import arranged, flatten, grow, has_static, kinds, leaves, symbols
+from .values import (
+    NODES,
+    PATHS,
+    TABLE,
+    Function,
+    Leaf,
+    Node,
+    Tree,
+    Untraceable,
+    key,
+    kind_of,
+    operation,
+    plain,
+    size,
+    symbol,
+    unique,
+)
+
+SHORT = 40
+
+
+def function(
+    name: str, run: Callable[..., Any], shapes: dict[str, Any], types: Sequence[str] = ()
+) -> Function | None:
+    """Trace `run` with symbols of these shapes; None where its paths return unlike things."""
+    known = list(zip(shapes.items(), types or ["Real"] * len(shapes)))
+
+    def call() -> Any:
+        return run(**{name: parameter_of(name, shape, kind) for (name, shape), kind in known})
+
+    paths, PATHS[:] = PATHS[:], []
+    try:
+        tree = grow(call, (name,))
+    finally:
+        PATHS[:] = paths
+    found = {leaf.shape for leaf in leaves(tree) if leaf.error is None}
+    alike = {unified(shape) for shape in found}
+    if len(alike) != 1 or (has_static(*alike) and alike != {flatten(None)[0]}):
+        return None
+    return Function(name, shapes, tree, next(iter(found)))
+
+
+def parameter_of(name: str, shape: Any, kind: str) -> Any:
+    if shape == "number":
+        return symbol("symbol", name, kind=kind)
+    return symbols(shape, lambda place: ("element", name, place))
+
+
+def unified(shape: Any) -> Any:
+    """A shape in which a list is as good as a tuple."""
+    if shape == "number" or shape[0] == "static":
+        return shape
+    cls = shape[0] if hasattr(shape[0], "_make") else tuple
+    return cls, tuple(unified(part) for part in shape[1])
+
+
+class Tracer:
+    """Everything traced for one component: `functions` in the order in which C needs them."""
+
+    def __init__(self, model: ModuleType, kit: dict[ModuleType, tuple[str, ...]]) -> None:
+        self.model, self.kit = model, kit
+        for record in (TABLE, NODES, LOOPS, BODIES):
+            record.clear()
+        self.functions: dict[Any, Function | None] = {}
+        self.joins: dict[Any, Node] = {}
+
+    def entry(self, name: str, run: Callable[..., Any], **examples: Any) -> Function:
+        """Trace a function that the runtime calls, with symbols in the shape of these examples."""
+        shapes = {parameter: flatten(value)[0] for parameter, value in examples.items()}
+        with self.patched():
+            traced = function(name, run, shapes)
+        if traced is None:
+            raise Untraceable(f"{name} does not return the same record on all paths")
+        self.functions[name] = traced._replace(entry=True)
+        return traced
+
+    @contextmanager
+    def patched(self) -> Iterator[None]:
+        """Replace mathematics, loops and boundaries of model and kit by what records them."""
+        kept = []
+        for module in (self.model, *self.kit):
+            for name, value in list(vars(module).items()):
+                new = self.replacement(module, name, value)
+                if new is not None:
+                    kept.append((module, name, value))
+                    setattr(module, name, new)
+        try:
+            yield
+        finally:
+            for module, name, value in kept:
+                setattr(module, name, value)
+
+    def replacement(self, module: ModuleType, name: str, value: Any) -> Any:
+        if isinstance(value, FunctionType | BuiltinFunctionType | ModuleType) and value in REPLACED:
+            return REPLACED[value]
+        value = getattr(value, "__wrapped__", value)
+        own = isinstance(value, FunctionType) and value.__module__ == module.__name__
+        wanted = not inspect.isgeneratorfunction(value)
+        if module is not self.model:
+            wanted = name in self.kit[module]
+        return self.boundary(value) if own and wanted else None
+
+    def boundary(self, original: Callable[..., Any]) -> Callable[..., Any]:
+        """A function that is called, not followed, where it returns numbers."""
+        signature = inspect.signature(original)
+
+        def call(*given: Any, **named: Any) -> Any:
+            bound = signature.bind(*given, **named)
+            bound.apply_defaults()
+            args = bound.args
+            flat = [flatten(arg) for arg in args]
+            if bound.kwargs or not any(n for _, n in flat):
+                return original(*given, **named)
+            shapes = {name: unified(shape) for name, (shape, _) in zip(bound.arguments, flat)}
+            types = tuple(map(kind_of, args))
+            identity = (original, tuple(shapes.items()), types)
+            if identity not in self.functions:
+                name = f"{original.__name__}_{len(self.functions)}"
+                self.functions[identity] = None
+                traced = function(name, original, shapes, types)
+                del self.functions[identity]
+                self.functions[identity] = None if traced and is_short(traced) else traced
+            traced = self.functions[identity]
+            if traced is None:
+                return original(*args)
+            numbers = [tuple(numbers) for _, numbers in flat if numbers]
+            result = called(traced, numbers)
+            return arranged(traced.shape, iter(result))
+
+        return call
+
+
+def is_short(traced: Function) -> bool:
+    """Whether a function is better followed than called: one path, and a short one."""
+    nodes = traced.tree.nodes
+    one_path = isinstance(traced.tree, Leaf) and not {"join", "loop"} & {n.op for n in nodes}
+    return one_path and len(nodes) <= SHORT and size(traced.shape) > 0
+
+
+def called(traced: Function, numbers: list[tuple[Any, ...]]) -> list[Any]:
+    """The numbers that a call of this function returns; one without any is called each time."""
+    identity: tuple[Any, ...] = ("call", traced.name, *(tuple(map(key, g)) for g in numbers))
+    identity += () if size(traced.shape) else (PATHS[-1].mark(),)
+    call = PATHS[-1].visit(unique(identity, (traced, [plain(group) for group in numbers])))
+    return [
+        symbol("result", call.number, place, kind=kind, items=items)
+        for place, (kind, items) in enumerate(kinds(traced.shape))
+    ]
+
+
+def mathematical(original: Callable[..., Any]) -> Callable[..., Any]:
+    """A function of `math` that also takes symbols."""
+    name = original.__name__
+
+    def call(*args: Any) -> Any:
+        if not any(isinstance(number, Node) for number in flatten(args)[1]):
+            return original(*args)
+        if name in OTHERWISE:
+            return OTHERWISE[name](*args)
+        if name not in OPERATIONS:
+            instead = INSTEAD.get(name, f"one of {', '.join(sorted(OPERATIONS | {*OTHERWISE}))}")
+            raise Untraceable(f"{name} of math, which C computes otherwise: write {instead}")
+        return operation(name, *args)
+
+    return call
+
+
+def logarithm(x: Any, *base: Any) -> Any:
+    """`math.log` of one number or two."""
+    return operation("/", logarithm(x), logarithm(*base)) if base else operation("log", x)
+
+
+def effect(op: str, *args: Any) -> Node:
+    """Record a side effect here."""
+    path = PATHS[-1]
+    return path.visit(unique((op, path.mark()), args))
+
+
+def note(sentence: str) -> None:
+    """Say this to the host's log."""
+    effect("note", sentence)
+
+
+def attempted(run: Callable[[], Any], otherwise: Any) -> Any:
+    """`flow.attempted` for symbols."""
+    effect("leave if failed")
+    try:
+        shape, numbers = flatten(run())
+    except (ArithmeticError, ValueError):
+        return otherwise
+    failed = effect("forget failure")
+    _, others = flatten(otherwise)
+    chosen = [
+        operation("select", failed, number, other) if key(number) != key(other) else number
+        for number, other in zip(numbers, others, strict=True)
+    ]
+    return arranged(shape, iter(chosen))
+
+
+def repeat(body: Callable[[Any], tuple[bool, Any]], carry: Any) -> Any:
+    """`flow.repeat` for symbols: the body is followed once, its state is in variables."""
+    mark = PATHS[-1].mark()
+    shape, start = flatten(carry)
+    number = LOOPS.setdefault(mark, len(LOOPS))
+    state = symbols(shape, lambda place: ("variable", number, place))
+    if mark not in BODIES:
+        BODIES[mark] = grow(lambda: finished(*body(state)), (*mark, "body"))
+    identity = ("loop", number, *map(key, start))
+    PATHS[-1].visit(unique(identity, (number, plain(start), BODIES[mark])))
+    return state
+
+
+def finished(done: Any, carry: Any) -> tuple[bool, Any]:
+    """Whether a loop is done, which is followed like any condition, and what it carries on."""
+    return bool(done), carry
+
+
+LOOPS: dict[Any, int] = {}
+BODIES: dict[Any, Tree] = {}
+
+OPERATIONS = {
+    "sin", "cos", "tan", "asin", "acos", "atan", "atan2", "sinh", "cosh", "tanh", "asinh", "acosh",
+    "atanh", "sqrt", "exp", "expm1", "log10", "log2", "log1p", "pow", "fmod", "copysign", "erf",
+    "erfc", "floor", "ceil", "trunc", "fabs",
+}  # fmt: skip
+OTHERWISE: dict[str, Callable[..., Any]] = {
+    "log": logarithm,
+    "degrees": lambda x: x * (180.0 / math.pi),
+    "radians": lambda x: x * (math.pi / 180.0),
+    "isnan": lambda x: operation("-", x, 0.0) != x,
+    "isinf": lambda x: abs(x) == math.inf,
+    "isfinite": lambda x: abs(x) < math.inf,
+}
+INSTEAD = {
+    "hypot": "sqrt(x * x + y * y)",
+    "fsum": "x + y + z",
+    "prod": "x * y * z",
+    "cbrt": "copysign(abs(x) ** (1 / 3), x)",
+    "exp2": "2.0 ** x",
+}
+MATHEMATICS = {
+    name: mathematical(function)
+    for name, function in vars(math).items()
+    if callable(function) and not name.startswith("_")
+}
+REPLACED: dict[Any, Any] = {
+    **{getattr(math, name): new for name, new in MATHEMATICS.items()},
+    math: SimpleNamespace(**vars(math) | MATHEMATICS),
+    flow.repeat: repeat,
+    flow.attempted: attempted,
+}

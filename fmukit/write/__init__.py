@@ -1,0 +1,1 @@
+"""Traced equations as C and as Python."""

@@ -1,0 +1,259 @@
+"""Models of anybody, from a file anywhere to FMUs of both flavours that compute their equations."""
+
+from __future__ import annotations
+
+import math
+import subprocess
+import sys
+from itertools import pairwise
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+from fmpy.validation import validate_fmu
+from scipy.integrate import solve_ivp
+
+from fmukit.declare.variables import class_name
+from fmukit.fmu.load import load
+from fmukit.fmu.python.instance import slave_class
+from tests.conftest import ROOT
+from tests.hosts.host import Unit
+
+MODELS = sorted((ROOT / "tests" / "fmukit" / "models").glob("*.py"))
+FLAVOURS = ("", "native")
+
+
+def fmukit(*arguments: Any, code: int = 0) -> str:
+    """What the command line says; on stderr if it is to fail."""
+    command = [sys.executable, "-m", "fmukit", *map(str, arguments)]
+    done = subprocess.run(command, cwd=ROOT, check=False, capture_output=True, text=True)
+    assert done.returncode == code, done.stdout + done.stderr
+    return done.stderr if code else done.stdout
+
+
+@pytest.fixture(scope="session")
+def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """FMUs of the models, made in a folder of their own."""
+    folder = tmp_path_factory.mktemp("strangers")
+    said = fmukit("build", *MODELS, "--flavour", "both", "--out", folder)
+    assert said.count("built and valid") == 2 * len(MODELS)
+    return folder
+
+
+def run(fmu: Path, model: ModuleType, **start: float) -> np.ndarray:
+    """Time and outputs of the default experiment in an FMU."""
+    stop, h = model.EXPERIMENT
+    unit = Unit(fmu).start(**start)
+    found = [[0.0, *unit.outputs()]]
+    for n in range(round(stop / h)):
+        found.append([(n + 1) * h, *unit.step(n * h, h).outputs()])
+    return np.array(found)
+
+
+def by_equations(model: ModuleType) -> np.ndarray:
+    """The same from the functions of the model as they are written."""
+    stop, h = model.EXPERIMENT
+    slave = slave_class(model, "guid")(instance_name="unit")
+    outputs = [v.reference for v in slave.interface.variables if v.causality == "output"]
+    slave.setup_experiment(0.0, None, None)
+    slave.enter_initialization_mode()
+    slave.exit_initialization_mode()
+    found = [[0.0, *slave.get_real(outputs)]]
+    for n in range(round(stop / h)):
+        slave.do_step(n * h, h)
+        found.append([(n + 1) * h, *slave.get_real(outputs)])
+    return np.array(found)
+
+
+@pytest.mark.parametrize("path", MODELS, ids=lambda path: path.stem)
+def test_equations_and_both_fmus_of_a_stranger_agree_to_the_last_bit(
+    path: Path, built: Path
+) -> None:
+    model = load(path)
+    expected = by_equations(model)
+    for flavour in FLAVOURS:
+        fmu = built / flavour / f"{class_name(model)}.fmu"
+        assert validate_fmu(str(fmu)) == []
+        assert np.array_equal(run(fmu, model), expected)
+
+
+@pytest.mark.parametrize("flavour", FLAVOURS)
+def test_the_ball_bounces_at_the_times_of_the_closed_solution(flavour: str, built: Path) -> None:
+    rows = run(built / flavour / "BouncingBall.fmu", load(MODELS[0]), e=0.6)
+    g, e, impact = 9.81, 0.6, math.sqrt(2 / 9.81)
+    starts, v = [(0.0, 1.0, 0.0)], math.sqrt(2 * g)
+    while impact < 1.2:
+        v *= e
+        starts.append((impact, 0.0, v))
+        impact += 2 * v / g
+    for t, h, speed in rows:
+        begin, height, v = max(start for start in starts if start[0] <= t)
+        s = t - begin
+        assert [h, speed] == pytest.approx([height + v * s - g * s * s / 2, v - g * s], abs=1e-9)
+    assert len(starts) > 2
+
+
+@pytest.mark.parametrize("flavour", FLAVOURS)
+def test_the_oscillator_is_that_of_another_solver(flavour: str, built: Path) -> None:
+    rows = run(built / flavour / "VanDerPol.fmu", load(built_from("van_der_pol")), mu=3.0)
+    solution = solve_ivp(
+        lambda t, x: [x[1], 3.0 * (1 - x[0] ** 2) * x[1] - x[0]],
+        (0.0, 20.0), [2.0, 0.0], method="DOP853", t_eval=rows[:, 0], rtol=1e-12, atol=1e-12,
+    )  # fmt: skip
+    assert rows[:, 1:] == pytest.approx(solution.y.T, abs=1e-7)
+
+
+def built_from(name: str) -> Path:
+    return next(path for path in MODELS if path.stem == name)
+
+
+@pytest.mark.parametrize("flavour", FLAVOURS)
+def test_the_controller_integrates_up_to_its_limit_and_no_further(
+    flavour: str, built: Path
+) -> None:
+    rows = run(built / flavour / "PiController.fmu", load(built_from("pi_controller")))
+    t, x, tau = rows.T
+    assert tau == pytest.approx(np.minimum(10.0 + 20.0 * t, 30.0), abs=1e-9)
+    assert x[t < 1.0] == pytest.approx(20.0 * t[t < 1.0], abs=1e-9)
+    assert x[-1] == pytest.approx(20.0, abs=1e-6)
+
+
+@pytest.mark.parametrize("flavour", FLAVOURS)
+def test_a_gain_has_no_state(flavour: str, built: Path) -> None:
+    unit = Unit(built / flavour / "Gain.fmu").start(u=4.0)
+    assert unit.get("y") == 8.0
+    assert unit.set(u=5.0).step(0.0, 0.5).get("y") == 10.0
+
+
+HEAD = '''"""Thing"""
+from __future__ import annotations
+import math
+from enum import IntEnum
+from fmukit import Experiment, discrete, real, record, replace
+from fmukit.si import Length, Time
+EXPERIMENT = Experiment(stop=0.1, step=0.01)
+'''
+BODY = """
+@record
+class Parameters:
+    n0: Length = real(3.0, "Parameter", positive=True)
+@record
+class State:
+    x: Length = real(2.0, "State")
+def derivatives(p, t, x, u):
+    return State(x=rate(x.x, p.n0))
+"""
+
+
+def test_names_of_a_model_are_not_those_of_the_printers(tmp_path: Path) -> None:
+    """Parameters called as the generated code calls its own values and parameters."""
+    model = tmp_path / "names.py"
+    model.write_text(
+        f"{HEAD}{BODY}"
+        "def rate(n1, n0):\n"
+        "    a = n1 * n1\n"
+        "    b = other(a, n0, n0 + 1.0, n0 + 2.0, n1, a, b=n0)\n"
+        "    return n1 + n0 * a if b > 3.0 else b\n"
+        "def other(c, d_c, result, note, int, v0_1, b):\n"
+        "    return c * 2.0 if d_c > result else note / int + v0_1 - b\n"
+    )
+    fmukit("build", model, "--out", tmp_path)
+    for flavour in FLAVOURS:
+        expected = by_equations(load(model))
+        assert np.array_equal(run(tmp_path / flavour / "Names.fmu", load(model)), expected)
+    assert expected[1, 1] > 2.0
+
+
+MATHEMATICS = [
+    "sin",
+    "cos",
+    "tan",
+    "atan",
+    "sinh",
+    "cosh",
+    "tanh",
+    "asinh",
+    "exp",
+    "expm1",
+    "log",
+    "log10",
+    "log2",
+    "log1p",
+    "erf",
+    "erfc",
+    "sqrt",
+    "floor",
+    "ceil",
+    "trunc",
+    "fabs",
+    "degrees",
+    "radians",
+]
+MORE = (
+    "math.asin(x / 9.0)", "math.acos(x / 9.0)", "math.acosh(x)", "math.atanh(x / 9.0)",
+    "math.atan2(x, c)", "math.pow(x, c)", "math.fmod(x, 0.3)", "math.copysign(x, -c)",
+    "math.log(x, c)", "2.0 ** x", "x ** c", "+x", "x // 0.3", "-x // 0.3", "7.5 % x", "7.5 // x",
+    "abs(-x)", "max(x, c)", "x * math.isfinite(x) + 1.0",
+)  # fmt: skip
+
+
+def test_all_functions_of_math_that_c_has_give_the_same_bits(tmp_path: Path) -> None:
+    terms = [f"math.{name}(x)" for name in MATHEMATICS] + list(MORE)
+    fields = "".join(f'    y{n}: Length = real(0.0, "Output")\n' for n in range(len(terms)))
+    values = ", ".join(f"y{n}={term}" for n, term in enumerate(terms))
+    model = tmp_path / "mathematics.py"
+    model.write_text(
+        f"{HEAD}{BODY}def rate(x, c):\n    return 10.0 * c\n"
+        f"@record\nclass Outputs:\n{fields}"
+        f"def outputs(p, t, x, u):\n    x, c = x.x, p.n0\n    return Outputs({values})\n"
+    )
+    fmukit("build", model, "--out", tmp_path)
+    expected = by_equations(load(model))
+    for flavour in FLAVOURS:
+        assert np.array_equal(run(tmp_path / flavour / "Mathematics.fmu", load(model)), expected)
+    assert all(np.any(a != b) for a, b in pairwise(expected.T))
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (HEAD.replace('"""Thing"""\n', "") + BODY, "thing.py: the docstring is missing: write"),
+        (HEAD + BODY.replace('real(2.0, "State")', "2.0"),
+         "thing.py:12: State.x has no declaration: write x: ... = real(2.0"),
+        (HEAD + BODY.replace("x: Length", "x: Furlong"),
+         "thing.py:12: Furlong in class State is no type: from fmukit.si import one of Angle, "),
+        (HEAD + BODY.replace("rate(x.x, p.n0)", "p.m0"),
+         "thing.py:16: in derivatives Parameters has no m0: it has n0"),
+        (HEAD + BODY.replace("@record\nclass State", "class State"),
+         "thing.py: class State needs @record above it"),
+        (HEAD + BODY.replace('"Parameter", p', '"Parameter", min=5.0, p'),
+         "thing.py:11: in Parameters positive=True is min = 0 without the 0: leave out min=5.0"),
+        (HEAD.replace("EXPERIMENT", "TEST") + BODY, "thing.py: EXPERIMENT is missing: write"),
+        (HEAD + BODY.replace("rate(x.x, p.n0)", "math.hypot(x.x, p.n0)"),
+         "thing.py:16: in derivatives hypot of math, which C computes otherwise: write sqrt(x * x"),
+        (HEAD + BODY.replace("rate(x.x, p.n0)", "[1.0, 2.0][x.x]"),
+         "thing.py:16: in derivatives a number known only at run time used as a key"),
+        (HEAD + BODY.replace("rate(x.x, p.n0)", "round(x.x)"),
+         "thing.py:16: in derivatives round() of a number known only at run time: write floor("),
+        (HEAD + BODY.replace("rate(x.x, p.n0)", "float(x.x)"),
+         "thing.py:16: in derivatives float() of a number known only at run time: leave it out"),
+        (HEAD + "import numpy\n" + BODY, "thing.py: line 8: numpy cannot go into the FMU: a model"),
+        (HEAD + BODY.replace("State(x=rate(x.x, p.n0))", "replace(x, y=1.0)"),
+         "thing.py:16: in derivatives State has no y: it has x"),
+        (HEAD + BODY + "def outputs(p, t, x, u) -> None\n", "thing.py:17: expected ':'"),
+        (HEAD + "class Kind(IntEnum):\n    a = 0\n"
+         + BODY.replace("@record\nclass State", "    k: Kind = discrete(Kind.a, 'Kind')\n@record\n"
+                        "class State").replace("rate(x.x, p.n0)", "0.0"),
+         "thing.py: Kind has no docstring: write"),
+    ],
+)  # fmt: skip
+def test_first_mistakes_get_one_line_with_the_place_and_what_to_write(
+    text: str, said: str, tmp_path: Path
+) -> None:
+    (tmp_path / "thing.py").write_text(text)
+    found = fmukit("build", tmp_path / "thing.py", "--out", tmp_path, code=1)
+    assert len(found.splitlines()) == 1
+    assert said in found.replace(f"{tmp_path}/", "")
+    assert not list(tmp_path.rglob("*.fmu"))
