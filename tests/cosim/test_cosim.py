@@ -14,9 +14,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from fmpy.model_description import BaseUnit
 from scipy.interpolate import CubicSpline
 
 from cosim import SetupError, SimulationError, System, run
+from cosim.system import convert
 from scenarios.conveyor.theory import SETS
 from tests.conftest import ROOT, described, rewritten
 from tests.oracle import monolithic
@@ -186,6 +188,19 @@ def test_wires_scale_and_shift(fmus: Path) -> None:
     result = run(pair(fmus, {"conveyor.w": 33.0}, wires), stop=0.01, step=1e-3)
     heard = (8000.0 - result["motor.tau_static"][0]) / 199.8
     assert heard == pytest.approx(0.5 * 33.0 - 1.5, rel=1e-12)
+
+
+def test_units_with_an_offset_are_converted() -> None:
+    """20 degC are 293.15 K and 68 degF."""
+    kelvin = BaseUnit(K=1)
+    celsius = BaseUnit(K=1, offset=273.15)
+    fahrenheit = BaseUnit(K=1, factor=5 / 9, offset=273.15 - 32 * 5 / 9)
+    known = [(celsius, 20.0), (kelvin, 293.15), (fahrenheit, 68.0)]
+    for here, value in known:
+        for there, wanted in known:
+            factor, offset = convert(here, there) or (math.nan, math.nan)
+            assert factor * value + offset == pytest.approx(wanted, rel=1e-12)
+    assert convert(kelvin, BaseUnit(K=1, s=-1)) is None
 
 
 def test_wires_convert_units(fmus: Path, tmp_path: Path) -> None:

@@ -20,10 +20,10 @@ from scipy.optimize import brentq
 
 import cosim
 from scenarios.conveyor import resonance_map, tolerances
-from scenarios.conveyor.plane import Plane, axis
+from scenarios.conveyor.plane import Plane, axis, shares
 from scenarios.conveyor.response import COARSER, LAG, Point, Setup, places
 from scenarios.conveyor.theory import SETS
-from tests.conftest import ROOT, ask, hear_ctrl_c
+from tests.conftest import ROOT, ask, fmus_of, hear_ctrl_c
 from tests.scenarios.orbit_oracle import Drive, features
 from workbench import Bench
 from workbench.answer import finish
@@ -140,6 +140,12 @@ def test_points_without_a_steady_orbit_are_told_and_left_out(
     assert points["ripple"].isna().any() and not points["ripple"].isna().all()
     assert "No steady orbit at motor.T = 0.05 s, speed of 4 .. " in caplog.text
     assert math.isnan(resonance_map.ridges(there, orbits, SETUP)["lag_90"][0])
+
+
+def test_a_tolerance_is_given_in_percent() -> None:
+    paths = fmus_of(resonance_map)
+    read = shares(paths, "tolerance", ["motor.T=5"], {"motor.T": 0.1, "motor.B": 0.02})
+    assert read == {"motor.T": 0.05, "motor.B": 0.02}
 
 
 def test_parts_lie_evenly_within_their_tolerance() -> None:
