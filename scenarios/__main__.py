@@ -8,7 +8,6 @@ from pathlib import Path
 
 from rich.console import Console
 
-from cosim import SetupError
 from workbench.command import main
 from workbench.fmus import Library
 from workbench.question import Project
@@ -24,6 +23,8 @@ def build(names: tuple[str, ...], flavour: str) -> None:
     with Console(stderr=True).status("FMUs"):
         done = subprocess.run(command, check=False, capture_output=True, text=True)
     if done.returncode:
+        from cosim import SetupError
+
         why = done.stderr.strip().splitlines()[-1:]
         raise SetupError(f"the FMUs could not be built: {''.join(why)}")
 

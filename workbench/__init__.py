@@ -1,5 +1,10 @@
-"""A question becomes an answer: figures with their errors, tables, pictures, a page, studies."""
+"""A question becomes an answer: figures with their errors, tables, pictures, a page, studies.
 
+Matrices are small here, so that threads of BLAS cost more than they gain: one, unless the environment
+says otherwise or NumPy is loaded already.
+"""
+
+import os
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
@@ -9,6 +14,10 @@ if TYPE_CHECKING:
     from .figure import Figure
     from .options import Options, Run, option
     from .report.chart import Chart, Curve, Mark, Panel
+
+THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+for variable in THREADS:
+    os.environ.setdefault(variable, "1")
 
 HOMES = {
     "Answer": "answer", "Show": "answer", "Table": "answer", "Bench": "ask", "Findings": "ask",

@@ -144,8 +144,8 @@ def harmonics(phi: Samples, x: Samples, highest: int = HIGHEST) -> NDArray[np.co
     phi [rad] and x have shape (n,); needs more than 2 * highest samples per revolution. Over whole
     revolutions the normal equations are nearly diagonal.
     """
-    angles = np.outer(phi, np.arange(1, highest + 1))
-    design = np.hstack([np.ones((len(phi), 1)), np.sin(angles), np.cos(angles)])
+    turned = np.repeat(np.exp(1j * phi)[:, None], highest, axis=1).cumprod(axis=1)
+    design = np.hstack([np.ones((len(phi), 1)), turned.imag, turned.real])
     fit = np.linalg.solve(design.T @ design, design.T @ x)
     return np.asarray(fit[1 : highest + 1] + 1j * fit[highest + 1 :])
 

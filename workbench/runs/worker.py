@@ -26,10 +26,11 @@ from multiprocessing.reduction import ForkingPickler
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from .. import THREADS
+
 OK = "ok"
 LOST = 3
 OUTSIDE = ("SIGKILL", "SIGTERM", "SIGHUP", "SIGINT")
-THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 PREFIX, WORDS = "workbench_run_", "words"
 TRACE = 4000
 LAST_MOMENTS = 2.0
