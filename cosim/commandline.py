@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import signal
 import sys
 from collections.abc import Callable
@@ -22,10 +23,17 @@ class Parser(argparse.ArgumentParser):
 
 
 def exit_code(action: Callable[[], int]) -> int:
-    """What the action returns; 1 for a run that failed on the way, 2 for bad input, 130 for Ctrl-C and the like."""
+    """What the action returns; 1 for a run that failed on the way, 2 for bad input, 130 for Ctrl-C and
+    the like, 141 where nobody reads the output any more.
+    """
     try:
         with heard(signal.default_int_handler):
-            return action()
+            code = action()
+            sys.stdout.flush()
+            return code
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 141
     except SetupError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2

@@ -231,3 +231,12 @@ def test_the_module_is_a_program(drive: Path) -> None:
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
     assert "strang, steps of 0.001 s: 100 steps" in done.stdout
     assert done.stderr == ""
+
+
+def test_output_that_nobody_reads_any_more_is_no_traceback(fmus: Path) -> None:
+    reading, writing = os.pipe()
+    os.close(reading)
+    command = [sys.executable, "-m", "cosim", "info", fmus / "DriveMotor.fmu"]
+    done = subprocess.run(command, cwd=ROOT, stdout=writing, stderr=subprocess.PIPE, check=False)
+    os.close(writing)
+    assert (done.returncode, done.stderr) == (141, b"")
