@@ -89,6 +89,11 @@ class Answer:
     files: Mapping[str, Callable[[Path], object]] = field(default_factory=dict)
     show: Callable[[], Show] = Show
 
+    @property
+    def table(self) -> pd.DataFrame:
+        """The rows of the first table."""
+        return next(iter(self.tables.values())).frame
+
 
 def parameters(system: System, own: Iterable[str] = ()) -> dict[str, Parameter]:
     """All parameters of a system's FMUs and what else has a start value, by dotted name, but for

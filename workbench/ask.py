@@ -5,8 +5,8 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
-from dataclasses import dataclass, field
+from contextlib import ExitStack, contextmanager, nullcontext
+from dataclasses import dataclass, field, replace
 from functools import cache, partial
 from pathlib import Path
 from types import ModuleType
@@ -17,15 +17,17 @@ from cosim import Result, SetupError, System
 from cosim.progress import bar
 from cosim.system import connect
 
+from . import question
 from .answer import Answer, Parameter, Show, Table, parameters
 from .figure import Figure
 from .limit import coupling
 from .options import Options, Run, declared, refuse
-from .question import Carried, asked, blamed, name, where
-from .runs import local
-from .runs.identity import computation, digest
+from .question import asked, blamed, name, where
+from .runs.engine import Engine
+from .runs.identity import computation
 from .runs.journal import Journal, sweep
 
+ALONE = Engine(jobs=1)
 Case = TypeVar("Case")
 Found = TypeVar("Found")
 
@@ -52,13 +54,12 @@ class Findings:
 
 @dataclass(frozen=True)
 class Bench:
-    """What a question has at hand: its FMUs by part, what loads its page elsewhere, so many processes,
-    a folder for rows on the way, the journal of its sweeps.
+    """What a question has at hand: its FMUs by part, who does its runs, a folder for rows on the way,
+    the journal of its sweeps.
     """
 
     fmus: Mapping[str, Path]
-    page: str = ""
-    jobs: int = 1
+    engine: Engine = ALONE
     out: Path | None = None
     journal: Callable[[], Journal] | None = None
 
@@ -105,14 +106,12 @@ class Bench:
         title: str,
         probes: bool = False,
     ) -> Iterator[Found]:
-        """function(case) for every case, in their order, on so many processes.
+        """function(case) for every case, in their order, wherever the engine does its runs.
 
         Warnings are those of the question, but for `probes`, which look for what FMUs warn of.
         """
-        heard = partial(_heard, function)
-        call = Carried(self.page, heard) if self.page else heard
-        journal = self.journal and self.journal()
-        for found, warnings in local.each(call, cases, self.jobs, title, journal=journal):
+        call, journal = partial(_heard, function), self.journal and self.journal()
+        for found, warnings in self.engine.each(call, cases, title, journal):
             for warning in () if probes else warnings:
                 logging.getLogger("cosim").warning(warning)
             yield found
@@ -168,10 +167,10 @@ def answer(
     fmus: Mapping[str, Path],
     *,
     flavour: str = "",
-    jobs: int = 1,
+    engine: Engine = ALONE,
     out: Path | None = None,
 ) -> Answer:
-    """The answer of a page to its options, with these FMUs by part.
+    """The answer of a page to its options, with these FMUs by part; sweeps are done by the engine.
 
     Rows are kept in the folder `out` on the way. Raises SetupError for what is refused, SimulationError
     for a run that fails, QuestionError where the page's own code raises.
@@ -179,8 +178,11 @@ def answer(
     own = getattr(page, "OWN", ())
     refuse(o.start, own)
     with ExitStack() as stack, hearing() as heard, blamed(page):
-        opened = cache(lambda folder: stack.enter_context(_journal(page, o, fmus, folder)))
-        bench = Bench(fmus, where(page), jobs, out, partial(opened, out) if out else None)
+        files = [*fmus.values(), *question.files(page)]
+        engine = replace(engine, page=where(page), files=files)
+        identity = partial(_identity, page, o, fmus, engine.packages)
+        opened = cache(lambda folder: stack.enter_context(sweep(folder, identity())))
+        bench = Bench(fmus, engine, out, partial(opened, out) if out else None)
         found = page.solve(o, bench) if hasattr(page, "solve") else _solve(page, o, bench)
         _check(page, found.figures)
         verdict = page.verdict(o, found.figures, found.data) if hasattr(page, "verdict") else ""
@@ -242,19 +244,15 @@ def _check(page: ModuleType, figures: Any) -> None:
             raise SetupError(f"{where} = {figure.value!r} +- {figure.error!r} is no figure")
 
 
-def _journal(
-    page: ModuleType, o: Options, fmus: Mapping[str, Path], folder: Path
-) -> AbstractContextManager[Journal]:
-    """The journal of the sweeps of a question."""
-    source, package = where(page), page.__name__.partition(".")[0]
-    own = source.endswith(".py")
-    identity = {
-        "question": digest(Path(source).read_bytes()) if own else source,
+def _identity(
+    page: ModuleType, o: Options, fmus: Mapping[str, Path], packages: Sequence[str]
+) -> dict[str, Any]:
+    """What the sweeps of a question depend on."""
+    return {
         "options": {key: repr(told.value) for key, told in said(o).items()},
         "start": dict(o.start),
-        **computation(fmus, *([] if own else [package])),
+        **computation(where(page), fmus, *(packages or question.packages(page))),
     }
-    return sweep(folder, identity)
 
 
 def said(o: Options) -> dict[str, Parameter]:

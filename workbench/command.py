@@ -12,9 +12,9 @@ from cosim.commandline import Parser, exit_code
 
 from . import ask, question
 from .answer import finish
-from .options import add, at_least, declared, made, unknown
+from .options import add, declared, made, unknown
 from .question import Project, QuestionError
-from .runs import local
+from .runs.engine import Engine
 from .runs.worker import OK
 
 USAGE = "list | run NAME or FILE.py [options] | study FILE.toml [options]"
@@ -74,11 +74,11 @@ def run(words: Sequence[str], project: Project, program: str) -> int:
     o = made(page.Options, options, question.name(page))
     folder = Path("results") / question.name(page)
     out = told.get("out", folder / o.set if hasattr(o, "set") else folder)
-    quick = found.flavour == parser.get_default("flavour")
-    jobs = told.get("jobs", local.available_cores() if quick else 1)
-    at_least("jobs", jobs, 1)
+    quick = found.flavour == parser.get_default("flavour") or "scheduler" in told
+    jobs = told.get("jobs", None if quick else 1)
+    engine = Engine(jobs, told.get("scheduler"), project.packages)
     fmus = project.paths(page, found.flavour)
-    answer = ask.answer(page, o, fmus, flavour=found.flavour, jobs=jobs, out=out)
+    answer = ask.answer(page, o, fmus, flavour=found.flavour, engine=engine, out=out)
     finish(answer, out, found.animate)
     return 0
 
@@ -96,11 +96,9 @@ def study(words: Sequence[str], project: Project, program: str) -> int:
         "file", type=Path, metavar="FILE.toml", help="what varies, see docs/studies.md"
     )
     _add_common(parser, "python", "results/studies/NAME")
-    parser.add_argument("--scheduler", help="Dask cluster that does the runs, tcp://HOST:8786")
     told = vars(parser.parse_args(words))
-    outcome = studies.run(studies.load(told.pop("file"), project), **told)
-    print(outcome.verdict)
-    return 0 if (outcome.table["status"] == OK).any() else 1
+    answer = studies.run(studies.load(told.pop("file"), project), **told, end=finish)
+    return 0 if (answer.table["status"] == OK).any() else 1
 
 
 def _add_common(parser: Parser, flavour: str, out: str) -> None:
@@ -108,6 +106,7 @@ def _add_common(parser: Parser, flavour: str, out: str) -> None:
     of = f"of the FMUs (default: {flavour})"
     parser.add_argument("--flavour", choices=("python", "native"), default=flavour, help=of)
     parser.add_argument("--jobs", type=int, help="parallel processes (default: all cores)")
+    parser.add_argument("--scheduler", help="Dask cluster that does the runs, tcp://HOST:8786")
     parser.add_argument("--out", type=Path, help=f"folder (default: {out})")
 
 

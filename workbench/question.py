@@ -5,16 +5,14 @@ from __future__ import annotations
 import ast
 import importlib
 import importlib.util
-import pickle
 import sys
 import traceback
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from types import ModuleType
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from cosim import SetupError, SimulationError
 
@@ -87,6 +85,16 @@ def where(page: ModuleType) -> str:
     return str(page.__file__) if hasattr(page, FROM_FILE) else page.__name__
 
 
+def files(page: ModuleType) -> list[Path]:
+    """The file of a page that is no module of a package."""
+    return [Path(str(page.__file__))] if hasattr(page, FROM_FILE) else []
+
+
+def packages(page: ModuleType) -> list[str]:
+    """The package that a page lies in."""
+    return [] if hasattr(page, FROM_FILE) else [page.__name__.partition(".")[0]]
+
+
 def parts(page: ModuleType) -> Mapping[str, str]:
     """The FMUs of a page by part."""
     found: Mapping[str, str] = getattr(page, "PARTS", {})
@@ -136,26 +144,6 @@ def find(home: Path | None, text: str, folder: Path = Path()) -> str:
         return str((folder / text).resolve())
     known = f"one of {', '.join(names(home))}, or " if home else ""
     raise SetupError(f"{text!r} must be {known}a file NAME.py that is there")
-
-
-@dataclass(frozen=True)
-class Carried:
-    """A function that is pickled with its page, which is loaded where the function arrives."""
-
-    page: str
-    function: Callable[[Any], Any]
-
-    def __call__(self, task: Any) -> Any:
-        """What the function does."""
-        return self.function(task)
-
-    def __reduce__(self) -> Any:
-        return _arrive, (self.page, pickle.dumps(self.function))
-
-
-def _arrive(page: str, function: bytes) -> Carried:
-    loaded(page)
-    return Carried(page, pickle.loads(function))
 
 
 def _checked(page: ModuleType, where: str) -> ModuleType:

@@ -22,6 +22,7 @@ from cosim import SetupError, SimulationError
 from scenarios.__main__ import PROJECT
 from tests.conftest import ROOT, ask, until
 from workbench import study
+from workbench.command import main
 from workbench.runs.journal import NAME, Journal
 
 PLANE = """
@@ -46,6 +47,23 @@ seed = 1
 [tolerances]
 speed = { from = "10rpm", to = "70rpm" }
 "orientator.chute.mu" = { nominal = 0.35, normal = "10 %" }
+"""
+OWN = """
+'What does the motor give in the end?'
+import os
+import cosim, workbench
+from workbench import Figure, Findings, Table
+PARTS = {{"motor": "{0}"}}
+class Options(workbench.Options): pass
+def end(case):
+    result = cosim.run(cosim.System(*case), stop=0.01, step=1e-3, record=["motor.tau"])
+    return result["motor.tau"][-1], os.getpid()
+def solve(o, bench):
+    cases = [(bench.fmus, [], {{"motor.w": w}}) for w in (10.0, 20.0, 30.0)]
+    found = list(bench.each(end, cases, "motor"))
+    assert (os.getpid() in [pid for _, pid in found]) == (bench.engine.jobs == 1)
+    units = {{"tau": "N.m"}}
+    return Findings({{}}, tables={{"mine.csv": Table.of_rows([[tau] for tau, _ in found], units)}})
 """
 LONG = 300.0
 PATIENT = {
@@ -227,8 +245,8 @@ def test_a_study_whose_workers_are_gone_for_good_ends_with_its_rows(
     monkeypatch.setattr("workbench.runs.dask.GRACE", 2.0)
     address, _, vanish = elsewhere
     path, out = written(tmp_path, PLANE.format(tmp_path)), tmp_path / "out"
-    kept, add = [], Journal.add
-    monkeypatch.setattr(Journal, "add", lambda *row: kept.append(add(*row)))
+    kept, add = [], Journal.__setitem__
+    monkeypatch.setattr(Journal, "__setitem__", lambda *row: kept.append(add(*row)))
 
     def vanish_with_a_row() -> None:
         until(lambda: kept or pass_gate(tmp_path))
@@ -243,3 +261,24 @@ def test_a_study_whose_workers_are_gone_for_good_ends_with_its_rows(
         vanished.result()
     asked = len((tmp_path / "ledger").read_text().split())
     assert 0 < len(kept) == len(rows(out)) < asked
+
+
+def test_a_sweep_on_a_cluster_finds_what_it_finds_here(
+    elsewhere: tuple[str, Path, Callable[[], None]], tmp_path: Path
+) -> None:
+    """A question of the project, and one of one's own, on workers that have neither file nor FMU."""
+    address, home, _ = elsewhere
+    mine = tmp_path / "mine.py"
+    mine.write_text(OWN.format(ROOT / "fmus" / "native" / "DriveMotor.fmu"))
+    for question, words in (
+        ("orientation_time", "--speeds 40rpm,80rpm --frictions 0.35 --flavour native"),
+        (str(mine), ""),
+    ):
+        for out, more in (("there", ["--scheduler", address]), ("here", ["--jobs", "1"])):
+            command = ["run", question, *words.split(), "--out", str(tmp_path / out), *more]
+            assert main(command, PROJECT, "x") == 0
+        tables = [next((tmp_path / out).glob("*.csv")) for out in ("there", "here")]
+        assert tables[0].read_bytes() == tables[1].read_bytes() != b""
+        for out in ("there", "here"):
+            shutil.rmtree(tmp_path / out)
+    assert not (home / "fmus").exists()

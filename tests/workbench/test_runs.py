@@ -22,7 +22,9 @@ from tests.hosts import light, plane
 from workbench import Bench
 from workbench.ask import answer
 from workbench.question import load
-from workbench.runs import identity, journal, local
+from workbench.runs import identity, journal
+from workbench.runs.cargo import Call, sealed
+from workbench.runs.engine import Engine
 from workbench.runs.worker import PREFIX, Worker, _tidy
 
 LONG = 100.0
@@ -33,6 +35,10 @@ def worker() -> Iterator[Worker]:
     made = Worker()
     yield made
     made.close()
+
+
+def call(function: Any, task: Any) -> Call:
+    return Call(sealed(function, task))
 
 
 def lines(ledger: Path) -> list[str]:
@@ -55,7 +61,7 @@ def test_every_end_of_a_call_is_told_and_the_next_call_is_done(
         ("good", "ok", "", ""),
     ):
         limit = 0.1 if mood == "hang" else LONG
-        outcome = worker.call(plane.be, (mood, str(tmp_path / mood)), limit)
+        outcome = worker.do(call(plane.be, (mood, str(tmp_path / mood))), limit)
         assert (outcome.status, outcome.answer) == (status, None)
         assert outcome.message.startswith(message) if message else outcome.message == ""
         assert trace in outcome.trace
@@ -65,7 +71,7 @@ def test_every_end_of_a_call_is_told_and_the_next_call_is_done(
 
 
 def test_a_child_imports_what_its_call_needs(worker: Worker) -> None:
-    modules = worker.call(light.modules, None, LONG).answer
+    modules = worker.do(call(light.modules, None), LONG).answer
     assert "tests.hosts.light" in modules
     assert not {"numpy", "scipy", "pandas", "cosim", "rich", "matplotlib"} & set(modules)
 
@@ -73,8 +79,9 @@ def test_a_child_imports_what_its_call_needs(worker: Worker) -> None:
 CALL = """
 import sys
 from tests.hosts import light, plane
+from workbench.runs.cargo import Call, sealed
 from workbench.runs.worker import Worker
-Worker().call(plane.be, tuple(sys.argv[1:]), None)
+Worker().do(Call(sealed(plane.be, tuple(sys.argv[1:]))), None)
 """
 
 
@@ -105,7 +112,7 @@ def test_folders_of_children_whose_parents_are_gone_are_removed(
     worker: Worker, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    worker.call(plane.be, ("good", str(tmp_path / "ledger")), None)
+    worker.do(call(plane.be, ("good", str(tmp_path / "ledger"))), None)
     (at_work,) = tmp_path.glob(f"{PREFIX}*")
     left = tmp_path / f"{PREFIX}left"
     left.mkdir()
@@ -119,9 +126,9 @@ def test_a_sweep_is_the_same_for_any_number_of_jobs(tmp_path: Path) -> None:
     tasks = [(x, str(tmp_path / "ledger")) for x in (3.0, 1.0, 2.0, 5.0, 4.0, 1.0)]
     expected = [9.0, 3.0, 6.0, 15.0, 12.0, 3.0]
     for jobs in (1, 2, 8):
-        assert list(local.each(plane.height, tasks, jobs, "heights")) == expected
+        assert list(Engine(jobs).each(plane.height, tasks, "heights")) == expected
     assert len(lines(tmp_path / "ledger")) == 18
-    assert list(local.each(plane.height, [], 2, "heights")) == []
+    assert list(Engine(2).each(plane.height, [], "heights")) == []
 
 
 MINE = """
@@ -143,7 +150,7 @@ def test_a_sweep_of_a_question_in_a_file_of_its_own_runs_in_processes(tmp_path: 
     path = tmp_path / "tabnanny.py"
     path.write_text(MINE)
     page = load(str(path))
-    bench = Bench({}, str(path), jobs=2)
+    bench = Bench({}, Engine(2, page=str(path)))
     points = [page.Point(1.0), page.Point(3.0)]
     assert list(bench.each(page.double, points, "double")) == [(2.0,), (6.0,)]
 
@@ -167,7 +174,7 @@ def test_a_task_that_crashes_ends_its_sweep_with_one_sentence(
 ) -> None:
     def sweep(x: float) -> int:
         tasks = [(1.0, str(tmp_path / "ledger")), (x, "/dev/null")]
-        return exit_code(lambda: len(list(local.each(plane.height, tasks, 2, "heights"))))
+        return exit_code(lambda: len(list(Engine(2).each(plane.height, tasks, "heights"))))
 
     assert sweep(7.5) == 1
     said = "error: heights, 2 of 2 ((7.5, '/dev/null')): the run ended its process: SIGSEGV\n"
@@ -185,7 +192,7 @@ def test_an_interrupted_sweep_goes_on_and_leaves_no_journal(
 
     def sweep(who: dict[str, Any], stop: float) -> None:
         with journal.sweep(tmp_path, who) as kept:
-            for height in local.each(plane.height, tasks, jobs, "heights", journal=kept):
+            for height in Engine(jobs).each(plane.height, tasks, "heights", kept):
                 if height == stop:
                     raise KeyboardInterrupt
 
@@ -213,10 +220,10 @@ SWEEP = """
 import sys
 from cosim.commandline import exit_code
 from tests.hosts import light, plane
-from workbench.runs import local
+from workbench.runs.engine import Engine
 ledger = sys.argv[1]
 tasks = [("good", ledger), ("hang", ledger), ("hang", ledger)]
-sys.exit(exit_code(lambda: len(list(local.each(plane.be, tasks, 2, "moods")))))
+sys.exit(exit_code(lambda: len(list(Engine(2).each(plane.be, tasks, "moods")))))
 """
 
 
@@ -242,9 +249,10 @@ KEEP = """
 import os, sys
 from pathlib import Path
 from workbench.runs import journal
+from workbench.runs.worker import Outcome
 with journal.opened(Path(sys.argv[1]), {"x": 1}) as kept:
     for n in range(100):
-        kept.add(n, str(n))
+        kept[n] = Outcome("ok", n)
     print("kept", flush=True)
     sys.stdin.read()
 """
@@ -263,12 +271,12 @@ def test_a_killed_session_keeps_every_row_and_shuts_out_a_second_one(tmp_path: P
         opened(tmp_path, {"x": 1})
     process.kill()
     process.communicate()
-    assert opened(tmp_path, {"x": 1}) == {n: str(n) for n in range(100)}
+    assert opened(tmp_path, {"x": 1}) == {n: n for n in range(100)}
 
 
 def opened(folder: Path, who: dict[str, Any]) -> dict[Any, Any]:
     with journal.opened(folder, who) as kept:
-        return kept.done
+        return {n: kept[n].answer for n in range(len(kept))}
 
 
 def changed(content: Any, keys: tuple[str, ...] = ()) -> Iterator[tuple[str, Any]]:
@@ -287,7 +295,7 @@ def test_rows_of_another_identity_are_refused_whatever_differs(tmp_path: Path) -
     who = {
         "file": {"grid": {"motor.T": [0.05, 0.06]}, "timeout": 3.0},
         "fmus": {"motor": "{12345678-1234-1234-1234-123456789abc}"},
-        **identity.computation({}),
+        **identity.computation("some", {}),
         "inputs": "f" * 16,
     }
     who = json.loads(json.dumps(who))
@@ -344,12 +352,12 @@ def test_no_process_for_runs_is_one_sentence(
 ) -> None:
     monkeypatch.setattr("workbench.runs.worker._main", sys.exit)
     with pytest.raises(SetupError, match="no process for runs can be started: "):
-        worker.call(plane.be, ("good", "/dev/null"), None)
+        worker.do(call(plane.be, ("good", "/dev/null")), None)
 
 
 def test_a_failure_in_a_child_brings_its_traceback(tmp_path: Path) -> None:
     tasks = [("fail", str(tmp_path / "ledger"))] * 2
     with pytest.raises(SimulationError, match=r"(?s)ZeroDivisionError: no plane.*in fail"):
-        list(local.each(plane.be, tasks, 2, "moods"))
+        list(Engine(2).each(plane.be, tasks, "moods"))
     with pytest.raises(ZeroDivisionError):
-        list(local.each(plane.be, tasks, 1, "moods"))
+        list(Engine(1).each(plane.be, tasks, "moods"))

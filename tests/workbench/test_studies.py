@@ -17,6 +17,7 @@ from collections.abc import Callable
 from contextlib import closing
 from fnmatch import fnmatch
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -26,7 +27,7 @@ from fmpy.model_description import read_model_description
 
 from cosim import SetupError
 from scenarios.__main__ import PROJECT
-from tests.conftest import ROOT, hear_ctrl_c, until
+from tests.conftest import ROOT, fmus_of, hear_ctrl_c, until
 from workbench import study
 from workbench.command import main
 from workbench.question import ALONE, find, load, names
@@ -216,10 +217,10 @@ def test_whatever_becomes_of_a_run_costs_its_row_and_no_more(write: Write, tmp_p
     for words in (
         "6 runs, 6 of them now",
         "2 ok, 1 crashed, 1 refused, 1 timeout, 1 failed.",
-        "Run 0, 1 in all, crashed: the run ended its process: SIGSEGV\n",
-        "Run 5, 1 in all, warning: the plane is steep\n",
-        "Run 1, 2 in all, root not told: x < 0\n",
-        "root: no run has it.",
+        "Run 0: crashed: the run ended its process: SIGSEGV\n",
+        "\nRun 5: warning: the plane is steep",
+        "\n2 runs, first run 1: root not told: x < 0\n",
+        "No run has root.",
     ):
         assert words in outcome.verdict
     assert "last words" in rows(out)[0]["trace"]
@@ -231,7 +232,7 @@ def test_a_study_without_any_answer_says_so_by_its_exit_code(
 ) -> None:
     text = "scenario = 'plane.py'\n[fixed]\nmood = 'refuse'\n[grid]\nx = [1.0]"
     assert main(["study", str(write(text)), "--out", str(tmp_path / "out")], ALONE, "x") == 1
-    assert "Run 0, 1 in all, refused: this point is refused" in capsys.readouterr().out
+    assert "Run 0: refused: this point is refused" in capsys.readouterr().out
 
 
 def test_the_table_tells_inputs_figures_errors_and_units(
@@ -265,13 +266,15 @@ def test_the_table_tells_inputs_figures_errors_and_units(
         pd.read_csv(out / "table.csv").assign(warnings="").fillna({"message": ""})
     )
     assert (out / "study.toml").read_text() == path.read_text()
-    assert "height: 7 to 23 m, mean 15" in said
-    assert "root: 0 to 1 m1/2, mean 0.569036, standard deviation 0.46 (6 runs)." in said
+    assert said.startswith(
+        "height lies between 7.0 and 23.0 m in all 10 runs, with a mean of 15.0 m"
+    )
+    assert "\nroot lies between 0.00 and 1.00 m1/2 in the 6 of 10 runs that have it, with a" in said
     assert (out / "overview.png").stat().st_size > 10_000
     again = study.run(study.load(path), out=out)
     assert "10 runs, 0 of them now" in again.verdict
     assert again.table["height"].tolist() == [float(row["height"]) for row in rows]
-    assert again.units["height_error"] == "m"
+    assert again.tables["table.csv"].units["height_error"] == "m"
 
 
 GATED = """
@@ -350,7 +353,7 @@ def test_another_study_is_not_mixed_into_a_folder(write: Write, tmp_path: Path) 
     before = page.read_text()
     write(GRID)
     page.write_text(f"{before}# changed\n")
-    with pytest.raises(SetupError, match="runs: scenario is another one; choose another folder"):
+    with pytest.raises(SetupError, match="runs: question is another one; choose another folder"):
         study.run(study.load(tmp_path / "some.toml"), out=out)
     page.write_text(before)
     assert rows(out) == kept
@@ -420,13 +423,12 @@ def test_code_that_an_identity_leaves_out_computes_no_row(monkeypatch: pytest.Mo
 
     def answers() -> list[dict[str, Any]]:
         return [
-            case.row(names(PROJECT.home)[name], files(name), ROOT / "fmus", (o, {}))
+            case.row(names(PROJECT.home)[name], fmus_of(page(name), "python"), (o, {}))
             for name, o in cases.items()
         ]
 
-    def files(name: str) -> dict[str, str]:
-        page = load(find(PROJECT.home, name))
-        return {part: f"{fmu}.fmu" for part, fmu in page.PARTS.items()}
+    def page(name: str) -> ModuleType:
+        return load(find(PROJECT.home, name))
 
     before = answers()
     broken = 0
@@ -535,10 +537,11 @@ def test_the_verdict_names_the_input_that_a_figure_depends_on_most(
     text = TOLERANCES.replace("1000", "64").replace("times = 2", 'times = 2\nmood = "good"')
     outcome = study.run(study.load(write(text)), out=tmp_path / "out", jobs=1)
     exact = np.array([9.0 * 0.1**2 / 3.0, 4.0 * 0.1**2, 0.0])
-    shares = outcome.sensitivities.set_index(["figure", "input"])["value"]["height"]
+    shares = outcome.tables["sensitivity.csv"].frame
+    shares = shares.set_index(["figure", "input"])["value"]["height"]
     assert shares[["x", "y", "z"]].to_numpy() == pytest.approx(exact / exact.sum(), abs=0.1)
-    assert "height depends most on y: S1 = 0.5" in outcome.verdict
-    assert "root depends most on x: S1 = " in outcome.verdict
+    assert re.search(r"^height lies .* m; it depends most on y \(S1 = 0.5", outcome.verdict)
+    assert re.search(r"\nroot lies .* m1/2; it depends most on x \(S1 = ", outcome.verdict)
     assert (tmp_path / "out" / "sensitivity.png").stat().st_size > 10_000
 
 

@@ -10,17 +10,17 @@ import contextlib
 import multiprocessing
 import time
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import Any, NamedTuple
 
 from cosim import SetupError
 
-from .case import Cases
+from .cargo import Call, Cargo, sealed
+from .engine import Broken, Engine, Outcomes
 from .identity import differences, facts
 from .journal import Key
-from .local import Broken, Outcomes
 from .worker import LOST, Outcome, Worker
 
 CONNECT = 10.0
@@ -31,26 +31,23 @@ _idle: SimpleQueue[Worker] = SimpleQueue()
 
 
 class Shipped(NamedTuple):
-    """What all runs need: the question, and what workers must be, with the packages that it lies in."""
+    """What all runs need: files, the page, a module or one of them, and what workers must be."""
 
-    cases: Cases
+    cargo: Cargo
+    page: str
     packages: Sequence[str]
     facts: Mapping[str, Any]
 
 
-def rows(
-    cases: Cases,
-    tasks: Mapping[Key, Any],
-    *,
-    packages: Sequence[str],
-    timeout: float | None,
-    scheduler: str,
+def outcomes(
+    engine: Engine, function: Callable[[Any], Any], tasks: Mapping[Key, Any], timeout: float | None
 ) -> Outcomes:
-    """Key and outcome of each task as they are done on the workers of a scheduler.
+    """Key and outcome of function(task) for each task as they are done on the engine's cluster.
 
     Raises SetupError for a scheduler that cannot be reached, has no workers, or workers whose code or
     versions are not those of this process, and SimulationError if all workers are gone for a minute.
     """
+    scheduler, packages = str(engine.scheduler), engine.packages
     try:
         from distributed import Client, KilledWorker
     except ImportError:
@@ -59,7 +56,7 @@ def rows(
         client = Client(scheduler, timeout=CONNECT, set_as_default=False)
     except (OSError, ValueError) as error:
         raise SetupError(f"no Dask scheduler answers at {scheduler}: {error}") from None
-    needed = Shipped(cases, packages, facts(*packages))
+    needed = Shipped(Cargo.of(engine.files), engine.page, packages, facts(*packages))
     lost: Counter[Key] = Counter()
     submitted: dict[Any, Key] = {}
     done: SimpleQueue[Any] = SimpleQueue()
@@ -71,7 +68,8 @@ def rows(
             nonlocal shipped
             if shipped.status == "error":
                 shipped = client.submit(_ship, needed, pure=False)
-            future = client.submit(_run, tasks[key], shipped, timeout, pure=False)
+            call = sealed(function, tasks[key], engine.files)
+            future = client.submit(_run, call, shipped, timeout, pure=False)
             submitted[future] = key
             future.add_done_callback(done.put)
 
@@ -145,19 +143,21 @@ def _ship(shipped: Shipped) -> Shipped:
     return shipped
 
 
-def _run(task: Any, shipped: Shipped, timeout: float | None) -> Outcome:
-    """What becomes of a task, on a worker; raises SetupError on one whose code is another."""
+def _run(sealed: bytes, shipped: Shipped, timeout: float | None) -> Outcome:
+    """What becomes of a call, on a worker; raises SetupError on one whose code is another."""
     from distributed import get_worker
 
     worker = get_worker()
     _same(worker.address, facts(*shipped.packages), shipped.facts)
-    function = shipped.cases.unpacked(Path(worker.local_directory) / "studies")
+    folder = shipped.cargo.unpacked(Path(worker.local_directory) / "runs")
+    page = folder / Path(shipped.page).name
+    call = Call(sealed, str(page) if page.is_file() else shipped.page, folder)
     multiprocessing.current_process().daemon = False  # a nanny's worker may have no children else
     try:
         child = _idle.get_nowait()
     except Empty:
         child = Worker()
-    outcome = child.call(function, task, timeout)
+    outcome = child.do(call, timeout)
     _idle.put(child)
     return outcome
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from fnmatch import fnmatch
@@ -14,29 +13,24 @@ from typing import Any
 import cosim
 from cosim.system import describe_fmu
 
+from .cargo import digest
+
 SOURCES = ("cosim", "workbench")
-PRESENTATION = (
-    "workbench/report/*",
-    "workbench/study/*",
-    "*/show.py",
-    "*/mechanism.py",
-    "*/map/pages.py",
-)
+PRESENTATION = ("workbench/report/*", "workbench/study/*", "*/show.py", "*/mechanism.py")
 SHOWN = 4
 DIGEST = re.compile(r"\{?[0-9a-f-]{16,}\}?")
 
 
-def digest(content: bytes) -> str:
-    """A short name for a content."""
-    return hashlib.sha256(content).hexdigest()[:16]
-
-
-def computation(fmus: Mapping[str, Path], *packages: str) -> dict[str, Any]:
-    """What runs of a question in these packages, with these FMUs by the names of their parts, depend
-    on besides their options.
+def computation(where: str, fmus: Mapping[str, Path], *packages: str) -> dict[str, Any]:
+    """What runs of the question that `where` loads, on these FMUs by part, depend on besides their
+    options; `packages` are those that it lies in.
     """
-    guids = {part: describe_fmu(part, path).guid for part, path in fmus.items()}
-    return {"fmus": guids, **facts(*packages)}
+    own = where.endswith(".py")
+    return {
+        "question": digest(Path(where).read_bytes()) if own else where,
+        "fmus": {part: describe_fmu(part, path).guid for part, path in fmus.items()},
+        **facts(*packages),
+    }
 
 
 def facts(*packages: str) -> dict[str, dict[str, str]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import pickle
 import sqlite3
 import sys
 import time
@@ -14,6 +15,7 @@ from typing import Any
 from cosim import SetupError
 
 from .identity import differences
+from .worker import Outcome
 
 NAME = "journal.sqlite"
 BETWEEN = 1.0
@@ -28,39 +30,44 @@ Key = Any  # a number or a text
 
 
 class Journal:
-    """`done` has the rows of this session and of sessions before, by key, as they were done.
+    """Outcomes of runs by key, of this session and of those before, in the order in which they came;
+    `form`, json or pickle, writes them.
 
     A row reaches the operating system at once, so that no end of this process loses it, and the
     disk with the next row a second later.
     """
 
-    def __init__(self, path: Path, base: sqlite3.Connection) -> None:
-        self.path = path
-        self._base = base
+    def __init__(self, path: Path, base: sqlite3.Connection, form: Any) -> None:
+        self.path, self._base, self._form = path, base, form
+        self._rows: dict[Key, Any] = dict(base.execute("SELECT key, row FROM rows ORDER BY rowid"))
         self._synced = time.monotonic()
-        self.done: dict[Key, Any] = dict(base.execute("SELECT key, row FROM rows ORDER BY rowid"))
 
-    def add(self, key: Key, row: str | bytes) -> None:
-        """Keep a row."""
-        self._base.execute("INSERT INTO rows VALUES (?, ?)", (key, row))
-        self.done[key] = row
+    def __len__(self) -> int:
+        return len(self._rows)
+
+    def __contains__(self, key: Key) -> bool:
+        return key in self._rows
+
+    def __getitem__(self, key: Key) -> Outcome:
+        return Outcome(**self._form.loads(self._rows[key]))
+
+    def __setitem__(self, key: Key, outcome: Outcome) -> None:
+        self._rows[key] = self._form.dumps(outcome._asdict())
+        self._base.execute("INSERT INTO rows VALUES (?, ?)", (key, self._rows[key]))
         if time.monotonic() > self._synced + BETWEEN:
             self._base.execute("PRAGMA wal_checkpoint")
             self._synced = time.monotonic()
 
-    @contextmanager
-    def kept(self) -> Iterator[None]:
-        """Ctrl-C says how much is kept here."""
-        try:
-            yield
-        except KeyboardInterrupt:
-            kept = f"{len(self.done)} runs in {self.path}; the same command goes on"
-            raise KeyboardInterrupt(kept) from None
+    def kept(self) -> str:
+        """What Ctrl-C leaves."""
+        return f"{len(self)} runs in {self.path}; the same command goes on"
 
 
 @contextmanager
-def opened(folder: Path, identity: Mapping[str, Any], *, anew: bool = False) -> Iterator[Journal]:
-    """The journal in this folder, begun or gone on with.
+def opened(
+    folder: Path, identity: Mapping[str, Any], form: Any = json, *, anew: bool = False
+) -> Iterator[Journal]:
+    """The journal in this folder, begun or gone on with; `form` writes outcomes, json or pickle.
 
     Raises SetupError if another process is at work in the folder, if the file is damaged, and if it
     holds rows of another identity; with `anew` these are dropped, which a line on stderr says.
@@ -71,7 +78,7 @@ def opened(folder: Path, identity: Mapping[str, Any], *, anew: bool = False) -> 
         with closing(sqlite3.connect(path, timeout=0.0, isolation_level=None)) as base:
             base.executescript(OPEN)
             _same(base, folder, json.loads(json.dumps(identity)), anew)
-            yield Journal(path, base)
+            yield Journal(path, base, form)
     except sqlite3.Error as error:
         if getattr(error, "sqlite_errorname", "") == "SQLITE_BUSY":
             raise SetupError(f"{folder}: another process is at work in this folder") from None
@@ -84,9 +91,9 @@ def sweep(folder: Path, identity: Mapping[str, Any]) -> Iterator[Journal]:
 
     Raises SetupError as `opened`; rows of other options, FMUs or code are dropped.
     """
-    with opened(folder, identity, anew=True) as journal:
-        if journal.done:
-            print(f"{folder}: {len(journal.done)} runs are done already", file=sys.stderr)
+    with opened(folder, identity, pickle, anew=True) as journal:
+        if len(journal):
+            print(f"{folder}: {len(journal)} runs are done already", file=sys.stderr)
         yield journal
     journal.path.unlink()
 

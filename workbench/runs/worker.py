@@ -18,7 +18,7 @@ import tempfile
 import threading
 import time
 import traceback
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from functools import cache
 from importlib.machinery import ModuleSpec
 from multiprocessing.connection import Connection, wait
@@ -27,6 +27,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from .. import THREADS
+from .cargo import Call
 
 OK = "ok"
 LOST = 3
@@ -62,15 +63,14 @@ class Worker:
         self._pipe: Any = None
         self._began: float | None = None
 
-    def give(self, function: Callable[[Any], Any], task: Any, timeout: float | None = None) -> None:
-        """Begin function(task); when it is imported and unpickled it has `timeout` seconds."""
-        self._call = bytes(ForkingPickler.dumps((function, task)))
-        self._timeout, self._lost = timeout, 0
+    def give(self, call: Call, timeout: float | None) -> None:
+        """Begin a call; when it is imported and unpickled it has `timeout` seconds."""
+        self._call, self._timeout, self._lost = call, timeout, 0
         self._send()
 
-    def call(self, function: Callable[[Any], Any], task: Any, timeout: float | None) -> Outcome:
-        """What becomes of function(task); blocks."""
-        self.give(function, task, timeout)
+    def do(self, call: Call, timeout: float | None) -> Outcome:
+        """What becomes of a call; blocks."""
+        self.give(call, timeout)
         while (outcome := self.step()) is None:
             await_one([self])
         return outcome
@@ -129,7 +129,7 @@ class Worker:
                 self._process.start()
             end.close()
         with contextlib.suppress(OSError):  # the next step sees that the child is dead
-            self._pipe.send_bytes(self._call)
+            self._pipe.send(self._call)
 
     def _lose(self) -> Outcome | None:
         """The child died: its call is done again if that came from outside."""
@@ -226,15 +226,15 @@ def _main(pipe: Connection, folder: str) -> None:
     multiprocessing.current_process().daemon = False  # it may have children of its own
     with contextlib.suppress(EOFError, BrokenPipeError):
         while True:
-            _answer(pipe, pipe.recv_bytes())
+            _answer(pipe, pipe.recv())
 
 
-def _answer(pipe: Connection, call: bytes) -> None:
+def _answer(pipe: Connection, call: Call) -> None:
     """Do a call: say that it begins, and what became of it."""
     os.ftruncate(2, 0)
     began = time.perf_counter()
     try:
-        function, task = ForkingPickler.loads(call)
+        function, task = call.opened()
         pipe.send("begun")
         began = time.perf_counter()
         answer = function(task)

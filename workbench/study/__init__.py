@@ -1,7 +1,6 @@
 """Design studies: a TOML file says which inputs of a scenario vary, a table says what came of it."""
 
-from .outcome import Outcome
 from .plan import Study, load
 from .run import run
 
-__all__ = ["Outcome", "Study", "load", "run"]
+__all__ = ["Study", "load", "run"]

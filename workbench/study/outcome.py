@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import re
 import statistics
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
@@ -14,53 +14,40 @@ from typing import Any
 import pandas as pd
 
 import cosim
-from cosim import SetupError
 
-from ..answer import Answer, Show, Table, write
+from ..answer import Answer, Show, Table
+from ..figure import rounded
 from ..report.png import draw
-from ..runs.worker import OK
+from ..runs.worker import OK, Outcome
 from . import show
 from .plan import Study
 from .sensitivity import analyse
-from .table import frame, refusals
+from .table import found, frame, refusals
 
-SPOKEN = 8
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """The table of a study, units of its columns, sensitivities, and the answer in words."""
-
-    folder: Path
-    table: pd.DataFrame
-    units: Mapping[str, str]
-    sensitivities: pd.DataFrame
-    verdict: str
+SENTENCES, SPOKEN = 3, 8
+NUMBER = re.compile(r"(?<![\w.])\d+(?:\.\d+(?:e[-+]?\d+)?|e[-+]?\d+)(?!\w)")
 
 
 def conclude(
     study: Study,
-    rows: Sequence[Mapping[str, Any]],
+    outcomes: Sequence[Outcome],
     units: Mapping[str, str],
     identity: Mapping[str, Any],
     session: tuple[int, float],
-    folder: Path,
-) -> Outcome:
-    """Write the files of a study whose runs are all done, rows in the order of the runs; `units` are
-    those of the varied inputs, `session` is how many runs were done now and how long it took [s].
-
-    Raises SetupError, after that, if the study asks for a figure that no run has.
+) -> tuple[Answer, Sequence[str]]:
+    """The answer of a study whose runs are all done, in their order, and the figures that they have;
+    `units` are those of the varied inputs, `session` is how many runs were done now and how long it
+    took [s].
     """
-    table, names, more = frame(study, rows)
-    units = {**units, **more}
+    table, names = frame(study, outcomes, units)
     shown = [names[name] for name in study.figures or names if name in names]
-    found, missing = analyse(study, shown, table)
-    counts = Counter(str(row["status"]) for row in rows)
-    seconds = [row["seconds"] for row in rows]
+    indices, missing = analyse(study, shown, table.frame)
+    seconds = [outcome.seconds for outcome in outcomes]
+    counts = Counter(outcome.status for outcome in outcomes)
     facts = {
         "study": study.name,
-        "runs": {"all": len(rows), **dict(sorted(counts.items()))},
-        "sensitivities": found.to_dict("records"),
+        "runs": {"all": len(outcomes), **dict(sorted(counts.items()))},
+        "sensitivities": indices.to_dict("records"),
         "no_sensitivities": missing,
         "seconds_per_run": {
             "smallest": min(seconds),
@@ -70,25 +57,30 @@ def conclude(
         "session": dict(zip(("runs", "seconds"), session)),
         "identity": identity,
     }
-    title = f"{study.name}: {study.scenario}, {len(table)} runs"
+    title = f"{study.name}: {study.scenario}, {len(outcomes)} runs"
     pictures = {
-        "overview.png": show.overview(study, table, shown, units),
-        "sensitivity.png": [] if found.empty else show.sensitivity(study, found, units),
+        "overview.png": show.overview(study, table.frame, shown, table.units),
+        "sensitivity.png": [] if indices.empty else show.sensitivity(study, indices, table.units),
     }
     files: dict[str, Callable[[Path], object]] = {
         name: partial(draw, Show(drawn), title) for name, drawn in pictures.items() if drawn
     }
     if find_spec("pyarrow"):
-        files["table.parquet"] = partial(table.to_parquet, index=False)
-    tables = {"table.csv": Table(table, units)}
+        files["table.parquet"] = partial(table.frame.to_parquet, index=False)
+    tables = {"table.csv": table}
     if study.sampling is not None:
-        tables["sensitivity.csv"] = Table(found, {})
+        tables["sensitivity.csv"] = Table(indices, {})
+    causes = {} if study.grid or indices.empty else _causes(indices)
+    spreads = [
+        _spread(table.frame[name], table.units[name]) + causes.get(name, "")
+        for name in shown[:SPOKEN]
+    ]
     ended = ", ".join(f"{count} {status}" for status, count in counts.most_common())
     words = [
-        f"{len(rows)} runs, {session[0]} of them now in {session[1]:.1f} s: {ended}.",
-        *_remarks(rows),
-        *(_spread(table, name, units.get(name, "")) for name in shown[:SPOKEN]),
-        *([] if study.grid or found.empty else _causes(found, shown[:SPOKEN])),
+        *(f"{spread}." for spread in spreads[:SENTENCES]),
+        *(f"  {spread}" for spread in spreads[SENTENCES:]),
+        f"{len(outcomes)} runs, {session[0]} of them now in {session[1]:.1f} s: {ended}.",
+        *_remarks(outcomes),
     ]
     answer = Answer(
         scenario="study",
@@ -102,48 +94,56 @@ def conclude(
         files=files,
         show=lambda: Show(more=[picture for drawn in pictures.values() for picture in drawn]),
     )
-    written = ", ".join(write(answer, folder))
-    unknown = [name for name in study.figures if name not in names]
-    if unknown and names:
-        raise SetupError(
-            f"{study.path}: figures: no run has {unknown[0]!r}, only {', '.join(names)}; "
-            f"the table is in {folder}"
-        )
-    verdict = f"{answer.verdict}\n{written} written to {folder}"
-    return Outcome(folder, table, units, found, verdict)
+    return answer, list(names)
 
 
-def _remarks(rows: Sequence[Mapping[str, Any]]) -> list[str]:
-    """How runs failed, what FMUs warned of and which figures were refused: how often, first where."""
-    seen: dict[str, list[int]] = {}
-    for number, row in enumerate(rows):
-        failed = [f"{row['status']}: {row['message']}"] * (row["status"] != OK)
-        for text in [*failed, *(f"warning: {x}" for x in row["warnings"]), *refusals(row)]:
-            seen.setdefault(text, []).append(number)
-    most = sorted(seen.items(), key=lambda one: -len(one[1]))
-    lines = [f"Run {runs[0]}, {len(runs)} in all, {text}" for text, runs in most[:SPOKEN]]
-    return lines + [f"{len(most) - SPOKEN} more remarks in the table."] * (len(most) > SPOKEN)
-
-
-def _spread(table: pd.DataFrame, name: str, unit: str) -> str:
-    """A figure over all runs."""
-    y = table[name].dropna()
+def _spread(column: pd.Series[float], unit: str) -> str:
+    """A figure over all runs, in a sentence without its end."""
+    name, y = column.name, column.dropna()
     if y.empty:
-        return f"{name}: no run has it."
-    text = f"{name}: {y.min():.6g} to {y.max():.6g} {unit.removeprefix('1')}".rstrip()
-    if len(y) > 1:
-        text += f", mean {y.mean():.6g}, standard deviation {y.std():.3g}"
-    return f"{text} ({len(y)} runs)." if len(y) < len(table) else f"{text}."
+        return f"No run has {name}"
+    runs = f"the {len(y)} of {len(column)} runs that have it"
+    runs = f"all {len(y)} runs" if len(y) == len(column) else runs
+    unit = "" if unit == "1" else f" {unit}"
+    if y.min() == y.max():
+        return f"{name} is {y.min():.6g}{unit} in {runs}"
+    if not unit and show.flag(y):
+        return f"{name} is 1 in {y.sum():.0f} runs and 0 in {len(y) - y.sum():.0f}"
+    low, high, mean = (rounded(x, y.std())[0] for x in (y.min(), y.max(), y.mean()))
+    return (
+        f"{name} lies between {low} and {high}{unit} in {runs}, with a mean of {mean}{unit} and a "
+        f"standard deviation of {y.std():.2g}{unit}"
+    )
 
 
-def _causes(found: pd.DataFrame, shown: Sequence[str]) -> list[str]:
+def _causes(indices: pd.DataFrame) -> dict[str, str]:
     """What moves each figure most, by its last index."""
-    last = found[found["kind"] == found["kind"].iloc[-1]]
-    tops = last.loc[last.groupby("figure")["value"].idxmax()].set_index("figure")
-    return [
-        f"{name} depends most on {tops['input'][name]}: {tops['kind'][name]} = "
-        f"{tops['value'][name]:.2f} +- {tops['confidence'][name]:.2f} of its variance "
-        f"({tops['method'][name]})."
-        for name in shown
-        if name in tops.index
-    ]
+    last = indices[indices["kind"] == indices["kind"].iloc[-1]]
+    tops = last.loc[last.groupby("figure")["value"].idxmax()]
+    return {
+        top.figure: f"; it depends most on {top.input} ({top.kind} = {top.value:.2f} ± "
+        f"{top.confidence:.2f} of its variance, {top.method})"
+        if top.value > top.confidence
+        else "; no input stands out"
+        for top in tops.itertuples()
+    }
+
+
+def _remarks(outcomes: Sequence[Outcome]) -> list[str]:
+    """How runs failed, what FMUs warned of and which figures were refused: how often, and where
+    first; texts that differ in their numbers alone are one remark.
+    """
+    seen: dict[str, dict[int, str]] = {}
+    for number, outcome in enumerate(outcomes):
+        failed = [f"{outcome.status}: {outcome.message}"] * (outcome.status != OK)
+        warned = (f"warning: {text}" for text in found(outcome)["warnings"])
+        for text in (*failed, *warned, *refusals(outcome)):
+            seen.setdefault(NUMBER.sub("#", text), {}).setdefault(number, text)
+    lines = []
+    for runs in sorted(seen.values(), key=len, reverse=True):
+        number, text = next(iter(runs.items()))
+        where = f"Run {number}" if len(runs) == 1 else f"{len(runs)} runs, first run {number}"
+        short = NUMBER.sub(lambda number: f"{float(number[0]):.6g}", text)
+        lines.append(f"{where}: {' '.join(short.split())}")
+    more = [f"{len(lines) - SPOKEN} more remarks in the table."] * (len(lines) > SPOKEN)
+    return lines[:SPOKEN] + more

@@ -45,7 +45,7 @@ def _label(name: str, units: Units) -> str:
     return f"{name} [{units.get(name) or '1'}]"
 
 
-def _flag(y: object) -> bool:
+def flag(y: object) -> bool:
     """Whether all is yes or no."""
     values = np.asarray(y, float)
     return set(values[np.isfinite(values)]) <= {0.0, 1.0}
@@ -58,7 +58,7 @@ def _chart(
     panels = []
     for name in figures:
         drawn = curve(name)
-        includes = (0.0, 1.0) if _flag(drawn.y) else ()
+        includes = (0.0, 1.0) if flag(drawn.y) else ()
         panels.append(Panel(name, units.get(name) or "1", [drawn], includes=includes))
     return Chart(title, x, panels)
 
@@ -70,7 +70,7 @@ def _line(table: pd.DataFrame, x: str, name: str) -> Curve:
     y = rows[name].to_numpy()
     if not pd.api.types.is_numeric_dtype(rows[x]):
         return Curve(name, rows[x].astype(str).to_list(), y, "blue", "bars", error)
-    return Curve(name, rows[x].to_list(), y, "blue", "step" if _flag(y) else "linked", error)
+    return Curve(name, rows[x].to_list(), y, "blue", "step" if flag(y) else "linked", error)
 
 
 def _band(table: pd.DataFrame, x: str, name: str) -> Curve:
