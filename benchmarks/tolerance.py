@@ -19,13 +19,13 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
 from cosim import Adaptive, run
-from scenarios.__main__ import FMUS, PROJECT
-from scenarios.conveyor.drive import PARTS, conveyor_drive
+from scenarios.__main__ import PROJECT
+from scenarios.conveyor import drive
 from scenarios.conveyor.theory import SETS
 from tests.oracle import monolithic
 
 START = SETS["A"].start(40.0) | {"motor.tau": 0.0, "conveyor.w": 0.0}
-SYSTEM = conveyor_drive(PROJECT.fmus.paths(PARTS, "native", FMUS), START)
+SYSTEM = drive.conveyor_drive(PROJECT.fmus(drive, "native"), START)
 TOLERANCES = [10.0**-k for k in range(6)]
 WAYS = {
     "Strang, held inputs": {"algorithm": "strang"},

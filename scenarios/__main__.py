@@ -9,7 +9,6 @@ from pathlib import Path
 from rich.console import Console
 
 from workbench.command import main
-from workbench.fmus import Library
 from workbench.question import Project
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -31,8 +30,7 @@ def build(names: tuple[str, ...], flavour: str) -> None:
 
 FMUS = ROOT / "fmus"
 FOLDERS = {"python": FMUS, "native": FMUS / "native"}
-LIBRARY = Library(FOLDERS, lambda names, flavour: build(tuple(names), flavour))
-PROJECT = Project(ROOT / "scenarios", LIBRARY)
+PROJECT = Project(ROOT / "scenarios", FOLDERS, lambda names, flavour: build(tuple(names), flavour))
 
 if __name__ == "__main__":
     sys.exit(main(sys.argv[1:], PROJECT, "python -m scenarios"))

@@ -21,7 +21,6 @@ from pythonfmu import FmuBuilder
 from scenarios.__main__ import PROJECT
 from workbench.answer import Answer
 from workbench.ask import answer
-from workbench.fmus import Library
 from workbench.options import made
 from workbench.question import find, load
 
@@ -49,7 +48,7 @@ QUICK: dict[str, dict[str, Any]] = {
 
 def fmus_of(page: ModuleType, flavour: str = "native") -> dict[str, Path]:
     """The FMUs of a page, which are built already."""
-    return Library(PROJECT.fmus.folders).paths(page.PARTS, flavour, ROOT)
+    return PROJECT._replace(fill=None).fmus(page, flavour)
 
 
 def ask(name: str, out: Path | None = None, **given: Any) -> Answer:

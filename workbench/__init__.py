@@ -9,8 +9,8 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from .answer import Answer, Show, Table
-    from .ask import Bench, Findings
+    from .answer import Answer, Findings, Show, Table
+    from .ask import Bench
     from .figure import Figure
     from .options import Options, Run, option
     from .report.chart import Chart, Curve, Mark, Panel
@@ -20,7 +20,7 @@ for variable in THREADS:
     os.environ.setdefault(variable, "1")
 
 HOMES = {
-    "Answer": "answer", "Show": "answer", "Table": "answer", "Bench": "ask", "Findings": "ask",
+    "Answer": "answer", "Show": "answer", "Table": "answer", "Bench": "ask", "Findings": "answer",
     "Figure": "figure", "Options": "options", "Run": "options", "option": "options",
     "Chart": "report.chart", "Curve": "report.chart", "Mark": "report.chart",
     "Panel": "report.chart",

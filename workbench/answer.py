@@ -68,25 +68,39 @@ class Show(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Answer:
-    """What a question found; `tables` and `files` by file name without folder.
+class Findings:
+    """What `solve` returns: figures with their whole errors, and what verdict and show are given.
 
-    `facts` is what else stands in the JSON; `files` write what only this question has, such as a
-    system, to the path that they get; `show` is called for picture and page. Names of figures are
-    identifiers, names of parameters those of the system, "motor.T".
+    Names of figures are identifiers. `system` tells the FMUs and parameters behind it all, `provenance`
+    is that of a run, or else `algorithm` and `communication` say how many were made. Tables and files
+    by file name without folder: `files` write what only this question has, such as a system, to the
+    path that they get; `facts` is what else stands in the JSON.
+    """
+
+    figures: Mapping[str, Figure]
+    data: Any = None
+    system: System | None = None
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+    communication: str = ""
+    algorithm: str | None = None
+    tables: Mapping[str, Table] = field(default_factory=dict)
+    facts: Mapping[str, Any] = field(default_factory=dict)
+    files: Mapping[str, Callable[[Path], object]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Answer(Findings):
+    """What was found, who asked, and what is said and shown of it.
+
+    `show` is called for picture and page; names of parameters are those of the system, "motor.T".
     """
 
     scenario: str
     question: str
     verdict: str
-    figures: Mapping[str, Figure]
-    parameters: Mapping[str, Parameter]
-    tables: Mapping[str, Table]
-    provenance: Mapping[str, Any]
+    parameters: Mapping[str, Parameter] = field(default_factory=dict)
     options: Mapping[str, Parameter] = field(default_factory=dict)
     warnings: Sequence[str] = ()
-    facts: Mapping[str, Any] = field(default_factory=dict)
-    files: Mapping[str, Callable[[Path], object]] = field(default_factory=dict)
     show: Callable[[], Show] = Show
 
     @property

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import logging
 import math
+import os
+import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, nullcontext
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cache, partial
+from logging.handlers import BufferingHandler
 from pathlib import Path
 from types import ModuleType
 from typing import Any, TypeVar
@@ -18,11 +21,11 @@ from cosim.progress import bar
 from cosim.system import connect
 
 from . import question
-from .answer import Answer, Parameter, Show, Table, parameters
+from .answer import Answer, Findings, Parameter, Show, Table, parameters
 from .figure import Figure
 from .limit import coupling
-from .options import Options, Run, declared, refuse
-from .question import asked, blamed, name, where
+from .options import Options, Run, declared, made, refuse
+from .question import QuestionError, blamed, name, where
 from .runs.engine import Engine
 from .runs.identity import computation
 from .runs.journal import Journal, sweep
@@ -30,26 +33,6 @@ from .runs.journal import Journal, sweep
 ALONE = Engine(jobs=1)
 Case = TypeVar("Case")
 Found = TypeVar("Found")
-
-
-@dataclass(frozen=True)
-class Findings:
-    """What `solve` returns: figures with their whole errors, and what verdict and show are given.
-
-    Tables and files by file name; `facts` is what else stands in the JSON; `system` tells the FMUs
-    and parameters behind it all, `provenance` is that of a run, or else `algorithm` and
-    `communication` say how many were made.
-    """
-
-    figures: Mapping[str, Figure]
-    data: Any = None
-    system: System | None = None
-    provenance: Mapping[str, Any] = field(default_factory=dict)
-    communication: str = ""
-    algorithm: str | None = None
-    tables: Mapping[str, Table] = field(default_factory=dict)
-    facts: Mapping[str, Any] = field(default_factory=dict)
-    files: Mapping[str, Callable[[Path], object]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -61,7 +44,7 @@ class Bench:
     fmus: Mapping[str, Path]
     engine: Engine = ALONE
     out: Path | None = None
-    journal: Callable[[], Journal] | None = None
+    journal: Callable[[], Journal | None] = lambda: None
 
     def certify(
         self,
@@ -110,8 +93,8 @@ class Bench:
 
         Warnings are those of the question, but for `probes`, which look for what FMUs warn of.
         """
-        call, journal = partial(_heard, function), self.journal and self.journal()
-        for found, warnings in self.engine.each(call, cases, title, journal):
+        call = partial(_heard, function)
+        for found, warnings in self.engine.each(call, cases, title, self.journal()):
             for warning in () if probes else warnings:
                 logging.getLogger("cosim").warning(warning)
             yield found
@@ -120,7 +103,7 @@ class Bench:
 def _heard(function: Callable[[Case], Found], case: Case) -> tuple[Found, list[str]]:
     """What a function makes of a case, and the warnings of its runs."""
     with hearing() as heard:
-        return function(case), list(heard)
+        return function(case), heard()
 
 
 def certified(runs: Sequence[Figure | None], order: float) -> Figure:
@@ -138,25 +121,15 @@ def certified(runs: Sequence[Figure | None], order: float) -> Figure:
     return fine._replace(error=fine.error + coupling(values, order))
 
 
-class _Hearing(logging.Handler):
-    """Keeps warnings, each once."""
-
-    def __init__(self) -> None:
-        super().__init__(logging.WARNING)
-        self.heard: dict[str, None] = {}
-
-    def emit(self, record: logging.LogRecord) -> None:
-        self.heard[record.getMessage()] = None
-
-
 @contextmanager
-def hearing() -> Iterator[dict[str, None]]:
-    """The warnings of the runs in this process, which nobody else hears or prints meanwhile."""
-    log, handler = logging.getLogger("cosim"), _Hearing()
+def hearing() -> Iterator[Callable[[], list[str]]]:
+    """Tells the warnings of the runs in this process so far, each once; nobody else hears them."""
+    log, handler = logging.getLogger("cosim"), BufferingHandler(sys.maxsize)
+    handler.setLevel(logging.WARNING)
     before = log.handlers, log.propagate
     log.handlers, log.propagate = [handler], False
     try:
-        yield handler.heard
+        yield lambda: list(dict.fromkeys(record.getMessage() for record in handler.buffer))
     finally:
         log.handlers, log.propagate = before
 
@@ -180,10 +153,16 @@ def answer(
     with ExitStack() as stack, hearing() as heard, blamed(page):
         files = [*fmus.values(), *question.files(page)]
         engine = replace(engine, page=where(page), files=files)
-        identity = partial(_identity, page, o, fmus, engine.packages)
-        opened = cache(lambda folder: stack.enter_context(sweep(folder, identity())))
-        bench = Bench(fmus, engine, out, partial(opened, out) if out else None)
+
+        @cache
+        def journal() -> Journal | None:
+            who = _identity(page, o, fmus, engine.packages)
+            return stack.enter_context(sweep(out, who)) if out else None
+
+        bench = Bench(fmus, engine, out, journal)
         found = page.solve(o, bench) if hasattr(page, "solve") else _solve(page, o, bench)
+        if not isinstance(found, Findings):
+            raise SetupError(f"{page.__file__}: solve must return workbench.Findings")
         _check(page, found.figures)
         verdict = page.verdict(o, found.figures, found.data) if hasattr(page, "verdict") else ""
         system = found.system or System({})
@@ -197,19 +176,37 @@ def answer(
             return Show(*page.show(o, found.figures, found.data))
 
     return Answer(
+        **vars(found) | {"provenance": {**(found.provenance or made), "flavour": flavour}},
         scenario=name(page),
-        question=asked(page),
+        question=question.asked(page),
         verdict=verdict,
-        figures=found.figures,
         options=said(o),
         parameters=told,
-        tables=found.tables,
-        provenance=dict(found.provenance or made) | {"flavour": flavour},
-        warnings=list(heard),
-        facts=found.facts,
-        files=found.files,
+        warnings=heard(),
         show=show,
     )
+
+
+def row(
+    page: Path | str,
+    fmus: Mapping[str, Path],
+    case: tuple[Mapping[str, Any], Mapping[str, Any]],
+) -> dict[str, Any]:
+    """What the page of a file or a module answers to (options, start values): {"figures": {name:
+    (value, unit, error, reason)}, "warnings": texts}. Its errors name no folder.
+    """
+    options, start = case
+    try:
+        asked = question.loaded(str(page))
+        o = made(asked.Options, {**options, "start": start}, name(asked))
+        found = answer(asked, o, fmus)
+    except (SetupError, QuestionError) as error:
+        text = str(error)
+        for folder in {path.parent for path in (page, *fmus.values()) if isinstance(path, Path)}:
+            text = text.replace(f"{folder}{os.sep}", "")
+        raise type(error)(text) from error
+    figures = {key: (float(f.value), f.unit, f.error, f.reason) for key, f in found.figures.items()}
+    return {"figures": figures, "warnings": list(found.warnings)}
 
 
 def _solve(page: ModuleType, o: Any, bench: Bench) -> Findings:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import sys
-from argparse import RawDescriptionHelpFormatter
+from argparse import ArgumentTypeError, RawDescriptionHelpFormatter
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -31,16 +31,14 @@ def main(words: Sequence[str], project: Project, program: str) -> int:
     logging.getLogger("cosim").addHandler(logging.NullHandler())
     try:
         return exit_code(act)
-    except QuestionError as error:
+    except (QuestionError, OSError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 1
 
 
 def show_list(_words: Sequence[str], project: Project, _program: str) -> int:
     """Print the questions of the project; none is imported."""
-    for name, module in question.names(project.home).items():
-        assert project.home is not None
-        path = project.home.parent / Path(*module.split(".")).with_suffix(".py")
+    for name, path in question.names(project.home).items():
         print(f"{name:<17} {question.summary(path)}")
     return 0
 
@@ -77,9 +75,10 @@ def run(words: Sequence[str], project: Project, program: str) -> int:
     quick = found.flavour == parser.get_default("flavour") or "scheduler" in told
     jobs = told.get("jobs", None if quick else 1)
     engine = Engine(jobs, told.get("scheduler"), project.packages)
-    fmus = project.paths(page, found.flavour)
+    fmus = project.fmus(page, found.flavour)
     answer = ask.answer(page, o, fmus, flavour=found.flavour, engine=engine, out=out)
-    finish(answer, out, found.animate)
+    with question.blamed(page):
+        finish(answer, out, found.animate)
     return 0
 
 
@@ -107,7 +106,14 @@ def _add_common(parser: Parser, flavour: str, out: str) -> None:
     parser.add_argument("--flavour", choices=("python", "native"), default=flavour, help=of)
     parser.add_argument("--jobs", type=int, help="parallel processes (default: all cores)")
     parser.add_argument("--scheduler", help="Dask cluster that does the runs, tcp://HOST:8786")
-    parser.add_argument("--out", type=Path, help=f"folder (default: {out})")
+    parser.add_argument("--out", type=_folder, help=f"folder (default: {out})")
+
+
+def _folder(text: str) -> Path:
+    """A path that may be a folder."""
+    if Path(text).exists() and not Path(text).is_dir():
+        raise ArgumentTypeError(f"{text!r} is no folder")
+    return Path(text)
 
 
 COMMANDS = {"list": show_list, "run": run, "study": study}

@@ -11,13 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
+import cosim
 from cosim import Result
 
 from .figure import Figure
 
 Samples = NDArray[np.float64]
 HIGHEST = 8
-AROUND = 6
 ROUNDING = 1e-12
 
 
@@ -79,27 +79,13 @@ def _away(value: float, others: Sequence[float]) -> Measured:
 
 
 def largest(t: Samples, x: Samples) -> Peak:
-    """The largest value of x and its time, on the spline through the rows around it."""
-    value = measured(lambda t, x: _top(t, x)[0], t, x)
-    at = measured(lambda t, x: _top(t, x)[1], t, x)
-    return Peak(*value, at)
+    """The largest value of x and its time, on the spline through the rows."""
+    return Peak(*measured(cosim.largest, t, x), measured(cosim.time_of_largest, t, x))
 
 
 def smallest(t: Samples, x: Samples) -> Peak:
-    """The least value of x and its time, on the spline through the rows around it."""
-    found = largest(t, -x)
-    return found._replace(value=-found.value)
-
-
-def _top(t: Samples, x: Samples) -> tuple[float, float]:
-    top = int(np.argmax(x))
-    if not 0 < top < len(x) - 1:
-        return float(x[top]), float(t[top])
-    near = slice(max(0, top - AROUND), top + AROUND + 1)
-    curve = CubicSpline(t[near], x[near])
-    times = curve.derivative().roots(extrapolate=False)
-    at = times[np.argmax(curve(times))]
-    return float(curve(at)), float(at)
+    """The least value of x and its time, on the spline through the rows."""
+    return Peak(*measured(cosim.smallest, t, x), measured(cosim.time_of_smallest, t, x))
 
 
 def crossings(t: Samples, x: Samples, level: float) -> list[Measured]:
@@ -153,10 +139,3 @@ def harmonics(phi: Samples, x: Samples, highest: int = HIGHEST) -> NDArray[np.co
 def order(phi: Samples, x: Samples, k: int) -> complex:
     """Complex amplitude of order k."""
     return complex(harmonics(phi, x)[k - 1])
-
-
-def mean_speed(t: Samples, phi: Samples, count: int) -> float:
-    """Time mean of the speed over the last `count` whole revolutions [rad/s]."""
-    angle = 2 * math.pi * count
-    began = float(CubicSpline(phi, t)(phi[-1] - angle))
-    return float(angle / (t[-1] - began))

@@ -79,26 +79,12 @@ class Option:
         key = key or self.name
         if given is None and self.default is None:
             return None
-        if not self.many:
-            value = self._number(given, key) if self.kind is float else self._plain(given, key)
-            self._check(value, key)
-            return value
-        if self.kind is not float:
+        if self.many and self.kind is not float:
             return tuple(given.split(",") if isinstance(given, str) else given)
-        numbers = self._list(given, key)
-        for number in numbers:
-            self._check(number, key)
-        return tuple(sorted(set(numbers)))
-
-    def number(self, given: Any, key: str) -> float:
-        """A finite number in the declared unit, whatever its bounds, as one with a unit or without.
-
-        Raises SetupError as `read` does.
-        """
-        value = self._number(given, key)
-        if not math.isfinite(value):
-            raise SetupError(f"{key} = {given!r} must be {KINDS[float]}")
-        return value
+        if self.many:
+            return tuple(sorted({self._checked(x, key) for x in self._list(given, key)}))
+        read = self._number if self.kind is float else self._plain
+        return self._checked(read(given, key), key)
 
     def words(self) -> str:
         """Meaning, unit and default, for the help."""
@@ -127,15 +113,13 @@ class Option:
     def _list(self, given: Any, key: str) -> list[float]:
         """Numbers, "20:66:24" (from, to, number) or "20,30,40"; the unit of one is that of all."""
         said, form = f"{key} = {shown(given)}", "read from:to:number or a,b,c"
-        if given == "":
-            return []
         if not isinstance(given, str):
             if not isinstance(given, Iterable):
                 raise SetupError(f"{said} must be a list of numbers")
             return [self._number(x, key) for x in given]
-        if ":" not in given:
-            return self._parsed(given.split(","), said, form)
         *ends, count = given.split(":")
+        if not ends:
+            return self._parsed(given.split(","), said, form) if given else []
         if len(ends) != 2 or not count.strip().isdigit():
             raise SetupError(f"{said} must {form}")
         low, high = self._parsed(ends, said, form)
@@ -167,12 +151,12 @@ class Option:
     def _expected(self) -> str:
         return f"be a number{' in ' * bool(self.unit)}{' or '.join(self._units())}"
 
-    def _check(self, value: Any, key: str) -> None:
-        """Refuse what is not finite or out of bounds."""
+    def _checked(self, value: Any, key: str) -> Any:
+        """The value, unless it is not finite or out of bounds."""
         if self.kind not in (float, int):
-            return
+            return value
         if math.isfinite(value) and all(HOLDS[word](value, x) for word, x in self.bounds.items()):
-            return
+            return value
         unit = "" if self.unit in ("", "1") else f" {self.unit}"
         limits = " and ".join(f"{word} {bound:g}{unit}" for word, bound in self.bounds.items())
         raise SetupError(f"{key} = {value:g}{unit} must be {KINDS[self.kind]} {limits}".rstrip())
@@ -216,6 +200,10 @@ def declared(kind: type[Options]) -> dict[str, Option]:
                 (hint,) = (x for x in get_args(hint) if x is not NoneType)
             many = get_origin(hint) is tuple
             bare = get_args(hint)[0] if many else hint
+            if bare not in KINDS:
+                raise SetupError(
+                    f"option {one.name!r} must be a float, int, str or bool, or a tuple of one of them"
+                )
             found[one.name] = replace(one.metadata["option"], name=one.name, kind=bare, many=many)
     return found
 

@@ -7,38 +7,58 @@ import importlib
 import importlib.util
 import sys
 import traceback
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import Field
 from functools import cache
 from pathlib import Path
-from types import ModuleType
+from types import MappingProxyType, ModuleType
 from typing import NamedTuple
 
 from cosim import SetupError, SimulationError
 
-from .fmus import Library
-from .options import Options
+from .options import Options, declared
 
-FROM_FILE = "__question__"
+FROM_FILE, FMU = "__question__", ".fmu"
+TAKEN = ("help", "start", "flavour", "jobs", "scheduler", "out", "animate")
 
 
 class Project(NamedTuple):
-    """A package of questions, by its folder, and the FMUs they stand on."""
+    """A package of questions, by its folder, and the FMUs they stand on: folders of them by flavour.
 
-    home: Path | None
-    fmus: Library
+    `fill` makes FMUs of these names and flavour that are missing or out of date, and raises SetupError
+    with the reason where it cannot.
+    """
+
+    home: Path | None = None
+    folders: Mapping[str, Path] = MappingProxyType({})
+    fill: Callable[[Sequence[str], str], None] | None = None
 
     @property
     def packages(self) -> tuple[str, ...]:
         """The package that the questions lie in."""
         return () if self.home is None else (self.home.name,)
 
-    def paths(self, page: ModuleType, flavour: str) -> dict[str, Path]:
-        """The FMUs of a page by part; raises SetupError for one that is not there."""
-        return self.fmus.paths(parts(page), flavour, Path(str(page.__file__)).parent)
+    def fmus(self, page: ModuleType, flavour: str) -> dict[str, Path]:
+        """The FMU of each part of a page: one of the folder by its name, or any by its path from the
+        page; raises SetupError for one that is not there.
+        """
+        own = [fmu for fmu in dict.fromkeys(parts(page).values()) if not fmu.endswith(FMU)]
+        if own and self.fill:
+            self.fill(own, flavour)
+        found = {}
+        for part, fmu in parts(page).items():
+            folder = self.folders[flavour] if fmu in own else Path(str(page.__file__)).parent
+            found[part] = folder / (f"{fmu}{FMU}" if fmu in own else fmu)
+            if not found[part].is_file():
+                there = ", ".join(sorted(path.stem for path in folder.glob(f"*{FMU}")))
+                raise SetupError(
+                    f"PARTS: {part} = {fmu!r}: no file {found[part]}; in its folder: {there or 'none'}"
+                )
+        return found
 
 
-ALONE = Project(None, Library({}))
+ALONE = Project()
 
 
 class QuestionError(RuntimeError):
@@ -48,19 +68,16 @@ class QuestionError(RuntimeError):
 
 
 @cache
-def names(home: Path | None) -> Mapping[str, str]:
-    """The questions below a package's folder, by name, and their modules; none is imported.
+def names(home: Path | None) -> Mapping[str, Path]:
+    """The questions below a package's folder, by name, and their files; none is imported.
 
     A question is a file that defines a class `Options`.
     """
-    found: dict[str, str] = {}
-    if home is None:
-        return found
-    for path in sorted(home.rglob("*.py")):
+    found = {}
+    for path in sorted(home.rglob("*.py")) if home else ():
         body = ast.parse(path.read_text(encoding="utf-8")).body
         if any(isinstance(node, ast.ClassDef) and node.name == "Options" for node in body):
-            inside = path.relative_to(home.parent).with_suffix("").parts
-            found[path.stem] = ".".join(inside)
+            found[path.stem] = path
     return found
 
 
@@ -138,8 +155,8 @@ def find(home: Path | None, text: str, folder: Path = Path()) -> str:
 
     Raises SetupError where there is none.
     """
-    if text in names(home):
-        return names(home)[text]
+    if home and text in names(home):
+        return ".".join(names(home)[text].relative_to(home.parent).with_suffix("").parts)
     if text.endswith(".py") and (folder / text).is_file():
         return str((folder / text).resolve())
     known = f"one of {', '.join(names(home))}, or " if home else ""
@@ -151,12 +168,23 @@ def _checked(page: ModuleType, where: str) -> ModuleType:
     kind = getattr(page, "Options", None)
     if not (isinstance(kind, type) and issubclass(kind, Options)):
         raise SetupError(f"{where} must define a class Options(workbench.Options)")
+    if not isinstance(parts(page), Mapping):
+        raise SetupError(f"{where}: PARTS must be a dict of FMUs by part")
     if not hasattr(page, "solve"):
         for wanted, form in (("system", "(o, fmus)"), ("figures", "(o, r)")):
             if not hasattr(page, wanted):
                 raise SetupError(f"{where} must define {wanted}{form}, or solve(o, bench)")
         if not hasattr(kind, "step"):
             raise SetupError(f"{where}: with system and figures, Options stand on workbench.Run")
+    if any(isinstance(value, Field) for value in vars(kind).values()):
+        raise SetupError(
+            f"{where}: above class Options stands @dataclass(frozen=True, kw_only=True)"
+        )
+    for name in declared(kind):
+        if name in TAKEN:
+            raise SetupError(
+                f"{where}: no option can be called {name!r}, as one of all questions is"
+            )
     if not asked(page):
         raise SetupError(f"{where} must begin with its question, as a text in quotes")
     return page
@@ -164,19 +192,21 @@ def _checked(page: ModuleType, where: str) -> ModuleType:
 
 @contextmanager
 def blamed(page: ModuleType) -> Iterator[None]:
-    """Turns what a page's own code raises into a QuestionError with its file and line."""
+    """Turns what a page's own code raises into a QuestionError with its file and line; so, too, what
+    a file of one's own makes others raise.
+    """
     try:
         yield
-    except (SetupError, SimulationError, QuestionError):
+    except (SetupError, SimulationError, QuestionError, OSError):
         raise
     except SyntaxError as error:
         raise QuestionError(f"{error.filename}:{error.lineno}: {error.msg}") from error
     except Exception as error:
         frames = traceback.extract_tb(error.__traceback__)
         own = [frame for frame in frames if frame.filename == page.__file__]
-        if not own:
+        if not own and not files(page):
             raise
-        what = " ".join(str(error).split())
-        raise QuestionError(
-            f"{page.__file__}:{own[-1].lineno}: {type(error).__name__}: {what}"
-        ) from error
+        line = f":{own[-1].lineno}" if own else ""
+        seen = "" if own else f", in {frames[-1].filename}:{frames[-1].lineno}"
+        what = f"{type(error).__name__}: {' '.join(str(error).split())}"
+        raise QuestionError(f"{page.__file__}{line}: {what}{seen}") from error

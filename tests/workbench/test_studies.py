@@ -28,15 +28,14 @@ from fmpy.model_description import read_model_description
 from cosim import SetupError
 from scenarios.__main__ import PROJECT
 from tests.conftest import ROOT, fmus_of, hear_ctrl_c, until
-from workbench import study
+from workbench import ask, study
 from workbench.command import main
-from workbench.question import ALONE, find, load, names
-from workbench.runs import case
+from workbench.question import ALONE, find, load
 from workbench.runs import identity as identities
 from workbench.runs.journal import NAME
 from workbench.study import sensitivity
+from workbench.study.plan import Sampling
 from workbench.study.run import identity
-from workbench.study.sampling import Sampling
 
 GRID = """
 scenario = "plane.py"
@@ -227,6 +226,18 @@ def test_whatever_becomes_of_a_run_costs_its_row_and_no_more(write: Write, tmp_p
     assert "ZeroDivisionError" in rows(out)[4]["trace"]
 
 
+def test_start_values_may_be_names_and_numbers(tmp_path: Path) -> None:
+    """Those of an enumeration, in the order of the file; what the FMU does not know is refused there."""
+    path = tmp_path / "some.toml"
+    path.write_text(
+        "scenario = 'run_up'\n[fixed]\nstop = 0.01\n[grid]\n"
+        "'conveyor.rod.finite' = ['yes', true, 0]"
+    )
+    table = study.run(study.load(path, PROJECT), out=tmp_path / "out", flavour="native").table
+    assert table["conveyor.rod.finite"].tolist() == ["yes", "True", "0"]
+    assert table["status"].tolist() == ["refused", "ok", "ok"]
+
+
 def test_a_study_without_any_answer_says_so_by_its_exit_code(
     write: Write, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -362,9 +373,7 @@ def test_another_study_is_not_mixed_into_a_folder(write: Write, tmp_path: Path) 
     refused(f"figures = ['width']\n{GRID}", "no run has 'width', only height, y, root")
 
 
-FMU = {
-    flavour: folder / "GravityOrientator.fmu" for flavour, folder in PROJECT.fmus.folders.items()
-}
+FMU = {flavour: folder / "GravityOrientator.fmu" for flavour, folder in PROJECT.folders.items()}
 CUP = """
 scenario = "orientator_cycle"
 timeout = 60.0
@@ -423,7 +432,7 @@ def test_code_that_an_identity_leaves_out_computes_no_row(monkeypatch: pytest.Mo
 
     def answers() -> list[dict[str, Any]]:
         return [
-            case.row(names(PROJECT.home)[name], fmus_of(page(name), "python"), (o, {}))
+            ask.row(find(PROJECT.home, name), fmus_of(page(name), "python"), (o, {}))
             for name, o in cases.items()
         ]
 

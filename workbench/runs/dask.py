@@ -10,7 +10,7 @@ import contextlib
 import multiprocessing
 import time
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import Any, NamedTuple
@@ -31,11 +31,10 @@ _idle: SimpleQueue[Worker] = SimpleQueue()
 
 
 class Shipped(NamedTuple):
-    """What all runs need: files, the page, a module or one of them, and what workers must be."""
+    """What all runs need: files, how the calls are to be opened, and what workers must be."""
 
     cargo: Cargo
-    page: str
-    packages: Sequence[str]
+    engine: Engine
     facts: Mapping[str, Any]
 
 
@@ -47,7 +46,7 @@ def outcomes(
     Raises SetupError for a scheduler that cannot be reached, has no workers, or workers whose code or
     versions are not those of this process, and SimulationError if all workers are gone for a minute.
     """
-    scheduler, packages = str(engine.scheduler), engine.packages
+    scheduler = str(engine.scheduler)
     try:
         from distributed import Client, KilledWorker
     except ImportError:
@@ -56,12 +55,12 @@ def outcomes(
         client = Client(scheduler, timeout=CONNECT, set_as_default=False)
     except (OSError, ValueError) as error:
         raise SetupError(f"no Dask scheduler answers at {scheduler}: {error}") from None
-    needed = Shipped(Cargo.of(engine.files), engine.page, packages, facts(*packages))
+    needed = Shipped(Cargo.of(engine.files), engine, facts(*engine.packages))
     lost: Counter[Key] = Counter()
     submitted: dict[Any, Key] = {}
     done: SimpleQueue[Any] = SimpleQueue()
     with client:
-        _check(client, scheduler, packages)
+        _check(client, engine)
         shipped = client.submit(_ship, needed, pure=False)
 
         def submit(key: Key) -> None:
@@ -106,18 +105,19 @@ def outcomes(
                 client.run(_release, on_error="ignore")
 
 
-def _check(client: Any, scheduler: str, packages: Sequence[str]) -> None:
+def _check(client: Any, engine: Engine) -> None:
     """Refuse workers that would compute something else; one without our code would die of a run."""
     try:
         client.wait_for_workers(1, timeout=WORKERS)
     except TimeoutError:
-        raise SetupError(f"the scheduler at {scheduler} has no workers") from None
-    for worker, there in client.run(facts, *packages, on_error="return").items():
+        raise SetupError(f"the scheduler at {engine.scheduler} has no workers") from None
+    here = facts(*engine.packages)
+    for worker, there in client.run(facts, *engine.packages, on_error="return").items():
         if isinstance(there, BaseException):
             raise SetupError(
                 f"worker {worker} cannot do runs: {there}; start it in the project's folder"
             )
-        _same(worker, there, facts(*packages))
+        _same(worker, there, here)
 
 
 def _same(worker: str, there: Mapping[str, Any], here: Mapping[str, Any]) -> None:
@@ -147,11 +147,11 @@ def _run(sealed: bytes, shipped: Shipped, timeout: float | None) -> Outcome:
     """What becomes of a call, on a worker; raises SetupError on one whose code is another."""
     from distributed import get_worker
 
-    worker = get_worker()
-    _same(worker.address, facts(*shipped.packages), shipped.facts)
+    worker, engine = get_worker(), shipped.engine
+    _same(worker.address, facts(*engine.packages), shipped.facts)
     folder = shipped.cargo.unpacked(Path(worker.local_directory) / "runs")
-    page = folder / Path(shipped.page).name
-    call = Call(sealed, str(page) if page.is_file() else shipped.page, folder)
+    own = folder / Path(engine.page).name
+    call = Call(sealed, str(own) if own.is_file() else engine.page, folder)
     multiprocessing.current_process().daemon = False  # a nanny's worker may have no children else
     try:
         child = _idle.get_nowait()
@@ -164,6 +164,5 @@ def _run(sealed: bytes, shipped: Shipped, timeout: float | None) -> Outcome:
 
 def _release() -> None:
     """End the child processes of this worker that have nothing to do."""
-    with contextlib.suppress(Empty):
-        while True:
-            _idle.get_nowait().close()
+    while not _idle.empty():
+        _idle.get_nowait().close()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import re
 import reprlib
 import signal
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
@@ -20,10 +21,12 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemaining
 from cosim import Result, SetupError, SimulationError
 from cosim.signals import heard
 
+from ..options import at_least
 from .cargo import Call, sealed
 from .journal import Journal, Key
 from .worker import OK, Outcome, Worker, await_one
 
+ADDRESS = re.compile(r"(\w+://)?\S+:\d+")
 Task = TypeVar("Task")
 Answer = TypeVar("Answer")
 Outcomes = Generator[tuple[Key, Outcome]]
@@ -56,8 +59,10 @@ class Engine:
             raise SetupError(
                 "jobs are processes of this machine; the scheduler has its own workers"
             )
-        if self.jobs is not None and self.jobs < 1:
-            raise SetupError(f"jobs = {self.jobs} must be at least 1")
+        if self.jobs is not None:
+            at_least("jobs", self.jobs, 1)
+        if self.scheduler is not None and not ADDRESS.fullmatch(self.scheduler):
+            raise SetupError(f"scheduler = {self.scheduler!r} must read tcp://HOST:PORT")
 
     def outcomes(
         self,

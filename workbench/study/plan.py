@@ -5,24 +5,26 @@ from __future__ import annotations
 import itertools
 import tomllib
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from math import isfinite
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import stats
+from scipy.stats import qmc
 
 from cosim import SetupError
 
 from .. import question
 from ..options import KINDS, QUANTITY, Option, declared, shown, unknown
 from ..question import ALONE, Project
-from .sampling import METHODS, Sampling
 
 Value = float | int | str | bool
+Samples = NDArray[np.float64]
 Spec = Mapping[str, Any]
 KEYS = ("scenario", "timeout", "figures", "fixed", "grid", "sampling", "tolerances")
 TOLERANCES = (
@@ -30,6 +32,7 @@ TOLERANCES = (
 )
 RANGE = "a list of values or { from, to, number }"
 WIDTH = 'a number above 0, or a share of the nominal value such as "5 %"'
+METHODS, LEAST = ("lhs", "sobol", "saltelli"), 2.0**-31
 TIMEOUT = Option("timeout", float, unit="s", bounds={"above": 0.0})
 NUMBER = Option("number", int, default=0, bounds={"at least": 2})
 SPACING = Option("spacing", str, choices=("linear", "log"))
@@ -38,6 +41,34 @@ SAMPLING = {
     "number": NUMBER,
     "seed": Option("seed", int, default=0, bounds={"at least": 0}),
 }
+
+
+class Sampling(NamedTuple):
+    """How tolerances are sampled: method, base number of samples, seed."""
+
+    method: str
+    number: int
+    seed: int
+
+    def cube(self, dimensions: int) -> Samples:
+        """Samples of the unit cube but for its faces, shape (rows, dimensions).
+
+        Saltelli's extension, number * (dimensions + 2) rows, is for indices of first and total order.
+        """
+        if self.method == "saltelli":
+            from SALib.sample import sobol
+
+            inputs = problem([str(number) for number in range(dimensions)])
+            cube = sobol.sample(inputs, self.number, calc_second_order=False, seed=self.seed)
+        else:
+            kind = {"lhs": qmc.LatinHypercube, "sobol": qmc.Sobol}[self.method]
+            cube = kind(dimensions, rng=self.seed).random(self.number)
+        return np.asarray(np.clip(cube, LEAST, 1.0 - LEAST))
+
+
+def problem(inputs: Sequence[str]) -> dict[str, Any]:
+    """Inputs between 0 and 1, as SALib wants them."""
+    return {"num_vars": len(inputs), "names": list(inputs), "bounds": [[0.0, 1.0]] * len(inputs)}
 
 
 @dataclass(frozen=True)
@@ -132,12 +163,17 @@ def _study(path: Path, content: Spec, project: Project) -> Study:
     if not isinstance(figures, list) or not all(isinstance(name, str) for name in figures):
         raise SetupError(f"figures = {shown(figures)} must be a list of names")
     page = question.load(where)
+    readers: dict[str, Callable[[Option, Any, str], Any]] = {
+        "fixed": lambda option, given, key: option.read(given, key),
+        "grid": _values,
+        "tolerances": _tolerance,
+    }
     read: dict[str, dict[str, Any]] = {
         table: {
-            name: how(_input(page, table, name, given), _key(table, name), given)
-            for name, given in tables[table].items()
+            name: reader(_input(page, table, name, spec), spec, _key(table, name))
+            for name, spec in tables[table].items()
         }
-        for table, how in (("fixed", _one), ("grid", _values), ("tolerances", _tolerance))
+        for table, reader in readers.items()
     }
     for name, times in Counter(itertools.chain(*read.values())).items():
         if times > 1:
@@ -183,58 +219,55 @@ def _input(page: ModuleType, table: str, name: str, spec: object) -> Option:
     return _StartValue(name, float)
 
 
-def _one(option: Option, key: str, given: object) -> Any:
-    """One value of an input, of its type and in its unit."""
-    return option.read(given, key)
-
-
-def _values(option: Option, key: str, spec: object) -> list[Value]:
+def _values(option: Option, spec: Any, key: str) -> list[Value]:
     """The values of one axis of the grid."""
     if isinstance(spec, dict):
         _known(key, spec, ("from", "to", "number", "spacing"))
-        low, high, log = _ends(option, key, spec)
+        low, high, log = _ends(option, spec, key)
         number = NUMBER.read(spec.get("number"), f"{key}.number")
-        given: list[Any] = (np.geomspace if log else np.linspace)(low, high, number).tolist()
+        spec = (np.geomspace if log else np.linspace)(low, high, number).tolist()
         if option.kind is int:
-            given = [int(x) if x.is_integer() else x for x in given]
-    elif isinstance(spec, list):
-        given = spec
-    else:
+            spec = [int(x) if x.is_integer() else x for x in spec]
+    if not isinstance(spec, list):
         raise SetupError(f"{key} = {shown(spec)} must be {RANGE}")
-    values = [option.read(x, key) for x in given]
+    values = [option.read(x, key) for x in spec]
     if not values:
         raise SetupError(f"{key} = [] must name at least one value")
-    twice = [x for x in values if values.count(x) > 1]
-    if twice:
-        raise SetupError(f"{key} names {shown(twice[0])} twice")
+    for x, times in Counter(values).items():
+        if times > 1:
+            raise SetupError(f"{key} names {shown(x)} twice")
     return values
 
 
-def _tolerance(option: Option, key: str, spec: Any) -> Any:
+def _tolerance(option: Option, spec: Any, key: str) -> Any:
     """The distribution of a sampled input."""
     if option.kind is not float or option.many:
         expected = "a list" if option.many else KINDS[option.kind]
         raise SetupError(f"{key}: the option takes {expected}; vary it in [grid]")
     form = sorted(spec) if isinstance(spec, dict) else []
     if form in (["from", "to"], ["from", "spacing", "to"]):
-        low, high, log = _ends(option, key, spec)
+        low, high, log = _ends(option, spec, key)
         return stats.loguniform(low, high) if log else stats.uniform(low, high - low)
     if form not in (["nominal", "uniform"], ["nominal", "normal"], ["nominal", "normal", "within"]):
         raise SetupError(f"{key} = {shown(spec)} must be {TOLERANCES}")
-    nominal = option.number(spec["nominal"], f"{key}.nominal")
-    widths = {name: _width(option, f"{key}.{name}", spec[name], nominal) for name in form[1:]}
-    if "uniform" in widths:
-        low, high = nominal - widths["uniform"], nominal + widths["uniform"]
-        return stats.uniform(low, high - low)
-    if "within" in widths:
-        cut = widths["within"] / widths["normal"]
-        return stats.truncnorm(-cut, cut, loc=nominal, scale=widths["normal"])
-    return stats.norm(nominal, widths["normal"])
+    nominal = _free(option).read(spec["nominal"], f"{key}.nominal")
+    width, *within = (_width(option, spec[name], nominal, f"{key}.{name}") for name in form[1:])
+    if "uniform" in form:
+        return stats.uniform(nominal - width, 2.0 * width)
+    if not within:
+        return stats.norm(nominal, width)
+    cut = within[0] / width
+    return stats.truncnorm(-cut, cut, nominal, width)
 
 
-def _ends(option: Option, key: str, spec: Spec) -> tuple[float, float, bool]:
+def _free(option: Option) -> Option:
+    """What reads a finite number in the unit of an input, whatever its bounds."""
+    return Option(option.name, float, default=0.0, unit=option.unit)
+
+
+def _ends(option: Option, spec: Spec, key: str) -> tuple[float, float, bool]:
     """Both ends of a range, and whether it goes by decades."""
-    low, high = (option.number(spec.get(end), f"{key}.{end}") for end in ("from", "to"))
+    low, high = (_free(option).read(spec.get(end), f"{key}.{end}") for end in ("from", "to"))
     if not low < high:
         raise SetupError(f"{key}.to = {high:g} must be above from = {low:g}")
     log = SPACING.read(spec.get("spacing"), f"{key}.spacing") == "log"
@@ -243,15 +276,14 @@ def _ends(option: Option, key: str, spec: Spec) -> tuple[float, float, bool]:
     return low, high, log
 
 
-def _width(option: Option, key: str, given: object, nominal: float) -> float:
+def _width(option: Option, given: object, nominal: float, key: str) -> float:
     """A width above 0: a number in the unit of the nominal value, or a share of it, "5 %"."""
     written = QUANTITY.fullmatch(given) if isinstance(given, str) else None
+    width = -1.0
     if written and written[2] == "%":
         width = float(written[1]) / 100.0 * abs(nominal)
-    elif isinstance(given, str) and not (written and written[2]):
-        width = -1.0
-    else:
-        width = option.number(given, key)
+    elif not isinstance(given, str) or (written and written[2]):
+        width = _free(option).read(given, key)
     if not width > 0.0:
         of_zero = " (the nominal value is 0)" if width == 0.0 == nominal else ""
         raise SetupError(f"{key} = {shown(given)} must be {WIDTH}{of_zero}")

@@ -15,9 +15,9 @@ from cosim.system import Network, describe_fmu
 
 from .. import question
 from ..answer import Answer, write
+from ..ask import row
 from ..options import declared
 from ..runs.cargo import Cargo, digest
-from ..runs.case import row
 from ..runs.engine import Engine
 from ..runs.identity import computation
 from ..runs.journal import opened
@@ -45,7 +45,7 @@ def run(
     """
     began = time.perf_counter()
     engine = Engine(jobs, scheduler, study.project.packages)
-    fmus = study.project.paths(study.module, flavour)
+    fmus = study.project.fmus(study.module, flavour)
     units, who = _units(study, fmus), identity(study, fmus, flavour)
     folder = Path("results") / "studies" / study.name if out is None else out
     with opened(folder, who) as journal:

@@ -14,8 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from .plan import Study
-from .sampling import Samples, Sampling, problem
+from .plan import Samples, Sampling, Study, problem
 
 HARMONICS = 6
 STRAIGHT = 0.9

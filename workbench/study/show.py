@@ -10,9 +10,8 @@ import pandas as pd
 
 from ..report.chart import SERIES, Chart, Curve, Direction, Field, Panel, Picture
 from .plan import Study
-from .table import ERROR
 
-MOST = 6
+MOST, ERROR = 6, "_error"
 KINDS = {"S1": "S1, alone", "ST": "ST, with all it acts together with"}
 Units = Mapping[str, str]
 
@@ -65,10 +64,11 @@ def _chart(
 
 def _line(table: pd.DataFrame, x: str, name: str) -> Curve:
     """A figure with its errors over the only input."""
-    rows = table.sort_values(x)
+    numeric = pd.api.types.is_numeric_dtype(table[x])
+    rows = table.sort_values(x) if numeric else table
     error = rows[name + ERROR].fillna(0.0).to_numpy() if name + ERROR in rows else None
     y = rows[name].to_numpy()
-    if not pd.api.types.is_numeric_dtype(rows[x]):
+    if not numeric:
         return Curve(name, rows[x].astype(str).to_list(), y, "blue", "bars", error)
     return Curve(name, rows[x].to_list(), y, "blue", "step" if flag(y) else "linked", error)
 
