@@ -190,12 +190,13 @@ def answer(
 def row(
     page: Path | str,
     fmus: Mapping[str, Path],
-    case: tuple[Mapping[str, Any], Mapping[str, Any]],
+    case: Mapping[str, Any],
 ) -> dict[str, Any]:
-    """What the page of a file or a module answers to (options, start values): {"figures": {name:
-    (value, unit, error, reason)}, "warnings": texts}. Its errors name no folder.
+    """What the page of a file or a module answers to options and start values, which have a dot:
+    {"figures": {name: (value, unit, error, reason)}, "warnings": texts}. Its errors name no folder.
     """
-    options, start = case
+    start = {key: value for key, value in case.items() if "." in key}
+    options = {key: value for key, value in case.items() if key not in start}
     try:
         asked = question.loaded(str(page))
         o = made(asked.Options, {**options, "start": start}, name(asked))

@@ -38,8 +38,8 @@ def main(words: Sequence[str], project: Project, program: str) -> int:
 
 def show_list(_words: Sequence[str], project: Project, _program: str) -> int:
     """Print the questions of the project; none is imported."""
-    for name, path in question.names(project.home).items():
-        print(f"{name:<17} {question.summary(path)}")
+    for name, module in question.names(project.home).items():
+        print(f"{name:<17} {question.summary(Path(str(project.home)), module)}")
     return 0
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -61,12 +60,8 @@ def over_rows(tell: Callable[[Result], Mapping[str, float]], result: Result) -> 
     others = []
     for half in _halves(len(result.data)):
         rows = result.data[half]
-        others.append(tell(Result(columns, result.units, result.provenance, partial(_same, rows))))
+        others.append(tell(Result(columns, result.units, result.provenance, rows.copy)))
     return {name: _away(value, [other[name] for other in others]) for name, value in whole.items()}
-
-
-def _same(rows: Samples) -> Samples:
-    return rows
 
 
 def _halves(rows: int) -> list[NDArray[np.int64]]:

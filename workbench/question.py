@@ -68,21 +68,25 @@ class QuestionError(RuntimeError):
 
 
 @cache
-def names(home: Path | None) -> Mapping[str, Path]:
-    """The questions below a package's folder, by name, and their files; none is imported.
+def names(home: Path | None) -> Mapping[str, str]:
+    """The questions below a package's folder, by name, and their modules; none is imported.
 
     A question is a file that defines a class `Options`.
     """
-    found = {}
-    for path in sorted(home.rglob("*.py")) if home else ():
+    found: dict[str, str] = {}
+    if home is None:
+        return found
+    for path in sorted(home.rglob("*.py")):
         body = ast.parse(path.read_text(encoding="utf-8")).body
         if any(isinstance(node, ast.ClassDef) and node.name == "Options" for node in body):
-            found[path.stem] = path
+            inside = path.relative_to(home.parent).with_suffix("")
+            found[path.stem] = ".".join(inside.parts)
     return found
 
 
-def summary(path: Path) -> str:
-    """The question in a file, in one line; nothing is imported."""
+def summary(home: Path, module: str) -> str:
+    """The question of a module of the package, in one line; it is not imported."""
+    path = home.parent.joinpath(*module.split(".")).with_suffix(".py")
     documentation = ast.get_docstring(ast.parse(path.read_text(encoding="utf-8")))
     return (documentation or "").partition("\n")[0]
 
@@ -155,8 +159,8 @@ def find(home: Path | None, text: str, folder: Path = Path()) -> str:
 
     Raises SetupError where there is none.
     """
-    if home and text in names(home):
-        return ".".join(names(home)[text].relative_to(home.parent).with_suffix("").parts)
+    if text in names(home):
+        return names(home)[text]
     if text.endswith(".py") and (folder / text).is_file():
         return str((folder / text).resolve())
     known = f"one of {', '.join(names(home))}, or " if home else ""

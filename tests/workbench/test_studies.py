@@ -432,7 +432,7 @@ def test_code_that_an_identity_leaves_out_computes_no_row(monkeypatch: pytest.Mo
 
     def answers() -> list[dict[str, Any]]:
         return [
-            ask.row(find(PROJECT.home, name), fmus_of(page(name), "python"), (o, {}))
+            ask.row(find(PROJECT.home, name), fmus_of(page(name), "python"), o)
             for name, o in cases.items()
         ]
 

@@ -100,10 +100,6 @@ class Worker:
             return Outcome("timeout", None, text, self._timeout or 0.0, words)
         return None
 
-    def handles(self) -> Sequence[Any]:
-        """What to wait for before the next step."""
-        return (self._pipe, self._process.sentinel)
-
     def left(self) -> float | None:
         """Seconds until the call is too late, None if it never is."""
         if self._timeout is None or self._began is None:
@@ -169,7 +165,8 @@ class Worker:
 def await_one(workers: Sequence[Worker]) -> None:
     """Block until one of these workers can do a step."""
     left = [seconds for worker in workers if (seconds := worker.left()) is not None]
-    wait([handle for worker in workers for handle in worker.handles()], min(left, default=None))
+    handles = [x for worker in workers for x in (worker._pipe, worker._process.sentinel)]
+    wait(handles, min(left, default=None))
 
 
 @contextlib.contextmanager

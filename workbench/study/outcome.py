@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import statistics
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
@@ -11,6 +10,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 import cosim
@@ -45,18 +45,14 @@ def conclude(
     table, names = frame(study, outcomes, units)
     shown = [names[name] for name in study.figures or names if name in names]
     indices, missing = analyse(study, shown, table.frame)
-    seconds = [outcome.seconds for outcome in outcomes]
+    seconds = np.quantile([outcome.seconds for outcome in outcomes], (0.0, 0.5, 1.0)).tolist()
     counts = Counter(outcome.status for outcome in outcomes)
     facts = {
         "study": study.name,
         "runs": {"all": len(outcomes), **dict(sorted(counts.items()))},
         "sensitivities": indices.to_dict("records"),
         "no_sensitivities": missing,
-        "seconds_per_run": {
-            "smallest": min(seconds),
-            "median": statistics.median(seconds),
-            "largest": max(seconds),
-        },
+        "seconds_per_run": dict(zip(("smallest", "median", "largest"), seconds)),
         "session": dict(zip(("runs", "seconds"), session)),
         "identity": identity,
     }

@@ -75,14 +75,12 @@ def problem(inputs: Sequence[str]) -> dict[str, Any]:
 class Study:
     """What a study file says; `content` is the file as it was parsed, `timeout` is in s.
 
-    `where` is the module of the question or its file, `module` is its page; `tolerances` are
-    distributions of scipy.stats.
+    `module` is the page of the question; `tolerances` are distributions of scipy.stats.
     """
 
     path: Path
     content: Spec
     project: Project
-    where: str
     module: ModuleType
     sampling: Sampling | None
     timeout: float | None
@@ -120,14 +118,9 @@ class Study:
         points = itertools.product(*self.grid.values())
         return [(*point, *sample) for point in points for sample in samples]
 
-    def cases(self) -> list[tuple[dict[str, Value], dict[str, Value]]]:
-        """What each run is given: options of the question, and start values."""
-        found = []
-        for run in self.runs():
-            given = {**self.fixed, **dict(zip(self.varied, run))}
-            start = {name: value for name, value in given.items() if "." in name}
-            found.append(({name: x for name, x in given.items() if name not in start}, start))
-        return found
+    def cases(self) -> list[dict[str, Value]]:
+        """What each run is given: options of the question and start values, which have a dot."""
+        return [{**self.fixed, **dict(zip(self.varied, run))} for run in self.runs()]
 
 
 def load(path: Path, project: Project = ALONE) -> Study:
@@ -184,7 +177,7 @@ def _study(path: Path, content: Spec, project: Project) -> Study:
         raise SetupError("[tolerances] and [sampling] need each other")
     sampling = _sampling(tables["sampling"]) if "sampling" in content else None
     timeout = TIMEOUT.read(content.get("timeout"))
-    return Study(path, content, project, where, page, sampling, timeout, figures, **read)
+    return Study(path, content, project, page, sampling, timeout, figures, **read)
 
 
 class _StartValue(Option):

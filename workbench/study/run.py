@@ -53,7 +53,7 @@ def run(
         before, own = len(journal), question.files(study.module)
         inputs = Cargo.of([*fmus.values(), *own])
         home = inputs.unpacked(folder / "inputs")
-        page = home / own[0].name if own else study.where
+        page = home / own[0].name if own else question.where(study.module)
         answers = partial(row, page, {part: home / path.name for part, path in fmus.items()})
         engine = replace(engine, page=str(page), files=[home / name for name in inputs.files])
         cases = dict(enumerate(study.cases()))
@@ -76,7 +76,7 @@ def identity(study: Study, fmus: Mapping[str, Path], flavour: str) -> dict[str, 
     return {
         "file": {key: value for key, value in study.content.items() if key != PRESENTATION},
         "flavour": flavour,
-        **computation(study.where, fmus, *study.project.packages),
+        **computation(question.where(study.module), fmus, *study.project.packages),
         "inputs": digest(json.dumps(study.cases()).encode()),
     }
 

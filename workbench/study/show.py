@@ -26,7 +26,15 @@ def overview(
         return []
     if len(grid) == 2 == len(study.varied):
         return [_map(table, grid, name, units) for name in drawn]
-    chart = partial(_chart, figures=drawn, units=units)
+
+    def chart(title: str, x: str, curve: Callable[[str], Curve]) -> Chart:
+        panels = []
+        for name in drawn:
+            shown = curve(name)
+            includes = (0.0, 1.0) if flag(shown.y) else ()
+            panels.append(Panel(name, units.get(name) or "1", [shown], includes=includes))
+        return Chart(title, x, panels)
+
     if study.tolerances and not study.grid:
         return [
             *(
@@ -50,27 +58,13 @@ def flag(y: object) -> bool:
     return set(values[np.isfinite(values)]) <= {0.0, 1.0}
 
 
-def _chart(
-    title: str, x: str, curve: Callable[[str], Curve], figures: Sequence[str], units: Units
-) -> Chart:
-    """A panel for each figure; 0 belongs to what lies between 0 and 1."""
-    panels = []
-    for name in figures:
-        drawn = curve(name)
-        includes = (0.0, 1.0) if flag(drawn.y) else ()
-        panels.append(Panel(name, units.get(name) or "1", [drawn], includes=includes))
-    return Chart(title, x, panels)
-
-
 def _line(table: pd.DataFrame, x: str, name: str) -> Curve:
-    """A figure with its errors over the only input."""
+    """A figure with its errors over the only input, in its order; over names as bars."""
     numeric = pd.api.types.is_numeric_dtype(table[x])
     rows = table.sort_values(x) if numeric else table
+    look = "bars" if not numeric else "step" if flag(rows[name]) else "linked"
     error = rows[name + ERROR].fillna(0.0).to_numpy() if name + ERROR in rows else None
-    y = rows[name].to_numpy()
-    if not numeric:
-        return Curve(name, rows[x].astype(str).to_list(), y, "blue", "bars", error)
-    return Curve(name, rows[x].to_list(), y, "blue", "step" if flag(y) else "linked", error)
+    return Curve(name, rows[x].to_list(), rows[name].to_numpy(), "blue", look, error)
 
 
 def _band(table: pd.DataFrame, x: str, name: str) -> Curve:
@@ -104,38 +98,33 @@ def _map(table: pd.DataFrame, grid: Sequence[str], name: str, units: Units) -> F
 
 
 def sensitivity(study: Study, found: pd.DataFrame, units: Units) -> list[Picture]:
-    """Shares with 95 % confidence: over the grid if it has one input, else as bars, a mean over it."""
+    """Shares with 95 % confidence: over the grid if it has one input, the last index of each; else as
+    bars, a mean over it.
+    """
     over = next(iter(study.grid)) if len(study.grid) == 1 else ""
     panels = []
-    for name in list(found["figure"].unique())[:MOST]:
-        own = found[found["figure"] == name]
-        curves = _shares_over(own, over) if over else _bars(own, list(study.tolerances))
-        panels.append(Panel(f"share of {name}", "1", curves, includes=(0.0,)))
+    for name, own in list(found.groupby("figure", sort=False))[:MOST]:
+        if over:
+            kind = own["kind"].iloc[-1]
+            inputs = own[own["kind"] == kind].groupby("input", sort=False)
+            drawn = [
+                _shares(f"{kind} of {x}", rows[over].to_list(), rows, color, "linked")
+                for (x, rows), color in zip(inputs, SERIES)
+            ]
+        else:
+            means = own.groupby(["kind", "input"])[["value", "confidence"]].mean()
+            names = list(study.tolerances)
+            drawn = [
+                _shares(KINDS[kind], names, means.loc[kind].reindex(names), color, "bars")
+                for kind, color in zip(own["kind"].unique(), ("blue", "gold"))
+            ]
+        panels.append(Panel(f"share of {name}", "1", drawn, includes=(0.0,)))
     mean = f", mean over {', '.join(study.grid)}" if len(study.grid) > 1 else ""
     title = f"What moves the figures: shares of their variance{mean}"
     return [Chart(title, _label(over, units) if over else "input", panels)]
 
 
-def _bars(found: pd.DataFrame, inputs: Sequence[str]) -> list[Curve]:
-    """A bar per index and input."""
-    means = found.groupby(["kind", "input"])[["value", "confidence"]].mean()
-    return [
-        _share(KINDS[kind], inputs, means.loc[kind].reindex(inputs), color, "bars")
-        for kind, color in zip(found["kind"].unique(), ("blue", "gold"))
-    ]
-
-
-def _shares_over(found: pd.DataFrame, over: str) -> list[Curve]:
-    """The last index of each input over one of the grid."""
-    kind = found["kind"].iloc[-1]
-    last = found[found["kind"] == kind].groupby("input", sort=False)
-    return [
-        _share(f"{kind} of {name}", own[over].to_list(), own, color, "linked")
-        for (name, own), color in zip(last, SERIES)
-    ]
-
-
-def _share(name: str, x: Sequence[str], found: pd.DataFrame, color: str, look: str) -> Curve:
+def _shares(name: str, x: Sequence[str], found: pd.DataFrame, color: str, look: str) -> Curve:
     """Shares with their intervals; an index is not below 0, though its estimate may be."""
     value = found["value"].clip(lower=0.0).to_numpy()
     error = found["confidence"].to_numpy()
