@@ -96,10 +96,11 @@ def solve(o: Options, bench: Bench) -> Findings:
         Path(o.gate).read_bytes()
     MOODS[o.mood]()
     if o.mood == "warn":
-        logging.getLogger("cosim").warning("the plane is steep")
+        logging.getLogger("cosim").warning(f"the plane is steep, {(o.x + 3) / 3!r} rad")
     root = Figure(o.x**0.5, "m1/2", 0.0) if o.x >= 0.0 else Figure.refused("m1/2", "x < 0")
     height = Figure(3.0 * o.x + o.times * o.y, "m", 1e-3 * abs(o.x))
-    return Findings({"height": height, "y": Figure(o.y, "m", 0.0), "root": root})
+    high = Figure(float(o.x > 0.0), "1", 0.0)
+    return Findings({"height": height, "y": Figure(o.y, "m", 0.0), "root": root, "high": high})
 
 
 def be(task: tuple[str, str]) -> Any:

@@ -211,19 +211,31 @@ def test_whatever_becomes_of_a_run_costs_its_row_and_no_more(write: Write, tmp_p
         ("refused", "this point is refused", "", "", ""),
         ("timeout", "no answer after 5 s", "", "", ""),
         ("failed", f"plane.py:{line}: ZeroDivisionError: no plane at all", "", "", ""),
-        ("ok", "root not told: x < 0", "-6.0", "", "the plane is steep"),
+        ("ok", "root not told: x < 0", "-6.0", "", "the plane is steep, 0.3333333333333333 rad"),
     ]
     for words in (
         "6 runs, 6 of them now",
         "2 ok, 1 crashed, 1 refused, 1 timeout, 1 failed.",
         "Run 0: crashed: the run ended its process: SIGSEGV\n",
-        "\nRun 5: warning: the plane is steep",
+        "\nRun 5: warning: the plane is steep, 0.333333 rad",
         "\n2 runs, first run 1: root not told: x < 0\n",
         "No run has root.",
     ):
         assert words in outcome.verdict
     assert "last words" in rows(out)[0]["trace"]
     assert "ZeroDivisionError" in rows(out)[4]["trace"]
+
+
+def test_what_many_runs_say_alike_is_said_once_with_a_sensible_number_of_digits(
+    write: Write, tmp_path: Path
+) -> None:
+    text = "scenario = 'plane.py'\n[fixed]\nmood = 'warn'\n[grid]\nx = [-3.5, -2, -1, 2.0]"
+    verdict = study.run(study.load(write(text)), out=tmp_path / "out").verdict
+    assert verdict.splitlines()[-3:] == [
+        "3 runs, first run 0: root not told: x < 0",
+        "3 runs, first run 1: warning: the plane is steep, 0.333333 rad",
+        "Run 0: warning: the plane is steep, -0.166667 rad",
+    ]
 
 
 def test_start_values_may_be_names_and_numbers(tmp_path: Path) -> None:
@@ -256,7 +268,7 @@ def test_the_table_tells_inputs_figures_errors_and_units(
     rows = table(out)
     assert list(rows[0]) == [
         "run", "x", "y", "height", "height_error", "answer.y", "answer.y_error", "root", "root_error",
-        "status", "warnings", "message",
+        "high", "high_error", "status", "warnings", "message",
     ]  # fmt: skip
     for number, row in enumerate(rows):
         x, y = -1.0 + number // 2 * 0.5, (10.0, 20.0)[number % 2]
@@ -269,7 +281,7 @@ def test_the_table_tells_inputs_figures_errors_and_units(
     facts = json.loads((out / "study.json").read_text())
     assert facts["units"] == {
         "x": "m", "y": "", "height": "m", "height_error": "m", "answer.y": "m", "answer.y_error": "m",
-        "root": "m1/2", "root_error": "m1/2",
+        "root": "m1/2", "root_error": "m1/2", "high": "1", "high_error": "1",
     }  # fmt: skip
     assert facts["runs"] == {"all": 10, "ok": 10}
     assert facts["identity"]["file"]["grid"]["y"] == [10, 20.0]
@@ -281,6 +293,7 @@ def test_the_table_tells_inputs_figures_errors_and_units(
         "height lies between 7.0 and 23.0 m in all 10 runs, with a mean of 15.0 m"
     )
     assert "\nroot lies between 0.00 and 1.00 m1/2 in the 6 of 10 runs that have it, with a" in said
+    assert ".\n  high is 1 in 4 runs and 0 in 6\n10 runs, 10 of them now in " in said
     assert (out / "overview.png").stat().st_size > 10_000
     again = study.run(study.load(path), out=out)
     assert "10 runs, 0 of them now" in again.verdict
@@ -370,7 +383,7 @@ def test_another_study_is_not_mixed_into_a_folder(write: Write, tmp_path: Path) 
     assert rows(out) == kept
     commented = study.load(write(f"# a remark\nfigures = ['height']\n{GRID}"))
     assert "0 of them now" in study.run(commented, out=out).verdict
-    refused(f"figures = ['width']\n{GRID}", "no run has 'width', only height, y, root")
+    refused(f"figures = ['width']\n{GRID}", "no run has 'width', only height, y, root, high")
 
 
 FMU = {flavour: folder / "GravityOrientator.fmu" for flavour, folder in PROJECT.folders.items()}
