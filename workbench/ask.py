@@ -28,7 +28,7 @@ from .options import Options, Run, declared, made, refuse
 from .question import QuestionError, blamed, name, where
 from .runs.engine import Engine
 from .runs.identity import computation
-from .runs.journal import Journal, sweep
+from .runs.journal import Journal, opened
 
 ALONE = Engine(jobs=1)
 Case = TypeVar("Case")
@@ -157,7 +157,7 @@ def answer(
         @cache
         def journal() -> Journal | None:
             who = _identity(page, o, fmus, engine.packages)
-            return stack.enter_context(sweep(out, who)) if out else None
+            return stack.enter_context(opened(out, who, passing=True)) if out else None
 
         bench = Bench(fmus, engine, out, journal)
         found = page.solve(o, bench) if hasattr(page, "solve") else _solve(page, o, bench)

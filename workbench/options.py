@@ -79,12 +79,10 @@ class Option:
         key = key or self.name
         if given is None and self.default is None:
             return None
-        if self.many and self.kind is not float:
-            return tuple(given.split(",") if isinstance(given, str) else given)
-        if self.many:
-            return tuple(sorted({self._checked(x, key) for x in self._list(given, key)}))
-        read = self._number if self.kind is float else self._plain
-        return self._checked(read(given, key), key)
+        if not self.many:
+            return self._one(given, key)
+        values = self._list(given, key)
+        return tuple(sorted(set(values)) if self.kind is float else values)
 
     def words(self) -> str:
         """Meaning, unit and default, for the help."""
@@ -93,14 +91,16 @@ class Option:
         default = "" if self.default in (None, (), "", False) else f" (default: {shown})"
         return f"{self.meaning}{unit}{default}".replace("%", "%%")
 
-    def _plain(self, given: Any, key: str) -> Any:
-        """A whole number, text or truth value."""
+    def _one(self, given: Any, key: str) -> Any:
+        """A value of the declared kind, within its bounds."""
+        if self.kind is float:
+            return self._checked(self._number(given, key), key)
         value = literal(given) if isinstance(given, str) and self.kind is not str else given
         if self.choices and value not in self.choices:
             raise SetupError(f"{key} = {shown(given)} must be one of {', '.join(self.choices)}")
         if type(value) is not self.kind:
             raise SetupError(f"{key} = {shown(given)} must be {KINDS[self.kind]}")
-        return value
+        return self._checked(value, key)
 
     def _number(self, given: Any, key: str) -> float:
         said = f"{key} = {shown(given)}"
@@ -110,22 +110,26 @@ class Option:
             raise SetupError(f"{said} must {self._expected()}")
         return float(given)
 
-    def _list(self, given: Any, key: str) -> list[float]:
-        """Numbers, "20:66:24" (from, to, number) or "20,30,40"; the unit of one is that of all."""
+    def _list(self, given: Any, key: str) -> list[Any]:
+        """Values, "a,b,c", or numbers "20:66:24" (from, to, number); the unit of one is that of all."""
         said, form = f"{key} = {shown(given)}", "read from:to:number or a,b,c"
+        if isinstance(given, str) and self.kind is not float:
+            given = given.split(",")
         if not isinstance(given, str):
             if not isinstance(given, Iterable):
-                raise SetupError(f"{said} must be a list of numbers")
-            return [self._number(x, key) for x in given]
+                raise SetupError(f"{said} must be a list, each {KINDS[self.kind]}")
+            return [self._one(x, key) for x in given]
         *ends, count = given.split(":")
         if not ends:
-            return self._parsed(given.split(","), said, form) if given else []
-        if len(ends) != 2 or not count.strip().isdigit():
+            numbers = self._parsed(given.split(","), said, form) if given else []
+        elif len(ends) != 2 or not count.strip().isdigit():
             raise SetupError(f"{said} must {form}")
-        low, high = self._parsed(ends, said, form)
-        if int(count) < 1:
+        elif int(count) < 1:
             raise SetupError(f"{said} names no number")
-        return list(np.linspace(low, high, int(count)).tolist())
+        else:
+            low, high = self._parsed(ends, said, form)
+            numbers = np.linspace(low, high, int(count)).tolist()
+        return [self._checked(number, key) for number in numbers]
 
     def _parsed(self, texts: Sequence[str], said: str, form: str) -> list[float]:
         """Numbers that are written in one unit, in the declared one; others are refused by their form."""

@@ -191,7 +191,7 @@ def test_an_interrupted_sweep_goes_on_and_leaves_no_journal(
     tasks = [(float(x), str(ledger)) for x in (1, 2, 3, 4, 5, 5)]
 
     def sweep(who: dict[str, Any], stop: float) -> None:
-        with journal.sweep(tmp_path, who) as kept:
+        with journal.opened(tmp_path, who, passing=True) as kept:
             for height in Engine(jobs).each(plane.height, tasks, "heights", kept):
                 if height == stop:
                     raise KeyboardInterrupt

@@ -153,6 +153,7 @@ REFUSED = [
     (GRID, "[10, 20.0]", "['low']", "grid.y = 'low' must be a number"),
     (GRID, "[10, 20.0]", "10", "grid.y = 10 must be a list of values or { from, to, number }"),
     (GRID, X, "times = [1.5]", "grid.times = 1.5 must be a whole number"),
+    (GRID, "x = {", "places = [3, [1, 2]]\nx = {", "grid.places = 3 must be a list, each a text"),
     (GRID, X, "mood = ['bad']", "grid.mood = 'bad' must be one of good, warn, refuse, fail"),
     (GRID, X, "motor.T = [1.0]", "grid.motor: write a start value in quotes, \"motor.T\" = …"),
     (GRID, X, "start = ['a=1']", "grid.start: plane has no option 'start'"),
@@ -428,14 +429,17 @@ def test_whatever_changes_makes_another_study_but_for_what_is_shown(
 
     assert changed(who(flavour="native")) == {"flavour", "fmus"}
     seeds = study.plan.Study.samples
-    for name, other in (
-        ("runs.identity.versions", lambda: before["versions"] | {"numpy": "9.9"}),
-        ("runs.identity.code", lambda *_: before["code"] | {"cosim/master.py": "0" * 16}),
-        ("study.plan.Study.samples", lambda plan: [(x + 1e-15,) for (x,) in seeds(plan)]),
+    for part, name, other in (
+        ("versions", "cosim.versions", lambda: before["versions"] | {"numpy": "9.9"}),
+        ("code", "workbench.runs.identity.code", lambda *_: {**before["code"], "cosim/a.py": "0"}),
+        (
+            "inputs",
+            f"{study.plan.__name__}.Study.samples",
+            lambda plan: [(x + 1e-15,) for (x,) in seeds(plan)],
+        ),
     ):
         with monkeypatch.context() as patch:
-            patch.setattr(f"workbench.{name}", other)
-            part = {"samples": "inputs"}.get(name.split(".")[-1], name.split(".")[-1])
+            patch.setattr(name, other)
             assert changed(who()) == {part}
 
 

@@ -35,13 +35,9 @@ def computation(where: str, fmus: Mapping[str, Path], *packages: str) -> dict[st
 
 def facts(*packages: str) -> dict[str, dict[str, str]]:
     """Code and versions, which are the same on all machines that work together."""
-    return {"code": code(*SOURCES, *packages), "versions": versions()}
-
-
-def versions() -> dict[str, str]:
-    """The versions that the bits of a result depend on."""
-    found = cosim.versions()
-    return {name: found[name] for name in ("python", "numpy", "scipy", "fmpy")}
+    versions = cosim.versions()
+    needed = {name: versions[name] for name in ("python", "numpy", "scipy", "fmpy")}
+    return {"code": code(*SOURCES, *packages), "versions": needed}
 
 
 @cache

@@ -65,51 +65,43 @@ class Journal:
 
 @contextmanager
 def opened(
-    folder: Path, identity: Mapping[str, Any], form: Any = json, *, anew: bool = False
+    folder: Path, identity: Mapping[str, Any], *, passing: bool = False
 ) -> Iterator[Journal]:
-    """The journal in this folder, begun or gone on with; `form` writes outcomes, json or pickle.
+    """The journal in this folder, begun or gone on with.
 
-    Raises SetupError if another process is at work in the folder, if the file is damaged, and if it
-    holds rows of another identity; with `anew` these are dropped, which a line on stderr says.
+    That of a sweep is `passing`: it holds any Python objects, drops rows of another identity, says on
+    stderr what becomes of rows that are there, and goes when the sweep ends well. Raises SetupError
+    if another process is at work in the folder, if the file is damaged, and for another identity.
     """
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / NAME
     try:
         with closing(sqlite3.connect(path, timeout=0.0, isolation_level=None)) as base:
             base.executescript(OPEN)
-            _same(base, folder, json.loads(json.dumps(identity)), anew)
-            yield Journal(path, base, form)
+            _same(base, folder, json.loads(json.dumps(identity)), passing)
+            journal = Journal(path, base, pickle if passing else json)
+            if passing and len(journal):
+                print(f"{folder}: {len(journal)} runs are done already", file=sys.stderr)
+            yield journal
     except sqlite3.Error as error:
         if getattr(error, "sqlite_errorname", "") == "SQLITE_BUSY":
             raise SetupError(f"{folder}: another process is at work in this folder") from None
         raise SetupError(f"{path} cannot be read or written: {error}") from None
+    if passing:
+        path.unlink()
 
 
-@contextmanager
-def sweep(folder: Path, identity: Mapping[str, Any]) -> Iterator[Journal]:
-    """The journal of a sweep: has the rows of one that was interrupted, and goes when this one ends.
-
-    Raises SetupError as `opened`; rows of other options, FMUs or code are dropped.
-    """
-    with opened(folder, identity, pickle, anew=True) as journal:
-        if len(journal):
-            print(f"{folder}: {len(journal)} runs are done already", file=sys.stderr)
-        yield journal
-    journal.path.unlink()
-
-
-def _same(base: sqlite3.Connection, folder: Path, identity: dict[str, Any], anew: bool) -> None:
+def _same(base: sqlite3.Connection, folder: Path, identity: dict[str, Any], drop: bool) -> None:
     """Refuse to mix rows, or drop those that are there."""
     found = base.execute("SELECT content FROM identity").fetchone()
     try:
         before = json.loads(found[0]) if found else identity
     except ValueError:
-        raise SetupError(
-            f"{folder / NAME} is damaged: it does not tell whose rows it holds"
-        ) from None
+        text = f"{folder / NAME} is damaged: it does not tell whose rows it holds"
+        raise SetupError(text) from None
     if before != identity:
         other = f"{folder} holds the rows of other runs: {differences(before, identity)}"
-        if not anew:
+        if not drop:
             raise SetupError(f"{other}; choose another folder with --out, or remove this one")
         if base.execute("SELECT 1 FROM rows LIMIT 1").fetchone():
             print(f"{other}; they are dropped", file=sys.stderr)

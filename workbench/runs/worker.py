@@ -118,7 +118,8 @@ class Worker:
             _tidy()
             self._folder = Path(tempfile.mkdtemp(prefix=PREFIX))
             self._words = (self._folder / WORDS).open("a+", errors="replace")
-            _lock(self._words.fileno(), shared=True)
+            with contextlib.suppress(ImportError):
+                _lock(self._words, alone=False)
             self._pipe, end = _SPAWN.Pipe()
             self._process = _SPAWN.Process(target=_main, args=(end, str(self._folder)), daemon=True)
             with _quietly():
@@ -189,22 +190,18 @@ def _quietly() -> Iterator[None]:
 def _tidy() -> None:
     """Remove the folders of children whose parents are gone."""
     for words in Path(tempfile.gettempdir()).glob(f"{PREFIX}*/{WORDS}"):
-        with contextlib.suppress(OSError), words.open("a") as file:
-            if _lock(file.fileno(), shared=False):
-                shutil.rmtree(words.parent, ignore_errors=True)
+        with contextlib.suppress(OSError, ImportError), words.open("a") as file:
+            _lock(file, alone=True)
+            shutil.rmtree(words.parent, ignore_errors=True)
 
 
-def _lock(file: int, *, shared: bool) -> bool:
-    """Lock a file until it is closed; False if another process holds it."""
-    if sys.platform == "win32":
-        return shared
+def _lock(file: Any, *, alone: bool) -> None:
+    """Lock a file until it is closed; raises OSError if another process holds it, ImportError on
+    Windows, where nothing is locked.
+    """
     import fcntl
 
-    try:
-        fcntl.flock(file, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return False
-    return True
+    fcntl.flock(file, (fcntl.LOCK_EX if alone else fcntl.LOCK_SH) | fcntl.LOCK_NB)
 
 
 def _main(pipe: Connection, folder: str) -> None:
