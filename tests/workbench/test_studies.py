@@ -34,6 +34,7 @@ from workbench.question import ALONE, find, load
 from workbench.runs import identity as identities
 from workbench.runs.journal import NAME
 from workbench.study import sensitivity
+from workbench.study.outcome import _causes
 from workbench.study.plan import Sampling
 from workbench.study.run import identity
 
@@ -569,6 +570,8 @@ def test_the_verdict_names_the_input_that_a_figure_depends_on_most(
     assert re.search(r"^height lies .* m; it depends most on y \(S1 = 0.5", outcome.verdict)
     assert re.search(r"\nroot lies .* m1/2; it depends most on x \(S1 = ", outcome.verdict)
     assert (tmp_path / "out" / "sensitivity.png").stat().st_size > 10_000
+    vague = outcome.tables["sensitivity.csv"].frame.assign(confidence=1.1)
+    assert set(_causes(vague).values()) == {"; no input stands out"}
 
 
 def test_indices_leave_out_what_failed_and_say_when_there_are_none() -> None:

@@ -83,18 +83,12 @@ def test_every_way_to_run_carries_the_warnings(fmus: Path, tmp_path: Path) -> No
     assert certified.result.warnings == told
 
 
-def test_a_run_that_fails_keeps_its_warnings(tmp_path: Path) -> None:
-    fmu = pack(tmp_path / "A.fmu", warn_at=0.2, error_at=0.5)
-    with pytest.raises(SimulationError) as caught:
-        run(alone(fmu), stop=1.0, step=0.1)
-    assert caught.value.result.warnings == ["A: t = 0.2 s in A"]
-
-
-def test_a_process_that_dies_leaves_the_warnings_that_were_heard(tmp_path: Path) -> None:
-    fmu = pack(tmp_path / "A.fmu", warn_at=0.0, crash_at=0.55)
-    with pytest.raises(SimulationError) as caught:
-        run_isolated(alone(fmu), stop=1.0, step=0.1, csv=tmp_path / "a.csv")
-    assert caught.value.result.warnings == ["A: t = 0 s in A"]
+def test_a_run_that_fails_and_a_process_that_dies_keep_their_warnings(tmp_path: Path) -> None:
+    for runner, end in ((run, {"error_at": 0.5}), (run_isolated, {"crash_at": 0.55})):
+        system = alone(pack(tmp_path / "A.fmu", warn_at=0.2, **end))
+        with pytest.raises(SimulationError) as caught:
+            runner(system, stop=1.0, step=0.1, csv=tmp_path / "a.csv")
+        assert caught.value.result.warnings == ["A: t = 0.2 s in A"]
 
 
 def test_probing_runs_may_be_quiet(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
