@@ -246,10 +246,11 @@ def _identity(
     page: ModuleType, o: Options, fmus: Mapping[str, Path], packages: Sequence[str]
 ) -> dict[str, Any]:
     """What the sweeps of a question depend on."""
+    lies_in = [] if question.files(page) else [page.__name__.partition(".")[0]]
     return {
         "options": {key: repr(told.value) for key, told in said(o).items()},
         "start": dict(o.start),
-        **computation(where(page), fmus, *(packages or question.packages(page))),
+        **computation(where(page), fmus, *(packages or lies_in)),
     }
 
 

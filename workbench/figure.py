@@ -39,10 +39,7 @@ class Figure(NamedTuple):
 
     def json(self) -> dict[str, Any]:
         """The figure for JSON, which has neither infinity nor nan."""
-        told = self._asdict()
-        if not math.isfinite(self.value):
-            told["value"] = None
-        return told
+        return self._asdict() | {"value": self.value if math.isfinite(self.value) else None}
 
 
 def rounded(value: float, error: float) -> tuple[str, str]:

@@ -111,11 +111,6 @@ def files(page: ModuleType) -> list[Path]:
     return [Path(str(page.__file__))] if hasattr(page, FROM_FILE) else []
 
 
-def packages(page: ModuleType) -> list[str]:
-    """The package that a page lies in."""
-    return [] if hasattr(page, FROM_FILE) else [page.__name__.partition(".")[0]]
-
-
 def parts(page: ModuleType) -> Mapping[str, str]:
     """The FMUs of a page by part."""
     found: Mapping[str, str] = getattr(page, "PARTS", {})

@@ -106,7 +106,8 @@ class Engine:
             except KeyboardInterrupt:
                 if journal is None:
                     raise
-                raise KeyboardInterrupt(journal.kept()) from None
+                kept = f"{len(journal)} runs in {journal.path}; the same command goes on"
+                raise KeyboardInterrupt(kept) from None
 
     def each(
         self,

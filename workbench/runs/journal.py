@@ -58,10 +58,6 @@ class Journal:
             self._base.execute("PRAGMA wal_checkpoint")
             self._synced = time.monotonic()
 
-    def kept(self) -> str:
-        """What Ctrl-C leaves."""
-        return f"{len(self)} runs in {self.path}; the same command goes on"
-
 
 @contextmanager
 def opened(

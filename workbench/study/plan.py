@@ -215,7 +215,7 @@ def _input(page: ModuleType, table: str, name: str, spec: object) -> Option:
 def _values(option: Option, spec: Any, key: str) -> list[Value]:
     """The values of one axis of the grid."""
     if isinstance(spec, dict):
-        _known(key, spec, ("from", "to", "number", "spacing"))
+        _known(f"{key}: ", spec, ("from", "to", "number", "spacing"))
         low, high, log = _ends(option, spec, key)
         number = NUMBER.read(spec.get("number"), f"{key}.number")
         spec = (np.geomspace if log else np.linspace)(low, high, number).tolist()
@@ -284,7 +284,7 @@ def _width(option: Option, given: object, nominal: float, key: str) -> float:
 
 
 def _sampling(table: Spec) -> Sampling:
-    _known("sampling", table, SAMPLING)
+    _known("sampling: ", table, SAMPLING)
     told = {key: option.read(table.get(key), f"sampling.{key}") for key, option in SAMPLING.items()}
     number, method = told["number"], told["method"]
     if method != "lhs" and number & (number - 1):
@@ -296,11 +296,10 @@ def _sampling(table: Spec) -> Sampling:
     return Sampling(**told)
 
 
-def _known(key: str, table: Spec, known: Iterable[str]) -> None:
+def _known(place: str, table: Spec, known: Iterable[str]) -> None:
     for name in table:
         if name not in known:
-            where = f"{key}: " if key else ""
-            raise SetupError(f"{where}unknown key {name!r}, expected {', '.join(known)}")
+            raise SetupError(f"{place}unknown key {name!r}, expected {', '.join(known)}")
 
 
 def _key(table: str, name: str) -> str:
