@@ -23,7 +23,9 @@ class Empty:
     def __init__(self, python: str, folder: Path) -> None:
         self.home, self.folder = folder / "env", folder / "work"
         self.folder.mkdir()
-        subprocess.run([*UV, "venv", "-q", "-p", python, str(self.home)], check=True)
+        made = subprocess.run([*UV, "venv", "-q", "-p", python, str(self.home)], check=False)
+        if made.returncode:
+            pytest.skip(f"uv cannot get Python {python}")
 
     def install(self, *what: str) -> None:
         python, wheels = str(self.home / "bin" / "python"), str(ROOT / "dist")
@@ -52,11 +54,7 @@ def dist() -> Path:
 
 @pytest.fixture(params=["3.11", "3.12", "3.13", "3.14"])
 def empty(request: pytest.FixtureRequest, dist: Path, tmp_path: Path) -> Empty:
-    find = [*UV, "python", "find", "--no-python-downloads", "--no-project", request.param]
-    found = subprocess.run(find, capture_output=True, text=True, check=False)
-    if found.returncode:
-        pytest.skip(f"there is no Python {request.param}")
-    return Empty(found.stdout.strip(), tmp_path)
+    return Empty(request.param, tmp_path)
 
 
 def test_checksums_name_every_file(dist: Path) -> None:
@@ -74,7 +72,8 @@ def test_master_runs_an_fmu_and_says_what_it_lacks(dist: Path, empty: Empty) -> 
     assert empty.megabytes() < MASTER
     fmu = str(dist / "fmus" / "native" / "DriveMotor.fmu")
     run = ("cosim", "run", fmu, "--stop", "0.1", "--step", "1e-3")
-    assert "tau" in empty.does(*run, "--out", "run.csv")
+    assert "tau" in empty.does(*run)
+    empty.does(*run, "--out", "run.csv")
     assert (empty.folder / "run.csv").read_text().startswith("time,")
     refused = empty.does(*run, "--certify", code=2)
     assert refused == "error: --certify needs the package scipy, which is not installed\n"
