@@ -9,13 +9,12 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
-from importlib.util import find_spec
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 from . import __version__
-from .commandline import Parser, assignment, exit_code, literal
+from .commandline import Parser, assignment, exit_code, literal, require
 from .engine.adaptive import Adaptive
 from .engine.algorithms import ALGORITHMS
 from .engine.part import quiet
@@ -294,8 +293,12 @@ def require_files(options: argparse.Namespace, system: System) -> None:
         path.absolute().parent.mkdir(parents=True, exist_ok=True)
     if options.out is not None and options.out.suffix not in (".csv", ".parquet"):
         raise SetupError(f"{options.out} must end in .csv or .parquet")
-    if options.out is not None and options.out.suffix == ".parquet" and not find_spec("pyarrow"):
-        raise SetupError(f"{options.out}: Parquet needs the package pyarrow, the extra `parquet`")
+    if options.out is not None and options.out.suffix == ".parquet":
+        require("pyarrow", f"{options.out}: Parquet")
+    if options.plot is not None:
+        require("matplotlib", "--plot")
+    if options.certify:
+        require("scipy", "--certify")
     if options.part is not None and options.part not in system.parts:
         raise SetupError(f"there is no part {options.part!r}, only {', '.join(system.parts)}")
     if options.plot is not None:
@@ -390,6 +393,7 @@ def export(options: argparse.Namespace) -> int:
 
 def verify(options: argparse.Namespace) -> int:
     """python -m cosim verify; exit code 1 if anything differs from theory."""
+    require("scipy", "verify")
     from .verification import main as verified
 
     if not options.fmu.is_file():

@@ -7,6 +7,7 @@ import os
 import signal
 import sys
 from collections.abc import Callable
+from importlib.util import find_spec
 from typing import NoReturn
 
 from .errors import SetupError
@@ -44,6 +45,12 @@ def exit_code(action: Callable[[], int]) -> int:
         kept = f", what was computed is kept: {interrupt}" if interrupt.args else ""
         print(f"interrupted{kept}", file=sys.stderr)
         return 130
+
+
+def require(package: str, what: str) -> None:
+    """Raise SetupError if a package is not installed that this needs, "--plot"."""
+    if not find_spec(package):
+        raise SetupError(f"{what} needs the package {package}, which is not installed")
 
 
 def assignment(text: str) -> tuple[str, str]:

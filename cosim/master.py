@@ -8,6 +8,7 @@ import time as clock
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from functools import cache
+from importlib.util import find_spec
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -252,8 +253,8 @@ def _identity(part: Part, path: Path) -> dict[str, Any]:
 
 @cache
 def versions() -> dict[str, str]:
-    """Versions of what a result depends on."""
-    packages = ("fmpy", "numpy", "scipy")
+    """Versions of what a result depends on; scipy, which only judges results, may be missing."""
+    packages = [name for name in ("fmpy", "numpy", "scipy") if find_spec(name)]
     return {
         "python": platform.python_version(),
         "platform": platform.platform(),

@@ -4,11 +4,13 @@ import argparse
 import sys
 from pathlib import Path
 
-from .fmu.make import FLAVOURS, make_all
-
 
 def main() -> int:
     """Run the command line; 0 if every FMU is there, else 1."""
+    try:
+        from .fmu.make import FLAVOURS, make_all
+    except ModuleNotFoundError as missing:
+        sys.exit(f"fmukit needs {missing.name}: pip install 'drive-fmus-kit[build]'")
     parser = argparse.ArgumentParser(prog="fmukit", description="FMUs from pages of equations.")
     commands = parser.add_subparsers(dest="command", required=True)
     build = commands.add_parser("build", help="build, validate and play the FMUs of models")

@@ -1,4 +1,4 @@
-"""python -m scenarios list | run NAME or FILE.py [options] | study FILE.toml [options]."""
+"""scenarios list | run NAME or FILE.py [options] | study FILE.toml [options]."""
 
 import re
 import subprocess
@@ -11,7 +11,9 @@ from rich.console import Console
 from workbench.command import main
 from workbench.question import Project
 
-ROOT = Path(__file__).resolve().parents[1]
+HOME = Path(__file__).resolve().parent
+ROOT = HOME.parent
+CLONE = (ROOT / "build_fmus.py").is_file()
 
 
 @cache
@@ -28,9 +30,16 @@ def build(names: tuple[str, ...], flavour: str) -> None:
         raise SetupError(f"the FMUs could not be built: {''.join(why)}")
 
 
-FMUS = ROOT / "fmus"
+FMUS = (ROOT if CLONE else HOME) / "fmus"
 FOLDERS = {"python": FMUS, "native": FMUS / "native"}
-PROJECT = Project(ROOT / "scenarios", FOLDERS, lambda names, flavour: build(tuple(names), flavour))
+FILL = (lambda names, flavour: build(tuple(names), flavour)) if CLONE else None
+PROJECT = Project(HOME, FOLDERS, FILL)
+
+
+def run() -> int:
+    """The words of the command line; its exit code."""
+    return main(sys.argv[1:], PROJECT, "python -m scenarios" if CLONE else "scenarios")
+
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:], PROJECT, "python -m scenarios"))
+    sys.exit(run())

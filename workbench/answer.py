@@ -6,6 +6,7 @@ import csv
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from importlib.util import find_spec
 from math import isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -24,7 +25,7 @@ from .report.png import draw
 if TYPE_CHECKING:
     import pandas as pd
 
-SPOKEN = 3
+SPOKEN, PAGE = 3, "report.html"
 Rows = Callable[[Iterable[Sequence[float]]], None]
 
 
@@ -156,13 +157,14 @@ def write(answer: Answer, folder: Path, animate: bool = False) -> list[str]:
     write_json(folder / f"{answer.scenario}.json", content(answer))
     for name, save in answer.files.items():
         save(folder / name)
-    report(answer, folder / "report.html")
+    if find_spec("plotly"):
+        report(answer, folder / PAGE)
     drawn = draw(answer.show(), answer.question, folder / f"{answer.scenario}.png")
     for number, motion in enumerate(answer.show().motions if animate else (), 1):
         drawn.append(f"{answer.scenario}{f'_{number}' if number > 1 else ''}.gif")
         gif(folder / drawn[-1], motion)
     data = [*answer.tables, f"{answer.scenario}.json", *answer.files]
-    return [*data, *drawn, "report.html"]
+    return [*data, *drawn, *[PAGE] * bool(find_spec("plotly"))]
 
 
 def content(answer: Answer) -> dict[str, Any]:
@@ -201,3 +203,5 @@ def finish(answer: Answer, folder: Path, animate: bool = False) -> None:
     if len(answer.warnings) > SPOKEN:
         print(f"and {len(answer.warnings) - SPOKEN} more warnings, in {answer.scenario}.json")
     print(f"{', '.join(names)} written to {folder}")
+    if PAGE not in names:
+        print("there is no page: it needs the package plotly")

@@ -1,4 +1,4 @@
-"""The loop of fixed-step runs in C: loop.c, compiled once with ziglang and kept beside this file."""
+"""The loop of fixed-step runs in C: loop.c, compiled by ziglang, in the wheel for every platform."""
 
 from __future__ import annotations
 
@@ -43,32 +43,49 @@ class Column(ctypes.Structure):
     _fields_ = [("cell", ctypes.c_void_p), ("real", ctypes.c_int)]
 
 
+TARGETS = {
+    ("linux", "x86_64"): "x86_64-linux-gnu.2.17",
+    ("linux", "aarch64"): "aarch64-linux-gnu.2.17",
+    ("win32", "AMD64"): "x86_64-windows-gnu",
+    ("darwin", "x86_64"): "x86_64-macos",
+    ("darwin", "arm64"): "aarch64-macos",
+}
+OPTIONS = ("-O2", "-ffp-contract=off", "-shared", "-fPIC", "-s")
+
+
 @cache
 def library() -> Any:
-    """The compiled loop; raises OSError with the reason if there is none."""
-    compiler = [
-        sys.executable,
-        "-m",
-        "ziglang",
-        "cc",
-        "-O2",
-        "-ffp-contract=off",
-        "-shared",
-        "-fPIC",
-    ]
-    made_of = (SOURCE.read_text(), *compiler[1:], sys.platform, platform.machine())
-    name = f"loop-{hashlib.sha256(repr(made_of).encode()).hexdigest()[:16]}.so"
-    path = SOURCE.parent / "__pycache__" / name
+    """The compiled loop: the one that came with the package, or one made here of its source.
+
+    Raises OSError with the reason if there is none.
+    """
+    here = file_name(sys.platform, platform.machine())
+    shipped = SOURCE.parent / "compiled" / here
+    if shipped.exists():
+        return ctypes.CDLL(str(shipped))
+    made_of = hashlib.sha256(f"{SOURCE.read_text()}{OPTIONS}".encode()).hexdigest()[:16]
+    path = SOURCE.parent / "__pycache__" / f"{made_of}-{here}"
     if not path.exists():
-        path.parent.mkdir(exist_ok=True)
-        with tempfile.TemporaryDirectory(dir=path.parent) as folder:
-            made = Path(folder) / name
-            command = [*compiler, "-o", str(made), str(SOURCE)]
-            done = subprocess.run(command, capture_output=True, text=True, check=False)
-            if done.returncode:
-                raise OSError((done.stderr.strip() or "the compiler failed").splitlines()[-1])
-            made.replace(path)
+        compile_loop(path)
     return ctypes.CDLL(str(path))
+
+
+def file_name(system: str, machine: str) -> str:
+    """The name of the compiled loop for `sys.platform` and `platform.machine()`."""
+    return f"loop-{system}-{machine}.so"
+
+
+def compile_loop(path: Path, target: str = "native") -> None:
+    """Compile the loop for a target of Zig; raises OSError with the words of the compiler."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=path.parent) as folder:
+        made = Path(folder) / path.name
+        command = [sys.executable, "-m", "ziglang", "cc", "-target", target, *OPTIONS]
+        command += ["-o", str(made), str(SOURCE)]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        if done.returncode:
+            raise OSError((done.stderr.strip() or "the compiler failed").splitlines()[-1])
+        made.replace(path)
 
 
 class Loop:

@@ -7,6 +7,8 @@ from pathlib import Path
 from fmpy.model_description import read_model_description
 
 EPOCH = (1980, 1, 1, 0, 0, 0)
+KIT = Path(__file__).resolve().parents[1]
+LICENSE = next(path for path in (KIT / "LICENSE", KIT.parent / "LICENSE") if path.is_file())
 
 
 def guid_of(digest: str) -> str:

@@ -20,11 +20,10 @@ import fmpy
 from ...declare.variables import Interface, class_name
 from ...write.entries import written
 from .. import page, plot, reference
-from ..archive import guid_of, write_archive
+from ..archive import LICENSE, guid_of, write_archive
 from ..python.instance import slave_class
 from ..xml import NATIVE, to_xml
 
-ROOT = Path(__file__).resolve().parents[3]
 RUNTIME = Path(__file__).with_name("fmi2.c")
 HEADERS = [
     Path(fmpy.__file__).with_name("c-code") / name
@@ -69,7 +68,7 @@ def collect(model: ModuleType) -> NativeBuild:
     digest = hashlib.sha256(importlib.metadata.version("ziglang").encode())
     makers = [*sorted(RUNTIME.parents[1].glob("*.py")), *sorted(RUNTIME.parent.glob("*.*"))]
     makers += [*HEADERS]
-    for maker in (*makers, ROOT / "LICENSE"):
+    for maker in (*makers, LICENSE):
         digest.update(hashlib.sha256(maker.read_bytes()).digest())
     source = written(model).c
     digest.update(source.encode())
@@ -83,7 +82,7 @@ def pack(build: NativeBuild, fmu: Path) -> None:
     """Write the FMU; raises RuntimeError with the words of the compiler if it fails."""
     interface = Interface(build.model)
     rows = reference.experiment(slave_class(build.model, build.guid))
-    licence = f"{(ROOT / 'LICENSE').read_text()}\nThe headers of FMI in sources/ carry their own.\n"
+    licence = f"{LICENSE.read_text()}\nThe headers of FMI in sources/ carry their own.\n"
     sources = {
         f"{build.name}.c": build.source.replace(
             '#define GUID ""', f'#define GUID "{build.guid}"'

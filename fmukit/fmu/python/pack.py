@@ -19,12 +19,10 @@ import pythonfmu
 from ...declare.variables import Interface, class_name, component
 from ...write import entries
 from .. import page, plot, reference
-from ..archive import guid_of, write_archive
+from ..archive import KIT, LICENSE, guid_of, write_archive
 from ..xml import PYTHON, to_xml
 from .instance import slave_class
 
-KIT = Path(__file__).resolve().parents[2]
-LICENSE = KIT.parent / "LICENSE"
 WRAPPER = Path(pythonfmu.__file__).parent
 BINARIES = WRAPPER / "resources" / "binaries"
 RUNTIME = (
