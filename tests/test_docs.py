@@ -50,6 +50,7 @@ SLOW = {
     ".venv/bin/uv run --no-dev python -m cosim verify",
     ".venv/bin/python -m cosim verify",
     ".venv/bin/python benchmarks/coupling.py",
+    ".venv/bin/python benchmarks/published.py",
     ".venv/bin/python benchmarks/resonance.py --number 110",
     ".venv/bin/python benchmarks/stepping.py",
     ".venv/bin/python benchmarks/studies.py",
