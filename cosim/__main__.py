@@ -32,6 +32,7 @@ from .master import Settings
 from .progress import bar
 from .result import Interrupted, Result, SimulationError
 from .result import partial as partial_file
+from .scratch import scratch
 from .system import PART, Network, System, connect, describe_fmu, own_start
 
 EXACT = Path("fmus/LinearSystem.fmu")
@@ -70,7 +71,7 @@ def over_time(system: System, options: argparse.Namespace) -> System:
 def opened(options: argparse.Namespace) -> Iterator[Task]:
     """The system of the file, with start values "part.variable=value" in place of its own."""
     path, given, strict = options.file, options.given, options.strict
-    with TemporaryDirectory(prefix="cosim_") as folder:
+    with TemporaryDirectory(dir=scratch()) as folder:
         if path.suffix == ".ssp":
             system, start, stop, connectors = read_ssp(path, Path(folder) / "ssp")
         elif path.suffix == ".fmu":
@@ -254,7 +255,7 @@ def simulate(options: argparse.Namespace) -> int:
         require_files(options, task.system)
         whole = options.out is not None and options.part is None and options.out.suffix == ".csv"
         figures: dict[str, Estimate] = {}
-        with TemporaryDirectory(prefix="cosim_") as folder:
+        with TemporaryDirectory(dir=scratch()) as folder:
             runner = partial(run_isolated, csv=Path(folder) / "rows.csv")
             if whole:
                 settings["csv"] = options.out

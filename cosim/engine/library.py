@@ -17,6 +17,7 @@ from fmpy.fmi2 import FMU2Slave
 from fmpy.model_description import ModelDescription
 
 from ..errors import PartFailure
+from ..scratch import scratch
 from ..system import version
 
 MOST_KEPT = 32
@@ -37,7 +38,7 @@ class Library:
         self.once = bool(description.coSimulation.canBeInstantiatedOnlyOncePerProcess)
         self.users = 0
         self.abandoned = False
-        self.folder = Path(mkdtemp(prefix="cosim_"))
+        self.folder = Path(mkdtemp(dir=scratch()))
         try:
             unpack(path, self.folder)
             self._slave = _loaded(self.folder, description)

@@ -24,6 +24,7 @@ from ..engine.part import log
 from ..errors import SetupError
 from ..master import run
 from ..result import Interrupted, Result, SimulationError, partial, read_rows, write_json
+from ..scratch import scratch
 from ..signals import interrupts
 from ..system import System
 
@@ -50,7 +51,7 @@ def run_isolated(
     before = _stamps(csv)
     heard: list[logging.LogRecord] = []
     context = multiprocessing.get_context("spawn")
-    with TemporaryDirectory(prefix="cosim_") as folder, interrupts() as pressed:
+    with TemporaryDirectory(dir=scratch()) as folder, interrupts() as pressed:
         ours, its = context.Pipe(duplex=False)
         process = context.Process(target=_work, args=(folder, its, system, csv, settings))
         with _deaf():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from functools import cache
 from types import ModuleType
 from typing import Any, NamedTuple
@@ -72,7 +73,12 @@ def table(interface: Interface) -> str:
 def row(v: Variable) -> list[str]:
     texts = (v.name, v.unit, v.declaration.kind, v.causality, v.variability)
     settable = str(int(v.settable_before_start))
-    return [*map(json.dumps, texts), settable, c.real(float(v.declaration.start))]
+    items = v.declaration.items
+    most = float(max(items)) if items else MOST[v.declaration.kind]
+    return [*map(json.dumps, texts), settable, c.real(float(v.declaration.start)), c.real(most)]
+
+
+MOST = {"Real": sys.float_info.max, "Integer": 2.0**31 - 1, "Boolean": 1.0}
 
 
 def traced(interface: Interface) -> list[Function]:

@@ -49,7 +49,7 @@ static const char *const PHASES[] = {
 typedef struct {
     const char *name, *unit, *kind, *causality, *variability;
     int settable_before_start;
-    double start;
+    double start, most;
 } Variable;
 
 /* What an equation has to tell: why it has no value, and sentences for the log. */
@@ -768,6 +768,23 @@ static unsigned long checksum(const unsigned char *bytes, size_t n) {
     return sum ^ 0xFFFFFFFFul;
 }
 
+static int among(double value, double least, double most) {
+    return value >= least && value <= most && value == floor(value);
+}
+
+/* Whether an instance can have this state: who knows the checksum can write any bytes. */
+static int possible(const State *s) {
+    if (!among(s->phase, INSTANTIATED, FAILED) || !among(s->driven, 0.0, HIGHEST_DEGREE)) return 0;
+    if (!(fabs(s->time) < INFINITY && fabs(s->past) < INFINITY)) return 0;
+    for (int k = 0; k < VARIABLES; k++) {
+        const Variable *v = &variables[k];
+        const double least = *v->kind == 'B' || *v->kind == 'E' ? 0.0 : -v->most;
+        if (!(s->values[k] >= least && s->values[k] <= v->most)) return 0;
+        if (*v->kind != 'R' && s->values[k] != floor(s->values[k])) return 0;
+    }
+    return 1;
+}
+
 static Saved *saved(Instance *i, size_t more) {
     Saved *state = i->allocate(1, sizeof *state + more);
     if (!state) fail(&i->context, "no memory for an FMU state");
@@ -850,6 +867,7 @@ EXPORT fmi2Status API(fmi2DeSerializeFMUstate)(fmi2Component component, const fm
         for (int k = 0; k < 4; k++)
             if (at[BYTES - 4 + k] != (unsigned char)(sum >> 8 * k)) kept->sound = 0;
         memcpy(&kept->state, at + sizeof GUID, sizeof kept->state);
+        kept->sound = kept->sound && possible(&kept->state);
     }
     *state = kept;
     return fmi2OK;

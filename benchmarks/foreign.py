@@ -1,0 +1,179 @@
+"""Anybody's FMUs in the master and in FMPy: python benchmarks/foreign.py FOLDER [--out TABLE.md].
+
+Every FMI 2.0 co-simulation FMU below the folder is run alone over its default experiment, at most 1000
+steps, by the master and by FMPy, each in a process of its own. The table tells the largest deviation of an
+output at a communication point, of the largest value of that output. FMPy adds up its time, step by
+step; where that differs, `same times` drives FMPy's own FMU class at the master's points.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import logging
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import fmpy
+import numpy as np
+from fmpy.fmi2 import FMU2Slave
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT))
+
+from cosim import System, run
+from cosim.system import describe_fmu, own_start
+
+PATIENCE, MOST = 60.0, 1000
+Columns = dict[str, list[float]]
+Task = tuple[str, float, float, list[str]]
+
+
+def experiment(path: Path) -> tuple[str, Task]:
+    """The tool of an FMU, and what is run of it: step, stop and outputs."""
+    description = fmpy.read_model_description(path, validate=False)
+    if description.fmiVersion != "2.0" or description.coSimulation is None:
+        raise ValueError(f"FMI {description.fmiVersion}, or no co-simulation")
+    told = description.defaultExperiment
+    stop = float(told.stopTime) if told and told.stopTime else 1.0
+    step = float(told.stepSize) if told and told.stepSize else stop / 100
+    outputs = [
+        v.name for v in description.modelVariables if v.causality == "output" and v.type == "Real"
+    ]
+    task = (str(path), step, min(1.0 if stop <= 0.0 else stop, MOST * step), outputs)
+    return description.generationTool or "", task
+
+
+def by_master(task: Task) -> Columns:
+    path, step, stop, outputs = task
+    names = [f"fmu.{name}" for name in outputs]
+    inputs = [v for v in describe_fmu("fmu", Path(path)).modelVariables if v.causality == "input"]
+    declared = {f"fmu.{v.name}": own_start(v) for v in inputs}
+    start = {name: value for name, value in declared.items() if value is not None}
+    result = run(System({"fmu": Path(path)}, [], start), stop=stop, step=step, record=names)
+    return {name.removeprefix("fmu."): result[name].tolist() for name in ("time", *names)}
+
+
+def by_fmpy(task: Task) -> Columns:
+    path, step, stop, outputs = task
+    rows = fmpy.simulate_fmu(
+        path, validate=False, stop_time=stop, output_interval=step, output=outputs,
+        fmi_type="CoSimulation", step_size=step,
+    )  # fmt: skip
+    return {name: rows[name].tolist() for name in ("time", *outputs)}
+
+
+def at_same_times(task: Task) -> Columns:
+    path, step, stop, outputs = task
+    description = fmpy.read_model_description(path, validate=False)
+    refs = {v.name: v.valueReference for v in description.modelVariables}
+    with TemporaryDirectory() as folder:
+        fmpy.extract(path, folder)
+        unit = FMU2Slave(
+            guid=description.guid, unzipDirectory=folder, instanceName="fmu",
+            modelIdentifier=description.coSimulation.modelIdentifier,
+        )  # fmt: skip
+        unit.instantiate()
+        unit.setupExperiment(startTime=0.0, stopTime=stop)
+        unit.enterInitializationMode()
+        for v in description.modelVariables:
+            if v.causality == "input" and v.type == "Real" and v.start is not None:
+                unit.setReal([v.valueReference], [float(v.start)])
+        unit.exitInitializationMode()
+        found = [unit.getReal([refs[name] for name in outputs])]
+        times = [0.0]
+        while times[-1] < stop - 1e-9 * step:
+            unit.doStep(times[-1], min(step, stop - times[-1]))
+            times.append(min(len(times) * step, stop))
+            found.append(unit.getReal([refs[name] for name in outputs]))
+        unit.terminate()
+        unit.freeInstance()
+    return {"time": times, **{n: list(x) for n, x in zip(outputs, zip(*found))}}
+
+
+def isolated(way: str, task: Task) -> Columns | str:
+    """What one way of WAYS finds in a process of its own, or why it finds nothing."""
+    with TemporaryDirectory() as folder:
+        found = Path(folder) / "found.json"
+        command = [sys.executable, __file__, str(found), "--way", way, "--task", json.dumps(task)]
+        try:
+            done = subprocess.run(
+                command, cwd=folder, capture_output=True, text=True, errors="replace",
+                timeout=PATIENCE, check=False,
+            )  # fmt: skip
+        except subprocess.TimeoutExpired:
+            return f"no answer after {PATIENCE:g} s"
+        if found.is_file():
+            columns: Columns = json.loads(found.read_text())
+            return columns
+        last = done.stderr.strip().splitlines()[-1:] or [f"exit code {done.returncode}"]
+        return last[0].replace(f"{folder}/", "")[:160]
+
+
+def deviation(ours: Columns, theirs: Columns) -> float:
+    """The largest, of the largest value of its output, at the points that both have."""
+    points = min(len(ours["time"]), len(theirs["time"]))
+    worst = 0.0
+    for name in set(ours) - {"time"}:
+        a, b = np.array(ours[name][:points]), np.array(theirs[name][:points])
+        scale = max(float(np.abs(a).max()), float(np.abs(b).max()), 1e-300)
+        worst = max(worst, float(np.nanmax(np.abs(a - b), initial=0.0)) / scale)
+    return worst
+
+
+WAYS = {"master": by_master, "FMPy": by_fmpy, "same times": at_same_times}
+
+
+def row(path: Path, folder: Path) -> list[str]:
+    """What stands of an FMU in the table."""
+    label = f"{path.relative_to(folder).parts[0]}: {path.name}"
+    try:
+        tool, task = experiment(path)
+    except Exception as error:  # noqa: BLE001
+        return [label, "", f"not tried: {str(error).splitlines()[0][:120]}"]
+    ours, theirs = isolated("master", task), isolated("FMPy", task)
+    if isinstance(ours, str):
+        peer = "refused too" if isinstance(theirs, str) else "runs"
+        return [label, tool, f"refused: {ours}; FMPy {peer}"]
+    if isinstance(theirs, str):
+        return [label, tool, f"runs; FMPy: {theirs}"]
+    worst = deviation(ours, theirs)
+    text = f"{worst:.1e}" if len(task[3]) else "no output to compare"
+    if worst > 1e-12:
+        again = isolated("same times", task)
+        text += (
+            f"; same times: {again if isinstance(again, str) else f'{deviation(ours, again):.1e}'}"
+        )
+    return [label, tool, text]
+
+
+def rows(folder: Path) -> Iterator[list[str]]:
+    for path in sorted(folder.rglob("*.fmu")):
+        told = row(path, folder)
+        print(" | ".join(told), flush=True)
+        yield told
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description="Run a folder of FMUs in the master and in FMPy.")
+    parser.add_argument("folder", type=Path, help="of FMUs")
+    parser.add_argument("--out", type=Path, help="write the table there")
+    parser.add_argument("--way", choices=WAYS, help=argparse.SUPPRESS)
+    parser.add_argument("--task", type=json.loads, help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    if options.way:
+        options.folder.write_text(json.dumps(WAYS[options.way](options.task)))
+        return
+    logging.getLogger("cosim").setLevel(logging.ERROR)
+    table = list(rows(options.folder))
+    if options.out is not None:
+        head = ["| FMU | Tool | Deviation from FMPy |", "|---|---|---|"]
+        lines = [f"| {' | '.join(cell.replace('|', '/') for cell in one)} |" for one in table]
+        options.out.write_text("\n".join([*head, *lines, ""]), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

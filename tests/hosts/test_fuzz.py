@@ -1,0 +1,30 @@
+"""No order of calls and no value brings a native FMU down, nor its host."""
+
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from tests.conftest import ROOT
+from tests.fmukit.test_native import NAMES, compile_c, unpacked
+
+SANITIZE = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
+
+
+@pytest.mark.parametrize("seeds", [3, pytest.param(300, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("name", NAMES)
+def test_random_calls_are_survived(name: str, seeds: int, fmus: Path, tmp_path: Path) -> None:
+    """Under sanitizers: no read or write beyond, no leak, no undefined operation, no hang."""
+    if shutil.which("gcc") is None:
+        pytest.skip("there is no gcc")
+    folder, known = unpacked(name, fmus, tmp_path / "fmu")
+    host, library = tmp_path / "host", tmp_path / f"{name}.so"
+    compile_c(ROOT / "tests" / "hosts" / "fuzz.c", host, *SANITIZE, "-ldl")
+    compile_c(folder / "sources" / f"{name}.c", library, *SANITIZE, "-fPIC", "-shared", "-lm")
+    for seed in range(1, seeds + 1):
+        done = subprocess.run(
+            [host, library, *known, str(seed), "5000"],
+            capture_output=True, text=True, check=False, timeout=600,
+        )  # fmt: skip
+        assert (done.returncode, done.stderr) == (0, ""), f"seed {seed}"

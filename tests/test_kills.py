@@ -1,0 +1,133 @@
+"""Any command may be ended at any moment: nothing half done looks done, and nobody stays behind."""
+
+import json
+import os
+import random
+import shutil
+import signal
+import subprocess
+import sys
+import time
+import uuid
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from cosim import write_ssp
+from scenarios.conveyor.drive import conveyor_drive
+from scenarios.conveyor.theory import SETS
+from tests.conftest import ROOT
+
+MOMENTS, GRACE = 50, 5.0
+SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGHUP, signal.SIGINT)
+STUDY = """
+scenario = "orientator_cycle"
+[fixed]
+step = 0.01
+[grid]
+speed = { from = "20rpm", to = "90rpm", number = 6 }
+"""
+
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(not Path("/proc").is_dir(), reason="processes are looked for in /proc"),
+]
+
+
+def command(name: str, folder: Path, fmus: Path) -> list[str]:
+    """A command whose files go to `folder`/out, or to `folder`/out.csv and .json."""
+    if name == "run":
+        parts = {"motor": "DriveMotor", "conveyor": "CrankConveyor"}
+        paths = {part: fmus / "native" / f"{fmu}.fmu" for part, fmu in parts.items()}
+        write_ssp(conveyor_drive(paths, SETS["A"].start(40.0)), folder / "drive.ssp", stop=4.0)
+        words = ["cosim", "run", "drive.ssp", "--step", "2e-5", "--out", "out.csv"]
+    elif name == "resonance":
+        words = ["scenarios", "run", "resonance", "--flavour", "native", "--speeds", "36:44:5"]
+        words += ["--steps-per-rev", "128", "--jobs", "2", "--out", "out"]
+    else:
+        (folder / "speed.toml").write_text(STUDY)
+        words = ["scenarios", "study", "speed.toml", "--flavour", "native", "--jobs", "2"]
+        words += ["--out", "out"]
+    return [sys.executable, "-m", *words]
+
+
+def alive(mark: str) -> list[str]:
+    """The processes that carry a mark in their environment."""
+    found = []
+    for process in Path("/proc").glob("[0-9]*"):
+        try:
+            if mark.encode() in (process / "environ").read_bytes():
+                found.append((process / "cmdline").read_text().replace("\0", " "))
+        except OSError:
+            continue
+    return found
+
+
+def finished(name: str, folder: Path) -> bool:
+    """Whether the files say that all is done; what says so must be whole."""
+    if name == "run":
+        if not (folder / "out.csv").exists():
+            return False
+        provenance = json.loads((folder / "out.json").read_text())
+        rows = pd.read_csv(folder / "out.csv")
+        assert provenance["status"] == "complete"
+        assert rows["time"].iloc[-1] == 4.0
+        return True
+    answer = folder / "out" / f"{name}.json"
+    for file in (folder / "out").glob("*.csv"):
+        if ".partial" not in file.name:
+            assert file.read_text().endswith("\n"), file
+    return answer.exists() and bool(json.loads(answer.read_text())["verdict"])
+
+
+@pytest.mark.parametrize("number", SIGNALS, ids=lambda number: number.name)
+@pytest.mark.parametrize("name", ["run", "resonance", "study"])
+def test_an_end_at_any_moment_loses_nothing(
+    name: str, number: signal.Signals, fmus: Path, tmp_path: Path
+) -> None:
+    scratch, draw = tmp_path / "scratch", random.Random(f"{name} {number.name}")
+    scratch.mkdir()
+    words = command(name, tmp_path, fmus)
+    mark = f"drive-fmus-{uuid.uuid4()}"
+    environment = os.environ | {
+        "TMPDIR": str(scratch), "MARK": mark, "PYTHONPATH": str(ROOT),
+    }  # fmt: skip
+
+    def begin() -> subprocess.Popen[bytes]:
+        return subprocess.Popen(
+            words, cwd=tmp_path, env=environment, start_new_session=True,
+            stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+        )  # fmt: skip
+
+    def remove() -> None:
+        shutil.rmtree(tmp_path / "out", ignore_errors=True)
+        for file in tmp_path.glob("out*"):
+            file.unlink()
+
+    began = time.monotonic()
+    assert begin().wait() == 0
+    whole = time.monotonic() - began
+    assert finished(name, tmp_path)
+    ended = 0
+    for moment in range(MOMENTS):
+        if moment % 5 == 0:  # else what the last one left is there, and may be taken up
+            remove()
+        process = begin()
+        try:
+            process.wait(draw.uniform(0.0, whole))
+        except subprocess.TimeoutExpired:
+            process.send_signal(number)
+        code = process.wait()
+        ended += code != 0
+        late = time.monotonic() + GRACE
+        while (left := alive(mark)) and time.monotonic() < late:
+            time.sleep(0.05)
+        assert not left
+        done = finished(name, tmp_path)
+        assert done or code != 0
+    assert ended > MOMENTS / 4, "most are ended on their way"
+    remove()
+    assert begin().wait() == 0
+    assert finished(name, tmp_path)
+    assert not [*scratch.iterdir()], "what a killed run leaves, a later one removes"
