@@ -1,10 +1,11 @@
 """How much supply does it take to pass the resonance of the mount, and is the motor caught there?
 
 The voltage of a motor behind 5 Ohm is raised and lowered in levels, each held until the speed of
-its unbalanced rotor is steady; where the speed jumps, bisection tells the voltage.
+its unbalanced rotor is steady; where the speed jumps, ever smaller steps tell the voltage.
 """
 
 import logging
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
@@ -34,7 +35,7 @@ TOLD = {
     "after": ("rad/s", "steady speed after the jump"),
 }
 RUNS = ((1.0, 1), (1.0, 2), (1.0, 4), (0.5, 1))
-HALVINGS, STANDS_OUT, STEADY, MOST = 8, 3.0, 0.01, 40
+FINEST, NEAR, SMALL, STEADY, MOST = 256, 1.05, 0.02, 0.01, 40
 STARTS = (0.8, 1.05)
 
 
@@ -82,11 +83,9 @@ class Case(NamedTuple):
 
 
 def solve(o: Options, bench: Bench) -> Findings:
-    """Up and down with three steps, and again with half the time; raises SetupError for two levels."""
-    if len(o.supplies) < 3:
-        raise SetupError(
-            f"supplies = {o.supplies} must be three levels or more, close to each other"
-        )
+    """Up and down with three steps, and again with half the time; raises SetupError for one level."""
+    if len(o.supplies) < 2:
+        raise SetupError(f"supplies = {o.supplies} V must be two levels or more")
     system = System(bench.fmus, WIRES, {"motor.R": 5.0, "motor.v": o.supplies[0], **o.start})
     connect(system)
     cases = [(o.supplies, Case(system, t * o.hold, n * o.step)) for t, n in RUNS]
@@ -94,9 +93,9 @@ def solve(o: Options, bench: Bench) -> Findings:
     rows = [(int(k >= len(o.supplies)), *level[:3]) for k, level in enumerate(levels)]
     table = Table.of_rows(rows, UNITS)
     w = np.linspace(1.0, 1.02 * table.frame["speed"].max(), 20_001)
-    v = averaged(system, w)
+    v, resonance = averaged(system, w)
     turns = np.flatnonzero(np.diff(np.sign(np.diff(v)))) + 1
-    found: dict[str, Figure] = {}
+    found = {"nu_res": Figure(resonance, "rad/s", 0.0, "resonance of the mount by formula")}
     for k, (way, word) in enumerate(WAYS.items()):
         told = [x[k] for x in jumps]
         found |= {f"{name}_{way}": figure(told, name, word) for name in TOLD}
@@ -111,7 +110,7 @@ def figure(jumps: Sequence[Mapping[str, Measured]], name: str, way: str) -> Figu
     """What the runs tell of a jump, in the order of RUNS, where they all have one."""
     unit, meaning = TOLD[name][0], f"{TOLD[name][1]}, {way}"
     if not all(jumps):
-        return Figure.refused(unit, "the speed does not jump", meaning)
+        return Figure.refused(unit, "the speed jumps nowhere", meaning)
     fine, *others, hasty = (jump[name].value for jump in jumps)
     off = coupling([fine, *others], cosim.ORDERS["strang"]) + abs(fine - hasty)
     return Figure(fine, unit, jumps[0][name].error + off, meaning)
@@ -127,42 +126,61 @@ def sweep(task: tuple[Sequence[float], Case]) -> tuple[list[Level], list[dict[st
 
 
 def jump(case: Case, levels: Sequence[Level]) -> dict[str, Measured]:
-    """The largest change of speed between two levels, if it stands out, with its voltage located."""
-    changes = np.abs(np.diff([level.speed for level in levels]))
-    at = int(np.argmax(changes))
-    if changes[at] < STANDS_OUT * np.median(changes):
+    """The jump past the resonance with its voltage located, if the speed does not pass steadily.
+
+    The steps towards it shrink where they fail, and only there: a large one may throw a motor off
+    that a small one does not.
+    """
+    _, resonance = averaged(case.system, np.ones(1))
+    passes = [
+        (abs(levels[k + 1].speed - level.speed), k)
+        for k, level in enumerate(levels[:-1])
+        if min(level.speed, levels[k + 1].speed) < NEAR * resonance
+        and max(level.speed, levels[k + 1].speed) > resonance
+    ]
+    if not passes:
         return {}
+    at = max(passes)[1]
     last, caught, free = levels[max(at - 1, 0)], levels[at], levels[at + 1]
-    bad = free.supply
-    for _ in range(HALVINGS):
-        tried = case.level((caught.supply + bad) / 2, caught.states)
+    step = free.supply - caught.supply
+    finest = abs(step) / FINEST
+    while abs(step) > finest:
+        tried = case.level(caught.supply + step / 2, caught.states)
         if abs(tried.speed - caught.speed) < abs(tried.speed - free.speed):
             last, caught = caught, tried
         else:
-            bad = tried.supply
-    after, wide = case.level(bad, free.states).speed, abs(caught.supply - bad)
+            step /= 2
+    after = case.level(caught.supply + step, free.states).speed
+    if abs(after - caught.speed) < SMALL * resonance:
+        return {}
     return {
-        "supply": Measured((caught.supply + bad) / 2, wide / 2),
+        "supply": Measured(caught.supply + step / 2, abs(step) / 2),
         "before": Measured(caught.speed, abs(caught.speed - last.speed)),
-        "after": Measured(after, abs(free.speed - after) / 2**HALVINGS),
+        "after": Measured(after, abs(free.speed - after) / FINEST),
     }
 
 
-def averaged(system: System, w: Samples) -> Samples:
-    """The voltage [V] of steady speeds w [rad/s], by the formula of the exciter's page."""
+def averaged(system: System, w: Samples) -> tuple[Samples, float]:
+    """The voltage [V] of steady speeds w [rad/s] by the formula of the exciter's page, and the
+    resonance of the mount [rad/s].
+    """
     told = parameters(system)
     names = ("motor.R", "motor.k", "exciter.rotor.d", "exciter.rotor.m", "exciter.rotor.r")
     R, k, d_r, m_u, r = (float(told[name].value) for name in names)
     m, c, d = (float(told[f"exciter.mount.{name}"].value) for name in "mcd")
     off = (c - (m + m_u) * w**2) ** 2 + (d * w) ** 2
-    return np.asarray(R / k * (d_r * w + d * (m_u * r) ** 2 * w**5 / (2 * off)) + k * w)
+    tau = d_r * w + d * (m_u * r) ** 2 * w**5 / (2 * off)
+    return np.asarray(R / k * tau + k * w), math.sqrt(c / (m + m_u))
 
 
 def verdict(o: Options, f: Mapping[str, Figure], r: Any) -> str:
     """What it takes to pass, where the motor is caught, and the way back."""
     told = {name: figure.text() for name, figure in f.items()}
     if f["supply_up"].error is None:
-        return "The motor is not caught: its speed jumps nowhere while the supply is raised."
+        rows, high = r[1], f"up to {o.supplies[-1]:g} V"
+        if rows["speed"].max() < f["nu_res"].value:
+            return f"The motor stays caught {high}, below the resonance at {told['nu_res']}."
+        return f"The motor is not caught: {high} its speed nowhere jumps."
     said = (
         f"Raised slowly, the supply must reach {told['supply_up']} to pass the resonance. Below that "
         f"the motor is caught, in the end at {told['before_up']}; then its speed jumps to "
@@ -187,7 +205,8 @@ def show(o: Options, f: Mapping[str, Figure], r: Any) -> Show:
         shakes.append(Curve(word, x, 1e3 * shake, color, "linked"))
     jumps = {word: f[f"supply_{way}"] for way, word in WAYS.items()}
     marks = [Mark.of(word, jump) for word, jump in jumps.items() if jump.error is not None]
-    panels = [Panel("steady speed", "rad/s", steady), Panel("displacement", "mm", shakes)]
+    level = Mark.of("resonance", f["nu_res"])
+    panels = [Panel("steady speed", "rad/s", steady, [level]), Panel("displacement", "mm", shakes)]
     charts = [Chart("Both branches of the steady motion", "supply [V]", panels, marks)]
     takes = f["supply_up"].value if f["supply_up"].error is not None else o.supplies[-1]
     runs = {f"{share:.0%}": case.run(share * takes, {}) for share in STARTS}

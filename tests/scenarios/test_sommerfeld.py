@@ -9,6 +9,7 @@ import pytest
 
 from components.DC_motor import model as motor
 from components.unbalance_exciter import model as exciter
+from cosim import SetupError
 from tests.conftest import ask
 from tests.oracle import joined, part
 
@@ -63,5 +64,18 @@ def test_a_strong_motor_is_not_caught() -> None:
     strong = {"motor.R": 0.1, "motor.L": 5e-4}
     answer = ask("sommerfeld", supplies="8:12:9", start=strong)
     assert answer.verdict.startswith("The motor is not caught")
-    assert answer.figures["supply_up"].reason == "the speed does not jump"
+    assert answer.figures["supply_up"].reason == "the speed jumps nowhere"
     assert answer.show().charts[0].marks == []
+
+
+def test_coarse_levels_find_the_same_jumps_and_low_ones_none() -> None:
+    """From 18 V to 28 V at once the motor is thrown past the resonance, where it would stay caught."""
+    coarse = ask("sommerfeld", supplies="12,18,28,32")
+    rows = coarse.tables["sommerfeld.csv"].frame
+    assert rows[rows["supply"] == 28.0]["speed"].min() > 80.0
+    for way, supply in (("up", 28.55), ("down", 20.056)):
+        assert coarse.figures[f"supply_{way}"].value == pytest.approx(supply, abs=0.02)
+    caught = ask("sommerfeld", supplies="18,24")
+    assert caught.verdict == "The motor stays caught up to 24 V, below the resonance at 50 rad/s."
+    with pytest.raises(SetupError, match="must be two levels or more"):
+        ask("sommerfeld", supplies="20")
