@@ -29,13 +29,19 @@ def main() -> int:
     parser.add_argument("--force", action="store_true", help="build also what is up to date")
     parser.add_argument("--docs", action="store_true", help="also write docs/machines")
     options = parser.parse_args()
-    unknown = [name for name in options.component if name not in MACHINES]
+    known = {plain(name): file for name, file in MACHINES.items()}
+    unknown = [name for name in options.component if plain(name) not in known]
     if unknown:
         parser.error(f"unknown component {unknown[0]!r}; there are {', '.join(MACHINES)}")
     if options.docs:
         write_pages([load(file) for file in MACHINES.values()])
-    models = [MACHINES[name] for name in options.component or MACHINES]
+    models = [known[plain(name)] for name in options.component or MACHINES]
     return min(1, make_all(models, options.flavour, options.into, options.force))
+
+
+def plain(name: str) -> str:
+    """A component's name whether it is spelt as its folder or as its FMU: drivemotor."""
+    return name.replace("_", "").lower()
 
 
 def write_pages(models: list[ModuleType]) -> None:

@@ -61,6 +61,9 @@ MassFlowRate = Annotated[float, Quantity("MassFlowRate", "kg/s", {"kg": 1, "s": 
 Temperature = Annotated[float, Quantity("ThermodynamicTemperature", "K", {"K": 1})]
 Voltage = Annotated[float, Quantity("Voltage", "V", {"kg": 1, "m": 2, "s": -3, "A": -1})]
 Current = Annotated[float, Quantity("Current", "A", {"A": 1})]
+ElectricalTorqueConstant = Annotated[
+    float, Quantity("ElectricalTorqueConstant", "N.m/A", {"kg": 1, "m": 2, "s": -2, "A": -1})
+]
 Resistance = Annotated[float, Quantity("Resistance", "Ohm", {"kg": 1, "m": 2, "s": -3, "A": -2})]
 Inductance = Annotated[float, Quantity("Inductance", "H", {"kg": 1, "m": 2, "s": -2, "A": -2})]
 MagneticFlux = Annotated[float, Quantity("MagneticFlux", "Wb", {"kg": 1, "m": 2, "s": -2, "A": -1})]

@@ -43,6 +43,7 @@ QUICK: dict[str, dict[str, Any]] = {
     "orientation_time": {"speeds": "40rpm,80rpm", "frictions": "0.35"},
     "orientator_cycle": {},
     "packing_line": {"stop": 4.0, "step": 1e-3},
+    "sommerfeld": {"supplies": "18:30:5", "hold": 3.0, "step": 0.02},
 }
 
 

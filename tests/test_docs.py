@@ -47,6 +47,7 @@ SLOW = {
     "scenarios run orientation_time",
     "scenarios run orientator_cycle --animate",
     "scenarios run packing_line",
+    "scenarios run sommerfeld",
     ".venv/bin/uv run --no-dev python -m cosim verify",
     ".venv/bin/python -m cosim verify",
     ".venv/bin/python release.py",

@@ -131,5 +131,5 @@ def component(model: ModuleType) -> str:
 
 
 def class_name(model: ModuleType) -> str:
-    """drive_motor -> DriveMotor, the FMU's name."""
-    return "".join(word.capitalize() for word in component(model).split("_"))
+    """drive_motor -> DriveMotor, DC_motor -> DCMotor, the FMU's name."""
+    return "".join(word[:1].upper() + word[1:] for word in component(model).split("_"))

@@ -11,9 +11,14 @@ import pint
 import pytest
 
 from components.crank_conveyor import model as crank_conveyor
+from components.DC_motor import model as DC_motor
 from components.drive_motor import model as drive_motor
+from components.gearbox import model as gearbox
 from components.gravity_orientator import model as gravity_orientator
 from components.iron_drive import model as iron_drive
+from components.shaft_link import model as shaft_link
+from components.speed_controller import model as speed_controller
+from components.unbalance_exciter import model as unbalance_exciter
 from fmukit.declare.record import Declaration, declarations, fill
 from tests.oracle import load_copy
 
@@ -29,6 +34,10 @@ PLAIN = (math.sin, math.cos, math.tan, math.acos, math.atan, math.exp)
 FUNCTIONS = {f.__name__: lambda *q, f=f: f(*map(pure, q)) for f in PLAIN}
 FUNCTIONS |= {"sqrt": lambda q: q**0.5, "atan2": lambda y, x: math.atan(pure(y / x))}
 CASES: list[tuple[ModuleType, dict[str, Any], dict[str, Any]]] = [
+    *(
+        (model, {}, {})
+        for model in (DC_motor, gearbox, shaft_link, speed_controller, unbalance_exciter)
+    ),
     *((drive_motor, {"characteristic": kind}, {}) for kind in (0, 1)),
     *((crank_conveyor, {"rod.finite": finite}, {}) for finite in (False, True)),
     *(
@@ -48,7 +57,7 @@ def unit(declaration: Declaration) -> Any:
     if declaration.quantity is None:
         return None
     text = ""
-    for character in declaration.quantity.unit.replace(".", "*"):
+    for character in declaration.quantity.unit.replace(".", "*").replace("Ohm", "ohm"):
         text += f"**{character}" if character.isdigit() and text[-1:].isalpha() else character
     return UNITS.parse_units("" if text == "1" else text)
 

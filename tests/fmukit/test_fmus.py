@@ -246,7 +246,8 @@ def test_another_build_is_the_same_to_the_byte(fmus: Path, tmp_path: Path) -> No
 
 def test_a_build_skips_what_is_up_to_date_and_makes_what_is_not(tree: Path) -> None:
     assert "DriveMotor.fmu built and valid" in build(tree, "drive_motor")
-    assert "DriveMotor.fmu is up to date" in build(tree, "drive_motor")
+    assert "DriveMotor.fmu is up to date" in build(tree, "DriveMotor")
+    assert "DCMotor.fmu built and valid" in build(tree, "DCMotor")
     assert "DriveMotor.fmu built and valid" in build(tree, "drive_motor", "--force")
     (tree / "fmus" / MOTOR).write_bytes((tree / "fmus" / MOTOR).read_bytes()[:-100])
     assert "DriveMotor.fmu built and valid" in build(tree, "drive_motor")
@@ -254,7 +255,7 @@ def test_a_build_skips_what_is_up_to_date_and_makes_what_is_not(tree: Path) -> N
 
 def test_an_unknown_component_is_named_and_ends_with_code_2() -> None:
     said = build(ROOT, "drive_mottor", code=2)
-    assert "unknown component 'drive_mottor'; there are crank_conveyor, drive_motor" in said
+    assert "unknown component 'drive_mottor'; there are DC_motor, crank_conveyor" in said
 
 
 def test_an_invalid_fmu_is_not_kept_and_ends_with_code_1(tree: Path) -> None:

@@ -19,6 +19,8 @@ import numpy as np
 import pytest
 from fmpy.fmi1 import FMICallException
 
+from components import MACHINES
+from fmukit.declare.variables import class_name
 from fmukit.fmu.python.instance import slave_class
 from fmukit.trace import tracer as trace
 from tests.conftest import ROOT
@@ -26,7 +28,11 @@ from tests.hosts.host import MESSAGES, Unit
 
 HOSTS = ROOT / "tests" / "hosts"
 HEADERS = Path(fmpy.__file__).with_name("c-code")
-NAMES = ["DriveMotor", "CrankConveyor", "IronDrive", "GravityOrientator"]
+MODELS = {
+    class_name(model): model
+    for model in (importlib.import_module(f"components.{name}.model") for name in MACHINES)
+}
+NAMES = [name for name, model in MODELS.items() if not hasattr(model, "PYTHON_ONLY")]
 each = pytest.mark.parametrize("name", NAMES)
 
 
@@ -65,6 +71,15 @@ SCENARIOS = [
         for mu, rpm in ((0.2, 40), (0.2, 100), (0.35, 75), (0.5, 60), (0.5, 75), (0.5, 100))
         for hold, h in ((0, 1e-3), (2, 0.013))
     ),
+    *(("DCMotor", {"input_hold": hold}, wave(v=(24.0, 48.0, 9.0), w=(50.0, 90.0, 30.0)), 1e-3, 300)
+      for hold in (0, 1, 2)),
+    *(("SpeedController", {"antiwindup": on, "input_hold": 2},
+       wave(w_ref=(40.0, 9.0, 5.0), w=(38.0, 20.0, 3.0)), 1e-2, 300) for on in (True, False)),
+    *(("Gearbox", {"i": i, "w_a": 1.0}, wave(tau_a=(0.0, 2.0, 30.0), tau_b=(1.0, 9.0, 20.0)), 1e-3,
+       1000) for i in (5.0, -3.0)),
+    *(("ShaftLink", {"b": b, "input_hold": 1}, wave(w_a=(0.1, 2.0, 40.0), w_b=(0.0, 1.0, 70.0)), 1e-3,
+       500) for b in (0.0, 0.02)),
+    ("UnbalanceExciter", {}, wave(tau=(0.6, 0.3, 20.0)), 1e-2, 500),
 ]  # fmt: skip
 
 
@@ -76,10 +91,7 @@ def rows(fmu: Path, start: dict[str, Any], inputs: Any, h: float, steps: int) ->
 
 def equations(name: str, start: dict[str, Any], inputs: Any, h: float, steps: int) -> Any:
     """All outputs after every step, from the functions of the component as they are written."""
-    component = re.sub(r"(?<!^)([A-Z])", r"_\1", name).lower()
-    slave = slave_class(importlib.import_module(f"components.{component}.model"), "guid")(
-        instance_name=name
-    )
+    slave = slave_class(MODELS[name], "guid")(instance_name=name)
     known = slave.interface.by_name
 
     def put(values: dict[str, Any]) -> None:
@@ -184,12 +196,15 @@ def test_directional_derivatives_at_the_start_match_finite_differences(
         "CrankConveyor": {"phi": rng.uniform(0, 6), "w": 35.0, "rod.finite": seed > 0},
         "IronDrive": {"phi": [0.6, 3.5, -1.0][seed], "w_cam": [2.0, 3.0, 0.0][seed],
                       "wrap": seed % 2, "direction": int(seed < 2)},
+        "DCMotor": {"i": rng.uniform(5, 9)},
+        "ShaftLink": {"twist": [0.03, -0.02, 0.012][seed]},
+        "UnbalanceExciter": {"phi": rng.uniform(0, 6), "w": 35.0, "x": 0.01, "v": 1.0},
         "GravityOrientator": [
             {"stage": 1, "phi1": 0.7, "w1": 3.0},
             {"stage": 2, "phi1": 1.0, "phi2": 5.8, "w1": 4.0, "w2": 9.0},
             {"stage": 3, "phi1": 0.7, "phi2": 6.9, "w1": -1.0, "w2": 9.0, "vyc": 1.0},
         ][seed],
-    }[name]  # fmt: skip
+    }.get(name, {})  # fmt: skip
     unit = Unit(fmu)
     unit.fmi.setupExperiment()
     unit.set(**start)
@@ -235,7 +250,9 @@ def noise(unit: Unit, outputs: list[str], step: float) -> np.ndarray:
 @each
 def test_directional_derivatives_after_a_step_are_by_inputs(name: str, fmus: Path) -> None:
     """The outputs are affine in the inputs of all but the motor and the orientator's square of w."""
-    unit = Unit(fmus / "native" / f"{name}.fmu").start(**({"stage": 0} if "G" in name else {}))
+    unit = Unit(fmus / "native" / f"{name}.fmu").start(
+        **({"stage": 0} if name == "GravityOrientator" else {})
+    )
     outputs = reals(unit, "output")
     saved = unit.fmi.getFMUstate()
     for known in reals(unit, "input"):
@@ -258,11 +275,11 @@ def test_directional_derivatives_after_a_step_are_by_inputs(name: str, fmus: Pat
 def test_output_derivatives_are_the_slopes_of_the_outputs(name: str, fmus: Path) -> None:
     """Central differences over two steps of an input that runs on a line."""
     unit = Unit(fmus / "native" / f"{name}.fmu")
-    (known,) = reals(unit, "input")
+    known, *_ = reals(unit, "input")
     unit.start(**({"phi": 0.6, "w_cam": 2.0} if name == "IronDrive" else {}))
     outputs = [n for n in reals(unit, "output") if not n.startswith(("t_", "S_", "P_B", "P_K"))]
     references = [unit.variables[n].valueReference for n in outputs]
-    value, h = unit.get(known), 1e-4
+    value, h = unit.get(known), 2e-5
     rows = []
     for n in range(41):
         rate(unit, known, 3.0)
@@ -351,7 +368,11 @@ def test_every_call_is_survived(name: str, target: str, fmus: Path, tmp_path: Pa
 
 
 @pytest.mark.parametrize(
-    "name", [n if n in NAMES[:2] else pytest.param(n, marks=pytest.mark.slow) for n in NAMES]
+    "name",
+    [
+        n if n in ("CrankConveyor", "DriveMotor") else pytest.param(n, marks=pytest.mark.slow)
+        for n in NAMES
+    ],
 )
 def test_valgrind_finds_nothing(name: str, fmus: Path, tmp_path: Path) -> None:
     if shutil.which("valgrind") is None or shutil.which("gcc") is None:

@@ -39,8 +39,10 @@ CHANGED = {
     "orientation_time": ("orientator.cup.m", 0.05),
     "orientator_cycle": ("orientator.cup.m", 0.05),
     "packing_line": ("conveyor_motor.T", 0.03),
+    "sommerfeld": ("exciter.mount.d", 82.0),
 }
 EXACT = {"nu_res", "zeta", "build_up", "slope", "cycles", "oriented", "released", "lost"}
+EXACT |= {"theory_up", "theory_down"}
 SAID = {
     "iron_orders": [(iron_orders.IMPORTANT, "%"), *((T, "s") for T in iron_orders.LAGS.values())],
     "orientation_time": [(10.0, "%")],
@@ -70,6 +72,9 @@ VARIABLES: dict[str, dict[str, str]] = {
     "packing_line": {"mean_iron": "iron_motor.P", "rms_supply": "iron_motor.P",
                      "P_supply": "iron_motor.P", "own": "iron_motor.P", "cam": "iron.w_cam",
                      "orientation": "orientator.orientation_time"},
+    "sommerfeld": {"supply_up": "motor.v", "supply_down": "motor.v", "supply": "motor.v",
+                   "theory_up": "motor.v", "before_up": "exciter.w", "after_up": "exciter.w",
+                   "speed": "exciter.w", "shake": "exciter.x"},
 }  # fmt: skip
 
 

@@ -1,0 +1,79 @@
+r"""Speed controller that limits its torque: PI with back-calculation against windup.
+
+With the deviation $e = \omega_s - \omega$ of the speed from its set value,
+
+$$ \tau_{\mathrm{free}} = K\,e + \tau_i, \qquad
+   \tau = \min\left(\max(\tau_{\mathrm{free}}, -\tau_{\max}), \tau_{\max}\right) $$
+
+$$ \dot\tau_i = \frac{K}{T_i}\,e + \frac{\tau - \tau_{\mathrm{free}}}{T_t} $$
+
+The last term acts at the limit alone. It leads the integral part back until $\tau_{\mathrm{free}}$
+is beyond the limit by no more than $K e\,T_t/T_i$, with the time constant $T_t$; so the torque comes
+off its limit as soon as the deviation has nearly gone, however long it was there. Without it
+(`antiwindup = false`) the integral part goes on growing.
+
+On an inertia $J$ without a limit the loop is a system of second order,
+
+$$ J\,\ddot\omega + K\,\dot\omega + \frac{K}{T_i}\,\omega = K\,\dot\omega_s + \frac{K}{T_i}\,\omega_s,
+   \qquad \omega_0 = \sqrt{\frac{K}{T_i J}}, \quad D = \frac12\sqrt{\frac{K\,T_i}{J}} $$
+
+Assumptions: continuous in time, without sampling or delay; a measured speed without noise and
+filter; what follows makes the torque that is asked for.
+
+The defaults ask for 5 rad/s more than the shaft ever gets: the torque grows into its limit.
+"""
+
+from __future__ import annotations
+
+from fmukit import Experiment, discrete, real, record
+from fmukit.si import AngularVelocity, RotationalDamping, Time, Torque
+
+EXPERIMENT = Experiment(stop=2.0, step=1e-2)
+
+
+@record
+class Parameters:
+    K: RotationalDamping = real(2.0, "Gain: torque per deviation of the speed", positive=True)
+    T_i: Time = real(0.5, "Time of integration", positive=True)
+    tau_max: Torque = real(30.0, "Limit of the torque, either way", positive=True)
+    T_t: Time = real(0.1, "Time in which back-calculation unwinds the integral", positive=True)
+    antiwindup: bool = discrete(True, "Back-calculate the integral part at the limit")
+
+
+@record
+class Inputs:
+    w_ref: AngularVelocity = real(40.0, "Set value of the speed")
+    w: AngularVelocity = real(35.0, "Measured speed")
+
+
+@record
+class State:
+    tau_i: Torque = real(0.0, "Integral part of the torque", nominal=10.0)
+
+
+@record
+class Outputs:
+    tau: Torque = real(
+        0.0, "Set value of the torque on the shaft, in the sense of +w", feedthrough=("w_ref", "w")
+    )
+    tau_free: Torque = real(0.0, "The same without the limit", feedthrough=("w_ref", "w"))
+    e: AngularVelocity = real(
+        0.0, "Deviation: what the speed lacks of its set value", feedthrough=("w_ref", "w")
+    )
+
+
+def torques(p: Parameters, x: State, u: Inputs) -> tuple[float, float]:
+    """The torque within its limit, and the one without."""
+    free = p.K * (u.w_ref - u.w) + x.tau_i
+    return min(max(free, -p.tau_max), p.tau_max), free
+
+
+def derivatives(p: Parameters, t: float, x: State, u: Inputs) -> State:
+    tau, free = torques(p, x, u)
+    rise = p.K / p.T_i * (u.w_ref - u.w)
+    return State(tau_i=rise + (tau - free) / p.T_t if p.antiwindup else rise)
+
+
+def outputs(p: Parameters, t: float, x: State, u: Inputs) -> Outputs:
+    tau, free = torques(p, x, u)
+    return Outputs(tau=tau, tau_free=free, e=u.w_ref - u.w)

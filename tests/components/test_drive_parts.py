@@ -1,0 +1,291 @@
+"""The parts of a drive against closed solutions, derivations and balances.
+
+Most also show that a term of the wrong sign would be seen.
+"""
+
+from __future__ import annotations
+
+import cmath
+import math
+import random
+from itertools import pairwise
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+import sympy
+from scipy.integrate import solve_ivp
+
+from components.DC_motor import model as motor
+from components.gearbox import model as gearbox
+from components.shaft_link import model as link
+from components.speed_controller import model as controller
+from components.unbalance_exciter import model as exciter
+from fmukit.declare.record import start
+from fmukit.step import hybrid as motion
+from fmukit.step import ode
+from tests.oracle import TIGHT, Part, joined, part, symbolic
+
+
+def rotor(J: float, w: float = 0.0) -> Part:
+    """An inertia: a gearbox that changes nothing."""
+    return part(gearbox, i=1.0, eta=1.0, J=J, w_a=w)
+
+
+def differs(found: Any, wanted: Any) -> float:
+    """The largest difference over the largest value."""
+    return float(np.abs(found - np.asarray(wanted)).max() / np.abs(wanted).max())
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize(("J", "swings"), [(0.01, False), (2e-4, True)])
+def test_motor_on_an_inertia_runs_up_as_the_closed_solution(
+    J: float, swings: bool, sign: float
+) -> None:
+    """Current and speed, from s^2 + s R/L + k^2/(J L) = 0, with real and with complex roots."""
+    parts, t = {"motor": part(motor), "rotor": rotor(J)}, np.linspace(0.0, 0.05, 101)
+    R, L, k = parts["motor"].p
+    root = cmath.sqrt((R / L) ** 2 - 4 * k**2 / (J * L))
+    assert (root.imag > 0.0) == swings
+    one, two = (-R / L + root) / 2, (-R / L - root) / 2
+    a, b = np.exp(one * t), np.exp(two * t)
+    w = 48.0 / k * (1 + (two * a - one * b) / (one - two)).real
+    i = 48.0 * J / k**2 * (one * two * (a - b) / (one - two)).real
+
+    def feed(x: dict[str, Any]) -> list[Any]:
+        inputs = motor.Inputs(48.0, sign * x["rotor"].w_a)
+        return [inputs, gearbox.Inputs(k * x["motor"].i, 0.0)]
+
+    found = joined(parts, feed, t)
+    off = max(differs(found["motor"].i, i), differs(found["rotor"].w_a, w))
+    assert (off < 1e-9) == (sign > 0.0)
+
+
+@pytest.mark.parametrize("h", [1e-5, 3e-3, 0.1])
+def test_motor_steps_exactly_and_its_power_balance_closes(h: float) -> None:
+    """A step over which voltage and speed run on lines, and v i = tau w + R i^2 + dE/dt."""
+    p = start(motor.Parameters)
+    for v0, v1, w0, w1, i in np.random.default_rng(1).uniform(-100, 100, (10, 5)):
+        u0, u1, x = motor.Inputs(v0, w0), motor.Inputs(v1, w1), motor.State(i)
+        course = motion.Course(u0, u1, h)
+
+        def slope(t: float, y: Any, line: Any = course) -> Any:
+            return motor.derivatives(p, t, motor.State(*y), line.at(t))
+
+        wanted = solve_ivp(slope, (0.0, h), x, **(TIGHT | {"atol": 1e-11})).y[0, -1]
+        assert motor.exact(p, x, u0, u1, h).i == pytest.approx(wanted, rel=1e-9, abs=1e-9)
+        y, rate = motor.outputs(p, 0.0, x, u0), slope(0.0, x).i
+        assert y.P_el == pytest.approx(y.P + y.P_loss + p.L * i * rate, rel=1e-12, abs=1e-9)
+        assert y.P_el != pytest.approx(-y.P + y.P_loss + p.L * i * rate, rel=1e-3)
+        assert (y.E_mag, y.P) == pytest.approx((p.L * i * i / 2, y.tau * w0), rel=1e-12)
+
+
+def controlled(J: float, w_ref: float, stop: float, **values: Any) -> tuple[Any, Any]:
+    """Times and speed of an inertia from rest under a controller."""
+    it, t = part(controller, **values), np.linspace(0.0, stop, 2001)
+
+    def feed(x: dict[str, Any]) -> list[Any]:
+        u = controller.Inputs(w_ref, x["rotor"].w_a)
+        return [u, gearbox.Inputs(controller.outputs(it.p, 0.0, x["it"], u).tau, 0.0)]
+
+    return t, joined({"it": it, "rotor": rotor(J)}, feed, t, max_step=stop / 400)["rotor"].w_a
+
+
+@pytest.mark.parametrize("J", [0.1, 2.0])
+def test_controlled_inertia_follows_the_closed_step_response(J: float) -> None:
+    """1 - e^(-D w0 t) [cosh s - D/s sinh s], s^2 = (D^2 - 1), overdamped and not; no limit."""
+    t, w = controlled(J, 40.0, 3.0, tau_max=1e6)
+    w0, D = math.sqrt(2.0 / (0.5 * J)), math.sqrt(2.0 * 0.5 / J) / 2
+    assert (D < 1) == (J > 1)
+    s = cmath.sqrt(D * D - 1)
+    for sign in (1.0, -1.0):
+        fade = np.cosh(s * w0 * t) - sign * D / s * np.sinh(s * w0 * t)
+        wanted = 40.0 * (1 - np.exp(-D * w0 * t) * fade).real
+        assert (differs(w, wanted) < 1e-8) == (sign > 0.0)
+
+
+def test_back_calculation_keeps_the_overshoot_of_a_long_saturation_small() -> None:
+    """The torque stays within its limit; without back-calculation the overshoot grows with the step."""
+    worst = {}
+    for on in (True, False):
+        for w_ref in (40.0, 160.0):
+            t, w = controlled(2.0, w_ref, w_ref / 2 + 4, antiwindup=on)
+            assert w[:100] == pytest.approx(30.0 / 2.0 * t[:100], rel=1e-9)
+            assert np.abs(np.diff(w) / t[1]).max() < 30.0 / 2.0 * (1 + 1e-9)
+            worst[on, w_ref] = w.max() - w_ref
+            assert not on or w[-1] == pytest.approx(w_ref, abs=1e-3)
+    assert worst[True, 160.0] == pytest.approx(worst[True, 40.0], rel=0.02)
+    assert worst[False, 160.0] > 3.5 * worst[False, 40.0] > 20 * worst[True, 160.0]
+
+
+@pytest.mark.parametrize("i", [5.0, -3.0])
+def test_gearbox_keeps_ratio_efficiency_and_balance_in_both_directions(i: float) -> None:
+    draw, p = random.Random(2), start(gearbox.Parameters, i=i, eta=0.8)
+    for _ in range(100):
+        x = gearbox.State(draw.uniform(-9, 9), draw.choice([-1, 1]) * draw.uniform(0.2, 90))
+        u = gearbox.Inputs(draw.uniform(-9, 9), draw.uniform(-50, 50))
+        y = gearbox.outputs(p, 0.0, x, u)
+        assert (y.w_b, y.phi_b) == (x.w_a / i, x.phi_a / i)
+        from_a, to_b = u.tau_a * x.w_a - p.J * y.a_a * x.w_a, -u.tau_b * y.w_b
+        given, taken = (from_a, to_b) if to_b > 0 else (-to_b, -from_a)
+        assert taken == pytest.approx(p.eta * given, rel=1e-9)
+        assert y.P_loss == pytest.approx(given - taken, rel=1e-9)
+        assert y.P_loss > 0.0
+
+
+def test_gearbox_reverses_without_chatter_and_closes_its_energy() -> None:
+    """Two straight lines of the speed through standstill under load, at few calls of the equations."""
+    calls, it, t = [], part(gearbox, w_0=1e-4), np.linspace(0.0, 2.0, 401)
+
+    def counted(*given: Any) -> Any:
+        calls.append(given)
+        return gearbox.derivatives(*given)
+
+    model: Any = SimpleNamespace(State=gearbox.State, derivatives=counted)
+    states, course = [it.x], motion.Course(it.u, it.u, t[1])
+    for now in t[:-1]:
+        states.append(motion.advance(model, it.p, now, states[-1], course))
+    phi, w = np.array(states).T
+    forward, back = (2.0 - 3.0 / 0.9) / it.p.J, (2.0 - 3.0 * 0.9) / it.p.J
+    turn = -100.0 / forward
+    wanted = np.where(t < turn, 100.0 + forward * t, back * (t - turn))
+    assert np.abs(w - wanted).max() < 1e-4
+    assert len(calls) < 10_000
+    there, again = 100.0 * turn / 2, -w[-1] * (2.0 - turn) / 2
+    lost = 3.0 * (there * (1 / 0.9 - 1) + again * (1 - 0.9))
+    work, stored = (2.0 - 3.0) * phi[-1], it.p.J * (w[-1] ** 2 - 100.0**2) / 2
+    assert work == pytest.approx(stored + lost, rel=1e-5)
+    assert work != pytest.approx(stored - lost, rel=0.1)
+
+
+def test_a_gearbox_without_a_ratio_is_refused_and_one_that_locks_is_warned_of() -> None:
+    with pytest.raises(ValueError, match="must not be 0"):
+        list(gearbox.check(start(gearbox.Parameters, i=0.0)))
+    assert "this one does not" in next(gearbox.check(start(gearbox.Parameters, eta=0.4)))
+
+
+def two_rotors(it: Part, times: Any, w: float = 3.0, sign: float = 1.0) -> Any:
+    """Twist and speeds of inertias of 0.1 and 0.4 kg.m2 on a shaft; sign = -1 turns the torque at b."""
+
+    def feed(x: dict[str, Any]) -> list[Any]:
+        u = link.Inputs(x["a"].w_a, x["b"].w_a)
+        y = link.outputs(it.p, 0.0, x["it"], u)
+        return [u, gearbox.Inputs(y.tau_a, 0.0), gearbox.Inputs(sign * y.tau_b, 0.0)]
+
+    found = joined({"it": it, "a": rotor(0.1, w), "b": rotor(0.4)}, feed, times, max_step=1e-3)
+    return found["it"].twist, found["a"].w_a, found["b"].w_a
+
+
+def test_two_inertias_swing_and_decay_as_the_closed_solution() -> None:
+    """Without play: w^2 = c g - decay^2, decay = d g / 2, g = 1/J1 + 1/J2."""
+    it, t, g = part(link, b=0.0, twist=0.0), np.linspace(0.0, 0.5, 501), 1 / 0.1 + 1 / 0.4
+    decay = it.p.d * g / 2
+    w = math.sqrt(it.p.c * g - decay**2)
+    wanted = 3.0 / w * np.exp(-decay * t) * np.sin(w * t)
+    assert differs(two_rotors(it, t)[0], wanted) < 1e-9
+    assert differs(two_rotors(it, t, sign=-1.0)[0], wanted) > 0.1
+
+
+def test_shaft_flies_through_its_play_and_rebounds_as_the_closed_solution() -> None:
+    """Undamped: b/v from flank to flank, half a period pi/w in contact, and back."""
+    it, v, w = part(link, d=0.0, twist=-0.01), 3.0, math.sqrt(1000.0 * (1 / 0.1 + 1 / 0.4))
+    flight, contact = 0.02 / v, math.pi / w
+    t = np.linspace(0.0, 1.999 * (flight + contact), 801)
+    since = t % (flight + contact)
+    way = np.where(since < flight, v * since - 0.01, 0.01 + v / w * np.sin(w * (since - flight)))
+    found, w_a, w_b = two_rotors(it, t, v)
+    assert differs(found, np.where(t < flight + contact, way, -way)) < 1e-6
+    assert 0.1 * w_a + 0.4 * w_b == pytest.approx(np.full(801, 0.3))
+
+
+@pytest.mark.parametrize("b", [0.0, 0.02])
+def test_flanks_never_pull_and_a_shaft_never_makes_energy(b: float) -> None:
+    draw, it = random.Random(3), part(link, b=b, d=40.0, twist=0.0)
+    for _ in range(500):
+        x = link.State(draw.uniform(-0.03, 0.03))
+        u = link.Inputs(draw.uniform(-20, 20), draw.uniform(-20, 20))
+        y = link.outputs(it.p, 0.0, x, u)
+        pressed = math.copysign(max(abs(x.twist) - b / 2, 0.0), x.twist)
+        flow = it.p.c * pressed * (u.w_a - u.w_b)
+        assert -(y.tau_a * u.w_a + y.tau_b * u.w_b) == pytest.approx(flow + y.P_loss, abs=1e-9)
+        assert (y.tau_a, y.E_pot) == pytest.approx((-y.tau_b, it.p.c * pressed**2 / 2))
+        assert y.P_loss >= 0.0
+        assert b == 0.0 or (y.tau_b * x.twist >= 0.0 and (pressed != 0.0 or y.tau_b == 0.0))
+    twist, w_a, w_b = two_rotors(it, np.linspace(0.0, 0.3, 1001))
+    kinetic = (0.1 * w_a**2 + 0.4 * w_b**2) / 2
+    energy = kinetic + it.p.c * np.maximum(np.abs(twist) - b / 2, 0.0) ** 2 / 2
+    assert np.diff(energy).max() < 1e-10
+    assert energy[-1] < 0.9 * energy[0]
+
+
+def test_exciter_obeys_lagrange_and_balances_its_power() -> None:
+    """From the energies of the places of both masses, by SymPy, at random points."""
+    model, t = symbolic(exciter), sympy.Symbol("t")
+    names = "J m r d_r M c d tau phi w x v"
+    J, m, r, d_r, M, c, d, tau, phi, w, x, v = symbols = sympy.symbols(names, real=True)
+    angle, place = (sympy.Function(name)(t) for name in ("phi", "x"))
+    mass = sympy.Matrix([place + r * sympy.cos(angle), r * sympy.sin(angle)]).diff(t)
+    spin, speed = angle.diff(t), place.diff(t)
+    kinetic = (M * speed**2 + J * spin**2 + m * mass.dot(mass)) / 2
+    lagrangian = kinetic - c * place**2 / 2
+    p = model.Parameters(model.Rotor(J, m, r, d_r), model.Mount(M, c, d))
+    state, u = model.State(phi, w, x, v), model.Inputs(tau)
+    rates, y = model.derivatives(p, t, state, u), model.outputs(p, t, state, u)
+    now = [(spin, w), (speed, v), (angle, phi), (place, x)]
+
+    def left(r_told: Any) -> list[Any]:
+        """What is left of Lagrange's equations with the accelerations of a model for this radius."""
+        a, a_x = (rate.subs(r, r_told) for rate in (rates.w, rates.v))
+        return [
+            (lagrangian.diff(rate).diff(t) - lagrangian.diff(q) - outer).subs(
+                [(angle.diff(t, 2), a), (place.diff(t, 2), a_x), *now]
+            )
+            for q, rate, outer in ((angle, spin, tau - d_r * spin), (place, speed, -d * speed))
+        ]
+
+    flow = sum((y.E_kin + y.E_pot).diff(q) * rate for q, rate in zip(state, rates))
+    balances = [flow + y.P_loss - tau * w, kinetic.subs(now) - y.E_kin]
+    told = sympy.lambdify(symbols, [*left(r), *balances, *left(-r)])
+    draw = random.Random(4)
+    for _ in range(50):
+        at = [draw.uniform(0.5, 2.0) for _ in range(8)] + [draw.uniform(-9, 9) for _ in range(4)]
+        *nothing, wrong, wrong_x = told(*at)
+        assert nothing == pytest.approx([0.0] * 4, abs=1e-8)
+        assert max(abs(wrong), abs(wrong_x)) > 1e-2
+
+
+def test_exciter_left_alone_keeps_its_energy_and_converges() -> None:
+    """With fixed steps of the integrator: of order 5."""
+    values = {"rotor.d": 0.0, "mount.d": 0.0, "tau": 0.0, "phi": 0.3, "w": 60.0, "x": 2e-3}
+    it, errors = part(exciter, **values), []
+    found = joined({"it": it}, lambda x: [it.u], np.linspace(0.0, 5.0, 251))["it"]
+    told = [exciter.outputs(it.p, 0.0, exciter.State(*y), it.u) for y in zip(*found)]
+    stored = np.array([y.E_kin + y.E_pot for y in told])
+    assert stored == pytest.approx(np.full(251, stored[0]), rel=1e-9)
+    assert np.ptp([y.E_pot for y in told]) > 1e-3 * stored[0]
+
+    def slope(t: float, x: Any) -> Any:
+        return exciter.derivatives(it.p, t, exciter.State(*x), it.u)
+
+    for steps in (80, 160, 320):
+        x: Any = it.x
+        for _ in range(steps):
+            x = ode.attempt(slope, 0.0, x, slope(0.0, x), 0.2 / steps, [1.0] * 4)[0]
+        errors.append(abs(x[2] - found.x[10]))
+    assert [math.log2(a / b) for a, b in pairwise(errors)] == pytest.approx([5.0] * 2, abs=0.1)
+
+
+@pytest.mark.parametrize("w", [30.0, 50.0, 90.0])
+def test_mount_shakes_as_the_formula_for_a_small_unbalance(w: float) -> None:
+    """|x| = U w^2 / |c - M w^2 + i d w| at a speed that a heavy rotor keeps; so the force."""
+    values = {"rotor.J": 1e6, "rotor.d": 0.0, "rotor.m": 0.01, "mount.d": 200.0, "tau": 0.0}
+    answer = 0.01 * 0.05 * w**2 / complex(50000.0 - 19.51 * w**2, 200.0 * w)
+    it = part(exciter, **values, w=w, x=answer.real, v=(1j * w * answer).real)
+    t = np.linspace(0.0, 4.0, 4001)
+    found = joined({"it": it}, lambda x: [it.u], t)["it"]
+    for sign in (1, -1):
+        wanted = (answer * np.exp(1j * sign * w * t)).real
+        assert (differs(found.x, wanted) < 1e-6) == (sign > 0)
+    force = [exciter.outputs(it.p, 0.0, exciter.State(*y), it.u).f for y in zip(*found)]
+    assert max(force) == pytest.approx(abs(answer * complex(50000.0, 200.0 * w)), rel=1e-3)
