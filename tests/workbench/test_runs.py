@@ -8,7 +8,6 @@ import signal
 import sqlite3
 import subprocess
 import sys
-import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -25,7 +24,7 @@ from workbench.question import load
 from workbench.runs import identity, journal
 from workbench.runs.cargo import Call, sealed
 from workbench.runs.engine import Engine
-from workbench.runs.worker import PREFIX, Worker, _tidy
+from workbench.runs.worker import Worker
 
 LONG = 100.0
 
@@ -100,26 +99,12 @@ def test_a_child_dies_with_its_killed_parent_and_holds_no_pipe(mood: str, tmp_pa
         stderr=subprocess.STDOUT,
     )
     until(lambda: lines(ledger))
-    (folder,) = temporary.glob(f"{PREFIX}*")
+    (folder,) = (path for path in temporary.glob("cosim_*/*") if path.is_dir())
     parent.kill()
     assert parent.communicate(timeout=LONG)[0] == b""
     until(lambda: not Path(f"/proc/{lines(ledger)[0]}").exists())
     if mood == "hang in python":
         until(lambda: not folder.exists())
-
-
-def test_folders_of_children_whose_parents_are_gone_are_removed(
-    worker: Worker, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    worker.do(call(plane.be, ("good", str(tmp_path / "ledger"))), None)
-    (at_work,) = tmp_path.glob(f"{PREFIX}*")
-    left = tmp_path / f"{PREFIX}left"
-    left.mkdir()
-    (left / "words").touch()
-    _tidy.__wrapped__()
-    assert at_work.exists()
-    assert not left.exists()
 
 
 def test_a_sweep_is_the_same_for_any_number_of_jobs(tmp_path: Path) -> None:

@@ -19,7 +19,6 @@ import threading
 import time
 import traceback
 from collections.abc import Iterator, Sequence
-from functools import cache
 from importlib.machinery import ModuleSpec
 from multiprocessing.connection import Connection, wait
 from multiprocessing.reduction import ForkingPickler
@@ -32,7 +31,7 @@ from .cargo import Call
 OK = "ok"
 LOST = 3
 OUTSIDE = ("SIGKILL", "SIGTERM", "SIGHUP", "SIGINT")
-PREFIX, WORDS = "workbench_run_", "words"
+WORDS = "words"
 TRACE = 4000
 LAST_MOMENTS = 2.0
 PARENT_DEATH_SIGNAL = 1
@@ -115,11 +114,10 @@ class Worker:
         """Give the call to the child, which is started if there is none."""
         self._began = None
         if self._process is None:
-            _tidy()
-            self._folder = Path(tempfile.mkdtemp(prefix=PREFIX))
+            from cosim.scratch import scratch
+
+            self._folder = Path(tempfile.mkdtemp(dir=scratch()))
             self._words = (self._folder / WORDS).open("a+", errors="replace")
-            with contextlib.suppress(ImportError):
-                _lock(self._words, alone=False)
             self._pipe, end = _SPAWN.Pipe()
             self._process = _SPAWN.Process(target=_main, args=(end, str(self._folder)), daemon=True)
             with _quietly():
@@ -184,24 +182,6 @@ def _quietly() -> Iterator[None]:
             mask = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
             after.callback(signal.pthread_sigmask, signal.SIG_SETMASK, mask)
         yield
-
-
-@cache
-def _tidy() -> None:
-    """Remove the folders of children whose parents are gone."""
-    for words in Path(tempfile.gettempdir()).glob(f"{PREFIX}*/{WORDS}"):
-        with contextlib.suppress(OSError, ImportError), words.open("a") as file:
-            _lock(file, alone=True)
-            shutil.rmtree(words.parent, ignore_errors=True)
-
-
-def _lock(file: Any, *, alone: bool) -> None:
-    """Lock a file until it is closed; raises OSError if another process holds it, ImportError on
-    Windows, where nothing is locked.
-    """
-    import fcntl
-
-    fcntl.flock(file, (fcntl.LOCK_EX if alone else fcntl.LOCK_SH) | fcntl.LOCK_NB)
 
 
 def _main(pipe: Connection, folder: str) -> None:
