@@ -34,16 +34,6 @@ class Axis(NamedTuple):
         return low * (high / low) ** share if self.log else low + share * (high - low)
 
 
-class Flag(NamedTuple):
-    """Words above a picture in a lane: at a place they begin ("left"), end ("right"), or have their
-    middle ("center")."""
-
-    at: float
-    text: str
-    lane: int
-    anchor: str
-
-
 def across(picture: Picture) -> Axis:
     """The x axis of a picture, with room beside points; words stand at 0, 1, 2 and so on."""
     if isinstance(picture, Field):
@@ -96,10 +86,11 @@ def upwards(panel: Panel, covered: Sequence[Samples]) -> Axis:
     return Axis(panel.label, ends)
 
 
-def flags(spans: Sequence[Span], x: Axis, letters: int) -> list[Flag]:
+def flags(spans: Sequence[Span], x: Axis, letters: int) -> list[tuple[float, str, int, str]]:
     """The words of spans above their middle and those of marks, spans without width, beside their
-    lines, in lanes so that none covers another."""
-    placed: list[Flag] = []
+    lines, in lanes so that none covers another: place, text, lane, and what is at the place, the
+    "left" or "right" end or the "center"."""
+    placed = []
     taken: list[tuple[int, float, float]] = []
     wide = [span for span in spans if span.first != span.last]
     marks = [span for span in spans if span.first == span.last]
@@ -118,7 +109,7 @@ def flags(spans: Sequence[Span], x: Axis, letters: int) -> list[Flag]:
             if all(k != lane or first >= end or first + long <= begin for k, begin, end in taken)
         )
         taken.append((lane, first, first + long))
-        placed.append(Flag(x.number(at), text, lane, anchor))
+        placed.append((x.number(at), text, lane, anchor))
     return placed
 
 

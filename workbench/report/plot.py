@@ -65,10 +65,11 @@ def figure(picture: Picture, most: float = math.inf) -> Words:
 def _layout(picture: Picture, x: Axis, rows: Sequence[Row], letters: int, most: float) -> Words:
     """Rows above each other, each below its legend; spans through all of them, words on top."""
     second, plane = getattr(picture, "second", None), isinstance(picture, Field)
+    mark, edge = {"dash": "dot", "width": 1.6}, {"width": 2.5 if plane else 0.6}
     spans = [*picture.spans, *(Span(mark.at, mark.at, mark.text) for mark in picture.marks)]
     words, names = flags(spans, x, letters), [listed(row.traces) for row in rows]
     above = [GAP + LINE * math.ceil(len(each) / columns(each, letters)) for each in names]
-    above[0] += LINE * max((flag.lane + 1 for flag in words), default=0)
+    above[0] += LINE * max((lane + 1 for _, _, lane, _ in words), default=0)
     heights, below = [row.height for row in rows], (SECOND if second else 0) / INCH
     panels = sum(row.height for row in rows if row.y.label)
     over = max(0.0, sum(above + heights) + below + BELOW / INCH - most)
@@ -82,17 +83,18 @@ def _layout(picture: Picture, x: Axis, rows: Sequence[Row], letters: int, most: 
         },
         "annotations": [
             {
-                "text": flag.text, "showarrow": False, "font": {"size": 11}, "yref": "y domain",
-                "x": math.log10(flag.at) if x.log else flag.at, "xanchor": flag.anchor, "y": 1,
-                "yanchor": "bottom", "yshift": INCH * LINE * flag.lane,
+                "text": text, "showarrow": False, "font": {"size": 11}, "yref": "y domain", "y": 1,
+                "x": math.log10(at) if x.log else at, "xanchor": anchor, "yanchor": "bottom",
+                "yshift": INCH * LINE * lane,
             }
-            for flag in words
+            for at, text, lane, anchor in words
         ],
         "shapes": [
             {
                 "type": "rect", "yref": f"y{k} domain", "y0": 0, "y1": 1, "x0": first, "x1": last,
-                "layer": "above" if plane else "below", "line": _edge(first == last, color, plane),
                 "fillcolor": COLORS[color] + ("00" if plane else "24"),
+                "layer": "above" if plane else "below",
+                "line": {"color": COLORS[color]} | (mark if first == last else edge),
             }
             for k in range(1, len(rows) + 1)
             for first, last, _, color in spans
@@ -143,12 +145,6 @@ def listed(traces: Sequence[Words]) -> list[str]:
 def columns(names: Sequence[str], letters: int) -> int:
     """How many of these names stand beside each other in a legend."""
     return max(1, letters // (max(map(len, names), default=0) + ENTRY))
-
-
-def _edge(mark: bool, color: str, plane: bool) -> Words:
-    """The line of a mark, or around a span, which is all of it over a plane."""
-    look = {"dash": "dot", "width": 1.6} if mark else {"width": 2.5 if plane else 0.6}
-    return {"color": COLORS[color]} | look
 
 
 def _axis(axis: Axis) -> Words:
