@@ -170,21 +170,17 @@ def _panel(panel: Panel, x: Axis, high: float) -> Row:
         if curve.look == "area":
             ends, base = np.stack([base + 0 * y, base + y]), base + np.nan_to_num(y)
             below, area = _filled(curve, ends, "59")
-            area |= {
-                "hoverinfo": "all",
-                "showlegend": True,
-                "customdata": numbers(y[thinned(ends[1])]),
-            }
-            traces += [below, area | {"hovertemplate": f"%{{customdata:.5g}} {panel.unit}"}]
+            values = numbers(y[thinned(ends[1])])
+            own = {"customdata": values, "hoverinfo": "all", "showlegend": True}
+            traces += [below, area | own | {"hovertemplate": f"%{{customdata:.5g}} {panel.unit}"}]
         elif curve.look == "bars":
             first = next(beside)
             bar = _bars(curve.name, at, np.stack([0 * y, y]), COLORS[curve.color], first, wide)
-            traces.append(bar)
-            traces += _errors(curve, at + first + wide / 2)
-        elif curve.look in ("points", "linked"):
-            traces += [*_errors(curve, at), line]
+            traces += [bar, *_errors(curve, at + first + wide / 2)]
+        elif curve.error is not None and curve.look in ("line", "theory", "step"):
+            traces += [*_filled(curve, ends, "33"), line]
         else:
-            traces += [*(_filled(curve, ends, "33") if curve.error is not None else ()), line]
+            traces += [*_errors(curve, at), line]
         covered += [*ends]
     for level, dash in zip(panel.levels, cycle(("dot", "dashdot"))):
         line = _line(level.text, np.array(x.ends), np.full(2, level.at), "grey", dash=dash)
@@ -215,7 +211,7 @@ def _field(field: Field, *_: object) -> Row:
     sides = (("x", field.x), ("y", field.y))
     hover = [f"{side.quantity} %{{{name}:.4g}} {side.unit}" for name, side in sides]
     hover.append(f"{field.quantity} %{{customdata:.4g}}<extra></extra>")
-    at = field.x.values, field.y.values
+    at = [np.asarray(side.values, float) for _, side in sides]
     heat = {
         "type": "heatmap", "name": field.quantity, "coloraxis": "coloraxis",
         "x": numbers(at[0]), "y": numbers(at[1]),
@@ -237,11 +233,8 @@ def _field(field: Field, *_: object) -> Row:
         traces.append(_line(curve.name, *points, "white", 4.0, 9.0, **look) | UNSEEN)
         traces.append(_line(curve.name, *points, curve.color, 2.4, 7.0, **look) | own)
     ticks = [math.log10(tick) if field.log else tick for tick in axis.ticks]
-    bar: Words = {
-        "thickness": 12,
-        "yanchor": "bottom",
-        "title": {"text": axis.label, "side": "right"},
-    }
+    title = {"text": axis.label, "side": "right"}
+    bar: Words = {"thickness": 12, "yanchor": "bottom", "title": title}
     bar |= {"tickvals": ticks, "ticktext": list(axis.ticks.values())} if ticks else {}
     scale = list(zip(np.linspace(0, 1, len(colors)).tolist(), colors))
     return Row(along(field.y), traces, PLANE, {"colorscale": scale, "colorbar": bar})
