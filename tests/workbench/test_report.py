@@ -8,7 +8,7 @@ import gzip
 import io
 import math
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -35,9 +35,10 @@ from workbench.answer import Answer, Show, Table, write
 from workbench.figure import Figure
 from workbench.question import load, names
 from workbench.report import chart as pictures
-from workbench.report import html, layout, plot, png
+from workbench.report import html, plot, png
 from workbench.report.chart import Chart, Curve, Field, Lanes, Mark, Panel, Second, Span
 from workbench.report.gif import gif
+from workbench.report.layout import across, decades
 from workbench.report.motion import Motion, Shape
 from workbench.study import show as study_show
 
@@ -46,9 +47,9 @@ QUESTIONS = names(PROJECT.home)
 OPTIONS = QUICK | {
     "resonance": {"speeds": "36,38,40,42,44", "steps_per_rev": 66, "algorithm": "gauss-seidel"}
 }
+MARGIN = 14 / 25.4 * 72
 FIGURES = "//table[contains(@class, 'figures')]/tbody/tr"
 Values = dict[tuple[str, str], Any]
-Limits = dict[str, tuple[float, float]]
 
 
 @pytest.fixture(scope="module")
@@ -69,37 +70,26 @@ def answered(name: str) -> tuple[Answer, Show]:
     return replace(answer, show=lambda: show), show
 
 
-def by_png(picture: Chart | Field) -> tuple[Values, Limits]:
-    """What matplotlib has in its axes: y by label of the panel and name of the curve, limits by label."""
-    drawn = png.drawn([picture], "")
-    curves: Values = {}
-    limits: Limits = {}
-    for axes in drawn.subfigs[0].axes:
-        label = axes.get_ylabel().replace("\n[", " [")
-        limits[label] = axes.get_ylim()
-        for line in axes.lines:
-            curves[label, str(line.get_label())] = line.get_ydata()
-        for bars in axes.containers:
-            tops = [patch.get_height() for patch in getattr(bars, "patches", ())]
-            curves.setdefault((label, str(bars.get_label())), tops)
-    png.pyplot().close(drawn)
-    return curves, limits
+def named(drawn: Any, screen: str = "wide") -> dict[str, Any]:
+    """What a picture says of each y axis, by its label."""
+    axes = {key: axis for key, axis in drawn[screen].items() if key.startswith("yaxis")}
+    return {
+        axis["title"]["text"].replace("<br>", " "): axis | {"key": key}
+        for key, axis in axes.items()
+    }
 
 
-def by_html(picture: Chart | Field) -> tuple[Values, Limits]:
-    """The same of plotly's dictionaries."""
+def curves(picture: Chart | Field) -> Values:
+    """The values of plotly's traces by label of their panel and name; the last of those of a name."""
     drawn = plot.figure(picture)
-    axes = {
-        key.replace("axis", ""): (axis["title"]["text"].replace("<br>[", " ["), axis["range"])
-        for key, axis in drawn["narrow"].items()
-        if key.startswith("yaxis")
-    }
-    curves = {
-        (axes[trace.get("yaxis", "y1")][0], trace["name"]): np.array(trace["y"], float)
+    labels = {axis["key"].replace("axis", ""): label for label, axis in named(drawn).items()}
+    return {
+        (labels[trace["yaxis"]], trace["name"]): np.array(
+            trace.get("customdata", trace["y"]), float
+        )
         for trace in drawn["data"]
-        if "name" in trace
+        if trace.get("hoverinfo") != "skip" or trace.get("showlegend")
     }
-    return curves, {label: (ends[0], ends[1]) for label, ends in axes.values()}
 
 
 def sample_chart() -> Chart:
@@ -126,79 +116,105 @@ def sample_chart() -> Chart:
     )  # fmt: skip
 
 
-@pytest.mark.parametrize("read", [by_png, by_html])
-def test_both_renderers_draw_the_values(read: Any) -> None:
-    curves, limits = read(sample_chart())
-    for panel in sample_chart().panels:
-        if isinstance(panel, Panel):
-            assert limits[panel.label] == pytest.approx(layout.height(panel))
-            for curve in panel.curves:
-                if curve.look != "area" or read is by_html:
-                    assert_allclose(curves[panel.label, curve.name], curve.y, rtol=1e-6)
-    assert limits["force [N]"] == pytest.approx((0.0, 11.55))
-    assert limits["done [1]"] == (0.0, 1.0)
-    assert limits["energy [J]"] == pytest.approx((0.0, 31.5))
-    assert_allclose(curves["torque [N.m]", "rated"], 2.5)
-    assert limits["torque [N.m]"][1] > 2.5
+def test_a_chart_holds_the_values_their_errors_and_ranges() -> None:
+    chart, drawn = sample_chart(), plot.figure(sample_chart())
+    seen, axes, data = curves(chart), named(drawn), drawn["data"]
+    for panel in (panel for panel in chart.panels if isinstance(panel, Panel)):
+        for curve in panel.curves:
+            label = panel.quantity if panel.flag else panel.label
+            assert_allclose(seen[label, curve.name], curve.y, rtol=1e-6)
+    assert axes["force [N]"]["range"] == pytest.approx([0.0, 11.55])
+    assert axes["energy [J]"]["range"] == pytest.approx([0.0, 31.5])
+    assert axes["torque [N.m]"]["range"][1] > 2.5
+    assert_allclose(seen["torque [N.m]", "rated"], 2.5)
+    assert (axes["done"]["tickvals"], axes["done"]["ticktext"]) == ([0.0, 1.0], ["no", "yes"])
+    traces: dict[str, Any] = {}
+    for trace in data:
+        traces.setdefault(trace.get("name", ""), []).append(trace)
+    assert traces["seen"][0]["y"][:3] == pytest.approx([np.sin(1) - 0.1, np.sin(1) + 0.1, None])
+    assert traces["flag"][0]["line"]["shape"] == "hvh"
+    low, high, _ = traces["force"]
+    assert (low["y"][-1], high["y"][-1], high["fill"]) == (9.0, 11.0, "tonexty")
+    assert [trace["y"][-1] for trace in traces["stored"]] == [10.0, 30.0]
+    assert_allclose(
+        drawn["wide"]["xaxis2"]["range"], [x * 30 / math.pi for x in across(chart).ends]
+    )
 
 
-def test_the_renderers_draw_marks_spans_lanes_errors_and_a_second_unit() -> None:
-    drawn, by_plotly = png.drawn([sample_chart()], "A title"), plot.figure(sample_chart())
-    axes, wide, data = drawn.subfigs[0].axes, by_plotly["wide"], by_plotly["data"]
-    words = {text.get_text() for a in axes for text in a.texts if text.get_text()}
-    legends = {
-        text.get_text() for a in axes if a.get_legend() for text in a.get_legend().get_texts()
-    }
-    assert drawn._suptitle.get_text() == "A title"
-    assert [a.get_xlabel() for a in axes[-1].child_axes] == ["[rpm]"]
+def test_marks_spans_and_lanes_have_their_words_and_legends_only_what_is_outside() -> None:
+    drawn = plot.figure(sample_chart())
+    wide, data = drawn["wide"], drawn["data"]
+    words = {text["text"] for text in (*wide["annotations"], *data) if text.get("text")}
     assert words == {"peak", "crossing", "avoid", "falling"}
-    assert words == {text["text"] for text in (*wide["annotations"], *data) if text.get("text")}
-    assert "turning" in legends and "falling" not in legends
-    placed = {(a["text"], a["x"], round(a["yshift"] / 19)) for a in wide["annotations"]}
-    assert placed == {(t.get_text(), t.xy[0], round(t.xyann[1] / 14)) for t in axes[0].texts}
-    assert placed == {("avoid", 3.0, 0), ("peak", 3.0, 1), ("crossing", 3.1, 1)}
-    places = [line.get_xdata()[0] for line in axes[0].lines if len(line.get_xdata()) == 2]
-    assert {2.0, 3.0, 3.1, 4.0} <= set(places)
+    legend = plot.listed(data)
+    assert "turning" in legend and "falling" not in legend and "force" not in legend
     shapes = {(s["yref"], s["x0"], s["x1"]) for s in wide["shapes"]}
     rows = [f"y{k} domain" for k in range(1, 6)]
     assert shapes == {(y, *x) for y in rows for x in ((2.0, 4.0), (3.0, 3.0), (3.1, 3.1))}
-    ends = layout.across(sample_chart()).ends
-    assert_allclose(wide["xaxis2"]["range"], [x * 30 / math.pi for x in ends])
-    by_name = {trace.get("name"): trace for trace in data}
-    assert by_name["seen"]["error_y"]["array"] == [0.1] * 11
-    assert by_name["flag"]["line"]["shape"] == "hvh"
-    band = data[data.index(by_name["force"]) - 1]
-    assert band["fill"] == "tonexty" and band["y"][-1] == 11.0
-    bars = [a.collections[0].get_paths() for a in axes[:2]]
-    assert np.ptp(bars[0][0].vertices[:, 1]) == pytest.approx(0.2)
-    assert bars[1][0].vertices[:, 1].max() == pytest.approx(11.0)
-    (line,) = (line for line in axes[2].lines if line.get_label() == "flag")
-    assert line.get_drawstyle() == "steps-mid"
+
+
+def test_the_image_is_what_the_words_of_plotly_say() -> None:
+    drawn, words = png.drawn([sample_chart()], "A title"), plot.figure(sample_chart())
+    axes, paper = drawn.subfigs[0].axes, words["paper"]
+    assert drawn._suptitle.get_text() == "A title"
+    assert [a.get_ylabel() for a in axes] == [y["title"]["text"] for y in named(words).values()]
+    for k, axis in enumerate(axes, 1):
+        assert axis.get_ylim() == pytest.approx(paper[f"yaxis{k}"]["range"])
+        assert axis.get_xlim() == pytest.approx(paper["xaxis"]["range"])
+        own = [trace for trace in words["data"] if trace["yaxis"] == f"y{k}" and trace.get("name")]
+        lines = [x for x in own if "mode" in x and "fill" not in x]
+        for line, trace in zip(axis.lines, lines, strict=True):
+            assert_allclose(line.get_ydata(), np.array(trace["y"], float))
+            assert line.get_drawstyle() == png.STEPS[trace["line"].get("shape", "linear")]
+        tops = [bar.get_width() for bars in axis.containers for bar in bars]
+        assert tops == [trace["width"] for trace in own if trace.get("type") == "bar"]
+        filled = sum("fill" in trace for trace in own)
+        assert len(axis.patches) == filled + len(tops) + len(words["wide"]["shapes"]) / 5
+        legend = axis.get_legend().get_texts() if axis.get_legend() else []
+        assert [text.get_text() for text in legend] == plot.listed(own)
+    placed = {(t.get_text(), t.xy[0], round(t.xyann[1] / 14)) for t in axes[0].texts}
+    assert placed == {("avoid", 3.0, 0), ("peak", 3.0, 1), ("crossing", 3.1, 1)}
+    assert [a.get_xlabel() for a in axes[-1].child_axes] == ["[rpm]"]
     png.pyplot().close(drawn)
 
 
-@pytest.mark.parametrize("letters", [layout.NARROW, plot.WIDE])
-def test_words_above_a_picture_do_not_meet(letters: int) -> None:
+@pytest.mark.parametrize("screen", plot.SCREENS)
+def test_words_above_a_picture_do_not_meet(screen: str) -> None:
     near = [Mark(39.0 + k / 3, f"a mark with a long text {k}") for k in range(5)]
     chart = Chart("", "", [Panel("", "", [Curve("", [20.0, 66.0], [0.0, 1.0], "red")])],
                   [*near, Mark(22.0, "far")], [Span(30.0, 45.0, "span")])  # fmt: skip
-    x, _, flags, raised = layout.layout(chart, letters)
-    ends = {}
-    for flag in flags:
-        long, at = len(flag.text) / letters, float(x.share(flag.at))
-        first = at - {"left": 0.0, "center": 0.5, "right": 1.0}[flag.anchor] * long
+    x, letters = across(chart), plot.SCREENS[screen]
+    words = plot.figure(chart)[screen]["annotations"]
+    lanes: dict[float, list[tuple[float, float]]] = {}
+    for flag in words:
+        long, at = len(flag["text"]) / letters, float(x.share(flag["x"]))
+        first = at - {"left": 0.0, "center": 0.5, "right": 1.0}[flag["xanchor"]] * long
         assert first > -0.01 and first + long < 1.01
-        assert all(first + long < a or b < first for a, b in ends.get(flag.lane, []))
-        ends.setdefault(flag.lane, []).append((first, first + long))
-    assert sorted(flag.text for flag in flags) == sorted(
-        m.text for m in (*chart.marks, *chart.spans)
-    )
-    assert len(ends) == (3 if letters > 100 else 6) == round(raised / layout.LINE)
+        lane = lanes.setdefault(flag["yshift"], [])
+        assert all(first + long < a or b < first for a, b in lane)
+        lane.append((first, first + long))
+    assert sorted(w["text"] for w in words) == sorted(m.text for m in (*chart.marks, *chart.spans))
+    assert len(lanes) == {"wide": 3, "paper": 3, "narrow": 6}[screen]
+
+
+def test_long_labels_break_and_rows_shrink_to_the_paper() -> None:
+    long = "largest torque that the motor of the crank conveyor gives"
+    flat = [Panel(long, "N.m", [Curve("a", [0.0, 1.0], [0.0, 1.0], "red")]) for _ in range(5)]
+    drawn = plot.figure(Chart("", "x", [*flat, Lanes({"lane": [Span(0.0, 1.0, "all")]})]), 6.0)
+    assert drawn["paper"]["height"] == pytest.approx(600.0)
+    assert drawn["wide"]["height"] > 900.0
+    for screen in plot.SCREENS:
+        axis, height = drawn[screen]["yaxis1"], drawn[screen]["height"] - plot.BELOW
+        room = (axis["domain"][1] - axis["domain"][0]) * height
+        assert max(map(len, axis["title"]["text"].split("<br>"))) <= max(10, room / 7.5)
+    lanes = [(y["domain"][1] - y["domain"][0]) * (d["height"] - plot.BELOW)
+             for d in (drawn["paper"], drawn["wide"]) for y in [d["yaxis6"]]]  # fmt: skip
+    assert lanes == pytest.approx([30.0, 30.0])
 
 
 def test_a_logarithmic_axis_tells_its_numbers() -> None:
-    assert layout.decades(0.01, 10.0) == [0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10]
-    assert layout.decades(0.015, 0.16) == [0.015, 0.02, 0.03, 0.05, 0.07, 0.1, 0.15]
+    assert decades(0.01, 10.0) == [0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10]
+    assert decades(0.015, 0.16) == [0.015, 0.02, 0.03, 0.05, 0.07, 0.1, 0.15]
 
 
 def test_a_field_is_coloured_by_its_logarithm_with_levels_and_curves_over_it() -> None:
@@ -208,18 +224,18 @@ def test_a_field_is_coloured_by_its_logarithm_with_levels_and_curves_over_it() -
     ridge = Curve("ridge", [0.5], [1.5], "grey", "theory")
     limit = pictures.Level(2.0, "limit", np.array([[1.0, 3.0, 3.0], [1.0, 3.0, 3.0]]))
     field = Field("Gain", x, y, "gain", values, [ridge], True, [limit], [Span(0.5, 1.5, "range")])
-    assert [list(read(field)[0]["T [s]", "ridge"]) for read in (by_png, by_html)] == [[1.5], [1.5]]
-    heat, *lines, line = plot.figure(field)["data"]
+    assert curves(field)["T [s]", "ridge"].tolist() == [1.5]
+    heat, rim, line, *_ = plot.figure(field)["data"]
     assert heat["z"] == [[-1.0, 0.0, None], [1.0, 2.0, -2.0]]
     assert heat["customdata"] == [[0.1, 1.0, None], [10.0, 100.0, 0.01]]
     bar = plot.figure(field)["wide"]["coloraxis"]["colorbar"]
     assert (bar["tickvals"][0], bar["ticktext"][0], bar["ticktext"][-1]) == (-2.0, "0.01", "100")
-    assert [contour["contours"]["start"] for contour in lines] == [2.0, 2.0]
+    assert [set(trace["x"]) - {None} for trace in (rim, line)] == [{0.5}, {0.5}]
     drawn = png.drawn([field], "")
-    (mesh, *contours) = drawn.subfigs[0].axes[0].collections
-    assert mesh.norm.vmin == 0.01 and mesh.norm.vmax == 100.0
-    assert_allclose(contours[0].get_paths()[0].vertices[:, 0], 0.5)
-    assert drawn.subfigs[0].axes[0].get_yscale() == "log"
+    axes, colors = drawn.subfigs[0].axes
+    assert axes.collections[0].get_clim() == (-2.0, 2.0)
+    assert axes.get_yscale() == "log"
+    assert [text.get_text() for text in colors.get_yticklabels()] == bar["ticktext"]
     png.pyplot().close(drawn)
 
 
@@ -246,26 +262,25 @@ CLAIMS = {
 
 @pytest.mark.parametrize("where", CLAIMS)
 def test_every_curve_is_the_column_that_it_claims_to_be(where: str) -> None:
-    """As a value and by both renderers, in the unit that the table has, or one that it converts to."""
+    """In the unit that the table has, or one that it converts to."""
     name, _, file = where.partition(" ")
     answer, show = answered(name)
-    for claim in CLAIMS[where].split("; "):
-        (quantity, curve), column = claim.split(" = ")[0].split(": "), claim.split(" = ")[1]
+    for claim, column in (claim.split(" = ") for claim in CLAIMS[where].split("; ")):
+        quantity, curve = claim.split(": ")
         (table,) = (t for n, t in answer.tables.items() if file in n and column in t.units)
-        unit, compared = table.units[column], 0
-        for chart in (chart for chart in show.charts if isinstance(chart, Chart)):
-            for panel in (
-                p for p in chart.panels if isinstance(p, Panel) and p.quantity == quantity
-            ):
-                scale = 1.0 if panel.unit == unit else pictures.SHOWN[unit, panel.unit]
-                (value,) = (np.asarray(c.y) for c in panel.curves if c.name == curve)
-                assert np.isin(value, scale * table.frame[column].to_numpy()).all()
-                for read in (by_png, by_html)[curve in ("stored", "friction") :]:
-                    y = np.array(read(chart)[0][panel.label, curve], float)
-                    ends = (value.min(), value.max())
-                    assert (y.min(), y.max()) == pytest.approx(ends, rel=1e-6)
-                    compared += 1
-        assert compared
+        panels = [
+            (chart, panel)
+            for chart in show.charts if isinstance(chart, Chart)
+            for panel in chart.panels if isinstance(panel, Panel) and panel.quantity == quantity
+        ]  # fmt: skip
+        assert panels
+        for chart, panel in panels:
+            unit = table.units[column]
+            scale = 1.0 if panel.unit == unit else pictures.SHOWN[unit, panel.unit]
+            (value,) = (np.asarray(c.y) for c in panel.curves if c.name == curve)
+            assert np.isin(value, scale * table.frame[column].to_numpy()).all()
+            y = curves(chart)[panel.label, curve]
+            assert (y.min(), y.max()) == pytest.approx((value.min(), value.max()), rel=1e-6)
 
 
 def test_the_ripples_have_the_units_of_what_ripples() -> None:
@@ -409,6 +424,8 @@ COVERED = """[...document.querySelectorAll('.chart')].flatMap(chart => {
 DRAWN = (
     "[...document.querySelectorAll('.chart')].map(c => c.querySelectorAll('.trace, .hm').length)"
 )
+FITS = """[...document.querySelectorAll('.chart')].every(
+    chart => Math.abs(chart.querySelector('svg').clientWidth - 928) < 2)"""
 TIMES = "[...document.querySelectorAll('.motion svg')].map(s => s.getCurrentTime())"
 
 
@@ -430,8 +447,23 @@ def test_the_page_of_every_question_shows_without_network_or_error(
     shown.until(f"{TIMES}.every((now, k) => now > {times}[k])")
     assert shown.value(COVERED) == []
     shown.resize(1000)
-    shown.until("Math.abs(document.querySelector('.chart svg').clientWidth - 928) < 2")
+    shown.until(FITS)
     assert shown.value(COVERED) == []
+    prints_well(shown, answer, [*show.charts, *show.more])
+
+
+def prints_well(shown: Browser, answer: Answer, charts: Sequence[Chart | Field]) -> None:
+    """Answer and first chart are on the first sheet, no chart reaches into the margin of its sheet,
+    and the layout of the screen comes back."""
+    headings = shown.headings()
+    for k, chart in enumerate(charts):
+        sheet, y = headings["".join(chart.title.split())]
+        height = plot.figure(chart, html.LATER if k else html.first_sheet(answer))["paper"][
+            "height"
+        ]
+        assert y - 0.75 * height > MARGIN
+        assert k or sheet == 0
+    shown.until(FITS)
 
 
 @pytest.fixture
@@ -491,15 +523,19 @@ def test_motion_follows_slider_and_button(opened: Browser) -> None:
 
 
 def test_paper_gets_everything_but_the_controls(opened: Browser) -> None:
-    assert opened.pdf().startswith(b"%PDF")
     opened.call("Emulation.setEmulatedMedia", media="print")
     opened.value("dispatchEvent(new Event('beforeprint'))")
     controls = [".controls", "nav", ".hint", "[aria-labelledby=data]"]
     for place in (*controls, ".chart", ".motion svg", ".figures", ".verdict", ".warnings"):
         shown = opened.value(f"getComputedStyle({one(place)}).display !== 'none'")
         assert shown == (place not in controls)
-    assert opened.value("[...document.querySelectorAll('details')].every(d => d.open)")
     opened.until(f"{one('.chart svg')}.getBoundingClientRect().width === 680")
+    opened.value(f"{one('details')}.open = false")
+    assert opened.value(f"{one('details td')}.checkVisibility({{contentVisibilityAuto: true}})")
+    breaks = (
+        "[...document.querySelectorAll('.figures tbody tr')].map(x => getComputedStyle(x).break{})"
+    )
+    assert set(opened.value(breaks.format("Before"))) == {"avoid"}
 
 
 def test_the_page_is_dark_where_the_screen_is(opened: Browser) -> None:
@@ -512,14 +548,13 @@ def test_the_page_is_dark_where_the_screen_is(opened: Browser) -> None:
 
 
 def test_thinning_keeps_ends_and_peaks() -> None:
-    x, y = np.arange(100_000.0), np.random.default_rng(1).normal(size=100_000)
+    y = np.random.default_rng(1).normal(size=100_000)
     y[[777, 54_321]] = 99.0, -99.0
-    few_x, few_y = layout.thinned(x, y)
-    assert len(few_x) <= layout.MOST
-    assert {777.0, 54_321.0, 0.0, 99_999.0} <= set(few_x)
-    assert (np.diff(few_x) > 0).all()
-    assert_allclose(few_y, y[few_x.astype(int)])
-    assert layout.thinned(x[:10], y[:10])[0].tolist() == x[:10].tolist()
+    kept = plot.thinned(y)
+    assert len(kept) <= plot.MOST
+    assert {777, 54_321, 0, 99_999} <= set(kept)
+    assert (np.diff(kept) > 0).all()
+    assert y[:10][plot.thinned(y[:10])].tolist() == y[:10].tolist()
 
 
 def test_a_table_too_large_for_a_page_is_thinned_and_says_so(
@@ -544,7 +579,7 @@ def test_a_study_draws_flags_as_steps_and_no_share_below_0() -> None:
     (chart,) = study_show.overview(study, table, ["oriented", "time"], {"w": "rad/s", "time": "s"})
     assert isinstance(chart, Chart)
     assert [curve.look for panel in chart.panels for curve in panel.curves] == ["step", "linked"]
-    assert [panel.label for panel in chart.panels] == ["oriented [1]", "time [s]"]
+    assert list(named(plot.figure(chart))) == ["oriented", "time [s]"]
     assert chart.x == "w [rad/s]"
     indices = pd.DataFrame(
         [("time", "T", "S1", -0.09, 0.15), ("time", "J", "S1", 0.7, 0.1)],
@@ -552,10 +587,8 @@ def test_a_study_draws_flags_as_steps_and_no_share_below_0() -> None:
     )
     study = SimpleNamespace(grid={}, tolerances={"T": 0, "J": 0})
     (shares,) = study_show.sensitivity(study, indices, {})
-    for read in (by_png, by_html):
-        curves, limits = read(shares)
-        assert_allclose(curves["share of time [1]", "S1, alone"], [0.0, 0.7])
-        assert limits["share of time [1]"][0] == 0.0
+    assert_allclose(curves(shares)["share of time [1]", "S1, alone"], [0.0, 0.7])
+    assert named(plot.figure(shares))["share of time [1]"]["range"][0] == 0.0
 
 
 def test_a_gif_has_the_frames_of_its_motion(tmp_path: Path) -> None:

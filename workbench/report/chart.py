@@ -1,4 +1,4 @@
-"""Pictures as values: curves over an axis and quantities over a plane, drawn alike by `png` and `plot`."""
+"""Pictures as values: curves over an axis and quantities over a plane, drawn by `plot` and `png`."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ Samples = NDArray[np.float64]
 COLORS = {
     "red": "#c8500a", "blue": "#0072b2", "green": "#00916a", "gold": "#b07d00",
     "purple": "#a8478a", "sky": "#3f9fd6", "grey": "#76828c", "black": "#202020",
+    "white": "#ffffff",
 }  # fmt: skip
 TORQUE, SPEED, LIFT, FORCE, POWER, THEORY = "red", "blue", "green", "gold", "purple", "grey"
 SERIES = ("purple", "gold", "sky", "green", "red", "blue")
@@ -47,10 +48,22 @@ class Curve(NamedTuple):
     error: Sequence[float] | Samples | None = None
 
     @property
-    def errors(self) -> Samples:
-        """How far errors reach below and above y, of shape (2, len(y)); 0 where there is none."""
-        error = np.asarray(0.0 if self.error is None else self.error, float)
-        return np.broadcast_to(np.nan_to_num(error), (2, len(self.y)))
+    def names(self) -> list[str]:
+        """The words that x may be."""
+        return [x for x in self.x if isinstance(x, str)]
+
+    @property
+    def places(self) -> Samples:
+        """x as numbers: words stand at 0, 1, 2 and so on."""
+        return np.asarray(np.arange(len(self.x)) if self.names else self.x, float)
+
+    @property
+    def ends(self) -> Samples:
+        """y less its error, which is 0 where there is none, and plus it, of shape (2, len(y))."""
+        error = np.nan_to_num(np.asarray(0.0 if self.error is None else self.error, float))
+        below, above = np.broadcast_to(error, (2, len(self.y)))
+        y = np.asarray(self.y, float)
+        return np.stack([y - below, y + above])
 
 
 class Mark(NamedTuple):
@@ -87,6 +100,13 @@ class Panel(NamedTuple):
     @property
     def label(self) -> str:
         return f"{self.quantity} [{self.unit}]"
+
+    @property
+    def flag(self) -> bool:
+        """Whether all that it shows steps between 0 and 1, which are no and yes."""
+        values = np.concatenate([np.empty(0), *(np.asarray(c.y, float) for c in self.curves)])
+        steps = {curve.look for curve in self.curves} == {"step"}
+        return steps and bool(np.isin(values[np.isfinite(values)], [0.0, 1.0]).all())
 
 
 class Lanes(NamedTuple):
@@ -185,28 +205,3 @@ def recorded(
         for column, (name, color) in curves.items()
     ]
     return Panel(quantity, unit, drawn, levels, includes)
-
-
-def words(picture: Picture) -> str:
-    """The picture in words, for those who do not see it."""
-
-    def reach(name: str, values: Any, label: str) -> list[str]:
-        there = np.asarray(values, float)[np.isfinite(values)]
-        return [f"{name} from {there.min():.4g} to {there.max():.4g}{label}"] if len(there) else []
-
-    if isinstance(picture, Field):
-        x = f"{picture.x.label} and {picture.y.label}"
-        parts = reach(picture.quantity, picture.values, "")
-    else:
-        x, parts = picture.x, []
-        for panel in picture.panels:
-            if isinstance(panel, Lanes):
-                parts += [
-                    f"{name}: {', '.join(b.text for b in bars)}"
-                    for name, bars in panel.rows.items()
-                ]
-            else:
-                for curve in panel.curves:
-                    parts += reach(curve.name, curve.y, f" ({panel.label})")
-    parts += [where.text for each in (picture.spans, picture.marks) for where in each]
-    return f"{picture.title}, over {x}: {'; '.join(parts)}."

@@ -5,71 +5,58 @@ from __future__ import annotations
 import base64
 import gzip
 import json
-from collections.abc import Iterable, Mapping, Sequence
+import math
+from collections.abc import Mapping, Sequence
 from functools import cache
-from html import escape
 from importlib.metadata import version
 from importlib.resources import files
 from pathlib import Path
-from string import Template
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
-from ..figure import Figure, rounded
-from .chart import Picture, words
-from .layout import MOST
+from ..figure import Figure
 from .motion import Motion
-from .plot import figure
+from .plot import MOST, Words, figure, told
 from .svg import svg
 
 if TYPE_CHECKING:
     from ..answer import Answer, Table
 
 LARGEST, OPEN = 3_000_000, 12
-TEMPLATE = Path(__file__).with_name("page.html")
-ERRORS = """<p class="soft">The error covers every cause that is known. “None”: the value comes from a formula
-or from one FMU alone.</p>"""
-CURVES = f"""<p class="soft">A curve of more rows is drawn with at most {MOST} points; the smallest and largest
-of every stretch are among them. <span class="hint">Drag to zoom, double-click to zoom back, click a name to hide
-its curve.</span></p>"""
-
-
-class Section(NamedTuple):
-    """A part of the page, what the contents call it, and what they list below it by anchor."""
-
-    name: str
-    title: str
-    body: str
-    parts: Mapping[str, str] = {}
+SHEET, LEAST, LATER = 8.0, 3.2, 6.4
 
 
 def report(answer: Answer, path: Path) -> None:
     """Write the page of an answer."""
+    from jinja2 import Environment
+
     show = answer.show()
-    charts = [*show.charts, *show.more]
-    tables = {name: limited(table) for name, table in answer.tables.items()}
-    content = {"charts": list(map(figure, charts)), "motions": list(map(_motion, show.motions))}
-    sections = [
-        Section("figures", "Figures", _figures(answer.figures)),
-        _drawn("chart", "Curves", charts, CURVES),
-        _drawn("motion", "Motion", show.motions, ""),
-        Section("data", "Data", _downloads(tables)),
-        Section("parameters", "Parameters", _parameters(answer)),
-        Section("provenance", "How it was made", _provenance(answer.provenance)),
-    ]
-    sections = [section for section in sections if section.body]
-    warnings = [f"<li>{escape(text)}</li>" for text in answer.warnings]
-    verdict = [f"<p>{escape(line)}</p>" for line in answer.verdict.splitlines() if line]
-    page = Template(TEMPLATE.read_text(encoding="utf-8")).substitute(
-        title=escape(answer.question),
-        scenario=escape(answer.scenario),
-        warnings=_box("alarm warnings", "Warnings", "ul", warnings),
-        verdict=_box("verdict", "Verdict", "div", verdict),
-        contents="".join(map(_entry, sections)),
-        sections="\n".join(map(_section, sections)),
-        plotly=_plotly(),
+    pictures, most = [*show.charts, *show.more], [first_sheet(answer)]
+    charts = [figure(each, room) for each, room in zip(pictures, most + [LATER] * len(pictures))]
+    content = {"charts": charts, "motions": list(map(_motion, show.motions))}
+    template = Path(__file__).with_name("page.html").read_text(encoding="utf-8")
+    page = Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True).from_string(template)
+    text = page.render(
+        answer=answer,
+        charts=[{"title": x.title, "words": told(x, drawn)} for x, drawn in zip(pictures, charts)],
+        motions=show.motions,
+        figures=[_figure(name, x) for name, x in answer.figures.items()],
+        tables={name: limited(table) for name, table in answer.tables.items()},
+        parameters=_parameters(answer),
+        provenance=_provenance(answer.provenance),
+        open=OPEN,
         packed=_packed(json.dumps(content, separators=(",", ":")).encode()),
+        plotly=_plotly(),
     )
-    path.write_text(page, encoding="utf-8")
+    path.write_text(text, encoding="utf-8")
+
+
+def first_sheet(answer: Answer) -> float:
+    """The height [inches of 100 px] that the words leave for a picture on the first sheet of A4 or
+    Letter, if they leave enough for one."""
+    lines = [*answer.verdict.splitlines(), *answer.warnings]
+    title = 0.24 * math.ceil(len(answer.question) / 56)
+    room = SHEET - title - 0.23 * sum(math.ceil(len(line) / 95) for line in lines)
+    return room if room > LEAST else LATER
 
 
 def _packed(content: bytes) -> str:
@@ -82,73 +69,21 @@ def _plotly() -> str:
     return _packed((files("plotly") / "package_data" / "plotly.min.js").read_bytes())
 
 
-def _box(kind: str, label: str, tag: str, lines: Sequence[str]) -> str:
-    """Lines in a frame, if there are any."""
-    inside = f"<{tag}>{''.join(lines)}</{tag}>"
-    return f'<section class="{kind}" aria-label="{label}">{inside}</section>' if lines else ""
-
-
-def _entry(section: Section) -> str:
-    parts = [f'<li><a href="#{x}">{escape(text)}</a></li>' for x, text in section.parts.items()]
-    below = f"<ul>{''.join(parts)}</ul>" if len(parts) > 1 else ""
-    return f'<li><a href="#{section.name}">{section.title}</a>{below}</li>'
-
-
-def _section(section: Section) -> str:
-    head = f'<h2 id="{section.name}">{section.title}</h2>'
-    return f'<section aria-labelledby="{section.name}">{head}{section.body}</section>'
-
-
-def _drawn(kind: str, title: str, shown: Sequence[Picture | Motion], note: str) -> Section:
-    """Places that the page's script fills."""
-    parts, body = {}, ""
-    for k, x in enumerate(shown):
-        parts[f"{kind}{k}"] = x.title
-        says = "" if isinstance(x, Motion) else f' role="img" aria-label="{escape(words(x))}"'
-        body += f'<figure id="{kind}{k}"><h3>{escape(x.title)}</h3><div class="{kind}"{says}></div></figure>'
-    return Section(f"{kind}s", title, body + note if body else "", parts)
-
-
-def _table(kind: str, head: Sequence[str], rows: Iterable[Sequence[str]], fold: str = "") -> str:
-    """A table, folded if it is long; its roles stay where a small screen stacks its cells."""
-    heads = "".join(f'<th scope="col" role="columnheader">{name}</th>' for name in head)
-    lines = []
-    for first, *cells in rows:
-        name = f'<th scope="row" role="rowheader">{escape(first)}</th>'
-        rest = "".join(f'<td role="cell">{escape(cell)}</td>' for cell in cells)
-        lines.append(f'<tr role="row">{name}{rest}</tr>')
-    table = (
-        f'<table class="{kind}" role="table"><thead role="rowgroup"><tr role="row">{heads}</tr></thead>'
-        f'<tbody role="rowgroup">{"".join(lines)}</tbody></table>'
-    )
-    if not fold or not lines:
-        return table if lines else ""
-    opened = " open" if len(lines) <= OPEN else ""
-    return f"<details{opened}><summary>{len(lines)} {fold}</summary>{table}</details>"
-
-
-def _figures(figures: Mapping[str, Figure]) -> str:
-    rows = [(name, *_value(x), x.unit, x.meaning) for name, x in figures.items()]
-    table = _table("numbers figures", ("figure", "value", "error", "unit", "meaning"), rows)
-    return table and table + ERRORS
-
-
-def _value(figure: Figure) -> tuple[str, str]:
-    """Value and error as text; why there is none where it is refused."""
+def _figure(name: str, figure: Figure) -> Sequence[str]:
+    """Name, value, error, unit and meaning; why there is no value where it is refused."""
+    value, _, error = figure._replace(unit="").text().partition(" ± ")
+    error = f"±\N{NO-BREAK SPACE}{error}" if error else "none"
     if figure.error is None:
-        return "not told", figure.reason
-    if figure.error == 0.0:
-        return f"{figure.value:.6g}", "none"
-    value, error = rounded(figure.value, figure.error)
-    return value, f"±\N{NO-BREAK SPACE}{error}"
+        value, error = "not told", figure.reason
+    return name, value, error, figure.unit, figure.meaning
 
 
-def _parameters(answer: Answer) -> str:
-    rows = [
+def _parameters(answer: Answer) -> list[Sequence[str]]:
+    """Name, value, unit and meaning."""
+    return [
         (name, f"{x.value:.6g}" if isinstance(x.value, float) else str(x.value), x.unit, x.meaning)
         for name, x in {**answer.options, **answer.parameters}.items()
     ]
-    return _table("numbers", ("name", "value", "unit", "meaning"), rows, "parameters")
 
 
 def limited(table: Table) -> tuple[str, str]:
@@ -162,28 +97,20 @@ def limited(table: Table) -> tuple[str, str]:
         k *= 2
 
 
-def _downloads(tables: Mapping[str, tuple[str, str]]) -> str:
-    return "".join(
-        f'<p><a class="button" data-of="table{number}" download="{escape(name)}">'
-        f"{escape(name)}</a> {note}</p>"
-        f'<script type="application/gzip" id="table{number}">{packed}</script>'
-        for number, (name, (packed, note)) in enumerate(tables.items())
-    )
-
-
-def _provenance(known: Mapping[str, Any]) -> str:
+def _provenance(known: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """What the answer comes from: coupling, wires, FMUs, versions."""
     parts = known.get("parts", {})
     once = {"coupling algorithm": known.get("algorithm") if len(parts) > 1 else None,
             "communication": known.get("communication")}  # fmt: skip
     rows = [(name, text) for name, text in once.items() if text]
     rows += [("wire", wire) for wire in known.get("wires", ())]
     rows += [(p, f"{x['fmu']} ({known['flavour']}), {x['guid']}") for p, x in parts.items()]
-    rows += known["versions"].items()
-    rows.append(("curves", f"plotly.js of plotly {version('plotly')}, © Plotly, Inc., MIT licence"))
-    return _table("", ("what", "which"), rows, "entries")
+    points = f"at most {MOST} points each, with the smallest and largest of every stretch"
+    drawn = f"{points}, by plotly.js of plotly {version('plotly')}, © Plotly, Inc., MIT licence"
+    return [*rows, *known["versions"].items(), ("curves", drawn)]
 
 
-def _motion(motion: Motion) -> dict[str, Any]:
+def _motion(motion: Motion) -> Words:
     """A motion as the page's script gets it."""
     times = (motion.times - motion.times[0]).round(6).tolist()
     pace = "In real time." if motion.slow == 1 else f"{motion.slow:g} times slower than real."

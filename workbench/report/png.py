@@ -1,4 +1,4 @@
-"""Pictures by matplotlib."""
+"""Pictures and motions by matplotlib."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .chart import COLORS, SCALES, Chart, Field, Lanes, Panel, Picture
-from .layout import LINE, Axis, colored, columns, covered, fits, layout, lines
+from .chart import COLORS, Picture
 from .motion import Motion
+from .plot import BELOW, INCH, SCREENS, SECOND, Words, columns, figure, listed
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -25,16 +25,9 @@ STYLE: dict[Any, Any] = {
     "figure.dpi": 120, "font.size": 9, "axes.spines.top": False, "axes.spines.right": False,
     "axes.grid": True, "grid.alpha": 0.3, "legend.frameon": False, "legend.fontsize": 8,
 }  # fmt: skip
-LOOKS: dict[str, dict[str, Any]] = {
-    "line": {"linewidth": 1.3},
-    "theory": {"linewidth": 1.3, "linestyle": "--"},
-    "level": {"linewidth": 1.3, "linestyle": ":"},
-    "limit": {"linewidth": 1.3, "linestyle": "-."},
-    "points": {"linestyle": "none", "marker": "o", "markersize": 3.5},
-    "linked": {"linewidth": 1.0, "marker": "o", "markersize": 3.0},
-    "step": {"linewidth": 1.3, "drawstyle": "steps-mid"},
-}
-BESIDE, WIDE, ALONE, SQUARE, LETTERS = 3, 6.5, 8.0, 5.2, 110
+DASHES = {"solid": "-", "dash": "--", "dot": ":", "dashdot": "-."}
+STEPS = {"linear": "default", "hvh": "steps-mid"}
+BESIDE, WIDE, ALONE, SQUARE, POINT = 3, 6.5, 8.0, 5.2, 0.8
 
 
 @cache
@@ -64,131 +57,113 @@ def draw(show: Show, title: str, path: Path) -> list[str]:
 def drawn(pictures: Sequence[Picture | Motion], title: str) -> Figure:
     """The figure, with one subfigure for each picture, beside each other and in rows."""
     across = len(pictures) if len(pictures) <= BESIDE else math.ceil(math.sqrt(len(pictures)))
-    rows = [pictures[k : k + across] for k in range(0, len(pictures), across)]
-    heights = [max(map(_tall, row)) for row in rows]
+    words = [None if isinstance(each, Motion) else figure(each) for each in pictures]
+    heights = [SQUARE if each is None else each["paper"]["height"] / INCH + 0.5 for each in words]
+    rows = [max(heights[k : k + across]) for k in range(0, len(pictures), across)]
     wide = WIDE * across if across > 1 else ALONE
-    figure: Figure = pyplot().figure(figsize=(wide, sum(heights) + 0.5), layout="constrained")
-    figure.suptitle(textwrap.fill(title, int(9 * wide)), fontweight="bold")
-    grid = figure.subfigures(len(rows), across, height_ratios=heights, squeeze=False)
-    for place, picture in zip(grid.flat, pictures):
+    whole: Figure = pyplot().figure(figsize=(wide, sum(rows) + 0.5), layout="constrained")
+    whole.suptitle(textwrap.fill(title, int(9 * wide)), fontweight="bold")
+    grid = whole.subfigures(len(rows), across, height_ratios=rows, squeeze=False)
+    for place, picture, each in zip(grid.flat, pictures, words):
         place.suptitle(textwrap.fill(picture.title, 85), fontsize=10)
         if isinstance(picture, Motion):
-            _ghosts(place.subplots(), picture)
-        else:
-            _picture(place, picture)
-    return figure
+            ghosts(place.subplots(), picture)
+        elif each is not None:
+            _picture(place, each["data"], each["paper"])
+    return whole
 
 
-def _tall(picture: Picture | Motion) -> float:
-    """Inches."""
-    if isinstance(picture, Motion):
-        return SQUARE
-    return 1.0 + sum(row.height + row.above for row in layout(picture, LETTERS).rows)
-
-
-def _picture(place: Any, picture: Picture) -> None:
-    """The rows of a picture above each other, marks and spans over them, their words on top."""
-    x, rows, flags, raised = layout(picture, LETTERS)
-    ratios = [row.height for row in rows]
-    grid = place.subplots(len(rows), 1, sharex=True, squeeze=False, height_ratios=ratios)[:, 0]
-    for axes, row in zip(grid, rows):
-        draws: Any = {Panel: _curves, Lanes: _lanes, Field: _field}[type(row.part)]
-        draws(axes, row.part, x)
-        _axis(axes, "y", row.y)
-        for span in picture.spans:
-            filled = 0.0 if isinstance(picture, Field) else 0.13
-            axes.axvspan(span.first, span.last, color=COLORS[span.color], alpha=filled, linewidth=0)
-            for end in (span.first, span.last):
-                axes.axvline(end, color=COLORS[span.color], linewidth=0.6 if filled else 2.0)
-        for mark in picture.marks:
-            axes.axvline(mark.at, color=COLORS["black"], linestyle=":", linewidth=1.2)
-        if row.names:
-            _legend(axes, row.names, raised if axes is grid[0] else 0.0)
-    for flag in flags:
-        shift = {"left": 2, "right": -2, "center": 0}[flag.anchor], 3 + 72 * LINE * flag.lane
-        grid[0].annotate(flag.text, (flag.at, 1.0), shift, ha=flag.anchor, va="bottom",
-                         xycoords=("data", "axes fraction"), textcoords="offset points",
-                         fontsize=8, annotation_clip=False)  # fmt: skip
-    _axis(grid[-1], "x", x)
-    if isinstance(picture, Chart) and picture.second is not None:
-        factor = picture.second.factor
-        convert = (lambda x: x * factor, lambda x: x / factor)
-        grid[-1].secondary_xaxis(-0.27, functions=convert).set_xlabel(f"[{picture.second.unit}]")
-
-
-def _axis(axes: Axes, name: str, axis: Axis) -> None:
-    """Label, limits and ticks of an axis."""
-    drawn: Any = getattr(axes, f"{name}axis")
-    axes.set(**{f"{name}label": axis.label, f"{name}scale": "log" if axis.log else "linear"})
-    if axis.ticks:
-        drawn.set_ticks(list(axis.ticks), labels=list(axis.ticks.values()))
-        drawn.set_ticks([], minor=True)
-    axes.set(**{f"{name}lim": axis.ends})
-
-
-def _legend(axes: Axes, names: Sequence[str], raised: float) -> None:
-    """Above the axes and the flags, never over a curve."""
+def _picture(place: Any, data: Sequence[Words], laid: Words) -> None:
+    """Rows above each other with spans through all of them, their legends, and words on top."""
     from matplotlib.transforms import ScaledTranslation
 
-    figure: Any = axes.figure
-    above = axes.transAxes + ScaledTranslation(0, raised, figure.dpi_scale_trans)
-    beside = min(columns(names, LETTERS), len(names))
-    axes.legend(loc="lower left", bbox_to_anchor=(0, 1), bbox_transform=above, borderaxespad=0.2,
-                ncols=beside)  # fmt: skip
+    rows = [axis for name, axis in laid.items() if name.startswith("yaxis")]
+    ratios = [high - low for low, high in (row["domain"] for row in rows)]
+    grid = place.subplots(len(rows), 1, sharex=True, squeeze=False, height_ratios=ratios)[:, 0]
+    for k, (axes, row) in enumerate(zip(grid, rows), 1):
+        traces = [trace for trace in data if trace["yaxis"] == f"y{k}" and "xaxis" not in trace]
+        for below, trace in zip([{}, *traces], traces):
+            _trace(axes, trace, below, laid)
+        _axis(axes, "y", row)
+        axes.grid(visible=row["showgrid"])
+        for shape in (shape for shape in laid["shapes"] if shape["yref"] == f"y{k} domain"):
+            axes.axvspan(shape["x0"], shape["x1"], facecolor=shape["fillcolor"],
+                         edgecolor=shape["line"]["color"], **_look(shape["line"]))  # fmt: skip
+        up = (laid[f"legend{k + 1}"]["y"] - row["domain"][1]) * (laid["height"] - BELOW) / INCH
+        above = axes.transAxes + ScaledTranslation(0.0, up, place.dpi_scale_trans)
+        if names := listed(traces):
+            beside = min(columns(names, SCREENS["paper"]), len(names))
+            axes.legend(loc="upper left", bbox_to_anchor=(0, 1), bbox_transform=above,
+                        borderaxespad=0.0, ncols=beside)  # fmt: skip
+    _axis(grid[-1], "x", laid["xaxis"])
+    for flag in laid["annotations"]:
+        at = 10 ** flag["x"] if laid["xaxis"]["type"] == "log" else flag["x"], 1.0
+        shift = (
+            {"left": 2, "right": -2, "center": 0}[flag["xanchor"]],
+            3 + 72 * flag["yshift"] / INCH,
+        )
+        grid[0].annotate(flag["text"], at, shift, ha=flag["xanchor"], va="bottom", fontsize=8,
+                         xycoords=("data", "axes fraction"), textcoords="offset points",
+                         annotation_clip=False)  # fmt: skip
+    if "xaxis2" in laid:
+        factor = laid["meta"]["factor"]
+        convert = (lambda x: x * factor, lambda x: x / factor)
+        below = -SECOND / ((laid["height"] - BELOW) * ratios[-1])
+        second = grid[-1].secondary_xaxis(1.4 * below, functions=convert)
+        second.set_xlabel(laid["xaxis2"]["title"]["text"])
 
 
-def _curves(axes: Axes, panel: Panel, x: Axis) -> None:
-    """Bars beside each other, areas upon each other, all else as lines and points."""
-    curves = lines(panel, x)
-    bars = [curve for curve in curves if curve.look == "bars"]
-    for curve, (low, high) in zip(curves, covered(curves)):
-        places: Any = np.arange(len(curve.x)) if x.words else np.asarray(curve.x, float)
-        name: Any = {"color": COLORS[curve.color], "label": curve.name}
-        faint: Any = {"color": COLORS[curve.color], "linewidth": 0.0}
-        if curve.look == "area":
-            axes.fill_between(places, low, high, alpha=0.35, label=curve.name, **faint)
-        elif curve.look == "bars":
-            wide = 0.8 / len(bars)
-            shifted = places + (bars.index(curve) - (len(bars) - 1) / 2) * wide
-            axes.bar(shifted, np.asarray(curve.y), wide, yerr=curve.errors, capsize=3, **name)
-        else:
-            axes.plot(places, curve.y, **name, **LOOKS[curve.look])
-            if curve.error is not None and curve.look in ("points", "linked"):
-                axes.vlines(places, low, high, color=COLORS[curve.color], linewidth=1.0)
-            elif curve.error is not None:
-                axes.fill_between(places, low, high, alpha=0.2, **faint)
+def _axis(axes: Axes, name: str, words: Words) -> None:
+    """Label, limits and ticks of an axis."""
+    drawn: Any = getattr(axes, f"{name}axis")
+    ends = np.power(10.0, words["range"]) if words["type"] == "log" else words["range"]
+    label = words["title"]["text"].replace("<br>", "\n")
+    axes.set(**{f"{name}label": label, f"{name}scale": words["type"]})
+    if "tickvals" in words:
+        drawn.set_ticks(words["tickvals"], labels=words["ticktext"])
+        drawn.set_ticks([], minor=True)
+    axes.set(**{f"{name}lim": ends})
 
 
-def _lanes(axes: Axes, lanes: Lanes, x: Axis) -> None:
-    """Lanes of bars, with what they are inside or in the legend."""
-    for row, bar in lanes.bars:
-        inside = fits(bar, x)
-        drawn = axes.barh(row, bar.last - bar.first, left=bar.first, color=COLORS[bar.color],
-                          alpha=0.35, edgecolor="white", label="" if inside else bar.text)  # fmt: skip
-        axes.bar_label(drawn, [bar.text if inside else ""], label_type="center", fontsize=8)
-    axes.grid(visible=False)
+def _look(line: Words) -> Any:
+    """Width and dashes of a line."""
+    return {"linewidth": POINT * line["width"], "linestyle": DASHES[line.get("dash", "solid")]}
 
 
-def _field(axes: Axes, field: Field, _: Axis) -> None:
-    """A quantity in colour, with levels and curves over it."""
-    from matplotlib.colors import LinearSegmentedColormap, LogNorm
+def _trace(axes: Axes, trace: Words, below: Words, laid: Words) -> None:
+    """A quantity in colour, bars, what is filled down to the trace below, or a line with points."""
+    from matplotlib.colors import LinearSegmentedColormap
 
-    colors = LinearSegmentedColormap.from_list(field.scale, SCALES[field.scale])
-    x, y = field.x.values, field.y.values
-    mesh = axes.pcolormesh(x, y, field.values, shading="nearest", cmap=colors,
-                           norm=LogNorm() if field.log else None)  # fmt: skip
-    figure: Any = axes.figure
-    bar = figure.colorbar(mesh, ax=axes, pad=0.02)
-    _axis(bar.ax, "y", colored(field))
-    for level in field.levels:
-        values = field.values if level.values is None else level.values
-        for color, wide in (("black", 3.2), ("white", 1.4)):
-            axes.contour(x, y, values, [level.at], colors=color, linewidths=wide)
-        axes.plot([], [], color="black", linewidth=2.4, label=level.text)
-    for curve in field.curves:
-        looks = LOOKS[curve.look] | {"linewidth": 2.0, "markersize": 5.0, "clip_on": False}
-        axes.plot(curve.x, curve.y, color=COLORS[curve.color], label=curve.name, **looks)
-    axes.grid(visible=False)
+    x, y, kind, figure = (
+        np.array(trace["x"], float),
+        np.array(trace["y"], float),
+        trace.get("type"),
+        axes.figure,
+    )
+    label: Any = {"label": trace.get("name", "") if trace.get("showlegend") else ""}
+    if kind == "heatmap":
+        colors = LinearSegmentedColormap.from_list("", laid["coloraxis"]["colorscale"])
+        mesh = axes.pcolormesh(x, y, np.array(trace["z"], float), shading="nearest", cmap=colors)
+        bar, place = laid["coloraxis"]["colorbar"], figure.colorbar(mesh, ax=axes, pad=0.02)
+        place.set_label(bar["title"]["text"])
+        if "tickvals" in bar:
+            place.set_ticks(bar["tickvals"], labels=bar["ticktext"])
+    elif kind == "bar":
+        bars = axes.bar(x + trace["offset"], y, trace["width"], trace["base"], align="edge",
+                        color=trace["marker"]["color"], edgecolor="white", **label)  # fmt: skip
+        axes.bar_label(bars, [trace.get("text", "")] * len(x), label_type="center", fontsize=8)
+    elif "fill" in trace:
+        back = np.array([below["x"], below["y"]], float)[:, ::-1]
+        around = np.concatenate([[x, y], back], axis=1)
+        around = around[:, np.isfinite(around[1])]
+        axes.fill(*around, color=trace["fillcolor"], linewidth=0.0, **label)
+    else:
+        line, marker = trace["line"], trace["marker"]
+        look = _look(line) if "lines" in trace["mode"] else {"linestyle": "none"}
+        size = POINT * marker["size"] if "markers" in trace["mode"] else 0.0
+        step = STEPS[line.get("shape", "linear")]
+        axes.plot(x, y, color=line["color"], drawstyle=step, marker="o", markersize=size, **look,
+                  **label)  # fmt: skip
 
 
 def outlines(axes: Axes, motion: Motion, frame: int, shade: float = 1.0) -> None:
@@ -200,7 +175,7 @@ def outlines(axes: Axes, motion: Motion, frame: int, shade: float = 1.0) -> None
                   alpha=dark, solid_capstyle="round")  # fmt: skip
 
 
-def _ghosts(axes: Axes, motion: Motion) -> None:
+def ghosts(axes: Axes, motion: Motion) -> None:
     """The ghosts of a motion, later ones darker, each with what is special about it."""
     moving = next(shape for shape in motion.shapes if len(shape.points) > 1)
     shades = np.linspace(0.25, 1.0, len(motion.ghosts))
