@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
 from dataclasses import dataclass, field
 from functools import cache, partial
@@ -17,7 +17,7 @@ from cosim import Result, SetupError, System
 from cosim.progress import bar
 from cosim.system import connect
 
-from .answer import Answer, Parameter, Show, Table, parameters
+from .answer import Answer, Parameter, Show, Table, parameters, stream
 from .figure import Figure
 from .limit import coupling
 from .options import Options, Run, declared, refuse
@@ -116,6 +116,17 @@ class Bench:
             for warning in () if probes else warnings:
                 logging.getLogger("cosim").warning(warning)
             yield found
+
+    def kept(self, csv: str, units: Mapping[str, str], rows: Iterable[Sequence[Any]]) -> Table:
+        """The table of rows, which are kept in NAME.partial.csv as they come."""
+
+        def passed() -> Iterator[Sequence[Any]]:
+            for row in rows:
+                keep([row])
+                yield row
+
+        with stream(self.out and self.out / csv, list(units)) as keep:
+            return Table.of_rows(passed(), units)
 
 
 def _heard(function: Callable[[Case], Found], case: Case) -> tuple[Found, list[str]]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -55,18 +54,28 @@ def measured(tell: Callable[..., float], *columns: Samples) -> Measured:
     return _away(value, others)
 
 
-def over_rows(tell: Callable[[Result], Mapping[str, float]], result: Result) -> dict[str, Measured]:
-    """What `tell` makes of a result, by name, with the same error."""
-    whole, columns = tell(result), result.columns
-    others = []
-    for half in _halves(len(result.data)):
-        rows = result.data[half]
-        others.append(tell(Result(columns, result.units, result.provenance, partial(_same, rows))))
-    return {name: _away(value, [other[name] for other in others]) for name, value in whole.items()}
+def over_rows(tell: Callable[[Result], Mapping[str, Figure]], result: Result) -> dict[str, Figure]:
+    """The figures that `tell` makes of a result, by name, with the same error; refused ones stay so."""
+    whole = tell(result)
+    others = [tell(of_rows(result, result.data[half])) for half in _halves(len(result.data))]
+    return {
+        name: figure
+        if figure.error is None
+        else figure._replace(error=_away(figure.value, [x[name].value for x in others]).error)
+        for name, figure in whole.items()
+    }
 
 
-def _same(rows: Samples) -> Samples:
-    return rows
+def of_rows(result: Result, rows: Samples) -> Result:
+    """The result with these rows instead, of shape (n, columns)."""
+    return Result(result.columns, result.units, result.provenance, lambda: rows)
+
+
+def extended(result: Result, unit: str, more: Mapping[str, Samples]) -> Result:
+    """The result with more columns, which are all in that unit."""
+    data = np.column_stack([result.data, *more.values()])
+    units = result.units | dict.fromkeys(more, unit)
+    return Result([*result.columns, *more], units, result.provenance, lambda: data)
 
 
 def _halves(rows: int) -> list[NDArray[np.int64]]:
@@ -79,7 +88,9 @@ def _away(value: float, others: Sequence[float]) -> Measured:
 
 
 def largest(t: Samples, x: Samples) -> Peak:
-    """The largest value of x and its time, on the spline through the rows around it."""
+    """The largest value of x and its time, on the spline through the rows around it; a row where x
+    jumps beside it.
+    """
     value = measured(lambda t, x: _top(t, x)[0], t, x)
     at = measured(lambda t, x: _top(t, x)[1], t, x)
     return Peak(*value, at)
@@ -99,6 +110,9 @@ def _top(t: Samples, x: Samples) -> tuple[float, float]:
     curve = CubicSpline(t[near], x[near])
     times = curve.derivative().roots(extrapolate=False)
     at = times[np.argmax(curve(times))]
+    bend = np.abs(np.diff(x[max(0, top - 2) : top + 3], 2)).min()
+    if curve(at) - x[top] > bend:
+        return float(x[top]), float(t[top])
     return float(curve(at)), float(at)
 
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from cosim import Result, System
 from cosim.system import Value
+from workbench.measure import of_rows
 from workbench.report.chart import Span
 
 PARTS = {"orientator": "GravityOrientator"}
@@ -32,8 +33,7 @@ def system(fmus: Mapping[str, Path], w: float, mu: float, start: Mapping[str, Va
 def shortened(r: Result) -> Result:
     """The rows up to the first one after the end."""
     over = np.flatnonzero(r["orientator.stage"] >= ORIENTED)
-    rows = r.data[: over[0] + 1] if len(over) else r.data
-    return Result(r.columns, r.units, r.provenance, lambda: rows)
+    return of_rows(r, r.data[: over[0] + 1]) if len(over) else r
 
 
 def stages(r: Result, first: int = 0, last: int = -1) -> list[Span]:

@@ -15,7 +15,7 @@ import pandas as pd
 import pytest
 from fmpy.model_description import read_model_description
 
-from cosim import SetupError
+from cosim import SetupError, System
 from scenarios.__main__ import PROJECT
 from scenarios.conveyor.theory import FIELDS, Machine
 from scenarios.iron import drive as iron
@@ -42,7 +42,7 @@ CHANGED = {
 }
 EXACT = {"nu_res", "zeta", "build_up", "slope", "cycles", "oriented", "released", "lost"}
 SAID = {
-    "iron_orders": [(iron_orders.IMPORTANT, "%"), *((T, "s") for T in iron_orders.LAGS.values())],
+    "iron_orders": [(iron_orders.IMPORTANT, "%"), *((lag, "ms") for lag in iron_orders.LAGS)],
     "orientation_time": [(10.0, "%")],
     "run_up": [(10.0, "%")],
     "resonance": [(90.0, "degrees"), (math.sqrt(720e3 / 200), "rad/s")],
@@ -296,11 +296,11 @@ def test_the_enumerations_are_those_of_the_fmu() -> None:
 
 def test_the_torque_of_the_iron_counts_each_sample_of_a_turn_once() -> None:
     """Over evenly spaced samples of a whole turn the least-squares orders are those of the FFT."""
-    fmus = fmus_of(iron_orders)
-    machine = iron_orders.measure(fmus, {})
+    drive = System(fmus_of(iron_orders), iron.WIRES, iron.MOTOR)
+    machine = iron_orders.measure(drive)
     torque = machine.torque(5.0)
     wanted = 2j * np.fft.rfft(torque)[1:13] / len(torque)
     found = harmonics(machine.phi, torque, iron_orders.ORDERS)
     assert found == pytest.approx(wanted, rel=1e-6, abs=1e-6 * abs(wanted).max())
-    turn = iron.turn(5.0, iron.alone(fmus, {}), iron_orders.PER_REV, ["iron.tau_cam"])
+    turn = iron.turn(drive, 5.0, iron_orders.PER_REV)
     assert torque == pytest.approx(turn["iron.tau_cam"][:-1], abs=1e-6)
