@@ -26,6 +26,7 @@ from .runs import local
 from .runs.identity import computation, digest
 from .runs.journal import Journal, sweep
 
+FEWEST = 16
 Case = TypeVar("Case")
 Found = TypeVar("Found")
 
@@ -73,8 +74,14 @@ class Bench:
         """The result with steps of `o.step`, and its figures; their errors are those that `figures`
         gives for this result, and that of the coupling, from runs with two and four times the step.
 
-        Rows go to the CSV file of that name on the way. Raises what `cosim.run` raises.
+        Rows go to the CSV file of that name on the way. Raises what `cosim.run` raises, and SetupError
+        for a step that is too long to tell errors.
         """
+        if o.step > o.stop / FEWEST:
+            raise SetupError(
+                f"step = {o.step:g} s must be at most {o.stop / FEWEST:g} s, a {FEWEST}th of stop = "
+                f"{o.stop:g} s: three runs with up to four times the step tell the errors"
+            )
 
         def advance(cost: int, part: float) -> None:
             progress((cost - 1 + cost * part) / 7)

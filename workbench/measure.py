@@ -18,6 +18,7 @@ Samples = NDArray[np.float64]
 HIGHEST = 8
 AROUND = 6
 ROUNDING = 1e-12
+STEEP, SMOOTH = 0.5, 0.25
 
 
 class Measured(NamedTuple):
@@ -104,16 +105,24 @@ def smallest(t: Samples, x: Samples) -> Peak:
 
 def _top(t: Samples, x: Samples) -> tuple[float, float]:
     top = int(np.argmax(x))
-    if not 0 < top < len(x) - 1:
+    if not 0 < top < len(x) - 1 or _jumps(x, top):
         return float(x[top]), float(t[top])
     near = slice(max(0, top - AROUND), top + AROUND + 1)
     curve = CubicSpline(t[near], x[near])
     times = curve.derivative().roots(extrapolate=False)
     at = times[np.argmax(curve(times))]
-    bend = np.abs(np.diff(x[max(0, top - 2) : top + 3], 2)).min()
-    if curve(at) - x[top] > bend:
-        return float(x[top]), float(t[top])
     return float(curve(at)), float(at)
+
+
+def _jumps(x: Samples, top: int) -> bool:
+    """Whether x jumps beside its largest row: on one side the second difference there is turned round
+    by the next one, and those around are small.
+    """
+    bends = np.diff(x[max(0, top - 3) : top + 4], 2)
+    return len(bends) == 5 and any(
+        after > STEEP * -there and max(abs(before), abs(beyond)) < SMOOTH * -there
+        for _, before, there, after, beyond in (bends, bends[::-1])
+    )
 
 
 def crossings(t: Samples, x: Samples, level: float) -> list[Measured]:

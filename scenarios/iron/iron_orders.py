@@ -20,6 +20,7 @@ import workbench
 from cosim import System
 from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, Table, option
 from workbench.answer import parameters
+from workbench.figure import refusals
 from workbench.limit import coupling
 from workbench.measure import Measured, Samples, harmonics
 from workbench.orbit import NotSteady, steady
@@ -95,7 +96,7 @@ def solve(o: Options, bench: Bench) -> Findings:
     coarser = chain.from_iterable(bench.each(run, again, "coupling errors"))
     which = set(zip(worst["T"], worst["order"]))
     runs = [*worst.itertuples(index=False), *(x for x in coarser if (x[0], x[2]) in which)]
-    found = figures(machine, Table.of_rows(runs, UNITS).frame)
+    found = figures(machine, orders.frame, Table.of_rows(runs, UNITS).frame)
     w_n = {lag / 1e3: found[f"w_n_{lag}ms"].value for lag in LAGS}
     meets = [(T, k, w / k) for T, w in w_n.items() for k in range(1, ORDERS + 1)]
     units = {x: UNITS[x] for x in ("T", "order", "nu")}
@@ -150,7 +151,7 @@ def simulate(machine: Machine, case: Case) -> list[Sequence[float]]:
     return [(T, nu, k, *row) for k, row in enumerate(np.transpose(columns).tolist(), 1)]
 
 
-def figures(machine: Machine, runs: Frame) -> dict[str, Figure]:
+def figures(machine: Machine, orders: Frame, runs: Frame) -> dict[str, Figure]:
     """Inertia, slope and limit of the mechanism; of each lag the formula, and where it adds most.
 
     `runs` are the order that each lag adds most to, with all, a half and a quarter of the steps;
@@ -163,18 +164,19 @@ def figures(machine: Machine, runs: Frame) -> dict[str, Figure]:
         "slope": Figure(B, "N.m.s/rad", 0.0, "slope of the motor line there"),
         **{name: x for name, x in limits.items() if name.startswith("follower")},
     }
-    none, share = (
-        "the lag adds to no order at any speed",
+    formula, share = (
+        "frequency where an order lags 90 deg, by formula",
         "most that the lag adds, in largest torques",
     )
     for lag in LAGS:
         T, mine = lag / 1e3, runs[runs["T"] == lag / 1e3]
+        known = orders[orders["T"] == T]["added"].notna().any()
+        why = "the lag adds to no order" if known else "there is no steady motion"
         w_n, zeta = math.sqrt(B / (theta.value * T)), math.sqrt(theta.value / (B * T)) / 2
-        by_formula = "frequency where an order lags 90 deg, by formula"
         told = {
-            "w_n": Figure(w_n, "rad/s", w_n * off, by_formula),
+            "w_n": Figure(w_n, "rad/s", w_n * off, formula),
             "zeta": Figure(zeta, "1", zeta * off, "damping ratio of the ripple"),
-            "added": Figure.refused("%", f"{none} of the sweep", share),
+            "added": Figure.refused("%", f"{why} at any speed of the sweep", share),
         }
         for at in mine.head(1).itertuples():
             added, gain = (coupling(mine[x].to_list(), order) for x in ("added", "gain"))
@@ -193,18 +195,22 @@ def figures(machine: Machine, runs: Frame) -> dict[str, Figure]:
 
 def verdict(o: Options, f: Mapping[str, Figure], r: object) -> str:
     """For which motors a resonance matters, and what the lag of each adds."""
-    does = {lag: f[f"added_{lag}ms"] for lag in LAGS if f[f"added_{lag}ms"].error is not None}
-    matter = [f"{lag} ms" for lag, share in does.items() if share.value > IMPORTANT]
-    which = f"with a lag of {' and '.join(matter)}" if matter else "with none of the motors"
-    adds = [
-        f"{share.text()} with {lag} ms at {f[f'worst_speed_{lag}ms'].text()}"
-        for lag, share in does.items()
+    adds = {f"{lag} ms": f[f"added_{lag}ms"] for lag in LAGS}
+    most = [
+        f"{share.text()} with {lag} at {f[f'worst_speed_{lag}'.replace(' ', '')].text()}"
+        for lag, share in adds.items()
+        if share.error is not None
     ]
-    return (
-        f"A resonance is of practical importance {which}: it is where the lag adds more than "
-        f"{IMPORTANT:g} % of the largest torque to an order. At most the lag adds "
-        f"{', '.join(adds) or 'nothing'}. The follower lifts off at {f['follower_limit'].text()}."
-    )
+    matter = " and ".join(lag for lag, share in adds.items() if share.value > IMPORTANT)
+    which = f"A resonance is of practical importance with a lag of {matter}"
+    lines = [
+        f"{which if matter else 'No resonance is of practical importance'}: it is where the lag adds "
+        f"more than {IMPORTANT:g} % of the largest torque to an order.",
+        *([f"At most the lag adds {', '.join(most)}."] if most else []),
+        *refusals(adds),
+        f"The follower lifts off at {f['follower_limit'].text()}.",
+    ]
+    return " ".join(lines[0 if most else 1 :])
 
 
 def show(o: Options, f: Mapping[str, Figure], r: tuple[Machine, Frame]) -> Show:

@@ -61,7 +61,7 @@ def figures(r: Result) -> dict[str, Figure]:
     rad, torque, J = (r.units[x] for x in ("iron.w_cam", "motor.tau", "E_in"))
     w, tau, mean = largest(t, r["iron.w_cam"]), largest(t, r["motor.tau"]), measured(late, t, phi)
     pace, work = Measured(*(iron.PER_MINUTE * x for x in mean)), integral(t, r["motor.P"])
-    turns = float(np.ptp(phi[[0, -1]]) / (2 * math.pi))
+    turns = float(phi[-1] - phi[0]) / (2 * math.pi)
     missing = float(np.abs(r["E_missing"]).max())
     return {
         "w_cam_max": w.figure(rad, "largest speed of the cam"),
@@ -94,14 +94,16 @@ def stalls(r: Result, fastest: float) -> bool:
 def verdict(o: Options, f: Mapping[str, Figure], r: tuple[Result, System]) -> str:
     """How the cam starts, how it goes on, and the ledger."""
     told = {name: figure.text() for name, figure in f.items()}
-    pace = f"{told['w_cam_mean']} ({f['cycles'].text('cycles/min')})"
-    goes_on = f"In the second half it turns at {pace}."
+    starts = (
+        f"The cam shoots up to {told['w_cam_max']} after {told['w_cam_max_time']}, and in the second "
+        f"half turns at {told['w_cam_mean']} ({f['cycles'].text('cycles/min')})."
+    )
     if stalls(r[0], f["w_cam_max"].value):
-        goes_on = f"The motor stalls: the cam has made {told['turns']} turns and does not turn on."
+        made = f"the cam has made {told['turns']} turns, at up to {told['w_cam_max']}"
+        starts = f"The motor stalls: {made}, and does not turn on."
     return (
-        f"The cam shoots up to {told['w_cam_max']} after {told['w_cam_max_time']}. {goes_on} Of "
-        f"{told['energy_in']} from the motor, friction takes {told['energy_friction']} and "
-        f"{told['energy_stored']} are stored in the end."
+        f"{starts} Of {told['energy_in']} from the motor, friction takes {told['energy_friction']} "
+        f"and {told['energy_stored']} are stored in the end."
     )
 
 

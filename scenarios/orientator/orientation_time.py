@@ -18,6 +18,7 @@ import workbench
 from cosim import Result, System
 from cosim.system import connect
 from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, Table, option
+from workbench.figure import refusals
 from workbench.measure import ROUNDING, Measured
 from workbench.report.chart import SERIES
 
@@ -149,16 +150,13 @@ def key(name: str, mu: float) -> str:
 def verdict(o: Options, f: Mapping[str, Figure], r: object) -> str:
     """How long orienting takes, how fast the rotor may turn, and from where on friction matters."""
     told = {name: figure.text() for name, figure in f.items()}
+    limits = {f"friction {mu:g}": key("limit", mu) for mu in o.frictions}
     works = [
-        f"{told[key('limit', mu)]} with friction {mu:g}, {told[key('orientation_time', mu)]} there"
-        for mu in o.frictions
-        if key("orientation_time", mu) in f
+        f"{told[name]} with {who}, {told[name.replace('limit', 'orientation_time')]} there"
+        for who, name in limits.items()
+        if f[name].error is not None
     ]
-    lines = [
-        f"With friction {mu:g} {f[key('limit', mu)].reason}."
-        for mu in o.frictions
-        if key("orientation_time", mu) not in f
-    ]
+    lines = refusals({who: f[name] for who, name in limits.items()})
     if works:
         lines.insert(0, f"The orientator works up to {'; '.join(works)}.")
     if "shortest_time" in f:
@@ -176,7 +174,8 @@ def show(o: Options, f: Mapping[str, Figure], r: tuple[System, Mapping[float, Co
     curves, marks, motions = [], [], []
     for (mu, (oriented, jam)), color in zip(r[1].items(), SERIES * len(r[1])):
         n, time = [p.n for p in oriented], [p.orientation_time for p in oriented]
-        curves.append(Curve(f"friction {mu:g}", n, time, color, "linked"))
+        if oriented:
+            curves.append(Curve(f"friction {mu:g}", n, time, color, "linked"))
         if jam is not None:
             marks.append(Mark(n[-1], f"friction {mu:g} jams beyond {n[-1]:.2f} rpm"))
             runs = {f"{x:.2f} rpm": run(r[0], mu, x, 1e-3) for x in (n[-1], jam.n)}
@@ -185,4 +184,5 @@ def show(o: Options, f: Mapping[str, Figure], r: tuple[System, Mapping[float, Co
             motions.append(mechanism.motion(title, runs, last))
     title = "The time of orientation, up to where products jam"
     panel = Panel("orientation time", "s", curves, includes=(0.0,))
-    return Show([Chart(title, "rotor speed [rpm]", [panel], marks)], motions)
+    chart = Chart(title, "rotor speed [rpm]", [panel], marks)
+    return Show([chart] if curves else [], motions)

@@ -65,7 +65,7 @@ def figures(o: Options, r: Result) -> dict[str, Figure]:
 def ending(r: Result) -> str:
     """What became of the product, in words."""
     stage, reason = (int(r[f"orientator.{name}"][-1]) for name in ("stage", "reason"))
-    if stage == orientator.JAMMED:
+    if reason:
         return f"the product jams: {orientator.REASONS[reason]}"
     still = "" if stage == orientator.ORIENTED else "still in the stage "
     return f"the product is {still}{orientator.STAGES[stage]}"
@@ -75,8 +75,8 @@ def verdict(o: Options, f: Mapping[str, Figure], r: Result) -> str:
     """What becomes of the product, and how long each stage takes."""
     after = f" after {f['orientation_time'].text()}" if f["oriented"].value else ""
     stages = [f"{x} {f[f't_{x}'].text()}" for x in STAGES if f[f"t_{x}"].error is not None]
-    told = ", ".join(stages) or "none came to an end"
-    return f"{ending(r).capitalize()}{after}. Its stages: {told}."
+    told = f"Its stages: {', '.join(stages)}" if stages else "None of its stages came to an end"
+    return f"{ending(r).capitalize()}{after}. {told}."
 
 
 def show(o: Options, f: Mapping[str, Figure], r: Result) -> Show:

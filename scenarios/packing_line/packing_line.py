@@ -140,7 +140,10 @@ def figures(r: Result) -> dict[str, Figure]:
     counts = {
         "released": (len(begins) - 1, "products released in the whole cycles"),
         "oriented": (np.ptp(r["orientator.oriented"][inside]), "products oriented of these"),
-        "missed": (r["orientator.missed"][begins[-1]], "releases while a product was under way"),
+        "missed": (
+            r["orientator.missed"][inside][-2],
+            "releases of these that found one under way",
+        ),
     }
     found = {name: Figure(float(x), "1", 0.0, meaning) for name, (x, meaning) in counts.items()}
     found |= over_rows(cycles, r)

@@ -217,8 +217,14 @@ def test_jams_and_stalls_are_named_in_a_sentence() -> None:
     jammed = rows["stage"] == orientator.JAMMED
     assert 0 < jammed.sum() < len(rows)
     assert rows["orientation_time"].isna().equals(jammed)
-    stall = ask("iron_start", motor_A=0.12, stop=30.0, step=2e-3)
-    assert "The motor stalls: the cam has made" in stall.verdict
+    held = ask("orientator_cycle", speed="110rpm").verdict
+    assert held == "The product jams: held in chute. None of its stages came to an end."
+    none = ask("orientation_time", speeds="90,100rpm", frictions="0.5,0.6")
+    assert none.verdict == "With friction 0.5, friction 0.6 every product of the sweep jams."
+    assert none.show().charts == []
+    for motor_A, stop, turns in ((0.12, 30.0, "0.25918"), (-4.0, 1.0, "-0.694")):
+        stall = ask("iron_start", motor_A=motor_A, stop=stop, step=2e-3)
+        assert stall.verdict.startswith(f"The motor stalls: the cam has made {turns}")
     slow = ask("run_up", stop=0.1, start={"motor.kloss.tau_b": 1.0})
     assert "The induction motor stalls" in slow.verdict
     assert slow.figures["kloss_passing"].reason == "the crank does not stay above the resonance"

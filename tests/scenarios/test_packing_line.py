@@ -107,7 +107,7 @@ def test_ripple_of_the_supply_is_that_of_its_drives(line: Answer) -> None:
 
 @pytest.mark.parametrize(
     ("gear", "reason", "missed", "end"),
-    [(2.2, "catcher stopped", 0, "jammed"), (3.0, "held in chute", 2, "falling")],
+    [(2.2, "catcher stopped", 0, "jammed"), (3.0, "held in chute", 1, "falling")],
 )
 def test_a_rotor_geared_too_fast_jams_with_its_reason(
     gear: float, reason: str, missed: int, end: str

@@ -164,6 +164,8 @@ REFUSED = [
     ("run iron_cycle --samples 1.5", "samples = '1.5' must be a whole number"),
     ("run iron_start --motor-T 0", "motor_T = 0 s must be a finite number above 0 s"),
     ("run iron_orders --speeds=-1", "speeds = -1 rad/s must be a finite number above 0 rad/s"),
+    ("run iron_start --step 1", "step = 1 s must be at most 0.1875 s, a 16th of stop = 3 s"),
+    ("run iron_orders --start motor.tau=1", "motor.tau: this question sets it on its own"),
     ("run orientation_time --frictions a", "frictions = 'a' must read from:to:number or a,b,c"),
     ("run orientator_cycle --speed inf", "speed = inf rad/s must be a finite number at least 0"),
 ]
@@ -292,6 +294,7 @@ def test_iron_cycle_knows_torque_forces_and_limits() -> None:
     assert at_10 == pytest.approx([math.radians(10.0), 0.43224335899, 249.00775848], rel=1e-6)
     assert answer.verdict.startswith("4.1888 rad/s (40 cycles/min) is safe: it is ")
     assert "7.89776 ± 0.00001 rad/s, where the follower lifts off" in answer.verdict
+    assert "the chain up to 93.0686 ± 0.0048 N, and" in answer.verdict
     fast = ask("iron_cycle", speed="55rpm", start=["iron.spring.side=-1"])
     assert fast.figures["follower_limit"].value == pytest.approx(5.15434, rel=1e-4)
     assert "(55 cycles/min) is NOT possible: the follower lifts off at" in fast.verdict
@@ -341,6 +344,8 @@ def test_iron_orders_know_when_a_resonance_matters() -> None:
     assert [x > 10.0 for x in added] == [False, True, True]
     beginning = "A resonance is of practical importance with a lag of 80 ms and 200 ms: "
     assert answer.verdict.startswith(beginning)
+    slow = ask("iron_orders", speeds="2").verdict
+    assert slow.startswith("No resonance is of practical importance: it is where the lag adds more")
 
 
 def test_a_speed_without_steady_motion_is_warned_of() -> None:
@@ -348,7 +353,9 @@ def test_a_speed_without_steady_motion_is_warned_of() -> None:
     answer = ask("iron_orders", speeds="0.3", start={"motor.B": 1e-4})
     assert any("no steady motion at 0.3 rad/s with a lag of" in x for x in answer.warnings)
     rows = answer.tables["iron_orders.csv"].frame
-    assert rows["torque"].isna().any() and rows["excitation"].notna().all()
+    assert rows["torque"].isna().all() and rows["excitation"].notna().all()
+    none = "With 12 ms, 80 ms, 200 ms there is no steady motion at any speed of the sweep. "
+    assert answer.verdict.startswith(none)
 
 
 def test_orientation_time_finds_the_limits() -> None:
@@ -364,6 +371,11 @@ def test_orientation_time_finds_the_limits() -> None:
         limit = answer.figures[f"limit_mu_{mu}"]
         assert limit.value <= n <= limit.value + limit.error
         assert f"{limit.text()} with friction {mu.replace('_', '.')}" in answer.verdict
+        time = answer.figures[f"orientation_time_mu_{mu}"]
+        assert f"with friction {mu.replace('_', '.')}, {time.text()} there" in answer.verdict
+    assert answer.verdict.startswith(
+        "Orienting a product takes at least 0.238775 ± 0.000001 s. The"
+    )
     assert answer.figures["limit_mu_0_2"].meaning.endswith("beyond it: catcher back at stop")
     assert answer.warnings == []
 
