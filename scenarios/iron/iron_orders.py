@@ -75,24 +75,16 @@ class Machine(NamedTuple):
         return replace(self.drive, start={**self.drive.start, **own})
 
 
-class Case(NamedTuple):
-    """Motor lag [s], mean speed [rad/s], communication steps per revolution."""
-
-    T: float
-    nu: float
-    per_rev: int = PER_REV
-
-
 def solve(o: Options, bench: Bench) -> Findings:
     """Sweep three motors; where the lag adds most, again with coarser steps."""
     start = iron.MOTOR | {"iron.on_invalid": 1} | dict(o.start)
     machine = measure(System(bench.fmus, iron.WIRES, start))
     run = partial(simulate, machine)
-    cases = [Case(lag / 1e3, nu) for lag in LAGS for nu in o.speeds]
+    cases = [(lag / 1e3, nu, PER_REV) for lag in LAGS for nu in o.speeds]
     swept = chain.from_iterable(bench.each(run, cases, "sweep"))
     orders = bench.kept("iron_orders.csv", UNITS, swept)
     worst = orders.frame.dropna().query("added > 0").sort_values("added").groupby("T").tail(1)
-    again = [Case(x["T"], x["nu"], PER_REV // n) for n in (2, 4) for _, x in worst.iterrows()]
+    again = [(x["T"], x["nu"], PER_REV // n) for n in (2, 4) for _, x in worst.iterrows()]
     coarser = chain.from_iterable(bench.each(run, again, "coupling errors"))
     which = set(zip(worst["T"], worst["order"]))
     runs = [*worst.itertuples(index=False), *(x for x in coarser if (x[0], x[2]) in which)]
@@ -119,8 +111,9 @@ def measure(drive: System) -> Machine:
     return Machine(drive, slope, i_g, mean, work, one["iron.phi"][:-1], still, moving)
 
 
-def simulate(machine: Machine, case: Case) -> list[Sequence[float]]:
-    """The orders of the steady motion at one mean speed; a warning and nan where it does not settle."""
+def simulate(machine: Machine, case: tuple[float, float, int]) -> list[Sequence[float]]:
+    """The orders of the steady motion with a lag [s] at a mean speed [rad/s], in so many steps per
+    revolution; a warning and nan where it does not settle."""
     T, nu, per_rev = case
     system, excitation = machine.system(T, nu), machine.torque(nu)
 

@@ -59,8 +59,8 @@ def figures(r: Result) -> dict[str, Figure]:
     """Largest speed and torque with their times, the speed it settles at, energies at the end."""
     t, phi, r = r["time"], r["iron.phi"], ledger(r)
     rad, torque, J = (r.units[x] for x in ("iron.w_cam", "motor.tau", "E_in"))
-    w, tau, mean = largest(t, r["iron.w_cam"]), largest(t, r["motor.tau"]), measured(late, t, phi)
-    pace, work = Measured(*(iron.PER_MINUTE * x for x in mean)), integral(t, r["motor.P"])
+    w, tau, mean = largest(t, r["iron.w_cam"]), largest(t, r["motor.tau"]), measured(pace, t, phi)
+    cycles, work = Measured(*(iron.PER_MINUTE * x for x in mean)), integral(t, r["motor.P"])
     turns = float(phi[-1] - phi[0]) / (2 * math.pi)
     missing = float(np.abs(r["E_missing"]).max())
     return {
@@ -69,7 +69,7 @@ def figures(r: Result) -> dict[str, Figure]:
         "tau_max": tau.figure(torque, "largest torque of the motor"),
         "tau_max_time": tau.at.figure("s", "when the torque is largest"),
         "w_cam_mean": mean.figure(rad, "mean speed in the second half"),
-        "cycles": pace.figure("1/min", "cycles per minute in the second half"),
+        "cycles": cycles.figure("1/min", "cycles per minute in the second half"),
         "turns": Figure(turns, "1", 0.0, "turns of the cam"),
         "energy_in": work.figure(J, "work of the motor"),
         "energy_stored": Figure(float(r["E_stored"][-1]), J, 0.0, "stored in the end"),
@@ -78,17 +78,10 @@ def figures(r: Result) -> dict[str, Figure]:
     }
 
 
-def late(t: Samples, phi: Samples) -> float:
-    """Mean speed in the second half."""
-    half = (t[0] + t[-1]) / 2
-    return float((phi[-1] - CubicSpline(t, phi)(half)) / (t[-1] - half))
-
-
-def stalls(r: Result, fastest: float) -> bool:
-    """Whether the cam hardly turns in the last tenth of the run."""
-    last = r["time"] >= 0.9 * r["time"][-1]
-    t, phi = r["time"][last], r["iron.phi"][last]
-    return bool(phi[-1] - phi[0] < STANDS * fastest * (t[-1] - t[0]))
+def pace(t: Samples, phi: Samples, since: float = 0.5) -> float:
+    """Mean speed after that share of the run."""
+    began = t[0] + since * (t[-1] - t[0])
+    return float((phi[-1] - CubicSpline(t, phi)(began)) / (t[-1] - began))
 
 
 def verdict(o: Options, f: Mapping[str, Figure], r: tuple[Result, System]) -> str:
@@ -98,7 +91,7 @@ def verdict(o: Options, f: Mapping[str, Figure], r: tuple[Result, System]) -> st
         f"The cam shoots up to {told['w_cam_max']} after {told['w_cam_max_time']}, and in the second "
         f"half turns at {told['w_cam_mean']} ({f['cycles'].text('cycles/min')})."
     )
-    if stalls(r[0], f["w_cam_max"].value):
+    if pace(r[0]["time"], r[0]["iron.phi"], 0.9) < STANDS * f["w_cam_max"].value:
         made = f"the cam has made {told['turns']} turns, at up to {told['w_cam_max']}"
         starts = f"The motor stalls: {made}, and does not turn on."
     return (

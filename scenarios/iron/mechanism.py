@@ -49,7 +49,7 @@ def iron_drive(p: Mapping[str, Any], at: draw.Columns, cam: Places) -> list[Shap
     """Cam, rocker with its roller, link, chain over its sprocket, iron in its guide above the product."""
     C, A, R = p["sprocket.C"], p["sprocket.A"], p["sprocket.R"]
     phi, alpha, beta, H = (at[name] for name in ("phi", "alpha", "beta", "H"))
-    hub, roller = _hub(p), _roller(p, alpha)
+    hub, roller = _places(p, alpha)
     body = line(*(hub + np.outer(cam, np.exp(1j * phi))))
     D = p["rocker.l_K"] * np.exp(1j * alpha)
     joint = D + p["link.l"] * np.exp(1j * beta)
@@ -80,8 +80,7 @@ def iron_drive(p: Mapping[str, Any], at: draw.Columns, cam: Places) -> list[Shap
         Shape("spring", draw.spring(coil, fixed, 0.012), "purple", 1.5, label=6),
         Shape("product", line((left, low), (x, low), (x, table), (left, table)), "sky", 2.0,
               closed=True, label=3),
-        Shape("guide", line((x - rail, top), (x - rail, low)), "grey", 1.5),
-        Shape("guide", line((x + rail, top), (x + rail, low)), "grey", 1.5),
+        *(Shape("guide", line((at, top), (at, low)), "grey", 1.5) for at in (x - rail, x + rail)),
         Shape("iron", line((left, y), (right, y), (right, bottom), (left, bottom)), "green", 5.0,
               closed=True, label=2),
         *(ceiling if above else []),
@@ -92,18 +91,14 @@ def cam(p: Mapping[str, Any], system: System) -> Places:
     """The working profile at phi = 0, seen from its axis, from a turn: the path of the roller's
     centre, nearer by the roller's radius."""
     one = turn(system, 1.0, 180)
-    phi, alpha = one["iron.phi"][:-1], one["iron.alpha"][:-1]
-    path = (_roller(p, alpha) - _hub(p)) * np.exp(-1j * phi)
+    hub, roller = _places(p, one["iron.alpha"][:-1])
+    path = (roller - hub) * np.exp(-1j * one["iron.phi"][:-1])
     along = np.roll(path, -1) - np.roll(path, 1)
     normal = 1j * along / abs(along)
     return np.asarray(path - ROLLER * np.sign((normal * path.conj()).real) * normal)
 
 
-def _hub(p: Mapping[str, Any]) -> Any:
-    """The cam's axis."""
-    return p["rocker.L"] * np.exp(1j * AXIS)
-
-
-def _roller(p: Mapping[str, Any], alpha: Any) -> Any:
-    """The roller's centre, shape (frames,)."""
-    return p["rocker.l"] * np.exp(1j * (AXIS - p["rocker.alpha0"] + alpha))
+def _places(p: Mapping[str, Any], alpha: Any) -> tuple[Any, Any]:
+    """The cam's axis, and the roller's centre, shape (frames,)."""
+    roller = p["rocker.l"] * np.exp(1j * (AXIS - p["rocker.alpha0"] + alpha))
+    return p["rocker.L"] * np.exp(1j * AXIS), roller

@@ -1,6 +1,5 @@
 """What the questions of the orientator share: one product through the FMU, stages and reasons."""
 
-import math
 from collections.abc import Mapping
 from itertools import pairwise
 from pathlib import Path
@@ -45,8 +44,3 @@ def stages(r: Result, first: int = 0, last: int = -1) -> list[Span]:
         Span(float(t[a]), float(t[b]), STAGES[stage[a]], COLORS[stage[a]])
         for a, b in pairwise(begins)
     ]
-
-
-def rpm(w: float) -> float:
-    """A speed [rad/s] in turns per minute, to the ninth decimal, so that 20 rpm stay 20."""
-    return round(w * 30 / math.pi, 9)

@@ -50,7 +50,8 @@ def solve(o: Options, bench: Bench) -> Findings:
     """Sweep, and halve the gaps between what works and what jams."""
     machine = orientator.system(bench.fmus, 0.0, 0.0, o.start)
     connect(machine)
-    run = partial(sweep, machine, [orientator.rpm(w) for w in o.speeds])
+    speeds = [round(w * 30 / math.pi, 9) for w in o.speeds]  # so that 20 rpm stay 20
+    run = partial(sweep, machine, speeds)
     rows = chain.from_iterable(bench.each(run, o.frictions, "frictions", probes=True))
     table, steps = bench.kept(TABLE, UNITS, rows), f"steps of {STEP} s"
     courses = {mu: course(table.frame, mu) for mu in o.frictions}

@@ -28,7 +28,6 @@ CURVES = {
     "speed": {"orientator.w1": ("catcher", SPEED), "orientator.w2": ("cup", TORQUE)},
     "centre of mass": {"orientator.vyc": ("down", SPEED), "orientator.vxc": ("outwards", THEORY)},
 }
-UNITS = {"angle": "deg"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,7 +87,7 @@ def show(o: Options, f: Mapping[str, Figure], r: Result) -> Show:
         {"orientator.N_K": ("wall", FORCE)},
         Mark(0.0, "below 0 a real cup leaves the wall"),
     )
-    panels = [panel(x, curves=curves, unit=UNITS.get(x, "")) for x, curves in CURVES.items()]
+    panels = [panel(x, curves=CURVES[x], unit="deg" if x == "angle" else "") for x in CURVES]
     panels.append(panel("reaction of the wall", curves=wall, levels=[zero], includes=(0.0,)))
     spans = [x._replace(first=1e3 * x.first, last=1e3 * x.last) for x in stages]
     chart = Chart("Angles, speeds and the wall", "time [ms]", panels, spans=spans)

@@ -18,7 +18,7 @@ from scipy.interpolate import CubicSpline
 import cosim
 from cosim import Result, SetupError, System
 from workbench import Bench, Chart, Figure, Findings, Mark, Panel, Run, Show, Table, option
-from workbench.measure import extended, harmonics, largest, over_rows, smallest
+from workbench.measure import extended, harmonics, largest, of_rows, over_rows, smallest
 from workbench.options import Start
 from workbench.report.chart import LIFT, POWER, Lanes, Span, recorded
 from workbench.report.motion import Motion, moved, rows
@@ -140,10 +140,7 @@ def figures(r: Result) -> dict[str, Figure]:
     counts = {
         "released": (len(begins) - 1, "products released in the whole cycles"),
         "oriented": (np.ptp(r["orientator.oriented"][inside]), "products oriented of these"),
-        "missed": (
-            r["orientator.missed"][inside][-2],
-            "releases of these that found one under way",
-        ),
+        "missed": (r["orientator.missed"][inside][-2], "released while one was under way"),
     }
     found = {name: Figure(float(x), "1", 0.0, meaning) for name, (x, meaning) in counts.items()}
     found |= over_rows(cycles, r)
@@ -188,11 +185,7 @@ def cycles(r: Result) -> dict[str, Figure]:
         "gap": (near["gap"], "Hz", "distance of the nearest main orders of cam and crank"),
         "beat": (60 * near["gap"], "1/min", "how often they beat"),
         "together": (near["own_x"] + near["own_y"], "W", "what they add to at worst"),
-        "correlation": (
-            np.corrcoef(cam, crank)[0, 1],
-            "1",
-            "correlation of the powers of the drives",
-        ),
+        "correlation": (np.corrcoef(cam, crank)[0, 1], "1", "correlation of the motors' powers"),
     }
     found = {name: Figure(float(x), unit, 0.0, what) for name, (x, unit, what) in told.items()}
     why = f"the orientator jams: {orientator.REASONS[int(reason)]}"
@@ -253,10 +246,13 @@ def verdict(o: Options, f: Mapping[str, Figure], r: tuple[Result, System]) -> st
 
 def show(o: Options, f: Mapping[str, Figure], r: tuple[Result, System]) -> Show:
     """The last whole cycle from release to release: cam, orientator, powers; and in motion."""
-    result, line = r
-    first, last = releases(result)[-2:]
-    t = result["time"] - result["time"][first]
-    period, bars = float(t[last]), lanes(result, first, last)
+    whole, line = r
+    first, last = releases(whole)[-2:]
+    data = whole.data.copy()
+    data[:, 0] -= data[first, 0]
+    result = of_rows(whole, data)
+    t, bars = result["time"], lanes(result, first, last)
+    period = float(t[last])
     seen = (t >= -AROUND * period) & (t <= (1 + AROUND) * period)
     panel = partial(recorded, result=result, x=t[seen], rows=seen)
     lift = panel("lift of the iron", curves={"iron.lift": ("iron", LIFT)}, unit="mm")
@@ -276,11 +272,7 @@ def show(o: Options, f: Mapping[str, Figure], r: tuple[Result, System]) -> Show:
 
 def lanes(r: Result, first: int, last: int) -> dict[str, list[Span]]:
     """The stages of the product from a release to the next, and how long it all took."""
-    since = r["time"][first]
-    bars = [
-        x._replace(first=x.first - since, last=x.last - since)
-        for x in orientator.stages(r, first + 1, last)
-    ]
+    bars = orientator.stages(r, first + 1, last)
     bars[0] = bars[0]._replace(first=0.0)
     end, period, over = bars[-1].first, bars[-1].last, bars[-1].text
     works = over == orientator.STAGES[orientator.ORIENTED]

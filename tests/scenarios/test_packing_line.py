@@ -18,12 +18,10 @@ from numpy.testing import assert_allclose
 from scipy.integrate import simpson
 
 from cosim import System, run
-from scenarios.__main__ import PROJECT
 from scenarios.conveyor.theory import SETS
 from scenarios.packing_line import packing_line
 from tests.conftest import ROOT, ask, fmus_of
 from workbench.answer import Answer
-from workbench.command import main
 
 HOSTS = ROOT / "tests" / "hosts"
 COMPARED = [
@@ -132,37 +130,6 @@ def test_ripples_that_meet_are_named() -> None:
     met, apart = "where order 7 of the cam and order 2 of the crank meet and beat", "meet"
     assert met in ask("packing_line", speed=3.5 * 4.1869, stop=3.9, step=1e-3).verdict
     assert apart not in ask("packing_line", stop=3.9, step=1e-3).verdict
-
-
-@pytest.mark.parametrize(
-    ("options", "message", "code"),
-    [
-        (["--gear", 0], "gear = 0 must be a finite number above 0", 2),
-        (["--iron-speed", "nan"], "iron_speed = nan rad/s must be a finite number above 0", 2),
-        (["--speed", -1], "speed = -1 rad/s must be a finite number above 0", 2),
-        (["--stop", 2], "stop = 2 s must be at least 3.817 s, two cycles after the first", 2),
-        (["--step", 0], "step = 0 s must be a finite number above 0 s", 2),
-        (["--set", "C"], "set = 'C' must be one of A, B", 2),
-        (["--iron-speed", 0.5, "--stop", 33], "the cam stands or turns back", 2),
-        (["--iron-speed", 9], "cam follower lifts off", 1),
-    ],
-    ids=lambda x: str(x)[:30],
-)
-def test_what_the_line_cannot_do_is_one_line(
-    tmp_path: Path,
-    options: list[object],
-    message: str,
-    code: int,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    out = tmp_path / "out"
-    call = ["run", "packing_line", "--out", out, "--flavour", "native", *options]
-    assert main([*map(str, call)], PROJECT, "python -m scenarios") == code
-    told = capsys.readouterr().err
-    assert told.startswith("error: ")
-    assert told.count("\n") == 1
-    assert message in told
-    assert not out.exists()
 
 
 def ours(step: float, steps: int, record: list[str]) -> np.ndarray:

@@ -168,16 +168,29 @@ REFUSED = [
     ("run iron_orders --start motor.tau=1", "motor.tau: this question sets it on its own"),
     ("run orientation_time --frictions a", "frictions = 'a' must read from:to:number or a,b,c"),
     ("run orientator_cycle --speed inf", "speed = inf rad/s must be a finite number at least 0"),
+    ("run packing_line --gear 0", "gear = 0 must be a finite number above 0"),
+    ("run packing_line --iron-speed nan", "iron_speed = nan rad/s must be a finite number above"),
+    (
+        "run packing_line --stop 2",
+        "stop = 2 s must be at least 3.817 s, two cycles after the first",
+    ),
+    ("run packing_line --set C", "set = 'C' must be one of A, B"),
+    ("run packing_line --iron-speed 0.5 --stop 33", "the cam stands or turns back"),
+]
+FAILED = [
+    ("run packing_line --iron-speed 9", "cam follower lifts off"),
+    ("run iron_start --motor-A 8", "cam follower lifts off"),
 ]
 
 
-@pytest.mark.parametrize(("words", "message"), REFUSED, ids=lambda x: str(x)[:40])
-def test_bad_input_gets_one_line_and_code_2(
+@pytest.mark.parametrize(("words", "message"), REFUSED + FAILED, ids=lambda x: str(x)[:40])
+def test_bad_input_gets_one_line_and_code_2_and_a_run_that_fails_code_1(
     words: str, message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    out = ["--out", str(tmp_path / "out")] if words.startswith("run r") else []
-    assert main(*words.split(), *out) == 2
+    out = ["--out", str(tmp_path / "out"), *NATIVE] if words.startswith("run ") else []
+    assert main(*words.split(), *out) == 2 - ((words, message) in FAILED)
     error = capsys.readouterr().err
+    assert error.startswith("error: ")
     assert message in error
     assert error.count("\n") == 1
     assert not (tmp_path / "out").exists()
