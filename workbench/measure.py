@@ -10,15 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from cosim import Result
+from cosim import Result, figures
 
 from .figure import Figure
 
 Samples = NDArray[np.float64]
 HIGHEST = 8
-AROUND = 6
 ROUNDING = 1e-12
-STEEP, SMOOTH = 0.5, 0.25
 
 
 class Measured(NamedTuple):
@@ -89,40 +87,16 @@ def _away(value: float, others: Sequence[float]) -> Measured:
 
 
 def largest(t: Samples, x: Samples) -> Peak:
-    """The largest value of x and its time, on the spline through the rows around it; a row where x
-    jumps beside it.
+    """The largest value of x and its time, on the spline through its rows, which rises no further
+    above them than at a smooth peak.
     """
-    value = measured(lambda t, x: _top(t, x)[0], t, x)
-    at = measured(lambda t, x: _top(t, x)[1], t, x)
-    return Peak(*value, at)
+    return Peak(*measured(figures.largest, t, x), measured(figures.time_of_largest, t, x))
 
 
 def smallest(t: Samples, x: Samples) -> Peak:
     """The least value of x and its time, on the spline through the rows around it."""
     found = largest(t, -x)
     return found._replace(value=-found.value)
-
-
-def _top(t: Samples, x: Samples) -> tuple[float, float]:
-    top = int(np.argmax(x))
-    if not 0 < top < len(x) - 1 or _jumps(x, top):
-        return float(x[top]), float(t[top])
-    near = slice(max(0, top - AROUND), top + AROUND + 1)
-    curve = CubicSpline(t[near], x[near])
-    times = curve.derivative().roots(extrapolate=False)
-    at = times[np.argmax(curve(times))]
-    return float(curve(at)), float(at)
-
-
-def _jumps(x: Samples, top: int) -> bool:
-    """Whether x jumps beside its largest row: on one side the second difference there is turned round
-    by the next one, and those around are small.
-    """
-    bends = np.diff(x[max(0, top - 3) : top + 4], 2)
-    return len(bends) == 5 and any(
-        after > STEEP * -there and max(abs(before), abs(beyond)) < SMOOTH * -there
-        for _, before, there, after, beyond in (bends, bends[::-1])
-    )
 
 
 def crossings(t: Samples, x: Samples, level: float) -> list[Measured]:
