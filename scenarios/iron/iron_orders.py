@@ -157,30 +157,24 @@ def figures(machine: Machine, orders: Frame, runs: Frame) -> dict[str, Figure]:
         "slope": Figure(B, "N.m.s/rad", 0.0, "slope of the motor line there"),
         **{name: x for name, x in limits.items() if name.startswith("follower")},
     }
-    formula, share = (
-        "frequency where an order lags 90 deg, by formula",
-        "most that the lag adds, in largest torques",
-    )
+    share = "most that the lag adds, in largest torques"
     for lag in LAGS:
         T, mine = lag / 1e3, runs[runs["T"] == lag / 1e3]
         known = orders[orders["T"] == T]["added"].notna().any()
         why = "the lag adds to no order" if known else "there is no steady motion"
         w_n, zeta = math.sqrt(B / (theta.value * T)), math.sqrt(theta.value / (B * T)) / 2
         told = {
-            "w_n": Figure(w_n, "rad/s", w_n * off, formula),
+            "w_n": Figure(w_n, "rad/s", w_n * off, "frequency of a lag of 90 deg, by formula"),
             "zeta": Figure(zeta, "1", zeta * off, "damping ratio of the ripple"),
             "added": Figure.refused("%", f"{why} at any speed of the sweep", share),
         }
         for at in mine.head(1).itertuples():
-            added, gain = (coupling(mine[x].to_list(), order) for x in ("added", "gain"))
             left, scale = 2 * at.settling, at.added / (at.torque - at.excitation)
-            told |= {
-                "added": Figure(at.added, "%", added + scale * left, share),
-                "gain": Figure(
-                    at.gain, "1", gain + left / at.excitation, f"gain of order {at.order} there"
-                ),
-                "worst_speed": Figure(at.nu, "rad/s", 0.0, "speed of the sweep there"),
-            }
+            added = coupling(mine["added"].to_list(), order) + scale * left
+            gain = coupling(mine["gain"].to_list(), order) + left / at.excitation
+            told["added"] = Figure(at.added, "%", added, share)
+            told["gain"] = Figure(at.gain, "1", gain, f"gain of order {at.order} there")
+            told["worst_speed"] = Figure(at.nu, "rad/s", 0.0, "speed of the sweep there")
         for name, x in told.items():
             found[f"{name}_{lag}ms"] = x._replace(meaning=f"{x.meaning}, lag {lag} ms")
     return found
@@ -195,15 +189,15 @@ def verdict(o: Options, f: Mapping[str, Figure], r: object) -> str:
         if share.error is not None
     ]
     matter = " and ".join(lag for lag, share in adds.items() if share.value > IMPORTANT)
-    which = f"A resonance is of practical importance with a lag of {matter}"
-    lines = [
-        f"{which if matter else 'No resonance is of practical importance'}: it is where the lag adds "
-        f"more than {IMPORTANT:g} % of the largest torque to an order.",
-        *([f"At most the lag adds {', '.join(most)}."] if most else []),
-        *refusals(adds),
-        f"The follower lifts off at {f['follower_limit'].text()}.",
+    which = "No resonance is of practical importance: no lag adds"
+    if matter:
+        which = f"A resonance is of practical importance with a lag of {matter}: there the lag adds"
+    answer = [
+        f"{which} more than {IMPORTANT:g} % of the largest torque to an order.",
+        f"At most the lag adds {', '.join(most)}.",
     ]
-    return " ".join(lines[0 if most else 1 :])
+    lift = f"The follower lifts off at {f['follower_limit'].text()}."
+    return " ".join([*(answer if most else []), *refusals(adds), lift])
 
 
 def show(o: Options, f: Mapping[str, Figure], r: tuple[Machine, Frame]) -> Show:

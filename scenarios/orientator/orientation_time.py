@@ -125,13 +125,9 @@ def figures(machine: System, products: Frame, courses: Mapping[float, Course]) -
             beyond = f"{limit}; beyond it: {orientator.REASONS[jam.reason]}"
             time = takes(last, wide, "time of orientation there")
             pace, off = 60 / time.value, 60 / time.value**2 * (time.error or 0.0)
-            told = {
-                "limit": Figure(last.n, "rpm", wide, beyond),
-                "orientation_time": time,
-                "products": Figure(
-                    pace, "1/min", off, "products per minute there from one catcher"
-                ),
-            }
+            told["limit"] = Figure(last.n, "rpm", wide, beyond)
+            told["orientation_time"] = time
+            told["products"] = Figure(pace, "1/min", off, "products per minute there, one catcher")
         for name, x in told.items():
             found[key(name, mu)] = x._replace(meaning=f"friction {mu:g}: {x.meaning}")
     times = works.groupby("n")["orientation_time"].agg(["count", "min", "max"]).query("count > 1")

@@ -359,7 +359,7 @@ def test_iron_orders_know_when_a_resonance_matters() -> None:
     beginning = "A resonance is of practical importance with a lag of 80 ms and 200 ms: "
     assert answer.verdict.startswith(beginning)
     slow = ask("iron_orders", speeds="2").verdict
-    assert slow.startswith("No resonance is of practical importance: it is where the lag adds more")
+    assert slow.startswith("No resonance is of practical importance: no lag adds more than 10 %")
 
 
 def test_a_speed_without_steady_motion_is_warned_of() -> None:
