@@ -6,7 +6,7 @@ import logging
 import math
 import os
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from functools import cache, partial
@@ -21,7 +21,7 @@ from cosim.progress import bar
 from cosim.system import connect
 
 from . import question
-from .answer import Answer, Findings, Parameter, Show, Table, parameters
+from .answer import Answer, Findings, Parameter, Show, Table, parameters, stream
 from .figure import Figure
 from .limit import coupling
 from .options import Options, Run, declared, made, refuse
@@ -31,6 +31,7 @@ from .runs.identity import computation
 from .runs.journal import Journal, opened
 
 ALONE = Engine(jobs=1)
+FEWEST = 16
 Case = TypeVar("Case")
 Found = TypeVar("Found")
 
@@ -57,8 +58,14 @@ class Bench:
         """The result with steps of `o.step`, and its figures; their errors are those that `figures`
         gives for this result, and that of the coupling, from runs with two and four times the step.
 
-        Rows go to the CSV file of that name on the way. Raises what `cosim.run` raises.
+        Rows go to the CSV file of that name on the way. Raises what `cosim.run` raises, and SetupError
+        for a step that is too long to tell errors.
         """
+        if o.step > o.stop / FEWEST:
+            raise SetupError(
+                f"step = {o.step:g} s must be at most {o.stop / FEWEST:g} s, a {FEWEST}th of stop = "
+                f"{o.stop:g} s: three runs with up to four times the step tell the errors"
+            )
 
         def advance(cost: int, part: float) -> None:
             progress((cost - 1 + cost * part) / 7)
@@ -98,6 +105,17 @@ class Bench:
             for warning in () if probes else warnings:
                 logging.getLogger("cosim").warning(warning)
             yield found
+
+    def kept(self, csv: str, units: Mapping[str, str], rows: Iterable[Sequence[Any]]) -> Table:
+        """The table of rows, which are kept in NAME.partial.csv as they come."""
+
+        def passed() -> Iterator[Sequence[Any]]:
+            for row in rows:
+                keep([row])
+                yield row
+
+        with stream(self.out and self.out / csv, list(units)) as keep:
+            return Table.of_rows(passed(), units)
 
 
 def _heard(function: Callable[[Case], Found], case: Case) -> tuple[Found, list[str]]:

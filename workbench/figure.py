@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 MOST_DIGITS, LEAST = 6, -7
@@ -40,6 +41,15 @@ class Figure(NamedTuple):
     def json(self) -> dict[str, Any]:
         """The figure for JSON, which has neither infinity nor nan."""
         return self._asdict() | {"value": self.value if math.isfinite(self.value) else None}
+
+
+def refusals(figures: Mapping[str, Figure]) -> list[str]:
+    """A sentence for each reason why figures, by whose they are, are not told: "With A, B it jams."."""
+    whose: dict[str, list[str]] = {}
+    for who, figure in figures.items():
+        if figure.error is None:
+            whose.setdefault(figure.reason, []).append(who)
+    return [f"With {', '.join(them)} {reason}." for reason, them in whose.items()]
 
 
 def rounded(value: float, error: float) -> tuple[str, str]:

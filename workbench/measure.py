@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-import cosim
-from cosim import Result
+from cosim import Result, figures
 
 from .figure import Figure
 
@@ -54,14 +53,28 @@ def measured(tell: Callable[..., float], *columns: Samples) -> Measured:
     return _away(value, others)
 
 
-def over_rows(tell: Callable[[Result], Mapping[str, float]], result: Result) -> dict[str, Measured]:
-    """What `tell` makes of a result, by name, with the same error."""
-    whole, columns = tell(result), result.columns
-    others = []
-    for half in _halves(len(result.data)):
-        rows = result.data[half]
-        others.append(tell(Result(columns, result.units, result.provenance, rows.copy)))
-    return {name: _away(value, [other[name] for other in others]) for name, value in whole.items()}
+def over_rows(tell: Callable[[Result], Mapping[str, Figure]], result: Result) -> dict[str, Figure]:
+    """The figures that `tell` makes of a result, by name, with the same error; refused ones stay so."""
+    whole = tell(result)
+    others = [tell(of_rows(result, result.data[half])) for half in _halves(len(result.data))]
+    return {
+        name: figure
+        if figure.error is None
+        else figure._replace(error=_away(figure.value, [x[name].value for x in others]).error)
+        for name, figure in whole.items()
+    }
+
+
+def of_rows(result: Result, rows: Samples) -> Result:
+    """The result with these rows instead, of shape (n, columns)."""
+    return Result(result.columns, result.units, result.provenance, lambda: rows)
+
+
+def extended(result: Result, unit: str, more: Mapping[str, Samples]) -> Result:
+    """The result with more columns, which are all in that unit."""
+    data = np.column_stack([result.data, *more.values()])
+    units = result.units | dict.fromkeys(more, unit)
+    return Result([*result.columns, *more], units, result.provenance, lambda: data)
 
 
 def _halves(rows: int) -> list[NDArray[np.int64]]:
@@ -74,13 +87,16 @@ def _away(value: float, others: Sequence[float]) -> Measured:
 
 
 def largest(t: Samples, x: Samples) -> Peak:
-    """The largest value of x and its time, on the spline through the rows."""
-    return Peak(*measured(cosim.largest, t, x), measured(cosim.time_of_largest, t, x))
+    """The largest value of x and its time, on the spline through its rows, which rises no further
+    above them than at a smooth peak.
+    """
+    return Peak(*measured(figures.largest, t, x), measured(figures.time_of_largest, t, x))
 
 
 def smallest(t: Samples, x: Samples) -> Peak:
-    """The least value of x and its time, on the spline through the rows."""
-    return Peak(*measured(cosim.smallest, t, x), measured(cosim.time_of_smallest, t, x))
+    """The least value of x and its time, on the spline through the rows around it."""
+    found = largest(t, -x)
+    return found._replace(value=-found.value)
 
 
 def crossings(t: Samples, x: Samples, level: float) -> list[Measured]:

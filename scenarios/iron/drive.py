@@ -1,15 +1,12 @@
 """The iron drive at constant speed, and the speeds at which follower and chain let go."""
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
-from pathlib import Path
+from collections.abc import Mapping
 
 import numpy as np
 
 import cosim
 from cosim import Result, System
-from cosim.system import Value
 from workbench import Figure
 from workbench.measure import largest
 from workbench.options import Start
@@ -22,54 +19,56 @@ MOTOR: Start = {"motor.A": 4.0, "motor.B": 0.025, "motor.T": 0.012, "motor.tau":
 WIRES = ("motor.tau -> iron.tau", "iron.w -> motor.w")
 IMPOSED = ("iron.tau", "iron.phi", "iron.w_cam", "iron.reducer.J")
 LETS_GO = {
-    "follower": ("iron.N", "the follower lifts off", "least force of the cam on its follower"),
-    "run": ("iron.T_span", "the run of the chain goes slack", "least pull in the run of the chain"),
-    "iron": ("iron.T_iron", "the iron hangs free", "least pull of the chain on the iron"),
+    "follower": ("iron.N", "the follower lifts off", "force of the cam on its follower"),
+    "run": ("iron.T_span", "the run of the chain goes slack", "pull in the run of the chain"),
+    "iron": ("iron.T_iron", "the iron hangs free", "pull of the chain on the iron"),
 }
 
 
-def alone(fmus: Mapping[str, Path], start: Mapping[str, Value]) -> System:
-    """The iron drive by itself, without the start values of the other parts."""
-    others = {f"{part}." for part in fmus if part != "iron"}
-    own = {x: value for x, value in start.items() if not x.startswith(tuple(others))}
-    return System({"iron": fmus["iron"]}, start={"iron.on_invalid": 1} | own)
-
-
-def imposed(speed: float, alone: System) -> System:
-    """The iron drive at a practically constant cam speed [rad/s], from phi = 0.
+def imposed(system: System, speed: float) -> System:
+    """The iron drive of a system by itself, at a practically constant cam speed [rad/s], from phi = 0.
 
     A rotor a million times as heavy as any motor's imposes the speed: the acceleration left is
     below 1e-8 rad/s2, so that forces and cam torque are the kinetostatic ones. A stiff motor would
     need communication steps below 0.1 us to stay stable.
     """
-    values = dict(zip(IMPOSED, (0.0, 0.0, speed, FLYWHEEL)))
-    return replace(alone, start=dict(alone.start) | values)
+    others = tuple(f"{part}." for part in system.parts if part != "iron")
+    start = {x: value for x, value in system.start.items() if not x.startswith(others)}
+    own = dict(zip(IMPOSED, (0.0, 0.0, speed, FLYWHEEL)))
+    return System({"iron": system.parts["iron"]}, start={"iron.on_invalid": 1, **start, **own})
 
 
-def turn(speed: float, alone: System, samples: int, record: Sequence[str]) -> Result:
-    """One turn at constant speed, sampled evenly over the cam angle."""
+def turn(system: System, speed: float, samples: int = 1440) -> Result:
+    """One turn at constant speed, sampled evenly over the cam angle; its last row is its first."""
     h = 2 * math.pi / (speed * samples)
-    return cosim.run(imposed(speed, alone), stop=h * samples, step=h, record=record)
+    return cosim.run(imposed(system, speed), stop=h * samples, step=h)
 
 
-def limits(alone: System, samples: int = 1440) -> dict[str, Figure]:
+def limits(system: System) -> dict[str, Figure]:
     """The constant cam speed at which each force vanishes first, and the cam angle where; 0 for a
     force that is not there at rest.
 
     At constant speed a force is f_0(phi) + f_2(phi) w^2, and two turns tell both: it vanishes where
     -f_2 / f_0 is largest. It does somewhere, because accelerations have both signs in a turn.
     """
-    record = ["iron.phi", *(force for force, *_ in LETS_GO.values())]
-    slow, fast = (turn(w, alone, samples, record) for w in (1.0, 2.0))
+    slow, fast = (turn(system, w) for w in (1.0, 2.0))
     found = {}
     for name, (force, event, _) in LETS_GO.items():
         f_2 = (fast[force] - slow[force]) / 3.0
         f_0 = slow[force] - f_2
-        speed = Figure(0.0, "rad/s", 0.0, f"cam speed where {event}")
+        limit, at = (
+            Figure(0.0, "rad/s", 0.0, f"cam speed where {event}"),
+            f"cam angle where {event}",
+        )
         if f_0.min() > 0.0:
             top = largest(np.degrees(slow["iron.phi"]), -f_2 / f_0)
             w = top.value**-0.5
-            speed = speed._replace(value=w, error=w * top.error / (2 * top.value))
-            found[f"{name}_limit_angle"] = top.at.figure("deg", f"cam angle where {event}")
-        found[f"{name}_limit"] = speed
+            limit = limit._replace(value=w, error=w * top.error / (2 * top.value))
+            found[f"{name}_limit_angle"] = top.at.figure("deg", at)
+        found[f"{name}_limit"] = limit
     return found
+
+
+def first(f: Mapping[str, Figure]) -> tuple[Figure, str]:
+    """The lowest of these speeds, and what happens there."""
+    return min((f[f"{name}_limit"], event) for name, (_, event, _) in LETS_GO.items())

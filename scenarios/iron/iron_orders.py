@@ -10,18 +10,17 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from pathlib import Path
+from itertools import chain
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 import cosim
 import workbench
 from cosim import System
-from cosim.system import Value
 from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, Table, option
-from workbench.answer import parameters, stream
+from workbench.answer import parameters
+from workbench.figure import refusals
 from workbench.limit import coupling
 from workbench.measure import Measured, Samples, harmonics
 from workbench.orbit import NotSteady, steady
@@ -32,16 +31,16 @@ from . import mechanism
 
 Frame = Any
 PARTS = iron.PARTS
-OWN = ("motor.A", "motor.T")
+OWN = ("motor.A", "motor.T", "motor.tau", "iron.w_cam", "iron.phi")
 ORDERS, HIGHEST = 12, 60
-LAGS = {"12ms": 0.012, "80ms": 0.08, "200ms": 0.2}
+LAGS = (12, 80, 200)
 PER_REV = 1440
 IMPORTANT, SMALL = 10.0, 0.1
 ALGORITHM = "strang"
-TABLE, MEETS = "iron_orders.csv", "iron_orders_meets.csv"
 UNITS = {
     "T": "s", "nu": "rad/s", "order": "1", "torque": "N.m", "torque_phase": "deg",
     "speed": "rad/s", "excitation": "N.m", "lag": "deg", "gain": "1", "settling": "N.m",
+    "added": "%",
 }  # fmt: skip
 
 
@@ -51,13 +50,12 @@ class Options(workbench.Options):
 
 
 class Machine(NamedTuple):
-    """FMUs and start values; slope of the motor's line and gear ratio; at the cam's shaft mean
-    inertia, friction work per turn, and a turn's torque at constant speed, `still` + `moving` nu^2,
-    over its angles phi.
+    """The drive with the user's start values; slope of the motor's line and gear ratio; at the cam's
+    shaft mean inertia, friction work per turn, and a turn's torque at constant speed, `still` +
+    `moving` nu^2, over its angles phi.
     """
 
-    fmus: Mapping[str, Path]
-    start: Mapping[str, Value]
+    drive: System
     slope: float
     i_g: float
     theta: Measured
@@ -71,76 +69,58 @@ class Machine(NamedTuple):
         return self.still + self.moving * nu**2
 
     def system(self, T: float, nu: float) -> System:
-        """The motor with the lag T [s], set for the mean speed nu [rad/s], on the iron drive."""
+        """With the lag T [s] of a motor that is set for the mean speed nu [rad/s], turning from phi = 0."""
         mean = self.work / (2 * math.pi * self.i_g)
-        motor = {"motor.A": self.slope * self.i_g * nu + mean, "motor.T": T, "motor.tau": mean}
-        values = {**iron.MOTOR, **motor, "iron.w_cam": nu, "iron.on_invalid": 1, **self.start}
-        return System(self.fmus, iron.WIRES, values)
-
-
-class Case(NamedTuple):
-    """Motor lag [s], mean speed [rad/s], communication steps per revolution."""
-
-    T: float
-    nu: float
-    per_rev: int = PER_REV
+        own = dict(zip(OWN, (self.slope * self.i_g * nu + mean, T, mean, nu, 0.0)))
+        return replace(self.drive, start={**self.drive.start, **own})
 
 
 def solve(o: Options, bench: Bench) -> Findings:
     """Sweep three motors; where the lag adds most, again with coarser steps."""
-    machine = measure(bench.fmus, o.start)
+    start = iron.MOTOR | {"iron.on_invalid": 1} | dict(o.start)
+    machine = measure(System(bench.fmus, iron.WIRES, start))
     run = partial(simulate, machine)
-    cases = [Case(T, nu) for T in LAGS.values() for nu in o.speeds]
-    rows: list[Sequence[float]] = []
-    with stream(bench.out and bench.out / TABLE, list(UNITS)) as keep:
-        for found in bench.each(run, cases, "sweep"):
-            keep(found)
-            rows += found
-    orders = Table.of_rows(rows, UNITS).frame
-    share = added(machine, orders).fillna(0.0).groupby(orders["T"])
-    worst = orders.loc[share.idxmax()[share.max() > 0.0]]
-    again = [Case(x["T"], x["nu"], PER_REV // n) for n in (1, 2, 4) for _, x in worst.iterrows()]
-    more = [row for found in bench.each(run, again, "coupling errors") for row in found]
-    finer = Table.of_rows(more, UNITS).frame.astype(float)
-    told = figures(machine, finer.merge(worst[["T", "order"]].astype(float)))
-    meets = [
-        (T, k, told[f"w_n_{lag}"].value / k)
-        for lag, T in LAGS.items()
-        for k in range(1, ORDERS + 1)
-    ]
+    cases = [(lag / 1e3, nu, PER_REV) for lag in LAGS for nu in o.speeds]
+    swept = chain.from_iterable(bench.each(run, cases, "sweep"))
+    orders = bench.kept("iron_orders.csv", UNITS, swept)
+    worst = orders.frame.dropna().query("added > 0").sort_values("added").groupby("T").tail(1)
+    again = [(x["T"], x["nu"], PER_REV // n) for n in (2, 4) for _, x in worst.iterrows()]
+    coarser = chain.from_iterable(bench.each(run, again, "coupling errors"))
+    which = set(zip(worst["T"], worst["order"]))
+    runs = [*worst.itertuples(index=False), *(x for x in coarser if (x[0], x[2]) in which)]
+    found = figures(machine, orders.frame, Table.of_rows(runs, UNITS).frame)
+    w_n = {lag / 1e3: found[f"w_n_{lag}ms"].value for lag in LAGS}
+    meets = [(T, k, w / k) for T, w in w_n.items() for k in range(1, ORDERS + 1)]
     units = {x: UNITS[x] for x in ("T", "order", "nu")}
-    tables = {TABLE: Table(orders, UNITS), MEETS: Table.of_rows(meets, units)}
+    tables = {"iron_orders.csv": orders, "iron_orders_meets.csv": Table.of_rows(meets, units)}
     system, steps = machine.system(*cases[0][:2]), f"{PER_REV} steps per revolution"
-    return Findings(told, (machine, orders), system, {}, steps, ALGORITHM, tables)
+    return Findings(found, (machine, orders.frame), system, {}, steps, ALGORITHM, tables)
 
 
-def measure(fmus: Mapping[str, Path], start: Mapping[str, Value]) -> Machine:
+def measure(drive: System) -> Machine:
     """The mechanism from two turns at constant speed, whose last rows are the first again."""
-    told = parameters(System(fmus, iron.WIRES, {**iron.MOTOR, **start}))
-    slope, i_g, rotor = (
-        float(told[x].value) for x in ("motor.B", "iron.reducer.i_g", "iron.reducer.J")
-    )
-    record = ("iron.phi", "iron.w_cam", "iron.tau_cam", "iron.E_kin", "iron.E_friction")
-    alone = iron.alone(fmus, start)
-    one, two = (iron.turn(speed, alone, PER_REV, record) for speed in (1.0, 2.0))
+    told, names = parameters(drive), ("motor.B", "iron.reducer.i_g", "iron.reducer.J")
+    slope, i_g, rotor = (float(told[x].value) for x in names)
+    one, two = (iron.turn(drive, w, PER_REV) for w in (1.0, 2.0))
     moving = (two["iron.tau_cam"] - one["iron.tau_cam"])[:-1] / 3
     still = one["iron.tau_cam"][:-1] - moving
     whole = (2 * one["iron.E_kin"] / one["iron.w_cam"] ** 2)[:-1]
     theta, work = whole - (iron.FLYWHEEL - rotor) * i_g**2, float(one["iron.E_friction"][-1])
     off = max(abs(float(theta.mean() - theta[first::2].mean())) for first in (0, 1))
     mean = Measured(float(theta.mean()), off)
-    return Machine(fmus, start, slope, i_g, mean, work, one["iron.phi"][:-1], still, moving)
+    return Machine(drive, slope, i_g, mean, work, one["iron.phi"][:-1], still, moving)
 
 
-def simulate(machine: Machine, case: Case) -> list[Sequence[float]]:
-    """The orders of the steady motion at one mean speed; a warning and nan where it does not settle."""
+def simulate(machine: Machine, case: tuple[float, float, int]) -> list[Sequence[float]]:
+    """The orders of the steady motion with a lag [s] at a mean speed [rad/s], in so many steps per
+    revolution; a warning and nan where it does not settle."""
     T, nu, per_rev = case
-    system = machine.system(T, nu)
+    system, excitation = machine.system(T, nu), machine.torque(nu)
 
     def at(states: Mapping[str, float]) -> System:
-        return replace(system, start={**system.start, **states, "iron.phi": 0.0})
+        return replace(system, start={**system.start, **states})
 
-    def amplitudes(column: str, back: int = 0) -> NDArray[np.complex128]:
+    def amplitudes(column: str, back: int = 0) -> Any:
         rows = turns.window(back)
         phi, x = turns.result["iron.phi"][rows], turns.result[column][rows]
         return harmonics(phi, x, HIGHEST)[:ORDERS]
@@ -155,94 +135,89 @@ def simulate(machine: Machine, case: Case) -> list[Sequence[float]]:
     except NotSteady as problem:
         where = f"{nu:g} rad/s with a lag of {1e3 * T:g} ms"
         logging.getLogger("cosim").warning(f"no steady motion at {where}: {problem}")
-    tau = harmonics(machine.phi, machine.torque(nu), ORDERS)
+    tau = harmonics(machine.phi, excitation, ORDERS)
     M, excited, behind = np.abs(torque), np.abs(tau), np.angle(tau) - np.angle(torque)
     columns = [
         M, np.degrees(np.angle(torque)), np.abs(speed), excited, np.degrees(behind) % 360.0,
-        M / excited, left * np.abs(torque - before),
+        M / excited, left * np.abs(torque - before), 100 * (M - excited) / abs(excitation).max(),
     ]  # fmt: skip
     return [(T, nu, k, *row) for k, row in enumerate(np.transpose(columns).tolist(), 1)]
 
 
-def added(machine: Machine, orders: Frame) -> Frame:
-    """What the lag adds to each order as a share of the largest torque [%]."""
-    largest = [np.abs(machine.torque(nu)).max() for nu in orders["nu"]]
-    return 100 * (orders["torque"] - orders["excitation"]) / largest
-
-
-def figures(machine: Machine, worst: Frame) -> dict[str, Figure]:
+def figures(machine: Machine, orders: Frame, runs: Frame) -> dict[str, Figure]:
     """Inertia, slope and limit of the mechanism; of each lag the formula, and where it adds most.
 
-    `worst` are the order that each lag adds most to, with all, a half and a quarter of the steps;
+    `runs` are the order that each lag adds most to, with all, a half and a quarter of the steps;
     the errors are those of the coupling, and what settling leaves.
     """
-    theta, B = machine.theta, machine.i_g**2 * machine.slope
-    limits = iron.limits(iron.alone(machine.fmus, machine.start))
+    theta, B, order = machine.theta, machine.i_g**2 * machine.slope, cosim.ORDERS[ALGORITHM]
+    limits, off = iron.limits(machine.drive), theta.error / (2 * theta.value)
     found = {
         "theta": theta.figure("kg.m2", "mean inertia at the cam's shaft"),
         "slope": Figure(B, "N.m.s/rad", 0.0, "slope of the motor line there"),
         **{name: x for name, x in limits.items() if name.startswith("follower")},
     }
-    for tail, T in LAGS.items():
-        lag, off = f"lag {1e3 * T:g} ms", theta.error / (2 * theta.value)
+    share = "most that the lag adds, in largest torques"
+    for lag in LAGS:
+        T, mine = lag / 1e3, runs[runs["T"] == lag / 1e3]
+        known = orders[orders["T"] == T]["added"].notna().any()
+        why = "the lag adds to no order" if known else "there is no steady motion"
         w_n, zeta = math.sqrt(B / (theta.value * T)), math.sqrt(theta.value / (B * T)) / 2
-        meaning = f"frequency where an order lags 90 deg, by formula, {lag}"
-        found[f"w_n_{tail}"] = Figure(w_n, "rad/s", w_n * off, meaning)
-        meaning = f"damping ratio of the ripple, {lag}"
-        found[f"zeta_{tail}"] = Figure(zeta, "1", zeta * off, meaning)
-        share, runs = f"most that the lag adds, in largest torques, {lag}", worst[worst["T"] == T]
-        if runs.empty:
-            none = "the lag adds to no order at any speed of the sweep"
-            found[f"added_{tail}"] = Figure.refused("%", none, share)
-            continue
-        at, shares = runs.iloc[0], added(machine, runs).to_list()
-        nu, left = at["nu"], 2 * at["settling"]
-        scale = shares[0] / (at["torque"] - at["excitation"])
-        error = coupling(shares, cosim.ORDERS[ALGORITHM]) + scale * left
-        found[f"added_{tail}"] = Figure(shares[0], "%", error, share)
-        error = coupling(runs["gain"].to_list(), cosim.ORDERS[ALGORITHM]) + left / at["excitation"]
-        meaning = f"gain of order {at['order']:g} there, {lag}"
-        found[f"gain_{tail}"] = Figure(at["gain"], "1", error, meaning)
-        found[f"worst_speed_{tail}"] = Figure(nu, "rad/s", 0.0, f"speed of the sweep there, {lag}")
+        told = {
+            "w_n": Figure(w_n, "rad/s", w_n * off, "frequency of a lag of 90 deg, by formula"),
+            "zeta": Figure(zeta, "1", zeta * off, "damping ratio of the ripple"),
+            "added": Figure.refused("%", f"{why} at any speed of the sweep", share),
+        }
+        for at in mine.head(1).itertuples():
+            left, scale = 2 * at.settling, at.added / (at.torque - at.excitation)
+            added = coupling(mine["added"].to_list(), order) + scale * left
+            gain = coupling(mine["gain"].to_list(), order) + left / at.excitation
+            told["added"] = Figure(at.added, "%", added, share)
+            told["gain"] = Figure(at.gain, "1", gain, f"gain of order {at.order} there")
+            told["worst_speed"] = Figure(at.nu, "rad/s", 0.0, "speed of the sweep there")
+        for name, x in told.items():
+            found[f"{name}_{lag}ms"] = x._replace(meaning=f"{x.meaning}, lag {lag} ms")
     return found
 
 
-def verdict(o: Options, f: Mapping[str, Figure], r: tuple[Machine, Frame]) -> str:
+def verdict(o: Options, f: Mapping[str, Figure], r: object) -> str:
     """For which motors a resonance matters, and what the lag of each adds."""
-    does = {x: f[f"added_{x}"] for x in LAGS if f[f"added_{x}"].error is not None}
-    name = {x: f"{1e3 * T:g} ms" for x, T in LAGS.items()}
-    matter = [name[x] for x, share in does.items() if share.value > IMPORTANT]
-    which = f"a lag of {' and '.join(matter)}" if matter else "none of the motors"
-    adds = [
-        f"{share.text()} with {name[x]} at {f[f'worst_speed_{x}'].text()}"
-        for x, share in does.items()
+    adds = {f"{lag} ms": f[f"added_{lag}ms"] for lag in LAGS}
+    most = [
+        f"{share.text()} with {lag} at {f[f'worst_speed_{lag}'.replace(' ', '')].text()}"
+        for lag, share in adds.items()
+        if share.error is not None
     ]
-    return (
-        f"A resonance is of practical importance with {which}: it is where the lag adds more than "
-        f"{IMPORTANT:g} % of the largest torque to an order. At most the lag adds "
-        f"{', '.join(adds) or 'nothing'}. The follower lifts off at {f['follower_limit'].text()}."
-    )
+    matter = " and ".join(lag for lag, share in adds.items() if share.value > IMPORTANT)
+    which = "No resonance is of practical importance: no lag adds"
+    if matter:
+        which = f"A resonance is of practical importance with a lag of {matter}: there the lag adds"
+    answer = [
+        f"{which} more than {IMPORTANT:g} % of the largest torque to an order.",
+        f"At most the lag adds {', '.join(most)}.",
+    ]
+    lift = f"The follower lifts off at {f['follower_limit'].text()}."
+    return " ".join([*(answer if most else []), *refusals(adds), lift])
 
 
 def show(o: Options, f: Mapping[str, Figure], r: tuple[Machine, Frame]) -> Show:
     """Gains and torques of the orders, and a turn of the mechanism."""
     machine, orders = r
-    nu, alone = o.speeds[len(o.speeds) // 2], iron.alone(machine.fmus, machine.start)
-    turn = iron.turn(nu, alone, 360, [f"iron.{x}" for x in mechanism.SEEN])
-    title = f"The mechanism at {nu:g} rad/s"
-    moving = mechanism.motion(title, turn, alone, turn["time"][-1], 4.0)
+    nu = o.speeds[len(o.speeds) // 2]
+    turn, title = iron.turn(machine.drive, nu, 360), f"The mechanism at {nu:g} rad/s"
+    moving = mechanism.motion(title, turn, machine.drive, turn["time"][-1], 4.0)
     return Show([gain(f, orders), *(torque(lag, f, orders) for lag in LAGS)], [moving])
 
 
 def gain(f: Mapping[str, Figure], orders: Frame) -> Chart:
     """Torque over excitation; orders whose excitation is small say nothing and are left out."""
     curves, marks, theta, B = [], [], f["theta"].value, f["slope"].value
-    for (lag, T), color in zip(LAGS.items(), SERIES):
-        mine, name, w_n = orders[orders["T"] == T], f"lag {1e3 * T:g} ms", f[f"w_n_{lag}"].value
+    for lag, color in zip(LAGS, SERIES):
+        mine, name, w_n = orders[orders["T"] == lag / 1e3], f"lag {lag} ms", f[f"w_n_{lag}ms"].value
         strong = mine[mine["excitation"] > SMALL * mine["excitation"].max()]
         frequency = (strong["order"] * strong["nu"]).to_numpy()
         w = np.linspace(frequency.min(), frequency.max(), 300)
-        formula = np.abs(B / (B - theta * T * w**2 + 1j * theta * w))
+        formula = np.abs(B / (B - theta * lag / 1e3 * w**2 + 1j * theta * w))
         curves.append(Curve(f"{name}, theory", w, formula, color, "theory"))
         curves.append(Curve(name, frequency, strong["gain"].to_numpy(), color, "points"))
         if w[0] <= w_n <= w[-1]:
@@ -253,16 +228,16 @@ def gain(f: Mapping[str, Figure], orders: Frame) -> Chart:
     return Chart(title, "frequency of the order [rad/s]", [panel], marks)
 
 
-def torque(lag: str, f: Mapping[str, Figure], orders: Frame) -> Chart:
+def torque(lag: int, f: Mapping[str, Figure], orders: Frame) -> Chart:
     """The torque of each order over the speed, where it meets w_n, and where the follower lifts."""
-    mine, adds = orders[orders["T"] == LAGS[lag]], f[f"added_{lag}"]
+    mine, adds = orders[orders["T"] == lag / 1e3], f[f"added_{lag}ms"]
     curves, marks = [], [Mark(f["follower_limit"].value, "follower lifts off")]
     for k, color in enumerate(SERIES, 1):
         nu, height = mine[mine["order"] == k][["nu", "torque"]].to_numpy().T
         curves.append(Curve(f"order {k}", nu, height, color, "linked"))
-        marks.append(Mark(f[f"w_n_{lag}"].value / k, f"w_n / {k}"))
+        marks.append(Mark(f[f"w_n_{lag}ms"].value / k, f"w_n / {k}"))
     share = f"at most {adds.value:.1f} %" if adds.error is not None else "nothing"
-    title = f"A motor lag of {1e3 * LAGS[lag]:g} ms adds {share} of the largest torque to an order"
+    title = f"A motor lag of {lag} ms adds {share} of the largest torque to an order"
     inside = [mark for mark in marks if nu[0] <= mark.at <= nu[-1]]
     panel = Panel("amplitude", "N.m", curves, includes=(0.0,))
     return Chart(title, "cam speed [rad/s]", [panel], inside)

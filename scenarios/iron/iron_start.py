@@ -7,14 +7,15 @@ ledger (work in = stored + friction) stands in the CSV, with what the coupling l
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
 from cosim import Result, System
-from workbench import Bench, Chart, Curve, Figure, Findings, Panel, Run, Show, Table, option
-from workbench.measure import Measured, Samples, integral, largest, measured
+from workbench import Bench, Chart, Figure, Findings, Run, Show, Table, option
+from workbench.measure import Measured, Samples, extended, integral, largest, measured
 from workbench.report.chart import LIFT, SPEED, THEORY, TORQUE, recorded
 
 from . import drive as iron
@@ -23,11 +24,6 @@ from . import mechanism
 PARTS = iron.PARTS
 STANDS = 0.01
 FIRST = 0.3
-RECORD = (
-    "motor.tau", "motor.P", "iron.phi", "iron.w_cam", "iron.lift", "iron.v", "iron.tau_cam",
-    "iron.N", "iron.T_iron", "iron.E_kin", "iron.E_pot", "iron.E_friction", "iron.motion",
-    "iron.valid", "iron.alpha", "iron.beta", "iron.H",
-)  # fmt: skip
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,71 +39,64 @@ def solve(o: Options, bench: Bench) -> Findings:
     """One start."""
     motor = iron.MOTOR | {"motor.A": o.motor_A, "motor.B": o.motor_B, "motor.T": o.motor_T}
     system = System(bench.fmus, iron.WIRES, motor | dict(o.start))
-    result, found = bench.certify(system, figures, o, RECORD, "iron_start.csv")
-    energy, alone = ledger(result), iron.alone(bench.fmus, o.start)
-    units = result.units | dict.fromkeys(energy, "J")
-    tables = {"iron_start.csv": Table(result.frame.assign(**energy), units)}
-    return Findings(found, (result, alone), system, result.provenance, tables=tables)
+    result, found = bench.certify(system, figures, o, None, "iron_start.csv")
+    whole = ledger(result)
+    tables = {"iron_start.csv": Table.of(whole)}
+    return Findings(found, (whole, system), system, result.provenance, tables=tables)
 
 
-def ledger(r: Result) -> dict[str, Samples]:
-    """Work of the motor, energy stored since the start, friction, and what is missing [J]."""
+def ledger(r: Result) -> Result:
+    """The run with work of the motor, energy stored since the start, friction, what is missing [J]."""
     work = np.asarray(CubicSpline(r["time"], r["motor.P"]).antiderivative()(r["time"]))
-    stored, friction = r["iron.E_kin"] + r["iron.E_pot"], r["iron.E_friction"]
-    stored = stored - stored[0]
+    energy, friction = r["iron.E_kin"] + r["iron.E_pot"], r["iron.E_friction"]
+    stored = energy - energy[0]
     missing = work - stored - friction
-    return {"E_in": work, "E_stored": stored, "E_friction": friction, "E_missing": missing}
+    more = {"E_in": work, "E_stored": stored, "E_friction": friction, "E_missing": missing}
+    return extended(r, r.units["iron.E_kin"], more)
 
 
 def figures(r: Result) -> dict[str, Figure]:
     """Largest speed and torque with their times, the speed it settles at, energies at the end."""
-    t, phi, energy = r["time"], r["iron.phi"], ledger(r)
-    rad, torque, J = (r.units[x] for x in ("iron.w_cam", "motor.tau", "iron.E_kin"))
-    w, tau = largest(t, r["iron.w_cam"]), largest(t, r["motor.tau"])
-    mean, work = measured(late, t, phi), integral(t, r["motor.P"])
-    pace = Measured(*(iron.PER_MINUTE * x for x in mean))
-    turns = float(np.ptp(phi[[0, -1]]) / (2 * math.pi))
-    stored, friction = (float(energy[x][-1]) for x in ("E_stored", "E_friction"))
-    missing = float(np.abs(energy["E_missing"]).max())
+    t, phi, r = r["time"], r["iron.phi"], ledger(r)
+    rad, torque, J = (r.units[x] for x in ("iron.w_cam", "motor.tau", "E_in"))
+    w, tau, mean = largest(t, r["iron.w_cam"]), largest(t, r["motor.tau"]), measured(pace, t, phi)
+    cycles, work = Measured(*(iron.PER_MINUTE * x for x in mean)), integral(t, r["motor.P"])
+    turns = float(phi[-1] - phi[0]) / (2 * math.pi)
+    missing = float(np.abs(r["E_missing"]).max())
     return {
         "w_cam_max": w.figure(rad, "largest speed of the cam"),
         "w_cam_max_time": w.at.figure("s", "when the cam is fastest"),
         "tau_max": tau.figure(torque, "largest torque of the motor"),
         "tau_max_time": tau.at.figure("s", "when the torque is largest"),
         "w_cam_mean": mean.figure(rad, "mean speed in the second half"),
-        "cycles": pace.figure("1/min", "cycles per minute in the second half"),
+        "cycles": cycles.figure("1/min", "cycles per minute in the second half"),
         "turns": Figure(turns, "1", 0.0, "turns of the cam"),
         "energy_in": work.figure(J, "work of the motor"),
-        "energy_stored": Figure(stored, J, 0.0, "stored in the end"),
-        "energy_friction": Figure(friction, J, 0.0, "lost to friction"),
+        "energy_stored": Figure(float(r["E_stored"][-1]), J, 0.0, "stored in the end"),
+        "energy_friction": Figure(float(r["E_friction"][-1]), J, 0.0, "lost to friction"),
         "energy_missing_max": Figure(missing, J, work.error, "most that the coupling made or lost"),
     }
 
 
-def late(t: Samples, phi: Samples) -> float:
-    """Mean speed in the second half."""
-    half = (t[0] + t[-1]) / 2
-    return float((phi[-1] - CubicSpline(t, phi)(half)) / (t[-1] - half))
-
-
-def stalls(r: Result, fastest: float) -> bool:
-    """Whether the cam hardly turns in the last tenth of the run."""
-    last = r["time"] >= 0.9 * r["time"][-1]
-    t, phi = r["time"][last], r["iron.phi"][last]
-    return bool(phi[-1] - phi[0] < STANDS * fastest * (t[-1] - t[0]))
+def pace(t: Samples, phi: Samples, since: float = 0.5) -> float:
+    """Mean speed after that share of the run."""
+    began = t[0] + since * (t[-1] - t[0])
+    return float((phi[-1] - CubicSpline(t, phi)(began)) / (t[-1] - began))
 
 
 def verdict(o: Options, f: Mapping[str, Figure], r: tuple[Result, System]) -> str:
     """How the cam starts, how it goes on, and the ledger."""
-    pace = f"{f['w_cam_mean'].text()} ({f['cycles'].text('cycles/min')})"
-    goes_on = f"In the second half it turns at {pace}."
-    if stalls(r[0], f["w_cam_max"].value):
-        turns = f["turns"].text()
-        goes_on = f"The motor stalls: the cam has made {turns} turns and does not turn on."
+    told = {name: figure.text() for name, figure in f.items()}
+    starts = (
+        f"The cam shoots up to {told['w_cam_max']} after {told['w_cam_max_time']}, and in the second "
+        f"half turns at {told['w_cam_mean']} ({f['cycles'].text('cycles/min')})."
+    )
+    if pace(r[0]["time"], r[0]["iron.phi"], 0.9) < STANDS * f["w_cam_max"].value:
+        made = f"the cam has made {told['turns']} turns, at up to {told['w_cam_max']}"
+        starts = f"The motor stalls: {made}, and does not turn on."
     return (
-        f"The cam shoots up to {f['w_cam_max'].text()} after {f['w_cam_max_time'].text()}. {goes_on} "
-        f"Of {f['energy_in'].text()} from the motor, friction takes {f['energy_friction'].text()} "
-        f"and {f['energy_stored'].text()} are stored in the end."
+        f"{starts} Of {told['energy_in']} from the motor, friction takes {told['energy_friction']} "
+        f"and {told['energy_stored']} are stored in the end."
     )
 
 
@@ -121,22 +110,17 @@ def show(o: Options, f: Mapping[str, Figure], r: tuple[Result, System]) -> Show:
 
 def chart(r: Result, title: str, rows: Any) -> Chart:
     """Speed, torque, ledger and lift over time."""
-    t = r["time"][rows]
-    work, stored, friction, missing = (x[rows] for x in ledger(r).values())
-
-    def panel(quantity: str, column: str, color: str, unit: str = "") -> Panel:
-        return recorded(quantity, r, t, {column: (quantity, color)}, unit, rows)
-
-    parts = [
-        Curve("friction", t, friction, "grey", "area"),
-        Curve("stored", t, stored, "sky", "area"),
-        Curve("from the motor", t, work, TORQUE),
-    ]
+    panel = partial(recorded, result=r, x=r["time"][rows], rows=rows)
+    energy = {
+        "E_friction": ("friction", "grey", "area"),
+        "E_stored": ("stored", "sky", "area"),
+        "E_in": ("from the motor", TORQUE),
+    }
     panels = [
-        panel("cam speed", "iron.w_cam", SPEED),
-        panel("motor torque", "motor.tau", TORQUE),
-        Panel("energy", "J", parts, includes=(0.0,)),
-        panel("lift", "iron.lift", LIFT, "mm"),
-        Panel("made or lost by the coupling", "mJ", [Curve("missing", t, 1e3 * missing, THEORY)]),
+        panel("cam speed", curves={"iron.w_cam": SPEED}),
+        panel("motor torque", curves={"motor.tau": TORQUE}),
+        panel("energy", curves=energy, includes=(0.0,)),
+        panel("lift", curves={"iron.lift": LIFT}, unit="mm"),
+        panel("made or lost by the coupling", curves={"E_missing": ("missing", THEORY)}, unit="mJ"),
     ]
     return Chart(title, "time [s]", panels)

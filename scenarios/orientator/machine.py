@@ -1,6 +1,5 @@
 """What the questions of the orientator share: one product through the FMU, stages and reasons."""
 
-import math
 from collections.abc import Mapping
 from itertools import pairwise
 from pathlib import Path
@@ -9,6 +8,7 @@ import numpy as np
 
 from cosim import Result, System
 from cosim.system import Value
+from workbench.measure import of_rows
 from workbench.report.chart import Span
 
 PARTS = {"orientator": "GravityOrientator"}
@@ -32,8 +32,7 @@ def system(fmus: Mapping[str, Path], w: float, mu: float, start: Mapping[str, Va
 def shortened(r: Result) -> Result:
     """The rows up to the first one after the end."""
     over = np.flatnonzero(r["orientator.stage"] >= ORIENTED)
-    rows = r.data[: over[0] + 1] if len(over) else r.data
-    return Result(r.columns, r.units, r.provenance, lambda: rows)
+    return of_rows(r, r.data[: over[0] + 1]) if len(over) else r
 
 
 def stages(r: Result, first: int = 0, last: int = -1) -> list[Span]:
@@ -45,8 +44,3 @@ def stages(r: Result, first: int = 0, last: int = -1) -> list[Span]:
         Span(float(t[a]), float(t[b]), STAGES[stage[a]], COLORS[stage[a]])
         for a, b in pairwise(begins)
     ]
-
-
-def rpm(w: float) -> float:
-    """A speed [rad/s] in turns per minute, to the ninth decimal, so that 20 rpm stay 20."""
-    return round(w * 30 / math.pi, 9)

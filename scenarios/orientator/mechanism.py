@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from cosim import Result
 from workbench.report import motion as draw
 from workbench.report.chart import Span
-from workbench.report.motion import Motion, Samples, Shape, line
+from workbench.report.motion import Motion, Shape, line
 
 from .machine import STAGES
 
@@ -22,39 +22,34 @@ def motion(
     """Catcher and cup of several runs of the same step side by side, up to a time [s]."""
     t = next(iter(runs.values()))["time"]
     picked = draw.rows(t, 0.0, last)
-    shapes: list[Shape] = []
-    captions = [f"{now:.3f} s: " for now in t[picked]]
+    shapes, told = [], []
     for k, (name, result) in enumerate(runs.items()):
         more, stages = drawn(result, picked)
         shapes += draw.moved(more, 0.3 * k, 0.0)
-        captions = [f"{x}{name} {stage}; " for x, stage in zip(captions, stages)]
+        told.append([f"{name} {stage}".strip() for stage in stages])
+    captions = [f"{now:.3f} s: {'; '.join(said)}" for now, *said in zip(t[picked], *told)]
     still = {int(np.searchsorted(t[picked], span.first)): span.text for span in ghosts}
     if ghosts:
         still[len(picked) - 1] = stages[-1]
-    return Motion(title, t[picked], 20.0, [x.strip("; ") for x in captions], shapes, ghosts=still)
+    return Motion(title, t[picked], 20.0, captions, shapes, ghosts=still)
 
 
 def drawn(result: Result, picked: NDArray[np.int64]) -> tuple[list[Shape], list[str]]:
-    """Wall, catcher and cup at some rows, and the stage of each."""
+    """Wall, catcher and cup at some rows, and the stage of each; places are x - i y."""
     p = result.provenance["parts"]["orientator"]["parameters"]
     at = draw.columns(result, "orientator", SEEN, picked)
-    phi1, phi2, xc, yc = (at[name] for name in ("phi1", "phi2", "xc", "yc"))
     r, back, front = p["cup.d"] / 2, p["cup.l"], p["cup.h"] - p["cup.l"]
-    c, s = np.cos(phi2), np.sin(phi2)
-
-    def cup(along: float, aside: float) -> tuple[Samples, Samples]:
-        return xc + along * c - aside * s, -(yc + along * s + aside * c)
-
-    bend = np.linspace(-math.pi / 2, math.pi / 2, 25)
-    bottom = [cup(front + r * math.cos(b), r * math.sin(b)) for b in bend]
-    corner = (p["catcher.l"] * np.cos(phi1), -p["catcher.l"] * np.sin(phi1))
-    hook = (corner[0] + p["catcher.h"] * np.sin(phi1), corner[1] + p["catcher.h"] * np.cos(phi1))
+    centre, turned = at["xc"] - 1j * at["yc"], np.exp(-1j * at["phi2"])
+    bottom = front + r * np.exp(1j * np.linspace(-math.pi / 2, math.pi / 2, 25))
+    outline = np.array([-back - 1j * r, *bottom, -back + 1j * r]).conj()
+    arm = np.exp(-1j * at["phi1"])
+    corner, hook = p["catcher.l"] * arm, (p["catcher.l"] + 1j * p["catcher.h"]) * arm
     wall = p["catcher.l"] * math.cos(p["catcher.phi"]) + p["cup.d"]
     falls = draw.arrow(line((wall - 3.2 * r, 0.07), (wall - 3.2 * r, 0.02)), 0.012)
     return [
         Shape("wall", draw.ground(wall, -0.3, wall, 0.07, 0.015), "grey", 1.5, label=0),
         Shape("pivot", draw.pivot(0.0, 0.0, 0.008), "grey", 1.5, label=1),
         Shape("falls", falls, "grey", 1.5, label=0),
-        Shape("cup", line(cup(-back, -r), *bottom, cup(-back, r)), "red", 3.0, label=0),
-        Shape("catcher", line((0.0, 0.0), corner, hook), "blue", 4.0, label=1),
+        Shape("cup", line(*(centre + np.outer(outline, turned))), "red", 3.0, label=0),
+        Shape("catcher", line(0.0, corner, hook), "blue", 4.0, label=1),
     ], [STAGES[int(x)] for x in at["stage"]]

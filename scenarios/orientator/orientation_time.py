@@ -6,19 +6,20 @@ The limits are located by bisection.
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from itertools import pairwise
-from pathlib import Path
-from typing import Any, NamedTuple
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import chain, dropwhile
+from typing import Any
 
 import numpy as np
 
 import cosim
 import workbench
 from cosim import Result, System
-from cosim.system import Value, connect
+from cosim.system import connect
 from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, Table, option
-from workbench.answer import stream
+from workbench.figure import refusals
+from workbench.measure import ROUNDING, Measured
 from workbench.report.chart import SERIES
 
 from . import machine as orientator
@@ -26,8 +27,9 @@ from . import mechanism
 
 Frame = Any
 Row = Any
+Course = tuple[list[Row], Row]
 PARTS = orientator.PARTS
-OWN = ("orientator.w", "orientator.chute.mu", "orientator.release")
+OWN = ("orientator.chute.mu", "orientator.w", "orientator.release")
 TABLE = "orientation_time.csv"
 UNITS = {
     "mu": "1", "n": "rpm", "stage": "1", "reason": "1", "orientation_time": "s", "t_falling": "s",
@@ -44,109 +46,91 @@ class Options(workbench.Options):
     speeds: tuple[float, ...] = option("0:105rpm:43", "speeds of the rotor", "rad/s", least=0.0)
 
 
-class Case(NamedTuple):
-    """FMUs and start values, friction on the wall, rotor speed [rpm], communication step [s]."""
-
-    fmus: Mapping[str, Path]
-    start: Mapping[str, Value]
-    mu: float
-    n: float
-    step: float = STEP
-
-    @property
-    def system(self) -> System:
-        return orientator.system(self.fmus, self.n * math.pi / 30, self.mu, self.start)
-
-    def run(self, variables: Sequence[str]) -> Result:
-        """The course of one product."""
-        record = [f"orientator.{x}" for x in variables]
-        return cosim.run(self.system, stop=orientator.LONGEST, step=self.step, record=record)
-
-
-class Sweep(NamedTuple):
-    """All products, of each friction the last that is oriented and the first that jams, and a case."""
-
-    products: Frame
-    limits: Mapping[float, tuple[Row, Row]]
-    case: Case
-
-
 def solve(o: Options, bench: Bench) -> Findings:
     """Sweep, and halve the gaps between what works and what jams."""
-    speeds = [orientator.rpm(w) for w in o.speeds]
-    cases = [Case(bench.fmus, o.start, mu, n) for mu in o.frictions for n in speeds]
-    connect(cases[0].system)
-    rows: list[Sequence[float]] = []
-    with stream(bench.out and bench.out / TABLE, list(UNITS)) as keep:
-        for row in bench.each(simulate, cases, "sweep", probes=True):
-            keep([row])
-            rows.append(row)
-        ends = limits(Table.of_rows(rows, UNITS).frame).items()
-        tasks = [(cases[0]._replace(mu=mu), good.n, bad.n) for mu, (good, bad) in ends]
-        for more in bench.each(bisect, tasks, "limits", probes=True):
-            keep(more)
-            rows += more
-    table = Table.of_rows(rows, UNITS)
-    sweep, steps = Sweep(table.frame, limits(table.frame), cases[0]), f"steps of {STEP} s"
-    found = figures(o, sweep)
-    return Findings(found, sweep, cases[0].system, {}, steps, tables={TABLE: table})
+    machine = orientator.system(bench.fmus, 0.0, 0.0, o.start)
+    connect(machine)
+    speeds = [round(w * 30 / math.pi, 9) for w in o.speeds]  # so that 20 rpm stay 20
+    run = partial(sweep, machine, speeds)
+    rows = chain.from_iterable(bench.each(run, o.frictions, "frictions", probes=True))
+    table, steps = bench.kept(TABLE, UNITS, rows), f"steps of {STEP} s"
+    courses = {mu: course(table.frame, mu) for mu in o.frictions}
+    found, data = figures(machine, table.frame, courses), (machine, courses)
+    return Findings(found, data, machine, {}, steps, tables={TABLE: table})
 
 
-def simulate(case: Case) -> Sequence[float]:
-    """How one product ends: a row of the table, nan for what it does not reach."""
-    stage, reason, *times = case.run(list(UNITS)[2:]).data[-1, 1:].tolist()
-    return case.mu, case.n, int(stage), int(reason), *(time or math.nan for time in times)
-
-
-def bisect(task: tuple[Case, float, float]) -> list[Sequence[float]]:
-    """Halve the gap between a speed that works and one that does not until it is narrower than NEAR;
-    all products on the way, and some before."""
-    case, good, bad = task
-    first = 2 * good - bad
-    rows: list[Sequence[float]] = []
+def sweep(machine: System, speeds: Sequence[float], mu: float) -> list[Sequence[float]]:
+    """The products of a friction: at these speeds; in the gap between what works and what jams, which
+    is halved until it is narrower than NEAR; some before."""
+    rows = [simulate(machine, mu, n) for n in speeds]
+    oriented, jam = course(Table.of_rows(rows, UNITS).frame, mu)
+    if jam is None:
+        return rows
+    good, bad = oriented[-1].n, jam.n
+    first = max(0.0, 2 * good - bad)
     while bad - good > NEAR:
         middle = (good + bad) / 2
-        rows.append(simulate(case._replace(n=middle)))
+        rows.append(simulate(machine, mu, middle))
         good, bad = (middle, bad) if rows[-1][2] == orientator.ORIENTED else (good, middle)
-    before = np.linspace(max(0.0, first), good, 12)[1:-1].tolist()
-    return rows + [simulate(case._replace(n=n)) for n in before]
+    before = np.linspace(first, good, 12)[1:-1].tolist()
+    return rows + [simulate(machine, mu, n) for n in before]
 
 
-def limits(products: Frame) -> dict[float, tuple[Row, Row]]:
-    """For each friction the first neighbours of which the slower works and the faster does not."""
-    found: dict[float, tuple[Row, Row]] = {}
-    for slow, fast in pairwise(products.sort_values(["mu", "n"]).itertuples(index=False)):
-        works, fails = (p.stage == orientator.ORIENTED for p in (slow, fast))
-        if slow.mu == fast.mu and works and not fails:
-            found.setdefault(slow.mu, (slow, fast))
-    return found
+def run(machine: System, mu: float, n: float, step: float) -> Result:
+    """One product at a friction on the wall and a rotor speed [rpm]."""
+    start = {**machine.start, **dict(zip(OWN, (mu, n * math.pi / 30)))}
+    return cosim.run(replace(machine, start=start), stop=orientator.LONGEST, step=step)
 
 
-def figures(o: Options, r: Sweep) -> dict[str, Figure]:
-    """For each friction the fastest rotor that works, as near as it was located, and its products."""
+def simulate(machine: System, mu: float, n: float, step: float = STEP) -> Sequence[float]:
+    """How one product ends: a row of the table, nan for what it does not reach."""
+    result = run(machine, mu, n, step)
+    stage, reason, *times = (float(result[f"orientator.{x}"][-1]) for x in [*UNITS][2:])
+    return mu, n, int(stage), int(reason), *(time or math.nan for time in times)
+
+
+def course(products: Frame, mu: float) -> Course:
+    """The products of a friction that are oriented, by speed, up to the first that jams, and that."""
+    rows = products[products["mu"] == mu].sort_values("n").itertuples()
+    oriented: list[Row] = []
+    for p in dropwhile(lambda p: p.stage != orientator.ORIENTED, rows):
+        if p.stage != orientator.ORIENTED:
+            return oriented, p
+        oriented.append(p)
+    return oriented, None
+
+
+def figures(machine: System, products: Frame, courses: Mapping[float, Course]) -> dict[str, Figure]:
+    """The shortest time of orientation; for each friction the fastest rotor that works, as near as it
+    was located, and its products; from where on friction matters.
+    """
+
+    def takes(p: Row, wide: float, meaning: str) -> Figure:
+        """A time of orientation; its error is what half the step changes, and a rotor `wide` slower."""
+        others = ((max(0.0, p.n - wide), STEP), (p.n, STEP / 2))
+        times = [simulate(machine, p.mu, n, step)[4] for n, step in others]
+        off = sum(abs(p.orientation_time - time) for time in times)
+        return Measured(p.orientation_time, max(off, ROUNDING)).figure("s", meaning)
+
+    works = products[products["stage"] == orientator.ORIENTED]
     found = {}
-    for mu in o.frictions:
-        name, friction = f"mu_{mu:g}".replace(".", "_"), f"friction {mu:g}"
-        limit = f"fastest rotor that orients, {friction}"
-        if mu not in r.limits:
-            stages = r.products["stage"][r.products["mu"] == mu]
-            which = "no product" if (stages == orientator.ORIENTED).any() else "every product"
-            found[f"limit_{name}"] = Figure.refused("rpm", f"{which} of the sweep jams", limit)
-            continue
-        last, jam = r.limits[mu]
-        wide, time = jam.n - last.n, last.orientation_time
-        case = r.case._replace(mu=mu, n=last.n)
-        others = [case._replace(n=max(0.0, last.n - wide)), case._replace(step=STEP / 2)]
-        off = sum(abs(time - simulate(other)[4]) for other in others)
-        limit += f"; beyond it: {orientator.REASONS[jam.reason]}"
-        takes = f"time of orientation there, {friction}"
-        pace = f"products per minute there from one catcher, {friction}"
-        found[f"limit_{name}"] = Figure(last.n, "rpm", wide, limit)
-        found[f"orientation_time_{name}"] = Figure(time, "s", off, takes)
-        found[f"products_{name}"] = Figure(60 / time, "1/min", 60 / time**2 * off, pace)
-    works = r.products[r.products["stage"] == orientator.ORIENTED]
-    times = works.groupby("n")["orientation_time"].agg(["count", "min", "max"])
-    times = times[times["count"] > 1]
+    for p in works.nsmallest(1, "orientation_time").itertuples():
+        where = f"shortest time of orientation, friction {p.mu:g} at {p.n:g} rpm"
+        found["shortest_time"] = takes(p, 0.0, where)
+    for mu, (oriented, jam) in courses.items():
+        which, limit = "no product" if oriented else "every product", "fastest rotor that orients"
+        told = {"limit": Figure.refused("rpm", f"{which} of the sweep jams", limit)}
+        if jam is not None:
+            last, wide = oriented[-1], jam.n - oriented[-1].n
+            beyond = f"{limit}; beyond it: {orientator.REASONS[jam.reason]}"
+            time = takes(last, wide, "time of orientation there")
+            pace, off = 60 / time.value, 60 / time.value**2 * (time.error or 0.0)
+            told["limit"] = Figure(last.n, "rpm", wide, beyond)
+            told["orientation_time"] = time
+            told["products"] = Figure(pace, "1/min", off, "products per minute there, one catcher")
+        for name, x in told.items():
+            found[key(name, mu)] = x._replace(meaning=f"friction {mu:g}: {x.meaning}")
+    times = works.groupby("n")["orientation_time"].agg(["count", "min", "max"]).query("count > 1")
     apart = times.index[times["max"] >= FAN * times["min"]]
     if len(apart):
         below = max(times.index[times.index < apart[0]], default=0.0)
@@ -155,38 +139,47 @@ def figures(o: Options, r: Sweep) -> dict[str, Figure]:
     return found
 
 
-def verdict(o: Options, f: Mapping[str, Figure], r: Sweep) -> str:
-    """How fast the rotor may turn with each friction, and from where on friction matters."""
-    limits = {mu: f[f"limit_mu_{mu:g}".replace(".", "_")] for mu in o.frictions}
-    told = [f"{x.text()} with friction {mu:g}" for mu, x in limits.items() if x.error is not None]
-    lines = [f"The orientator works up to {', '.join(told)}."] if told else []
-    for mu, limit in limits.items():
-        if limit.error is None:
-            lines.append(f"With friction {mu:g} {limit.reason}.")
+def key(name: str, mu: float) -> str:
+    """The name of a figure of a friction, "limit_mu_0_35"."""
+    return f"{name}_mu_{mu:g}".replace(".", "_")
+
+
+def verdict(o: Options, f: Mapping[str, Figure], r: object) -> str:
+    """How long orienting takes, how fast the rotor may turn, and from where on friction matters."""
+    told = {name: figure.text() for name, figure in f.items()}
+    limits = {f"friction {mu:g}": key("limit", mu) for mu in o.frictions}
+    works = [
+        f"{told[name]} with {who}, {told[name.replace('limit', 'orientation_time')]} there"
+        for who, name in limits.items()
+        if f[name].error is not None
+    ]
+    lines = refusals({who: f[name] for who, name in limits.items()})
+    if works:
+        lines.insert(0, f"The orientator works up to {'; '.join(works)}.")
+    if "shortest_time" in f:
+        lines.insert(0, f"Orienting a product takes at least {told['shortest_time']}.")
     if "fan" in f:
         lines.append(
-            f"The time of orientation hardly depends on friction up to {f['fan'].text()}, where the "
+            f"The time of orientation hardly depends on friction up to {told['fan']}, where the "
             "slowest takes 10 % longer than the fastest."
         )
     return " ".join(lines)
 
 
-def show(o: Options, f: Mapping[str, Figure], r: Sweep) -> Show:
+def show(o: Options, f: Mapping[str, Figure], r: tuple[System, Mapping[float, Course]]) -> Show:
     """The curves, and for each limit the last product that is oriented beside the first that jams."""
     curves, marks, motions = [], [], []
-    works = r.products[r.products["stage"] == orientator.ORIENTED].sort_values("n")
-    for mu, color in zip(o.frictions, SERIES * len(o.frictions)):
-        most = r.limits[mu][0].n if mu in r.limits else math.inf
-        mine = works[(works["mu"] == mu) & (works["n"] <= most)]
-        n, time = mine[["n", "orientation_time"]].to_numpy().T
-        curves.append(Curve(f"friction {mu:g}", n, time, color, "linked"))
-    for mu, (good, bad) in r.limits.items():
-        marks.append(Mark(good.n, f"friction {mu:g} jams beyond {good.n:.2f} rpm"))
-        cases = [r.case._replace(mu=mu, n=p.n, step=1e-3) for p in (good, bad)]
-        runs = {f"{case.n:.2f} rpm": case.run(mechanism.SEEN) for case in cases}
-        last = max(orientator.shortened(run)["time"][-1] for run in runs.values())
-        title = f"Friction {mu:g}: {' works, '.join(runs)} does not"
-        motions.append(mechanism.motion(title, runs, float(last)))
+    for (mu, (oriented, jam)), color in zip(r[1].items(), SERIES * len(r[1])):
+        n, time = [p.n for p in oriented], [p.orientation_time for p in oriented]
+        if oriented:
+            curves.append(Curve(f"friction {mu:g}", n, time, color, "linked"))
+        if jam is not None:
+            marks.append(Mark(n[-1], f"friction {mu:g} jams beyond {n[-1]:.2f} rpm"))
+            runs = {f"{x:.2f} rpm": run(r[0], mu, x, 1e-3) for x in (n[-1], jam.n)}
+            last = max(float(orientator.shortened(x)["time"][-1]) for x in runs.values())
+            title = f"Friction {mu:g}: {' works, '.join(runs)} does not"
+            motions.append(mechanism.motion(title, runs, last))
     title = "The time of orientation, up to where products jam"
     panel = Panel("orientation time", "s", curves, includes=(0.0,))
-    return Show([Chart(title, "rotor speed [rpm]", [panel], marks)], motions)
+    chart = Chart(title, "rotor speed [rpm]", [panel], marks)
+    return Show([chart] if curves else [], motions)

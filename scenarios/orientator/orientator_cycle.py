@@ -5,10 +5,11 @@ One cup from the drop to the end, with its trajectory, angles and speeds.
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from cosim import Result, System
-from workbench import Chart, Figure, Mark, Panel, Run, Show, option
+from workbench import Chart, Figure, Mark, Run, Show, option
 from workbench.report.chart import FORCE, SPEED, THEORY, TORQUE, recorded
 
 from . import machine as orientator
@@ -16,16 +17,16 @@ from . import mechanism
 
 PARTS = orientator.PARTS
 OWN = ("orientator.release",)
-RECORD = tuple(f"orientator.{x}" for x in (
-    "stage", "reason", "phi1", "phi2", "w1", "w2", "xc", "yc", "vxc", "vyc", "v_s", "N_K",
-    "contact", "E_kin", "E_pot", "t_falling", "t_joint", "t_turning", "t_released",
-    "orientation_time", "S_x", "S_y", "S_k", "P_B", "P_K",
-))  # fmt: skip
 STAGES = orientator.STAGES[: orientator.ORIENTED]
 IMPULSES = {
     "corner_impulse": ("S_y", "landing on the corner of the catcher, down"),
     "wall_impulse": ("S_k", "landing on the wall"),
     "hook_impulse": ("P_B", "contact with the hook"),
+}
+CURVES = {
+    "angle": {"orientator.phi1": ("catcher", SPEED), "orientator.phi2": ("cup", TORQUE)},
+    "speed": {"orientator.w1": ("catcher", SPEED), "orientator.w2": ("cup", TORQUE)},
+    "centre of mass": {"orientator.vyc": ("down", SPEED), "orientator.vxc": ("outwards", THEORY)},
 }
 
 
@@ -44,11 +45,10 @@ def system(o: Options, fmus: Mapping[str, Path]) -> System:
 def figures(o: Options, r: Result) -> dict[str, Figure]:
     """End, durations as far as they were reached, and impulses; the FMU tells them at the end."""
 
-    def last(name: str, meaning: str, reached: bool) -> Figure:
+    def last(name: str, meaning: str, reached: bool = True) -> Figure:
         value, unit = float(r[f"orientator.{name}"][-1]), r.units[f"orientator.{name}"]
-        if not reached:
-            return Figure.refused(unit, ending(r), meaning)
-        return Figure(value, unit, 0.0, meaning)
+        told = Figure(value, unit, 0.0, meaning)
+        return told if reached else Figure.refused(unit, ending(r), meaning)
 
     oriented = r["orientator.stage"][-1] == orientator.ORIENTED
     found = {
@@ -58,46 +58,38 @@ def figures(o: Options, r: Result) -> dict[str, Figure]:
     for x in STAGES:
         reached = r[f"orientator.t_{x}"][-1] > 0.0
         found[f"t_{x}"] = last(f"t_{x}", f"duration of the stage {x}", reached)
-    return found | {name: last(x, meaning, True) for name, (x, meaning) in IMPULSES.items()}
+    return found | {name: last(*impulse) for name, impulse in IMPULSES.items()}
 
 
 def ending(r: Result) -> str:
     """What became of the product, in words."""
-    stage = int(r["orientator.stage"][-1])
-    if stage == orientator.JAMMED:
-        return f"the product jams: {orientator.REASONS[int(r['orientator.reason'][-1])]}"
-    oriented = stage == orientator.ORIENTED
-    return "the product is oriented" if oriented else f"the product is still {STAGES[stage]}"
+    stage, reason = (int(r[f"orientator.{name}"][-1]) for name in ("stage", "reason"))
+    if reason:
+        return f"the product jams: {orientator.REASONS[reason]}"
+    still = "" if stage == orientator.ORIENTED else "still in the stage "
+    return f"the product is {still}{orientator.STAGES[stage]}"
 
 
 def verdict(o: Options, f: Mapping[str, Figure], r: Result) -> str:
     """What becomes of the product, and how long each stage takes."""
     after = f" after {f['orientation_time'].text()}" if f["oriented"].value else ""
     stages = [f"{x} {f[f't_{x}'].text()}" for x in STAGES if f[f"t_{x}"].error is not None]
-    told = ", ".join(stages) or "none came to an end"
-    return f"{ending(r).capitalize()}{after}. Its stages: {told}."
+    told = f"Its stages: {', '.join(stages)}" if stages else "None of its stages came to an end"
+    return f"{ending(r).capitalize()}{after}. {told}."
 
 
 def show(o: Options, f: Mapping[str, Figure], r: Result) -> Show:
     """Angles, speeds and velocities over time, the stages as spans, and the cup in motion."""
     course = orientator.shortened(r)
-    stages = orientator.stages(course)
-    t = 1e3 * course["time"]
-
-    def panel(quantity: str, unit: str = "", **columns: tuple[str, str]) -> Panel:
-        curves = {f"orientator.{x}": curve for x, curve in columns.items()}
-        return recorded(quantity, course, t, curves, unit)
-
-    zero = [Mark(0.0, "below 0 a real cup leaves the wall")]
-    wall = panel("reaction of the wall", N_K=("wall", FORCE))
-    panels = [
-        panel("angle", "deg", phi1=("catcher", SPEED), phi2=("cup", TORQUE)),
-        panel("speed", w1=("catcher", SPEED), w2=("cup", TORQUE)),
-        panel("centre of mass", vyc=("down", SPEED), vxc=("outwards", THEORY)),
-        wall._replace(levels=zero, includes=(0.0,)),
-    ]
+    stages, last = orientator.stages(course), float(course["time"][-1])
+    panel = partial(recorded, result=course, x=1e3 * course["time"])
+    wall, zero = (
+        {"orientator.N_K": ("wall", FORCE)},
+        Mark(0.0, "below 0 a real cup leaves the wall"),
+    )
+    panels = [panel(x, curves=CURVES[x], unit="deg" if x == "angle" else "") for x in CURVES]
+    panels.append(panel("reaction of the wall", curves=wall, levels=[zero], includes=(0.0,)))
     spans = [x._replace(first=1e3 * x.first, last=1e3 * x.last) for x in stages]
     chart = Chart("Angles, speeds and the wall", "time [ms]", panels, spans=spans)
-    last = float(course["time"][-1])
     moving = mechanism.motion("One product", {"": course}, last, stages)
     return Show([chart], [moving], title=verdict(o, f, r).partition(". ")[0])

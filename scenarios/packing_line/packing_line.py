@@ -10,13 +10,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 import cosim
-from cosim import Result, System
-from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Run, Show, Table, option
-from workbench.measure import largest, over_rows, smallest
+from cosim import Result, SetupError, System
+from workbench import Bench, Chart, Figure, Findings, Mark, Panel, Run, Show, Table, option
+from workbench.measure import extended, harmonics, largest, of_rows, over_rows, smallest
 from workbench.options import Start
 from workbench.report.chart import LIFT, POWER, Lanes, Span, recorded
 from workbench.report.motion import Motion, moved, rows
@@ -26,8 +28,8 @@ from ..iron import drive as iron
 from ..iron import mechanism as iron_mechanism
 from ..orientator import machine as orientator
 from ..orientator import mechanism as orientator_mechanism
-from . import line as packing
 
+Frame = Any
 PARTS = {
     "iron_motor": "DriveMotor",
     "iron": "IronDrive",
@@ -42,42 +44,23 @@ WIRES = (
     "conveyor_motor.tau -> conveyor.tau",
     "conveyor.w -> conveyor_motor.w",
 )
-I_G, START = 36.0, math.radians(-60.0)
-TABLE, ORDERS = "packing_line.csv", "packing_line_orders.csv"
+I_G, START, FIRST_RELEASE = 36.0, math.radians(-60.0), math.radians(100.0)
 RECORD = (
-    "iron_motor.P", "iron_motor.tau", "iron.phi", "iron.w_cam", "iron.lift", "iron.top_dwell",
-    "iron.E_kin", "iron.E_pot", "iron.E_friction", "iron.alpha", "iron.beta", "iron.H",
-    "iron.motion", "orientator.phi1", "orientator.xc", "orientator.yc", "orientator.stage",
-    "orientator.reason", "orientator.orientation_time", "orientator.phi2", "orientator.oriented",
-    "orientator.jammed", "orientator.missed", "conveyor_motor.P", "conveyor_motor.tau",
-    "conveyor.phi", "conveyor.w", "conveyor.x", "conveyor.E_kin", "conveyor.E_pot",
-    "conveyor.P_loss",
+    "iron_motor.P", "iron_motor.tau", *(f"iron.{x}" for x in iron_mechanism.SEEN), "iron.w_cam",
+    "iron.top_dwell", "iron.E_kin", "iron.E_pot", "iron.E_friction",
+    *(f"orientator.{x}" for x in orientator_mechanism.SEEN), "orientator.reason",
+    "orientator.orientation_time", "orientator.oriented", "orientator.jammed", "orientator.missed",
+    "conveyor_motor.P", "conveyor_motor.tau", "conveyor.phi", "conveyor.w", "conveyor.x",
+    "conveyor.E_kin", "conveyor.E_pot", "conveyor.P_loss",
 )  # fmt: skip
-MEANING = {
-    "cycle": ("s", "mean time from release to release"),
-    "cam": ("rad/s", "mean speed of the cam"),
-    "mean_iron": ("W", "mean power of the iron's motor"),
-    "rms_iron": ("W", "its ripple"),
-    "mean_conveyor": ("W", "mean power of the conveyor's motor"),
-    "rms_conveyor": ("W", "its ripple"),
-    "mean_supply": ("W", "mean power of the supply"),
-    "rms_supply": ("W", "its ripple"),
-    "orientation": ("s", "time of orientation of the last product"),
-    "spare": ("s", "time to spare in a cycle"),
-    "products": ("1/min", "oriented products"),
-    "lost": ("1/min", "products lost to jams"),
-    "work": ("J", "work of the supply in a cycle"),
-    "main_iron": ("W", "largest order of the cam, in its motor's power"),
-    "main_iron_frequency": ("Hz", "its frequency"),
-    "main_conveyor": ("W", "largest order of the crank, in its motor's power"),
-    "main_conveyor_frequency": ("Hz", "its frequency"),
-    "gap": ("Hz", "distance of the nearest main orders of cam and crank"),
-    "beat": ("1/min", "how often they beat"),
-    "together": ("W", "what they add to at worst"),
-    "correlation": ("1", "correlation of the powers of the two drives"),
+POWERS = {
+    "iron": ("iron_motor.P", "the iron's motor", "gold"),
+    "conveyor": ("conveyor_motor.P", "the conveyor's motor", "sky"),
+    "supply": ("P_supply", "the supply", POWER),
 }
-AFTER_JAM = ("orientation", "spare")
-AROUND = 0.05
+HIGHEST = {"iron": 12, "conveyor": 4}
+UNITS = {"drive": "1", "order": "1", "frequency": "Hz", "own": "W", "supply": "W"}
+MAIN, AROUND = 0.1, 0.05
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -111,66 +94,128 @@ def system(o: Options, fmus: Mapping[str, Path]) -> System:
 
 def solve(o: Options, bench: Bench) -> Findings:
     """The line, long enough for two cycles."""
-    least = (packing.FIRST_RELEASE - START + 4.2 * math.pi) / o.iron_speed
+    least = (FIRST_RELEASE - START + 4.2 * math.pi) / o.iron_speed
     if o.stop < least:
-        raise cosim.SetupError(
+        raise SetupError(
             f"stop = {o.stop:g} s must be at least {least:.3f} s, two cycles after the first release"
         )
     line = system(o, bench.fmus)
-    r, found = bench.certify(line, figures, o, RECORD, TABLE)
-    rows = r.frame.assign(P_supply=packing.powers(r)["supply"])
-    units = r.units | {"P_supply": r.units["iron_motor.P"]}
-    tables = {TABLE: Table(rows, units), ORDERS: Table(packing.ripple(r), packing.UNITS)}
+    result, found = bench.certify(line, figures, o, RECORD, "packing_line.csv")
+    r, orders = supplied(result), Table(ripple(supplied(result)), UNITS)
+    tables = {"packing_line.csv": Table.of(r), "packing_line_orders.csv": orders}
     files = {"line.ssp": partial(cosim.write_ssp, line, stop=o.stop)}
-    data = r, iron.alone(bench.fmus, line.start)
-    return Findings(found, data, line, r.provenance, tables=tables, files=files)
+    return Findings(found, (r, line), line, r.provenance, tables=tables, files=files)
 
 
-def figures(r: Result) -> dict[str, Figure]:
-    """Pace, cost of jams, powers and their ripple; no time of orientation after a jam."""
-    releases, rows, unit = packing.releases(r), packing.window(r), r.units["iron_motor.P"]
-    oriented = float(np.ptp(r["orientator.oriented"][rows]))
-    missed, released = float(r["orientator.missed"][releases[-1]]), len(releases) - 1.0
-    reason = int(r["orientator.reason"][rows][-2])
-    jam = f"the orientator jams: {orientator.REASONS[reason]}"
-    why = jam if reason else "a product is still under way when the next is released"
-    found = {
-        "released": Figure(released, "1", 0.0, "products released in the whole cycles"),
-        "oriented": Figure(oriented, "1", 0.0, "products oriented of these"),
-        "missed": Figure(missed, "1", 0.0, "releases that came while a product was under way"),
-    }
-    for name, value in over_rows(averages, r).items():
-        found[name] = value.figure(*MEANING[name])
-        if name in AFTER_JAM and oriented < released:
-            found[name] = Figure.refused(MEANING[name][0], why, MEANING[name][1])
-    for name, power in packing.powers(r).items():
-        low, high = (end(r["time"][rows], power[rows]) for end in (smallest, largest))
-        found[f"least_{name}"] = low.figure(unit, f"least power of the {name}")
-        found[f"most_{name}"] = high.figure(unit, f"largest power of the {name}")
+def supplied(r: Result) -> Result:
+    """The run with the power of the supply, which is that of both motors."""
+    power = r["iron_motor.P"] + r["conveyor_motor.P"]
+    return extended(r, r.units["iron_motor.P"], {"P_supply": power})
+
+
+def releases(r: Result) -> list[int]:
+    """The rows of the releases, whole cycles apart; raises SetupError where the cam does not keep
+    turning."""
+    phi = r["iron.phi"]
+    if phi[-1] < FIRST_RELEASE + 2 * math.pi or np.diff(phi).min() <= 0.0:
+        raise SetupError(
+            f"the cam stands or turns back, at iron.phi = {phi[-1]:.4g} rad in the end: at this "
+            "speed its motor cannot lift the iron"
+        )
+    found: list[int] = (np.flatnonzero(np.diff(r["iron.top_dwell"]) > 0.5) + 1).tolist()
+    if len(found) < 2:
+        raise SetupError(f"{len(found)} top dwells begin until t = {r['time'][-1]:g} s, two must")
     return found
 
 
-def averages(r: Result) -> dict[str, float]:
-    """What the rows tell of the whole cycles."""
-    rows, orders, found = packing.window(r), packing.ripple(r), packing.averages(r)
-    orientation = float(r["orientator.orientation_time"][rows][-2])
-    released, oriented = len(packing.releases(r)) - 1, np.ptp(r["orientator.oriented"][rows])
-    iron, conveyor, _ = (x[rows] for x in packing.powers(r).values())
-    near, rate = packing.nearest(orders), 60 / found["cycle"]
-    for _, main in orders.loc[orders.groupby("drive")["own"].idxmax()].iterrows():
-        found[f"main_{main['drive']}"] = main["own"]
-        found[f"main_{main['drive']}_frequency"] = main["frequency"]
-    return found | {
-        "orientation": orientation,
-        "spare": found["cycle"] - orientation,
-        "products": rate * oriented / released,
-        "lost": rate * (1 - oriented / released),
-        "work": found["mean_supply"] * found["cycle"],
-        "gap": near["gap"],
-        "beat": 60 * near["gap"],
-        "together": near["own_x"] + near["own_y"],
-        "correlation": float(np.corrcoef(iron, conveyor)[0, 1]),
+def window(r: Result) -> slice:
+    """The rows of the whole cycles."""
+    return slice(releases(r)[0], releases(r)[-1] + 1)
+
+
+def figures(r: Result) -> dict[str, Figure]:
+    """Counts of products, what the cycles tell, and the ends of the powers."""
+    r = supplied(r)
+    inside, begins = window(r), releases(r)
+    counts = {
+        "released": (len(begins) - 1, "products released in the whole cycles"),
+        "oriented": (np.ptp(r["orientator.oriented"][inside]), "products oriented of these"),
+        "missed": (r["orientator.missed"][inside][-2], "released while one was under way"),
     }
+    found = {name: Figure(float(x), "1", 0.0, meaning) for name, (x, meaning) in counts.items()}
+    found |= over_rows(cycles, r)
+    for name, (column, who, _) in POWERS.items():
+        low, high = (end(r["time"][inside], r[column][inside]) for end in (smallest, largest))
+        found[f"least_{name}"] = low.figure(r.units[column], f"least power of {who}")
+        found[f"most_{name}"] = high.figure(r.units[column], f"largest power of {who}")
+    return found
+
+
+def cycles(r: Result) -> dict[str, Figure]:
+    """Pace, cost of jams, powers and their ripple; no time of orientation after a jam."""
+    t, phi, inside, orders = r["time"], r["iron.phi"], window(r), ripple(r)
+    turns = int((phi[-1] - FIRST_RELEASE) / (2 * math.pi))
+    began, ended = CubicSpline(phi, t)(FIRST_RELEASE + 2 * math.pi * np.array([0, turns])).tolist()
+    cycle, near = (ended - began) / turns, nearest(orders)
+
+    def mean(x: Any) -> float:
+        return float(CubicSpline(t, x).integrate(began, ended) / (ended - began))
+
+    told: dict[str, tuple[float, str, str]] = {
+        "cycle": (cycle, "s", "mean time from release to release"),
+        "cam": (2 * math.pi / cycle, "rad/s", "mean speed of the cam"),
+    }
+    for name, (column, who, _) in POWERS.items():
+        told[f"mean_{name}"] = mean(r[column]), "W", f"mean power of {who}"
+        rms = math.sqrt(mean((r[column] - mean(r[column])) ** 2))
+        told[f"rms_{name}"] = rms, "W", f"ripple of the power of {who}"
+    for _, main in orders.loc[orders.groupby("drive")["own"].idxmax()].iterrows():
+        name, who = f"main_{main['drive']}", POWERS[main["drive"]][1]
+        told[name] = main["own"], "W", f"largest order in the power of {who}"
+        told[f"{name}_frequency"] = main["frequency"], "Hz", f"frequency of that order of {who}"
+    orientation, reason = (r[f"orientator.{x}"][inside][-2] for x in ("orientation_time", "reason"))
+    made = np.ptp(r["orientator.oriented"][inside]) / (len(releases(r)) - 1)
+    cam, crank = (r[POWERS[drive][0]][inside] for drive in HIGHEST)
+    told |= {
+        "orientation": (orientation, "s", "time of orientation of the last product"),
+        "spare": (cycle - orientation, "s", "time to spare in a cycle"),
+        "products": (60 / cycle * made, "1/min", "oriented products"),
+        "lost": (60 / cycle * (1 - made), "1/min", "products lost to jams"),
+        "work": (told["mean_supply"][0] * cycle, "J", "work of the supply in a cycle"),
+        "gap": (near["gap"], "Hz", "distance of the nearest main orders of cam and crank"),
+        "beat": (60 * near["gap"], "1/min", "how often they beat"),
+        "together": (near["own_x"] + near["own_y"], "W", "what they add to at worst"),
+        "correlation": (np.corrcoef(cam, crank)[0, 1], "1", "correlation of the motors' powers"),
+    }
+    found = {name: Figure(float(x), unit, 0.0, what) for name, (x, unit, what) in told.items()}
+    why = f"the orientator jams: {orientator.REASONS[int(reason)]}"
+    if not reason:
+        why = "a product is still under way when the next is released"
+    for name in ("orientation", "spare") if made < 1.0 else ():
+        found[name] = Figure.refused("s", why, found[name].meaning)
+    return found
+
+
+def ripple(r: Result) -> Frame:
+    """The orders of cam and crank over the whole cycles, a row each: the drive whose angle counts
+    it, frequency [Hz], amplitude in its motor's power and in the supply's [W]."""
+    inside, orders = window(r), []
+    for drive, highest in HIGHEST.items():
+        phi = r[f"{drive}.phi"][inside]
+        rate = float(np.ptp(phi) / (2 * math.pi * np.ptp(r["time"][inside])))
+        powers = (r[column][inside] for column in (POWERS[drive][0], "P_supply"))
+        sizes = zip(*(np.abs(harmonics(phi, power, highest)) for power in powers))
+        orders += [(drive, k, k * rate, *size) for k, size in enumerate(sizes, 1)]
+    return Table.of_rows(orders, UNITS).frame
+
+
+def nearest(orders: Frame) -> Frame:
+    """Of the strong orders of cam and crank, "_x" and "_y", the two nearest in frequency."""
+    strong = orders[orders["own"] > MAIN * orders.groupby("drive")["own"].transform("max")]
+    cam, crank = (strong[strong["drive"] == drive] for drive in HIGHEST)
+    pairs = cam.merge(crank, how="cross")
+    pairs["gap"] = (pairs["frequency_x"] - pairs["frequency_y"]).abs()
+    return pairs.loc[pairs["gap"].idxmin()]
 
 
 def verdict(o: Options, f: Mapping[str, Figure], r: tuple[Result, System]) -> str:
@@ -185,7 +230,7 @@ def verdict(o: Options, f: Mapping[str, Figure], r: tuple[Result, System]) -> st
             f"The line does not keep pace: {told['oriented']} of {told['released']} products are "
             f"oriented, {f['orientation'].reason}."
         )
-    near, meets = packing.nearest(packing.ripple(r[0])), ""
+    near, meets = nearest(ripple(r[0])), ""
     if near["gap"] < near["frequency_x"] / near["order_x"] / 2:
         meets = (
             f", where order {near['order_x']} of the cam and order {near['order_y']} of the crank "
@@ -201,33 +246,33 @@ def verdict(o: Options, f: Mapping[str, Figure], r: tuple[Result, System]) -> st
 
 def show(o: Options, f: Mapping[str, Figure], r: tuple[Result, System]) -> Show:
     """The last whole cycle from release to release: cam, orientator, powers; and in motion."""
-    result, alone = r
-    first, last = packing.releases(result)[-2:]
-    t = result["time"] - result["time"][first]
-    period, bars = float(t[last]), lanes(result, first, last)
+    whole, line = r
+    first, last = releases(whole)[-2:]
+    data = whole.data.copy()
+    data[:, 0] -= data[first, 0]
+    result = of_rows(whole, data)
+    t, bars = result["time"], lanes(result, first, last)
+    period = float(t[last])
     seen = (t >= -AROUND * period) & (t <= (1 + AROUND) * period)
-    dwell = first + np.flatnonzero(result["iron.top_dwell"][first : last + 1] < 0.5)[0]
-    lift = recorded("lift of the iron", result, t[seen], {"iron.lift": ("iron", LIFT)}, "mm", seen)
+    panel = partial(recorded, result=result, x=t[seen], rows=seen)
+    lift = panel("lift of the iron", curves={"iron.lift": ("iron", LIFT)}, unit="mm")
     panels: list[Panel | Lanes] = [lift, Lanes(bars)]
-    for name, color in {"supply": POWER, "iron": "gold", "conveyor": "sky"}.items():
-        course = Curve(name, t[seen], packing.powers(result)[name][seen], color)
+    for name in ("supply", "iron", "conveyor"):
+        column, _, color = POWERS[name]
         mean = [Mark.of("mean", f[f"mean_{name}"])]
-        panels.append(Panel(f"power, {name}", "W", [course], mean))
+        panels.append(panel(f"power, {name}", curves={column: (name, color)}, levels=mean))
     told = ", ".join(bar.text for bar in bars["pace"])
     title = f"One cycle of {period:.3f} s, {60 / period:.2f} releases/min: {told}"
     marks = [Mark(0.0, "release"), Mark(period, "next release")]
+    dwell = first + np.flatnonzero(result["iron.top_dwell"][first : last + 1] < 0.5)[0]
     spans = [Span(0.0, float(t[dwell]), "top dwell", "green")]
     chart = Chart(title, "time since the release [s]", panels, marks, spans)
-    return Show([chart], [motion(result, alone, first, last)])
+    return Show([chart], [motion(result, line, first, last)])
 
 
 def lanes(r: Result, first: int, last: int) -> dict[str, list[Span]]:
     """The stages of the product from a release to the next, and how long it all took."""
-    since = r["time"][first]
-    bars = [
-        x._replace(first=x.first - since, last=x.last - since)
-        for x in orientator.stages(r, first + 1, last)
-    ]
+    bars = orientator.stages(r, first + 1, last)
     bars[0] = bars[0]._replace(first=0.0)
     end, period, over = bars[-1].first, bars[-1].last, bars[-1].text
     works = over == orientator.STAGES[orientator.ORIENTED]
@@ -238,10 +283,10 @@ def lanes(r: Result, first: int, last: int) -> dict[str, list[Span]]:
     return {"orientator": bars, "pace": pace}
 
 
-def motion(r: Result, alone: System, first: int, last: int) -> Motion:
+def motion(r: Result, line: System, first: int, last: int) -> Motion:
     """Iron and orientator side by side between two rows."""
     picked = rows(r["time"], float(r["time"][first]), float(r["time"][last]), 360)
-    shapes, captions = iron_mechanism.drawn(r, alone, picked)
+    shapes, captions = iron_mechanism.drawn(r, line, picked)
     more, stages = orientator_mechanism.drawn(r, picked)
     captions = [f"{caption}; orientator {stage}" for caption, stage in zip(captions, stages)]
     title = "One cycle: the iron drive and the orientator it releases"

@@ -15,7 +15,7 @@ import pandas as pd
 import pytest
 from fmpy.model_description import read_model_description
 
-from cosim import SetupError
+from cosim import SetupError, System
 from scenarios.__main__ import PROJECT
 from scenarios.conveyor.theory import FIELDS, Machine
 from scenarios.iron import drive as iron
@@ -44,7 +44,7 @@ CHANGED = {
 EXACT = {"nu_res", "zeta", "build_up", "slope", "cycles", "oriented", "released", "lost"}
 EXACT |= {"theory_up", "theory_down"}
 SAID = {
-    "iron_orders": [(iron_orders.IMPORTANT, "%"), *((T, "s") for T in iron_orders.LAGS.values())],
+    "iron_orders": [(iron_orders.IMPORTANT, "%"), *((lag, "ms") for lag in iron_orders.LAGS)],
     "orientation_time": [(10.0, "%")],
     "run_up": [(10.0, "%")],
     "resonance": [(90.0, "degrees"), (math.sqrt(720e3 / 200), "rad/s")],
@@ -222,8 +222,14 @@ def test_jams_and_stalls_are_named_in_a_sentence() -> None:
     jammed = rows["stage"] == orientator.JAMMED
     assert 0 < jammed.sum() < len(rows)
     assert rows["orientation_time"].isna().equals(jammed)
-    stall = ask("iron_start", motor_A=0.12, stop=30.0, step=2e-3)
-    assert "The motor stalls: the cam has made" in stall.verdict
+    held = ask("orientator_cycle", speed="110rpm").verdict
+    assert held == "The product jams: held in chute. None of its stages came to an end."
+    none = ask("orientation_time", speeds="90,100rpm", frictions="0.5,0.6")
+    assert none.verdict == "With friction 0.5, friction 0.6 every product of the sweep jams."
+    assert none.show().charts == []
+    for motor_A, stop, turns in ((0.12, 30.0, "0.25918"), (-4.0, 1.0, "-0.694")):
+        stall = ask("iron_start", motor_A=motor_A, stop=stop, step=2e-3)
+        assert stall.verdict.startswith(f"The motor stalls: the cam has made {turns}")
     slow = ask("run_up", stop=0.1, start={"motor.kloss.tau_b": 1.0})
     assert "The induction motor stalls" in slow.verdict
     assert slow.figures["kloss_passing"].reason == "the crank does not stay above the resonance"
@@ -301,11 +307,11 @@ def test_the_enumerations_are_those_of_the_fmu() -> None:
 
 def test_the_torque_of_the_iron_counts_each_sample_of_a_turn_once() -> None:
     """Over evenly spaced samples of a whole turn the least-squares orders are those of the FFT."""
-    fmus = fmus_of(iron_orders)
-    machine = iron_orders.measure(fmus, {})
+    drive = System(fmus_of(iron_orders), iron.WIRES, iron.MOTOR)
+    machine = iron_orders.measure(drive)
     torque = machine.torque(5.0)
     wanted = 2j * np.fft.rfft(torque)[1:13] / len(torque)
     found = harmonics(machine.phi, torque, iron_orders.ORDERS)
     assert found == pytest.approx(wanted, rel=1e-6, abs=1e-6 * abs(wanted).max())
-    turn = iron.turn(5.0, iron.alone(fmus, {}), iron_orders.PER_REV, ["iron.tau_cam"])
+    turn = iron.turn(drive, 5.0, iron_orders.PER_REV)
     assert torque == pytest.approx(turn["iron.tau_cam"][:-1], abs=1e-6)

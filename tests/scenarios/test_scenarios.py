@@ -167,18 +167,33 @@ REFUSED = [
     ("run iron_cycle --samples 1.5", "samples = '1.5' must be a whole number"),
     ("run iron_start --motor-T 0", "motor_T = 0 s must be a finite number above 0 s"),
     ("run iron_orders --speeds=-1", "speeds = -1 rad/s must be a finite number above 0 rad/s"),
+    ("run iron_start --step 1", "step = 1 s must be at most 0.1875 s, a 16th of stop = 3 s"),
+    ("run iron_orders --start motor.tau=1", "motor.tau: this question sets it on its own"),
     ("run orientation_time --frictions a", "frictions = 'a' must read from:to:number or a,b,c"),
     ("run orientator_cycle --speed inf", "speed = inf rad/s must be a finite number at least 0"),
+    ("run packing_line --gear 0", "gear = 0 must be a finite number above 0"),
+    ("run packing_line --iron-speed nan", "iron_speed = nan rad/s must be a finite number above"),
+    (
+        "run packing_line --stop 2",
+        "stop = 2 s must be at least 3.817 s, two cycles after the first",
+    ),
+    ("run packing_line --set C", "set = 'C' must be one of A, B"),
+    ("run packing_line --iron-speed 0.5 --stop 33", "the cam stands or turns back"),
+]
+FAILED = [
+    ("run packing_line --iron-speed 9", "cam follower lifts off"),
+    ("run iron_start --motor-A 8", "cam follower lifts off"),
 ]
 
 
-@pytest.mark.parametrize(("words", "message"), REFUSED, ids=lambda x: str(x)[:40])
-def test_bad_input_gets_one_line_and_code_2(
+@pytest.mark.parametrize(("words", "message"), REFUSED + FAILED, ids=lambda x: str(x)[:40])
+def test_bad_input_gets_one_line_and_code_2_and_a_run_that_fails_code_1(
     words: str, message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    out = ["--out", str(tmp_path / "out")] if words.startswith("run r") else []
-    assert main(*words.split(), *out) == 2
+    out = ["--out", str(tmp_path / "out"), *NATIVE] if words.startswith("run ") else []
+    assert main(*words.split(), *out) == 2 - ((words, message) in FAILED)
     error = capsys.readouterr().err
+    assert error.startswith("error: ")
     assert message in error
     assert error.count("\n") == 1
     assert not (tmp_path / "out").exists()
@@ -301,6 +316,8 @@ def test_iron_cycle_knows_torque_forces_and_limits() -> None:
     assert at_10 == pytest.approx([math.radians(10.0), 0.43224335899, 249.00775848], rel=1e-6)
     assert answer.verdict.startswith("4.1888 rad/s (40 cycles/min) is safe: it is ")
     assert "7.89776 ± 0.00001 rad/s, where the follower lifts off" in answer.verdict
+    assert "the chain up to 93.073 ± 0.026 N, and" in answer.verdict
+    assert answer.figures["run_force_max"].value == pytest.approx(93.06866, abs=0.026)
     fast = ask("iron_cycle", speed="55rpm", start=["iron.spring.side=-1"])
     assert fast.figures["follower_limit"].value == pytest.approx(5.15434, rel=1e-4)
     assert "(55 cycles/min) is NOT possible: the follower lifts off at" in fast.verdict
@@ -350,6 +367,8 @@ def test_iron_orders_know_when_a_resonance_matters() -> None:
     assert [x > 10.0 for x in added] == [False, True, True]
     beginning = "A resonance is of practical importance with a lag of 80 ms and 200 ms: "
     assert answer.verdict.startswith(beginning)
+    slow = ask("iron_orders", speeds="2").verdict
+    assert slow.startswith("No resonance is of practical importance: no lag adds more than 10 %")
 
 
 def test_a_speed_without_steady_motion_is_warned_of() -> None:
@@ -357,7 +376,9 @@ def test_a_speed_without_steady_motion_is_warned_of() -> None:
     answer = ask("iron_orders", speeds="0.3", start={"motor.B": 1e-4})
     assert any("no steady motion at 0.3 rad/s with a lag of" in x for x in answer.warnings)
     rows = answer.tables["iron_orders.csv"].frame
-    assert rows["torque"].isna().any() and rows["excitation"].notna().all()
+    assert rows["torque"].isna().all() and rows["excitation"].notna().all()
+    none = "With 12 ms, 80 ms, 200 ms there is no steady motion at any speed of the sweep. "
+    assert answer.verdict.startswith(none)
 
 
 def test_orientation_time_finds_the_limits() -> None:
@@ -373,6 +394,11 @@ def test_orientation_time_finds_the_limits() -> None:
         limit = answer.figures[f"limit_mu_{mu}"]
         assert limit.value <= n <= limit.value + limit.error
         assert f"{limit.text()} with friction {mu.replace('_', '.')}" in answer.verdict
+        time = answer.figures[f"orientation_time_mu_{mu}"]
+        assert f"with friction {mu.replace('_', '.')}, {time.text()} there" in answer.verdict
+    assert answer.verdict.startswith(
+        "Orienting a product takes at least 0.238775 ± 0.000001 s. The"
+    )
     assert answer.figures["limit_mu_0_2"].meaning.endswith("beyond it: catcher back at stop")
     assert answer.warnings == []
 

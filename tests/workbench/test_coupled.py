@@ -151,6 +151,20 @@ def test_the_cost_of_a_jam_and_its_error_follow_the_cycle() -> None:
 def test_rows_of_a_result_are_thinned_as_a_whole() -> None:
     t = np.linspace(0.0, 1.0, 21)
     r = Result(["time", "a.x"], {"time": "s", "a.x": "m"}, {}, lambda: np.column_stack([t, t**2]))
-    found = measure.over_rows(lambda r: {"sum": float(np.trapezoid(r["a.x"], r["time"]))}, r)
+
+    def tell(r: Result) -> dict[str, Figure]:
+        area = float(np.trapezoid(r["a.x"], r["time"]))
+        return {"sum": Figure(area, "m.s", 0.0), "none": Figure.refused("m", "why")}
+
+    found = measure.over_rows(tell, r)
     assert found["sum"].value == pytest.approx(1 / 3, abs=1e-3)
     assert abs(found["sum"].value - 1 / 3) < found["sum"].error
+    assert found["none"].reason == "why"
+
+
+@pytest.mark.parametrize("jump", [1.0, 1.0003])
+def test_a_largest_value_beside_a_jump_is_not_that_of_a_spline(jump: float) -> None:
+    t = np.linspace(0.0, 2.0, 2001)
+    peak = measure.largest(t, np.where(t <= jump, 93.0 - (t - 1.2) ** 2, 80.0))
+    assert abs(peak.value - (93.0 - (jump - 1.2) ** 2)) <= peak.error < 1e-3
+    assert abs(peak.at.value - jump) <= peak.at.error < 3e-3

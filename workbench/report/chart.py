@@ -27,8 +27,8 @@ SCALES = {
     "risk": ("#ffffff", "#fde3b0", "#f9b36b", "#ea7a3f", "#c23b2c", "#7f1128"),
 }
 SHOWN = {
-    ("m", "mm"): 1e3, ("s", "ms"): 1e3, ("N", "kN"): 1e-3, ("rad", "deg"): 180 / math.pi,
-    ("rad/s", "rpm"): 30 / math.pi,
+    ("m", "mm"): 1e3, ("s", "ms"): 1e3, ("N", "kN"): 1e-3, ("J", "mJ"): 1e3,
+    ("rad", "deg"): 180 / math.pi, ("rad/s", "rpm"): 30 / math.pi,
 }  # fmt: skip
 
 
@@ -187,21 +187,23 @@ def recorded(
     quantity: str,
     result: Result,
     x: Samples,
-    curves: Mapping[str, tuple[str, str]],
+    curves: Mapping[str, tuple[str, ...] | str],
     unit: str = "",
     rows: Any = slice(None),
     includes: Sequence[float] = (),
     levels: Sequence[Mark] = (),
 ) -> Panel:
-    """Columns of a result over x, each with its name and color, in their unit or in another.
+    """Columns of a result over x, in their unit or in another; each has a name, a color and perhaps
+    a look, or a color alone, and then the name of the quantity.
 
     Raises KeyError for a column that is not there, or a unit that one does not convert to.
     """
     own = {column: result.units[column] for column in curves}
     unit = unit or next(iter(own.values()))
     scale = {column: 1.0 if u == unit else SHOWN[u, unit] for column, u in own.items()}
-    drawn = [
-        Curve(name, x, scale[column] * result[column][rows], color)
-        for column, (name, color) in curves.items()
-    ]
+    drawn = []
+    for column, told in curves.items():
+        name, color, *look = (quantity, told) if isinstance(told, str) else told
+        y = scale[column] * result[column][rows]
+        drawn.append(Curve(name, x, y, color, look[0] if look else "line"))
     return Panel(quantity, unit, drawn, levels, includes)

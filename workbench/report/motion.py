@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 Samples = NDArray[np.float64]
 Columns = Mapping[str, Samples]
-Place = tuple[Any, Any]
+Place = Any
 FRAMES = 240
 
 
@@ -75,9 +75,12 @@ def columns(
 
 
 def line(*points: Place) -> Samples:
-    """Points whose coordinates are numbers or have a value per frame, shape (frames or 1, n, 2)."""
-    flat = np.broadcast_arrays(*(np.atleast_1d(x) for point in points for x in point))
-    return np.stack(flat, axis=-1).reshape(len(flat[0]), len(points), 2)
+    """Points, pairs or complex numbers x + i y, with one value or one per frame, shape
+    (frames or 1, n, 2).
+    """
+    plane = [point[0] + 1j * point[1] if isinstance(point, tuple) else point for point in points]
+    flat = np.stack(np.broadcast_arrays(*map(np.atleast_1d, plane)), axis=-1)
+    return np.stack([flat.real, flat.imag], axis=-1)
 
 
 def circle(x: float, y: float, r: float) -> Samples:
