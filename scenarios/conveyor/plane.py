@@ -9,33 +9,24 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cosim import SetupError
-from cosim.system import Port, describe_fmu
+from workbench.answer import Parameter, parameters
 from workbench.options import at_least
 from workbench.report.chart import Direction
 
-from .response import Line
+from .drive import conveyor_drive
+from .response import Line, Spot
 from .theory import FIELDS, Machine
 
 SPEED = "speed"
 
 
 class Axis(NamedTuple):
-    """A parameter, its unit and meaning, its values, and whether these are even in its logarithm."""
+    """A parameter and its values."""
 
     name: str
-    unit: str
-    meaning: str
-    values: NDArray[np.float64]
-    log: bool
-
-    @property
-    def direction(self) -> Direction:
-        """The axis of a picture."""
-        meaning = self.meaning if self.name == SPEED else f"{self.meaning}\n{self.name}"
-        return Direction(meaning, self.unit, self.values, self.log)
+    along: Direction
 
 
 class Plane(NamedTuple):
@@ -49,12 +40,7 @@ class Plane(NamedTuple):
     @property
     def units(self) -> dict[str, str]:
         """Those of both axes, by name."""
-        return {axis.name: axis.unit for axis in (self.x, self.y)}
-
-    @property
-    def over_speed(self) -> bool:
-        """Whether x is the speed."""
-        return self.x.name == SPEED
+        return {axis.name: axis.along.unit for axis in (self.x, self.y)}
 
     def at(self, x: Any, y: Any) -> tuple[Machine, Any]:
         """The machine at a point, or machines at arrays of points, and its mean speed [rad/s]."""
@@ -64,22 +50,24 @@ class Plane(NamedTuple):
 
     def nodes(self) -> list[tuple[float, float]]:
         """x and y of all points, row by row."""
-        return [(x, y) for y in self.y.values.tolist() for x in self.x.values.tolist()]
+        x, y = self.x.along.values.tolist(), self.y.along.values.tolist()
+        return [(one, level) for level in y for one in x]
+
+    def spots(self) -> list[Spot]:
+        """The machines of these and their mean speeds."""
+        return [(*self.at(*node), 1) for node in self.nodes()]
 
     def line(self, y: float) -> Line:
         """The machines of equal y."""
-        first, last = self.x.values[[0, -1]].tolist()
+        first, last = self.x.along.values[[0, -1]].tolist()
         return Line(lambda x: self.at(x, y), first, last)
 
 
-def part(fmus: Mapping[str, Path], name: str) -> tuple[str, str]:
-    """Unit and meaning that an FMU gives a parameter; raises SetupError for names not in FIELDS."""
+def part(fmus: Mapping[str, Path], name: str) -> Parameter:
+    """A parameter as its FMU has it; raises SetupError for names not in FIELDS."""
     if name not in FIELDS:
         raise SetupError(f"{name!r} is no part of the drive, only {', '.join(FIELDS)}")
-    owner, _, variable = name.partition(".")
-    description = describe_fmu(owner, fmus[owner])
-    found = next(v for v in description.modelVariables if v.name == variable)
-    return Port(owner, found).unit, found.description
+    return parameters(conveyor_drive(fmus, {}))[name]
 
 
 def axis(fmus: Mapping[str, Path], option: str, text: str, least: int) -> Axis:
@@ -87,7 +75,10 @@ def axis(fmus: Mapping[str, Path], option: str, text: str, least: int) -> Axis:
     name, _, numbers = text.partition("=")
     if name == SPEED and option != "x":
         raise SetupError(f"--{option} {text}: the speed belongs on x")
-    unit, meaning = ("rad/s", "Operating speed") if name == SPEED else part(fmus, name)
+    words, unit = "Operating speed", "rad/s"
+    if name != SPEED:
+        _, unit, meaning = part(fmus, name)
+        words = f"{meaning}\n{name}"
     log = numbers.endswith(":log")
     form = "NAME=FROM:TO:NUMBER or NAME=FROM:TO:NUMBER:log"
     low, high, number = read(option, text, numbers.removesuffix(":log"), form, float, float, int)
@@ -100,7 +91,7 @@ def axis(fmus: Mapping[str, Path], option: str, text: str, least: int) -> Axis:
         raise SetupError(f"--{option} {name} must rise: {low:g} .. {high:g} {unit} does not")
     at_least(f"--{option} number of values of {name}", number, least)
     values = np.geomspace(low, high, number) if log else np.linspace(low, high, number)
-    return Axis(name, unit, meaning, values, log)
+    return Axis(name, Direction(words, unit, values, log))
 
 
 def shares(
@@ -118,7 +109,7 @@ def shares(
     return found
 
 
-def span(option: str, text: str, within: Axis) -> tuple[float, float]:
+def span(option: str, text: str, within: Direction) -> tuple[float, float]:
     """Read FROM:TO inside an axis; raises SetupError."""
     low, high = read(option, text, text, "FROM:TO", float, float)
     first, last = within.values[[0, -1]]

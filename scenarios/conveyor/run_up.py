@@ -16,18 +16,32 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from cosim import Result
-from workbench import Bench, Figure, Findings, Run, Show, Table, option
+from workbench import (
+    Bench,
+    Chart,
+    Curve,
+    Figure,
+    Findings,
+    Mark,
+    Panel,
+    Run,
+    Show,
+    Table,
+    option,
+)  # fmt: skip
 from workbench.measure import Samples, crossings, largest, measured, smallest
+from workbench.report.chart import THEORY, recorded
 
-from . import show as pictures
 from .drive import PARTS as DRIVE
 from .drive import conveyor_drive, followed
+from .mechanism import moving
 from .theory import SETS, Machine
 
 PARTS = DRIVE
 OWN = ("motor.characteristic",)
 MOTORS = {"linear": 0, "kloss": 1}
 WORDS = {"linear": "linear motor", "kloss": "induction motor"}
+SHOWN = {"linear": ("linear motor", "purple"), "kloss": ("induction motor (Kloss)", "gold")}
 RECORD = (
     "motor.tau", "motor.tau_static", "motor.P", "conveyor.phi", "conveyor.w", "conveyor.x",
     "conveyor.tau_load", "conveyor.f_rod", "conveyor.P_loss",
@@ -126,5 +140,35 @@ def verdict(o: Options, f: Mapping[str, Figure], r: RunUp) -> str:
 
 
 def show(o: Options, f: Mapping[str, Figure], r: RunUp) -> Show:
-    """Speed, torque and rod force over time, and both conveyors in motion."""
-    return Show(pictures.run_up(r.machine, r.runs), [pictures.run_up_motion(r.runs)])
+    """Speed, torque and rod force over time, torque over speed, both motors on one scale, and both
+    conveyors in motion, one above the other.
+    """
+    level = Mark(r.machine.nu_res, f"resonance {r.machine.nu_res:.1f} rad/s")
+
+    def panel(quantity: str, column: str, unit: str = "", *levels: Mark) -> Panel:
+        each = [
+            recorded(quantity, result, result["time"], {column: SHOWN[motor]}, unit, levels=levels)
+            for motor, result in r.runs.items()
+        ]
+        return each[0]._replace(curves=[curve for one in each for curve in one.curves])
+
+    plane = []
+    for motor, result in r.runs.items():
+        (name, color), w = SHOWN[motor], result["conveyor.w"]
+        order, static = np.argsort(w), result["motor.tau_static"]
+        curves = [
+            Curve("static characteristic", w[order], static[order], THEORY, "theory"),
+            Curve("with its lag", w, result["motor.tau"], color),
+        ]
+        plane.append(Panel(f"torque, {name}", result.units["motor.tau"], curves))
+    panels = [
+        panel("crank speed", "conveyor.w", "", level),
+        panel("motor torque", "motor.tau"),
+        panel("rod force", "conveyor.f_rod", "kN"),
+    ]
+    end = min(float(result["time"][-1]) for result in r.runs.values())
+    charts = [
+        Chart("Run-up from rest", "time [s]", panels),
+        Chart("Torque over speed: the lag of the motor", "crank speed [rad/s]", plane),
+    ]
+    return Show(charts, [moving("Both conveyors from rest", r.runs, 0.0, end, 15.0)])

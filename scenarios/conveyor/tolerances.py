@@ -8,7 +8,7 @@ machines; co-simulation judges some of them again.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import fields, replace
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from scipy.stats import binomtest, qmc
 
 from .plane import Plane
-from .response import Point, Setup
-from .theory import FIELDS, Machine
+from .response import Point, Setup, Spot
+from .theory import FIELDS
 
 Real = NDArray[np.float64]
 SEED = 1
@@ -25,26 +25,14 @@ CONFIDENCE = 0.95
 EDGE = (0.05, 0.95)
 
 
-def factors(tolerances: Mapping[str, float], samples: int) -> dict[str, Real]:
-    """What each part's nominal value is multiplied with, as many scrambled Sobol points, a power of 2.
-
-    A tolerance of 0.05 spreads a part's parameter evenly over 0.95 .. 1.05 times its value.
-    """
-    unit = qmc.Sobol(len(tolerances), rng=SEED).random(samples)
-    return {
-        name: 1.0 + share * (2.0 * column - 1.0)
-        for (name, share), column in zip(tolerances.items(), unit.T)
-    }
-
-
 class Sample(NamedTuple):
-    """Machines of a place, each with the speed [rad/s] that is worst for it there and the ripple [N.m]
-    expected at that, of shape (samples,).
+    """Built machines of a row: the x that is worst for each, and the torque ripple [N.m] expected
+    there, of shape (samples,).
     """
 
     place: dict[str, float]
-    machines: Machine
-    nu: Real
+    y: float
+    x: Real
     expected: Real
 
     def probability(self, limit: float) -> float:
@@ -53,27 +41,53 @@ class Sample(NamedTuple):
             return float("nan")
         return float((self.expected > limit).mean())
 
-    def machine(self, number: int) -> tuple[Machine, float]:
-        """One of the machines and its speed."""
-        values = {f.name: np.ravel(getattr(self.machines, f.name)) for f in fields(Machine)}
-        one = {name: float(x[number % len(x)]) for name, x in values.items()}
-        return Machine(**one), float(self.nu[number])
 
-
-def built(plane: Plane, x: Real, y: float, ratio: Real, factors: Mapping[str, Real]) -> Sample:
-    """Machines like the one at a point, or at several speeds x, whose co-simulated ripple is theory's
-    times a ratio, which is given at the values of the plane's x.
+class Built(NamedTuple):
+    """Machines like those of a plane: what each part's nominal value is multiplied with, of shape
+    (samples,).
     """
-    machine, nu = plane.at(x, y)
-    changed: dict[str, Any] = {
-        FIELDS[name]: getattr(machine, FIELDS[name]) * factor[:, None]
-        for name, factor in factors.items()
-    }
-    machines = replace(machine, **changed)
-    expected = np.abs(machines.torque_ripple(nu)) * np.interp(x, plane.x.values, ratio)
-    place = {plane.x.name: float(x[0])} if len(x) == 1 else {}
-    worst = np.broadcast_to(nu, x.shape)[expected.argmax(axis=1)]
-    return Sample(place | {plane.y.name: y}, machines, worst, expected.max(axis=1))
+
+    plane: Plane
+    factors: Mapping[str, Real]
+
+    @classmethod
+    def within(cls, plane: Plane, tolerances: Mapping[str, float], samples: int) -> Built:
+        """As many as scrambled Sobol points, a power of 2; a tolerance of 0.05 spreads a part's
+        parameter evenly over 0.95 .. 1.05 times its value.
+        """
+        columns = qmc.Sobol(len(tolerances), rng=SEED).random(samples).T
+        spread = zip(tolerances.items(), columns)
+        return cls(plane, {name: 1.0 + share * (2.0 * x - 1.0) for (name, share), x in spread})
+
+    def at(self, x: Any, y: float, number: Any) -> Spot:
+        """One of the machines at a point and its mean speed, or several at an array of x."""
+        machine, nu = self.plane.at(x, y)
+        parts = {FIELDS[name]: factor[number] for name, factor in self.factors.items()}
+        changed: dict[str, Any] = {name: getattr(machine, name) * x for name, x in parts.items()}
+        return replace(machine, **changed), nu, 1
+
+    def sample(self, x: Real, y: float, ratio: Real) -> Sample:
+        """All machines, each at its worst x, where the co-simulated ripple of the nominal one is
+        theory's times a ratio.
+        """
+        machines, nu, _ = self.at(x, y, (slice(None), None))
+        expected = np.atleast_2d(np.abs(machines.torque_ripple(nu)) * ratio)
+        place = {self.plane.x.name: float(x[0])} if len(x) == 1 else {}
+        worst = x[expected.argmax(axis=1)]
+        return Sample(place | {self.plane.y.name: y}, y, worst, expected.max(axis=1))
+
+    def check(
+        self, samples: Sequence[Sample], runs: int, limit: float, setup: Setup
+    ) -> list[dict[str, Any]]:
+        """Co-simulate the first machines of each sample."""
+        spots = [self.at(float(one.x[k]), one.y, k) for one in samples for k in range(runs)]
+        orbits = list(setup.orbits(spots, "check of the probability"))
+        groups = [orbits[n * runs : (n + 1) * runs] for n in range(len(samples))]
+        return [
+            judged(sample, group, limit)
+            for sample, group in zip(samples, groups)
+            if any(not orbit.problem for orbit in group)
+        ]
 
 
 def on_edge(probabilities: Real, count: int) -> list[int]:
@@ -83,42 +97,27 @@ def on_edge(probabilities: Real, count: int) -> list[int]:
     return sorted({int(open_[k]) for k in chosen})
 
 
-def check(samples: Sequence[Sample], runs: int, limit: float, setup: Setup) -> list[dict[str, Any]]:
-    """Co-simulate the first machines of each sample."""
-    spots = [(*sample.machine(k), 1) for sample in samples for k in range(runs)]
-    orbits = setup.orbits(spots, "check of the probability")
-    groups = [orbits[n * runs : (n + 1) * runs] for n in range(len(samples))]
-    return [
-        judged(sample, group, limit)
-        for sample, group in zip(samples, groups)
-        if any(not orbit.problem for orbit in group)
-    ]
-
-
 def judged(sample: Sample, orbits: Sequence[Point], limit: float) -> dict[str, Any]:
     """What co-simulation makes of the first machines of a sample; those without an orbit are left out.
 
-    By brute force the probability lies in the interval with CONFIDENCE; corrected is the prediction
-    with what co-simulation judges otherwise on the same machines.
+    By brute force the probability lies in the interval with CONFIDENCE.
     """
     steady = np.array([not orbit.problem for orbit in orbits])
     expected = sample.expected[: len(orbits)][steady]
     found = np.abs([orbit.torque for orbit in orbits])[steady]
-    above = int(((found > limit) & (expected <= limit)).sum())
-    below = int(((found <= limit) & (expected > limit)).sum())
-    hits, total, predicted = int((found > limit).sum()), len(found), sample.probability(limit)
+    hits, total = int((found > limit).sum()), len(found)
+    off = found / expected - 1.0
     return {
         "place": sample.place,
-        "probability": predicted,
+        "probability": sample.probability(limit),
         "brute_force": hits / total,
         "interval": interval(hits, total),
-        "corrected": predicted + (above - below) / total,
         "samples": total,
-        "judged_above": above,
-        "judged_below": below,
+        "judged_above": int(((found > limit) & (expected <= limit)).sum()),
+        "judged_below": int(((found <= limit) & (expected > limit)).sum()),
         "not_steady": len(orbits) - total,
-        "off_rms": float(np.sqrt(np.mean((found / expected - 1.0) ** 2))),
-        "off_max": float(np.abs(found / expected - 1.0).max()),
+        "off_rms": float(np.sqrt(np.mean(off**2))),
+        "off_max": float(np.abs(off).max()),
     }
 
 

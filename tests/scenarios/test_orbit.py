@@ -19,6 +19,7 @@ from tests.scenarios.orbit_oracle import (
     Drive,
     NoOrbitError,
     drawn,
+    edges,
     f_rod_peak,
     features,
     orbit,
@@ -34,10 +35,12 @@ FMUS = {part: ROOT / "fmus" / "native" / f"{name}.fmu" for part, name in PARTS.i
 TWELVE = [[3, k] for k in range(12)]
 
 
-def asked(drive: Drive, first: float, last: float, number: int) -> dict[str, Figure]:
-    """The figures of the scenario for a drive and a sweep."""
-    told = ask("resonance", speeds=f"{first}:{last}:{number}", start=drive.start, speed=first)
-    return dict(told.figures)
+def asked(
+    drive: Drive, first: float, last: float, number: int, limit: float = 50.0
+) -> dict[str, Figure]:
+    """The figures of the scenario for a drive, a sweep and a limit of the torque ripple [N.m]."""
+    given = {"speeds": f"{first}:{last}:{number}", "start": drive.start, "speed": first}
+    return dict(ask("resonance", **given, limit=100.0, rated_torque=limit).figures)
 
 
 def held(figure: Figure, truth: float | None) -> float:
@@ -63,8 +66,12 @@ def test_stated_errors_hold_on_drives_drawn_at_random(seed: list[int]) -> None:
             continue
         break
     truth["f_rod_peak"] = f_rod_peak(drive, np.linspace(*sweep))
-    told = asked(drive, *sweep)
+    limit = 0.6 * (truth["tau2_peak"] or 50.0)
+    told = asked(drive, *sweep, limit)
     ratios = {name: held(told[name], truth[name]) for name in FIGURES}
+    ends = sorted(figure for name, figure in told.items() if name.startswith("avoid"))
+    for figure, exact in zip(ends, edges(drive, *sweep[:2], limit), strict=True):
+        assert held(figure, exact) <= 1.0 and figure.error < 1e-4 * exact
     assert max(x for x in ratios.values() if not math.isnan(x)) <= 1.0, ratios
     existing = [name for name in FIGURES if truth[name] is not None]
     assert sum(math.isnan(ratios[name]) for name in existing) <= 1, ratios
@@ -107,6 +114,53 @@ def test_of_two_nearly_equal_peaks_of_the_rod_force_each_converges_by_itself(
     figure = told.figures["f_rod_peak"]
     assert held(figure, f_rod_peak(drive, [speed])) <= 1.0
     assert figure.error is not None and figure.error < 1e-4 * figure.value
+
+
+@pytest.mark.parametrize(
+    ("drive", "speeds", "limit", "names"),
+    [
+        (Drive(), "20:66:9", 50.0, ["from {}", "to {}"]),
+        (Drive(), "30:66:9", 50.0, ["below {}"]),
+        (Drive(), "20:40:9", 50.0, ["above {}"]),
+        (Drive(d=400.0), "20:90:15", 5.0, ["below {}", "and above {}"]),
+    ],
+)
+def test_the_verdict_tells_the_speeds_to_avoid_with_their_errors(
+    drive: Drive, speeds: str, limit: float, names: list[str]
+) -> None:
+    """Where exact orbits have the limit; beside little damping the spring carries the load at 60."""
+    told = ask("resonance", speeds=speeds, limit=limit, start=drive.start)
+    first, last, _ = map(float, speeds.split(":"))
+    exact = edges(drive, first, last, limit)
+    ends = [told.figures[name] for name in told.figures if name.startswith("avoid")]
+    for end, true in zip(ends, exact, strict=True):
+        assert held(end, true) <= 1.0 and end.error is not None and end.error < 1e-4 * true
+    words = " ".join(words.format(end.text()) for words, end in zip(names, ends, strict=True))
+    assert (
+        f"Avoid speeds {words}, where the torque ripple is above the limit.\n"
+        in f"{told.verdict}\n"
+    )
+    chart = told.show().charts[0]
+    spans = [x for span in chart.spans for x in span[:2] if x not in (first, last)]
+    assert spans == [end.value for end in ends]
+
+
+def test_speeds_to_avoid_whose_error_is_not_known_are_about_right() -> None:
+    told = ask("resonance", speeds="20:66:9", steps_per_rev=64)
+    assert (
+        "Avoid speeds from about 26 rad/s to about 45 rad/s, where the torque ripple is above the "
+        "limit; their error is not told: the coupling is not stable with a quarter of the steps."
+    ) in told.verdict
+    assert {told.figures[name].error for name in ("avoid_from", "avoid_to")} == {None}
+    assert "the coupling error is not known; take more steps per revolution." in told.verdict
+
+
+@pytest.mark.parametrize(("nu", "where"), [(40.0, "above"), (60.0, "below")])
+def test_a_sweep_of_one_speed_is_above_the_limit_or_below(nu: float, where: str) -> None:
+    told = ask("resonance", speeds=[nu])
+    assert told.figures["nu_90"].reason == "the sweep holds no two steady orbits"
+    words = {"above": "is above the limit", "below": "stays below the limit"}[where]
+    assert f"The torque ripple {words} at every speed of the sweep." in told.verdict
 
 
 @pytest.mark.parametrize(("speed", "side"), [(60.0, "below"), (20.0, "above")])
