@@ -10,7 +10,6 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from itertools import islice
@@ -39,7 +38,7 @@ from workbench.report.chart import Second, Span
 from . import mechanism, response
 from .drive import PARTS as DRIVE
 from .drive import conveyor_drive, followed, linearised, start_values
-from .response import COARSER, LAG, SPEED, TORQUE, Line, Lost, Place, Point, Ripple, Setup
+from .response import COARSER, LAG, SPEED, TORQUE, Line, Place, Point, Ripple, Setup
 from .theory import SETS, Machine
 
 PARTS = DRIVE
@@ -97,15 +96,13 @@ def solve(o: Options, bench: Bench) -> Findings:
     for nu, problem in problems.items():
         logging.getLogger("cosim").warning(f"No steady orbit at {nu:g} rad/s: {problem}")
     rows = {nu: row(line.at(nu)[0], runs[nu], ORDERS[o.algorithm]) for nu in wanted}
-    known = [(nu, runs[nu][0]) for nu in nus]
-    passed: list[Place] = []
-    with suppress(Lost):
-        passed = line.edges(o.most, known)
+    known = [(nu, runs[nu][0]) for nu in nus if not runs[nu][0].problem]
+    passed = line.edges(o.most, known) if len(known) > 1 else []
     sought = [(line, place, known) for place in (LAG, TORQUE, SPEED, *passed)]
     (lag, _), (torque, tau2), (speed, w2), *more = response.places(sought, coarser, "rad/s", setup)
     edges = [(place, figure) for place, (figure, _) in zip(passed, more)]
-    ripples = [abs(point.torque) for _, point in known if not point.problem]
-    avoid = stretches(line, edges, above=max(ripples, default=0.0) > o.most)
+    above = any(abs(point.torque) > o.most for _, point in known)
+    avoid = stretches(line, edges, above)
     machine, _ = line.at(line.at(nus[len(nus) // 2])[0].nu_res)
     force = response.largest_force(runs[nu] for nu in nus)
     standing = next((nu for nu in problems if nu in nus), nus[0])

@@ -42,10 +42,9 @@ from workbench.report.chart import Direction, Field, Level, Span
 from . import mechanism
 from .drive import PARTS as DRIVE
 from .drive import conveyor_drive, followed
-from .plane import SPEED, Plane, axis, shares, span
+from .plane import SPEED, Built, Plane, Sample, axis, interval, on_edge, shares, span
 from .response import COARSER, LAG, TORQUE, Ripple, Setup, orbit, places
 from .theory import FIELDS, SETS
-from .tolerances import Built, Sample, interval, on_edge
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -226,15 +225,16 @@ def ridges(plane: Plane, setup: Setup) -> DataFrame:
     """Where every row has its ridges, with their errors, beside formula (22) and theory; nan where it
     has none.
     """
-    x, y = plane.x.along, plane.y.along.values.tolist()
-    orbits, wanted = setup.orbits(plane.spots(), "map"), (LAG, TORQUE)
-    lines = [(plane.line(level), list(zip(x.values.tolist(), orbits))) for level in y]
-    sought = [(line, place, known) for line, known in lines for place in wanted]
+    x, levels, sought = plane.x.along, plane.y.along.values.tolist(), []
+    orbits = setup.orbits(plane.spots(), "map")
+    for line in map(plane.line, levels):
+        known = [(at, point) for at, point in zip(x.values.tolist(), orbits) if not point.problem]
+        sought += [(line, place, known) for place in (LAG, TORQUE)]
     found = [
         (figure.value, math.nan if figure.error is None else figure.error, line.theory(place))
         for (line, place, _), (figure, _) in zip(sought, places(sought, COARSER, x.unit, setup))
     ]
-    rows = [(level, *lag, *peak) for level, lag, peak in zip(y, found[::2], found[1::2])]
+    rows = [(level, *lag, *peak) for level, lag, peak in zip(levels, found[::2], found[1::2])]
     return Table.of_rows(rows, dict.fromkeys([plane.y.name, *RIDGES], x.unit)).frame
 
 

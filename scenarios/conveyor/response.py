@@ -287,6 +287,8 @@ class Line:
         """Load over response by theory, and what orbits at known x say beside it: one polynomial
         through a few, cubics between those of a sweep. Raises Lost.
         """
+        if not known:
+            return partial(self.ideal, place)
         if problem := next((point.problem for _, point in known if point.problem), ""):
             raise Lost(problem)
         x = np.array([at for at, _ in known])
@@ -294,6 +296,11 @@ class Line:
         few = len(x) <= len(AROUND) + 1
         more = Polynomial.fit(x, beside, len(x) - 1) if few else CubicSpline(x, beside)
         return lambda x: self.ideal(place, x) + more(x)
+
+    @cached_property
+    def whole(self) -> Samples:
+        """All of the line."""
+        return np.geomspace(self.first, self.last, FINE)
 
     @cached_property
     def sense(self) -> float:
@@ -316,16 +323,15 @@ class Line:
         found = [Zero(x, abs(self.load(x) / curve(x)), float(bend(x))) for x in falling]
         return found, condition
 
-    def expected(self, place: Place, known: Known | None = None) -> float:
+    def expected(self, place: Place, known: Known = ()) -> float:
         """Where the place is by theory and what known orbits say beside it. Raises Lost."""
         if not math.isnan(place.near):
             return place.near
-        x, curve = self.swept(place, known)
-        found, _ = self.zeros(place, curve, x)
-        load = np.abs(self.load(x))
+        curve, load = self.curve(place, known), np.abs(self.load(self.whole))
+        found, _ = self.zeros(place, curve, self.whole)
         if place.sort == "peak":
             top = max(found, key=lambda zero: zero.height, default=Zero(0.0, 0.0, 0.0))
-            if top.height < (load / np.abs(curve(x)))[[0, -1]].max():
+            if top.height < (load / np.abs(curve(self.whole)))[[0, -1]].max():
                 raise Lost("it is largest at an end of the sweep")
             return top.x
         behind = [zero.x for zero in found if curve(zero.x).imag > 0.0]
@@ -335,21 +341,12 @@ class Line:
             raise Lost("the load ripple nearly vanishes there, and its phase means nothing")
         return behind[0]
 
-    def swept(self, place: Place, known: Known | None) -> tuple[Samples, Curve]:
-        """The whole line, and the curve over it by theory and known orbits; raises Lost."""
-        x = np.geomspace(self.first, self.last, FINE)
-        if known is None:
-            return x, partial(self.ideal, place)
-        steady = [(x, point) for x, point in known if not point.problem]
-        if len(steady) < 2:
-            raise Lost("the sweep holds no two steady orbits")
-        return x, self.curve(place, steady)
-
     def edges(self, level: float, known: Known) -> list[Place]:
-        """Where the torque ripple passes a level [N.m], in order; raises Lost."""
-        x, curve = self.swept(TORQUE, known)
-        ends = [end._replace(level=level) for end in (FROM, TO)]
-        found = [end._replace(near=zero.x) for end in ends for zero in self.zeros(end, curve, x)[0]]
+        """Where the torque ripple passes a level [N.m], in order, as two or more known orbits say."""
+        curve, found = self.curve(TORQUE, known), []
+        for end in (FROM._replace(level=level), TO._replace(level=level)):
+            zeros, _ = self.zeros(end, curve, self.whole)
+            found += [end._replace(near=zero.x) for zero in zeros]
         return sorted(found, key=lambda end: end.near)
 
     def theory(self, place: Place) -> float:
@@ -383,9 +380,11 @@ Search = Generator[list[Spot], Any, Found]
 
 
 def search(line: Line, place: Place, known: Known, coarser: int) -> Search:
-    """A place and the height there from known orbits: through five on a lattice of the line until
+    """A place and the height there from known steady orbits: through five on a lattice of the line until
     they surround it, and one more at it. Yields where it needs orbits; raises Lost.
     """
+    if len(known) < 2:
+        raise Lost("the sweep holds no two steady orbits")
     start, spacing = line.expected(place, known), line.spacing
     center = round(start / spacing)
     for _ in range(ROUNDS):
@@ -430,7 +429,7 @@ def together(searches: Sequence[Search], setup: Setup) -> list[Found]:
 def places(
     sought: Sequence[tuple[Line, Place, Known]], coarser: Sequence[int], unit: str, setup: Setup
 ) -> list[tuple[Figure, Figure]]:
-    """Where places are and how high the response is there, from known orbits."""
+    """Where places are and how high the response is there, from known steady orbits."""
     found = together([search(*one, k) for one in sought for k in coarser], setup)
     figures, order = [], ORDERS[setup.algorithm]
     for n, (_, place, _) in enumerate(sought):

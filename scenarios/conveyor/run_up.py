@@ -10,7 +10,6 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -60,15 +59,8 @@ class Options(Run):
     speed: float = option(60.0, "mean speed of the linear motor", "rad/s", above=0.0)
 
 
-class RunUp(NamedTuple):
-    """The machine, and a run for each motor."""
-
-    machine: Machine
-    runs: Mapping[str, Result]
-
-
 def solve(o: Options, bench: Bench) -> Findings:
-    """Both motors, one after the other; the linear one set for its mean speed."""
+    """Both motors, one after the other, the linear one set for its mean speed: a run for each."""
     machine = followed(bench.fmus, SETS[o.set], o.start)
     build_up = 1 / (4 * math.pi * machine.zeta)
     found = {
@@ -85,7 +77,7 @@ def solve(o: Options, bench: Bench) -> Findings:
         found |= {f"{motor}_{name}": figure for name, figure in mine.items()}
     return Findings(
         found,
-        RunUp(machine, runs),
+        runs,
         systems["linear"],
         runs["linear"].provenance,
         tables={f"{motor}.csv": Table.of(result) for motor, result in runs.items()},
@@ -124,7 +116,7 @@ def revolutions_near(nu: float, t: Samples, w: Samples, phi: Samples) -> float:
     return float(np.diff(CubicSpline(t, phi)(ends))[middle].sum() / (2 * math.pi))
 
 
-def verdict(o: Options, f: Mapping[str, Figure], r: RunUp) -> str:
+def verdict(o: Options, f: Mapping[str, Figure], r: Mapping[str, Result]) -> str:
     """Who passes the resonance."""
     lines = []
     for motor, word in WORDS.items():
@@ -139,21 +131,22 @@ def verdict(o: Options, f: Mapping[str, Figure], r: RunUp) -> str:
     return "\n".join(lines)
 
 
-def show(o: Options, f: Mapping[str, Figure], r: RunUp) -> Show:
+def show(o: Options, f: Mapping[str, Figure], r: Mapping[str, Result]) -> Show:
     """Speed, torque and rod force over time, torque over speed, both motors on one scale, and both
     conveyors in motion, one above the other.
     """
-    level = Mark(r.machine.nu_res, f"resonance {r.machine.nu_res:.1f} rad/s")
+    nu_res = f["nu_res"].value
+    level = Mark(nu_res, f"resonance {nu_res:.1f} rad/s")
 
     def panel(quantity: str, column: str, unit: str = "", *levels: Mark) -> Panel:
         each = [
             recorded(quantity, result, result["time"], {column: SHOWN[motor]}, unit, levels=levels)
-            for motor, result in r.runs.items()
+            for motor, result in r.items()
         ]
         return each[0]._replace(curves=[curve for one in each for curve in one.curves])
 
     plane = []
-    for motor, result in r.runs.items():
+    for motor, result in r.items():
         (name, color), w = SHOWN[motor], result["conveyor.w"]
         order, static = np.argsort(w), result["motor.tau_static"]
         curves = [
@@ -166,9 +159,9 @@ def show(o: Options, f: Mapping[str, Figure], r: RunUp) -> Show:
         panel("motor torque", "motor.tau"),
         panel("rod force", "conveyor.f_rod", "kN"),
     ]
-    end = min(float(result["time"][-1]) for result in r.runs.values())
+    end = min(float(result["time"][-1]) for result in r.values())
     charts = [
         Chart("Run-up from rest", "time [s]", panels),
         Chart("Torque over speed: the lag of the motor", "crank speed [rad/s]", plane),
     ]
-    return Show(charts, [moving("Both conveyors from rest", r.runs, 0.0, end, 15.0)])
+    return Show(charts, [moving("Both conveyors from rest", r, 0.0, end, 15.0)])

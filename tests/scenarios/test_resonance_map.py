@@ -19,11 +19,10 @@ import pytest
 from scipy.optimize import brentq
 
 import cosim
-from scenarios.conveyor import resonance_map, tolerances
-from scenarios.conveyor.plane import Plane, axis, shares
+from scenarios.conveyor import resonance_map
+from scenarios.conveyor.plane import Built, Plane, axis, judged, on_edge, shares
 from scenarios.conveyor.response import COARSER, LAG, Point, Setup, places
 from scenarios.conveyor.theory import SETS
-from scenarios.conveyor.tolerances import Built
 from tests.conftest import ROOT, ask, fmus_of, hear_ctrl_c
 from tests.scenarios.orbit_oracle import Drive, features
 from workbench import Bench
@@ -229,7 +228,7 @@ def test_machines_without_a_steady_orbit_are_left_out_of_a_check(mapped: Points)
     sample = built(mapped, 44.0)
     orbits = [Point(44.0, torque=complex(value)) for value in sample.expected[:8]]
     orbits[2] = Point(44.0, problem="it does not turn")
-    check = tolerances.judged(sample, orbits, LIMIT)
+    check = judged(sample, orbits, LIMIT)
     names = ("samples", "not_steady", "judged_above", "judged_below", "off_max")
     assert [check[name] for name in names] == [7, 1, 0, 0, 0.0]
 
@@ -248,7 +247,7 @@ def test_check_sees_a_prediction_that_is_wrong(mapped: Points) -> None:
 def test_edge_is_where_the_outcome_is_open() -> None:
     probabilities = np.array([0.0, 0.04, 0.5, 1.0, math.nan, 0.2, 0.9, 0.96])
     for count, wanted in ((8, [2, 5, 6]), (2, [2, 6]), (0, [])):
-        assert tolerances.on_edge(probabilities, count) == wanted
+        assert on_edge(probabilities, count) == wanted
 
 
 def small(folder: Path | None, **settings: Any) -> Any:
