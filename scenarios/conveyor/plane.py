@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import islice
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -78,7 +79,7 @@ class Sample(NamedTuple):
     """
 
     place: dict[str, float]
-    y: float
+    row: int
     x: Real
     expected: Real
 
@@ -90,54 +91,54 @@ class Sample(NamedTuple):
 
 
 class Built(NamedTuple):
-    """Machines like those of a plane: what each part's nominal value is multiplied with, of shape
-    (samples,).
+    """Machines like those of a plane: the co-simulated ripple of these over that of theory, of shape
+    (rows, columns), and what each part's nominal value is multiplied with, of shape (samples,).
     """
 
     plane: Plane
+    ratio: Real
     factors: Mapping[str, Real]
 
     @classmethod
-    def within(cls, plane: Plane, tolerances: Mapping[str, float], samples: int) -> Built:
+    def within(
+        cls, plane: Plane, ratio: Real, tolerances: Mapping[str, float], samples: int
+    ) -> Built:
         """As many as scrambled Sobol points, a power of 2; a tolerance of 0.05 spreads a part's
         parameter evenly over 0.95 .. 1.05 times its value.
         """
         columns = qmc.Sobol(len(tolerances), rng=SEED).random(samples).T
         spread = zip(tolerances.items(), columns)
-        return cls(plane, {name: 1.0 + share * (2.0 * x - 1.0) for (name, share), x in spread})
+        factors = {name: 1.0 + share * (2.0 * x - 1.0) for (name, share), x in spread}
+        return cls(plane, ratio, factors)
 
-    def at(self, x: Any, y: float, number: Any) -> Spot:
+    def at(self, row: int, x: Any, number: Any) -> Spot:
         """One of the machines at a point and its mean speed, or several at an array of x."""
-        machine, nu = self.plane.at(x, y)
+        machine, nu = self.plane.at(x, float(self.plane.y.along.values[row]))
         parts = {FIELDS[name]: factor[number] for name, factor in self.factors.items()}
         changed: dict[str, Any] = {name: getattr(machine, name) * x for name, x in parts.items()}
         return replace(machine, **changed), nu, 1
 
-    def sample(self, x: Real, y: float, ratio: Real) -> Sample:
-        """All machines, each at its worst x, where the co-simulated ripple of the nominal one is
-        theory's times a ratio.
-        """
-        machines, nu, _ = self.at(x, y, (slice(None), None))
+    def sample(self, row: int, x: Real) -> Sample:
+        """All machines of a row, each at its worst x."""
+        machines, nu, _ = self.at(row, x, (slice(None), None))
+        ratio = np.interp(x, self.plane.x.along.values, self.ratio[row])
         expected = np.atleast_2d(np.abs(machines.torque_ripple(nu)) * ratio)
         place = {self.plane.x.name: float(x[0])} if len(x) == 1 else {}
-        worst = x[expected.argmax(axis=1)]
-        return Sample(place | {self.plane.y.name: y}, y, worst, expected.max(axis=1))
+        place[self.plane.y.name] = float(self.plane.y.along.values[row])
+        return Sample(place, row, x[expected.argmax(axis=1)], expected.max(axis=1))
 
     def check(
         self, samples: Sequence[Sample], runs: int, limit: float, setup: Setup
     ) -> list[dict[str, Any]]:
         """Co-simulate the first machines of each sample."""
-        spots = [self.at(float(one.x[k]), one.y, k) for one in samples for k in range(runs)]
-        orbits = list(setup.orbits(spots, "check of the probability"))
-        groups = [orbits[n * runs : (n + 1) * runs] for n in range(len(samples))]
-        return [
-            judged(sample, group, limit)
-            for sample, group in zip(samples, groups)
-            if any(not orbit.problem for orbit in group)
-        ]
+        spots = [self.at(one.row, float(one.x[k]), k) for one in samples for k in range(runs)]
+        orbits = setup.orbits(spots, "check of the probability")
+        groups = [(sample, list(islice(orbits, runs))) for sample in samples]
+        steady = [group for group in groups if any(not orbit.problem for orbit in group[1])]
+        return [judged(sample, group, limit) for sample, group in steady]
 
 
-def on_edge(probabilities: Real, count: int) -> list[int]:
+def on_edge(probabilities: Any, count: int) -> list[int]:
     """Numbers of places where the outcome is open, spread over them all."""
     open_ = np.flatnonzero((probabilities > EDGE[0]) & (probabilities < EDGE[1]))
     chosen = np.linspace(0, len(open_) - 1, min(count, len(open_))).round().astype(int)

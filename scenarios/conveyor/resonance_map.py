@@ -150,7 +150,8 @@ def solve(o: Options, bench: Bench) -> Findings:
     points = swept(plane, setup, bench.out and bench.out / TABLE)
     rows, error = ridges(plane, setup), coupling_error(plane, setup)
     found = Map(plane, setup, points, rows.assign(**dict.fromkeys(RANGES, math.nan)), within)
-    built = Built.within(plane, spread, o.samples)
+    ratio = found.field("ripple") / found.field("ripple_theory")
+    built = Built.within(plane, ratio, spread, o.samples)
     checks = built.check(risk(found, built, o.checks, o.most), o.check_runs, o.most, setup)
     y = {plane.y.name: plane.y.along.unit}
     return Findings(
@@ -245,38 +246,30 @@ def coupling_error(plane: Plane, setup: Setup) -> float:
         for axis in (plane.x, plane.y)
     )
     every, width = plane.spots(), len(plane.x.along.values)
-    grid = [every[n * width + k] for n in y for k in x]
-    spots = [(*spot[:2], k) for spot in grid if not setup.known[spot].problem for k in COARSER]
-    found = np.array([abs(orbit.torque) for orbit in setup.orbits(spots, "coupling error")])
-    runs = [
-        values for values in found.reshape(-1, len(COARSER)).tolist() if not np.isnan(values).any()
-    ]
-    if not runs:
+    spots = [(*every[n * width + k][:2], coarser) for n in y for k in x for coarser in COARSER]
+    found = [abs(orbit.torque) for orbit in setup.orbits(spots, "coupling error")]
+    runs = np.array(found).reshape(-1, len(COARSER))
+    runs = runs[np.isfinite(runs).all(axis=1)]
+    if not len(runs):
         raise SetupError("no orbit is steady with a quarter of the steps per revolution: take more")
-    return max(coupling(values, ORDERS[setup.algorithm]) / float(values[0]) for values in runs)
+    order = ORDERS[setup.algorithm]
+    return float(max(coupling(run, order) / run[0] for run in runs.tolist()))
 
 
 def risk(r: Map, built: Built, count: int, most: float) -> list[Sample]:
     """Put probabilities and the ripple in the range into the tables; the machines of so many points,
     and of half as many rows, where the outcome is open.
     """
-    x, y = r.plane.x.along.values, r.plane.y.along.values.tolist()
-    ratio = r.field("ripple") / r.field("ripple_theory")
-    nominal = built._replace(factors={})
-
-    def sample(n: int, at: Real, machines: Built = built) -> Sample:
-        return machines.sample(at, y[n], np.interp(at, x, ratio[n]))
-
-    cells = [(n, x[k : k + 1]) for n in range(len(y)) for k in range(len(x))]
-    r.points["probability"] = [sample(*cell).probability(most) for cell in cells]
-    samples = [sample(*cells[k]) for k in on_edge(r.points["probability"].to_numpy(), count)]
+    x, rows = r.plane.x.along.values, range(len(r.rows))
+    cells = [(n, x[k : k + 1]) for n in rows for k in range(len(x))]
+    r.points["probability"] = [built.sample(*cell).probability(most) for cell in cells]
+    samples = [built.sample(*cells[k]) for k in on_edge(r.points["probability"], count)]
     if r.within is not None:
-        nus = np.linspace(*r.within, SPEEDS)
-        over = [sample(n, nus) for n in range(len(y))]
-        r.rows["ripple_in_range"] = [sample(n, nus, nominal).expected[0] for n in range(len(y))]
+        nus, nominal = np.linspace(*r.within, SPEEDS), built._replace(factors={})
+        over = [built.sample(n, nus) for n in rows]
+        r.rows["ripple_in_range"] = [nominal.sample(n, nus).expected[0] for n in rows]
         r.rows["probability_in_range"] = [one.probability(most) for one in over]
-        edge = on_edge(r.rows["probability_in_range"].to_numpy(), count // 2)
-        samples += [over[n] for n in edge]
+        samples += [over[n] for n in on_edge(r.rows["probability_in_range"], count // 2)]
     return samples
 
 
@@ -319,21 +312,20 @@ def judgement(checks: Sequence[Mapping[str, Any]], error: float) -> dict[str, Fi
     )
     if not checks:
         return {"misjudged": Figure.refused("%", "no machine is co-simulated", wrong)}
-    total = sum(check["samples"] for check in checks)
-    otherwise = sum(check["judged_above"] + check["judged_below"] for check in checks)
+    told = Table.of_rows(
+        [[*check.values()] for check in checks], dict.fromkeys(checks[0], "")
+    ).frame
+    total = int(told["samples"].sum())
+    otherwise = int((told["judged_above"] + told["judged_below"]).sum())
     share, ends = otherwise / total, interval(otherwise, total)
-    rms = math.sqrt(sum(check["samples"] * check["off_rms"] ** 2 for check in checks) / total)
+    rms = math.sqrt(np.average(told["off_rms"] ** 2, weights=told["samples"]))
     worst = max(checks, key=lambda check: abs(check["brute_force"] - check["probability"]))
-    brute = worst["brute_force"]
+    brute, chance = worst["brute_force"], worst["probability"]
+    reach = max(abs(end - brute) for end in worst["interval"])
     return {
         "misjudged": Figure(100 * share, "%", 100 * max(abs(end - share) for end in ends), wrong),
         "machines_off_rms": Figure(100 * rms, "%", 100 * error, off),
-        "probability_off_max": Figure(
-            brute - worst["probability"],
-            "1",
-            max(abs(x - brute) for x in worst["interval"]),
-            beside,
-        ),
+        "probability_off_max": Figure(brute - chance, "1", reach, beside),
     }
 
 

@@ -166,16 +166,14 @@ def orbit(case: Case, record: Sequence[str]) -> Turns:
 def read(turns: Turns, nu: float) -> Point:
     """The ripple of the last revolution, how far it may be from steady, and its rod forces."""
 
-    def order_2(column: str) -> tuple[complex, float]:
-        found = []
-        for rows in (turns.window(), turns.window(1)):
-            phi = turns.result[turns.angle][rows]
-            most = min(HIGHEST, len(phi) // PER_ORDER)
-            found.append(complex(harmonics(phi, turns.result[column][rows], most)[1]))
-        return found[0], turns.remains(abs(found[0] - found[1]))
-
-    torque, torque_error = order_2("motor.tau")
-    speed, speed_error = order_2("conveyor.w")
+    ripples = []
+    for rows in (turns.window(), turns.window(1)):
+        phi = turns.result[turns.angle][rows]
+        columns = [turns.result[name][rows] for name in ("motor.tau", "conveyor.w")]
+        most = min(HIGHEST, len(phi) // PER_ORDER)
+        ripples.append(harmonics(phi, np.stack(columns, axis=1), most)[1])
+    torque, speed = ripples[0].tolist()
+    torque_error, speed_error = map(turns.remains, np.abs(ripples[0] - ripples[1]).tolist())
     whole = turns.window()
     rows = slice(max(0, whole.start - EDGE), whole.stop + EDGE)  # a peak may lie at an end
     phi, force = turns.result[turns.angle][rows], turns.result["conveyor.f_rod"][rows]

@@ -8,7 +8,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -23,14 +22,13 @@ from scenarios.conveyor import resonance_map
 from scenarios.conveyor.plane import Built, Plane, axis, judged, on_edge, shares
 from scenarios.conveyor.response import COARSER, LAG, Point, Setup, places
 from scenarios.conveyor.theory import SETS
-from tests.conftest import ROOT, ask, fmus_of, hear_ctrl_c
+from tests.conftest import ROOT, ask, fmus_of, hear_ctrl_c, until
 from tests.scenarios.orbit_oracle import Drive, features
 from workbench import Bench
 from workbench.answer import finish
 
 A = SETS["A"]
-PARTS = {"motor": "DriveMotor", "conveyor": "CrankConveyor"}
-FMUS = {part: ROOT / "fmus" / "native" / f"{name}.fmu" for part, name in PARTS.items()}
+FMUS = fmus_of(resonance_map)
 SETUP = Setup(Bench(FMUS), {}, "strang", 256)
 LIMIT = 50.0
 MONOLITHIC = {36.0: 90.9984270, 40.0: 104.9679504, 60.0: 9.3145045}
@@ -144,14 +142,12 @@ def test_points_without_a_steady_orbit_are_told_and_left_out(
 
 
 def test_a_tolerance_is_given_in_percent() -> None:
-    paths = fmus_of(resonance_map)
-    read = shares(paths, "tolerance", ["motor.T=5"], {"motor.T": 0.1, "motor.B": 0.02})
+    read = shares(FMUS, "tolerance", ["motor.T=5"], {"motor.T": 0.1, "motor.B": 0.02})
     assert read == {"motor.T": 0.05, "motor.B": 0.02}
 
 
-def test_parts_lie_evenly_within_their_tolerance() -> None:
-    there = plane("speed=24:64:11", "motor.T=0.05:0.075:3")
-    drawn = Built.within(there, {"motor.T": 0.1, "motor.B": 0.05}, 1024).factors
+def test_parts_lie_evenly_within_their_tolerance(mapped: Points) -> None:
+    drawn = machines(mapped, {"motor.T": 0.1, "motor.B": 0.05}).factors
     for name, share in (("motor.T", 0.1), ("motor.B", 0.05)):
         assert len(drawn[name]) == 1024
         assert np.abs(drawn[name] - 1.0).max() < share
@@ -162,17 +158,16 @@ def test_parts_lie_evenly_within_their_tolerance() -> None:
 
 def machines(mapped: Points, tolerances: Any = resonance_map.TOLERANCES) -> Built:
     """Machines like those of the map."""
-    return Built.within(mapped[0], tolerances, 1024)
+    there, points = mapped
+    ratio = (points["ripple"] / points["ripple_theory"]).to_numpy().reshape(3, -1)
+    return Built.within(there, ratio, tolerances, 1024)
 
 
 def built(mapped: Points, x: Any, share: Any = 1.0, row: int = 1) -> Any:
     """Machines of a row at a speed or at several, with so many times the usual tolerances."""
-    there, points = mapped
-    ratio = (points["ripple"] / points["ripple_theory"]).to_numpy().reshape(3, -1)[row]
     usual = resonance_map.TOLERANCES.items()
     spread = share if isinstance(share, dict) else {name: share * one for name, one in usual}
-    at, y = np.atleast_1d(x), float(there.y.along.values[row])
-    return machines(mapped, spread).sample(at, y, np.interp(at, SPEEDS, ratio))
+    return machines(mapped, spread).sample(row, np.atleast_1d(x))
 
 
 def test_probability_is_one_on_the_ridge_and_zero_far_away(mapped: Points) -> None:
@@ -209,7 +204,7 @@ def test_probability_in_the_range_is_that_of_the_worst_speed(mapped: Points) -> 
     assert (over.expected >= np.max(at, axis=0) * (1 - 1e-12)).all()
     assert over.expected == pytest.approx(np.max(at, axis=0), rel=0.1)
     assert 40.0 <= over.x.min() < over.x.max() <= 60.0
-    spots = [machines(mapped).at(over.x[k], over.y, k) for k in range(99)]
+    spots = [machines(mapped).at(0, over.x[k], k) for k in range(99)]
     again = [abs(machine.torque_ripple(nu)) for machine, nu, _ in spots]
     assert over.expected[:99] == pytest.approx(np.array(again), rel=0.01)
 
@@ -372,11 +367,7 @@ def test_ctrl_c_keeps_the_rows(tmp_path: Path) -> None:
         preexec_fn=hear_ctrl_c,  # noqa: PLW1509
     )
     kept = tmp_path / "resonance_map.partial.csv"
-    deadline = time.monotonic() + 60
-    while time.monotonic() < deadline:
-        if kept.exists() and len(kept.read_text().splitlines()) > 3:
-            break
-        time.sleep(0.05)
+    until(lambda: kept.exists() and len(kept.read_text().splitlines()) > 3)
     os.killpg(process.pid, signal.SIGINT)
     _, errors = process.communicate(timeout=60)
     assert process.returncode == 130, errors.decode()
