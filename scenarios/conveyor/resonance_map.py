@@ -200,7 +200,9 @@ def swept(plane: Plane, setup: Setup, path: Path | None) -> DataFrame:
     rows: list[tuple[float, ...]] = []
     with stream(path, list(units)) as keep:
         try:
-            for node, spot, orbit in zip(plane.nodes(), spots, setup.orbits(spots, "map")):
+            for node, spot, orbit in zip(
+                plane.nodes(), spots, setup.each(spots, "map"), strict=True
+            ):
                 machine, nu, _ = spot
                 load, ripple = machine.load_ripple(nu), abs(orbit.torque)
                 lag = float(np.angle(load / orbit.torque, deg=True)) % 360.0

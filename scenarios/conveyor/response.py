@@ -124,14 +124,19 @@ class Setup:
         start = start_values(machine, self.start, nu) | near
         return Case(self.bench.fmus, start, nu, self.steps_per_rev // coarser, self.algorithm)
 
-    def orbits(self, spots: Sequence[Spot], title: str) -> Iterator[Point]:
-        """The steady orbits of spots, in their order; none is run twice."""
+    def each(self, spots: Sequence[Spot], title: str) -> Iterator[Point]:
+        """The steady orbits of spots, one by one in their order; none is run twice."""
         new = [spot for spot in dict.fromkeys(spots) if spot not in self.known]
         runs = self.bench.each(simulate, [self.case(*spot) for spot in new], title)
         for spot in spots:
             if spot not in self.known:
                 self.known[spot] = next(runs)
             yield self.known[spot]
+        next(runs, None)
+
+    def orbits(self, spots: Sequence[Spot], title: str) -> Iterator[Point]:
+        """The same when all of them are run."""
+        return iter(list(self.each(spots, title)))
 
     def check(self, machine: Machine, nu: float, coarser: int = 1) -> None:
         """Raise SetupError for too few steps per revolution to fit orders or to stay stable at nu."""

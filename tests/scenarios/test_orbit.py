@@ -175,6 +175,22 @@ def test_the_orbit_is_that_of_an_independent_solver_and_what_is_left_is_told() -
         assert point.torque_error < 1e-7 * abs(point.torque)
 
 
+def test_runs_are_over_before_their_orbits_are_told_and_none_is_made_twice() -> None:
+    told = []
+
+    class Watched(Bench):
+        def each(self, function: Any, cases: Any, title: str, probes: bool = False) -> Any:
+            yield from super().each(function, cases, title, probes)
+            told.append((title, len(cases)))
+
+    setup = response.Setup(Watched(FMUS), {}, "strang", 64)
+    slow, fast = (SETS["A"], 30.0, 1), (SETS["A"], 50.0, 1)
+    first = next(setup.orbits([slow, slow], "first"))
+    assert told == [("first", 1)]
+    assert list(setup.orbits([fast, slow], "second"))[1] is first
+    assert told[1:] == [("second", 1)]
+
+
 def test_the_share_that_a_revolution_leaves_is_that_of_the_eigenvalues() -> None:
     turns = response.orbit(drive_case(60.0), response.RECORD)
     rates = abs(orbit(Drive(), 60.0).multipliers)
