@@ -146,13 +146,13 @@ def dop853(steps: int, _: Path) -> Callable[[], object]:
 def sweep(_: int, fmus: Path) -> Callable[[], object]:
     """The 31 speeds of set A by our master, Strang with 256 steps per revolution."""
     from scenarios.conveyor.resonance import SPEEDS
-    from scenarios.conveyor.response import Case, simulate
+    from scenarios.conveyor.response import Setup, simulate
     from scenarios.conveyor.theory import SETS
+    from workbench import Bench
 
     parts = {"motor": fmus / "DriveMotor.fmu", "conveyor": fmus / "CrankConveyor.fmu"}
-    drive = SETS["A"]
-    nus = [float(nu) for nu in SPEEDS["A"].split(",")]
-    cases = [Case(parts, drive.start(nu), drive, nu, 256, "strang") for nu in nus]
+    setup = Setup(Bench(parts), {}, "strang", 256)
+    cases = [setup.case(SETS["A"], float(nu)) for nu in SPEEDS["A"].split(",")]
     simulate(cases[0])
     return lambda: [simulate(case) for case in cases]
 

@@ -267,7 +267,7 @@ def test_the_first_command_answers_as_the_readme_shows() -> None:
     figure = r"([\d.]+) ± ([\d.]+)"
     assert re.sub(figure, "#", said).startswith(re.sub(figure, "#", shown))
     pairs = list(zip(re.findall(figure, shown), re.findall(figure, said)))
-    assert len(pairs) == 2
+    assert len(pairs) == 4
     for (value, error), (found, _) in pairs:
         assert abs(float(found) - float(value)) <= float(error)
 

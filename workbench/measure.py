@@ -138,8 +138,8 @@ def last_revolutions(phi: Samples, count: int) -> NDArray[np.bool_]:
 def harmonics(phi: Samples, x: Samples, highest: int = HIGHEST) -> NDArray[np.complex128]:
     """Complex amplitudes of the orders 1..highest, X = Im(X_hat exp(i k phi)), fitted together.
 
-    phi [rad] and x have shape (n,); needs more than 2 * highest samples per revolution. Over whole
-    revolutions the normal equations are nearly diagonal.
+    phi [rad] has shape (n,), x too, or (n, columns), which gives (highest, columns); needs more than
+    2 * highest samples per revolution. Over whole revolutions the normal equations are nearly diagonal.
     """
     turned = np.repeat(np.exp(1j * phi)[:, None], highest, axis=1).cumprod(axis=1)
     design = np.hstack([np.ones((len(phi), 1)), turned.imag, turned.real])

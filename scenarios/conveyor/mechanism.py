@@ -1,18 +1,65 @@
-"""The conveyor as lines, from the outputs and parameters of its FMU."""
+"""The conveyor as lines in motion, from the outputs and parameters of its FMU."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from workbench.report import motion
-from workbench.report.motion import Columns, Shape, line
+from workbench import Chart
+from workbench.report import chart, motion
+from workbench.report.chart import recorded
+from workbench.report.motion import Columns, Motion, Shape, line
+
+if TYPE_CHECKING:
+    from cosim import Result
 
 Parameters = Mapping[str, Any]
 ENLARGED = 4.0
+RECORD = (
+    "motor.tau", "conveyor.phi", "conveyor.w", "conveyor.x", "conveyor.tau_load", "conveyor.f_rod",
+)  # fmt: skip
+NOTE = f"Crank and stroke are drawn {ENLARGED:g} times as long as they are against the rod."
+
+
+def revolution(nu: float, result: Result) -> tuple[Chart, Motion]:
+    """The last revolution of a steady run at the mean speed nu [rad/s]: its course, its motion."""
+    t, phi = result["time"], result["conveyor.phi"]
+    first = float(np.interp(phi[-1] - 2 * math.pi, phi, t))
+    late = t >= first
+    since = 1e3 * (t[late] - first)
+    torque = {"motor.tau": ("motor", chart.TORQUE), "conveyor.tau_load": ("load", chart.THEORY)}
+    panels = [
+        recorded("torque", result, since, torque, rows=late),
+        recorded("speed", result, since, {"conveyor.w": ("crank", chart.SPEED)}, rows=late),
+        recorded("rod force", result, since, {"conveyor.f_rod": ("rod", chart.FORCE)}, "kN", late),
+    ]
+    course = Chart(f"One revolution at {nu:g} rad/s", "time [ms]", panels)
+    title = f"Crank conveyor at {nu:g} rad/s"
+    return course, moving(title, {"": result}, first, float(t[-1]), 25.0)
+
+
+def moving(
+    title: str, runs: Mapping[str, Result], first: float, last: float, slow: float
+) -> Motion:
+    """Conveyors of several runs of the same step between two times [s], the first on top."""
+    results = list(runs.values())
+    turns = float(np.ptp(results[0]["conveyor.phi"])) / (2 * math.pi)
+    picked = motion.rows(results[0]["time"], first, last, int(np.clip(24 * turns, 120, 480)))
+    times, shapes = results[0]["time"][picked], []
+    captions = [f"{t - first:.3f} s: " for t in times]
+    for k, (name, result) in enumerate(runs.items()):
+        p = result.provenance["parts"]["conveyor"]["parameters"]
+        at = motion.columns(result, "conveyor", ("phi", "x", "w"), picked)
+        shapes += motion.moved(crank_conveyor(p, at), 0.0, -0.8 * k * p["rod.l"])
+        label = f"{name} ".lstrip()
+        captions = [
+            f"{before}{label}{w:.1f} rad/s, {1e3 * x:+.2f} mm, {tau:.0f} N.m; "
+            for before, w, x, tau in zip(captions, at["w"], at["x"], result["motor.tau"][picked])
+        ]
+    return Motion(title, times, slow, [text.strip("; ") for text in captions], shapes, NOTE)
 
 
 def crank_conveyor(p: Parameters, at: Columns) -> list[Shape]:

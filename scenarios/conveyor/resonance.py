@@ -12,21 +12,33 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from itertools import islice
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.interpolate import make_interp_spline
 
 from cosim import ORDERS, SetupError
-from workbench import Bench, Figure, Findings, Show, Table, option
+from workbench import (
+    Bench,
+    Chart,
+    Curve,
+    Figure,
+    Findings,
+    Mark,
+    Panel,
+    Show,
+    Table,
+    option,
+)  # fmt: skip
 from workbench.limit import limit
 from workbench.orbit import NotSteady
+from workbench.report import chart as colors
+from workbench.report.chart import Second, Span
 
-from . import response
-from . import show as pictures
+from . import mechanism, response
 from .drive import PARTS as DRIVE
-from .drive import conveyor_drive, followed, linearised
-from .response import COARSER, LAG, SPEED, TORQUE, Line, Point, Ripple, Setup
+from .drive import conveyor_drive, followed, linearised, start_values
+from .response import COARSER, LAG, SPEED, TORQUE, Line, Place, Point, Ripple, Setup
 from .theory import SETS, Machine
 
 PARTS = DRIVE
@@ -38,12 +50,7 @@ SPEEDS = {
 }
 OPERATING = {"A": 40.0, "B": 60.0}
 TABLE = "resonance.csv"
-UNITS = {
-    "nu": "rad/s", "w2": "rad/s", "w2_error": "rad/s", "w2_phase": "deg", "tau2": "N.m",
-    "tau2_error": "N.m", "tau2_phase": "deg", "w2_theory": "rad/s", "w2_phase_theory": "deg",
-    "tau2_theory": "N.m", "tau2_phase_theory": "deg", "lag": "deg", "lag_error": "deg",
-    "w_mean": "rad/s", "w_mean_error": "rad/s", "f_rod_peak": "N", "f_rod_peak_error": "N",
-}  # fmt: skip
+MARKS = {"nu_90": "90 deg lag", "nu_peak_tau": "torque peak", "nu_peak_w": "speed peak"}
 OWN = ("motor.A", "motor.tau", "conveyor.phi", "conveyor.w")
 
 
@@ -56,14 +63,20 @@ class Options(Ripple):
     speeds: tuple[float, ...] = option((), "those of the set by default", "rad/s", above=0.0)
 
 
+Edge = tuple[Place, Figure]
+
+
 class Sweep(NamedTuple):
-    """How machines were run, the machine at each speed, rows of the table, stretches to avoid."""
+    """How machines were run, the machine at each speed, rows of the table; stretches of speed to
+    avoid [rad/s], and where these end but for the ends of the sweep.
+    """
 
     setup: Setup
     line: Line
     points: Sequence[Any]
     operating: float
     avoid: Sequence[tuple[float, float]]
+    edges: Sequence[Edge]
 
 
 def solve(o: Options, bench: Bench) -> Findings:
@@ -78,40 +91,45 @@ def solve(o: Options, bench: Bench) -> Findings:
         setup.check(*line.at(nu))
     coarser = ladder(setup, line, wanted[0])
     orbits = setup.orbits([(*line.at(nu), k) for nu in wanted for k in coarser], "sweep")
-    by_speed = {nu: orbits[n * len(coarser) :][: len(coarser)] for n, nu in enumerate(wanted)}
-    problems = {point.nu: point.problem for point in orbits if point.problem}
+    runs = {nu: list(islice(orbits, len(coarser))) for nu in wanted}
+    problems = {x.nu: x.problem for points in runs.values() for x in points if x.problem}
     for nu, problem in problems.items():
         logging.getLogger("cosim").warning(f"No steady orbit at {nu:g} rad/s: {problem}")
-    rows = [row(line.at(nu)[0], points, ORDERS[o.algorithm]) for nu, points in by_speed.items()]
-    middle = line.at(nus[len(nus) // 2])[0].nu_res
-    machine = line.at(middle)[0]
-    known = [(nu, by_speed[nu][0]) for nu in nus]
-    sought = [(line, place, known) for place in (LAG, TORQUE, SPEED)]
-    (lag, _), (torque, tau2), (speed, w2) = response.places(sought, coarser, "rad/s", setup)
-    force = response.largest_force(points for nu, points in by_speed.items() if nu in nus)
+    rows = {nu: row(line.at(nu)[0], runs[nu], ORDERS[o.algorithm]) for nu in wanted}
+    known = [(nu, runs[nu][0]) for nu in nus if not runs[nu][0].problem]
+    passed = line.edges(o.most, known) if len(known) > 1 else []
+    sought = [(line, place, known) for place in (LAG, TORQUE, SPEED, *passed)]
+    (lag, _), (torque, tau2), (speed, w2), *more = response.places(sought, coarser, "rad/s", setup)
+    edges = [(place, figure) for place, (figure, _) in zip(passed, more)]
+    above = any(abs(point.torque) > o.most for _, point in known)
+    avoid = stretches(line, edges, above)
+    machine, _ = line.at(line.at(nus[len(nus) // 2])[0].nu_res)
+    force = response.largest_force(runs[nu] for nu in nus)
     standing = next((nu for nu in problems if nu in nus), nus[0])
-    at = rows[wanted.index(operating)]
+    (tau2_at, unit), (tau2_error, _) = (rows[operating][name] for name in ("tau2", "tau2_error"))
     figures = {
         "nu_res": Figure(machine.nu_res, "rad/s", 0.0, "resonance by formula (22)"),
         "zeta": Figure(machine.zeta, "1", 0.0, "damping ratio by formula"),
         "nu_90": lag, "nu_peak_tau": torque, "tau2_peak": tau2, "nu_peak_w": speed, "w2_peak": w2,
         "tau2_operating": told(
-            at["tau2"], at["tau2_error"], "N.m", "torque ripple at the operating speed", operating
+            tau2_at, tau2_error, unit, "torque ripple at the operating speed", operating
         ),
         "f_rod_peak": told(*force, "N", "largest rod force of the sweep", standing),
     }  # fmt: skip
-    avoid = band(line, rows, o.most)
-    table = Table.of_rows(
-        [[one[name] for name in UNITS] for one in rows if one["nu"] in nus], UNITS
-    )
+    below = bool(edges) and edges[0][0].sort == "fall"
+    for k, (place, figure) in enumerate(edges, below):
+        name = "avoid_from" if place.sort == "rise" else "avoid_to"
+        figures[f"{name}_{k // 2 + 1}" if k > 1 else name] = figure
+    units = {name: unit for name, (_, unit) in rows[operating].items()}
+    table = Table.of_rows([[value for value, _ in rows[nu].values()] for nu in nus], units)
     return Findings(
         figures,
-        Sweep(setup, line, list(table.frame.itertuples()), operating, avoid),
-        conveyor_drive(bench.fmus, setup.case(*line.at(machine.nu_res)).start),
+        Sweep(setup, line, list(table.frame.itertuples()), operating, avoid, edges),
+        conveyor_drive(bench.fmus, start_values(machine, o.start, machine.nu_res)),
         communication=f"{o.steps_per_rev} steps per revolution",
         algorithm=o.algorithm,
         tables={TABLE: table},
-        facts={"operating_speed": operating, "rated_torque": o.rated, "avoid": avoid},
+        facts={"operating_speed": operating, "rated_torque": o.rated},
     )
 
 
@@ -124,28 +142,32 @@ def ladder(setup: Setup, line: Line, slowest: float) -> Sequence[int]:
     return COARSER
 
 
-def row(machine: Machine, points: Sequence[Point], order: float) -> dict[str, float]:
-    """The orbits of one speed with N, N/2, N/4 steps: SI units, phases and lag in degrees; nan where
+def row(machine: Machine, points: Sequence[Point], order: float) -> dict[str, tuple[float, str]]:
+    """What orbits of one speed with N, N/2, N/4 steps tell, beside theory, and its units; nan where
     there is no orbit, and for errors that are not known.
     """
-    nu, angle = points[0].nu, partial(np.angle, deg=True)
-    row = {"nu": nu}
-    theory = {"w2": (SPEED, machine.speed_ripple), "tau2": (TORQUE, machine.torque_ripple)}
-    for name, (place, ripple) in theory.items():
+    nu, deg = points[0].nu, partial(np.angle, deg=True)
+    found: dict[str, tuple[float, str]] = {"nu": (nu, "rad/s")}
+    theory: dict[str, tuple[float, str]] = {}
+    ripples = {"w2": (SPEED, machine.speed_ripple(nu)), "tau2": (TORQUE, machine.torque_ripple(nu))}
+    for name, (place, ripple) in ripples.items():
         whole, error = extrapolated([place.response(point) for point in points], order)
         error += 2.0 * place.settling(points[0])
-        row |= {name: abs(whole), f"{name}_error": error, f"{name}_phase": angle(whole)}
-        row |= {f"{name}_theory": abs(ripple(nu)), f"{name}_phase_theory": angle(ripple(nu))}
-    mean, error = extrapolated([point.mean for point in points], order)
+        found |= {name: (abs(whole), place.unit), f"{name}_error": (error, place.unit)}
+        found |= {f"{name}_phase": (deg(whole), "deg")}
+        theory |= {f"{name}_theory": (abs(ripple), place.unit)}
+        theory |= {f"{name}_phase_theory": (deg(ripple), "deg")}
+    lag = (deg(machine.load_ripple(nu)) - deg(whole)) % 360.0
+    mean, mean_error = extrapolated([point.mean for point in points], order)
     force, force_error = response.largest_force([points])
-    return row | {
-        "lag": (angle(machine.load_ripple(nu)) - row["tau2_phase"]) % 360.0,
-        "lag_error": math.degrees(row["tau2_error"] / row["tau2"]),
-        "w_mean": mean.real,
-        "w_mean_error": error + 2e-9 * points[0].mean,
-        "f_rod_peak": force,
-        "f_rod_peak_error": force_error,
-    }
+    return found | theory | {
+        "lag": (lag, "deg"),
+        "lag_error": (math.degrees(error / abs(whole)), "deg"),
+        "w_mean": (mean.real, "rad/s"),
+        "w_mean_error": (mean_error + 2e-9 * points[0].mean, "rad/s"),
+        "f_rod_peak": (force, "N"),
+        "f_rod_peak_error": (force_error, "N"),
+    }  # fmt: skip
 
 
 def extrapolated(values: Sequence[complex], order: float) -> tuple[complex, float]:
@@ -159,24 +181,23 @@ def told(value: float, error: float, unit: str, meaning: str, nu: float) -> Figu
     """A figure of the orbit at nu, refused where that or the error is not known."""
     if math.isnan(error):
         why = f"there is no steady orbit at {nu:g} rad/s"
-        reason = why if math.isnan(value) else "its coupling error is not known: more steps"
+        reason = (
+            why
+            if math.isnan(value)
+            else "the coupling error is not known; take more steps per revolution"
+        )
         return Figure.refused(unit, reason, meaning)
     return Figure(value, unit, error, meaning)
 
 
-def band(line: Line, rows: Sequence[Mapping[str, float]], most: float) -> list[tuple[float, float]]:
-    """Stretches of speed between the rows in which the torque ripple is above a limit [rad/s]."""
-    known = [one for one in rows if not math.isnan(one["tau2"])]
-    if not known:
-        return []
-    nu = np.array([one["nu"] for one in known])
-    ratios = [one["tau2"] / one["tau2_theory"] for one in known]
-    ratio = make_interp_spline(nu, ratios, k=3 if len(nu) > 3 else min(1, len(nu) - 1))
-    fine = np.linspace(nu[0], nu[-1], 4001)
-    machine, _ = line.at(fine)
-    above = abs(machine.torque_ripple(fine)) * ratio(fine) > most
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], above, [0]]).astype(int)))
-    return [(float(fine[a]), float(fine[b - 1])) for a, b in zip(edges[::2], edges[1::2])]
+def stretches(line: Line, edges: Sequence[Edge], above: bool) -> list[tuple[float, float]]:
+    """The stretches of a line in which the torque ripple is above its limit; `above` is whether it is
+    where there is no edge.
+    """
+    ends = [place.near if f.error is None else f.value for place, f in edges]
+    if edges[0][0].sort == "fall" if edges else above:
+        ends.insert(0, line.first)
+    return list(zip(ends[::2], [*ends[1::2], line.last]))
 
 
 def verdict(o: Options, f: Mapping[str, Figure], r: Sweep) -> str:
@@ -197,14 +218,12 @@ def verdict(o: Options, f: Mapping[str, Figure], r: Sweep) -> str:
         side = "above" if away > 0 else "below"
         answer += f", and the resonance at {resonance.text()} is {abs(away):.1%} {side} that speed"
     lines = [f"{answer}."]
-    if r.avoid:
-        where = " and ".join(
-            f"{'below' if low <= first else f'from {low:.3g} to'} {high:.3g} rad/s"
-            if high < last
-            else f"above {low:.3g} rad/s"
-            for low, high in r.avoid
-        )
-        lines.append(f"Avoid speeds {where}, where the torque ripple is above the limit.")
+    if r.edges:
+        why = [f"; their error is not told: {f.reason}" for _, f in r.edges if f.error is None]
+        where = f"{avoided(r.edges)}, where the torque ripple is above the limit"
+        lines.append(f"Avoid speeds {where}{''.join(why[:1])}.")
+    elif r.avoid:
+        lines.append("The torque ripple is above the limit at every speed of the sweep.")
     elif not all(math.isnan(point.tau2) for point in r.points):
         lines.append("The torque ripple stays below the limit at every speed of the sweep.")
     if resonance.error is None:
@@ -215,13 +234,64 @@ def verdict(o: Options, f: Mapping[str, Figure], r: Sweep) -> str:
     return "\n".join(lines)
 
 
+def avoided(edges: Sequence[Edge]) -> str:
+    """The stretches between edges in words, with the digits that hold."""
+    told, last = [], len(edges) - 1
+    for k, (place, figure) in enumerate(edges):
+        about = f"about {float(f'{place.near:.2g}'):g} rad/s"
+        where = about if figure.error is None else figure.text()
+        if place.sort == "rise":
+            told.append(f"{'from' if k < last else 'above'} {where}")
+        else:
+            told.append(f"{'to' if k else 'below'} {where}{' and' if k < last else ''}")
+    return " ".join(told)
+
+
 def show(o: Options, f: Mapping[str, Figure], r: Sweep) -> Show:
     """The sweep against theory, and one revolution at the operating speed."""
-    machine, _ = r.line.at(f["nu_res"].value)
-    chart = pictures.ripple(machine, r.points, f, r.operating, o.rated, o.most, r.avoid)
+    chart = ripple(o, f, r)
     try:
-        turns = response.orbit(r.setup.case(*r.line.at(r.operating)), pictures.RECORD)
+        turns = response.orbit(r.setup.case(*r.line.at(r.operating)), mechanism.RECORD)
     except NotSteady:
         return Show([chart])
-    course, motion = pictures.revolution(r.operating, turns.result)
+    course, motion = mechanism.revolution(r.operating, turns.result)
     return Show([chart], [motion], [course])
+
+
+def ripple(o: Options, f: Mapping[str, Figure], r: Sweep) -> Chart:
+    """Ripple of torque and speed and the lag over the speed, theory as lines; the title answers."""
+    nu = np.linspace(r.points[0].nu, r.points[-1].nu, 400)
+    machine, _ = r.line.at(f["nu_res"].value)
+    torque, omega = machine.torque_ripple(nu), machine.speed_ripple(nu)
+    lag = np.angle(machine.load_ripple(nu) / torque, deg=True) % 360.0
+
+    def panel(quantity: str, unit: str, name: str, theory: Any, color: str, *levels: Mark) -> Panel:
+        at, y, errors = (
+            [getattr(p, column) for p in r.points] for column in ("nu", name, f"{name}_error")
+        )
+        seen = Curve("co-simulation", at, y, color, "points", errors)
+        line = Curve("first-order theory", nu, theory, colors.THEORY, "theory")
+        return Panel(
+            quantity, unit, [line, seen], levels, includes=(0.0, *(180.0,) * (unit == "deg"))
+        )
+
+    tau2, w2 = TORQUE.unit, SPEED.unit
+    rated, limit = f"rated torque {o.rated:g} N.m", f"limit {o.most:g} N.m"
+    there = {text: f[name] for name, text in MARKS.items() if math.isfinite(f[name].value)}
+    over = f["tau2_operating"].value > o.most or any(x <= r.operating <= y for x, y in r.avoid)
+    where = " and ".join(f"{x:.1f} to {y:.1f} rad/s" for x, y in r.avoid) or "no speed"
+    return Chart(
+        f"{'Yes' if over else 'No'} at {r.operating:g} rad/s: the torque ripple is above {o.most:g} N.m at {where}",
+        "operating speed [rad/s]",
+        [
+            panel("torque ripple", tau2, "tau2", abs(torque), colors.TORQUE,
+                  Mark(o.rated, rated), Mark(o.most, limit)),
+            panel("speed ripple", w2, "w2", abs(omega), colors.SPEED),
+            panel("lag behind the load", "deg", "lag", lag, colors.LIFT, Mark(90.0, "90 deg")),
+        ],
+        [Mark(machine.nu_res, f"formula {machine.nu_res:.2f} rad/s"),
+         *(Mark.of(text, figure) for text, figure in there.items()),
+         Mark(r.operating, f"operating speed {r.operating:g} rad/s")],
+        [Span(*band, "avoid", "red") for band in r.avoid],
+        Second("rpm", 30 / math.pi),
+    )  # fmt: skip

@@ -21,29 +21,30 @@ from numpy.typing import NDArray
 
 from cosim import ORDERS, SetupError
 from cosim.result import partial
-from workbench import Bench, Figure, Findings, Show, Table, option
+from workbench import (
+    Bench,
+    Chart,
+    Curve,
+    Figure,
+    Findings,
+    Mark,
+    Panel,
+    Show,
+    Table,
+    option,
+)  # fmt: skip
 from workbench.answer import stream
 from workbench.limit import coupling
 from workbench.options import refuse
+from workbench.report import chart as colors
+from workbench.report.chart import Direction, Field, Level, Span
 
-from . import show as pictures
-from . import tolerances
+from . import mechanism
 from .drive import PARTS as DRIVE
 from .drive import conveyor_drive, followed
-from .plane import Axis, Plane, axis, shares, span
-from .response import (
-    COARSER,
-    LAG,
-    TORQUE,
-    Point,
-    Ripple,
-    Setup,
-    orbit,
-    places,
-    simulate,
-)
+from .plane import SPEED, Built, Plane, Sample, axis, interval, on_edge, shares, span
+from .response import COARSER, LAG, TORQUE, Ripple, Setup, orbit, places
 from .theory import FIELDS, SETS
-from .tolerances import Sample
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -62,9 +63,15 @@ TOLERANCES = {
     "conveyor.trough.d": 0.20,
 }
 SURE, SPEEDS, GRID = 0.01, 61, 5
+NEARLY_ALL = f"in at least {1 - SURE:.0%} of the machines"
 TABLE, ROWS_TABLE = "resonance_map.csv", "resonance_map_rows.csv"
 VALUES = {"ripple": "N.m", "gain": "1", "lag": "deg", "settling": "1", "ripple_theory": "N.m"}
 RIDGES = ("lag_90", "lag_90_error", "formula", "peak", "peak_error", "peak_theory")
+DRAWN = (
+    ("formula", "formula (22)", "grey", "theory"),
+    ("lag_90", "90 deg lag", "sky", "points"),
+    ("peak", "largest torque ripple", "red", "points"),
+)
 RANGES = {"ripple_in_range": "N.m", "probability_in_range": "1"}
 OWN = ("motor.A", "motor.tau", "motor.characteristic", "conveyor.phi", "conveyor.w")
 
@@ -106,7 +113,22 @@ class Map(NamedTuple):
 
     def clear(self, column: str, most: float) -> str:
         """The values of y for which the operating range keeps a column of the rows below a value."""
-        return stretches(self.plane.y, (self.rows[column] <= most).to_numpy())
+        return stretches(self.plane.y.along, (self.rows[column] <= most).to_numpy())
+
+    def ridges(self, along: str) -> list[Curve]:
+        """The ridges of the rows that have them, their places on the axis "x" or "y" of a picture."""
+        curves = []
+        for column, name, color, look in DRAWN:
+            there = self.rows[np.isfinite(self.rows[column])]
+            ends = there[column].to_numpy(), there[self.plane.y.name].to_numpy()
+            if len(there):
+                x, y = ends if along == "x" else ends[::-1]
+                curves.append(Curve(name, x, y, color, look))
+        return curves
+
+    def sure(self) -> str:
+        """The share of the map that nearly all machines stay clear of."""
+        return f"{np.nanmean(self.points['probability'] <= SURE):.0%}"
 
 
 def solve(o: Options, bench: Bench) -> Findings:
@@ -122,43 +144,25 @@ def solve(o: Options, bench: Bench) -> Findings:
         raise SetupError(f"check_runs = {o.check_runs} must be at most samples = {o.samples}")
     beside = {key: value for key, value in o.start.items() if key not in FIELDS}
     setup = Setup(bench, beside, o.algorithm, o.steps_per_rev)
-    spots = [plane.at(*node) for node in plane.nodes()]
-    setup.check(*max(spots, key=lambda spot: spot[0].nu_res / spot[1]), COARSER[-1])
+    machine, nu, _ = max(plane.spots(), key=lambda spot: spot[0].nu_res / spot[1])
+    setup.check(machine, nu, COARSER[-1])
 
-    orbits, points = swept(plane, setup, bench.out and bench.out / TABLE)
-    rows = ridges(plane, orbits, setup)
-    error = coupling_error(plane, orbits, setup)
-    rows = rows.assign(**dict.fromkeys(RANGES, math.nan))
-    x, y, levels = plane.x.values, plane.y, plane.y.values.tolist()
-    ratio = (points["ripple"] / points["ripple_theory"]).to_numpy().reshape(len(levels), -1)
-    drawn = tolerances.factors(spread, o.samples)
-
-    def built(n: int, x: Real, factors: Mapping[str, Real] = drawn) -> Sample:
-        return tolerances.built(plane, x, levels[n], ratio[n], factors)
-
-    cells = [(n, x[k : k + 1]) for n in range(len(levels)) for k in range(len(x))]
-    points["probability"] = [built(*cell).probability(o.most) for cell in cells]
-    edge = tolerances.on_edge(points["probability"].to_numpy(), o.checks)
-    samples = [built(*cells[k]) for k in edge]
-    if within is not None:
-        nus, nominal = np.linspace(*within, SPEEDS), {name: np.ones(1) for name in drawn}
-        rows["ripple_in_range"] = [built(n, nus, nominal).expected[0] for n in range(len(levels))]
-        over = [built(n, nus) for n in range(len(levels))]
-        rows["probability_in_range"] = [sample.probability(o.most) for sample in over]
-        edge = tolerances.on_edge(rows["probability_in_range"].to_numpy(), o.checks // 2)
-        samples += [over[n] for n in edge]
-    checks = tolerances.check(samples, o.check_runs, o.most, setup)
+    points = swept(plane, setup, bench.out and bench.out / TABLE)
+    rows, error = ridges(plane, setup), coupling_error(plane, setup)
+    found = Map(plane, setup, points, rows.assign(**dict.fromkeys(RANGES, math.nan)), within)
+    ratio = found.field("ripple") / found.field("ripple_theory")
+    built = Built.within(plane, ratio, spread, o.samples)
+    checks = built.check(risk(found, built, o.checks, o.most), o.check_runs, o.most, setup)
+    y = {plane.y.name: plane.y.along.unit}
     return Findings(
         figures(points, rows, error) | judgement(checks, error),
-        Map(plane, setup, points, rows, within),
+        found,
         conveyor_drive(bench.fmus, {**plane.machine.start(plane.speed), **beside}),
         communication=f"{o.steps_per_rev} steps per revolution",
         algorithm=o.algorithm,
         tables={
             TABLE: Table(points, plane.units | VALUES | {"probability": "1"}),
-            ROWS_TABLE: Table(
-                rows, {y.name: y.unit} | dict.fromkeys(RIDGES, plane.x.unit) | RANGES
-            ),
+            ROWS_TABLE: Table(found.rows, y | dict.fromkeys(RIDGES, plane.x.along.unit) | RANGES),
         },
         facts={
             "range": within,
@@ -178,83 +182,97 @@ def planned(o: Options, bench: Bench) -> tuple[Plane, tuple[float, float] | None
         raise SetupError(f"--x and --y are both {up.name}")
     refuse(o.start, (across.name, up.name))
     plane = Plane(across, up, followed(bench.fmus, SETS[o.set], o.start), o.speed or FIXED)
-    if plane.over_speed and o.speed is not None:
+    if across.name != SPEED:
+        if o.range is not None:
+            raise SetupError("--range is for maps whose x is the speed")
+        return plane, None
+    if o.speed is not None:
         raise SetupError("--speed is for maps whose x is not the speed")
-    if not plane.over_speed and o.range is not None:
-        raise SetupError("--range is for maps whose x is the speed")
-    return plane, span("range", o.range or RANGE, across) if plane.over_speed else None
+    return plane, span("range", o.range or RANGE, across.along)
 
 
-def swept(plane: Plane, setup: Setup, path: Path | None) -> tuple[list[Point], DataFrame]:
-    """The orbits of all points and the rows of their table, which are kept on the way, too.
+def swept(plane: Plane, setup: Setup, path: Path | None) -> DataFrame:
+    """The rows of the table of all points, which are kept on the way, too.
 
-    Raises SetupError where none is steady.
+    Raises SetupError where no orbit is steady.
     """
-    nodes, units = plane.nodes(), plane.units | VALUES
-    spots = [plane.at(*node) for node in nodes]
-    orbits: list[Point] = []
+    spots, units = plane.spots(), plane.units | VALUES
     rows: list[tuple[float, ...]] = []
     with stream(path, list(units)) as keep:
         try:
-            each = setup.bench.each(simulate, [setup.case(*spot) for spot in spots], "map")
-            for node, (machine, nu), orbit in zip(nodes, spots, each):
+            for node, spot, orbit in zip(
+                plane.nodes(), spots, setup.each(spots, "map"), strict=True
+            ):
+                machine, nu, _ = spot
                 load, ripple = machine.load_ripple(nu), abs(orbit.torque)
                 lag = float(np.angle(load / orbit.torque, deg=True)) % 360.0
                 theory, left = abs(machine.torque_ripple(nu)), orbit.torque_error / ripple
                 rows.append((*node, ripple, ripple / abs(load), lag, left, theory))
                 keep(rows[-1:])
-                orbits.append(orbit)
         except KeyboardInterrupt:
             kept = f" in {partial(path)}" if path else ""
             raise KeyboardInterrupt(f"{len(rows)} of {len(spots)} points{kept}") from None
-    steady = np.array([not orbit.problem for orbit in orbits]).reshape(len(plane.y.values), -1)
-    if not steady.any():
+    points = Table.of_rows(rows, units).frame
+    if points["ripple"].isna().all():
         raise SetupError("no orbit of the map is steady")
-    for y, there in zip(plane.y.values, steady):
-        if not there.all():
-            place = f"{plane.y.name} = {y:.3g} {plane.y.unit}, {plane.x.name}"
+    for y, row in points.groupby(plane.y.name):
+        if (lost := row["ripple"].isna().to_numpy()).any():
+            place = f"{plane.y.name} = {y:.3g} {plane.y.along.unit}, {plane.x.name}"
             logging.getLogger("cosim").warning(
-                f"No steady orbit at {place} of {stretches(plane.x, ~there)}"
+                f"No steady orbit at {place} of {stretches(plane.x.along, lost)}"
             )
-    return orbits, Table.of_rows(rows, units).frame
+    return points
 
 
-def ridges(plane: Plane, orbits: Sequence[Point], setup: Setup) -> DataFrame:
+def ridges(plane: Plane, setup: Setup) -> DataFrame:
     """Where every row has its ridges, with their errors, beside formula (22) and theory; nan where it
     has none.
     """
-    x, y = plane.x.values.tolist(), plane.y.values.tolist()
-    lines = [plane.line(level) for level in y]
-    known = [list(zip(x, orbits[n * len(x) :])) for n in range(len(y))]
-    sought = [(line, place, at) for line, at in zip(lines, known) for place in (LAG, TORQUE)]
+    x, levels, sought = plane.x.along, plane.y.along.values.tolist(), []
+    orbits = setup.orbits(plane.spots(), "map")
+    for line in map(plane.line, levels):
+        known = [(at, point) for at, point in zip(x.values.tolist(), orbits) if not point.problem]
+        sought += [(line, place, known) for place in (LAG, TORQUE)]
     found = [
-        (figure.value, math.nan if figure.error is None else figure.error)
-        for figure, _ in places(sought, COARSER, plane.x.unit, setup)
+        (figure.value, math.nan if figure.error is None else figure.error, line.theory(place))
+        for (line, place, _), (figure, _) in zip(sought, places(sought, COARSER, x.unit, setup))
     ]
-    theory = [line.theory(place) for line, place, _ in sought]
-    rows = [
-        (level, *found[k], theory[k], *found[k + 1], theory[k + 1])
-        for level, k in zip(y, range(0, len(found), 2))
-    ]
-    return Table.of_rows(rows, dict.fromkeys([plane.y.name, *RIDGES], plane.x.unit)).frame
+    rows = [(level, *lag, *peak) for level, lag, peak in zip(levels, found[::2], found[1::2])]
+    return Table.of_rows(rows, dict.fromkeys([plane.y.name, *RIDGES], x.unit)).frame
 
 
-def coupling_error(plane: Plane, orbits: Sequence[Point], setup: Setup) -> float:
-    """The largest relative coupling error of the torque ripple, from coarser runs all over the map."""
-    height, width = len(plane.y.values), len(plane.x.values)
-    rows, columns = (
-        sorted({round(k) for k in np.linspace(0, n - 1, GRID).tolist()}) for n in (height, width)
+def coupling_error(plane: Plane, setup: Setup) -> float:
+    """The largest relative coupling error of the torque ripple, by coarser runs all over the map."""
+    x, y = (
+        sorted({round(k) for k in np.linspace(0, len(axis.along.values) - 1, GRID).tolist()})
+        for axis in (plane.x, plane.y)
     )
-    grid = [k for n in rows for k in (n * width + c for c in columns) if not orbits[k].problem]
-    nodes = plane.nodes()
-    spots = [(*plane.at(*nodes[k]), coarser) for coarser in COARSER[1:] for k in grid]
-    coarse = [abs(orbit.torque) for orbit in setup.orbits(spots, "coupling error")]
-    runs = zip((abs(orbits[k].torque) for k in grid), coarse, coarse[len(grid) :])
-    order = ORDERS[setup.algorithm]
-    errors = [coupling(values, order) / values[0] for values in runs if not np.isnan(values).any()]
-    if not errors:
+    every, width = plane.spots(), len(plane.x.along.values)
+    spots = [(*every[n * width + k][:2], coarser) for n in y for k in x for coarser in COARSER]
+    found = [abs(orbit.torque) for orbit in setup.orbits(spots, "coupling error")]
+    runs = np.array(found).reshape(-1, len(COARSER))
+    runs = runs[np.isfinite(runs).all(axis=1)]
+    if not len(runs):
         raise SetupError("no orbit is steady with a quarter of the steps per revolution: take more")
-    return float(max(errors))
+    order = ORDERS[setup.algorithm]
+    return float(max(coupling(run, order) / run[0] for run in runs.tolist()))
+
+
+def risk(r: Map, built: Built, count: int, most: float) -> list[Sample]:
+    """Put probabilities and the ripple in the range into the tables; the machines of so many points,
+    and of half as many rows, where the outcome is open.
+    """
+    x, rows = r.plane.x.along.values, range(len(r.rows))
+    cells = [(n, x[k : k + 1]) for n in rows for k in range(len(x))]
+    r.points["probability"] = [built.sample(*cell).probability(most) for cell in cells]
+    samples = [built.sample(*cells[k]) for k in on_edge(r.points["probability"], count)]
+    if r.within is not None:
+        nus, nominal = np.linspace(*r.within, SPEEDS), built._replace(factors={})
+        over = [built.sample(n, nus) for n in rows]
+        r.rows["ripple_in_range"] = [nominal.sample(n, nus).expected[0] for n in rows]
+        r.rows["probability_in_range"] = [one.probability(most) for one in over]
+        samples += [over[n] for n in on_edge(r.rows["probability_in_range"], count // 2)]
+    return samples
 
 
 def figures(points: DataFrame, rows: DataFrame, error: float) -> dict[str, Figure]:
@@ -296,31 +314,27 @@ def judgement(checks: Sequence[Mapping[str, Any]], error: float) -> dict[str, Fi
     )
     if not checks:
         return {"misjudged": Figure.refused("%", "no machine is co-simulated", wrong)}
-    total = sum(check["samples"] for check in checks)
-    otherwise = sum(check["judged_above"] + check["judged_below"] for check in checks)
-    share, ends = otherwise / total, tolerances.interval(otherwise, total)
-    rms = math.sqrt(sum(check["samples"] * check["off_rms"] ** 2 for check in checks) / total)
+    told = Table.of_rows(
+        [[*check.values()] for check in checks], dict.fromkeys(checks[0], "")
+    ).frame
+    total = int(told["samples"].sum())
+    otherwise = int((told["judged_above"] + told["judged_below"]).sum())
+    share, ends = otherwise / total, interval(otherwise, total)
+    rms = math.sqrt(np.average(told["off_rms"] ** 2, weights=told["samples"]))
     worst = max(checks, key=lambda check: abs(check["brute_force"] - check["probability"]))
-    brute = worst["brute_force"]
+    brute, chance = worst["brute_force"], worst["probability"]
+    reach = max(abs(end - brute) for end in worst["interval"])
     return {
         "misjudged": Figure(100 * share, "%", 100 * max(abs(end - share) for end in ends), wrong),
         "machines_off_rms": Figure(100 * rms, "%", 100 * error, off),
-        "probability_off_max": Figure(
-            brute - worst["probability"],
-            "1",
-            max(abs(x - brute) for x in worst["interval"]),
-            beside,
-        ),
+        "probability_off_max": Figure(brute - chance, "1", reach, beside),
     }
 
 
-def stretches(along: Axis, good: NDArray[np.bool_]) -> str:
+def stretches(along: Direction, good: NDArray[np.bool_]) -> str:
     """The values of an axis that are good, as from .. to of those next to each other."""
-    runs = [
-        [x for _, x in group]
-        for ok, group in groupby(zip(good, along.values), lambda p: p[0])
-        if ok
-    ]
+    groups = groupby(zip(good, along.values), lambda one: one[0])
+    runs = [[x for _, x in group] for ok, group in groups if ok]
     told = [f"{run[0]:.3g} .. {run[-1]:.3g} {along.unit}" for run in runs]
     return " and ".join(told) or "no value of the map"
 
@@ -331,12 +345,11 @@ def verdict(o: Options, f: Mapping[str, Figure], r: Map) -> str:
         f"a torque ripple above {o.most:g} N.m ({o.most / o.rated:.0%} of the rated torque of "
         f"{o.rated:g} N.m)"
     )
-    built = f"with every part within its tolerance, in at least {1 - SURE:.0%} of the machines"
+    built = f"with every part within its tolerance, {NEARLY_ALL}"
     if r.within is None:
         over = np.nanmean(r.points["ripple"] > o.most)
-        clear = np.nanmean(r.points["probability"] <= SURE)
         return (
-            f"At {r.plane.speed:g} rad/s {above} is in {over:.0%} of the map; {built}, {clear:.0%} of "
+            f"At {r.plane.speed:g} rad/s {above} is in {over:.0%} of the map; {built}, {r.sure()} of "
             "it stays clear."
         )
     return (
@@ -350,16 +363,50 @@ def show(o: Options, f: Mapping[str, Figure], r: Map) -> Show:
     """Both maps, the rows, and one revolution where the torque swings most."""
     worst = r.plane.nodes()[int(r.points["ripple"].argmax())]
     case = r.setup.case(*r.plane.at(*worst))
-    course, motion = pictures.revolution(case.nu, orbit(case, pictures.RECORD).result)
-    sure = f"in at least {1 - SURE:.0%} of the machines"
-    if r.within is None:
-        share = np.nanmean(r.points["probability"] <= SURE)
-        title = f"At {r.plane.speed:g} rad/s {share:.0%} of the map stays clear of resonance {sure}"
-    else:
+    course, motion = mechanism.revolution(case.nu, orbit(case, mechanism.RECORD).result)
+    title = (
+        f"At {r.plane.speed:g} rad/s {r.sure()} of the map stays clear of resonance {NEARLY_ALL}"
+    )
+    if r.within is not None:
         title = (
-            f"{r.within[0]:g} .. {r.within[1]:g} rad/s stays clear of resonance {sure} with "
+            f"{r.within[0]:g} .. {r.within[1]:g} rad/s stays clear of resonance {NEARLY_ALL} with "
             f"{r.plane.y.name} of {r.clear('probability_in_range', SURE)}"
         )
-    return Show(
-        [*pictures.maps(r, o.most), *pictures.map_rows(r, o.most)], [motion], [course], title
-    )
+    return Show([*maps(r, o.most), *chart_of_rows(r, o.most)], [motion], [course], title)
+
+
+def maps(r: Map, limit: float) -> list[Field]:
+    """The gain in colour with the ridges over it; the probability of too much ripple; on both the
+    line of the limit [N.m], and the operating range where the map is over the speed.
+    """
+    x, y, ripple = r.plane.x.along, r.plane.y.along, r.field("ripple")
+    over = r.ridges("x")
+    reached = np.nanmin(ripple) < limit < np.nanmax(ripple)
+    line = [Level(limit, f"torque ripple of {limit:g} N.m", ripple)] if reached else []
+    bounds = [Span(*r.within, "operating range", "green")] if r.within else []
+    formula = [curve for curve in over if curve.look == "theory"]
+    return [
+        Field("How much the drive magnifies the load's ripple", x, y,
+              "torque ripple over load ripple", r.field("gain"), over, True, line, bounds),
+        Field(f"Machines within tolerance whose torque ripple is above {limit:g} N.m", x, y,
+              "share of the machines", r.field("probability"), formula, levels=line, spans=bounds,
+              scale="risk"),
+    ]  # fmt: skip
+
+
+def chart_of_rows(r: Map, limit: float) -> list[Chart]:
+    """The ridges of every row; where there is an operating range, its ripple and probability."""
+    x, y, curves, title = r.plane.x, r.plane.y.along, r.ridges("y"), "The ridges"
+    panels = [Panel(x.name, x.along.unit, curves)] if curves else []
+    if r.within:
+        title = f"Anywhere in {r.within[0]:g} to {r.within[1]:g} rad/s"
+        share, ripple = 100 * r.rows["probability_in_range"], r.rows["ripple_in_range"]
+        above = Curve("machines above the limit", y.values, share.to_numpy(), "purple")
+        worst = Curve("nominal machine", y.values, ripple.to_numpy(), colors.TORQUE)
+        level = [Mark(limit, f"limit {limit:g} N.m")]
+        panels = [
+            Panel("machines above the limit", "%", [above], includes=(0.0, 100.0)),
+            Panel("largest torque ripple", "N.m", [worst], level, includes=(0.0,)),
+            *panels,
+        ]
+    return [Chart(title, " ".join(y.label.split()), panels, log=y.log)] if panels else []

@@ -9,24 +9,25 @@ load over response, a smooth curve, is followed through orbits ever closer to th
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from functools import cached_property
-from itertools import pairwise
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from functools import cached_property, partial
+from itertools import islice, pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.polynomial import Polynomial
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline, make_interp_spline
-from scipy.optimize import brentq
+from scipy.interpolate import CubicSpline, PPoly
 
 import workbench
 from cosim import ORDERS, SetupError, System
 from cosim.system import Value
 from workbench import Bench, Figure, option
 from workbench.limit import limit
-from workbench.measure import harmonics
+from workbench.measure import Measured, harmonics
 from workbench.orbit import TURN, NotSteady, Turns, steady
 
 from .drive import WIRES, start_values
@@ -38,10 +39,11 @@ RATED = {"A": 100.0, "B": 88.0}
 RECORD = ("motor.tau", "conveyor.phi", "conveyor.w", "conveyor.f_rod")
 HIGHEST, PER_ORDER, EDGE, SECTORS = 40, 3, 8, 16
 FEWEST, COARSER = 18, (1, 2, 4)
-FINE, VANISHING = 20_000, 0.02
+FINE, CLOSELY, VANISHING = 8_000, 601, 0.02
 NEAR, WIDEST, AROUND = 0.25, 0.05, (-2, -1, 0, 1, 2)
 ROUNDS, INSIDE, CLOSE = 8, 0.75, 0.1
 NONE = complex(math.nan, math.nan)
+Spot = tuple[Machine, float, int]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,11 +72,10 @@ class Ripple(workbench.Options):
 
 
 class Case(NamedTuple):
-    """One speed: FMUs, start values that make the machine run at nu [rad/s], steps and algorithm."""
+    """One speed: FMUs, start values near the orbit of the mean speed nu [rad/s], steps, algorithm."""
 
     fmus: Mapping[str, Path]
     start: Mapping[str, Value]
-    machine: Machine
     nu: float
     steps_per_rev: int
     algorithm: str
@@ -99,23 +100,43 @@ class Point(NamedTuple):
     problem: str = ""
 
 
-class Setup(NamedTuple):
-    """How machines are run: on what, with which further start values, algorithm and steps."""
+@dataclass(frozen=True)
+class Setup:
+    """How machines are run: on what, with which further start values, algorithm and steps; and the
+    orbits of machines at a mean speed [rad/s] with `coarser` times fewer steps that were run.
+    """
 
     bench: Bench
     start: Mapping[str, Value]
     algorithm: str
     steps_per_rev: int
+    known: dict[Spot, Point] = field(default_factory=dict)
 
     def case(self, machine: Machine, nu: float, coarser: int = 1) -> Case:
-        """A machine at its nominal mean speed [rad/s], with `coarser` times fewer steps."""
-        start = start_values(machine, self.start, nu)
-        steps = self.steps_per_rev // coarser
-        return Case(self.bench.fmus, start, machine, nu, steps, self.algorithm)
+        """A machine at its nominal mean speed [rad/s], by first-order theory on its orbit, with
+        `coarser` times fewer steps.
+        """
+        near = {
+            "conveyor.phi": 0.0,
+            "conveyor.w": nu + machine.speed_ripple(nu).imag,
+            "motor.tau": machine.load_slope * nu + machine.torque_ripple(nu).imag,
+        }
+        start = start_values(machine, self.start, nu) | near
+        return Case(self.bench.fmus, start, nu, self.steps_per_rev // coarser, self.algorithm)
 
-    def orbits(self, spots: Iterable[tuple[Machine, float, int]], title: str) -> list[Point]:
-        """The orbits of cases."""
-        return list(self.bench.each(simulate, [self.case(*spot) for spot in spots], title))
+    def each(self, spots: Sequence[Spot], title: str) -> Iterator[Point]:
+        """The steady orbits of spots, one by one in their order; none is run twice."""
+        new = [spot for spot in dict.fromkeys(spots) if spot not in self.known]
+        runs = self.bench.each(simulate, [self.case(*spot) for spot in new], title)
+        for spot in spots:
+            if spot not in self.known:
+                self.known[spot] = next(runs)
+            yield self.known[spot]
+        next(runs, None)
+
+    def orbits(self, spots: Sequence[Spot], title: str) -> Iterator[Point]:
+        """The same when all of them are run."""
+        return iter(list(self.each(spots, title)))
 
     def check(self, machine: Machine, nu: float, coarser: int = 1) -> None:
         """Raise SetupError for too few steps per revolution to fit orders or to stay stable at nu."""
@@ -138,33 +159,26 @@ def simulate(case: Case) -> Point:
 
 
 def orbit(case: Case, record: Sequence[str]) -> Turns:
-    """Whole revolutions on the steady orbit, started from first-order theory; raises NotSteady."""
-    machine, nu = case.machine, case.nu
-    near = {
-        "conveyor.w": nu + machine.speed_ripple(nu).imag,
-        "motor.tau": machine.load_slope * nu + machine.torque_ripple(nu).imag,
-    }
+    """Whole revolutions on the steady orbit; raises NotSteady."""
 
     def system(at: Mapping[str, float]) -> System:
-        return System(case.fmus, WIRES, {**case.start, **at, "conveyor.phi": 0.0})
+        return System(case.fmus, WIRES, {**case.start, **at})
 
-    steps, angle = case.steps_per_rev, "conveyor.phi"
-    return steady(system, near, angle, nu, steps, record, case.algorithm)
+    near = {name: float(case.start[name]) for name in ("conveyor.w", "motor.tau")}
+    return steady(system, near, "conveyor.phi", case.nu, case.steps_per_rev, record, case.algorithm)
 
 
 def read(turns: Turns, nu: float) -> Point:
     """The ripple of the last revolution, how far it may be from steady, and its rod forces."""
 
-    def order_2(column: str) -> tuple[complex, float]:
-        found = []
-        for rows in (turns.window(), turns.window(1)):
-            phi = turns.result[turns.angle][rows]
-            most = min(HIGHEST, len(phi) // PER_ORDER)
-            found.append(complex(harmonics(phi, turns.result[column][rows], most)[1]))
-        return found[0], turns.remains(abs(found[0] - found[1]))
-
-    torque, torque_error = order_2("motor.tau")
-    speed, speed_error = order_2("conveyor.w")
+    ripples = []
+    for rows in (turns.window(), turns.window(1)):
+        phi = turns.result[turns.angle][rows]
+        columns = [turns.result[name][rows] for name in ("motor.tau", "conveyor.w")]
+        most = min(HIGHEST, len(phi) // PER_ORDER)
+        ripples.append(harmonics(phi, np.stack(columns, axis=1), most)[1])
+    torque, speed = ripples[0].tolist()
+    torque_error, speed_error = map(turns.remains, np.abs(ripples[0] - ripples[1]).tolist())
     whole = turns.window()
     rows = slice(max(0, whole.start - EDGE), whole.stop + EDGE)  # a peak may lie at an end
     phi, force = turns.result[turns.angle][rows], turns.result["conveyor.f_rod"][rows]
@@ -196,26 +210,33 @@ def largest_force(orbits: Iterable[Sequence[Point]]) -> tuple[float, float]:
         for values, left in zip(zip(*(p.forces for p in points)), points[0].force_errors):
             value, error, _ = limit(values, 1.0)
             reach = 2.0 * float(np.ptp(values)) if error is None else error + 2.0 * left
-            peaks.append((value, reach, error is not None))
-    best, error, _ = max(peaks, key=lambda peak: math.inf if math.isnan(peak[0]) else peak[0])
-    above = [
-        (value + reach - best, known) for value, reach, known in peaks if value + reach >= best
-    ]
-    return best, max([error, *(x for x, _ in above)]) if all(k for _, k in above) else math.nan
+            peaks.append((value, value + reach, error is None))
+    value, reach, unknown = np.array(peaks).T
+    best = float(value.max())
+    if math.isnan(best) or unknown[reach >= best].any():
+        return best, math.nan
+    return best, float(reach.max()) - best
 
 
 Known = Sequence[tuple[float, Point]]
+Curve = Callable[[Any], Any]
+
+
+class Lost(Exception):
+    """A place that the response does not have, or that it does not show; says why."""
 
 
 class Place(NamedTuple):
-    """A place of the response of a quantity, "torque" or "speed": where it lags its load by 90
-    degrees, or is largest.
+    """What is sought on the response of a quantity, "torque" or "speed": where its "lag" behind the
+    load is 90 degrees, its "peak", or where near some x it passes a level, by a "rise" or a "fall".
     """
 
     meaning: str
     quantity: str
     unit: str
-    peak: bool = True
+    sort: str = "peak"
+    level: float = 1.0
+    near: float = math.nan
 
     def response(self, point: Point) -> complex:
         """The amplitude of order 2."""
@@ -226,19 +247,29 @@ class Place(NamedTuple):
         return float(getattr(point, f"{self.quantity}_error"))
 
 
-LAG = Place("speed where the torque ripple lags its load by 90 deg", "torque", "N.m", False)
+LAG = Place("speed where the torque ripple lags its load by 90 deg", "torque", "N.m", "lag")
 TORQUE = Place("speed of the largest torque ripple", "torque", "N.m")
 SPEED = Place("speed of the largest speed ripple", "speed", "rad/s")
+FROM = Place("speed above which the torque ripple is too much", "torque", "N.m", "rise")
+TO = Place("speed below which the torque ripple is too much", "torque", "N.m", "fall")
 
 
-class Unclear(Exception):
-    """A place that the response does not have, or that it does not show; says why."""
+class Zero(NamedTuple):
+    """Where the condition of a place falls through zero, how high the response is there, and the
+    slope of the condition; nan for both where x is only the direction in which to look.
+    """
+
+    x: float
+    height: float
+    bend: float
 
 
 @dataclass(frozen=True, eq=False)
 class Line:
     """Machines along x > 0, a speed or a parameter: `at` gives the machine and its mean speed
     [rad/s], of an array of x as well.
+
+    The response is told by a curve over x, load over response, which is smooth at a resonance.
     """
 
     at: Callable[[Any], tuple[Machine, Any]]
@@ -255,18 +286,77 @@ class Line:
         machine, nu = self.at(x)
         return self.load(x) / getattr(machine, f"{place.quantity}_ripple")(nu)
 
+    def curve(self, place: Place, known: Known) -> Curve:
+        """Load over response by theory, and what orbits at known x say beside it: one polynomial
+        through a few, cubics between those of a sweep. Raises Lost.
+        """
+        if not known:
+            return partial(self.ideal, place)
+        if problem := next((point.problem for _, point in known if point.problem), ""):
+            raise Lost(problem)
+        x = np.array([at for at, _ in known])
+        beside = self.load(x) / [place.response(one) for _, one in known] - self.ideal(place, x)
+        few = len(x) <= len(AROUND) + 1
+        more = Polynomial.fit(x, beside, len(x) - 1) if few else CubicSpline(x, beside)
+        return lambda x: self.ideal(place, x) + more(x)
+
+    @cached_property
+    def whole(self) -> Samples:
+        """All of the line."""
+        return np.geomspace(self.first, self.last, FINE)
+
     @cached_property
     def sense(self) -> float:
         """1 where the lag grows with x, -1 where it falls."""
-        ends = [self.ideal(LAG, x).real for x in (self.first, self.last)]
-        return 1.0 if ends[0] >= ends[1] else -1.0
+        first, last = (self.ideal(LAG, x).real for x in (self.first, self.last))
+        return 1.0 if first >= last else -1.0
+
+    def zeros(self, place: Place, curve: Curve, x: Samples) -> tuple[list[Zero], PPoly]:
+        """Where a curve has a place, looked at on x, and the condition that falls through zero there."""
+        inverse = curve(x)
+        if place.sort == "lag":
+            condition = CubicSpline(x, self.sense * inverse.real / np.abs(inverse))
+        else:
+            sign = -1.0 if place.sort == "rise" else 1.0
+            size = CubicSpline(x, sign * np.log(np.abs(self.load(x) / inverse) / place.level))
+            condition = size.derivative() if place.sort == "peak" else size
+        at = condition.roots(extrapolate=False)
+        bend = condition.derivative()
+        falling = at[bend(at) < 0.0].tolist()
+        found = [Zero(x, abs(self.load(x) / curve(x)), float(bend(x))) for x in falling]
+        return found, condition
+
+    def expected(self, place: Place, known: Known = ()) -> float:
+        """Where the place is by theory and what known orbits say beside it. Raises Lost."""
+        if not math.isnan(place.near):
+            return place.near
+        curve, load = self.curve(place, known), np.abs(self.load(self.whole))
+        found, _ = self.zeros(place, curve, self.whole)
+        if place.sort == "peak":
+            top = max(found, key=lambda zero: zero.height, default=Zero(0.0, 0.0, 0.0))
+            if top.height < (load / np.abs(curve(self.whole)))[[0, -1]].max():
+                raise Lost("it is largest at an end of the sweep")
+            return top.x
+        behind = [zero.x for zero in found if curve(zero.x).imag > 0.0]
+        if not behind:
+            raise Lost("no speed of the sweep has it")
+        if abs(self.load(behind[0])) < VANISHING * load.max():
+            raise Lost("the load ripple nearly vanishes there, and its phase means nothing")
+        return behind[0]
+
+    def edges(self, level: float, known: Known) -> list[Place]:
+        """Where the torque ripple passes a level [N.m], in order, as two or more known orbits say."""
+        curve, found = self.curve(TORQUE, known), []
+        for end in (FROM._replace(level=level), TO._replace(level=level)):
+            zeros, _ = self.zeros(end, curve, self.whole)
+            found += [end._replace(near=zero.x) for zero in zeros]
+        return sorted(found, key=lambda end: end.near)
 
     def theory(self, place: Place) -> float:
         """Where first-order theory has the place, formula (22) the lag; nan where it is not."""
-        try:
+        with suppress(Lost):
             return self.expected(place)
-        except Unclear:
-            return math.nan
+        return math.nan
 
     @cached_property
     def spacing(self) -> float:
@@ -277,147 +367,88 @@ class Line:
         moved = abs(math.log(beside.nu_res / machine.nu_res * nu / nu_beside)) / 0.001
         return float(x * min(NEAR * machine.zeta / max(moved, 1e-9), WIDEST))
 
-    def expected(self, place: Place, known: Known = ()) -> float:
-        """Where the place is by theory, times what orbits at known x say of it. Raises Unclear."""
-        x = np.geomspace(self.first, self.last, FINE)
-        inverse, load = self.ideal(place, x), self.load(x)
-        if known:
-            steady = [(at, point) for at, point in known if not point.problem]
-            if len(steady) < 2:
-                raise Unclear("the sweep holds no two steady orbits")
-            places = np.array([at for at, _ in steady])
-            seen = [self.load(at) / place.response(point) for at, point in steady]
-            ratio = np.array(seen) / self.ideal(place, places)
-            degree = 3 if len(steady) > 3 else 1
-            inverse = inverse * make_interp_spline(places, ratio, k=degree)(x)
-        step = x[1] / x[0]
-        if place.peak:
-            ripple = np.abs(load / inverse)
-            top = int(np.argmax(ripple))
-            if top in (0, FINE - 1):
-                raise Unclear("it is largest at an end of the sweep")
-            before, most, after = ripple[top - 1 : top + 2]
-            return float(x[top] * step ** ((after - before) / (2 * most - before - after) / 2))
-        ahead = self.sense * inverse.real
-        passed = (ahead[:-1] > 0.0) & (ahead[1:] <= 0.0) & (inverse.imag[:-1] > 0.0)
-        if not passed.any():
-            raise Unclear("no speed of the sweep has it")
-        k = int(np.argmax(passed))
-        if abs(load[k]) < VANISHING * np.abs(load).max():
-            raise Unclear("the load ripple nearly vanishes there, and its phase means nothing")
-        return float(x[k] * step ** (ahead[k] / (ahead[k] - ahead[k + 1])))
-
-    def fitted(
-        self, place: Place, x: Sequence[float], points: Sequence[Point]
-    ) -> tuple[float, float, float]:
-        """The place, the height there, and the slope of its condition, on the polynomial through
-        orbits; of a place beyond them only the direction, an x outside, the rest is nan.
-        """
-        middle, reach = (min(x) + max(x)) / 2, (max(x) - min(x)) / 2
-        inverse = [self.load(at) / place.response(point) for at, point in zip(x, points)]
-        curve = np.polynomial.Polynomial.fit(x, inverse, len(x) - 1)
-        slope = curve.deriv()
-
-        def condition(x: Any) -> Any:
-            if not place.peak:
-                return self.sense * curve(x).real
-            step = 1e-4 * reach
-            change = (self.load(x + step) - self.load(x - step)) / (2 * step)
-            return (change / self.load(x) - slope(x) / curve(x)).real
-
-        fine = np.linspace(middle - 1.5 * reach, middle + 1.5 * reach, 61)
-        values = condition(fine)
-        passed = np.flatnonzero((values[:-1] > 0.0) & (values[1:] <= 0.0))
-        if not len(passed):
-            return float(fine[-1] if values[30] > 0.0 else fine[0]), math.nan, math.nan
-        k = int(passed[np.argmin(np.abs(fine[passed] - middle))])
-        at = float(brentq(condition, fine[k], fine[k + 1], xtol=1e-14 * middle))
-        step = 1e-3 * reach
-        bend = (condition(at + step) - condition(at - step)) / (2 * step)
-        return at, float(abs(self.load(at) / curve(at))), float(bend)
+    def fitted(self, place: Place, known: Known) -> Zero:
+        """The place on the polynomial through orbits; of one beyond them only the direction."""
+        x = np.array([at for at, _ in known])
+        middle, reach = (x.min() + x.max()) / 2, 0.75 * np.ptp(x)
+        fine = np.linspace(middle - reach, middle + reach, CLOSELY)
+        found, condition = self.zeros(place, self.curve(place, known), fine)
+        beyond = fine[-1] if condition(middle) > 0.0 else fine[0]
+        nowhere = Zero(float(beyond), math.nan, math.nan)
+        return min(found, key=lambda zero: abs(zero.x - middle), default=nowhere)
 
 
-class Found(NamedTuple):
-    """Where a place is, how high the response is there, and what the orbits leave open of both."""
-
-    x: float
-    height: float
-    x_error: float
-    height_error: float
+Found = tuple[Measured | str, Measured | str]
+Search = Generator[list[Spot], Any, Found]
 
 
-def search(line: Line, place: Place, known: Known) -> Generator[Sequence[float], Any, Found]:
-    """A place from known orbits: through five on a lattice of the line until they surround it, and
-    one more at it. Yields where it needs orbits; raises Unclear.
+def search(line: Line, place: Place, known: Known, coarser: int) -> Search:
+    """A place and the height there from known steady orbits: through five on a lattice of the line until
+    they surround it, and one more at it. Yields where it needs orbits; raises Lost.
     """
-    spacing = line.spacing
-    center = round(line.expected(place, known) / spacing)
+    if len(known) < 2:
+        raise Lost("the sweep holds no two steady orbits")
+    start, spacing = line.expected(place, known), line.spacing
+    center = round(start / spacing)
     for _ in range(ROUNDS):
         if center + AROUND[0] < 1:
-            raise Unclear("it lies at standstill")
+            raise Lost("it lies at standstill")
         x = [(center + k) * spacing for k in AROUND]
-        points = yield x
-        rough, rough_height, _ = line.fitted(place, x, points)
-        if math.isnan(rough_height) or abs(rough / spacing - center) > INSIDE:
-            center = round(rough / spacing)
+        near = list(zip(x, (yield [(*line.at(one), coarser) for one in x])))
+        rough = line.fitted(place, near)
+        if math.isnan(rough.height) or abs(rough.x / spacing - center) > INSIDE:
+            center = round(rough.x / spacing)
             continue
-        off = rough / spacing - round(rough / spacing)
-        more = rough if abs(off) > CLOSE else rough + (0.5 - off) * spacing
-        (point,) = yield [more]
-        at, height, bend = line.fitted(place, [*x, more], [*points, point])
+        off = rough.x / spacing - round(rough.x / spacing)
+        more = rough.x if abs(off) > CLOSE else rough.x + (0.5 - off) * spacing
+        (point,) = yield [(*line.at(more), coarser)]
+        at, height, bend = line.fitted(place, [*near, (more, point)])
         if not math.isnan(height):
-            noise, response = place.settling(point), abs(place.response(point))
-            value = abs(line.load(more)) / response
-            unsure = noise / response * (1 / spacing if place.peak else value)
-            x_error = abs(at - rough) + abs(unsure / bend)
-            return Found(at, height, x_error, abs(height - rough_height) + noise)
-    raise Unclear("it does not stand still")
+            noise = place.settling(point)
+            unsure = abs(noise / place.response(point) / bend)
+            x_error = abs(at - rough.x) + (unsure / spacing if place.sort == "peak" else unsure)
+            return Measured(at, x_error), Measured(height, abs(height - rough.height) + noise)
+    raise Lost("it does not stand still")
 
 
-def locate(
-    sought: Sequence[tuple[Line, Place, Known]], coarser: Sequence[int], setup: Setup
-) -> list[list[Found | str]]:
-    """Places from known orbits, each with so many times fewer steps; of one that is not there, why."""
-    searches = {(n, k): search(*one) for n, one in enumerate(sought) for k in coarser}
-    orbits: dict[tuple[Line, int, float], Point] = {}
-    found: dict[tuple[int, int], Found | str] = {}
-    asked: dict[tuple[int, int], list[tuple[Line, int, float]]] = {key: [] for key in searches}
+def together(searches: Sequence[Search], setup: Setup) -> list[Found]:
+    """What searches find whose orbits are run round by round, side by side, or why not."""
+    found: dict[int, Found] = {}
+    asked: dict[int, list[Spot]] = {n: [] for n in range(len(searches))}
     while asked:
-        wanted = dict.fromkeys(one for ones in asked.values() for one in ones if one not in orbits)
-        spots = [(*line.at(x), k) for line, k, x in wanted]
-        orbits |= dict(zip(wanted, setup.orbits(spots, "places")))
-        before, asked = asked, {}
-        for (n, k), ones in before.items():
-            points = [orbits[one] for one in ones]
-            if problem := next((point.problem for point in points if point.problem), ""):
-                found[n, k] = problem
-                continue
+        orbits = setup.orbits([spot for spots in asked.values() for spot in spots], "places")
+        seen = {n: list(islice(orbits, len(spots))) for n, spots in asked.items()}
+        asked = {}
+        for n, points in seen.items():
             try:
-                x = searches[n, k].send(points or None)
-                asked[n, k] = [(sought[n][0], k, at) for at in x]
+                asked[n] = searches[n].send(points or None)
             except StopIteration as done:
-                found[n, k] = done.value
-            except Unclear as reason:
-                found[n, k] = str(reason)
-    return [[found[n, k] for k in coarser] for n in range(len(sought))]
+                found[n] = done.value
+            except Lost as reason:
+                found[n] = str(reason), str(reason)
+    return [found[n] for n in range(len(searches))]
 
 
 def places(
     sought: Sequence[tuple[Line, Place, Known]], coarser: Sequence[int], unit: str, setup: Setup
 ) -> list[tuple[Figure, Figure]]:
-    """Where places are and how high the response is there, from known orbits."""
-    figures = []
-    for (_, place, _), found in zip(sought, locate(sought, coarser, setup)):
-        names = ((unit, place.meaning), (place.unit, f"{place.quantity} ripple there, order 2"))
-        lost = next((one for one in found if isinstance(one, str)), "")
-        known = [one for one in found if isinstance(one, Found)]
-        for k, (own, meaning) in enumerate(names):
-            value, error, reason = math.nan, None, lost
-            if not lost:
-                value, error, reason = limit([one[k] for one in known], ORDERS[setup.algorithm])
-            if error is None:
-                figures.append(Figure.refused(own, reason, meaning))
-            else:
-                left = 2.0 * max(one[k + 2] for one in known)
-                figures.append(Figure(value, own, error + left, meaning))
-    return list(zip(figures[::2], figures[1::2]))
+    """Where places are and how high the response is there, from known steady orbits."""
+    found = together([search(*one, k) for one in sought for k in coarser], setup)
+    figures, order = [], ORDERS[setup.algorithm]
+    for n, (_, place, _) in enumerate(sought):
+        x, heights = zip(*found[n * len(coarser) : (n + 1) * len(coarser)])
+        meaning = f"{place.quantity} ripple there, order 2"
+        height = converged(heights, order, place.unit, meaning)
+        figures.append((converged(x, order, unit, place.meaning), height))
+    return figures
+
+
+def converged(runs: Sequence[Measured | str], order: float, unit: str, meaning: str) -> Figure:
+    """Where values at steps h, 2 h, 4 h go that have errors of their own, or are lost."""
+    if lost := [run for run in runs if isinstance(run, str)]:
+        return Figure.refused(unit, lost[0], meaning)
+    values, errors = np.array(runs).T
+    value, error, reason = limit(values.tolist(), order)
+    if error is None:
+        return Figure.refused(unit, reason, meaning)
+    return Figure(value, unit, error + 2.0 * float(errors.max()), meaning)

@@ -10,24 +10,37 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
 from cosim import Result
-from workbench import Bench, Figure, Findings, Run, Show, Table, option
+from workbench import (
+    Bench,
+    Chart,
+    Curve,
+    Figure,
+    Findings,
+    Mark,
+    Panel,
+    Run,
+    Show,
+    Table,
+    option,
+)  # fmt: skip
 from workbench.measure import Samples, crossings, largest, measured, smallest
+from workbench.report.chart import THEORY, recorded
 
-from . import show as pictures
 from .drive import PARTS as DRIVE
 from .drive import conveyor_drive, followed
+from .mechanism import moving
 from .theory import SETS, Machine
 
 PARTS = DRIVE
 OWN = ("motor.characteristic",)
 MOTORS = {"linear": 0, "kloss": 1}
 WORDS = {"linear": "linear motor", "kloss": "induction motor"}
+SHOWN = {"linear": ("linear motor", "purple"), "kloss": ("induction motor (Kloss)", "gold")}
 RECORD = (
     "motor.tau", "motor.tau_static", "motor.P", "conveyor.phi", "conveyor.w", "conveyor.x",
     "conveyor.tau_load", "conveyor.f_rod", "conveyor.P_loss",
@@ -46,15 +59,8 @@ class Options(Run):
     speed: float = option(60.0, "mean speed of the linear motor", "rad/s", above=0.0)
 
 
-class RunUp(NamedTuple):
-    """The machine, and a run for each motor."""
-
-    machine: Machine
-    runs: Mapping[str, Result]
-
-
 def solve(o: Options, bench: Bench) -> Findings:
-    """Both motors, one after the other; the linear one set for its mean speed."""
+    """Both motors, one after the other, the linear one set for its mean speed: a run for each."""
     machine = followed(bench.fmus, SETS[o.set], o.start)
     build_up = 1 / (4 * math.pi * machine.zeta)
     found = {
@@ -71,7 +77,7 @@ def solve(o: Options, bench: Bench) -> Findings:
         found |= {f"{motor}_{name}": figure for name, figure in mine.items()}
     return Findings(
         found,
-        RunUp(machine, runs),
+        runs,
         systems["linear"],
         runs["linear"].provenance,
         tables={f"{motor}.csv": Table.of(result) for motor, result in runs.items()},
@@ -110,7 +116,7 @@ def revolutions_near(nu: float, t: Samples, w: Samples, phi: Samples) -> float:
     return float(np.diff(CubicSpline(t, phi)(ends))[middle].sum() / (2 * math.pi))
 
 
-def verdict(o: Options, f: Mapping[str, Figure], r: RunUp) -> str:
+def verdict(o: Options, f: Mapping[str, Figure], r: Mapping[str, Result]) -> str:
     """Who passes the resonance."""
     lines = []
     for motor, word in WORDS.items():
@@ -125,6 +131,37 @@ def verdict(o: Options, f: Mapping[str, Figure], r: RunUp) -> str:
     return "\n".join(lines)
 
 
-def show(o: Options, f: Mapping[str, Figure], r: RunUp) -> Show:
-    """Speed, torque and rod force over time, and both conveyors in motion."""
-    return Show(pictures.run_up(r.machine, r.runs), [pictures.run_up_motion(r.runs)])
+def show(o: Options, f: Mapping[str, Figure], r: Mapping[str, Result]) -> Show:
+    """Speed, torque and rod force over time, torque over speed, both motors on one scale, and both
+    conveyors in motion, one above the other.
+    """
+    nu_res = f["nu_res"].value
+    level = Mark(nu_res, f"resonance {nu_res:.1f} rad/s")
+
+    def panel(quantity: str, column: str, unit: str = "", *levels: Mark) -> Panel:
+        each = [
+            recorded(quantity, result, result["time"], {column: SHOWN[motor]}, unit, levels=levels)
+            for motor, result in r.items()
+        ]
+        return each[0]._replace(curves=[curve for one in each for curve in one.curves])
+
+    plane = []
+    for motor, result in r.items():
+        (name, color), w = SHOWN[motor], result["conveyor.w"]
+        order, static = np.argsort(w), result["motor.tau_static"]
+        curves = [
+            Curve("static characteristic", w[order], static[order], THEORY, "theory"),
+            Curve("with its lag", w, result["motor.tau"], color),
+        ]
+        plane.append(Panel(f"torque, {name}", result.units["motor.tau"], curves))
+    panels = [
+        panel("crank speed", "conveyor.w", "", level),
+        panel("motor torque", "motor.tau"),
+        panel("rod force", "conveyor.f_rod", "kN"),
+    ]
+    end = min(float(result["time"][-1]) for result in r.values())
+    charts = [
+        Chart("Run-up from rest", "time [s]", panels),
+        Chart("Torque over speed: the lag of the motor", "crank speed [rad/s]", plane),
+    ]
+    return Show(charts, [moving("Both conveyors from rest", r, 0.0, end, 15.0)])

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -130,6 +131,7 @@ def coupling_map(machine: Machine, algorithm: str, h: float) -> NDArray[np.float
     return np.asarray(motor(h / 2) @ conveyor @ motor(h / 2))
 
 
+@cache
 def longest_step(machine: Machine, algorithm: str) -> float:
     """The communication step [s] beyond which the coupled oscillation grows by itself."""
 

@@ -399,6 +399,16 @@ def roots(orbits: list[Orbit], value: Callable[[Orbit], float]) -> list[Orbit]:
     return found
 
 
+def edges(drive: Drive, lowest: float, highest: float, level: float) -> list[float]:
+    """Nominal speeds at which the amplitude of order 2 of the torque passes a level [N.m], in order.
+
+    Raises NoOrbitError.
+    """
+    orbits = branch(drive, lowest, highest)
+    passed = [roots(orbits, lambda one, s=s: s * (abs(one.tau2) - level)) for s in (1, -1)]
+    return sorted(one.nu for found in passed for one in found)
+
+
 def f_rod_peak(drive: Drive, speeds: Iterable[float]) -> float:
     """Largest force of the rod on the orbits of these speeds [N]. Raises NoOrbitError."""
     near, peaks = None, []

@@ -8,7 +8,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -19,24 +18,23 @@ import pytest
 from scipy.optimize import brentq
 
 import cosim
-from scenarios.conveyor import resonance_map, tolerances
-from scenarios.conveyor.plane import Plane, axis, shares
+from scenarios.conveyor import resonance_map
+from scenarios.conveyor.plane import Built, Plane, axis, judged, on_edge, shares
 from scenarios.conveyor.response import COARSER, LAG, Point, Setup, places
 from scenarios.conveyor.theory import SETS
-from tests.conftest import ROOT, ask, fmus_of, hear_ctrl_c
+from tests.conftest import ROOT, ask, fmus_of, hear_ctrl_c, until
 from tests.scenarios.orbit_oracle import Drive, features
 from workbench import Bench
 from workbench.answer import finish
 
 A = SETS["A"]
-PARTS = {"motor": "DriveMotor", "conveyor": "CrankConveyor"}
-FMUS = {part: ROOT / "fmus" / "native" / f"{name}.fmu" for part, name in PARTS.items()}
+FMUS = fmus_of(resonance_map)
 SETUP = Setup(Bench(FMUS), {}, "strang", 256)
 LIMIT = 50.0
 MONOLITHIC = {36.0: 90.9984270, 40.0: 104.9679504, 60.0: 9.3145045}
 SPEEDS = np.linspace(24.0, 64.0, 11).tolist()
 Real = np.typing.NDArray[np.float64]
-Points = tuple[Plane, list[Point], pd.DataFrame]
+Points = tuple[Plane, pd.DataFrame]
 
 
 def plane(x: str, y: str, speed: float = 60.0) -> Plane:
@@ -47,18 +45,18 @@ def plane(x: str, y: str, speed: float = 60.0) -> Plane:
 def mapped() -> Points:
     """Speed and motor.T, with the reference machine in the middle row."""
     there = plane("speed=24:64:11", "motor.T=0.05:0.075:3")
-    return there, *resonance_map.swept(there, SETUP, None)
+    return there, resonance_map.swept(there, SETUP, None)
 
 
 @pytest.fixture(scope="module")
 def ridges(mapped: Points) -> pd.DataFrame:
-    return resonance_map.ridges(*mapped[:2], SETUP)
+    return resonance_map.ridges(mapped[0], SETUP)
 
 
 def test_torque_ripple_is_that_of_an_independent_integration(mapped: Points) -> None:
     """Within the coupling error that the map states."""
-    there, orbits, points = mapped
-    error = resonance_map.coupling_error(there, orbits, SETUP)
+    there, points = mapped
+    error = resonance_map.coupling_error(there, SETUP)
     assert error < 2e-3
     for nu, ripple in MONOLITHIC.items():
         at = points["ripple"][11 + SPEEDS.index(nu)]
@@ -66,12 +64,12 @@ def test_torque_ripple_is_that_of_an_independent_integration(mapped: Points) -> 
 
 
 def test_gain_is_theorys_closest_far_from_resonance(mapped: Points) -> None:
-    there, _, points = mapped
-    spots = [there.at(*node) for node in there.nodes()]
-    damped = [m.slope - 4 * m.theta0 * m.T * nu**2 + 2j * nu * m.J for m, nu in spots]
+    there, points = mapped
+    spots = there.spots()
+    damped = [m.slope - 4 * m.theta0 * m.T * nu**2 + 2j * nu * m.J for m, nu, _ in spots]
     gain, theory = points["gain"].to_numpy(), A.B / np.abs(damped)
     assert gain == pytest.approx(theory, rel=4e-3)
-    far = np.array([abs(nu / m.nu_res - 1) > 0.2 for m, nu in spots])
+    far = np.array([abs(nu / m.nu_res - 1) > 0.2 for m, nu, _ in spots])
     assert 10 < far.sum() < 25
     assert gain[far] == pytest.approx(theory[far], rel=2e-3)
 
@@ -91,24 +89,25 @@ def test_ridges_lie_where_theory_and_exact_orbits_have_them(ridges: pd.DataFrame
 
 def test_ridges_do_not_depend_on_the_points_of_the_map(ridges: pd.DataFrame) -> None:
     there = plane("speed=21:66:5", "motor.T=0.0625:0.075:2")
-    coarse = resonance_map.ridges(there, resonance_map.swept(there, SETUP, None)[0], SETUP)
+    coarse = resonance_map.ridges(there, SETUP)
     for name in ("lag_90", "peak"):
         assert coarse[name][0] == pytest.approx(ridges[name][1], rel=1e-5)
 
 
 def test_torque_of_the_wrong_sign_has_no_phase_ridge(mapped: Points) -> None:
-    there, orbits, _ = mapped
+    there, _ = mapped
+    orbits = SETUP.orbits(there.spots(), "map")
     known = [(x, point._replace(torque=-point.torque)) for x, point in zip(SPEEDS, orbits)]
     ((figure, _),) = places([(there.line(0.05), LAG, known)], COARSER, "rad/s", SETUP)
     assert figure.reason == "no speed of the sweep has it"
 
 
 def test_values_of_an_axis_are_even_or_even_in_their_logarithm() -> None:
-    even = axis(FMUS, "y", "motor.T=0.01:0.04:3", 2)
+    name, even = axis(FMUS, "y", "motor.T=0.01:0.04:3", 2)
     assert even.values == pytest.approx([0.01, 0.025, 0.04]) and not even.log
-    log = axis(FMUS, "y", "motor.T=0.01:0.04:3:log", 2)
+    _, log = axis(FMUS, "y", "motor.T=0.01:0.04:3:log", 2)
     assert log.values == pytest.approx([0.01, 0.02, 0.04]) and log.log
-    assert (log.name, log.unit) == ("motor.T", "s") and "Time constant" in log.direction.label
+    assert (name, log.unit) == ("motor.T", "s") and "Time constant" in log.label
 
 
 @pytest.mark.parametrize(
@@ -123,11 +122,11 @@ def test_any_two_parameters_have_a_ridge_where_formula_22_has_it(
     x: str, y: str, speed: float
 ) -> None:
     there = plane(x, y, speed)
-    found = resonance_map.ridges(there, resonance_map.swept(there, SETUP, None)[0], SETUP)
+    found = resonance_map.ridges(there, SETUP)
     assert found["formula"].notna().all()
     assert found["lag_90"].to_list() == pytest.approx(found["formula"].to_list(), rel=1.5e-3)
     for row in found.itertuples():
-        machine, nu = there.at(row.lag_90, there.y.values[row.Index])
+        machine, nu = there.at(row.lag_90, there.y.along.values[row.Index])
         assert machine.nu_res == pytest.approx(nu, rel=6e-4)
 
 
@@ -136,20 +135,19 @@ def test_points_without_a_steady_orbit_are_told_and_left_out(
 ) -> None:
     """A motor too weak to turn the crank over its spring stands still at every slow speed."""
     there = plane("speed=4:60:4", "motor.T=0.05:0.06:2")._replace(machine=replace(A, B=2.0))
-    orbits, points = resonance_map.swept(there, SETUP, None)
+    points = resonance_map.swept(there, SETUP, None)
     assert points["ripple"].isna().any() and not points["ripple"].isna().all()
     assert "No steady orbit at motor.T = 0.05 s, speed of 4 .. " in caplog.text
-    assert math.isnan(resonance_map.ridges(there, orbits, SETUP)["lag_90"][0])
+    assert math.isnan(resonance_map.ridges(there, SETUP)["lag_90"][0])
 
 
 def test_a_tolerance_is_given_in_percent() -> None:
-    paths = fmus_of(resonance_map)
-    read = shares(paths, "tolerance", ["motor.T=5"], {"motor.T": 0.1, "motor.B": 0.02})
+    read = shares(FMUS, "tolerance", ["motor.T=5"], {"motor.T": 0.1, "motor.B": 0.02})
     assert read == {"motor.T": 0.05, "motor.B": 0.02}
 
 
-def test_parts_lie_evenly_within_their_tolerance() -> None:
-    drawn = tolerances.factors({"motor.T": 0.1, "motor.B": 0.05}, 1024)
+def test_parts_lie_evenly_within_their_tolerance(mapped: Points) -> None:
+    drawn = machines(mapped, {"motor.T": 0.1, "motor.B": 0.05}).factors
     for name, share in (("motor.T", 0.1), ("motor.B", 0.05)):
         assert len(drawn[name]) == 1024
         assert np.abs(drawn[name] - 1.0).max() < share
@@ -158,13 +156,18 @@ def test_parts_lie_evenly_within_their_tolerance() -> None:
     assert abs(np.corrcoef(drawn["motor.T"], drawn["motor.B"])[0, 1]) < 0.01
 
 
-def built(mapped: Points, x: Any, share: Any = 1.0, row: int = 1, scale: float = 1.0) -> Any:
+def machines(mapped: Points, tolerances: Any = resonance_map.TOLERANCES) -> Built:
+    """Machines like those of the map."""
+    there, points = mapped
+    ratio = (points["ripple"] / points["ripple_theory"]).to_numpy().reshape(3, -1)
+    return Built.within(there, ratio, tolerances, 1024)
+
+
+def built(mapped: Points, x: Any, share: Any = 1.0, row: int = 1) -> Any:
     """Machines of a row at a speed or at several, with so many times the usual tolerances."""
-    there, _, points = mapped
-    ratio = (points["ripple"] / points["ripple_theory"]).to_numpy().reshape(3, -1)[row]
-    spread = {name: scale * one for name, one in resonance_map.TOLERANCES.items()}
-    drawn = tolerances.factors(spread if share == 1.0 else share, 1024)
-    return tolerances.built(there, np.atleast_1d(x), float(there.y.values[row]), ratio, drawn)
+    usual = resonance_map.TOLERANCES.items()
+    spread = share if isinstance(share, dict) else {name: share * one for name, one in usual}
+    return machines(mapped, spread).sample(row, np.atleast_1d(x))
 
 
 def test_probability_is_one_on_the_ridge_and_zero_far_away(mapped: Points) -> None:
@@ -175,9 +178,9 @@ def test_probability_is_one_on_the_ridge_and_zero_far_away(mapped: Points) -> No
 def test_probability_rises_with_the_tolerance_outside_the_zone_and_falls_inside(
     mapped: Points,
 ) -> None:
-    edge = int(np.flatnonzero(mapped[2]["ripple"][11:22] > LIMIT)[-1])
+    edge = int(np.flatnonzero(mapped[1]["ripple"][11:22] > LIMIT)[-1])
     inside, outside = (
-        [built(mapped, nu, scale=scale).probability(LIMIT) for scale in (0.0, 0.5, 1.0, 2.0)]
+        [built(mapped, nu, scale).probability(LIMIT) for scale in (0.0, 0.5, 1.0, 2.0)]
         for nu in SPEEDS[edge : edge + 2]
     )
     assert outside[0] == 0.0 and outside == sorted(outside) and outside[-1] > 0.01
@@ -200,14 +203,15 @@ def test_probability_in_the_range_is_that_of_the_worst_speed(mapped: Points) -> 
     at = [built(mapped, nu, row=0).expected for nu in SPEEDS if 40.0 <= nu <= 60.0]
     assert (over.expected >= np.max(at, axis=0) * (1 - 1e-12)).all()
     assert over.expected == pytest.approx(np.max(at, axis=0), rel=0.1)
-    assert 40.0 <= over.nu.min() < over.nu.max() <= 60.0
-    again = [abs(machine.torque_ripple(nu)) for machine, nu in map(over.machine, range(99))]
+    assert 40.0 <= over.x.min() < over.x.max() <= 60.0
+    spots = [machines(mapped).at(0, over.x[k], k) for k in range(99)]
+    again = [abs(machine.torque_ripple(nu)) for machine, nu, _ in spots]
     assert over.expected[:99] == pytest.approx(np.array(again), rel=0.01)
 
 
 def test_cosimulated_machines_agree_with_the_probability(mapped: Points) -> None:
     samples = [built(mapped, 44.0), built(mapped, np.linspace(48.0, 60.0, 61))]
-    for check in tolerances.check(samples, 32, LIMIT, SETUP):
+    for check in machines(mapped).check(samples, 32, LIMIT, SETUP):
         assert check["samples"] == 32
         assert check["interval"][0] <= check["probability"] <= check["interval"][1]
         assert 0.0 < check["off_max"] < 4e-3
@@ -219,24 +223,26 @@ def test_machines_without_a_steady_orbit_are_left_out_of_a_check(mapped: Points)
     sample = built(mapped, 44.0)
     orbits = [Point(44.0, torque=complex(value)) for value in sample.expected[:8]]
     orbits[2] = Point(44.0, problem="it does not turn")
-    check = tolerances.judged(sample, orbits, LIMIT)
+    check = judged(sample, orbits, LIMIT)
     names = ("samples", "not_steady", "judged_above", "judged_below", "off_max")
     assert [check[name] for name in names] == [7, 1, 0, 0, 0.0]
 
 
 def test_check_sees_a_prediction_that_is_wrong(mapped: Points) -> None:
     right = built(mapped, 44.0)
-    (check,) = tolerances.check([right._replace(expected=0.8 * right.expected)], 32, LIMIT, SETUP)
+    wrong = right._replace(expected=0.8 * right.expected)
+    (check,) = machines(mapped).check([wrong], 32, LIMIT, SETUP)
     assert check["judged_above"] > 5 and check["judged_below"] == 0
     assert check["off_rms"] == pytest.approx(1 / 0.8 - 1, abs=5e-3)
-    left = abs(check["corrected"] - right.probability(LIMIT))
+    more = check["judged_above"] / 32
+    left = abs(check["probability"] + more - right.probability(LIMIT))
     assert left < 0.5 * abs(check["probability"] - right.probability(LIMIT))
 
 
 def test_edge_is_where_the_outcome_is_open() -> None:
     probabilities = np.array([0.0, 0.04, 0.5, 1.0, math.nan, 0.2, 0.9, 0.96])
     for count, wanted in ((8, [2, 5, 6]), (2, [2, 6]), (0, [])):
-        assert tolerances.on_edge(probabilities, count) == wanted
+        assert on_edge(probabilities, count) == wanted
 
 
 def small(folder: Path | None, **settings: Any) -> Any:
@@ -361,11 +367,7 @@ def test_ctrl_c_keeps_the_rows(tmp_path: Path) -> None:
         preexec_fn=hear_ctrl_c,  # noqa: PLW1509
     )
     kept = tmp_path / "resonance_map.partial.csv"
-    deadline = time.monotonic() + 60
-    while time.monotonic() < deadline:
-        if kept.exists() and len(kept.read_text().splitlines()) > 3:
-            break
-        time.sleep(0.05)
+    until(lambda: kept.exists() and len(kept.read_text().splitlines()) > 3)
     os.killpg(process.pid, signal.SIGINT)
     _, errors = process.communicate(timeout=60)
     assert process.returncode == 130, errors.decode()

@@ -25,7 +25,7 @@ from PIL import Image
 from cosim.system import connect
 from scenarios.__main__ import PROJECT
 from scenarios.conveyor import mechanism as conveyor
-from scenarios.conveyor import show as conveyor_show
+from scenarios.conveyor import resonance
 from scenarios.conveyor.drive import conveyor_drive
 from scenarios.conveyor.theory import SETS
 from scenarios.iron import mechanism as iron_mechanism
@@ -295,11 +295,20 @@ def test_the_resonance_answers_its_question_in_the_title() -> None:
     machine, nu = SETS["A"], np.linspace(20.0, 60.0, 41)
     rest = {f"{name}_error": 0.5 for name in ("tau2", "w2", "lag")} | {"w2": 1.0, "lag": 90.0}
     points = [SimpleNamespace(nu=x, tau2=abs(machine.torque_ripple(x)), **rest) for x in nu]
-    peak = Figure.refused("rad/s", "no peak")
-    figures = {"nu_90": Figure(40.0034, "rad/s", 0.0012), "nu_peak_tau": peak}
+    line: Any = SimpleNamespace(at=lambda nu: (machine, nu))
+    figures = {
+        "nu_res": Figure(40.0, "rad/s", 0.0),
+        "nu_90": Figure(40.0034, "rad/s", 0.0012),
+        "nu_peak_tau": Figure.refused("rad/s", "no peak"),
+        "nu_peak_w": Figure.refused("rad/s", "no peak"),
+    }
     on, off = (
-        conveyor_show.ripple(machine, points, figures, speed, 100.0, 50.0, [(27.0, 45.0)])
-        for speed in (40.0, 57.0)
+        resonance.ripple(
+            resonance.Options(),
+            figures | {"tau2_operating": Figure(tau2, "N.m", 0.1)},
+            resonance.Sweep(line, line, points, speed, [(27.0, 45.0)], []),
+        )
+        for speed, tau2 in ((40.0, 105.0), (57.0, 15.0))
     )
     where = "the torque ripple is above 50 N.m at 27.0 to 45.0 rad/s"
     assert (on.title, off.title) == (f"Yes at 40 rad/s: {where}", f"No at 57 rad/s: {where}")
