@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import math
 from collections.abc import Iterable, Iterator, Mapping
 from itertools import product
@@ -9,7 +10,11 @@ from typing import Any, NamedTuple
 
 from ..errors import SetupError
 from ..system import Network, Port, Wire, base_unit, exponents
+from .operation import BOOK, Layout, Operation, address
 
+Place = tuple[Any, int]
+
+ENERGY, EXCHANGED, BEFORE = range(3)
 POWER = (1, 2, -3, 0, 0, 0, 0)
 NOTICEABLE, NEGLIGIBLE = 0.05, 0.005
 
@@ -25,44 +30,44 @@ class Bond(NamedTuple):
         return f"{self.there.source.name} * {self.back.source.name}"
 
 
-class End:
-    """One side of a bond: a part's output times its input, integrated by the trapezoidal rule."""
+class End(Operation):
+    """One side of a bond: a part's output times its input, integrated by the trapezoidal rule.
+
+    `output` is the place of the output, `first` and `last` those of the input's values in a step;
+    `scale` makes W of their product. `totals` are the energy, that to and fro added up [J], and the
+    output at the last booking.
+    """
 
     def __init__(
-        self,
-        bond: str,
-        side: int,
-        output: tuple[Any, int],
-        first: tuple[Any, int],
-        last: tuple[Any, int],
-        scale: float,
+        self, bond: str, side: int, output: Place, first: Place, last: Place, scale: float
     ) -> None:
         self.bond, self.side = bond, side
         self.output, self.first, self.last, self.scale = output, first, last, scale
-        self.energy = self.exchanged = self.before = 0.0
+        self.totals = (ctypes.c_double * 3)()
 
     @property
-    def booked(self) -> tuple[float, float, float]:
-        """The energy, that to and fro added up [J], and the output at the last booking."""
-        return self.energy, self.exchanged, self.before
+    def energy(self) -> float:
+        """What went over the side so far [J]."""
+        return self.totals[ENERGY]
 
-    @booked.setter
-    def booked(self, values: tuple[float, float, float]) -> None:
-        self.energy, self.exchanged, self.before = values
-
-    def value(self) -> float:
-        """The output as it stands."""
+    def open(self) -> None:
+        """Begin with the output as it stands."""
         cells, i = self.output
-        return float(cells[i])
+        self.totals[BEFORE] = cells[i]
 
-    def book(self, h: float) -> None:
+    def __call__(self, t: float, h: float) -> None:
         """Add the work of a step of size h [s] that ends with the output as it stands."""
-        (first, i), (last, j) = self.first, self.last
-        now = self.value()
-        work = h * 0.5 * (self.before * first[i] + now * last[j]) * self.scale
-        self.energy += work
-        self.exchanged += abs(work)
-        self.before = now
+        (output, i), (first, j), (last, k), totals = self.output, self.first, self.last, self.totals
+        now = output[i]
+        work = h * 0.5 * (totals[BEFORE] * first[j] + now * last[k]) * self.scale
+        totals[ENERGY] += work
+        totals[EXCHANGED] += abs(work)
+        totals[BEFORE] = now
+
+    def layout(self) -> Layout:
+        ends = {"source": self.output, "first": self.first, "last": self.last}
+        places = {name: address(*place) for name, place in ends.items()}
+        return Layout(BOOK, cells=address(self.totals), factor=self.scale, **places)
 
 
 def bonds(network: Network) -> list[Bond]:
@@ -132,7 +137,7 @@ def balance(ends: Iterable[End]) -> dict[str, dict[str, float]]:
             "given": first.energy,
             "taken": second.energy,
             "residual": first.energy - second.energy,
-            "exchanged": max(first.exchanged, second.exchanged),
+            "exchanged": max(first.totals[EXCHANGED], second.totals[EXCHANGED]),
         }
     return found
 

@@ -16,8 +16,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..engine.changes import changes
-from ..engine.curve import Signal
 from ..engine.exchange import Coupled
+from ..engine.feed import Feed
 from ..engine.initial import initialise
 from ..engine.rows import Recorder
 from ..engine.stepping import Plan, Row, Run
@@ -219,29 +219,16 @@ class Bench:
 @contextmanager
 def _kicked(parts: Sequence[Coupled], kick: float) -> Iterator[None]:
     """Let every wired Real input be off by `kick` times the size of what it hears."""
-    held = [(part, part.copies, part.scaled) for part in parts]
-    entries = [e for part in parts if part.curves for e in part.curves.entries]
-    moving = [(e, e.signal, e.offset) for e in entries if isinstance(e.signal, Signal)]
-    for part, copies, scaled in held:
-        wires = [*((*copy, 1.0, 0.0) for copy in copies if _real(copy[0])), *scaled]
-        part.copies = [copy for copy in copies if not _real(copy[0])]
-        part.scaled = [
-            (target, i, source, j, factor, offset + factor * kick * (1.0 + abs(source[j])))
-            for target, i, source, j, factor, offset in wires
-        ]
-    for entry, signal, _ in moving:
-        entry.offset += entry.factor * kick * (1.0 + abs(signal.nodes[-1].value))
+    links = [link for part in parts for link in part.links if link.real]
+    links = [link for link in links if not isinstance(link.signal, Feed)]
+    before = [link.offset for link in links]
+    for link in links:
+        link.offset += link.factor * kick * (1.0 + abs(link.source[link.j]))
     try:
         yield
     finally:
-        for part, copies, scaled in held:
-            part.copies, part.scaled = copies, scaled
-        for entry, _, offset in moving:
-            entry.offset = offset
-
-
-def _real(cells: Sequence[float]) -> bool:
-    return isinstance(cells[0], float)
+        for link, offset in zip(links, before):
+            link.offset = offset
 
 
 def _diagnose(bench: Bench, step: float, share: float) -> Diagnosis:
