@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import ctypes
 import math
-from collections.abc import Iterable, Iterator, Mapping
-from itertools import product
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from ..errors import SetupError
-from ..system import Network, Port, Wire, base_unit, exponents
+from ..system import Connection, Network, Port, exponents
 from .operation import BOOK, Layout, Operation, address
 
 Place = tuple[Any, int]
@@ -22,8 +22,8 @@ NOTICEABLE, NEGLIGIBLE = 0.05, 0.005
 class Bond(NamedTuple):
     """Two wires between two parts, there and back, whose signals multiply to a power."""
 
-    there: Wire
-    back: Wire
+    there: Connection
+    back: Connection
 
     @property
     def name(self) -> str:
@@ -76,36 +76,37 @@ def bonds(network: Network) -> list[Bond]:
     Raises SetupError for a declared bond that is not two wires there and back.
     """
     declared = [_declared(network, text) for text in network.system.bonds]
-    taken = {wire.target.name for bond in declared for wire in bond[:2]}
+    taken = {wire.target.name for bond in declared for wire in bond}
     free = [w for w in network.wires if w.target.name not in taken and w.source.type == "Real"]
-    pairs = [
-        Bond(there, back)
-        for n, there in enumerate(free)
-        for back in free[n + 1 :]
-        if _opposite(there, back) and _is_power(network, there, back)
-    ]
-    wires = [wire.target.name for bond in pairs for wire in bond[:2]]
-    return declared + [b for b in pairs if all(wires.count(w.target.name) == 1 for w in b[:2])]
+    pairs = [bond for bond in _pairs(free) if _is_power(network, *bond)]
+    shared = Counter(wire.target.name for bond in pairs for wire in bond)
+    return declared + [b for b in pairs if all(shared[wire.target.name] == 1 for wire in b)]
+
+
+def _pairs(wires: Sequence[Connection]) -> Iterator[Bond]:
+    """Every two wires there and back between two parts, in their order."""
+    ways = defaultdict(list)
+    for n, wire in enumerate(wires):
+        ways[wire.source.part, wire.target.part].append((n, wire))
+    for n, there in enumerate(wires):
+        for k, back in ways.get((there.target.part, there.source.part), ()):
+            if k > n and there.source.part != there.target.part:
+                yield Bond(there, back)
 
 
 def _declared(network: Network, text: str) -> Bond:
     factors = [network.port(name) for name in text.split("*")]
     if len(factors) != 2:
         raise SetupError(f"bond {text!r} must read 'part.output * part.output'")
-    there, back = ([w for w in network.wires if w.source == port] for port in factors)
-    found = [pair for pair in product(there, back) if _opposite(*pair)]
-    if len(found) != 1 or found[0][0].source.type != "Real" or found[0][1].source.type != "Real":
+    wires = [wire for wire in network.wires if wire.source in factors]
+    found = [bond for bond in _pairs(wires) if {w.source for w in bond} == {*factors}]
+    if len(found) != 1 or any(wire.source.type != "Real" for wire in found[0]):
         raise SetupError(f"bond {text!r} must be two Real outputs, wired there and back once")
-    return Bond(*found[0])
+    return Bond(*sorted(found[0], key=lambda wire: factors.index(wire.source)))
 
 
-def _opposite(there: Wire, back: Wire) -> bool:
-    ends = (there.source.part, there.target.part)
-    return ends == (back.target.part, back.source.part) and ends[0] != ends[1]
-
-
-def _is_power(network: Network, there: Wire, back: Wire) -> bool:
-    units = [base_unit(network.descriptions, wire.source) for wire in (there, back)]
+def _is_power(network: Network, there: Connection, back: Connection) -> bool:
+    units = [network.base_unit(wire.source) for wire in (there, back)]
     if None in units:
         return False
     given, taken = (
@@ -118,7 +119,7 @@ def _is_power(network: Network, there: Wire, back: Wire) -> bool:
 
 def watt(network: Network, output: Port, entry: Port) -> float:
     """From the product of an output and an input, each in its own unit, to W."""
-    units = [base_unit(network.descriptions, port) for port in (output, entry)]
+    units = [network.base_unit(port) for port in (output, entry)]
     return math.prod(1.0 if unit is None else unit.factor for unit in units)
 
 

@@ -36,7 +36,10 @@ static int run(const operation *op, double t, double h, long long n)
     double size = op->size * h;
     switch (op->code) {
     case COPY:
-        memcpy(cells, source, op->count);
+        if (op->count == sizeof *cells)
+            *cells = *source;
+        else
+            memcpy(cells, source, op->count);
         return 0;
     case SCALE:
         *cells = op->factor * *source + op->offset;

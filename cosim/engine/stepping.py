@@ -9,6 +9,8 @@ from collections.abc import Callable, Iterator, Sequence
 from itertools import chain
 from typing import Any, NamedTuple
 
+from fmpy.model_description import ScalarVariable
+
 from ..errors import Discarded, PartFailure, SetupError
 from ..system import STATE, VARIABLE_STEP, Port, lacking
 from . import adaptive
@@ -79,11 +81,11 @@ class Row:
 
     def __init__(self, parts: Sequence[Coupled], ports: Sequence[Port]) -> None:
         wired = {name: (b, i) for p in parts for b in p.outputs for i, name in enumerate(b.names)}
-        self.extra: list[Block] = []
-        for part in parts:
-            own = {p.variable.name: p.variable for p in ports if p.part == part.name}
-            unread = [v for v in own.values() if f"{part.name}.{v.name}" not in wired]
-            self.extra += part.blocks("Get", unread)
+        unread: dict[str, dict[str, ScalarVariable]] = {part.name: {} for part in parts}
+        for port in ports:
+            if port.name not in wired:
+                unread[port.part][port.name] = port.variable
+        self.extra = [b for p in parts for b in p.blocks("Get", [*unread[p.name].values()])]
         place = wired | {name: (b, i) for b in self.extra for i, name in enumerate(b.names)}
         self.columns = [place[port.name] for port in ports]
         self._cells = [(block.cells, i) for block, i in self.columns]
