@@ -7,7 +7,7 @@ import math
 
 from ..errors import NotFinite
 from ..inputs import Course, Table
-from .operation import FEED, Layout, Operation, address
+from .operation import FEED, NOT_FINITE, Layout, Operation, address
 
 
 class Feed(Operation):
@@ -21,15 +21,15 @@ class Feed(Operation):
         """Take the mean over the step from t by h [s]; raises NotFinite."""
         self.cell[0] = self.profile.mean(t, h)
         if not math.isfinite(self.cell[0]):
-            raise self.not_finite(t)
+            self.answered(t, h, NOT_FINITE)
 
     def layout(self) -> Layout:
         """The means stand in a list, which is laid out with the steps."""
         return Layout(FEED, checked=1, cells=address(self.cell))
 
-    def not_finite(self, t: float) -> NotFinite:
-        """The error for what no FMU may get; t is its time [s]."""
-        return NotFinite(f"{self.name} = {self.cell[0]!r} at t = {t!r} s must be a finite number")
+    def answered(self, t: float, h: float, status: int) -> None:
+        value = self.cell[0]
+        raise NotFinite(f"{self.name} = {value!r} at t = {t!r} s must be a finite number")
 
     def taylor(self, begin: float, h: float) -> list[float]:
         """Coefficients of the line with the mean and the rise of the step from `begin` by h [s]."""

@@ -3,24 +3,24 @@
    A program is a list of operations that the master has laid out; the arithmetic and its order are
    those of the operations in Python, so that both give the same bits. */
 
+#include <limits.h>
 #include <math.h>
 #include <stddef.h>
 #include <string.h>
 
-enum { COPY, SCALE, FEED, SET, GET, STEP, BOOK };
+enum { COPY, SCALE, FEED, SET, GET, STEP, BOOK, NOT_FINITE = INT_MIN };
 
 typedef int (*exchange)(void *component, const unsigned *references, size_t count, void *cells);
 typedef int (*do_step)(void *component, double time, double size, int forward);
 
-/* Done at t + at * h of a step from t by h, for a turn of size * h. `checked` are the first cells
-   that must be finite after it; `warned` is the first step in which it returned a warning. */
+/* Done at t + at * h of a step from t by h, for a turn of size * h. `checked` is the number of cells
+   that must be finite after it. */
 typedef struct {
     int code, count, checked, forward;
     void *function, *component, *references, *cells;
     const void *source;
     const double *first, *last;
     double at, size, factor, offset;
-    long long warned;
 } operation;
 
 typedef struct {
@@ -81,24 +81,23 @@ static int finite_cells(const operation *op)
 }
 
 /* Steps number first + 1 to last of size h from start on; after every `every`-th step the operations
-   from row_begin on are done too and a row of the columns goes to rows. Returns the number of rows;
-   *done is the last step that was completed, *failed the index of the operation that stopped it or
-   -1, *status what it returned: 0 or 1 if a value was not finite. */
-int advance(operation *program, int length, int row_begin, const column *columns, int width,
-            double start, double h, long long first, long long last, long long every, double *rows,
-            long long *done, int *failed, int *status)
+   from row_begin on are done too and a row of the columns goes to rows. Returns the number of rows.
+   `report` is the last step that was completed, and of the operation that stopped it the index, or
+   -1, and the status; `warned` of each operation the first step in which it returned a warning. */
+int advance(const operation *program, long long *warned, int length, int row_begin,
+            const column *columns, int width, double start, double h, long long first,
+            long long last, long long every, double *rows, long long *report)
 {
     int count = 0;
-    *failed = -1;
     for (long long n = first + 1; n <= last; n++) {
         double t = start + (double)(n - 1) * h;
         int due = n % every == 0;
         for (int i = 0; i < (due ? length : row_begin); i++) {
-            *status = run(&program[i], t, h, n - first - 1);
-            if (*status == 1 && !program[i].warned) program[i].warned = n;
-            if (*status > 1 || *status < 0 || !finite_cells(&program[i])) {
-                *failed = i;
-                *done = n - 1;
+            int status = run(&program[i], t, h, n - first - 1);
+            if (status == 1 && !warned[i]) warned[i] = n;
+            int done = (status == 0 || status == 1);
+            if (!done || !finite_cells(&program[i])) {
+                report[0] = n - 1, report[1] = i, report[2] = done ? NOT_FINITE : status;
                 return count;
             }
         }
@@ -110,6 +109,6 @@ int advance(operation *program, int length, int row_begin, const column *columns
             count++;
         }
     }
-    *done = last;
+    report[0] = last, report[1] = -1;
     return count;
 }

@@ -5,9 +5,8 @@ from __future__ import annotations
 import ctypes
 from typing import Any
 
-from ..errors import NotFinite
-
 COPY, SCALE, FEED, SET, GET, STEP, BOOK = range(7)
+NOT_FINITE = -(2**31)
 
 
 class Layout(ctypes.Structure):
@@ -18,7 +17,6 @@ class Layout(ctypes.Structure):
         *((name, ctypes.c_void_p) for name in ("function", "component", "references")),
         *((name, ctypes.c_void_p) for name in ("cells", "source", "first", "last")),
         *((name, ctypes.c_double) for name in ("at", "size", "factor", "offset")),
-        ("warned", ctypes.c_longlong),
     ]
 
 
@@ -37,12 +35,8 @@ class Operation:
         return None
 
     def answered(self, t: float, h: float, status: int) -> None:
-        """Keep a warning of a call into an FMU; raise PartFailure for a worse status."""
-        raise AssertionError("an operation without a call has no status")
-
-    def not_finite(self, t: float) -> NotFinite:
-        """The error for a value that no wire may carry."""
-        raise AssertionError("an operation that checks no values")
+        """Keep a warning of a call; raise PartFailure for a worse status, or NOT_FINITE."""
+        raise AssertionError("an operation that cannot fail")
 
 
 def address(cells: Any, i: int = 0) -> int:

@@ -11,6 +11,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from functools import partial
 from itertools import count
+from math import isfinite
 from typing import Any
 from weakref import WeakValueDictionary
 
@@ -28,7 +29,7 @@ from fmpy.model_description import ModelDescription, ScalarVariable
 from ..errors import Discarded, Ended, NotFinite, PartFailure
 from ..system import Value
 from .library import Library
-from .operation import GET, SET, Layout, Operation, address
+from .operation import GET, NOT_FINITE, SET, Layout, Operation, address
 
 OK, WARNING, DISCARD, ERROR, FATAL = range(5)
 STATUS = ("OK", "Warning", "Discard", "Error", "Fatal", "Pending")
@@ -118,8 +119,8 @@ class Block(Operation):
 
     def __call__(self, t: float, h: float = 0.0) -> None:
         self.move()
-        if self.reads and self.real and not all(map(math.isfinite, self.cells)):
-            raise self.not_finite(t)
+        if self.reads and self.real and not all(map(isfinite, self.cells)):
+            self.answered(t, h, NOT_FINITE)
 
     def move(self) -> None:
         """Move the buffer's values; raises PartFailure."""
@@ -144,14 +145,11 @@ class Block(Operation):
         )
 
     def answered(self, t: float, h: float, status: int) -> None:
-        self.part.answered(self.call, status)
-
-    def not_finite(self, t: float) -> NotFinite:
-        """The error for the first value that is not a finite number."""
-        bad = next(k for k, cell in enumerate(self.cells) if not math.isfinite(cell))
-        return NotFinite(
-            f"{self.names[bad]} = {self.cells[bad]!r} at t = {t!r} s must be a finite number"
-        )
+        if status != NOT_FINITE:
+            self.part.answered(self.call, status)
+            return
+        name, value = next(pair for pair in zip(self.names, self.cells) if not isfinite(pair[1]))
+        raise NotFinite(f"{name} = {value!r} at t = {t!r} s must be a finite number")
 
 
 class Part:

@@ -18,7 +18,7 @@ from .algorithms import Timed
 from .exchange import Step
 from .feed import Feed
 from .operation import Layout, address
-from .part import OK, WARNING, Block
+from .part import WARNING, Block
 
 SOURCE = Path(__file__).with_name("loop.c")
 
@@ -74,6 +74,11 @@ class Loop:
         self._advance = library().advance
         self._operations = [*program, *(Timed(block, 1.0, 0.0) for block in extra)]
         self._layouts = (Layout * len(self._operations))(*map(_layout, self._operations))
+        self._warned = (ctypes.c_longlong * len(self._operations))()
+        self._feeds = [k for k, timed in enumerate(program) if isinstance(timed.operation, Feed)]
+        self._parts = [
+            timed.operation.part for timed in program if isinstance(timed.operation, Step)
+        ]
         self._row_begin = len(program)
         cells = (Column(address(block.cells, i), block.real) for block, i in columns)
         self._columns = (Column * len(columns))(*cells)
@@ -90,15 +95,17 @@ class Loop:
         """
         rows = (ctypes.c_double * (self._width * ((last - first) // self._every + 1)))()
         kept = []
-        for (operation, at, size), layout in zip(self._operations, self._layouts):
-            if isinstance(operation, Feed):
-                times = (start + n * h + at * h for n in range(first, last))
-                means = [operation.profile.mean(t, size * h) for t in times]
-                kept.append((ctypes.c_double * len(means))(*means))
-                layout.source = address(kept[-1])
-        done, failed, status = ctypes.c_longlong(), ctypes.c_int(), ctypes.c_int()
+        for k in self._feeds:
+            feed, at, size = self._operations[k]
+            assert isinstance(feed, Feed)
+            times = (start + n * h + at * h for n in range(first, last))
+            means = [feed.profile.mean(t, size * h) for t in times]
+            kept.append((ctypes.c_double * len(means))(*means))
+            self._layouts[k].source = address(kept[-1])
+        report = (ctypes.c_longlong * 3)()
         count = self._advance(
             self._layouts,
+            self._warned,
             ctypes.c_int(len(self._layouts)),
             ctypes.c_int(self._row_begin),
             self._columns,
@@ -109,33 +116,21 @@ class Loop:
             ctypes.c_longlong(last),
             ctypes.c_longlong(self._every),
             rows,
-            ctypes.byref(done),
-            ctypes.byref(failed),
-            ctypes.byref(status),
+            report,
         )
+        done, failed, status = report
+        for part in self._parts:
+            part.do_steps += part.substeps * (done - first)
+        answers = [(k, n - 1, WARNING) for k, n in enumerate(self._warned) if n]
+        answers += [(failed, done, status)] if failed >= 0 else []
         failure = None
         try:
-            self._tell(start, h, done.value - first, done.value, failed.value, status.value)
+            for k, n, answer in answers:
+                operation, at, size = self._operations[k]
+                operation.answered(start + n * h + at * h, size * h, answer)
         except PartFailure as error:
             failure = error
-        return rows[: count * self._width], done.value, failure
-
-    def _tell(
-        self, start: float, h: float, steps: int, done: int, failed: int, status: int
-    ) -> None:
-        """Count the steps and keep the warnings; raise the failure of the operation that failed."""
-        for (operation, at, size), layout in zip(self._operations, self._layouts):
-            if isinstance(operation, Step):
-                operation.part.do_steps += operation.part.substeps * steps
-            if layout.warned:
-                t = start + (layout.warned - 1) * h
-                operation.answered(t + at * h, size * h, WARNING)
-        if failed >= 0:
-            operation, at, size = self._operations[failed]
-            t = start + done * h + at * h
-            if status in (OK, WARNING):
-                raise operation.not_finite(t)
-            operation.answered(t, size * h, status)
+        return rows[: count * self._width], done, failure
 
 
 def possible(program: Sequence[Timed]) -> bool:

@@ -19,7 +19,6 @@ from .algorithms import EXPLICIT, Advance, explicit, iterated, order, program
 from .changes import Change, changing
 from .clock import same
 from .exchange import Coupled
-from .part import Block
 from .program import Loop, possible
 from .rows import Grid, Recorder
 from .snapshot import Snapshot, forget_after
