@@ -21,6 +21,8 @@ from .operation import Layout, address
 from .part import WARNING, Block
 
 SOURCE = Path(__file__).with_name("loop.c")
+INT, LONG, DOUBLE, CELLS = ctypes.c_int, ctypes.c_longlong, ctypes.c_double, ctypes.c_void_p
+ARGUMENTS: Any = [CELLS, CELLS, INT, INT, CELLS, INT, *[DOUBLE] * 2, *[LONG] * 3, CELLS, CELLS]
 
 
 class Column(ctypes.Structure):
@@ -32,16 +34,8 @@ class Column(ctypes.Structure):
 @cache
 def library() -> Any:
     """The compiled loop; raises OSError with the reason if there is none."""
-    compiler = [
-        sys.executable,
-        "-m",
-        "ziglang",
-        "cc",
-        "-O2",
-        "-ffp-contract=off",
-        "-shared",
-        "-fPIC",
-    ]
+    options = ["-O2", "-ffp-contract=off", "-shared", "-fPIC"]
+    compiler = [sys.executable, "-m", "ziglang", "cc", *options]
     made_of = (SOURCE.read_text(), *compiler[1:], sys.platform, platform.machine())
     name = f"loop-{hashlib.sha256(repr(made_of).encode()).hexdigest()[:16]}.so"
     path = SOURCE.parent / "__pycache__" / name
@@ -54,7 +48,9 @@ def library() -> Any:
             if done.returncode:
                 raise OSError((done.stderr.strip() or "the compiler failed").splitlines()[-1])
             made.replace(path)
-    return ctypes.CDLL(str(path))
+    loop = ctypes.CDLL(str(path))
+    loop.advance.argtypes = ARGUMENTS
+    return loop
 
 
 class Loop:
@@ -104,20 +100,9 @@ class Loop:
             self._layouts[k].source = address(kept[-1])
         report = (ctypes.c_longlong * 3)()
         count = self._advance(
-            self._layouts,
-            self._warned,
-            ctypes.c_int(len(self._layouts)),
-            ctypes.c_int(self._row_begin),
-            self._columns,
-            ctypes.c_int(len(self._columns)),
-            ctypes.c_double(start),
-            ctypes.c_double(h),
-            ctypes.c_longlong(first),
-            ctypes.c_longlong(last),
-            ctypes.c_longlong(self._every),
-            rows,
-            report,
-        )
+            self._layouts, self._warned, len(self._layouts), self._row_begin,
+            self._columns, len(self._columns), start, h, first, last, self._every, rows, report,
+        )  # fmt: skip
         done, failed, status = report
         for part in self._parts:
             part.do_steps += part.substeps * (done - first)
