@@ -190,16 +190,16 @@ class Bench:
         begin = settled + max(1, round(self.kick / h))
         end = begin + count
 
-        names = [port.name for port in ports]
-        before, after = Recorder(names, {}, None, {}), Recorder(names, {}, None, {})
+        recorder = Recorder([port.name for port in ports], {}, None, {})
 
-        def go(first: int, last: int, recorder: Recorder) -> None:
+        def go(first: int, last: int) -> int:
             plan = Plan(self.start + first * h, self.start + last * h, h, None)
             row = Row(parts, ports)
             made = changes(self.network, named, plan.start, plan.stop)
             run = Run(parts, self.algorithm, self.input_order, plan, row, recorder, made)
             for _ in run.steps():
                 pass
+            return recorder.count
 
         with ExitStack() as stack:
             named = initialise(
@@ -208,12 +208,12 @@ class Bench:
             )  # fmt: skip
             parts = [named[name] for name in self.sequence]
             if settled:
-                go(0, settled, before)
+                go(0, settled)
             with _kicked(parts, kick):
-                go(settled, begin, before)
+                before = go(settled, begin)
             with suppress(PartFailure):
-                go(begin, end, after)
-        return np.array(after.rows).reshape(after.count, -1)[:, 1:]
+                go(begin, end)
+        return np.array(recorder.rows).reshape(recorder.count, -1)[before:, 1:]
 
 
 @contextmanager
