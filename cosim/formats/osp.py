@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
 from ..errors import SetupError
-from ..system import Network, Port, System, Value, Wire, still
+from ..system import Connection, Network, Port, System, Value, still
 from .ssp.write import archived
 
 NAMESPACE = "http://opensimulationplatform.com/MSMI/OSPSystemStructure"
@@ -71,7 +71,7 @@ def _initial(values: Element, port: Port, value: Value) -> None:
     SubElement(initial, port.type, value=text)
 
 
-def _connection(functions: Element, connections: Element, wire: Wire, name: str) -> None:
+def _connection(functions: Element, connections: Element, wire: Connection, name: str) -> None:
     if wire.source.type == "Enumeration":
         raise SetupError(f"{wire.source} -> {wire.target}: libcosim cannot wire an Enumeration")
     if (wire.factor, wire.offset) == (1.0, 0.0):

@@ -12,6 +12,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 from ..engine.adaptive import Adaptive
+from ..engine.algorithms import ALGORITHMS
 from ..master import run
 from ..result import Result
 from .ideal import Ideal, Scheme
@@ -32,16 +33,8 @@ SAME = 1e-10
 ORDER = 0.1
 MARGIN = 0.02
 
-SCHEMES = {
-    "jacobi": Scheme("jacobi"),
-    "gauss-seidel": Scheme("gauss-seidel"),
-    "strang": Scheme("strang"),
-    "iterated": Scheme("iterated"),
-    "jacobi, input order 1": Scheme("jacobi", input_order=1),
-    "gauss-seidel, input order 1": Scheme("gauss-seidel", input_order=1),
-    "strang, input order 1": Scheme("strang", input_order=1),
-    "iterated, input order 1": Scheme("iterated", input_order=1),
-}
+SCHEMES = {name: Scheme(name) for name in ALGORITHMS}
+SCHEMES |= {f"{name}, input order 1": Scheme(name, input_order=1) for name in ALGORITHMS}
 HOLDING = {
     "jacobi, FMUs extrapolate": Scheme("jacobi", hold=1),
     "iterated, FMUs interpolate": Scheme("iterated", hold=2),

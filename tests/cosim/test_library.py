@@ -21,14 +21,12 @@ from cosim.__main__ import main
 from cosim.engine.library import KEPT, MOST_KEPT
 from cosim.scratch import scratch
 from tests.conftest import ROOT, described, hear_ctrl_c, rewritten, until
-
-WIRES = ("motor.tau -> conveyor.tau", "conveyor.w -> motor.w")
+from tests.cosim.test_cosim import pair
 
 
 def drive(folder: Path) -> System:
     """Motor and conveyor."""
-    parts = {"motor": folder / "DriveMotor.fmu", "conveyor": folder / "CrankConveyor.fmu"}
-    return System(parts, WIRES, {"conveyor.w": 40.0})
+    return pair(folder, {"conveyor.w": 40.0})
 
 
 def test_the_second_run_takes_the_same_folder_and_gives_the_same_bits(both: Path) -> None:
@@ -159,7 +157,6 @@ def test_nothing_is_left_behind(
         text=True,
         preexec_fn=hear_ctrl_c,  # noqa: PLW1509
     )
-    assert process.stdin is not None and process.stdout is not None
     assert process.stdout.readline() == "ready\n", process.communicate()
     assert len([path for path in scratch.glob("cosim_*/*") if path.is_dir()]) == 3
     process.stdin.write("0.01\n" if ending == "end" else "1e6\n")
