@@ -1,4 +1,4 @@
-"""python -m cosim info | check | run | diagnose | export FILE, an .ssp or a single .fmu; verify."""
+"""python -m cosim info | check | run | diagnose | export FILE, a system or a single .fmu; verify."""
 
 from __future__ import annotations
 
@@ -19,11 +19,13 @@ from .commandline import Parser, assignment, exit_code, literal
 from .engine.adaptive import Adaptive
 from .engine.algorithms import ALGORITHMS
 from .engine.part import quiet
+from .engine.rows import Stream
 from .engine.stepping import Plan
 from .errors import SetupError
 from .formats.container import write_container
-from .formats.osp import write_osp
-from .formats.ssp import read_ssp, write_ssp
+from .formats.osp import FILE, read_osp, write_osp
+from .formats.ssp import Package, read_ssp, write_ssp
+from .formats.values import read_values
 from .inputs import Table
 from .judge import describe
 from .judge.certify import SUMMARY, Estimate, certify, summary
@@ -39,16 +41,26 @@ EXACT = Path("fmus/LinearSystem.fmu")
 
 
 class Task(NamedTuple):
-    """A system that has been read and checked, its start and stop [s] if it has some."""
+    """A system that has been read and checked, and the file it came from."""
 
     network: Network
-    start: float
-    stop: float | None
-    connectors: dict[str, str]
+    package: Package
 
     @property
     def system(self) -> System:
         return self.network.system
+
+    @property
+    def start(self) -> float:
+        return self.package.start or 0.0
+
+    def step(self, given: float | None) -> float:
+        """The step [s] that is given, or the file's, or the shortest that an FMU prefers."""
+        preferred = min(describe.preferred_steps(self.network).values(), default=None)
+        for step in (given, self.package.step, preferred):
+            if step is not None:
+                return step
+        raise SetupError("no FMU prefers a communication step: give --step")
 
 
 def over_time(system: System, options: argparse.Namespace) -> System:
@@ -69,26 +81,30 @@ def over_time(system: System, options: argparse.Namespace) -> System:
 
 @contextmanager
 def opened(options: argparse.Namespace) -> Iterator[Task]:
-    """The system of the file, with start values "part.variable=value" in place of its own."""
-    path, given, strict = options.file, options.given, options.strict
+    """The system of the file, with the start values of --parameters and of --set over its own."""
     with TemporaryDirectory(prefix="cosim_") as folder:
-        if path.suffix == ".ssp":
-            system, start, stop, connectors = read_ssp(path, Path(folder) / "ssp")
-        elif path.suffix == ".fmu":
-            system, start, stop, connectors = alone(path), 0.0, None, {}
-        else:
-            raise SetupError(f"{path} must be an .ssp or an .fmu")
+        package = read(options.file, Path(folder) / "ssp")
+        system = package.system
         network = connect(system)
-        texts = dict(assignment(text) for text in given)
-        values = {
-            name: text if network.port(name).type == "String" else literal(text)
-            for name, text in texts.items()
-        }
+        values = read_values(options.parameters, network) if options.parameters else {}
+        for name, text in map(assignment, options.given):
+            values[name] = text if network.port(name).type == "String" else literal(text)
         system = replace(system, start={**system.start, **values})
         network = connect(over_time(system, options))
-        for part, blemish in network.blemishes.items() if strict else ():
+        for part, blemish in network.blemishes.items() if options.strict else ():
             raise SetupError(f"part {part}: {blemish}")
-        yield Task(network, start or 0.0, stop, connectors)
+        yield Task(network, package)
+
+
+def read(path: Path, folder: Path) -> Package:
+    """The system of a file or a folder; packages are unpacked into `folder`."""
+    if path.suffix == ".fmu":
+        return Package(alone(path))
+    if path.suffix == ".xml" or (path / FILE).is_file():
+        return read_osp(path)
+    if path.suffix in (".ssp", ".ssd") or path.is_dir():
+        return read_ssp(path, folder)
+    raise SetupError(f"{path} must be an .ssp, an .ssd, an {FILE}, a folder with one, or an .fmu")
 
 
 def alone(path: Path) -> System:
@@ -132,7 +148,12 @@ def parser() -> Parser:
         )
         one.set_defaults(does=does)
         if file:
-            one.add_argument("file", type=Path, help=".ssp, or a single .fmu")
+            text = f".ssp, .ssd, {FILE}, a folder with one, or a single .fmu"
+            one.add_argument("file", type=Path, help=text)
+            one.add_argument(
+                "--parameters", type=Path, metavar="FILE",
+                help="start values: an .ssv, or a .csv with the columns name, value and unit",
+            )  # fmt: skip
             one.add_argument(
                 "--set", dest="given", metavar="NAME=VALUE", action="append", default=[],
                 help="start value of a parameter or input, by its dotted name",
@@ -155,7 +176,7 @@ def parser() -> Parser:
 
     measures = command("diagnose", measure, "what the coupling does to the damping")
     add = measures.add_argument
-    add("--step", type=float, help="communication step [s]; the FMUs' preferred one by default")
+    add("--step", type=float, help="communication step [s]; the file's, or the FMUs', by default")
     add("--algorithm", choices=ALGORITHMS, default="strang", help="coupling algorithm")
     add("--share", type=float, default=0.05, help="artificial damping allowed, of the real one")
     add(
@@ -179,7 +200,7 @@ def stepping(one: Parser) -> None:
     add = one.add_argument
     add("--start", type=float, help="start time [s]; the file's by default")
     add("--stop", type=float, help="stop time [s]; the file's by default")
-    add("--step", type=float, help="communication step [s]; the FMUs' preferred one by default")
+    add("--step", type=float, help="communication step [s]; the file's, or the FMUs', by default")
     add("--adaptive", type=float, metavar="TOLERANCE", help="choose steps for this coupling error")
     add("--algorithm", choices=ALGORITHMS, default="strang", help="coupling algorithm")
     add("--order", type=names, help="order in which parts step: a,b,c")
@@ -196,13 +217,13 @@ def stepping(one: Parser) -> None:
 def plan(task: Task, options: argparse.Namespace) -> Plan:
     """Times and steps as asked for, as the file says, or as the FMUs prefer."""
     start = task.start if options.start is None else options.start
-    stop = task.stop if options.stop is None else options.stop
+    stop = task.package.stop if options.stop is None else options.stop
     if stop is None:
         raise SetupError("the file has no default experiment: give --stop")
     if options.step is not None and options.adaptive is not None:
         raise SetupError("--step and --adaptive exclude each other")
-    step = Adaptive(options.adaptive) if options.adaptive is not None else options.step
-    step = preferred_step(task.network) if step is None else step
+    adaptive = options.adaptive is not None
+    step = Adaptive(options.adaptive) if adaptive else task.step(options.step)
     chosen = Plan(start, stop, step, options.output_step)
     chosen.check()
     return chosen
@@ -212,10 +233,12 @@ def show(options: argparse.Namespace) -> int:
     """python -m cosim info."""
     with opened(options) as task:
         print("\n".join(describe.info(task.network)))
-        for connector, port in task.connectors.items():
+        for connector, port in task.package.connectors.items():
             print(f"connector {connector} is {port}")
-        if task.stop is not None:
-            print(f"default experiment: {task.start:g} to {task.stop:g} s")
+        if task.package.stop is not None:
+            print(f"default experiment: {task.start:g} to {task.package.stop:g} s")
+        if task.package.step is not None:
+            print(f"communication step: {task.package.step:g} s")
     return 0
 
 
@@ -255,7 +278,8 @@ def simulate(options: argparse.Namespace) -> int:
         require_files(options, task.system)
         whole = options.out is not None and options.part is None and options.out.suffix == ".csv"
         figures: dict[str, Estimate] = {}
-        with TemporaryDirectory(prefix="cosim_") as folder:
+        later = None if whole else options.out
+        with TemporaryDirectory(prefix="cosim_") as folder, claimed(later):
             runner = partial(run_isolated, csv=Path(folder) / "rows.csv")
             if whole:
                 settings["csv"] = options.out
@@ -268,11 +292,11 @@ def simulate(options: argparse.Namespace) -> int:
                         result = runner(task.system, **settings)
             except (SimulationError, Interrupted) as stopped:
                 warn(stopped.result)
-                if options.out is not None and not whole:
-                    stopped.result.write(partial_file(options.out), part=options.part)
+                if later is not None:
+                    stopped.result.write(partial_file(later), part=options.part)
                 raise
-            if options.out is not None and not whole:
-                result.write(options.out, part=options.part)
+            if later is not None:
+                result.write(later, part=options.part)
             if options.plot is not None:
                 result.plot(path=options.plot)
             print("\n".join(told(result)))
@@ -284,6 +308,21 @@ def simulate(options: argparse.Namespace) -> int:
         print("\n".join(certified(result, figures)))
     warn(result)
     return 0
+
+
+@contextmanager
+def claimed(path: Path | None) -> Iterator[None]:
+    """Keep other runs from a file that is written at the end; SetupError if one writes it now."""
+    if path is None:
+        yield
+        return
+    claim = Stream(partial_file(path.with_suffix(".csv")))
+    try:
+        yield
+    finally:
+        if claim.path.exists() and not claim.path.stat().st_size:
+            claim.path.unlink()
+        claim.close()
 
 
 def require_files(options: argparse.Namespace, system: System) -> None:
@@ -354,7 +393,7 @@ def measure(options: argparse.Namespace) -> int:
     with opened(options) as task:
         found = diagnose(
             task.system,
-            step=preferred_step(task.network) if options.step is None else options.step,
+            step=task.step(options.step),
             algorithm=options.algorithm,
             share=options.share,
             start=task.start,
@@ -364,26 +403,19 @@ def measure(options: argparse.Namespace) -> int:
     return 0
 
 
-def preferred_step(network: Network) -> float:
-    """The shortest communication step [s] that an FMU prefers; raises SetupError if none does."""
-    preferred = describe.preferred_steps(network).values()
-    if not preferred:
-        raise SetupError("no FMU prefers a communication step: give --step")
-    return min(preferred)
-
-
 def export(options: argparse.Namespace) -> int:
     """python -m cosim export."""
     with opened(options) as task:
+        start, stop = task.start, task.package.stop
         if options.to == "ssp":
-            write_ssp(task.system, options.out, task.stop)
+            write_ssp(task.system, options.out, stop, start)
+        elif options.to == "osp":
+            step = task.step(options.step)
+            write_osp(task.system, options.out, step=step, start=start, stop=stop)
         else:
-            step = preferred_step(task.network) if options.step is None else options.step
-            if options.to == "osp":
-                write_osp(task.system, options.out, step=step, start=task.start, stop=task.stop)
-            else:
-                stop = task.start + 1.0 if task.stop is None else task.stop
-                write_container(task.system, options.out, step=step, start=task.start, stop=stop)
+            stop = start + 1.0 if stop is None else stop
+            step = task.step(options.step)
+            write_container(task.system, options.out, step=step, start=start, stop=stop)
     print(f"{options.out} written")
     return 0
 

@@ -30,6 +30,7 @@ READ: dict[str, Callable[[str], Value]] = {
     "String": str,
     "Enumeration": str,
 }
+XML, LONGEST = "modelDescription.xml", 128 * 2**20
 NUMERIC = {"Real": float, "Integer": int, "Enumeration": int, "Boolean": int}
 
 
@@ -188,10 +189,12 @@ def _read(path: Path, _: tuple[int, int]) -> tuple[ModelDescription, str]:
     try:
         with ZipFile(path) as archive:
             files = archive.namelist()
+            long = any(f.file_size > LONGEST for f in archive.infolist() if f.filename == XML)
     except Exception as error:
         raise SetupError(f"is not a valid FMU, it cannot be opened as zip: {error}") from error
-    if "modelDescription.xml" not in files:
-        raise SetupError("is not a valid FMU, it has no modelDescription.xml")
+    if XML not in files or long:
+        which = f"one of more than {LONGEST >> 20} MiB" if long else "no"
+        raise SetupError(f"is not a valid FMU, it has {which} {XML}")
     try:
         description = read_model_description(str(path), validate=False)
     except Exception as error:
@@ -263,7 +266,7 @@ def _wire(descriptions: Mapping[str, ModelDescription], text: str) -> Wire:
         raise SetupError(f"wire {text!r}: {source} is {source.variable.causality}, not an output")
     if target.variable.causality != "input":
         raise SetupError(f"wire {text!r}: {target} is {target.variable.causality}, not an input")
-    if source.type != target.type:
+    if not fits(source.type, target.type):
         raise SetupError(f"wire {text!r}: {source.type} cannot drive {target.type}")
     factor, offset = (float(re.sub(r"\s", "", match[key] or default))
                       for key, default in (("factor", "1"), ("offset", "0")))  # fmt: skip
@@ -275,6 +278,11 @@ def _wire(descriptions: Mapping[str, ModelDescription], text: str) -> Wire:
     if wire[2:] != (1.0, 0.0) and source.type != "Real":
         raise SetupError(f"wire {text!r}: {source.type} cannot be scaled")
     return wire
+
+
+def fits(source: str, target: str) -> bool:
+    """Whether values of one type can be those of another: FMI hands enumerations on as Integers."""
+    return source == target or {source, target} == {"Integer", "Enumeration"}
 
 
 def _conversion(

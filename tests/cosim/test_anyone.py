@@ -148,6 +148,17 @@ def test_discrete_wires_are_late_as_they_must(kind: str, algorithm: str, make: M
         assert result[shown[part]].tolist() == told, part
 
 
+def test_integers_and_enumerations_drive_each_other(make: Make) -> None:
+    """FMI hands both over as whole numbers: C hears what it would hear by Integers alone."""
+    parts = {"A": make(counts=True), "B": make(), "C": make()}
+    seen = []
+    for kind in ("integer", "enumeration"):
+        wires = [f"A.integer_out -> B.{kind}_in", f"B.{kind}_out -> C.integer_in"]
+        result = run(system(parts, *wires), stop=6 * H, step=H, algorithm="jacobi")
+        seen.append(result["C.integer_out"].tolist())
+    assert seen[0][3:] == seen[1][3:] == [1, 2, 3, 4]
+
+
 @pytest.mark.parametrize("gear", [5, "high"])
 def test_start_values_of_every_type_arrive(gear: Value, make: Make, tmp_path: Path) -> None:
     diary = tmp_path / "ä 100 %.txt"

@@ -469,6 +469,82 @@ def test_suppressed_conversion_lets_any_unit_pass(fmus: Path, read: Read) -> Non
     same(package, pair(fmus, ["motor.tau -> conveyor.tau", "motor.tau => motor.w"]))
 
 
+def annotated(content: str) -> str:
+    """A default experiment with an annotation."""
+    return (
+        '<ssd:DefaultExperiment stopTime="1"><ssd:Annotations><ssc:Annotation type="x">'
+        f"{content}</ssc:Annotation></ssd:Annotations></ssd:DefaultExperiment>"
+    )
+
+
+@pytest.mark.parametrize(
+    ("content", "step"),
+    [
+        (
+            '<o:Algorithm xmlns:o="o"><o:FixedStepAlgorithm baseStepSize="1e-4"/></o:Algorithm>',
+            1e-4,
+        ),
+        ('<FixedStepMaster stepSize="0.002" description="oms-ma"/>', 0.002),
+        ("<Other/>", None),
+    ],
+)
+def test_the_step_of_osp_and_omsimulator_is_read(
+    content: str, step: float | None, read: Read
+) -> None:
+    assert read(flat(tail=annotated(content))).step == step
+
+
+NEWS = "<ssd:MetaData kind='general' type='text/plain' source='x.txt'/><ssd:Signature role='a' type='b'/>"
+
+
+def test_what_2_0_shares_with_1_0_is_read(fmus: Path, read: Read) -> None:
+    """New names of old types, in the structure and in parameter sets; who signed it is dropped."""
+    parameters = bindings(values('T Float64 value="0.05";characteristic Enumeration value="kloss"'))
+    structure = flat(motor=parameters, tail=NEWS.replace("ssd:", "ssc:"))
+    structure = structure.replace('version="1.0"', 'version="2.0"').replace(
+        "ssc:Real", "ssc:Float64"
+    )
+    same(read(structure), pair(fmus, motor__T=0.05, motor__characteristic=1))
+
+
+@pytest.mark.parametrize("name", ["", "SystemStructure.ssd"])
+def test_a_folder_and_its_ssd_are_read(
+    name: str, fmus: Path, resources: Files, tmp_path: Path
+) -> None:
+    """With packages in it, and files beside it."""
+    elements, connections, ports = INSIDE
+    package = {"SystemStructure.ssd": ssd(elements, connections, ports), **resources}
+    (tmp_path / "folder").mkdir()
+    pack(tmp_path / "line.ssp", package)
+    motor = tmp_path / "DriveMotor.fmu"
+    motor.symlink_to(fmus / motor.name)
+    structure = nested("application/x-ssp-package", "../line.ssp")
+    structure = structure.replace("resources/Drive", "../Drive")
+    (tmp_path / "folder" / "SystemStructure.ssd").write_text(structure)
+    package = read_ssp(tmp_path / "folder" / name, tmp_path / "unpacked")
+    same(package, pair(fmus), conveyor="line.conveyor")
+    assert len(list((tmp_path / "unpacked").iterdir())) == 1
+    with pytest.raises(SetupError, match=r"there is no file 'SystemStructure\.ssd' in unpacked"):
+        read_ssp(tmp_path / "unpacked", tmp_path / "more")
+
+
+def test_dialects_of_other_tools(read: Read, caplog: pytest.LogCaptureFixture) -> None:
+    """An empty element is none, the FMU may define an enumeration, a mapping may be half filled."""
+    enumeration = '<ssc:Enumeration name="E"/>'
+    ports = connectors(("T", "parameter", ""), ("characteristic", "parameter", enumeration))
+    mapped = mapping(("kind", 'target="characteristic"', ""), ("", 'target="A"', ""))
+    kloss = bindings(values('kind Enumeration value="kloss"'), mapped=mapped)
+    lag = connectors(("lag", "parameter", "")) + bindings(values('lag Real value="0.05"'))
+    structure = component(FMU, ports + kloss, SPACE.format("", "lag", "part", "T"), more=lag)
+    with caplog.at_level(logging.WARNING, "cosim"):
+        start = read(structure).system.start
+    assert start == {"part.T": 0.05, "part.characteristic": 1, "part.w": 40.0}
+    assert [text.partition(": ")[2] for text in caplog.messages] == [
+        "characteristic: there is no Enumeration 'E'",
+        "1 entries without a source",
+    ]
+
+
 def test_graphics_and_annotations_are_ignored(fmus: Path, read: Read) -> None:
     comment = "<!-- a comment --><?tool an instruction?>"
     note = '<ssd:GraphicalElements><ssd:Note x1="0" y1="0" x2="1" y2="1" text="*"/></ssd:GraphicalElements>'
@@ -594,8 +670,6 @@ BAD: dict[str, Any] = {
     "units on a wire": (flat(ends=SPACE.format("motor", "tau", "motor", "w")), "N.m cannot be converted to rad/s"),
     "binary": (component(FMU, connectors(("w", "input", "<ssc:Binary/>"))), "connector type Binary is not supported"),
     "inout": (component(FMU, connectors(("w", "inout", ""))), "connector kind inout is not supported"),
-    "unknown enumeration": (component(FMU, connectors(("characteristic", "parameter", '<ssc:Enumeration name="E"/>'))),
-        "there is no Enumeration 'E'"),
     "calculated parameter": (component(ECHO, echo_connectors("twice", "calculatedParameter"), SPACE.format("part", "twice", "part", "r")),
         "calculatedParameter part.twice cannot drive parameter part.r, only an output an input"),
     "constant": (component(ECHO, bindings(values('g Real value="1"'))), "part.g is local and cannot be given a start value"),
@@ -626,7 +700,11 @@ BAD: dict[str, Any] = {
         "bus: SignalDictionary is not supported"),
     "signal dictionary reference": (ssd('<ssd:SignalDictionaryReference name="bus" dictionary="b"/>'),
         "bus: SignalDictionaryReference is not supported"),
-    "version": (ssd("").replace('version="1.0"', 'version="2.0"'), "version 2.0 of SSP is not supported, only 1.0"),
+    "version": (ssd("").replace('version="1.0"', 'version="3.0"'), "version 3.0 of SSP is not supported, only 1.0 and 2.0"),
+    "array of 2.0": (component(FMU, connectors(("w", "input", '<ssc:Float64/><ssc:Dimension size="2"/>'))).replace("1.0", "2.0", 1),
+        "Element 'Dimension': This element is not expected"),
+    "values of 2.0": (flat(motor=bindings(values('T Float64 value="1 2"').replace("1.0", "2.0", 1))), "'1 2' is not a valid value"),
+    "annotated step": (flat(tail=annotated('<FixedStepAlgorithm baseStepSize="short"/>')), "baseStepSize 'short' is no number"),
     "unknown element": (ssd("<ssd:Motor/>"), "SystemStructure.ssd, line 1: Element 'Motor': This element is not expected"),
     "unknown attribute": (component(f'{FMU} speed="1"'), "attribute 'speed' is not allowed"),
     "broken XML": (ssd("")[:-9], "SystemStructure.ssd, line 1: "),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
@@ -14,6 +15,7 @@ from .files import Element, children, parse, plain, qualified, validate
 from .units import Definitions, Step, Unit, definitions
 
 Locate = Callable[[str, str], Path]
+log = logging.getLogger("cosim")
 TABLES = {
     "BooleanMappingTransformation": "Boolean",
     "IntegerMappingTransformation": "Integer",
@@ -72,18 +74,25 @@ def bound(binding: Element, file: str, outer: Definitions, locate: Locate) -> li
     known = definitions(values, source)
     if source == file:
         known = known.over(outer)
-    prefix = binding.get("prefix", "")
+    parameters = parameters_of(values, binding.get("prefix", ""), source, known)
+    for mapping in children(binding, "ssd:ParameterMapping"):
+        _require_type(mapping, "application/x-ssp-parameter-mapping", file)
+        source, entries = _content(mapping, [mapping], "ssm:ParameterMapping", file, locate)
+        return _mapped(parameters, entries, source)
+    return list(parameters.values())
+
+
+def parameters_of(
+    values: Element, prefix: str, source: str, known: Definitions
+) -> dict[str, Parameter]:
+    """The parameters of a ParameterSet by name; raises SetupError for doubles."""
     parameters: dict[str, Parameter] = {}
     for element in children(values, "ssv:Parameters", "ssv:Parameter"):
         parameter = _parameter(element, prefix, source, known)
         if parameter.name in parameters:
             raise SetupError(f"{parameter.where} is given twice")
         parameters[parameter.name] = parameter
-    for mapping in children(binding, "ssd:ParameterMapping"):
-        _require_type(mapping, "application/x-ssp-parameter-mapping", file)
-        source, entries = _content(mapping, [mapping], "ssm:ParameterMapping", file, locate)
-        return _mapped(parameters, entries, source)
-    return list(parameters.values())
+    return parameters
 
 
 def _require_type(element: Element, expected: str, file: str) -> None:
@@ -125,7 +134,11 @@ def _parameter(element: Element, prefix: str, source: str, known: Definitions) -
 
 def _mapped(parameters: dict[str, Parameter], mapping: Element, source: str) -> list[Parameter]:
     mapped: dict[str, Parameter] = {}
-    for entry in children(mapping, "ssm:MappingEntry"):
+    entries = children(mapping, "ssm:MappingEntry")
+    named = [entry for entry in entries if entry.get("source")]
+    if len(named) < len(entries):
+        log.warning("%s: %d entries without a source", source, len(entries) - len(named))
+    for entry in named:
         name, target = entry.get("source"), entry.get("target")
         where = f"{source}, line {entry.sourceline}: mapping {name} -> {target}"
         if name not in parameters:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import logging
 import math
+import re
 from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -13,14 +13,14 @@ from typing import NamedTuple
 from fmpy.model_description import ModelDescription, ScalarVariable
 
 from ...errors import SetupError
-from ...system import Port, Value, own_start
+from ...system import PART, Port, Value, own_start
+from .files import ELEMENT, LINK, Room
 from .parameters import Parameter, enumeration
 from .units import Step, Unit, chain, defined, unit_of
 
 Node = tuple[str, str]
 DOWNWARD = ("input", "parameter")
 IDENTITY = (1.0, 0.0)
-log = logging.getLogger("cosim")
 
 
 class Connector(NamedTuple):
@@ -44,6 +44,7 @@ class Arrow(NamedTuple):
 class Plan:
     """Elements by dotted path, the outermost system by ""; connectors by path and name."""
 
+    room: Room
     elements: dict[str, dict[str, str]] = field(default_factory=dict)
     connectors: dict[Node, Connector] = field(default_factory=dict)
     fmus: dict[str, Path] = field(default_factory=dict)
@@ -54,8 +55,23 @@ class Plan:
     out: dict[Node, list[Arrow]] = field(default_factory=lambda: defaultdict(list))
     start: dict[Node, Value] = field(default_factory=dict)
 
+    def add_element(self, outer: str, name: str, where: str) -> str:
+        """The path of a new element; raises SetupError for a name that is none or is taken."""
+        path = f"{outer}.{name}" if outer else name
+        self.room.take(where, ELEMENT)
+        if PART.fullmatch(name) is None:
+            raise SetupError(
+                f"{where}: an element's name must begin with a letter, then letters, digits, _, - "
+                "and []"
+            )
+        if path in self.elements or path in self.fmus:
+            raise SetupError(f"{where}: there are two elements {path}")
+        self.elements.setdefault(outer, {})[name] = path
+        return path
+
     def add_fmu(self, path: str, file: Path, description: ModelDescription) -> None:
         """An element that is an FMU, with all its variables as connectors."""
+        self.room.take(f"part {path}", len(description.modelVariables))
         self.fmus[path], self.descriptions[path] = file, description
         for variable in description.modelVariables:
             node, unit = (path, variable.name), unit_of(Port(path, variable), description)
@@ -67,6 +83,7 @@ class Plan:
 
     def add_arrow(self, arrow: Arrow) -> None:
         """A connection; raises SetupError if its target has one already or is its own source."""
+        self.room.take(arrow.step.where, LINK)
         if arrow.target in self.into:
             other = dotted(self.into[arrow.target].source)
             raise SetupError(f"{arrow.step.where}: {dotted(arrow.target)} is driven by {other} too")
@@ -96,18 +113,19 @@ class Plan:
             step = arrow.step._replace(unit=self.connectors[arrow.target].unit)
             yield from self.leaves(arrow.target, (*steps, step))
 
-    def bind(self, path: str, parameter: Parameter) -> None:
-        """Apply a parameter to an element: to all variables and connectors of its name."""
-        reached = [self._assign(node, parameter) for node in self._named(path, parameter.name)]
-        if not any(reached):
-            log.warning("%s fits no variable and is ignored", parameter.where)
+    def bind(self, path: str, parameter: Parameter) -> bool:
+        """Apply a parameter to all variables and connectors of its name; whether there are any."""
+        self.room.take(parameter.where, LINK)
+        reached = [self._assign(node, parameter) for node in self.named(path, parameter.name)]
+        return any(reached)
 
-    def _named(self, path: str, name: str) -> Iterator[Node]:
+    def named(self, path: str, name: str) -> Iterator[Node]:
+        """The connectors and variables that a dotted name means in an element."""
         if (path, name) in self.connectors:
             yield path, name
-        for child, inner in self.elements.get(path, {}).items():
-            if name.startswith(f"{child}."):
-                yield from self._named(inner, name.removeprefix(f"{child}."))
+        for dot in re.finditer(r"\.", name):
+            if (inner := self.elements.get(path, {}).get(name[: dot.start()])) is not None:
+                yield from self.named(inner, name[dot.end() :])
 
     def _assign(self, node: Node, parameter: Parameter) -> bool:
         """Give the variables behind a connector a start value; whether there are any."""
@@ -135,6 +153,7 @@ class Plan:
         return defined(unit, self.descriptions[node[0]]) if unit else None
 
     def _set(self, node: Node, parameter: Parameter, scale: tuple[float, float]) -> None:
+        self.room.take(parameter.where, LINK)
         value = parameter.fit(self.variables[node])
         if scale != IDENTITY:
             if self.variables[node].type != "Real":

@@ -1,20 +1,22 @@
-"""An .ssp as a System: nested systems flattened, connectors resolved, parameters bound."""
+"""An .ssp, or its folder, as a System: systems flattened, connectors resolved, parameters bound."""
 
 from __future__ import annotations
 
 import hashlib
+import logging
 import shutil
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from tempfile import mkdtemp
+from types import MappingProxyType
 from typing import NamedTuple
 from urllib.parse import unquote, urldefrag
 
 from ...errors import SetupError
-from ...system import PART, System, connect, describe_fmu
-from .files import NAMESPACES, Element, children, locate, parse, plain, unpack
+from ...system import System, connect, describe_fmu, fits
+from .files import NAMESPACES, Element, Room, children, locate, parse, plain, unpack
 from .parameters import Locate, bound, linear
 from .plan import DOWNWARD, Arrow, Connector, Node, Plan, dotted
 from .units import Definitions, definitions, same
@@ -25,26 +27,34 @@ PACKAGE = "application/x-ssp-package"
 PARAMETERS = ("parameter", "calculatedParameter")
 TYPES = ("Real", "Integer", "Boolean", "String", "Enumeration")
 ROOT = "SystemStructure.ssd"
+DEEPEST = 50
+STEPS = {"FixedStepAlgorithm": "baseStepSize", "FixedStepMaster": "stepSize"}
+log = logging.getLogger("cosim")
 
 
 class Package(NamedTuple):
-    """What an .ssp holds: the system, its default experiment [s], and its outer connectors.
+    """What a file holds: the system, its default experiment and step [s], its outer connectors.
 
     `connectors` gives the dotted port of every connector of the outermost system that stands for
     one variable as it is, without factor, offset or conversion of units.
     """
 
     system: System
-    start: float | None
-    stop: float | None
-    connectors: dict[str, str]
+    start: float | None = None
+    stop: float | None = None
+    connectors: Mapping[str, str] = MappingProxyType({})
+    step: float | None = None
 
 
 class Document(NamedTuple):
-    """An open SSD file in its package; `nesting` names what it is nested in, by identity."""
+    """An open SSD file, which may name files in `root`; packages in it are unpacked in `scratch`.
+
+    `nesting` names what it is nested in, by identity.
+    """
 
     path: Path
     root: Path
+    scratch: Path
     content: Element
     known: Definitions
     nesting: dict[tuple[str, str], str]
@@ -55,19 +65,22 @@ class Document(NamedTuple):
         return f"{self.path.name}, line {element.sourceline}{name}"
 
     def inside(self, key: tuple[str, str], name: str) -> Document:
-        """The same document one level deeper; raises SetupError if it is nested in itself."""
+        """The same document one level deeper; raises SetupError if that is too deep or in itself."""
         if key in self.nesting:
             chain = " -> ".join([*self.nesting.values(), name])
             raise SetupError(f"cyclic nesting: {chain}")
+        if len(self.nesting) > DEEPEST:
+            raise SetupError(f"{name}: systems are nested more than {DEEPEST} deep")
         return self._replace(nesting=self.nesting | {key: name})
 
 
 def read_ssp(path: Path, folder: Path) -> Package:
-    """Unpack an .ssp (1.0) into `folder`, which must be empty or not exist, and read its system.
+    """Read the system of an .ssp (1.0, or 2.0 as far as that is the same), an .ssd or its folder.
 
-    Inputs that nothing drives keep the start value of their FMU. A parameter that fits no variable
-    is ignored with a logged warning, as the standard asks. Raises SetupError for what is invalid or
-    not supported; the folder is left as it was.
+    Packages are unpacked into `folder`, which must be empty or not exist; what they name must be in
+    them. Inputs that nothing drives keep the start value of their FMU. A parameter that fits no
+    variable is ignored with a logged warning, as the standard asks. Raises SetupError for what is
+    invalid, too large or not supported; the folder is left as it was.
     """
     with _emptied_on_error(folder):
         try:
@@ -92,9 +105,14 @@ def _emptied_on_error(folder: Path) -> Iterator[None]:
 
 
 def _read(path: Path, folder: Path) -> Package:
-    unpack(path, folder)
-    plan = Plan()
-    document = _open(folder / ROOT, folder, {}, (_digest(path), ROOT), path.name)
+    ssd = path / ROOT if path.is_dir() else path
+    plan = Plan(Room(path.stat().st_size if path.is_file() else 0))
+    if ssd.suffix == ".ssd":
+        folder.mkdir(parents=True, exist_ok=True)
+        document = _open(ssd.resolve(), Path(ssd.resolve().anchor), folder, {}, path.name)
+    else:
+        unpack(path, folder, plan.room)
+        document = _open(folder / ROOT, folder, folder, {}, path.name, (_digest(path), ROOT))
     (whole,) = children(document.content, "ssd:System")
     _system(plan, document, whole, "")
     system = System(plan.fmus, plan.wires(), plan.starts())
@@ -102,7 +120,20 @@ def _read(path: Path, folder: Path) -> Package:
     experiment = document.content.find("ssd:DefaultExperiment", NAMESPACES)
     given = {} if experiment is None else experiment.attrib
     start, stop = (float(given[key]) if key in given else None for key in ("startTime", "stopTime"))
-    return Package(system, start, stop, plan.outer())
+    return Package(system, start, stop, plan.outer(), _step(document))
+
+
+def _step(document: Document) -> float | None:
+    """The shortest communication step [s] that annotations of OSP or OMSimulator give."""
+    steps = []
+    for tag, key in STEPS.items():
+        for element in document.content.iter(f"{{*}}{tag}"):
+            text = element.get(key, "")
+            try:
+                steps.append(float(text))
+            except ValueError:
+                raise SetupError(f"{document.at(element)}: {key} {text!r} is no number") from None
+    return min(steps, default=None)
 
 
 def _digest(path: Path) -> str:
@@ -110,13 +141,20 @@ def _digest(path: Path) -> str:
 
 
 def _open(
-    path: Path, root: Path, nesting: dict[tuple[str, str], str], key: tuple[str, str], name: str
+    path: Path,
+    root: Path,
+    scratch: Path,
+    nesting: dict[tuple[str, str], str],
+    name: str,
+    key: tuple[str, str] | None = None,
 ) -> Document:
+    """An SSD file, nested as what `key` identifies, or as itself."""
     if not path.is_file():
         raise SetupError(f"there is no file {path.name!r} in {name}")
     content = parse(path, "ssd:SystemStructureDescription")
-    document = Document(path, root, content, definitions(content, path.name), nesting)
-    return document.inside(key, name)
+    known = definitions(content, path.name)
+    document = Document(path, root, scratch, content, known, nesting)
+    return document.inside(key or (str(path), ""), name)
 
 
 def _system(plan: Plan, document: Document, system: Element, path: str) -> None:
@@ -125,6 +163,7 @@ def _system(plan: Plan, document: Document, system: Element, path: str) -> None:
         document = document.inside((str(document.path), system.get("id")), system.get("name"))
     plan.elements[path] = {}
     for name, connector in _connectors(document, system).items():
+        plan.room.take(document.at(system), 1)
         plan.connectors[path, name] = connector
     for dictionary in children(system, "ssd:SignalDictionaries", "*"):
         raise SetupError(f"{document.at(dictionary)}: SignalDictionary is not supported")
@@ -137,14 +176,7 @@ def _system(plan: Plan, document: Document, system: Element, path: str) -> None:
 
 def _element(plan: Plan, document: Document, element: Element, outer: str) -> None:
     name, where = element.get("name"), document.at(element)
-    path = f"{outer}.{name}" if outer else name
-    if PART.fullmatch(name) is None:
-        raise SetupError(
-            f"{where}: an element's name must begin with a letter, then letters, digits, _, - and []"
-        )
-    if path in plan.elements or path in plan.fmus:
-        raise SetupError(f"{where}: there are two elements {path}")
-    plan.elements[outer][name] = path
+    path = plan.add_element(outer, name, where)
     match plain(element.tag):
         case "System":
             _system(plan, document, element, path)
@@ -164,7 +196,7 @@ def _component(plan: Plan, document: Document, component: Element, path: str) ->
         plan.add_fmu(path, file, describe_fmu(path, file))
         base = file
     elif kind in (DEFINITION, PACKAGE):
-        inner, system = _nested(document, kind, source, unquote(fragment), where)
+        inner, system = _nested(plan, document, kind, source, unquote(fragment), where)
         _system(plan, inner, system, path)
         base = inner.path.parent
     else:
@@ -182,7 +214,7 @@ def _locate(source: str, base: Path, root: Path, where: str) -> Path:
 
 
 def _nested(
-    document: Document, kind: str, source: str, fragment: str, where: str
+    plan: Plan, document: Document, kind: str, source: str, fragment: str, where: str
 ) -> tuple[Document, Element]:
     """The document and the system that a component stands for."""
     if not source:
@@ -195,14 +227,14 @@ def _nested(
         name = fragment or ROOT
         key = (_digest(file), name)
         document.inside(key, file.name)
-        folder = Path(mkdtemp(prefix=f"{file.stem}_", dir=document.root))
-        unpack(file, folder)
+        folder = Path(mkdtemp(dir=document.scratch))
+        unpack(file, folder, plan.room)
         ssd = _locate(name, folder, folder, where)
-        inner = _open(ssd, folder, document.nesting, key, file.name)
+        inner = _open(ssd, folder, folder, document.nesting, file.name, key)
     elif fragment:
         raise SetupError(f"{where}: an id in another file, {fragment!r}, is not supported")
     else:
-        inner = _open(file, document.root, document.nesting, (str(file), ""), file.name)
+        inner = _open(file, document.root, document.scratch, document.nesting, file.name)
     (system,) = children(inner.content, "ssd:System")
     return inner, system
 
@@ -223,7 +255,7 @@ def _connectors(document: Document, element: Element) -> dict[str, Connector]:
                 raise SetupError(f"{where}: connector type {kind} is not supported")
             items = document.known.items.get(content.get("name"))
             if kind == "Enumeration" and items is None:
-                raise SetupError(f"{where}: there is no Enumeration {content.get('name')!r}")
+                log.warning("%s: there is no Enumeration %r", where, content.get("name"))
             unit = document.known.unit(content.get("unit"))
         connectors[name] = Connector(declared.get("kind"), kind, unit, items)
     return connectors
@@ -252,7 +284,7 @@ def _connection(plan: Plan, document: Document, connection: Element, path: str) 
     sources: list[Node] = []
     sinks: list[Node] = []
     for end in ("start", "end"):
-        element, name = connection.get(f"{end}Element"), connection.get(f"{end}Connector")
+        element, name = connection.get(f"{end}Element") or None, connection.get(f"{end}Connector")
         if element is not None and element not in plan.elements[path]:
             raise SetupError(f"{where}: there is no element {element!r} in {path or 'the system'}")
         node = (path if element is None else plan.elements[path][element], name)
@@ -267,7 +299,7 @@ def _connection(plan: Plan, document: Document, connection: Element, path: str) 
     here, there = plan.connectors[source], plan.connectors[sink]
     if there.kind in PARAMETERS and here.kind not in PARAMETERS:
         raise SetupError(f"{where}: {here.kind} {dotted(source)} cannot drive a {there.kind}")
-    if here.type and there.type and here.type != there.type:
+    if here.type and there.type and not fits(here.type, there.type):
         raise SetupError(f"{where}: {here.type} {dotted(source)} cannot drive {there.type}")
     for content in children(connection, "ssc:*"):
         if plain(content.tag) != "LinearTransformation":
@@ -281,12 +313,13 @@ def _bind(
     """Apply the parameter bindings of an element, the later ones over the earlier ones."""
     for binding in children(element, "ssd:ParameterBindings", "ssd:ParameterBinding"):
         where = document.at(binding)
-        find = _finder(document, component, where)
+        find = _finder(plan, document, component, where)
         for parameter in bound(binding, document.path.name, document.known, find):
-            plan.bind(path, parameter)
+            if not plan.bind(path, parameter):
+                log.warning("%s fits no variable and is ignored", parameter.where)
 
 
-def _finder(document: Document, component: Path | None, where: str) -> Locate:
+def _finder(plan: Plan, document: Document, component: Path | None, where: str) -> Locate:
     """How a binding finds the files it names."""
 
     def find(source: str, base: str) -> Path:
@@ -296,10 +329,12 @@ def _finder(document: Document, component: Path | None, where: str) -> Locate:
             raise SetupError(f"{where}: a system has no files of its own")
         folder = component
         if component.is_file():
-            folder = Path(mkdtemp(prefix=f"{component.stem}_", dir=document.root))
+            folder = Path(mkdtemp(dir=document.scratch))
             with zipfile.ZipFile(component) as archive:
-                if unquote(source) in archive.namelist():
-                    archive.extract(unquote(source), folder)
+                for entry in archive.infolist():
+                    if entry.filename == unquote(source):
+                        plan.room.take(where, 1, entry.file_size)
+                        archive.extract(entry, folder)
         return _locate(source, folder, folder, where)
 
     return find
