@@ -35,7 +35,7 @@ from .master import Settings
 from .progress import bar
 from .result import Interrupted, Result, SimulationError
 from .result import partial as partial_file
-from .system import PART, Network, System, connect, describe_fmu, own_start
+from .system import Network, System, connect, describe_fmu, own_start, part_name
 
 EXACT = Path("fmus/LinearSystem.fmu")
 
@@ -109,10 +109,7 @@ def read(path: Path, folder: Path) -> Package:
 
 def alone(path: Path) -> System:
     """A single FMU, its inputs at their declared start; named like its file as far as that is a name."""
-    name = path.stem
-    if PART.fullmatch(name) is None:
-        name = re.sub(r"[^\w-]+", "_", name).strip("_")
-        name = name if PART.fullmatch(name) else f"part_{name}"
+    name = part_name(path.stem)
     description = describe_fmu(name, path)
     inputs = [v for v in description.modelVariables if v.causality == "input"]
     declared = {f"{name}.{v.name}": own_start(v) for v in inputs}

@@ -173,6 +173,14 @@ def describe_fmu(name: str, path: Path) -> ModelDescription:
         raise SetupError(f"part {name}: {path} {error}") from error
 
 
+def part_name(name: str) -> str:
+    """A name as it stands if a part may have it, else the nearest that it may have."""
+    if PART.fullmatch(name):
+        return name
+    name = re.sub(r"[^\w-]+", "_", name).strip("_")
+    return name if PART.fullmatch(name) else f"part_{name}"
+
+
 def version(path: Path) -> tuple[int, int]:
     """What tells a file that has been replaced: its time of change [ns] and its size."""
     file = path.stat()

@@ -84,7 +84,7 @@ class _Reader:
         elif tag == "Simulator":
             self._simulator(given["name"], given["source"], given.get("stepSize"))
         elif tag == "InitialValue":
-            self._initial(element.getparent().getparent().attrib["name"], element)
+            self._initial(self._part(element.getparent().getparent().attrib["name"]), element)
         elif tag == "LinearTransformation":
             entry, leave = ((f"function {given['name']}", end) for end in ("in", "out"))
             self.plan.connectors[entry] = Connector("input", "Real", None)
@@ -100,10 +100,13 @@ class _Reader:
 
     def _simulator(self, name: str, source: str, step: str | None) -> None:
         fmu = locate(source, self.file.parent, Path(self.file.absolute().anchor))
-        self.plan.add_element("", name, "its name")
-        self.plan.add_fmu(name, fmu, describe_fmu(name, fmu))
+        part = self.plan.add_element("", name, "its name")
+        self.plan.add_fmu(part, fmu, describe_fmu(part, fmu))
         if step is not None and float(step) != self.times.get("BaseStepSize"):
             log.warning("%s: stepSize %s is ignored, all parts step together", name, step)
+
+    def _part(self, name: str) -> str:
+        return self.plan.elements[""][name]
 
     def _initial(self, part: str, element: Any) -> None:
         name, (content,) = element.attrib["variable"], element.iterchildren("*")
@@ -115,7 +118,12 @@ class _Reader:
     def _connection(self, element: Any) -> None:
         """A connection, which may be written from either end."""
         ends = [
-            (f"function {end['function']}" if "function" in end else end["simulator"], end["name"])
+            (
+                f"function {end['function']}"
+                if "function" in end
+                else self._part(end["simulator"]),
+                end["name"],
+            )
             for end in (inner.attrib for inner in element.iterchildren("*"))
         ]
         if missing := [dotted(end) for end in ends if end not in self.plan.connectors]:

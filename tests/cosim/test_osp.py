@@ -118,6 +118,17 @@ def test_connections_functions_and_bonds(fmus: Path, place: Path) -> None:
     assert_array_equal(result.data, run(pair(fmus / "native"), stop=0.02, step=1e-3).data)
 
 
+def test_names_that_no_part_can_have_are_changed(place: Path) -> None:
+    motor = simulator("DP motor", "DriveMotor", "T Real 0.05")
+    wires = wired(("DP motor", "tau"), ("conveyor", "tau"))
+    (place / FILE).write_text(osp(motor + CONVEYOR, wires))
+    system = read_osp(place).system
+    assert (list(system.wires), system.start["DP_motor.T"]) == (
+        ["DP_motor.tau -> conveyor.tau"],
+        0.05,
+    )
+
+
 def test_numbers_pass_wires_as_they_stand(place: Path) -> None:
     """A torque as a speed: libcosim knows no units."""
     (place / FILE).write_text(osp(MOTOR, wired(("motor", "tau"), ("motor", "w"))))
@@ -157,7 +168,7 @@ BAD: dict[str, tuple[str, str]] = {
     "element": ("<Motor/>", f"{LINE}Motor: is not supported"),
     "two outputs": (osp(MOTOR + CONVEYOR, wired(("motor", "tau"), ("conveyor", "w"))),
         "output motor.tau and output conveyor.w cannot be connected"),
-    "end": (osp(MOTOR, wired(("motor", "tau"), ("engine", "w"))), "there is no 'engine.w'"),
+    "end": (osp(MOTOR, wired(("motor", "tau"), ("engine", "w"))), "there is no 'engine'"),
     "twice": (osp(MOTOR + CONVEYOR, W + W), "motor.w is driven by conveyor.w too"),
     "function of nothing": (osp(MOTOR, wired(("f", "out"), ("motor", "w"), kind="Signal"),
         '<LinearTransformation name="f"/>'), "nothing drives function f.in, which drives motor.w"),

@@ -528,6 +528,17 @@ def test_a_folder_and_its_ssd_are_read(
         read_ssp(tmp_path / "unpacked", tmp_path / "more")
 
 
+def test_names_that_no_part_can_have_are_changed_aloud(
+    fmus: Path, read: Read, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Parameters and connections still use them as they stand."""
+    structure = flat(more=bindings(values('1*motor.T Real value="0.05"')))
+    structure = structure.replace('name="motor"', 'name="1*motor"')
+    structure = structure.replace('Element="motor"', 'Element="1*motor"')
+    same(read(structure), pair(fmus, motor__T=0.05), motor="part_1_motor")
+    assert "element '1*motor' becomes part_1_motor" in caplog.text
+
+
 def test_dialects_of_other_tools(read: Read, caplog: pytest.LogCaptureFixture) -> None:
     """An empty element is none, the FMU may define an enumeration, a mapping may be half filled."""
     enumeration = '<ssc:Enumeration name="E"/>'
@@ -718,7 +729,6 @@ BAD: dict[str, Any] = {
             SPACE.format("a", "o", "a", "i")),
         "a.i is connected to itself"),
     "no such id": (ssd(LOOP.format("a", "#b")), "there is no System with the id 'b'"),
-    "name with a blank": (ssd(MOTOR.format("").replace('"motor"', '"my motor"')), "my motor: an element's name must begin with a letter"),
     "parameter twice": (flat(motor=bindings(values('T Real value="1";T Real value="2"'))), "parameter T is given twice"),
     "parameter type": (flat(motor=bindings(values('T Boolean value="true"'))), "parameter T: Boolean does not fit T of type Real"),
     "parameter unit": (flat(motor=bindings(values('T Real value="1" unit="N.m"'))), "parameter T: N.m cannot be converted to s"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 import re
 from collections import defaultdict
@@ -13,7 +14,7 @@ from typing import NamedTuple
 from fmpy.model_description import ModelDescription, ScalarVariable
 
 from ...errors import SetupError
-from ...system import PART, Port, Value, own_start
+from ...system import Port, Value, own_start, part_name
 from .files import ELEMENT, LINK, Room
 from .parameters import Parameter, enumeration
 from .units import Step, Unit, chain, defined, unit_of
@@ -21,6 +22,7 @@ from .units import Step, Unit, chain, defined, unit_of
 Node = tuple[str, str]
 DOWNWARD = ("input", "parameter")
 IDENTITY = (1.0, 0.0)
+log = logging.getLogger("cosim")
 
 
 class Connector(NamedTuple):
@@ -56,14 +58,11 @@ class Plan:
     start: dict[Node, Value] = field(default_factory=dict)
 
     def add_element(self, outer: str, name: str, where: str) -> str:
-        """The path of a new element; raises SetupError for a name that is none or is taken."""
-        path = f"{outer}.{name}" if outer else name
+        """The path of a new element, a name for a part; raises SetupError for one that is taken."""
+        if (part := part_name(name)) != name:
+            log.warning("%s: element %r becomes %s", where, name, part)
+        path = f"{outer}.{part}" if outer else part
         self.room.take(where, ELEMENT)
-        if PART.fullmatch(name) is None:
-            raise SetupError(
-                f"{where}: an element's name must begin with a letter, then letters, digits, _, - "
-                "and []"
-            )
         if path in self.elements or path in self.fmus:
             raise SetupError(f"{where}: there are two elements {path}")
         self.elements.setdefault(outer, {})[name] = path
