@@ -84,6 +84,10 @@ class Port(NamedTuple):
     def unit(self) -> str:
         return self.variable.unit or ""
 
+    def text(self, value: Value) -> str:
+        """A value of it as XML spells it."""
+        return str(bool(value)).lower() if self.type == "Boolean" else str(value)
+
     def __str__(self) -> str:
         return f"{self.name} [{self.unit}]" if self.unit else self.name
 
@@ -361,7 +365,7 @@ def _start(
         if not isinstance(value, str):
             raise SetupError(f"{port} = {value!r} must be of type String")
         return port, value
-    items = _items(port)
+    items = enumeration(port.variable)
     try:
         value = items.get(value, value) if isinstance(value, str) else value
         number = NUMERIC[port.type](value)
@@ -455,11 +459,11 @@ def _changed(
         yield _input(descriptions, name, table.after(before))
 
 
-def _items(port: Port) -> dict[str, int]:
+def enumeration(variable: ScalarVariable) -> dict[str, int]:
     """The names of an enumeration and what they stand for."""
-    if port.type != "Enumeration" or port.variable.declaredType is None:
+    if variable.type != "Enumeration" or variable.declaredType is None:
         return {}
-    return {item.name: int(item.value) for item in port.variable.declaredType.items or ()}
+    return {str(item.name): int(item.value) for item in variable.declaredType.items or ()}
 
 
 def _limits(port: Port) -> Iterator[tuple[str, Any]]:

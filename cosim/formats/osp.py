@@ -100,7 +100,7 @@ class _Reader:
 
     def _simulator(self, name: str, source: str, step: str | None) -> None:
         fmu = locate(source, self.file.parent, Path(self.file.absolute().anchor))
-        part = self.plan.add_element("", name, "its name")
+        part = self.plan.add_element("", name)
         self.plan.add_fmu(part, fmu, describe_fmu(part, fmu))
         if step is not None and float(step) != self.times.get("BaseStepSize"):
             log.warning("%s: stepSize %s is ignored, all parts step together", name, step)
@@ -190,8 +190,7 @@ def _initial(values: Element, port: Port, value: Value) -> None:
             return
         raise SetupError(f"{port} = {value!r}: libcosim cannot set an Enumeration")
     initial = SubElement(values, "InitialValue", variable=port.variable.name)
-    text = ("true" if value else "false") if port.type == "Boolean" else str(value)
-    SubElement(initial, port.type, value=text)
+    SubElement(initial, port.type, value=port.text(value))
 
 
 def _connection(functions: Element, connections: Element, wire: Wire, name: str) -> None:

@@ -23,7 +23,7 @@ def read_values(path: Path, network: Network) -> dict[str, Value]:
     """
     plan = Plan(Room(0))
     for name, description in network.descriptions.items():
-        plan.add_element("", name, path.name)
+        plan.add_element("", name)
         plan.add_fmu(name, Path(network.system.parts[name]), description)
     whole = "" if len(plan.fmus) > 1 else next(iter(plan.fmus))
     given: set[Node] = set()

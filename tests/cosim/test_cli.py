@@ -204,7 +204,7 @@ def test_exports_are_files_of_their_kind(drive: Path, tmp_path: Path, capsys) ->
     ("arguments", "message"),
     [
         (["run", "no.ssp"], "there is no file"),
-        (["run", "system.xml"], "system.xml cannot be read: No such file"),
+        (["run", "system.xml"], "there is no file 'system.xml'"),
         (["run", "system.txt"], "must be an .ssp, an .ssd, an OspSystemStructure.xml, a folder"),
         (["run", "DRIVE", "--set", "motor.X=3"], "motor has no variable 'X'"),
         (["run", "DRIVE", "--set", "motor.T"], "must read NAME=VALUE"),

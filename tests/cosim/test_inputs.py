@@ -236,10 +236,15 @@ def test_changes_survive_a_step_that_is_taken_again(tmp_path: Path) -> None:
     ],
 )
 @pytest.mark.parametrize("step", [0.1, Adaptive(1e-2, first=0.05)])
+@pytest.mark.parametrize("file", [False, True])
 def test_discrete_inputs_are_held_to_their_next_row(
-    kind: str, values: list[Any], step: float | Adaptive, tmp_path: Path
+    kind: str, values: list[Any], step: float | Adaptive, file: bool, tmp_path: Path
 ) -> None:
     table = Table([0.0, 0.3, 0.6], values, held=True)
+    if file:
+        rows = [f"{t},{str(v).lower()}" for t, v in zip(table.times, values)]
+        (tmp_path / "a.csv").write_text("\n".join(["t,v", *rows]))
+        table = Table.read(tmp_path / "a.csv", "v", held=True)
     system = echo(tmp_path, inputs={f"A.{kind}_in": table})
     out = "A.spelled" if kind == "string" else f"A.{kind}_out"
     result = run(system, stop=1.0, step=step, record=[out])
@@ -342,6 +347,8 @@ def test_what_is_no_table_is_refused(times: Any, values: Any, message: str) -> N
         ("time,w\n0,1\n", "has no column 'tau', only w"),
         ("time [ms],tau\n0,1\n", "time must be in s, not ms"),
         ("", "cannot be read as a table"),
+        (f"time,tau\n0,{'1' * 200_000}\n", "cannot be read as a table: field larger than"),
+        ("time,tau,tau\n0,1,2\n", "has two columns 'tau'"),
     ],
 )
 def test_what_is_no_file_of_rows_is_refused(text: str, message: str, tmp_path: Path) -> None:

@@ -157,7 +157,7 @@ BAD: dict[str, tuple[str, str]] = {
     "no name": ('<Simulator source="a"/>', f"{LINE}Simulator: there is no 'name'"),
     "no FMU": (simulator("a", "No"), f"{LINE}Simulator a: there is no file 'No.fmu'"),
     "proxy": (simulator("a", "proxyfmu://localhost?file=a"), "is not supported, only files"),
-    "same name": (MOTOR + MOTOR, "Simulator motor: its name: there are two elements motor"),
+    "same name": (MOTOR + MOTOR, "Simulator motor: there are two elements motor"),
     "variable": (simulator("motor", "DriveMotor", "X Real 1"), "InitialValue X: there is no 'motor.X'"),
     "number": (simulator("motor", "DriveMotor", "T Real x"), "could not convert string to float: 'x'"),
     "truth": (simulator("motor", "DriveMotor", "T Boolean yes"), "InitialValue T: there is no 'yes'"),
@@ -187,5 +187,5 @@ def test_bad_structures_are_refused(name: str, place: Path) -> None:
 
 
 def test_a_folder_without_a_structure_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(SetupError, match=rf"{FILE} cannot be read: No such file"):
+    with pytest.raises(SetupError, match=rf"there is no file '{FILE}'"):
         read_osp(tmp_path)

@@ -524,7 +524,7 @@ def test_a_folder_and_its_ssd_are_read(
     package = read_ssp(tmp_path / "folder" / name, tmp_path / "unpacked")
     same(package, pair(fmus), conveyor="line.conveyor")
     assert len(list((tmp_path / "unpacked").iterdir())) == 1
-    with pytest.raises(SetupError, match=r"there is no file 'SystemStructure\.ssd' in unpacked"):
+    with pytest.raises(SetupError, match=r"unpacked: there is no file 'SystemStructure\.ssd'"):
         read_ssp(tmp_path / "unpacked", tmp_path / "more")
 
 
@@ -808,7 +808,7 @@ def test_broken_archives_are_refused(fmus: Path, tmp_path: Path) -> None:
         ("cut", "cut.ssp is not a readable zip file"),
         ("flipped", "flipped.ssp is not a readable zip file"),
         ("text", "text.ssp is not a readable zip file"),
-        ("empty", "there is no file 'SystemStructure.ssd' in empty.ssp"),
+        ("empty", "empty.ssp: there is no file 'SystemStructure.ssd'"),
         ("slip", "'../evil.txt' leaves the folder of the package"),
         ("root", "'/tmp/evil.txt' leaves the folder of the package"),
         ("absent", "there is no file "),

@@ -100,6 +100,8 @@ def load(path: Path) -> Element:
     except etree.XMLSyntaxError as error:
         reason = str(error.msg).partition("\n")[0]
         raise SetupError(f"{path.name}, line {error.lineno}: {reason}") from None
+    except FileNotFoundError:
+        raise SetupError(f"there is no file {path.name!r}") from None
     except OSError as error:
         raise SetupError(f"{path.name} cannot be read: {error.strerror or error}") from None
     if tree.docinfo.doctype:

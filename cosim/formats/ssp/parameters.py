@@ -10,31 +10,14 @@ from typing import NamedTuple
 from fmpy.model_description import ScalarVariable
 
 from ...errors import SetupError
-from ...system import FALSE_TRUE, READ, Value
+from ...system import FALSE_TRUE, READ, Value, enumeration
 from .files import Element, children, parse, plain, qualified, validate
 from .units import Definitions, Step, Unit, definitions
 
 Locate = Callable[[str, str], Path]
 log = logging.getLogger("cosim")
-TABLES = {
-    "BooleanMappingTransformation": "Boolean",
-    "IntegerMappingTransformation": "Integer",
-    "EnumerationMappingTransformation": "Enumeration",
-}
-FITS = {
-    "Real": ("Real", "Integer"),
-    "Integer": ("Integer",),
-    "Boolean": ("Boolean",),
-    "String": ("String",),
-    "Enumeration": ("Enumeration", "Integer"),
-}
-
-
-def enumeration(variable: ScalarVariable) -> dict[str, int] | None:
-    """The items of an FMU's variable by name; None if it is no enumeration."""
-    if variable.type != "Enumeration":
-        return None
-    return {str(item.name): int(item.value) for item in variable.declaredType.items}
+TABLE = "MappingTransformation"
+TAKES_INTEGERS = ("Real", "Enumeration")
 
 
 class Parameter(NamedTuple):
@@ -51,12 +34,13 @@ class Parameter(NamedTuple):
         """The value for a variable, not yet scaled; raises SetupError for a wrong type or item."""
         kind = str(variable.type)
         scaled = (self.step.factor, self.step.offset) != (1.0, 0.0)
-        if self.type not in FITS[kind] or (scaled and kind != "Real"):
+        fitting = self.type == kind or (self.type == "Integer" and kind in TAKES_INTEGERS)
+        if not fitting or (scaled and kind != "Real"):
             given = "a linear transformation" if scaled else self.type
             raise SetupError(f"{self.where}: {given} does not fit {variable.name} of type {kind}")
         if self.type != "Enumeration":
             return self.value
-        items = enumeration(variable) or {}
+        items = enumeration(variable)
         if self.value not in items:
             known = ", ".join(items)
             raise SetupError(f"{self.where}: {self.value!r} must be one of {known}")
@@ -151,19 +135,19 @@ def _mapped(parameters: dict[str, Parameter], mapping: Element, source: str) -> 
 
 def _transformed(parameter: Parameter, entry: Element, where: str) -> Parameter:
     parameter = parameter._replace(step=linear(entry, where))
-    for tag, kind in TABLES.items():
-        for table in children(entry, f"ssc:{tag}"):
-            if parameter.type != kind:
-                raise SetupError(
-                    f"{where}: {tag} does not fit a parameter of type {parameter.type}"
-                )
-            rows = {
-                READ[kind](row.get("source")): READ[kind](row.get("target"))
-                for row in children(table, "ssc:MapEntry")
-            }
-            if parameter.value not in rows:
-                raise SetupError(f"{where}: there is no entry for {parameter.value!r}")
-            return parameter._replace(value=rows[parameter.value])
+    for table in children(entry, "ssc:*"):
+        tag, kind = plain(table.tag), plain(table.tag).removesuffix(TABLE)
+        if tag != f"{kind}{TABLE}":
+            continue
+        if parameter.type != kind:
+            raise SetupError(f"{where}: {tag} does not fit a parameter of type {parameter.type}")
+        rows = {
+            READ[kind](row.get("source")): READ[kind](row.get("target"))
+            for row in children(table, "ssc:MapEntry")
+        }
+        if parameter.value not in rows:
+            raise SetupError(f"{where}: there is no entry for {parameter.value!r}")
+        return parameter._replace(value=rows[parameter.value])
     return parameter
 
 

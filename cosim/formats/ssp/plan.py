@@ -14,9 +14,9 @@ from typing import NamedTuple
 from fmpy.model_description import ModelDescription, ScalarVariable
 
 from ...errors import SetupError
-from ...system import Port, Value, own_start, part_name
+from ...system import Port, Value, enumeration, own_start, part_name
 from .files import ELEMENT, LINK, Room
-from .parameters import Parameter, enumeration
+from .parameters import Parameter
 from .units import Step, Unit, chain, defined, unit_of
 
 Node = tuple[str, str]
@@ -57,14 +57,14 @@ class Plan:
     out: dict[Node, list[Arrow]] = field(default_factory=lambda: defaultdict(list))
     start: dict[Node, Value] = field(default_factory=dict)
 
-    def add_element(self, outer: str, name: str, where: str) -> str:
+    def add_element(self, outer: str, name: str) -> str:
         """The path of a new element, a name for a part; raises SetupError for one that is taken."""
         if (part := part_name(name)) != name:
-            log.warning("%s: element %r becomes %s", where, name, part)
+            log.warning("element %r becomes %s", name, part)
         path = f"{outer}.{part}" if outer else part
-        self.room.take(where, ELEMENT)
+        self.room.take(path, ELEMENT)
         if path in self.elements or path in self.fmus:
-            raise SetupError(f"{where}: there are two elements {path}")
+            raise SetupError(f"there are two elements {path}")
         self.elements.setdefault(outer, {})[name] = path
         return path
 
@@ -74,11 +74,9 @@ class Plan:
         self.fmus[path], self.descriptions[path] = file, description
         for variable in description.modelVariables:
             node, unit = (path, variable.name), unit_of(Port(path, variable), description)
-            items = enumeration(variable)
+            kinds = str(variable.causality), str(variable.type)
             self.variables[node] = variable
-            self.connectors[node] = Connector(
-                str(variable.causality), str(variable.type), unit, items
-            )
+            self.connectors[node] = Connector(*kinds, unit, enumeration(variable))
 
     def add_arrow(self, arrow: Arrow) -> None:
         """A connection; raises SetupError if its target has one already or is its own source."""

@@ -10,7 +10,7 @@ from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
 from ...errors import SetupError
-from ...system import Network, Port, System, Value, Wire, still
+from ...system import Network, Port, System, Value, Wire, enumeration, still
 from .files import NAMESPACES, qualified
 
 Enumerations = dict[str, dict[str, int]]
@@ -103,15 +103,11 @@ def _type(prefix: str, port: Port, known: Enumerations) -> Element:
     """The element of a port's type; an enumeration becomes known, under a name of its own."""
     element = Element(qualified(f"{prefix}:{port.type}"))
     if port.type == "Enumeration":
-        name, items = str(port.variable.declaredType.name), _items(port)
+        name, items = str(port.variable.declaredType.name), enumeration(port.variable)
         while known.setdefault(name, items) != items:
             name += "_"
         element.set("name", name)
     return element
-
-
-def _items(port: Port) -> dict[str, int]:
-    return {str(item.name): int(item.value) for item in port.variable.declaredType.items}
 
 
 def _enumerations(parent: Element, prefix: str, known: Enumerations) -> None:
@@ -126,11 +122,10 @@ def _enumerations(parent: Element, prefix: str, known: Enumerations) -> None:
 
 def _parameter(parameters: Element, port: Port, value: Value, known: Enumerations) -> None:
     parameter = SubElement(parameters, qualified("ssv:Parameter"), name=port.variable.name)
-    text = str(value)
-    if port.type == "Boolean":
-        text = "true" if value else "false"
-    elif port.type == "Enumeration":
-        names = [item for item, number in _items(port).items() if number == value]
+    text = port.text(value)
+    if port.type == "Enumeration":
+        items = enumeration(port.variable).items()
+        names = [item for item, number in items if number == value]
         if not names:
             raise SetupError(f"{port} = {value!r} has no name in {port.variable.declaredType.name}")
         text = names[0]
