@@ -186,7 +186,7 @@ def parser() -> Parser:
     exports = command("export", export, "write a system in another format")
     exports.add_argument("--to", choices=("ssp", "osp", "container"), required=True, help="format")
     exports.add_argument("--out", type=Path, required=True, help="file, or folder for osp")
-    exports.add_argument("--step", type=float, help="communication step [s] for osp and container")
+    exports.add_argument("--step", type=float, help="communication step [s]")
     proofs = command("verify", verify, "test the master against closed solutions", file=False)
     proofs.add_argument("fmu", nargs="?", type=Path, default=EXACT, help="LinearSystem.fmu")
     return top
@@ -405,7 +405,8 @@ def export(options: argparse.Namespace) -> int:
     with opened(options) as task:
         start, stop = task.start, task.package.stop
         if options.to == "ssp":
-            write_ssp(task.system, options.out, stop, start)
+            step = task.package.step if options.step is None else options.step
+            write_ssp(task.system, options.out, stop, start, step)
         elif options.to == "osp":
             step = task.step(options.step)
             write_osp(task.system, options.out, step=step, start=start, stop=stop)

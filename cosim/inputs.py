@@ -63,11 +63,7 @@ class Table:
         that is `held` may have truth values and texts. Raises SetupError with file and line for what
         is no number otherwise.
         """
-        try:
-            with Path(path).open(newline="", encoding="utf-8-sig") as file:
-                header, *rows = csv.reader(file)
-        except (OSError, ValueError, csv.Error) as error:
-            raise SetupError(f"{path} cannot be read as a table: {error}") from error
+        header, *rows = read_table(path)
         heads = [match.groups() for match in map(COLUMN.fullmatch, header) if match]
         names = [name for name, _ in heads]
         if column not in names[1:]:
@@ -159,6 +155,18 @@ class Table:
         rows = list(zip(self.times, self.values))
         digest = hashlib.sha256(repr(rows).encode()).hexdigest()[:16]
         return {"source": self.source, "rows": len(rows), "held": self.held, "sha256": digest}
+
+
+def read_table(path: Path | str) -> list[list[str]]:
+    """The cells of a CSV file, one row at least; raises SetupError if it is none."""
+    try:
+        with Path(path).open(newline="", encoding="utf-8-sig") as file:
+            rows = list(csv.reader(file, skipinitialspace=True))
+    except (OSError, ValueError, csv.Error) as error:
+        raise SetupError(f"{path} cannot be read as a table: {error}") from error
+    if not rows:
+        raise SetupError(f"{path} cannot be read as a table: it is empty")
+    return rows
 
 
 def _cell(text: str, held: bool) -> float | bool | str:

@@ -67,7 +67,7 @@ class _Reader:
     """The plan of a system, in which a function is a connector that drives another."""
 
     def __init__(self, file: Path) -> None:
-        self.file, self.plan = file, Plan(Room(0))
+        self.file, self.plan = file, Plan(Room(0), {"": {}})
         self.times: dict[str, float] = {}
         self.bonds: dict[str, list[Node]] = defaultdict(list)
 
@@ -84,9 +84,12 @@ class _Reader:
         elif tag == "Simulator":
             self._simulator(given["name"], given["source"], given.get("stepSize"))
         elif tag == "InitialValue":
-            self._initial(self._part(element.getparent().getparent().attrib["name"]), element)
+            simulator = element.getparent().getparent().attrib["name"]
+            self._initial(self.plan.elements[""][simulator], element)
         elif tag == "LinearTransformation":
-            entry, leave = ((f"function {given['name']}", end) for end in ("in", "out"))
+            function = f"function {given['name']}"
+            entry, leave = (function, "in"), (function, "out")
+            self.plan.elements[""][function] = function
             self.plan.connectors[entry] = Connector("input", "Real", None)
             self.plan.connectors[leave] = Connector("output", "Real", None)
             scale = float(given.get("factor", 1.0)), float(given.get("offset", 0.0))
@@ -105,9 +108,6 @@ class _Reader:
         if step is not None and float(step) != self.times.get("BaseStepSize"):
             log.warning("%s: stepSize %s is ignored, all parts step together", name, step)
 
-    def _part(self, name: str) -> str:
-        return self.plan.elements[""][name]
-
     def _initial(self, part: str, element: Any) -> None:
         name, (content,) = element.attrib["variable"], element.iterchildren("*")
         kind = plain(content.tag)
@@ -119,9 +119,7 @@ class _Reader:
         """A connection, which may be written from either end."""
         ends = [
             (
-                f"function {end['function']}"
-                if "function" in end
-                else self._part(end["simulator"]),
+                self.plan.elements[""][end.get("simulator") or f"function {end['function']}"],
                 end["name"],
             )
             for end in (inner.attrib for inner in element.iterchildren("*"))

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Iterator
 from pathlib import Path
 
 from ..errors import SetupError
+from ..inputs import read_table
 from ..system import READ, Network, Value
 from .ssp.files import Room, parse
 from .ssp.parameters import Parameter, parameters_of
 from .ssp.plan import Node, Plan, dotted
 from .ssp.units import Unit, definitions
+
+COLUMNS = ("name", "value", "unit")
 
 
 def read_values(path: Path, network: Network) -> dict[str, Value]:
@@ -52,16 +54,12 @@ def _set(path: Path, plan: Plan, whole: str) -> Iterator[Parameter]:
 
 def _rows(path: Path, plan: Plan, whole: str) -> Iterator[Parameter]:
     """Rows of a CSV, in the type of what they name."""
-    try:
-        with path.open(newline="", encoding="utf-8-sig") as file:
-            table = csv.DictReader(file, skipinitialspace=True)
-            rows = list(table)
-    except (OSError, ValueError, csv.Error) as error:
-        raise SetupError(f"{path} cannot be read as a table: {error}") from error
-    if lacking := {"name", "value"} - set(table.fieldnames or ()):
-        raise SetupError(f"{path} has no column {' and no '.join(sorted(lacking))}")
-    for line, row in enumerate(rows, 2):
-        name, text = row["name"] or "", row["value"] or ""
+    header, *rows = read_table(path)
+    if lacking := [column for column in COLUMNS[:2] if column not in header]:
+        raise SetupError(f"{path} has no column {lacking[0]!r}, only {', '.join(header)}")
+    for line, cells in ((line, cells) for line, cells in enumerate(rows, 2) if cells):
+        row = dict(zip(header, map(str.strip, cells)))
+        name, text, unit = (row.get(column, "") for column in COLUMNS)
         where = f"{path.name}, line {line}: parameter {name}"
         kind = next((str(plan.variables[n].type) for n in _meant(plan, whole, name)), "String")
         if kind == "Enumeration" and text.lstrip("-").isdecimal():
@@ -70,7 +68,6 @@ def _rows(path: Path, plan: Plan, whole: str) -> Iterator[Parameter]:
             value = READ[kind](text)
         except (KeyError, ValueError):
             raise SetupError(f"{where} = {text!r} must be of type {kind}") from None
-        unit = (row.get("unit") or "").strip()
         yield Parameter(where, name, kind, value, Unit(unit) if unit else None)
 
 

@@ -192,10 +192,11 @@ def test_check_tells_what_is_in_the_way(drive: Path, fmus: Path, tmp_path: Path,
 
 
 def test_exports_are_files_of_their_kind(drive: Path, tmp_path: Path, capsys) -> None:
-    said(capsys, "export", drive, "--to", "ssp", "--out", tmp_path / "again.ssp")
+    again = ("--out", tmp_path / "again.ssp", "--step", 2e-3)
+    said(capsys, "export", drive, "--to", "ssp", *again)
     said(capsys, "export", drive, "--to", "osp", "--out", tmp_path / "osp")
     said(capsys, "export", drive, "--to", "container", "--out", tmp_path / "drive.fmu")
-    assert "steps of 0.001 s: 1000" in said(capsys, "run", tmp_path / "again.ssp")
+    assert "steps of 0.002 s: 500" in said(capsys, "run", tmp_path / "again.ssp")
     assert (tmp_path / "osp" / "OspSystemStructure.xml").exists()
     assert "drive: " in said(capsys, "info", tmp_path / "drive.fmu")
 

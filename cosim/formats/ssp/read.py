@@ -102,18 +102,19 @@ def read_ssp(path: Path, folder: Path) -> Package:
     variable is ignored with a logged warning, as the standard asks. Raises SetupError for what is
     invalid, too large or not supported; the folder is left as it was.
     """
+    path, folder = Path(path), Path(folder)
     existed = folder.exists()
     if existed and (not folder.is_dir() or any(folder.iterdir())):
         raise SetupError(f"{folder} must be an empty folder")
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        return _read(Path(path), folder)
+        return _read(path, folder)
     except BaseException as error:
         shutil.rmtree(folder)
         if existed:
             folder.mkdir()
         if isinstance(error, SetupError):
-            raise SetupError(f"{Path(path).name}: {error}") from error
+            raise SetupError(f"{path.name}: {error}") from error
         raise
 
 

@@ -6,10 +6,10 @@ from collections.abc import Iterable
 from functools import lru_cache
 from typing import Any, NamedTuple
 
-from fmpy.model_description import BaseUnit, ModelDescription
+from fmpy.model_description import BaseUnit, ModelDescription, ScalarVariable
 
 from ...errors import SetupError
-from ...system import Port, convert, exponents
+from ...system import convert, exponents
 from .files import Element, children
 
 POWERS = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
@@ -75,9 +75,9 @@ def _new(element: Element, known: Iterable[str], file: str) -> str:
     return name
 
 
-def unit_of(port: Port, description: ModelDescription) -> Unit | None:
+def unit_of(variable: ScalarVariable, description: ModelDescription) -> Unit | None:
     """The unit that an FMU gives a variable."""
-    return defined(Unit(port.unit), description) if port.unit else None
+    return defined(Unit(variable.unit), description) if variable.unit else None
 
 
 def defined(unit: Unit, description: ModelDescription) -> Unit:

@@ -13,11 +13,20 @@ from ...errors import SetupError
 from ...system import Network, Port, System, Value, Wire, enumeration, still
 from .files import NAMESPACES, qualified
 
+OSP = "http://opensimulationplatform.com/SSP/OSPAnnotations"
 Enumerations = dict[str, dict[str, int]]
 
 
-def write_ssp(system: System, path: Path, stop: float | None = None, start: float = 0.0) -> None:
+def write_ssp(
+    system: System,
+    path: Path,
+    stop: float | None = None,
+    start: float = 0.0,
+    step: float | None = None,
+) -> None:
     """Write the system with its FMUs, wires and start values; `start` and `stop` [s] as experiment.
+
+    The communication step [s] goes into an annotation of OSP, which libcosim needs.
 
     Factors, offsets and unit conversions of the wires become linear transformations, which stand in
     for the reading tool's own unit conversion; a dotted part name is written as it is, as the name
@@ -26,7 +35,7 @@ def write_ssp(system: System, path: Path, stop: float | None = None, start: floa
     """
     network = still(system, "an .ssp")
     files = archived(network)
-    structure = _structure(network, files, path.stem, start, stop)
+    structure = _structure(network, files, path.stem, (start, stop, step))
     with TemporaryDirectory(dir=path.parent, prefix=f".{path.stem}_") as folder:
         whole = Path(folder) / path.name
         with zipfile.ZipFile(whole, "w", zipfile.ZIP_DEFLATED) as archive:
@@ -49,7 +58,10 @@ def archived(network: Network) -> dict[Path, str]:
 
 
 def _structure(
-    network: Network, files: dict[Path, str], name: str, start: float, stop: float | None
+    network: Network,
+    files: dict[Path, str],
+    name: str,
+    times: tuple[float, float | None, float | None],
 ) -> bytes:
     for prefix, uri in NAMESPACES.items():
         ElementTree.register_namespace(prefix, uri)
@@ -64,10 +76,15 @@ def _structure(
         for wire in network.wires:
             _connection(connections, wire)
     _enumerations(root, "ssd", known)
-    if stop is not None:
-        SubElement(
-            root, qualified("ssd:DefaultExperiment"), startTime=repr(start), stopTime=repr(stop)
-        )
+    start, stop, step = times
+    if (stop, step) != (None, None):
+        ends = {"startTime": repr(start)} | ({} if stop is None else {"stopTime": repr(stop)})
+        experiment = SubElement(root, qualified("ssd:DefaultExperiment"), ends)
+        if step is not None:
+            notes = SubElement(experiment, qualified("ssd:Annotations"))
+            note = SubElement(notes, qualified("ssc:Annotation"), type="com.opensimulationplatform")
+            algorithm = SubElement(note, f"{{{OSP}}}Algorithm")
+            SubElement(algorithm, f"{{{OSP}}}FixedStepAlgorithm", baseStepSize=repr(step))
     ElementTree.indent(root)
     text: bytes = ElementTree.tostring(root, encoding="UTF-8", xml_declaration=True)
     return text
