@@ -603,7 +603,9 @@ def test_what_is_written_is_read_again(fmus: Path, echo: Path, tmp_path: Path) -
     ]
     assert {p.name: v for p, v in written.start} == {p.name: v for p, v in given.start}
     schemas = Path(fmpy.__file__).with_name("ssp") / "schema"
-    tree = etree.parse(str(tmp_path / "unpacked" / "SystemStructure.ssd"))
+    structure = tmp_path / "unpacked" / "SystemStructure.ssd"
+    assert '<osp:FixedStepAlgorithm baseStepSize="0.001"' in structure.read_text()
+    tree = etree.parse(str(structure))
     etree.XMLSchema(file=str(schemas / "SystemStructureDescription.xsd")).assertValid(tree)
     parameters = etree.XMLSchema(file=str(schemas / "SystemStructureParameterValues.xsd"))
     sets = list(tree.iter(f"{{{STANDARD}ParameterValues}}ParameterSet"))

@@ -26,7 +26,7 @@ def write_ssp(
 ) -> None:
     """Write the system with its FMUs, wires and start values; `start` and `stop` [s] as experiment.
 
-    The communication step [s] goes into an annotation of OSP, which libcosim needs.
+    The communication step [s] goes into an annotation of OSP, where libcosim finds it.
 
     Factors, offsets and unit conversions of the wires become linear transformations, which stand in
     for the reading tool's own unit conversion; a dotted part name is written as it is, as the name
@@ -63,7 +63,7 @@ def _structure(
     name: str,
     times: tuple[float, float | None, float | None],
 ) -> bytes:
-    for prefix, uri in NAMESPACES.items():
+    for prefix, uri in {**NAMESPACES, "osp": OSP}.items():
         ElementTree.register_namespace(prefix, uri)
     root = Element(qualified("ssd:SystemStructureDescription"), name=name, version="1.0")
     whole = SubElement(root, qualified("ssd:System"), name=name)
