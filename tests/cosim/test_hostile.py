@@ -13,7 +13,20 @@ import pytest
 from cosim.__main__ import main
 from tests.conftest import ROOT, described, rewritten
 from tests.cosim.foreign import pack as foreign
-from tests.cosim.test_ssp import LOOP, MOTOR, Files, component, flat, pack, ssd
+from tests.cosim.test_ssp import (
+    LOOP,
+    MOTOR,
+    SPACE,
+    Files,
+    bindings,
+    component,
+    connectors,
+    flat,
+    pack,
+    ssd,
+    system_in,
+    values,
+)
 
 SSD = "SystemStructure.ssd"
 ENTITIES = "".join(f'<!ENTITY e{n} "{f"&e{n - 1};" * 10}">' for n in range(1, 12))
@@ -43,12 +56,24 @@ def chained(count: int) -> Files:
     return {SSD: ssd(LOOP.format("a", "0.ssd")), **files}
 
 
+def row(count: int, step: int) -> str:
+    """Systems that hand a value on to each other, connected in this order."""
+    ends = connectors(("i", "input", ""), ("o", "output", ""))
+    through = '<ssd:Connection startConnector="i" endConnector="o"/>'
+    systems = "".join(system_in(f"s{n}", "", ends, through) for n in range(count))
+    wires = [SPACE.format(f"s{n}", "o", f"s{n + 1}", "i") for n in range(count - 1)]
+    return ssd(systems, "".join(wires[::step]), bindings(values('s0.i Real value="1"')))
+
+
 PLAIN = flat()
 TEXTS: dict[str, tuple[str | bytes | Files, str]] = {
     "billion laughs": (LAUGHS + ssd("&e11;"), ""),
     "laughs in a name": (LAUGHS + ssd(MOTOR.format("").replace("motor", "&e11;", 1)), ""),
     "entity from outside": (OUTSIDE + ssd("&out;"), "a document type, which may define entities"),
     "deep XML": (ssd(OPEN * 2000 + CLOSE * 2000), "Excessive depth in document"),
+    "systems in systems": (ssd(OPEN * 100 + MOTOR.format("") + CLOSE * 100), "more than 50 deep"),
+    "a long way": (row(5000, 1), "values pass more than 200 connectors"),
+    "a long way back": (row(5000, -1), "values pass more than 200 connectors"),
     "files in files": (chained(1000), "systems are nested more than 50 deep"),
     "a thousand million parts": (doubled(9, 10), "the system has too many elements"),
     "a long name": (

@@ -23,6 +23,7 @@ from .units import Step, Unit, chain, defined, unit_of
 Node = tuple[str, str]
 DOWNWARD = ("input", "parameter")
 IDENTITY = (1.0, 0.0)
+DEEPEST, LONGEST = 50, 200
 log = logging.getLogger("cosim")
 
 
@@ -73,6 +74,8 @@ class Plan:
             log.warning("element %r becomes %s", name, part)
         path = f"{outer}.{part}" if outer else part
         self.room.take(path, ELEMENT)
+        if path.count(".") > DEEPEST:
+            raise SetupError(f"systems are nested more than {DEEPEST} deep")
         if path in self.elements or path in self.fmus:
             raise SetupError(f"there are two elements {path}")
         self.elements.setdefault(outer, {})[name] = path
@@ -93,26 +96,31 @@ class Plan:
             raise SetupError(f"{arrow.step.where}: {dotted(arrow.target)} is driven by {other} too")
         self.into[arrow.target] = arrow
         self.out[arrow.source].append(arrow)
-        node = arrow.source
-        while node in self.into:
-            if node == arrow.target:
-                raise SetupError(f"{arrow.step.where}: {dotted(node)} is connected to itself")
+        if any(before.source == arrow.target for before in self._back(arrow.target)):
+            raise SetupError(f"{arrow.step.where}: {dotted(arrow.target)} is connected to itself")
+
+    def _back(self, node: Node) -> Iterator[Arrow]:
+        """The arrows that lead to a connector, the last one first."""
+        for _ in range(LONGEST):
+            if node not in self.into:
+                return
+            yield self.into[node]
             node = self.into[node].source
+        raise SetupError(f"{dotted(node)}: values pass more than {LONGEST} connectors")
 
     def origin(self, node: Node) -> tuple[Node, list[Step]]:
         """Where the values of a connector come from, and the steps they take."""
-        steps: list[Step] = []
-        while node in self.into:
-            arrow = self.into[node]
-            steps.insert(0, arrow.step._replace(unit=self.connectors[node].unit))
-            node = arrow.source
-        return node, steps
+        arrows = [*self._back(node)][::-1]
+        steps = [a.step._replace(unit=self.connectors[a.target].unit) for a in arrows]
+        return (arrows[0].source if arrows else node), steps
 
     def leaves(self, node: Node, steps: tuple[Step, ...] = ()) -> Iterator[tuple[Node, list[Step]]]:
         """The variables that the values of a connector reach, and the steps they take."""
         if node in self.variables:
             yield node, list(steps)
             return
+        if len(steps) > LONGEST:
+            raise SetupError(f"{dotted(node)}: values pass more than {LONGEST} connectors")
         for arrow in self.out[node]:
             step = arrow.step._replace(unit=self.connectors[arrow.target].unit)
             yield from self.leaves(arrow.target, (*steps, step))

@@ -28,7 +28,6 @@ PACKAGE = "application/x-ssp-package"
 PARAMETERS = ("parameter", "calculatedParameter")
 TYPES = ("Real", "Integer", "Boolean", "String", "Enumeration")
 ROOT = "SystemStructure.ssd"
-DEEPEST = 50
 STEPS = {"FixedStepAlgorithm": "baseStepSize", "FixedStepMaster": "stepSize"}
 PLACE = re.compile(r".+, line \d+")
 log = logging.getLogger("cosim")
@@ -85,12 +84,10 @@ class Document(NamedTuple):
             raise SetupError(f"{self.at(element)}: {error}") from None
 
     def inside(self, key: tuple[str, str], name: str) -> Document:
-        """The same document one level deeper; raises SetupError if that is too deep or in itself."""
+        """The same document one level deeper; raises SetupError if it is nested in itself."""
         if key in self.nesting:
             chain = " -> ".join([*self.nesting.values(), name])
             raise SetupError(f"cyclic nesting: {chain}")
-        if len(self.nesting) > DEEPEST:
-            raise SetupError(f"{name}: systems are nested more than {DEEPEST} deep")
         return self._replace(nesting=self.nesting | {key: name})
 
 
