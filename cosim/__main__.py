@@ -247,6 +247,8 @@ def examine(options: argparse.Namespace) -> int:
             options.algorithm, options.order, options.input_order, substeps, options.tolerance
         )
         errors, notes = describe.check(task.network, plan(task, options), way)
+        if task.package.step is not None:
+            notes.append(f"communication step: {task.package.step!r} s, which the file gives")
     for note in notes:
         print(note)
     for error in errors:

@@ -88,6 +88,8 @@ def test_a_folder_and_its_file_run_with_their_own_step(
     (place / FILE).write_text(osp(MOTOR + CONVEYOR, TAU + W, times=times))
     assert main(["run", str(place / name), "--out", str(place / "out.csv")]) == 0
     assert "strang, steps of 0.002 s: 100 steps" in capsys.readouterr().out
+    assert main(["check", str(place / name)]) == 0
+    assert "communication step: 0.002 s, which the file gives" in capsys.readouterr().out
     assert main(["info", str(place / name)]) == 0
     said = capsys.readouterr().out
     assert "default experiment: 0.5 to 0.7 s\ncommunication step: 0.002 s\n" in said
