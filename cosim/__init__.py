@@ -22,7 +22,7 @@ from .judge.diagnose import Diagnosis, diagnose
 from .judge.isolated import run_isolated
 from .master import run, versions
 from .result import Interrupted, Result, SimulationError
-from .system import System
+from .system import System, Wire
 
 __version__ = "0.1.0"
 
@@ -40,6 +40,7 @@ __all__ = [
     "SimulationError",
     "System",
     "Table",
+    "Wire",
     "certify",
     "crossing",
     "diagnose",

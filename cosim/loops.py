@@ -2,30 +2,73 @@
 
 from __future__ import annotations
 
-import numpy as np
+from collections import defaultdict
+from collections.abc import Sequence
 
-from .system import Network, Wire, feedthrough
+from .system import Connection, Network, feedthrough
 
 
-def algebraic_loops(network: Network) -> list[list[Wire]]:
+def algebraic_loops(network: Network) -> list[list[Connection]]:
     """The wires of each loop of direct feedthrough, in the order of the system.
 
     Only what a model description declares counts: an FMU that says nothing of its outputs'
     dependencies is taken to have a state in between.
     """
     wires = network.wires
-    leads = np.array([[acts(network, first, then) for then in wires] for first in wires], bool)
-    for k in range(len(wires)):
-        leads |= np.outer(leads[:, k], leads[k])
-    both = leads & leads.T
+    from_output = defaultdict(list)
+    for k, wire in enumerate(wires):
+        from_output[wire.source.name].append(k)
+    onto: dict[str, list[int]] = defaultdict(list)
+    for name, description in network.descriptions.items():
+        for output, inputs in feedthrough(description).items():
+            for entry in inputs:
+                onto[f"{name}.{entry}"] += from_output[f"{name}.{output}"]
+    rings = strongly_connected([onto[wire.target.name] for wire in wires])
     return [
-        [wires[j] for j in np.flatnonzero(ring)]
-        for i, ring in enumerate(both)
-        if ring[i] and not ring[:i].any()
+        [wires[k] for k in sorted(ring)]
+        for ring in sorted(rings, key=min)
+        if len(ring) > 1 or ring[0] in onto[wires[ring[0]].target.name]
     ]
 
 
-def acts(network: Network, first: Wire, then: Wire) -> bool:
+def strongly_connected(leads: Sequence[Sequence[int]]) -> list[list[int]]:
+    """The sets of nodes that lead to each other, where node k leads to the nodes leads[k].
+
+    Kosaraju's algorithm: two searches, the second against the arrows, in the order in which the
+    first one left the nodes.
+    """
+    left: list[int] = []
+    seen: set[int] = set()
+    for root in range(len(leads)):
+        path = [] if root in seen else [(root, iter(leads[root]))]
+        seen.add(root)
+        while path:
+            node, ahead = path[-1]
+            fresh = next((k for k in ahead if k not in seen), None)
+            if fresh is None:
+                left.append(node)
+                path.pop()
+            else:
+                seen.add(fresh)
+                path.append((fresh, iter(leads[fresh])))
+    back = defaultdict(list)
+    for node, ends in enumerate(leads):
+        for end in ends:
+            back[end].append(node)
+    rings = []
+    while left:
+        nodes, ring = [left.pop()], []
+        while nodes:
+            node = nodes.pop()
+            if node in seen:
+                seen.remove(node)
+                ring.append(node)
+                nodes += back[node]
+        rings += [ring] if ring else []
+    return rings
+
+
+def acts(network: Network, first: Connection, then: Connection) -> bool:
     """Whether the input of one wire moves the source of another without delay."""
     if first.target.part != then.source.part:
         return False
@@ -33,6 +76,6 @@ def acts(network: Network, first: Wire, then: Wire) -> bool:
     return first.target.variable.name in acting.get(then.source.variable.name, ())
 
 
-def describe(loop: list[Wire]) -> str:
+def describe(loop: Sequence[Connection]) -> str:
     """A loop as text: its inputs and what drives them."""
     return ", ".join(f"{wire.source.name} -> {wire.target.name}" for wire in loop)

@@ -5,9 +5,11 @@ from __future__ import annotations
 import importlib.metadata
 import platform
 import time as clock
+from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from functools import cache
+from heapq import heappop, heappush
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -106,7 +108,7 @@ def run(
             "start": start,
             "stop": stop,
             "tolerance": tolerance,
-            "wires": list(system.wires),
+            "wires": [str(wire) for wire in system.wires],
             "inputs": {port.name: profile.told() for port, profile in network.inputs},
             "changes": list(system.changes),
             "start_values": dict(system.start),
@@ -218,15 +220,23 @@ def stepping_order(network: Network, order: Sequence[str] | None) -> list[str]:
     if order is not None:
         return list(order)
     parts = list(network.descriptions)
-    hears = {
-        name: {w.source.part for w in network.wires if w.target.part == name} for name in parts
-    }
-    sequence: list[str] = []
-    while parts:
-        ready = [name for name in parts if not (hears[name] - {name}) & set(parts)]
-        sequence.append((ready or parts)[0])
-        parts.remove(sequence[-1])
-    return sequence
+    place = {name: k for k, name in enumerate(parts)}
+    arrows = {(place[source.part], place[target.part]) for source, target, *_ in network.wires}
+    waits = Counter(hearer for speaker, hearer in arrows if speaker != hearer)
+    hearers = defaultdict(list)
+    for speaker, hearer in arrows:
+        hearers[speaker].append(hearer)
+    ready, declared = [k for k in range(len(parts)) if not waits[k]], iter(range(len(parts)))
+    sequence: dict[int, str] = {}
+    while len(sequence) < len(parts):
+        k = heappop(ready) if ready else next(declared)
+        if k not in sequence:
+            sequence[k] = parts[k]
+            for hearer in hearers[k]:
+                waits[hearer] -= 1
+                if not waits[hearer]:
+                    heappush(ready, hearer)
+    return list(sequence.values())
 
 
 def _outputs(network: Network) -> list[Port]:

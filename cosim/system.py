@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import math
 import re
-from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any, NamedTuple
 from zipfile import ZipFile
 
@@ -21,6 +19,7 @@ from .errors import SetupError
 from .inputs import Course, Table, change
 
 Value = float | int | bool | str
+Name = str | tuple[str, str]
 STATE, VARIABLE_STEP = "canGetAndSetFMUstate", "canHandleVariableCommunicationStepSize"
 FALSE_TRUE = {"false": False, "0": False, "true": True, "1": True}
 READ: dict[str, Callable[[str], Value]] = {
@@ -43,13 +42,55 @@ PIECE = r"[^\W\d][\w\[\]-]*"
 PART = re.compile(rf"{PIECE}(\.{PIECE})*")
 
 
+class Wire(NamedTuple):
+    """A wire as a value, whose ends may have any names: "motor.tau" or ("motor", "tau").
+
+    Factor and offset are those of the source's unit. Unless it `converts`, the target takes the
+    number as it stands, whatever the units.
+    """
+
+    source: Name
+    target: Name
+    factor: float = 1.0
+    offset: float = 0.0
+    converts: bool = True
+
+    def __str__(self) -> str:
+        factor = "" if self.factor == 1.0 else f" * {self.factor!r}"
+        sign = "-" if self.offset < 0.0 else "+"
+        offset = "" if self.offset == 0.0 else f" {sign} {abs(self.offset)!r}"
+        arrow = "->" if self.converts else "=>"
+        return f"{dotted(self.source)}{factor}{offset} {arrow} {dotted(self.target)}"
+
+    @classmethod
+    def read(cls, text: str) -> Wire:
+        """The wire of a text; raises SetupError if it is none."""
+        match = WIRE.fullmatch(text)
+        if match is None:
+            raise SetupError(
+                f"wire {text!r} must read 'part.output [* factor] [+ offset] -> part.input', "
+                "or => to convert no units"
+            )
+        factor, offset = (
+            float(re.sub(r"\s", "", match[key] or default))
+            for key, default in (("factor", "1"), ("offset", "0"))
+        )
+        return cls(match["source"], match["target"], factor, offset, match["arrow"] == "->")
+
+
+def dotted(name: Name) -> str:
+    """A name as one text."""
+    return name if isinstance(name, str) else ".".join(name)
+
+
 @dataclass(frozen=True)
 class System:
     """FMU files by part name, wires, start values by variable.
 
     A wire reads "motor.tau -> conveyor.tau", or with a factor and an offset in the source's unit
     "cam.w * 2.5 + 0.1 -> rotor.w". Convertible units are converted (rpm -> rad/s). With "=>" the
-    target takes the number as it stands, whatever the units. A bond names two outputs that are wired
+    target takes the number as it stands, whatever the units. A `Wire` says
+    the same as a value, for names with a blank, * or +. A bond names two outputs that are wired
     there and back and multiply to a power: "motor.tau * conveyor.w". Wires whose units show a bond
     beyond doubt need not be named. A part of a subsystem has a dotted name, "line.motor".
 
@@ -59,7 +100,7 @@ class System:
     """
 
     parts: Mapping[str, Path]
-    wires: Sequence[str] = ()
+    wires: Sequence[str | Wire] = ()
     start: Mapping[str, Value] = field(default_factory=dict)
     bonds: Sequence[str] = ()
     inputs: Mapping[str, Table | Callable[[float], float]] = field(default_factory=dict)
@@ -92,8 +133,8 @@ class Port(NamedTuple):
         return f"{self.name} [{self.unit}]" if self.unit else self.name
 
 
-class Wire(NamedTuple):
-    """From an output to an input: target = factor * source + offset, each in its own unit."""
+class Connection(NamedTuple):
+    """A checked wire: target = factor * source + offset, each in its own unit."""
 
     source: Port
     target: Port
@@ -101,22 +142,56 @@ class Wire(NamedTuple):
     offset: float = 0.0
 
 
-class Network(NamedTuple):
-    """A system whose names, directions, units and start values have been checked.
+class Fmu(NamedTuple):
+    """A model description, its variables by name, its units in SI base units by name.
 
-    `blemishes` say by part what is wrong in its model description but does not touch a run.
+    `blemish` says what is wrong in it but does not touch a run.
     """
 
-    system: System
-    descriptions: dict[str, ModelDescription]
-    wires: list[Wire]
-    start: list[tuple[Port, Value]]
-    blemishes: Mapping[str, str] = MappingProxyType({})
-    inputs: Sequence[tuple[Port, Table | Course]] = ()
+    description: ModelDescription
+    variables: dict[str, ScalarVariable]
+    units: dict[str, Any]
+    blemish: str
 
-    def port(self, name: str) -> Port:
-        """The port of a dotted name; raises SetupError if there is none."""
-        return _port(self.descriptions, name)
+
+@dataclass(frozen=True)
+class Network:
+    """A system whose names, directions, units and start values have been checked."""
+
+    system: System
+    fmus: Mapping[str, Fmu]
+    wires: list[Connection] = field(default_factory=list)
+    start: list[tuple[Port, Value]] = field(default_factory=list)
+    inputs: list[tuple[Port, Table | Course]] = field(default_factory=list)
+
+    @cached_property
+    def descriptions(self) -> dict[str, ModelDescription]:
+        """The model descriptions by part."""
+        return {name: fmu.description for name, fmu in self.fmus.items()}
+
+    @cached_property
+    def blemishes(self) -> dict[str, str]:
+        """By part what is wrong in its model description but does not touch a run."""
+        return {name: fmu.blemish for name, fmu in self.fmus.items() if fmu.blemish}
+
+    def port(self, name: Name) -> Port:
+        """The port of a name; raises SetupError if there is none."""
+        places = cuts(name.strip()) if isinstance(name, str) else [name]
+        places = [place for place in places if place[0] in self.fmus]
+        for part, variable in places:
+            if variable in self.fmus[part].variables:
+                return Port(part, self.fmus[part].variables[variable])
+        if not places:
+            whole, known = dotted(name).strip(), ", ".join(self.fmus)
+            part = whole.partition(".")[0] if isinstance(name, str) else name[0]
+            raise SetupError(f"{whole}: there is no part {part!r}, only {known}")
+        part, variable = places[0]
+        known = ", ".join(self.fmus[part].variables)
+        raise SetupError(f"{part} has no variable {variable!r}, only {known}")
+
+    def base_unit(self, port: Port) -> Any:
+        """The unit of a port in SI base units, None if its model description does not say."""
+        return self.fmus[port.part].units.get(port.unit)
 
 
 def connect(system: System) -> Network:
@@ -128,30 +203,27 @@ def connect(system: System) -> Network:
     """
     if not system.parts:
         raise SetupError("a system needs a part")
-    descriptions = {name: describe_fmu(name, Path(path)) for name, path in system.parts.items()}
-    _require_distinct(descriptions)
-    wires = [_wire(descriptions, text) for text in system.wires]
-    start = [_start(descriptions, name, value) for name, value in system.start.items()]
-    driven: dict[str, Wire] = {}
-    for wire in wires:
-        if wire.target.name in driven:
-            first = driven[wire.target.name].source
-            raise SetupError(f"{wire.target} is driven twice, by {first} and by {wire.source}")
-        driven[wire.target.name] = wire
-    inputs = [_input(descriptions, name, given) for name, given in system.inputs.items()]
-    inputs += _changed(descriptions, system, {port.name: value for port, value in start})
-    for port, _ in inputs:
+    network = Network(system, {name: _fmu(name, Path(path)) for name, path in system.parts.items()})
+    _require_distinct(network.fmus)
+    network.wires.extend(_connection(network, wire) for wire in system.wires)
+    network.start.extend(_start(network.port(name), value) for name, value in system.start.items())
+    driven: dict[str, Port] = {}
+    for source, target, *_ in network.wires:
+        if target.name in driven:
+            raise SetupError(f"{target} is driven twice, by {driven[target.name]} and by {source}")
+        driven[target.name] = source
+    network.inputs.extend(_input(network, *item) for item in system.inputs.items())
+    network.inputs.extend(_changed(network))
+    for port, _ in network.inputs:
         if port.name in driven:
-            raise SetupError(f"{port} is driven twice, by {driven[port.name].source} and over time")
-    given = {port.name for port, _ in (*start, *inputs)}
-    for name, description in descriptions.items():
+            raise SetupError(f"{port} is driven twice, by {driven[port.name]} and over time")
+    known = driven.keys() | {port.name for port, _ in (*network.start, *network.inputs)}
+    for name, description in network.descriptions.items():
         for variable in description.modelVariables:
-            port = Port(name, variable)
-            if variable.causality == "input" and port.name not in driven.keys() | given:
+            if variable.causality == "input" and f"{name}.{variable.name}" not in known:
+                port = Port(name, variable)
                 raise SetupError(f"input {port} is not connected: wire it or give it a start value")
-    read = {name: _read(Path(path), version(Path(path))) for name, path in system.parts.items()}
-    blemishes = {name: blemish for name, (_, blemish) in read.items() if blemish}
-    return Network(system, descriptions, wires, start, blemishes, inputs)
+    return network
 
 
 def still(system: System, where: str) -> Network:
@@ -164,6 +236,10 @@ def still(system: System, where: str) -> Network:
 
 def describe_fmu(name: str, path: Path) -> ModelDescription:
     """The description of a part's FMU; raises SetupError if name or file cannot be used."""
+    return _fmu(name, path).description
+
+
+def _fmu(name: str, path: Path) -> Fmu:
     if PART.fullmatch(name) is None:
         raise SetupError(
             f"part name {name!r} must begin with a letter, then letters, digits, _, - and [], "
@@ -172,7 +248,7 @@ def describe_fmu(name: str, path: Path) -> ModelDescription:
     if not path.is_file():
         raise SetupError(f"part {name}: there is no file {path}")
     try:
-        return _read(path, version(path))[0]
+        return _read(path, version(path))
     except SetupError as error:
         raise SetupError(f"part {name}: {path} {error}") from error
 
@@ -192,11 +268,8 @@ def version(path: Path) -> tuple[int, int]:
 
 
 @lru_cache(maxsize=64)
-def _read(path: Path, _: tuple[int, int]) -> tuple[ModelDescription, str]:
-    """The model description of an FMU that this master can run on this platform, and its blemish.
-
-    Kept for as long as the file has this version.
-    """
+def _read(path: Path, _: tuple[int, int]) -> Fmu:
+    """An FMU that this master can run on this platform; kept as long as its file has this version."""
     wanted = "this master runs FMI 2.0 co-simulation"
     try:
         with ZipFile(path) as archive:
@@ -208,7 +281,7 @@ def _read(path: Path, _: tuple[int, int]) -> tuple[ModelDescription, str]:
         which = f"one of more than {LONGEST >> 20} MiB" if long else "no"
         raise SetupError(f"is not a valid FMU, it has {which} {XML}")
     try:
-        description = read_model_description(str(path), validate=False)
+        description, blemish = _description(path)
     except Exception as error:
         raise SetupError(f"is not a valid FMU: modelDescription.xml: {_reason(error)}") from error
     if description.fmiVersion != "2.0":
@@ -221,18 +294,24 @@ def _read(path: Path, _: tuple[int, int]) -> tuple[ModelDescription, str]:
         raise SetupError(
             f"has no binary for this platform, binaries/{fmpy.platform}/{library}; it is for {there}"
         )
-    names = Counter(v.name for v in description.modelVariables)
-    if twice := [name for name, count in names.items() if count > 1]:
-        raise SetupError(f"is not a valid FMU: it has two variables {twice[0]}")
+    variables: dict[str, ScalarVariable] = {}
     for variable in description.modelVariables:
+        if variables.setdefault(variable.name, variable) is not variable:
+            raise SetupError(f"is not a valid FMU: it has two variables {variable.name}")
         for attribute in ("unit", "min", "max", "nominal") if variable.declaredType else ():
             if getattr(variable, attribute) is None:
                 setattr(variable, attribute, getattr(variable.declaredType, attribute))
+    units = {unit.name: unit.baseUnit for unit in reversed(description.unitDefinitions)}
+    return Fmu(description, variables, units, blemish)
+
+
+def _description(path: Path) -> tuple[ModelDescription, str]:
+    """The model description of an FMU, and what is wrong in it if it can be read all the same."""
     try:
-        read_model_description(str(path))
+        return read_model_description(str(path)), ""
     except Exception as error:  # noqa: BLE001
-        return description, f"modelDescription.xml is not valid: {_reason(error)}"
-    return description, ""
+        blemish = f"modelDescription.xml is not valid: {_reason(error)}"
+        return read_model_description(str(path), validate=False), blemish
 
 
 def _reason(error: Exception) -> str:
@@ -240,56 +319,38 @@ def _reason(error: Exception) -> str:
     return "; ".join(line.removeprefix("- ") for line in str(error).splitlines()[-3:])
 
 
-def _require_distinct(descriptions: Mapping[str, ModelDescription]) -> None:
+def _require_distinct(fmus: Mapping[str, Fmu]) -> None:
     """Refuse variables of two parts that have one dotted name: a, b.c and a.b, c."""
-    for inner in descriptions:
-        for outer in descriptions:
-            if inner.startswith(f"{outer}."):
-                names = {f"{inner}.{v.name}" for v in descriptions[inner].modelVariables}
-                names &= {f"{outer}.{v.name}" for v in descriptions[outer].modelVariables}
+    for inner, fmu in fmus.items():
+        for outer, rest in cuts(inner):
+            if outer in fmus:
+                names = {f"{rest}.{name}" for name in fmu.variables} & fmus[outer].variables.keys()
                 if names:
-                    raise SetupError(f"parts {outer} and {inner} both have a {min(names)}")
+                    raise SetupError(f"parts {outer} and {inner} both have a {outer}.{min(names)}")
 
 
-def _port(descriptions: Mapping[str, ModelDescription], name: str) -> Port:
-    name = name.strip()
-    parts = sorted((p for p in descriptions if name.startswith(f"{p}.")), key=len, reverse=True)
-    for part in parts:
-        for candidate in descriptions[part].modelVariables:
-            if f"{part}.{candidate.name}" == name:
-                return Port(part, candidate)
-    if not parts:
-        known = ", ".join(descriptions)
-        raise SetupError(f"{name}: there is no part {name.partition('.')[0]!r}, only {known}")
-    part, names = parts[0], [v.name for v in descriptions[parts[0]].modelVariables]
-    variable = name.removeprefix(f"{part}.")
-    raise SetupError(f"{part} has no variable {variable!r}, only {', '.join(names)}")
+def cuts(name: str) -> list[tuple[str, str]]:
+    """The two pieces of a name, cut at each of its dots, the last one first."""
+    return [(name[: dot.start()], name[dot.end() :]) for dot in re.finditer(r"\.", name)][::-1]
 
 
-def _wire(descriptions: Mapping[str, ModelDescription], text: str) -> Wire:
-    match = WIRE.fullmatch(text)
-    if match is None:
-        raise SetupError(
-            f"wire {text!r} must read 'part.output [* factor] [+ offset] -> part.input', "
-            "or => to convert no units"
-        )
-    source, target = (_port(descriptions, match[end]) for end in ("source", "target"))
+def _connection(network: Network, given: str | Wire) -> Connection:
+    wire = Wire.read(given) if isinstance(given, str) else given
+    here = f"wire {str(given)!r}"
+    source, target = network.port(wire.source), network.port(wire.target)
     if source.variable.causality != "output":
-        raise SetupError(f"wire {text!r}: {source} is {source.variable.causality}, not an output")
+        raise SetupError(f"{here}: {source} is {source.variable.causality}, not an output")
     if target.variable.causality != "input":
-        raise SetupError(f"wire {text!r}: {target} is {target.variable.causality}, not an input")
+        raise SetupError(f"{here}: {target} is {target.variable.causality}, not an input")
     if not fits(source.type, target.type):
-        raise SetupError(f"wire {text!r}: {source.type} cannot drive {target.type}")
-    factor, offset = (float(re.sub(r"\s", "", match[key] or default))
-                      for key, default in (("factor", "1"), ("offset", "0")))  # fmt: skip
-    if not math.isfinite(factor + offset):
-        raise SetupError(f"wire {text!r}: factor and offset must be finite numbers")
-    raw = match["arrow"] == "=>"
-    scale, shift = (1.0, 0.0) if raw else _conversion(descriptions, source, target)
-    wire = Wire(source, target, scale * factor, scale * offset + shift)
-    if wire[2:] != (1.0, 0.0) and source.type != "Real":
-        raise SetupError(f"wire {text!r}: {source.type} cannot be scaled")
-    return wire
+        raise SetupError(f"{here}: {source.type} cannot drive {target.type}")
+    if not math.isfinite(wire.factor + wire.offset):
+        raise SetupError(f"{here}: factor and offset must be finite numbers")
+    scale, shift = _conversion(network, source, target) if wire.converts else (1.0, 0.0)
+    made = Connection(source, target, scale * wire.factor, scale * wire.offset + shift)
+    if made[2:] != (1.0, 0.0) and source.type != "Real":
+        raise SetupError(f"{here}: {source.type} cannot be scaled")
+    return made
 
 
 def fits(source: str, target: str) -> bool:
@@ -297,13 +358,11 @@ def fits(source: str, target: str) -> bool:
     return source == target or {source, target} == {"Integer", "Enumeration"}
 
 
-def _conversion(
-    descriptions: Mapping[str, ModelDescription], source: Port, target: Port
-) -> tuple[float, float]:
+def _conversion(network: Network, source: Port, target: Port) -> tuple[float, float]:
     """Factor and offset from the source's unit to the target's; no unit fits every unit."""
     if not source.unit or not target.unit or source.unit == target.unit:
         return 1.0, 0.0
-    here, there = (base_unit(descriptions, port) for port in (source, target))
+    here, there = network.base_unit(source), network.base_unit(target)
     factors = convert(here, there) if here and there else None
     if factors is None:
         raise SetupError(f"{source} cannot drive {target}")
@@ -345,18 +404,8 @@ def exponents(unit: Any) -> tuple[int, ...]:
     return tuple(getattr(unit, base) for base in ("kg", "m", "s", "A", "K", "mol", "cd", "rad"))
 
 
-def base_unit(descriptions: Mapping[str, ModelDescription], port: Port) -> Any:
-    """The unit of a port in SI base units, None if its model description does not say."""
-    for unit in descriptions[port.part].unitDefinitions:
-        if unit.name == port.unit:
-            return unit.baseUnit
-    return None
-
-
-def _start(
-    descriptions: Mapping[str, ModelDescription], name: str, value: Value
-) -> tuple[Port, Value]:
-    port = _port(descriptions, name)
+def _start(port: Port, value: Value) -> tuple[Port, Value]:
+    """A start value in the type of its port; raises SetupError for one that it cannot have."""
     variable = port.variable
     free = variable.causality in ("parameter", "input") or variable.initial in ("exact", "approx")
     if variable.variability == "constant" or not free:
@@ -387,12 +436,10 @@ def _start(
 
 
 def _input(
-    descriptions: Mapping[str, ModelDescription],
-    name: str,
-    given: Table | Callable[[float], float],
+    network: Network, name: Name, given: Table | Callable[[float], float]
 ) -> tuple[Port, Table | Course]:
     """A table in the unit of its input, or a function; raises SetupError for what does not fit."""
-    port = _port(descriptions, name)
+    port = network.port(name)
     causality = str(port.variable.causality)
     parameter = causality == "parameter"
     if causality != "input" and not (parameter and port.variable.variability == "tunable"):
@@ -405,28 +452,26 @@ def _input(
         return port, Course(given)
     if not (moving or given.held):
         raise SetupError(f"{port} cannot follow lines, only a table that is held")
-    factor, offset = _scale(descriptions, port, given.unit)
+    factor, offset = _scale(network, port, given.unit)
     if (factor, offset) != (1.0, 0.0):
         given = given.mapped(lambda value: factor * value + offset)
     extremes = set(given.values)
     if moving:
         extremes = {min(extremes), max(extremes), *filter(math.isnan, extremes)}
-    fitting = {value: _start(descriptions, name, value)[1] for value in extremes}
+    fitting = {value: _start(port, value)[1] for value in extremes}
     return port, given.mapped(float if moving else fitting.__getitem__)
 
 
-def _scale(
-    descriptions: Mapping[str, ModelDescription], port: Port, unit: str
-) -> tuple[float, float]:
+def _scale(network: Network, port: Port, unit: str) -> tuple[float, float]:
     """Factor and offset from a unit to that of a port."""
     if unit in ("", port.unit):
         return 1.0, 0.0
-    units = [known for d in descriptions.values() for known in d.unitDefinitions]
+    units = [known for d in network.descriptions.values() for known in d.unitDefinitions]
     for shown in (s for known in units if known.name == port.unit for s in known.displayUnits):
         if shown.name == unit:
             return 1.0 / shown.factor, -shown.offset / shown.factor
     here = next((known.baseUnit for known in units if known.name == unit), None)
-    there = base_unit(descriptions, port)
+    there = network.base_unit(port)
     if here is None or there is None:
         raise SetupError(f"{port} cannot follow a table in {unit}: no FMU here defines that unit")
     factors = convert(here, there)
@@ -435,28 +480,28 @@ def _scale(
     return factors
 
 
-def _changed(
-    descriptions: Mapping[str, ModelDescription], system: System, start: Mapping[str, Value]
-) -> Iterator[tuple[Port, Table | Course]]:
+def _changed(network: Network) -> Iterator[tuple[Port, Table | Course]]:
     """The changes of each variable as a table that begins with its start value."""
     steps: dict[str, list[tuple[float, Value]]] = {}
-    for time, name, text in map(change, system.changes):
-        port = _port(descriptions, name)
+    for time, name, text in map(change, network.system.changes):
+        port = network.port(name)
         value: Value = text
         with suppress(KeyError, ValueError):
             whole = text.isdecimal() and port.type != "String"
             value = READ["Integer" if whole else port.type](text)
         steps.setdefault(port.name, []).append((time, value))
+    start = {port.name: value for port, value in network.start} if steps else {}
     for name, rows in steps.items():
-        port = _port(descriptions, name)
+        port = network.port(name)
         before = start.get(name, own_start(port.variable))
-        if name in system.inputs or before is None:
-            why = "follows a table too" if name in system.inputs else "has no start value"
+        over = name in network.system.inputs
+        if over or before is None:
+            why = "follows a table too" if over else "has no start value"
             raise SetupError(f"{port} cannot change: it {why}")
-        fitting = [(time, _start(descriptions, name, value)[1]) for time, value in rows]
+        fitting = [(time, _start(port, value)[1]) for time, value in rows]
         times, values = zip(*sorted(fitting, key=lambda row: row[0]))
         table = Table(times, values, held=True)
-        yield _input(descriptions, name, table.after(before))
+        yield _input(network, name, table.after(before))
 
 
 def enumeration(variable: ScalarVariable) -> dict[str, int]:

@@ -271,7 +271,7 @@ def _provenance(system: System, algorithm: str | None, communication: str) -> di
     return {
         "algorithm": algorithm,
         "communication": communication,
-        "wires": list(system.wires),
+        "wires": [str(wire) for wire in system.wires],
         "parts": {
             part: {"fmu": Path(path).name, "model": d.modelName, "guid": d.guid}
             for (part, path), d in zip(system.parts.items(), descriptions.values())

@@ -91,23 +91,47 @@ class Scale:
 
 
 class Controller:
-    """A PI controller: the next step from how much of the tolerance this and the last one used."""
+    """The steps between times [s], each of which is met; a PI controller chooses their sizes [s].
 
-    def __init__(self, order: int, settings: Adaptive) -> None:
-        self.order = order
-        self.longest = settings.longest
+    The next size follows from how much of the tolerance this step and the last one used.
+    """
+
+    def __init__(self, order: int, settings: Adaptive, times: Sequence[float]) -> None:
+        self.order, self.times, self.longest = order, times, settings.longest
+        self.t, self.span = times[0], times[-1] - times[0]
+        first = FIRST * self.span if settings.first is None else settings.first
+        self.h = min(first, settings.longest)
         self.before = 1.0
 
-    def next(self, h: float, used: float) -> float:
-        """The step after one of size h that used this share of what it may."""
+    def steps(self) -> Iterator[tuple[float, float]]:
+        """The time and the size of each step, the same time again until it is accepted.
+
+        A step ends at the next of the times, or half-way there where it would leave a crumb.
+        """
+        stop, places = self.times[-1], iter(self.times)
+        end = self.t
+        while self.t < stop:
+            if end <= self.t or same(end, self.t):
+                later = (time for time in places if time > self.t and not same(time, self.t))
+                end = next(later, stop)
+            rest = end - self.t
+            whole = self.h >= rest * (1 - 1e-9)
+            self.h = rest if whole else min(self.h, rest / 2)
+            self.end = end if same(self.t + self.h, end) else self.t + self.h
+            yield self.t, self.h
+
+    def accept(self, used: float) -> float:
+        """Go on from a step that used this share of what it may; its end [s]."""
         used = max(used, 1e-12)
         factor = SAFETY * used ** (-0.7 / self.order) * self.before ** (0.3 / self.order)
         self.before = used
-        return min(self.longest, h * float(min(GROW, max(SHRINK, factor))))
+        self.t = self.end
+        self.h = min(self.longest, self.h * float(min(GROW, max(SHRINK, factor))))
+        return self.t
 
-    def again(self, h: float, used: float) -> float:
-        """A smaller step in place of one that used too much."""
-        return h * float(max(SHRINK, SAFETY * used ** (-1.0 / self.order)))
+    def reject(self, used: float) -> None:
+        """Take a smaller step in place of one that used too much."""
+        self.h *= float(max(SHRINK, SAFETY * used ** (-1.0 / self.order)))
 
 
 def doubling(
@@ -123,14 +147,11 @@ def doubling(
 
     The whole step's end serves the halves as a prediction where inputs move within a step.
     """
-    start, stop = span = times[0], times[-1]
     scale, snapshot = Scale(parts, settings), Snapshot(parts)
-    controller = Controller(order, settings)
-    t, h = start, first_step(settings, span)
-    while t < stop:
-        end = following(t, times)
-        h = last_step(t, h, end)
+    controller = Controller(order, settings, times)
+    for t, h in controller.steps():
         snapshot.take()
+        reason = ""
         try:
             advance(t, h)
             whole = scale.values()
@@ -139,25 +160,21 @@ def doubling(
             advance(t + h / 2, h / 2)
         except (Discarded, NotFinite) as failure:
             reached = failure.reached if isinstance(failure, Discarded) else t
-            used, smaller = math.inf, min(h / 2, max(0.0, reached - t)) or h / 2
+            controller.h = min(h / 2, max(0.0, reached - t)) or h / 2
             reason = f"{failure}; "
         else:
             errors = [a - b for a, b in zip(scale.values(), whole)]
-            used = scale.share(errors, (stop - start) / h)
-            smaller = controller.again(h, used) if used > ACCEPT else h
-            reason = ""
-        if used > ACCEPT:
-            rejected.append(h)
-            h = smaller
-            if h < LEAST * (stop - start):
-                raise PartFailure(f"{reason}the tolerance asks for steps below {h:.2g} s")
-            snapshot.restore()
-            forget_after(parts, t)
-            continue
-        scale.accept()
-        t = end if same(t + h, end) else t + h
-        h = controller.next(h, used)
-        yield t
+            used = scale.share(errors, controller.span / h)
+            if used <= ACCEPT:
+                scale.accept()
+                yield controller.accept(used)
+                continue
+            controller.reject(used)
+        rejected.append(h)
+        if controller.h < LEAST * controller.span:
+            raise PartFailure(f"{reason}the tolerance asks for steps below {controller.h:.2g} s")
+        snapshot.restore()
+        forget_after(parts, t)
 
 
 def by_energy(
@@ -167,46 +184,21 @@ def by_energy(
     order: int,
     times: Sequence[float],
 ) -> Iterator[float]:
-    """The times at which steps end, all of `times` [s] among them; the next size from the energy each bond made in the last.
+    """The times at which steps end, all of `times` [s] among them; the next size from the energy
+    that each bond made in the last.
 
     After the energy-conservation-based co-simulation of Sadjina et al. (2017), with the power that
     a bond may create held to the tolerance times the largest power so far.
     """
-    start, stop = span = times[0], times[-1]
     booked = [end for part in parts for end in part.ends]
     bonds = dict.fromkeys(end.bond for end in booked)
     sides = [[end for end in booked if end.bond == bond] for bond in bonds]
-    controller = Controller(order, settings)
-    t, h = start, first_step(settings, span)
+    controller = Controller(order, settings, times)
     largest = 0.0
-    while t < stop:
-        until = following(t, times)
-        h = last_step(t, h, until)
+    for t, h in controller.steps():
         before = [[end.energy for end in pair] for pair in sides]
         advance(t, h)
         given = [[end.energy - e for end, e in zip(p, b)] for p, b in zip(sides, before)]
         largest = max([largest, *(abs(e) / h for pair in given for e in pair)])
         made = max(abs(first - second) for first, second in given) / h
-        t = until if same(t + h, until) else t + h
-        h = controller.next(h, made / (settings.tolerance * largest) if largest else 0.0)
-        yield t
-
-
-def first_step(settings: Adaptive, span: tuple[float, float]) -> float:
-    """The step to begin with."""
-    start, stop = span
-    first = FIRST * (stop - start) if settings.first is None else settings.first
-    return min(first, settings.longest)
-
-
-def following(t: float, times: Sequence[float]) -> float:
-    """The first of the times [s] after t."""
-    return next((time for time in times if time > t and not same(t, time)), times[-1])
-
-
-def last_step(t: float, h: float, stop: float) -> float:
-    """h, or what is left, or half of it where h would leave a crumb."""
-    rest = stop - t
-    if h >= rest * (1 - 1e-9):
-        return rest
-    return min(h, rest / 2)
+        yield controller.accept(made / (settings.tolerance * largest) if largest else 0.0)

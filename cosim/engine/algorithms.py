@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import Discarded, NotFinite, PartFailure
-from .curve import Node, value
+from .curve import value
 from .exchange import Coupled
+from .operation import Operation
 from .snapshot import Snapshot
 
 Advance = Callable[[float, float], None]
@@ -37,6 +38,14 @@ class Turn(NamedTuple):
 Stages = list[list[Turn]]
 
 
+class Timed(NamedTuple):
+    """An operation of a step h: at t + at * h, for a turn of size * h."""
+
+    operation: Operation
+    at: float
+    size: float
+
+
 def jacobi(parts: Sequence[Coupled]) -> Stages:
     """All parts step with the values of the step's beginning."""
     return [[Turn(part, 0.0, 1.0) for part in parts]]
@@ -55,16 +64,24 @@ def strang(parts: Sequence[Coupled]) -> Stages:
     return [*there, [Turn(last, 0.0, 1.0)], *back]
 
 
-def explicit(stages: Stages) -> Advance:
-    """The stages, one after the other."""
+def program(stages: Stages) -> list[Timed]:
+    """The operations of all stages, one after the other."""
+    operations: list[Timed] = []
+    for stage in stages:
+        for part, at, size in stage:
+            operations += (Timed(operation, at, size) for operation in part.turn())
+        for part, at, size in stage:
+            shown = (*part.look(), *part.ends)
+            operations += (Timed(operation, at + size, size) for operation in shown)
+    return operations
+
+
+def explicit(program: Sequence[Timed]) -> Advance:
+    """Run a program, one operation after the other, as loop.c does."""
 
     def advance(t: float, h: float) -> None:
-        for stage in stages:
-            for part, at, size in stage:
-                part.step(t + at * h, size * h)
-            for part, at, size in stage:
-                part.read(t + (at + size) * h)
-                part.book(size * h)
+        for operation, at, size in program:
+            operation(t + at * h, size * h)
 
     return advance
 
@@ -81,6 +98,9 @@ def iterated(parts: Sequence[Coupled]) -> Advance:
     real = [block for block in outputs if block.real]
     discrete = [block for block in outputs if not block.real]
     names = [name for block in real for name in block.names]
+    turns = [operation for part in parts for operation in part.turn()]
+    looks = [operation for part in parts for operation in part.look()]
+    ledger = [end for part in parts for end in part.ends]
 
     def ends() -> Vector:
         return np.array([cell for block in real for cell in block.cells])
@@ -89,7 +109,7 @@ def iterated(parts: Sequence[Coupled]) -> Advance:
         """The outputs at the step's end as their past tells them."""
         guess = ends()
         if parts[0].curves is not None:
-            signals = (s for part in parts if part.curves for s, _, _ in part.curves.signals)
+            signals = (s for part in parts if part.curves for s in part.curves.signals)
             guess = np.array([value(signal.taylor(t), h) for signal in signals])
         return guess
 
@@ -99,8 +119,8 @@ def iterated(parts: Sequence[Coupled]) -> Advance:
         for block in real:
             block.cells[:] = [next(given) for _ in block.cells]
         for part in parts:
-            for signal, cells, i in part.curves.signals if part.curves else ():
-                signal.add(Node(end, cells[i], None))
+            if part.curves is not None:
+                part.curves.suppose(end)
 
     snapshot = Snapshot(parts)
 
@@ -113,19 +133,19 @@ def iterated(parts: Sequence[Coupled]) -> Advance:
                 snapshot.restore_fmus()
             suppose(z, t + h)
             before = [list(block.cells) for block in discrete]
-            for part in parts:
-                part.step(t, h)
+            for operation in turns:
+                operation(t, h)
             try:
-                for part in parts:
-                    part.read(t + h)
+                for operation in looks:
+                    operation(t + h, h)
             except NotFinite as failure:
                 raise Discarded(str(failure), t) from failure
             image = ends()
             gap = np.abs(image - z) / (1.0 + np.abs(image))
             same = before == [list(block.cells) for block in discrete]
             if same and gap.max(initial=0.0) <= TOLERANCE:
-                for part in parts:
-                    part.book(h)
+                for end in ledger:
+                    end(t + h, h)
                 return
             z = mixing.next(z, image)
         worst = ", ".join(f"{name} by {g:.2g}" for name, g in zip(names, gap) if g > TOLERANCE)

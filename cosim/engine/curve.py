@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import ctypes
 import math
-from collections.abc import Callable, Sequence
-from functools import partial
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from .clock import same
 from .feed import Feed
-from .part import Part
+from .operation import COPY, SCALE, Layout, Operation, address
+from .part import Block, Part
 
 
 class Node(NamedTuple):
@@ -95,98 +95,108 @@ def mean(taylor: list[float], h: float) -> float:
     return value([a / (k + 1) for k, a in enumerate(taylor)], h)
 
 
-class Entry:
-    """A Real input that follows factor * signal + offset; `first` and `last` in the last step."""
+class Link(Operation):
+    """The end of a wire: input cell cells[i] follows factor * source[j] + offset.
 
-    def __init__(
-        self, cells: Any, i: int, signal: Signal | Feed, factor: float, offset: float
-    ) -> None:
-        self.cells, self.i = cells, i
-        self.signal, self.factor, self.offset = signal, factor, offset
-        self.first, self.last = [0.0], [0.0]
-
-
-class Curves:
-    """The moving inputs and watched outputs of a part.
-
-    An FMU that can interpolate gets an input's value and derivatives at the beginning of the step,
-    any other its mean over the step.
+    Where it has a `signal`, it moves within a step on that of the source: `first` and `last` are
+    then the values of the last step, and otherwise the cell itself.
     """
 
-    def __init__(self, part: Part, degree: int) -> None:
-        self.part = part
-        self.degree = degree
-        self.capable = bool(part.description.coSimulation.canInterpolateInputs)
-        self.entries: list[Entry] = []
-        self.signals: list[tuple[Signal, Any, int]] = []
-        self._derivatives: Any = None
-        self._set_derivatives: Callable[[], int] | None = None
-        self._rates: Any = None
-        self._get_rates: Callable[[], int] | None = None
+    def __init__(
+        self, cells: Any, i: int, source: Any, j: int, factor: float = 1.0, offset: float = 0.0
+    ) -> None:
+        self.cells, self.i, self.source, self.j = cells, i, source, j
+        self.factor, self.offset = factor, offset
+        self.signal: Signal | Feed | None = None
+        self.first = self.last = (cells, i)
 
-    def prepare(self, inputs: Sequence[int], outputs: Sequence[int]) -> None:
-        """Make ready the calls for derivatives; value references in the order of the lists."""
-        part = self.part
-        orders = range(1, self.degree + 1)
-        if self.capable and inputs:
-            self._derivatives = (ctypes.c_double * (len(inputs) * self.degree))()
-            self._set_derivatives = _call(
-                part.library.fmi2SetRealInputDerivatives,
-                part,
-                [(reference, order) for reference in inputs for order in orders],
-                self._derivatives,
-            )
-        if part.description.coSimulation.maxOutputDerivativeOrder and outputs:
-            self._rates = (ctypes.c_double * len(outputs))()
-            self._get_rates = _call(
-                part.library.fmi2GetRealOutputDerivatives,
-                part,
-                [(reference, 1) for reference in outputs],
-                self._rates,
-            )
+    @property
+    def real(self) -> bool:
+        """Whether it carries a Real."""
+        return isinstance(self.cells, ctypes.Array) and self.cells._type_ is ctypes.c_double
 
-    def read(self, t: float) -> None:
-        """Remember the watched outputs as they stand, and their rates, as nodes at time t [s]."""
-        if self._get_rates is not None:
-            status = self._get_rates()
-            if status:
-                self.part.answered("GetRealOutputDerivatives", status)
-        for k, (signal, cells, i) in enumerate(self.signals):
-            signal.add(Node(t, cells[i], None if self._rates is None else self._rates[k]))
+    def __call__(self, t: float, h: float) -> None:
+        if self.factor == 1.0 and self.offset == 0.0:
+            self.cells[self.i] = self.source[self.j]
+        else:
+            self.cells[self.i] = self.factor * self.source[self.j] + self.offset
+
+    def layout(self) -> Layout | None:
+        """None for a text, whose memory is Python's."""
+        if self.cells._type_ is ctypes.c_char_p:
+            return None
+        return Layout(
+            COPY if (self.factor, self.offset) == (1.0, 0.0) else SCALE,
+            ctypes.sizeof(self.cells._type_),
+            cells=address(self.cells, self.i),
+            source=address(self.source, self.j),
+            factor=self.factor,
+            offset=self.offset,
+        )
+
+    def follow(self, signal: Signal | Feed) -> None:
+        """Move with a signal from now on."""
+        self.signal = signal
+        self.first, self.last = ([0.0], 0), ([0.0], 0)
+
+
+class Curves(Operation):
+    """The moving inputs and watched outputs of a part; called, it remembers the outputs.
+
+    `entries` and `shown` are the buffers of its Real inputs and outputs, if any; a link leads to
+    each of the inputs. An FMU that can interpolate gets an input's value and derivatives at the
+    beginning of the step, any other its mean over the step.
+    """
+
+    def __init__(
+        self,
+        part: Part,
+        degree: int,
+        entries: Block | None,
+        links: Sequence[Link],
+        shown: Block | None,
+    ) -> None:
+        ability = part.description.coSimulation
+        self.degree, self.capable = degree, bool(ability.canInterpolateInputs)
+        self.links = sorted(links, key=lambda link: link.i)
+        self.signals = [Signal(degree) for _ in (shown.cells if shown else ())]
+        self._entries, self._shown = entries, shown
+        self._derivatives = self._rates = None
+        if self.capable and entries:
+            orders = range(1, degree + 1)
+            variables = [v for v in entries.variables for _ in orders]
+            self._derivatives = Block(part, "Set", variables, [*orders] * len(entries.variables))
+        if ability.maxOutputDerivativeOrder and shown:
+            self._rates = Block(part, "Get", shown.variables, [1] * len(shown.variables))
+
+    def __call__(self, t: float, h: float) -> None:
+        """Remember the outputs as they stand, and their rates, as nodes at time t [s]."""
+        if self._rates is not None:
+            self._rates.move()
+        self.suppose(t, self._rates)
+
+    def suppose(self, t: float, rates: Block | None = None) -> None:
+        """Let the outputs as they stand be those of time t [s]."""
+        for k, signal in enumerate(self.signals):
+            assert self._shown is not None
+            signal.add(Node(t, self._shown.cells[k], rates.cells[k] if rates else None))
 
     def bring(self, t: float, h: float, *, first: bool) -> None:
-        """Fill inputs and derivatives for a step from t by h [s], the first of its turn or not."""
-        for k, entry in enumerate(self.entries):
-            taylor = [entry.factor * a for a in entry.signal.taylor(t, h)]
-            taylor[0] += entry.offset
-            if self.capable:
-                begin, entry.last[0] = taylor[0], value(taylor, h)
+        """Hand over inputs for a step from t by h [s], the first of its turn or not."""
+        for k, link in enumerate(self.links):
+            assert link.signal is not None
+            taylor = [link.factor * a for a in link.signal.taylor(t, h)]
+            taylor[0] += link.offset
+            if self._derivatives is not None:
+                begin, link.last[0][0] = taylor[0], value(taylor, h)
                 for order in range(1, self.degree + 1):
                     a = taylor[order] if order < len(taylor) else 0.0
-                    self._derivatives[k * self.degree + order - 1] = math.factorial(order) * a
+                    place = k * self.degree + order - 1
+                    self._derivatives.cells[place] = math.factorial(order) * a
             else:
-                begin = entry.last[0] = mean(taylor, h)
-            entry.cells[entry.i] = begin
+                begin = link.last[0][0] = mean(taylor, h)
+            link.cells[link.i] = begin
             if first:
-                entry.first[0] = begin
-
-    def entry(self, cells: Any, i: int) -> Entry:
-        """The entry of an input cell."""
-        return next(e for e in self.entries if e.cells is cells and e.i == i)
-
-    def send(self) -> None:
-        """Hand the derivatives over."""
-        if self._set_derivatives is not None:
-            status = self._set_derivatives()
-            if status:
-                self.part.answered("SetRealInputDerivatives", status)
-
-
-def _call(
-    function: Any, part: Part, places: Sequence[tuple[int, int]], values: Any
-) -> Callable[[], int]:
-    """A prepared call for derivatives at these references and orders."""
-    count = len(places)
-    references = (ctypes.c_uint * count)(*(reference for reference, _ in places))
-    orders = (ctypes.c_int * count)(*(order for _, order in places))
-    return partial(function, part.component, references, ctypes.c_size_t(count), orders, values)
+                link.first[0][0] = begin
+        for block in filter(None, (self._entries, self._derivatives)):
+            block.move()

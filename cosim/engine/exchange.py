@@ -1,16 +1,18 @@
-"""A part on its wires: what it hears before a step, what it shows after it."""
+"""A part on its wires: what it does before a step, in it, and after it, one operation at a time."""
 
 from __future__ import annotations
 
-from typing import Any
+import ctypes
+from collections.abc import Iterator
 
 from fmpy.model_description import ModelDescription
 
 from ..system import feedthrough
-from .curve import Curves
+from .curve import Curves, Link
 from .feed import Feed
 from .ledger import End
 from .library import Library
+from .operation import STEP, Layout, Operation
 from .part import OK, Block, Part
 
 
@@ -27,8 +29,7 @@ class Coupled(Part):
         self.substeps = substeps
         self.inputs: list[Block] = []
         self.outputs: list[Block] = []
-        self.copies: list[tuple[Any, int, Any, int]] = []
-        self.scaled: list[tuple[Any, int, Any, int, float, float]] = []
+        self.links: list[Link] = []
         self.curves: Curves | None = None
         self.feeds: list[Feed] = []
         self.ends: list[End] = []
@@ -44,61 +45,61 @@ class Coupled(Part):
             if any(f"{self.name}.{name}" in wired for name in inputs)
         }
 
-    def wire(self, target: Any, i: int, source: Any, j: int, factor: float, offset: float) -> None:
-        """Let input cell `target[i]` follow factor * source[j] + offset."""
-        if (factor, offset) == (1.0, 0.0):
-            self.copies.append((target, i, source, j))
-        else:
-            self.scaled.append((target, i, source, j, factor, offset))
-
-    def fetch(self) -> None:
-        """Get the wired outputs."""
-        for block in self.outputs:
-            block()
-
-    def read(self, t: float) -> None:
-        """Get the wired outputs at time t [s]; they must be finite."""
-        for block in self.outputs:
-            block()
-            block.require_finite(t)
-        if self.curves is not None:
-            self.curves.read(t)
-
     def bring(self) -> None:
-        """Bring the values of the wires."""
-        for target, i, source, j in self.copies:
-            target[i] = source[j]
-        for target, i, source, j, factor, offset in self.scaled:
-            target[i] = factor * source[j] + offset
+        """Bring the values of the wires into the buffers."""
+        for link in self.links:
+            link(0.0, 0.0)
 
-    def send(self) -> None:
-        """Hand the inputs over as they stand in the buffers."""
-        for block in self.inputs:
-            block()
+    def exchange(self) -> None:
+        """Set the inputs and get the outputs."""
+        for block in (*self.inputs, *self.outputs):
+            block.move()
 
-    def step(self, t: float, h: float) -> None:
-        """Take the values of the wires and advance from time t by h [s]."""
-        size = h / self.substeps
+    def turn(self) -> Iterator[Operation]:
+        """What the part does in its turn: take what the wires bring, and step."""
         if self.curves is None:
-            for feed in self.feeds:
-                feed.bring(t, h)
-        for k in range(self.substeps):
-            begin = t + k * size
-            self.bring()
-            if self.curves is not None:
-                self.curves.bring(begin, size, first=k == 0)
-            self.send()
-            if self.curves is not None:
-                self.curves.send()
-            if begin + size >= self.nearly:
-                size = self.rest(begin, size)
-            self.begin_of_step.value, self.size_of_step.value = begin, size
-            self.do_steps += 1
-            status = self.do_step()
-            if status != OK:
-                self.stepped(begin, size, status)
+            yield from (*self.feeds, *self.links, *self.inputs)
+        else:
+            yield from (link for link in self.links if link.signal is None)
+            yield from (block for block in self.inputs if not block.real)
+        yield Step(self)
 
-    def book(self, h: float) -> None:
-        """Enter the energy of a step of size h [s] that ends with the outputs as they stand."""
-        for end in self.ends:
-            end.book(h)
+    def look(self) -> Iterator[Operation]:
+        """What is read of the part when all of a stage have stepped."""
+        yield from self.outputs
+        if self.curves is not None:
+            yield self.curves
+
+
+class Step(Operation):
+    """A part's step, in as many pieces as it has substeps; inputs that move do so in each."""
+
+    def __init__(self, part: Coupled) -> None:
+        self.part = part
+
+    def __call__(self, t: float, h: float) -> None:
+        part = self.part
+        size = h / part.substeps
+        for k in range(part.substeps):
+            begin = t + k * size
+            if part.curves is not None:
+                part.curves.bring(begin, size, first=k == 0)
+            if begin + size >= part.nearly:
+                size = part.rest(begin, size)
+            part.do_steps += 1
+            part.begin_of_step.value, part.size_of_step.value = begin, size
+            status = part.do_step()
+            if status != OK:
+                part.stepped(begin, size, status)
+
+    def layout(self) -> Layout | None:
+        """None if inputs move within it."""
+        part = self.part
+        if part.curves is not None:
+            return None
+        function = ctypes.cast(part.library.fmi2DoStep, ctypes.c_void_p).value
+        forward = part.forward.value
+        return Layout(STEP, part.substeps, 0, forward, function, part.component.value)
+
+    def answered(self, t: float, h: float, status: int) -> None:
+        self.part.stepped(t, h, status)

@@ -7,29 +7,32 @@ import math
 
 from ..errors import NotFinite
 from ..inputs import Course, Table
+from .operation import FEED, NOT_FINITE, Layout, Operation, address
 
 
-class Feed:
+class Feed(Operation):
     """A Real input that follows a table or a function: `cell` holds its mean over the last step."""
 
     def __init__(self, name: str, profile: Table | Course, t: float) -> None:
         self.name, self.profile = name, profile
         self.cell = (ctypes.c_double * 1)(float(profile.at(t)))
 
-    def bring(self, t: float, h: float) -> None:
+    def __call__(self, t: float, h: float) -> None:
         """Take the mean over the step from t by h [s]; raises NotFinite."""
         self.cell[0] = self.profile.mean(t, h)
-        self.require_finite(t)
-
-    def require_finite(self, t: float) -> None:
-        """Raise NotFinite for what no FMU may get; t is its time [s]."""
         if not math.isfinite(self.cell[0]):
-            raise NotFinite(
-                f"{self.name} = {self.cell[0]!r} at t = {t!r} s must be a finite number"
-            )
+            self.answered(t, h, NOT_FINITE)
+
+    def layout(self) -> Layout:
+        """The means stand in a list, which is laid out with the steps."""
+        return Layout(FEED, checked=1, cells=address(self.cell))
+
+    def answered(self, t: float, h: float, status: int) -> None:
+        value = self.cell[0]
+        raise NotFinite(f"{self.name} = {value!r} at t = {t!r} s must be a finite number")
 
     def taylor(self, begin: float, h: float) -> list[float]:
         """Coefficients of the line with the mean and the rise of the step from `begin` by h [s]."""
-        self.bring(begin, h)
+        self(begin, h)
         slope = self.profile.rise(begin, h) / h
         return [self.cell[0] - 0.5 * slope * h, slope]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from itertools import chain
 from math import isclose, isfinite
@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import PartFailure, SetupError
-from ..system import Network, Port, Value, Wire, feedthrough
+from ..system import Network, Port, Value, feedthrough
 from .changes import fed
-from .curve import Curves, Entry, Signal
+from .curve import Curves, Link, Signal
 from .exchange import Coupled
 from .feed import Feed
 from .ledger import End, bonds, watt
@@ -61,7 +61,6 @@ def initialise(
     for port, value in given.values():
         if port.variable.causality == "input" or _keeps(port):
             parts[port.part].set(port.variable, value)
-    _make_blocks(network, parts)
     _connect(network, parts, start)
     settle([parts[name] for name in sequence], start)
     for part in parts.values():
@@ -69,12 +68,13 @@ def initialise(
     for port, value, kept in _lost(given.values(), parts):
         parts[port.part].warn(f"{port} = {value!r} was given, but the FMU starts with {kept!r}")
     if input_order:
-        _watch(network, parts, input_order)
+        _watch(parts, input_order)
     _open_ledger(network, parts)
     for part in parts.values():
-        part.read(start)
+        for operation in part.look():
+            operation(start, 0.0)
         for end in part.ends:
-            end.before = end.value()
+            end.open()
     return parts
 
 
@@ -84,46 +84,60 @@ def _keeps(port: Port) -> bool:
 
 
 def _lost(
-    given: Collection[tuple[Port, Value]], parts: Mapping[str, Coupled]
+    given: Iterable[tuple[Port, Value]], parts: Mapping[str, Coupled]
 ) -> Iterator[tuple[Port, Value, Value]]:
     """What was given a start value and is to keep it, but has another: both values."""
-    for name, part in parts.items():
-        own = {
-            port.variable.name: (port, value)
-            for port, value in given
-            if port.part == name and port.variable.causality != "input" and _keeps(port)
-        }
-        for variable, kept in part.values([port.variable for port, _ in own.values()]).items():
-            port, value = own[variable]
-            real = port.type == "Real" and isclose(float(value), float(kept), rel_tol=1e-9)
-            if kept != value and not real:
-                yield port, value, kept
+    kept: dict[str, list[tuple[Port, Value]]] = {}
+    for port, value in given:
+        if port.variable.causality != "input" and _keeps(port):
+            kept.setdefault(port.part, []).append((port, value))
+    for name, own in kept.items():
+        now = parts[name].values([port.variable for port, _ in own])
+        for port, value in own:
+            has = now[port.variable.name]
+            real = port.type == "Real" and isclose(float(value), float(has), rel_tol=1e-9)
+            if has != value and not real:
+                yield port, value, has
 
 
-def _make_blocks(network: Network, parts: Mapping[str, Coupled]) -> None:
-    """Give every part the buffers of its wired variables, the inputs at their declared start.
+def _connect(network: Network, parts: Mapping[str, Coupled], start: float) -> None:
+    """Give every part the buffers of its wired variables, and let every input follow its source.
 
-    A part that only follows inputs over time shows its Real outputs, for step control to see; but
-    not those on which an input acts at once, which show it as it was within the step.
+    Inputs begin at their declared start. A part that only follows inputs over time shows its Real
+    outputs, for step control to see; but not those on which an input acts at once, which show it as
+    it was within the step.
     """
-    for name, part in parts.items():
-        sources = dict.fromkeys(w.source for w in network.wires if w.source.part == name)
-        targets = [w.target for w in network.wires if w.target.part == name]
-        driven = [port for port, _ in fed(network) if port.part == name]
-        targets += driven
-        if driven and not any(port.type == "Real" for port in sources):
-            acting = feedthrough(part.description)
-            sources |= {
+    sources: dict[str, dict[Port, None]] = {name: {} for name in parts}
+    targets: dict[str, list[Port]] = {name: [] for name in parts}
+    driven = fed(network)
+    for wire in network.wires:
+        sources[wire.source.part][wire.source] = None
+        targets[wire.target.part].append(wire.target)
+    for port, _ in driven:
+        targets[port.part].append(port)
+    for name in {port.part for port, _ in driven}:
+        if not any(port.type == "Real" for port in sources[name]):
+            acting = feedthrough(parts[name].description)
+            sources[name] |= {
                 Port(name, v): None
-                for v in part.description.modelVariables
+                for v in parts[name].description.modelVariables
                 if v.causality == "output" and v.type == "Real" and not acting.get(v.name)
             }
-        part.outputs = part.blocks("Get", [port.variable for port in sources])
-        part.inputs = part.blocks("Set", [port.variable for port in targets])
-        declared = {port.name: port.variable.start for port in targets}
+    for name, part in parts.items():
+        part.outputs = part.blocks("Get", [port.variable for port in sources[name]])
+        part.inputs = part.blocks("Set", [port.variable for port in targets[name]])
         for block in part.inputs:
             if block.real:
-                block.cells[:] = [float(declared[name] or 0.0) for name in block.names]
+                block.cells[:] = [float(v.start or 0.0) for v in block.variables]
+    place = _places(parts)
+    for wire in network.wires:
+        (target, i), (source, j) = place[wire.target.name], place[wire.source.name]
+        link = Link(target.cells, i, source.cells, j, wire.factor, wire.offset)
+        parts[wire.target.part].links.append(link)
+    for port, profile in driven:
+        (target, i), feed = place[port.name], Feed(port.name, profile, start)
+        parts[port.part].feeds.append(feed)
+        parts[port.part].links.append(Link(target.cells, i, feed.cell, 0))
 
 
 def _places(parts: Mapping[str, Coupled]) -> dict[str, tuple[Block, int]]:
@@ -132,87 +146,69 @@ def _places(parts: Mapping[str, Coupled]) -> dict[str, tuple[Block, int]]:
     return {name: (block, i) for block in blocks for i, name in enumerate(block.names)}
 
 
-def _connect(network: Network, parts: Mapping[str, Coupled], start: float) -> None:
-    """Let every input follow its source."""
-    place = _places(parts)
-    for wire in network.wires:
-        (target, i), (source, j) = place[wire.target.name], place[wire.source.name]
-        ends = (target.cells, i, source.cells, j)
-        parts[wire.target.part].wire(*ends, wire.factor, wire.offset)
-    for port, profile in fed(network):
-        (target, i), feed = place[port.name], Feed(port.name, profile, start)
-        parts[port.part].feeds.append(feed)
-        parts[port.part].wire(target.cells, i, feed.cell, 0, 1.0, 0.0)
-
-
-def _watch(network: Network, parts: Mapping[str, Coupled], degree: int) -> None:
+def _watch(parts: Mapping[str, Coupled], degree: int) -> None:
     """Let Real inputs follow the polynomials of their sources in place of the last values."""
-    signals: dict[str, Signal] = {}
+    signals: dict[tuple[int, int], Signal | Feed] = {}
     for part in parts.values():
-        part.curves = Curves(part, degree)
-        for block in part.outputs:
-            for i, name in enumerate(block.names if block.real else ()):
-                signals[name] = Signal(degree)
-                part.curves.signals.append((signals[name], block.cells, i))
-    wires = {wire.target.name: wire for wire in network.wires}
-    for part in parts.values():
-        assert part.curves is not None
-        real = [block for block in part.inputs if block.real]
-        for block in real:
-            for i, name in enumerate(block.names):
-                feeds = [feed for feed in part.feeds if feed.name == name]
-                if feeds:
-                    entry = Entry(block.cells, i, feeds[0], 1.0, 0.0)
-                else:
-                    wire = wires[name]
-                    signal = signals[wire.source.name]
-                    entry = Entry(block.cells, i, signal, wire.factor, wire.offset)
-                part.curves.entries.append(entry)
-        moved = {id(block.cells) for block in real}
-        part.copies = [copy for copy in part.copies if id(copy[0]) not in moved]
-        part.scaled = [copy for copy in part.scaled if id(copy[0]) not in moved]
-        part.curves.prepare(
-            [vr for block in real for vr in block.references],
-            [vr for block in part.outputs if block.real for vr in block.references],
+        entries, shown = (
+            next((block for block in blocks if block.real), None)
+            for blocks in (part.inputs, part.outputs)
         )
+        real = [link for link in part.links if link.real]
+        part.curves = Curves(part, degree, entries, real, shown)
+        cells = shown.cells if shown else None
+        signals |= {(id(cells), i): signal for i, signal in enumerate(part.curves.signals)}
+        signals |= {(id(feed.cell), 0): feed for feed in part.feeds}
+    for part in parts.values():
+        for link in part.links:
+            if link.real:
+                link.follow(signals[id(link.source), link.j])
 
 
 def _open_ledger(network: Network, parts: Mapping[str, Coupled]) -> None:
     """Give every part its sides of the power bonds."""
     place = _places(parts)
-
-    def end(bond: str, side: int, out: Wire, into: Wire) -> End:
-        (block, i), (entry, j) = place[out.source.name], place[into.target.name]
-        part = parts[out.source.part]
-        scale = watt(network, out.source, into.target)
-        if part.curves is not None:
-            curve = part.curves.entry(entry.cells, j)
-            return End(bond, side, (block.cells, i), (curve.first, 0), (curve.last, 0), scale)
-        return End(bond, side, (block.cells, i), (entry.cells, j), (entry.cells, j), scale)
+    links = {(id(link.cells), link.i): link for part in parts.values() for link in part.links}
 
     for bond in bonds(network):
-        parts[bond.there.source.part].ends.append(end(bond.name, 0, bond.there, bond.back))
-        parts[bond.back.source.part].ends.append(end(bond.name, 1, bond.back, bond.there))
+        for side, (out, into) in enumerate([(bond.there, bond.back), (bond.back, bond.there)]):
+            (block, i), (entry, j) = place[out.source.name], place[into.target.name]
+            link = links[id(entry.cells), j]
+            scale = watt(network, out.source, into.target)
+            end = End(bond.name, side, (block.cells, i), link.first, link.last, scale)
+            parts[out.source.part].ends.append(end)
 
 
 def settle(parts: Sequence[Coupled], t: float) -> None:
     """Propagate start values in initialisation mode; solve what feeds back on itself by Newton."""
-    for part in parts:
-        part.fetch()
+    real = [block for part in parts for block in part.inputs if block.real]
+    shown = [block for part in parts for block in part.outputs]
+    for block in shown:
+        block.move()
+
+    def response(z: Vector | None = None) -> Vector:
+        """The Real inputs as they stand, or those that the outputs give when the inputs are z."""
+        if z is not None:
+            values = iter(z.tolist())
+            for block in real:
+                block.cells[:] = [next(values) for _ in block.cells]
+            for part in parts:
+                part.exchange()
+            for part in parts:
+                part.bring()
+        return np.array([x for block in real for x in block.cells])
+
     for _ in range(2 + sum(len(block.cells) for part in parts for block in part.inputs)):
         changed = False
         for part in parts:
             changed = _listen(part) or changed
-            part.send()
-            part.fetch()
+            part.exchange()
         if not changed:
             break
     else:
-        names = [name for part in parts for b in part.inputs if b.real for name in b.names]
-        newton(lambda z: _response(parts, z), _inputs(parts), names)
-    for part in parts:
-        for block in part.outputs:
-            block.require_finite(t)
+        newton(response, response(), [name for block in real for name in block.names])
+    for block in shown:
+        block(t)
 
 
 def _listen(part: Coupled) -> bool:
@@ -223,27 +219,6 @@ def _listen(part: Coupled) -> bool:
         if block.real:
             block.cells[:] = [new if isfinite(new) else x for new, x in zip(block.cells, old)]
     return before != [list(block.cells) for block in part.inputs]
-
-
-def _inputs(parts: Sequence[Coupled]) -> Vector:
-    """The wired Real inputs as they stand."""
-    return np.array(
-        [x for part in parts for block in part.inputs if block.real for x in block.cells]
-    )
-
-
-def _response(parts: Sequence[Coupled], z: Vector) -> Vector:
-    """The Real inputs that the outputs give when the inputs are z."""
-    values = iter(z.tolist())
-    for part in parts:
-        for block in part.inputs:
-            if block.real:
-                block.cells[:] = [next(values) for _ in block.cells]
-        part.send()
-        part.fetch()
-    for part in parts:
-        part.bring()
-    return _inputs(parts)
 
 
 def newton(response: Callable[[Vector], Vector], z: Vector, names: Sequence[str]) -> None:

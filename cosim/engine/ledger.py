@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import ctypes
 import math
-from collections.abc import Iterable, Iterator, Mapping
-from itertools import product
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from ..errors import SetupError
-from ..system import Network, Port, Wire, base_unit, exponents
+from ..system import Connection, Network, Port, exponents
+from .operation import BOOK, Layout, Operation, address
 
+Place = tuple[Any, int]
+
+ENERGY, EXCHANGED, BEFORE = range(3)
 POWER = (1, 2, -3, 0, 0, 0, 0)
 NOTICEABLE, NEGLIGIBLE = 0.05, 0.005
 
@@ -17,52 +22,52 @@ NOTICEABLE, NEGLIGIBLE = 0.05, 0.005
 class Bond(NamedTuple):
     """Two wires between two parts, there and back, whose signals multiply to a power."""
 
-    there: Wire
-    back: Wire
+    there: Connection
+    back: Connection
 
     @property
     def name(self) -> str:
         return f"{self.there.source.name} * {self.back.source.name}"
 
 
-class End:
-    """One side of a bond: a part's output times its input, integrated by the trapezoidal rule."""
+class End(Operation):
+    """One side of a bond: a part's output times its input, integrated by the trapezoidal rule.
+
+    `output` is the place of the output, `first` and `last` those of the input's values in a step;
+    `scale` makes W of their product. `totals` are the energy, that to and fro added up [J], and the
+    output at the last booking.
+    """
 
     def __init__(
-        self,
-        bond: str,
-        side: int,
-        output: tuple[Any, int],
-        first: tuple[Any, int],
-        last: tuple[Any, int],
-        scale: float,
+        self, bond: str, side: int, output: Place, first: Place, last: Place, scale: float
     ) -> None:
         self.bond, self.side = bond, side
         self.output, self.first, self.last, self.scale = output, first, last, scale
-        self.energy = self.exchanged = self.before = 0.0
+        self.totals = (ctypes.c_double * 3)()
 
     @property
-    def booked(self) -> tuple[float, float, float]:
-        """The energy, that to and fro added up [J], and the output at the last booking."""
-        return self.energy, self.exchanged, self.before
+    def energy(self) -> float:
+        """What went over the side so far [J]."""
+        return self.totals[ENERGY]
 
-    @booked.setter
-    def booked(self, values: tuple[float, float, float]) -> None:
-        self.energy, self.exchanged, self.before = values
-
-    def value(self) -> float:
-        """The output as it stands."""
+    def open(self) -> None:
+        """Begin with the output as it stands."""
         cells, i = self.output
-        return float(cells[i])
+        self.totals[BEFORE] = cells[i]
 
-    def book(self, h: float) -> None:
+    def __call__(self, t: float, h: float) -> None:
         """Add the work of a step of size h [s] that ends with the output as it stands."""
-        (first, i), (last, j) = self.first, self.last
-        now = self.value()
-        work = h * 0.5 * (self.before * first[i] + now * last[j]) * self.scale
-        self.energy += work
-        self.exchanged += abs(work)
-        self.before = now
+        (output, i), (first, j), (last, k), totals = self.output, self.first, self.last, self.totals
+        now = output[i]
+        work = h * 0.5 * (totals[BEFORE] * first[j] + now * last[k]) * self.scale
+        totals[ENERGY] += work
+        totals[EXCHANGED] += abs(work)
+        totals[BEFORE] = now
+
+    def layout(self) -> Layout:
+        ends = {"source": self.output, "first": self.first, "last": self.last}
+        places = {name: address(*place) for name, place in ends.items()}
+        return Layout(BOOK, cells=address(self.totals), factor=self.scale, **places)
 
 
 def bonds(network: Network) -> list[Bond]:
@@ -71,36 +76,37 @@ def bonds(network: Network) -> list[Bond]:
     Raises SetupError for a declared bond that is not two wires there and back.
     """
     declared = [_declared(network, text) for text in network.system.bonds]
-    taken = {wire.target.name for bond in declared for wire in bond[:2]}
+    taken = {wire.target.name for bond in declared for wire in bond}
     free = [w for w in network.wires if w.target.name not in taken and w.source.type == "Real"]
-    pairs = [
-        Bond(there, back)
-        for n, there in enumerate(free)
-        for back in free[n + 1 :]
-        if _opposite(there, back) and _is_power(network, there, back)
-    ]
-    wires = [wire.target.name for bond in pairs for wire in bond[:2]]
-    return declared + [b for b in pairs if all(wires.count(w.target.name) == 1 for w in b[:2])]
+    pairs = [bond for bond in _pairs(free) if _is_power(network, *bond)]
+    shared = Counter(wire.target.name for bond in pairs for wire in bond)
+    return declared + [b for b in pairs if all(shared[wire.target.name] == 1 for wire in b)]
+
+
+def _pairs(wires: Sequence[Connection]) -> Iterator[Bond]:
+    """Every two wires there and back between two parts, in their order."""
+    ways = defaultdict(list)
+    for n, wire in enumerate(wires):
+        ways[wire.source.part, wire.target.part].append((n, wire))
+    for n, there in enumerate(wires):
+        for k, back in ways.get((there.target.part, there.source.part), ()):
+            if k > n and there.source.part != there.target.part:
+                yield Bond(there, back)
 
 
 def _declared(network: Network, text: str) -> Bond:
     factors = [network.port(name) for name in text.split("*")]
     if len(factors) != 2:
         raise SetupError(f"bond {text!r} must read 'part.output * part.output'")
-    there, back = ([w for w in network.wires if w.source == port] for port in factors)
-    found = [pair for pair in product(there, back) if _opposite(*pair)]
-    if len(found) != 1 or found[0][0].source.type != "Real" or found[0][1].source.type != "Real":
+    wires = [wire for wire in network.wires if wire.source in factors]
+    found = [bond for bond in _pairs(wires) if {w.source for w in bond} == {*factors}]
+    if len(found) != 1 or any(wire.source.type != "Real" for wire in found[0]):
         raise SetupError(f"bond {text!r} must be two Real outputs, wired there and back once")
-    return Bond(*found[0])
+    return Bond(*sorted(found[0], key=lambda wire: factors.index(wire.source)))
 
 
-def _opposite(there: Wire, back: Wire) -> bool:
-    ends = (there.source.part, there.target.part)
-    return ends == (back.target.part, back.source.part) and ends[0] != ends[1]
-
-
-def _is_power(network: Network, there: Wire, back: Wire) -> bool:
-    units = [base_unit(network.descriptions, wire.source) for wire in (there, back)]
+def _is_power(network: Network, there: Connection, back: Connection) -> bool:
+    units = [network.base_unit(wire.source) for wire in (there, back)]
     if None in units:
         return False
     given, taken = (
@@ -113,7 +119,7 @@ def _is_power(network: Network, there: Wire, back: Wire) -> bool:
 
 def watt(network: Network, output: Port, entry: Port) -> float:
     """From the product of an output and an input, each in its own unit, to W."""
-    units = [base_unit(network.descriptions, port) for port in (output, entry)]
+    units = [network.base_unit(port) for port in (output, entry)]
     return math.prod(1.0 if unit is None else unit.factor for unit in units)
 
 
@@ -132,7 +138,7 @@ def balance(ends: Iterable[End]) -> dict[str, dict[str, float]]:
             "given": first.energy,
             "taken": second.energy,
             "residual": first.energy - second.energy,
-            "exchanged": max(first.exchanged, second.exchanged),
+            "exchanged": max(first.totals[EXCHANGED], second.totals[EXCHANGED]),
         }
     return found
 

@@ -11,6 +11,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from functools import partial
 from itertools import count
+from math import isfinite
 from typing import Any
 from weakref import WeakValueDictionary
 
@@ -28,6 +29,7 @@ from fmpy.model_description import ModelDescription, ScalarVariable
 from ..errors import Discarded, Ended, NotFinite, PartFailure
 from ..system import Value
 from .library import Library
+from .operation import GET, NOT_FINITE, SET, Layout, Operation, address
 
 OK, WARNING, DISCARD, ERROR, FATAL = range(5)
 STATUS = ("OK", "Warning", "Discard", "Error", "Fatal", "Pending")
@@ -86,47 +88,68 @@ def _callbacks(number: int) -> fmi2CallbackFunctions:
     return callbacks
 
 
-class Block:
-    """Variables of one type that are read or written in one call, and their buffer."""
+class Block(Operation):
+    """Variables of one type that are read or written in one call, and their buffer.
 
-    def __init__(self, part: Part, action: str, variables: Sequence[ScalarVariable]) -> None:
+    With `orders`, one for each variable, these are derivatives of Real outputs or inputs. What is
+    read must be finite where the block is called, not where its values are only moved.
+    """
+
+    def __init__(
+        self,
+        part: Part,
+        action: str,
+        variables: Sequence[ScalarVariable],
+        orders: Sequence[int] = (),
+    ) -> None:
         kind = variables[0].type
         count = len(variables)
-        self.real = kind == "Real"
-        self._text = kind == "String"
+        self.part, self.variables = part, variables
+        self.real, self.reads, self._text = kind == "Real", action == "Get", kind == "String"
         self.names = [f"{part.name}.{v.name}" for v in variables]
         self.cells = (CELL[kind] * count)()
-        self.part = part
         self.call = f"{action}{CALL.get(kind, kind)}"
+        if orders:
+            self.call += "OutputDerivatives" if self.reads else "InputDerivatives"
         self.references = (ctypes.c_uint * count)(*(v.valueReference for v in variables))
         self.function = getattr(part.library, f"fmi2{self.call}")
-        self._move = partial(
-            self.function, part.component, self.references, ctypes.c_size_t(count), self.cells
-        )
+        places = [self.references, ctypes.c_size_t(count)]
+        places += [(ctypes.c_int * count)(*orders)] if orders else []
+        self._call = partial(self.function, part.component, *places, self.cells)
 
-    def __call__(self) -> None:
+    def __call__(self, t: float, h: float = 0.0) -> None:
+        self.move()
+        if self.reads and self.real and not all(map(isfinite, self.cells)):
+            self.answered(t, h, NOT_FINITE)
+
+    def move(self) -> None:
         """Move the buffer's values; raises PartFailure."""
-        status = self._move()
+        status = self._call()
         if status != OK:
             self.part.answered(self.call, status)
+        if self._text:  # lasts in the FMU's memory only until its next call
+            self.cells[:] = [text or b"" for text in self.cells]
+
+    def layout(self) -> Layout | None:
+        """None for texts."""
         if self._text:
-            self._keep()
-
-    def _keep(self) -> None:
-        """Copy texts out of the FMU's memory, where they last only until its next call."""
-        self.cells[:] = [text or b"" for text in self.cells]
-
-    def require_finite(self, t: float) -> None:
-        """Raise PartFailure for a value that no wire may carry; t is its time [s]."""
-        if self.real and not all(map(math.isfinite, self.cells)):
-            raise self.not_finite(t)
-
-    def not_finite(self, t: float) -> PartFailure:
-        """The error for the first value that is not a finite number."""
-        bad = next(
-            (cell, name) for cell, name in zip(self.cells, self.names) if not math.isfinite(cell)
+            return None
+        return Layout(
+            GET if self.reads else SET,
+            len(self.cells),
+            len(self.cells) if self.reads and self.real else 0,
+            function=ctypes.cast(self.function, ctypes.c_void_p).value,
+            component=self.part.component.value,
+            references=address(self.references),
+            cells=address(self.cells),
         )
-        return NotFinite(f"{bad[1]} = {bad[0]!r} at t = {t!r} s must be a finite number")
+
+    def answered(self, t: float, h: float, status: int) -> None:
+        if status != NOT_FINITE:
+            self.part.answered(self.call, status)
+            return
+        name, value = next(pair for pair in zip(self.names, self.cells) if not isfinite(pair[1]))
+        raise NotFinite(f"{name} = {value!r} at t = {t!r} s must be a finite number")
 
 
 class Part:
@@ -219,7 +242,7 @@ class Part:
         """The values of variables, by their names and in their order."""
         found: dict[str, Any] = {}
         for block in self.blocks("Get", variables):
-            block()
+            block.move()
             found |= zip(block.names, block.cells)
         values = [found[f"{self.name}.{v.name}"] for v in variables]
         texts = (x.decode("utf-8", "replace") if isinstance(x, bytes) else x for x in values)

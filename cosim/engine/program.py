@@ -8,33 +8,21 @@ import platform
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from functools import cache
-from itertools import chain
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 from ..errors import PartFailure
-from .algorithms import Stages, Turn
+from .algorithms import Timed
+from .exchange import Step
 from .feed import Feed
-from .ledger import End
+from .operation import Layout, address
 from .part import WARNING, Block
 
 SOURCE = Path(__file__).with_name("loop.c")
-COPY, SCALE, SET, GET, FINITE, STEP, BOOK, FEED = range(8)
-
-
-class Operation(ctypes.Structure):
-    """struct operation of loop.c."""
-
-    _fields_ = [
-        *((name, ctypes.c_int) for name in ("code", "count", "forward")),
-        *((name, ctypes.c_void_p) for name in ("function", "component", "references", "cells")),
-        *((name, ctypes.c_void_p) for name in ("target", "source", "first", "last")),
-        *((name, ctypes.c_double) for name in ("a", "b")),
-        *((name, ctypes.c_void_p) for name in ("energy", "exchanged", "before")),
-        ("warned", ctypes.c_longlong),
-    ]
+INT, LONG, DOUBLE, CELLS = ctypes.c_int, ctypes.c_longlong, ctypes.c_double, ctypes.c_void_p
+ARGUMENTS: Any = [CELLS, CELLS, INT, INT, CELLS, INT, *[DOUBLE] * 2, *[LONG] * 3, CELLS, CELLS]
 
 
 class Column(ctypes.Structure):
@@ -46,16 +34,8 @@ class Column(ctypes.Structure):
 @cache
 def library() -> Any:
     """The compiled loop; raises OSError with the reason if there is none."""
-    compiler = [
-        sys.executable,
-        "-m",
-        "ziglang",
-        "cc",
-        "-O2",
-        "-ffp-contract=off",
-        "-shared",
-        "-fPIC",
-    ]
+    options = ["-O2", "-ffp-contract=off", "-shared", "-fPIC"]
+    compiler = [sys.executable, "-m", "ziglang", "cc", *options]
     made_of = (SOURCE.read_text(), *compiler[1:], sys.platform, platform.machine())
     name = f"loop-{hashlib.sha256(repr(made_of).encode()).hexdigest()[:16]}.so"
     path = SOURCE.parent / "__pycache__" / name
@@ -68,103 +48,38 @@ def library() -> Any:
             if done.returncode:
                 raise OSError((done.stderr.strip() or "the compiler failed").splitlines()[-1])
             made.replace(path)
-    return ctypes.CDLL(str(path))
+    loop = ctypes.CDLL(str(path))
+    loop.advance.argtypes = ARGUMENTS
+    return loop
 
 
 class Loop:
-    """Fixed steps of an explicit algorithm over Real wires, a row after every `every`-th step.
+    """Fixed steps of a program, a row after every `every`-th step.
 
-    `extra` are the blocks to get before a row, `columns` what a row holds after the time.
+    `extra` are the blocks to get before a row, `columns` what a row holds after the time. Raises
+    OSError with the reason if there is no compiled loop; `possible` tells which programs it can run.
     """
 
     def __init__(
         self,
-        stages: Stages,
+        program: Sequence[Timed],
         extra: Sequence[Block],
         columns: Sequence[tuple[Block, int]],
         every: int,
     ) -> None:
         self._advance = library().advance
-        self._turns = [turn for stage in stages for turn in stage]
-        self._ends = list(dict.fromkeys(end for turn in self._turns for end in turn.part.ends))
-        self._energy = (ctypes.c_double * len(self._ends))()
-        self._exchanged = (ctypes.c_double * len(self._ends))()
-        self._before = (ctypes.c_double * len(self._ends))()
-        self._feeds: list[tuple[int, Turn, Feed]] = []
-        self._tell: list[Callable[[float, float, int], None]] = []
-        operations = [*chain.from_iterable(map(self._stage, stages))]
-        self._row_begin = len(operations)
-        operations += [*chain.from_iterable(self._get(block, 1.0) for block in extra)]
-        self._program = (Operation * len(operations))(*operations)
-        cells = (Column(_address(block.cells, i), block.real) for block, i in columns)
+        self._operations = [*program, *(Timed(block, 1.0, 0.0) for block in extra)]
+        self._layouts = (Layout * len(self._operations))(*map(_layout, self._operations))
+        self._warned = (ctypes.c_longlong * len(self._operations))()
+        self._feeds = [k for k, timed in enumerate(program) if isinstance(timed.operation, Feed)]
+        self._parts = [
+            timed.operation.part for timed in program if isinstance(timed.operation, Step)
+        ]
+        self._row_begin = len(program)
+        cells = (Column(address(block.cells, i), block.real) for block, i in columns)
         self._columns = (Column * len(columns))(*cells)
         self._width = len(columns) + 1
         self._every = every
-
-    def _stage(self, stage: Sequence[Turn]) -> Iterator[Operation]:
-        for turn in stage:
-            yield from self._step(turn)
-        for turn in stage:
-            for block in turn.part.outputs:
-                yield from self._get(block, turn.at + turn.size)
-            for end in turn.part.ends:
-                yield self._book(end, turn.size)
-
-    def _step(self, turn: Turn) -> Iterator[Operation]:
-        part, at, size = turn
-        for feed in part.feeds:
-            self._feeds.append((len(self._tell), turn, feed))
-            self._tell.append(_cannot)
-            yield Operation(FEED, target=_address(feed.cell, 0))
-            self._tell.append(lambda t, h, _, feed=feed: feed.require_finite(t + at * h))  # type: ignore[misc]
-            yield Operation(FINITE, 1, cells=_address(feed.cell, 0))
-        for target, i, source, j in part.copies:
-            self._tell.append(_cannot)
-            ends = {"target": _address(target, i), "source": _address(source, j)}
-            yield Operation(code=COPY, **ends)
-        for target, i, source, j, factor, offset in part.scaled:
-            self._tell.append(_cannot)
-            ends = {"target": _address(target, i), "source": _address(source, j)}
-            yield Operation(code=SCALE, a=factor, b=offset, **ends)
-        for block in part.inputs:
-            yield self._exchange(SET, block)
-        self._tell.append(lambda t, h, status: part.stepped(t + at * h, size * h, status))
-        function = ctypes.cast(part.library.fmi2DoStep, ctypes.c_void_p)
-        count, forward = part.substeps, part.forward.value
-        yield Operation(STEP, count, forward, function, part.component, a=at, b=size)
-
-    def _get(self, block: Block, at: float) -> Iterator[Operation]:
-        yield self._exchange(GET, block)
-        if block.real:
-            self._tell.append(lambda t, h, status: block.require_finite(t + at * h))
-            yield Operation(FINITE, len(block.cells), cells=_address(block.cells, 0))
-
-    def _exchange(self, code: int, block: Block) -> Operation:
-        self._tell.append(lambda t, h, status: block.part.answered(block.call, status))
-        return Operation(
-            code,
-            len(block.cells),
-            0,
-            ctypes.cast(block.function, ctypes.c_void_p),
-            block.part.component,
-            _address(block.references, 0),
-            _address(block.cells, 0),
-        )
-
-    def _book(self, end: End, size: float) -> Operation:
-        self._tell.append(_cannot)
-        k = self._ends.index(end)
-        return Operation(
-            BOOK,
-            source=_address(*end.output),
-            first=_address(*end.first),
-            last=_address(*end.last),
-            a=end.scale,
-            b=size,
-            energy=_address(self._energy, k),
-            exchanged=_address(self._exchanged, k),
-            before=_address(self._before, k),
-        )
 
     def run(
         self, start: float, h: float, first: int, last: int
@@ -174,52 +89,43 @@ class Loop:
         Returns the rows, one after the other, the last step that was completed, and the failure
         that ended it there.
         """
-        for k, end in enumerate(self._ends):
-            self._energy[k], self._exchanged[k], self._before[k] = end.booked
         rows = (ctypes.c_double * (self._width * ((last - first) // self._every + 1)))()
         kept = []
-        for k, turn, feed in self._feeds:
-            times = (start + n * h + turn.at * h for n in range(first, last))
-            means = [feed.profile.mean(t, turn.size * h) for t in times]
+        for k in self._feeds:
+            feed, at, size = self._operations[k]
+            assert isinstance(feed, Feed)
+            times = (start + n * h + at * h for n in range(first, last))
+            means = [feed.profile.mean(t, size * h) for t in times]
             kept.append((ctypes.c_double * len(means))(*means))
-            self._program[k].source = _address(kept[-1], 0)
-        done, failed, status = ctypes.c_longlong(), ctypes.c_int(), ctypes.c_int()
+            self._layouts[k].source = address(kept[-1])
+        report = (ctypes.c_longlong * 3)()
         count = self._advance(
-            self._program,
-            ctypes.c_int(len(self._program)),
-            ctypes.c_int(self._row_begin),
-            self._columns,
-            ctypes.c_int(len(self._columns)),
-            ctypes.c_double(start),
-            ctypes.c_double(h),
-            ctypes.c_longlong(first),
-            ctypes.c_longlong(last),
-            ctypes.c_longlong(self._every),
-            rows,
-            ctypes.byref(done),
-            ctypes.byref(failed),
-            ctypes.byref(status),
-        )
-        for k, end in enumerate(self._ends):
-            end.booked = self._energy[k], self._exchanged[k], self._before[k]
-        for turn in self._turns:
-            turn.part.do_steps += turn.part.substeps * (done.value - first)
+            self._layouts, self._warned, len(self._layouts), self._row_begin,
+            self._columns, len(self._columns), start, h, first, last, self._every, rows, report,
+        )  # fmt: skip
+        done, failed, status = report
+        for part in self._parts:
+            part.do_steps += part.substeps * (done - first)
+        answers = [(k, n - 1, WARNING) for k, n in enumerate(self._warned) if n]
+        answers += [(failed, done, status)] if failed >= 0 else []
         failure = None
         try:
-            for tell, operation in zip(self._tell, self._program):
-                if operation.warned:
-                    tell(start + (operation.warned - 1) * h, h, WARNING)
-            if failed.value >= 0:
-                self._tell[failed.value](start + done.value * h, h, status.value)
+            for k, n, answer in answers:
+                operation, at, size = self._operations[k]
+                operation.answered(start + n * h + at * h, size * h, answer)
         except PartFailure as error:
             failure = error
-        return rows[: count * self._width], done.value, failure
+        return rows[: count * self._width], done, failure
 
 
-def _address(cells: Any, i: int) -> int:
-    """Where element i of a buffer stands."""
-    return ctypes.addressof(cells) + i * ctypes.sizeof(cells._type_)
+def possible(program: Sequence[Timed]) -> bool:
+    """Whether all operations can do without Python."""
+    return all(operation.layout() is not None for operation, _, _ in program)
 
 
-def _cannot(*_: Any) -> NoReturn:
-    raise AssertionError("an operation without a call cannot fail")
+def _layout(timed: Timed) -> Layout:
+    operation, at, size = timed
+    layout = operation.layout()
+    assert layout is not None
+    layout.at, layout.size = at, size
+    return layout

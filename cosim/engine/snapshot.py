@@ -16,14 +16,14 @@ class Snapshot:
         self._outputs = [block for part in parts for block in part.outputs]
         self._ends = [end for part in parts for end in part.ends]
         self._cells: list[list[Any]] = []
-        self._booked: list[tuple[float, float, float]] = []
+        self._booked: list[list[Any]] = []
 
     def take(self) -> None:
         """Remember the parts as they are now; raises PartFailure."""
         for part, state in self._states:
             part.save(state)
         self._cells = [list(block.cells) for block in self._outputs]
-        self._booked = [end.booked for end in self._ends]
+        self._booked = [list(end.totals) for end in self._ends]
 
     def restore_fmus(self) -> None:
         """Bring the FMUs back, not what the master keeps; raises PartFailure."""
@@ -36,11 +36,11 @@ class Snapshot:
         for block, cells in zip(self._outputs, self._cells):
             block.cells[:] = cells
         for end, booked in zip(self._ends, self._booked):
-            end.booked = booked
+            end.totals[:] = booked
 
 
 def forget_after(parts: Sequence[Coupled], t: float) -> None:
     """Drop what moving inputs know of their sources after the time t [s]."""
     for part in parts:
-        for signal, _, _ in part.curves.signals if part.curves else ():
+        for signal in part.curves.signals if part.curves else ():
             signal.forget_after(t)

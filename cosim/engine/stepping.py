@@ -9,16 +9,17 @@ from collections.abc import Callable, Iterator, Sequence
 from itertools import chain
 from typing import Any, NamedTuple
 
+from fmpy.model_description import ScalarVariable
+
 from ..errors import Discarded, PartFailure, SetupError
 from ..system import STATE, VARIABLE_STEP, Port, lacking
 from . import adaptive
 from .adaptive import Adaptive
-from .algorithms import EXPLICIT, Advance, explicit, iterated, order
+from .algorithms import EXPLICIT, Advance, explicit, iterated, order, program
 from .changes import Change, changing
 from .clock import same
 from .exchange import Coupled
-from .part import Block
-from .program import Loop
+from .program import Loop, possible
 from .rows import Grid, Recorder
 from .snapshot import Snapshot, forget_after
 
@@ -79,11 +80,11 @@ class Row:
 
     def __init__(self, parts: Sequence[Coupled], ports: Sequence[Port]) -> None:
         wired = {name: (b, i) for p in parts for b in p.outputs for i, name in enumerate(b.names)}
-        self.extra: list[Block] = []
-        for part in parts:
-            own = {p.variable.name: p.variable for p in ports if p.part == part.name}
-            unread = [v for v in own.values() if f"{part.name}.{v.name}" not in wired]
-            self.extra += part.blocks("Get", unread)
+        unread: dict[str, dict[str, ScalarVariable]] = {part.name: {} for part in parts}
+        for port in ports:
+            if port.name not in wired:
+                unread[port.part][port.name] = port.variable
+        self.extra = [b for p in parts for b in p.blocks("Get", [*unread[p.name].values()])]
         place = wired | {name: (b, i) for b in self.extra for i, name in enumerate(b.names)}
         self.columns = [place[port.name] for port in ports]
         self._cells = [(block.cells, i) for block, i in self.columns]
@@ -96,8 +97,7 @@ class Row:
     def __call__(self, t: float) -> list[float]:
         """The time and the values of the columns; raises PartFailure."""
         for block in self.extra:
-            block()
-            block.require_finite(t)
+            block(t)
         return [t, *(cells[i] for cells, i in self._cells)]
 
 
@@ -118,8 +118,8 @@ class Run:
         self.t = plan.start
         self.accepted = self.discarded = 0
         self.rejected: list[float] = []
-        stages = EXPLICIT[algorithm](parts) if algorithm in EXPLICIT else None
-        self._advance: Advance = explicit(stages) if stages is not None else iterated(parts)
+        steps = program(EXPLICIT[algorithm](parts)) if algorithm in EXPLICIT else None
+        self._advance: Advance = iterated(parts) if steps is None else explicit(steps)
         self._advance = changing(self._advance, changes)
         self._events = [change.time for change in changes]
         self._order = order(algorithm, input_order, parts)
@@ -137,15 +137,13 @@ class Run:
             self.control = plan.step.control or ("energy" if lost else "doubling")
         elif not lost and not lacking(descriptions, VARIABLE_STEP):
             self._checkpoint = (0, Snapshot(parts))
-        returns = stages is None or self.control == "doubling" or self._checkpoint is not None
+        returns = steps is None or self.control == "doubling" or self._checkpoint is not None
         for part in parts:
             part.forward.value = not returns
-        if isinstance(plan.step, Adaptive):
-            return
-        if stages is None or every is None or not _plain(parts):
+        if isinstance(plan.step, Adaptive) or steps is None or every is None or not possible(steps):
             return
         try:
-            self._loop = Loop(stages, row.extra, row.columns, every)
+            self._loop = Loop(steps, row.extra, row.columns, every)
             self.loop = "compiled"
         except OSError as error:
             self.loop = f"Python, the compiled one is not there: {error}"
@@ -292,9 +290,3 @@ class Run:
             "do_steps": {part.name: part.do_steps for part in self.parts},
             "loop": self.loop,
         }
-
-
-def _plain(parts: Sequence[Coupled]) -> bool:
-    """Whether all wires carry Real values that are held over a step."""
-    blocks = (block for part in parts for block in (*part.inputs, *part.outputs))
-    return all(block.real for block in blocks) and all(part.curves is None for part in parts)

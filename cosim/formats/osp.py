@@ -12,7 +12,7 @@ from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
 from ..errors import SetupError
-from ..system import READ, Network, Port, System, Value, Wire, connect, describe_fmu, still
+from ..system import READ, Connection, Network, Port, System, Value, connect, describe_fmu, still
 from .ssp.files import Room, load, locate, plain
 from .ssp.parameters import Parameter
 from .ssp.plan import Arrow, Connector, Node, Plan, dotted
@@ -191,7 +191,7 @@ def _initial(values: Element, port: Port, value: Value) -> None:
     SubElement(initial, port.type, value=port.text(value))
 
 
-def _connection(functions: Element, connections: Element, wire: Wire, name: str) -> None:
+def _connection(functions: Element, connections: Element, wire: Connection, name: str) -> None:
     if wire.source.type == "Enumeration":
         raise SetupError(f"{wire.source} -> {wire.target}: libcosim cannot wire an Enumeration")
     if (wire.factor, wire.offset) == (1.0, 0.0):

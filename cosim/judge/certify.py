@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..engine.adaptive import Adaptive
 from ..figures import FEWEST, largest, mean, smallest, spline
@@ -123,7 +122,7 @@ def certify(
     `runner` is what runs a system, `run` or the like; it gets `csv` in the last run only. Raises what
     it raises.
     """
-    progress = settings.pop("progress", None)
+    progress = settings.pop("progress", None) or (lambda share: None)
     csv = settings.pop("csv", None)
     if isinstance(step, Adaptive):
         ratio = TENTH
@@ -133,30 +132,27 @@ def certify(
         steps = [step / ratio**k for k in range(3)]
         settings = {"output_step": step} | settings
     values: list[Mapping[str, float]] = []
-    thinned: list[list[list[Mapping[str, float]]]] = []
-    shifted: list[Mapping[str, float]] = []
     for k, h in enumerate(steps):
-        done = (ratio**k - 1) / (ratio**3 - 1)
-        share = ratio**k * (ratio - 1) / (ratio**3 - 1)
-        told = None if progress is None else _within(progress, done, share)
+        done, share = ((ratio**n - 1) / (ratio**3 - 1) for n in (k, k + 1))
+
+        def told(part: float, done: float = done, share: float = share) -> None:
+            progress(done + part * (share - done))
+
         last = {} if csv is None or k < 2 else {"csv": csv}
         result = runner(system, step=h, **settings, progress=told, **last)
-        if k == 2:
-            shifted = [found for share in SHIFTED for found in _shifted(figures, result, share)]
-            shifted += _foretold(figures, result)
-            thinned = [[_seen(figures, result, n, i) for i in range(n)] for n in THINNED]
-        values.append(figures(result))
-    order = 1.0 if isinstance(step, Adaptive) else result.provenance["convergence_order"]
-    finest_first = values[::-1]
+        values.insert(0, figures(result))
+    order = 1.0 if ratio == TENTH else result.provenance["convergence_order"]
+    thinned = [[_thinned(figures, result, n, i) for i in range(n)] for n in THINNED]
+    shifted = [seen for rows in _others(result.data) for seen in _tried(figures, result, rows)]
     found = {}
-    for name, value in finest_first[0].items():
-        coupling = estimate([v[name] for v in finest_first], order, ratio)
+    for name, value in values[0].items():
+        coupling = estimate([v[name] for v in values], order, ratio)
         second, third = (
             max(_away(value, [v[name] for v in seen]) for seen in group) for group in thinned
         )
         moved = max((abs(seen[name] - value) for seen in shifted), default=0.0)
         rows = _rows(second, third, moved)
-        found[name] = _summed(coupling, [v[name] for v in finest_first], rows)
+        found[name] = _summed(coupling, [v[name] for v in values], rows)
     return Certified(result, found)
 
 
@@ -197,7 +193,16 @@ def _rows(second: float, third: float, shifted: float) -> float | None:
     return SAFETY * max(third / (3**q - 1), second / (2**q - 1), shifted)
 
 
-def _seen(
+def _tried(
+    figures: Callable[[Result], Mapping[str, float]], result: Result, rows: Rows
+) -> list[Mapping[str, float]]:
+    """The figures of these rows in place of the result's; empty if they cannot be told."""
+    with suppress(Exception), np.errstate(all="ignore"):
+        return [figures(Result(result.columns, result.units, result.provenance, lambda: rows))]
+    return []
+
+
+def _thinned(
     figures: Callable[[Result], Mapping[str, float]], result: Result, n: int, first: int
 ) -> list[Mapping[str, float]]:
     """The figures of the rows first, first + n, ..., and the ends: alone, and repeated until there
@@ -205,62 +210,33 @@ def _seen(
     """
     count = len(result.data)
     kept = np.unique([0, *range(first, count, n), count - 1])
-    found = []
-    for places in (kept, kept[np.arange(count) * len(kept) // count]):
-        with suppress(Exception), np.errstate(all="ignore"):
-            found.append(figures(_picked(result, places)))
-    return found
+    repeated = kept[np.arange(count) * len(kept) // count]
+    return [
+        seen for places in (kept, repeated) for seen in _tried(figures, result, result.data[places])
+    ]
 
 
-def _shifted(
-    figures: Callable[[Result], Mapping[str, float]], result: Result, share: float
-) -> list[Mapping[str, float]]:
-    """The figures of the ends and of rows a share of the way to the next, on a cubic spline.
+def _others(data: Rows) -> Iterator[Rows]:
+    """Rows as the result might as well have them, on a cubic spline.
 
-    Columns of whole numbers keep the number before. Empty if they cannot be told.
+    First the ends and what lies a share of the way from each row to the next; columns of whole
+    numbers keep the number before. Then all with the first row as the cubic through the next four
+    has it: a start that is not smooth may hide between the first two rows what no other row tells.
     """
-    data = result.data
-    if len(data) < FEWEST:
-        return []
-    t = (1.0 - share) * data[:-1, 0] + share * data[1:, 0]
-    between = spline(data[:, 0], data)(t)
-    whole = (data == np.round(data)).all(axis=0)
-    between[:, whole] = data[:-1, whole]
-    between[:, 0] = t
-    rows = np.vstack([data[:1], between, data[-1:]])
-    with suppress(Exception), np.errstate(all="ignore"):
-        return [figures(Result(result.columns, result.units, result.provenance, lambda: rows))]
-    return []
-
-
-def _foretold(
-    figures: Callable[[Result], Mapping[str, float]], result: Result
-) -> list[Mapping[str, float]]:
-    """The figures with the first row as the cubic through the next four has it.
-
-    A start that is not smooth may hide between the first two rows what no other row tells of.
-    Empty if they cannot be told.
-    """
-    rows = result.data.copy()
-    t = np.unique(rows[:, 0])
-    if len(t) <= FEWEST or t[1] != rows[1, 0]:
-        return []
-    after = rows[1 : FEWEST + 1]
-    rows[0, 1:] = spline(after[:, 0], after[:, 1:])(rows[0, 0])
-    with suppress(Exception), np.errstate(all="ignore"):
-        return [figures(Result(result.columns, result.units, result.provenance, lambda: rows))]
-    return []
-
-
-def _picked(result: Result, places: NDArray[np.int_]) -> Result:
-    return Result(result.columns, result.units, result.provenance, lambda: result.data[places])
-
-
-def _within(
-    progress: Callable[[float], None], done: float, share: float
-) -> Callable[[float], None]:
-    """Tells a progress that has done a share already what a run adds to it."""
-    return lambda part: progress(done + part * share)
+    if len(data) >= FEWEST:
+        curve = spline(data[:, 0], data)
+        whole = (data == np.round(data)).all(axis=0)
+        for share in SHIFTED:
+            t = (1.0 - share) * data[:-1, 0] + share * data[1:, 0]
+            between = curve(t)
+            between[:, whole] = data[:-1, whole]
+            between[:, 0] = t
+            yield np.vstack([data[:1], between, data[-1:]])
+    t = np.unique(data[:, 0])
+    if len(t) > FEWEST and t[1] == data[1, 0]:
+        rows, after = data.copy(), data[1 : FEWEST + 1]
+        rows[0, 1:] = spline(after[:, 0], after[:, 1:])(rows[0, 0])
+        yield rows
 
 
 def summary(result: Result) -> dict[str, float]:

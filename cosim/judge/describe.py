@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from functools import cache
 from pathlib import Path
 
 from fmpy import supported_platforms
@@ -13,7 +14,7 @@ from ..engine.stepping import Plan
 from ..inputs import Course, Table
 from ..loops import algebraic_loops, describe
 from ..master import Settings, problems, stepping_order
-from ..system import Network, Port, Wire, base_unit, exponents
+from ..system import Connection, Network, Port, exponents
 
 ANGLE = (0, 0, 0, 0, 0, 0, 0, 1)
 ABILITIES = {
@@ -27,8 +28,10 @@ ABILITIES = {
 
 def info(network: Network) -> Iterator[str]:
     """Parts with their inputs and outputs, wires, start values, power bonds."""
+    platforms = cache(supported_platforms)
     for name, description in network.descriptions.items():
-        yield from _part(name, description, Path(network.system.parts[name]))
+        path = Path(network.system.parts[name])
+        yield from _part(name, description, path.name, platforms(str(path)))
     for title, lines in (
         ("wires", [_wire(wire) for wire in network.wires]),
         ("start values", [f"{port} = {value!r}" for port, value in network.start]),
@@ -40,11 +43,13 @@ def info(network: Network) -> Iterator[str]:
             yield from (f"  {line}" for line in lines)
 
 
-def _part(name: str, description: ModelDescription, path: Path) -> Iterator[str]:
-    yield f"{name}: {description.modelName}, {path.name}"
+def _part(
+    name: str, description: ModelDescription, file: str, platforms: Sequence[str]
+) -> Iterator[str]:
+    yield f"{name}: {description.modelName}, {file}"
     if description.description:
         yield f"  {description.description}"
-    yield f"  for {', '.join(supported_platforms(str(path)))}; {_abilities(description)}"
+    yield f"  for {', '.join(platforms)}; {_abilities(description)}"
     for causality in ("input", "output"):
         ports = [Port(name, v) for v in description.modelVariables if v.causality == causality]
         for port in ports:
@@ -66,7 +71,7 @@ def _abilities(description: ModelDescription) -> str:
     return ", ".join(can) or "fixed steps forward only"
 
 
-def _wire(wire: Wire) -> str:
+def _wire(wire: Connection) -> str:
     scaled = "" if wire.factor == 1.0 else f" * {wire.factor:.12g}"
     shifted = "" if wire.offset == 0.0 else f" {wire.offset:+.12g}"
     return f"{wire.source}{scaled}{shifted} -> {wire.target}"
@@ -95,7 +100,7 @@ def _notes(network: Network, settings: Settings) -> Iterator[str]:
             continue
         if not wire.source.unit or not wire.target.unit:
             yield f"{_wire(wire)}: without a unit at both ends nothing is checked"
-        unit = base_unit(network.descriptions, wire.source)
+        unit = network.base_unit(wire.source)
         if unit is not None and exponents(unit) == ANGLE:
             yield (
                 f"{_wire(wire)}: an angle that is held over a step pushes a stiff shaft ahead of "

@@ -16,8 +16,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..engine.changes import changes
-from ..engine.curve import Signal
 from ..engine.exchange import Coupled
+from ..engine.feed import Feed
 from ..engine.initial import initialise
 from ..engine.rows import Recorder
 from ..engine.stepping import Plan, Row, Run
@@ -190,16 +190,16 @@ class Bench:
         begin = settled + max(1, round(self.kick / h))
         end = begin + count
 
-        names = [port.name for port in ports]
-        before, after = Recorder(names, {}, None, {}), Recorder(names, {}, None, {})
+        recorder = Recorder([port.name for port in ports], {}, None, {})
 
-        def go(first: int, last: int, recorder: Recorder) -> None:
+        def go(first: int, last: int) -> int:
             plan = Plan(self.start + first * h, self.start + last * h, h, None)
             row = Row(parts, ports)
             made = changes(self.network, named, plan.start, plan.stop)
             run = Run(parts, self.algorithm, self.input_order, plan, row, recorder, made)
             for _ in run.steps():
                 pass
+            return recorder.count
 
         with ExitStack() as stack:
             named = initialise(
@@ -208,40 +208,27 @@ class Bench:
             )  # fmt: skip
             parts = [named[name] for name in self.sequence]
             if settled:
-                go(0, settled, before)
+                go(0, settled)
             with _kicked(parts, kick):
-                go(settled, begin, before)
+                before = go(settled, begin)
             with suppress(PartFailure):
-                go(begin, end, after)
-        return np.array(after.rows).reshape(after.count, -1)[:, 1:]
+                go(begin, end)
+        return np.array(recorder.rows).reshape(recorder.count, -1)[before:, 1:]
 
 
 @contextmanager
 def _kicked(parts: Sequence[Coupled], kick: float) -> Iterator[None]:
     """Let every wired Real input be off by `kick` times the size of what it hears."""
-    held = [(part, part.copies, part.scaled) for part in parts]
-    entries = [e for part in parts if part.curves for e in part.curves.entries]
-    moving = [(e, e.signal, e.offset) for e in entries if isinstance(e.signal, Signal)]
-    for part, copies, scaled in held:
-        wires = [*((*copy, 1.0, 0.0) for copy in copies if _real(copy[0])), *scaled]
-        part.copies = [copy for copy in copies if not _real(copy[0])]
-        part.scaled = [
-            (target, i, source, j, factor, offset + factor * kick * (1.0 + abs(source[j])))
-            for target, i, source, j, factor, offset in wires
-        ]
-    for entry, signal, _ in moving:
-        entry.offset += entry.factor * kick * (1.0 + abs(signal.nodes[-1].value))
+    links = [link for part in parts for link in part.links if link.real]
+    links = [link for link in links if not isinstance(link.signal, Feed)]
+    before = [link.offset for link in links]
+    for link in links:
+        link.offset += link.factor * kick * (1.0 + abs(link.source[link.j]))
     try:
         yield
     finally:
-        for part, copies, scaled in held:
-            part.copies, part.scaled = copies, scaled
-        for entry, _, offset in moving:
-            entry.offset = offset
-
-
-def _real(cells: Sequence[float]) -> bool:
-    return isinstance(cells[0], float)
+        for link, offset in zip(links, before):
+            link.offset = offset
 
 
 def _diagnose(bench: Bench, step: float, share: float) -> Diagnosis:

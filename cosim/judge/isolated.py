@@ -101,17 +101,20 @@ def _work(
             told = clock.perf_counter()
 
     with suppress(BrokenPipeError):
+        ended: SimulationError | Interrupted | None = None
         try:
             result = run(system, csv=csv, progress=progress, **settings)
         except (SimulationError, Interrupted) as error:
-            pipe.send(("end", (type(error), str(error), *_parcel(error.result))))
+            ended, result = error, error.result
         except BrokenPipeError:
             raise
         except Exception as error:  # noqa: BLE001
             pipe.send(("error", error))
+            return
         else:
             pipe.send(("progress", 1.0))
-            pipe.send(("end", (None, "", *_parcel(result))))
+        facts = (result.columns, result.units, result.provenance)
+        pipe.send(("end", (ended and type(ended), str(ended), *facts)))
 
 
 def _die_with_parent(folder: str) -> None:
@@ -135,21 +138,12 @@ class _Forward(logging.Handler):
         self._pipe.send(("log", record))
 
 
-def _parcel(result: Result) -> tuple[list[str], dict[str, str], dict[str, Any]]:
-    """What of a result does not stand in its file."""
-    return result.columns, result.units, result.provenance
-
-
 def _end(
-    csv: Path,
-    error: type[SimulationError | Interrupted] | None,
-    text: str,
-    columns: list[str],
-    units: dict[str, str],
-    provenance: dict[str, Any],
+    csv: Path, error: type[SimulationError | Interrupted] | None, text: str, *facts: Any
 ) -> Result:
     """The result of a run whose child came to its end; raises the error of one that failed."""
     path = csv if error is None else partial(csv)
+    columns, units, provenance = facts
     result = Result(columns, units, provenance, lambda: read_rows(path))
     if error is not None:
         raise error(text, result)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from functools import lru_cache
-from itertools import pairwise
+from itertools import accumulate, pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -86,17 +86,13 @@ class Ideal:
 
     def exact(self, sizes: Sequence[float]) -> Matrix:
         """The states of the coupled whole after steps of these sizes [s], shape (steps + 1, states)."""
-        rows = [np.append(self.x0, 1.0)]
-        for h in sizes:
-            rows.append(self.whole(h) @ rows[-1])
-        return np.array(rows)[:, :-1]
+        steps = accumulate(sizes, lambda x, h: self.whole(h) @ x, initial=np.append(self.x0, 1.0))
+        return np.array([*steps])[:, :-1]
 
     def run(self, scheme: Scheme, sizes: Sequence[float]) -> Matrix:
         """What is kept at every communication point of steps of these sizes [s], a row each."""
-        rows = [self.start]
-        for h in sizes:
-            rows.append(self.step(scheme, h)[0] @ rows[-1])
-        return np.array(rows)
+        steps = accumulate(sizes, lambda x, h: self.step(scheme, h)[0] @ x, initial=self.start)
+        return np.array([*steps])
 
     def states(self, scheme: Scheme, sizes: Sequence[float]) -> Matrix:
         """The states at every communication point, shape (steps + 1, states)."""

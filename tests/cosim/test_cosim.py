@@ -17,10 +17,11 @@ import pytest
 from fmpy.model_description import BaseUnit
 from scipy.interpolate import CubicSpline
 
-from cosim import SetupError, SimulationError, System, run
+from cosim import SetupError, SimulationError, System, Wire, run
 from cosim.system import convert
 from scenarios.conveyor.theory import SETS
 from tests.conftest import ROOT, described, rewritten
+from tests.cosim.foreign import pack
 from tests.oracle import monolithic
 from workbench.measure import last_revolutions, order
 
@@ -188,6 +189,53 @@ def test_wires_scale_and_shift(fmus: Path) -> None:
     result = run(pair(fmus, {"conveyor.w": 33.0}, wires), stop=0.01, step=1e-3)
     heard = (8000.0 - result["motor.tau_static"][0]) / 199.8
     assert heard == pytest.approx(0.5 * 33.0 - 1.5, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("wire", "text"),
+    [
+        (Wire("motor.tau", "conveyor.tau"), "motor.tau -> conveyor.tau"),
+        (
+            Wire(("motor", "tau"), ("conveyor", "tau"), 0.5, -1.5),
+            "motor.tau * 0.5 - 1.5 -> conveyor.tau",
+        ),
+        (
+            Wire("motor.tau", "conveyor.tau", offset=2.0, converts=False),
+            "motor.tau + 2.0 => conveyor.tau",
+        ),
+    ],
+)
+def test_a_wire_is_a_value_or_a_text(fmus: Path, wire: Wire, text: str) -> None:
+    assert str(wire) == text
+    results = [
+        run(pair(fmus, wires=[given, WIRES[1]]), stop=0.01, step=1e-3) for given in (wire, text)
+    ]
+    assert np.array_equal(results[0].data, results[1].data)
+    assert results[0].provenance["wires"] == [text, WIRES[1]]
+
+
+def test_names_of_wires_may_hold_anything(tmp_path: Path) -> None:
+    """A blank, * and + are letters to FMI; in a text they are signs."""
+    odd = described(('name="y"', 'name="y * 2 + der(x), -> z"'), ('name="u"', 'name=" u + 1"'))
+    fmu = rewritten(pack(tmp_path / "plain.fmu"), tmp_path / "odd.fmu", odd)
+    start = {f"{p}.{k}_in": 1 for p in "ab" for k in ("integer", "boolean", "enumeration")}
+    start |= {"a.string_in": "", "b.string_in": "", "a. u + 1": 2.0}
+    wire = Wire(("a", "y * 2 + der(x), -> z"), ("b", " u + 1"))
+    settings: dict[str, Any] = {"stop": 1.0, "step": 0.1, "record": ["b.z"]}
+    got = run(System({"a": fmu, "b": fmu}, [wire], start), **settings)
+    del start["a. u + 1"]
+    plain = System(
+        dict.fromkeys("ab", tmp_path / "plain.fmu"), ["a.y -> b.u"], start | {"a.u": 2.0}
+    )
+    assert np.array_equal(got.data, run(plain, **settings).data)
+    for other, message in (
+        (Wire(("c", "y"), ("b", " u + 1")), "c.y: there is no part 'c', only a, b"),
+        (Wire(("a", "y"), ("b", " u + 1")), "a has no variable 'y', only "),
+        (Wire(wire.source, wire.target, math.inf), "factor and offset must be finite numbers"),
+    ):
+        with pytest.raises(SetupError) as caught:
+            run(System({"a": fmu, "b": fmu}, [other], start), **settings)
+        assert message in str(caught.value)
 
 
 def test_units_with_an_offset_are_converted() -> None:

@@ -23,6 +23,7 @@ from cosim import Adaptive, Result, SetupError, System, run
 from cosim.engine import stepping
 from cosim.engine.rows import CHUNK, Grid, Recorder
 from scenarios.conveyor.theory import SETS
+from tests.cosim.foreign import pack
 from tests.cosim.test_cosim import NU, RECORD, REST, WIRES, pair
 from tests.oracle import monolithic
 
@@ -75,6 +76,25 @@ def test_both_loops_give_the_same_bits(
     assert compiled.energy == plain.energy
     assert compiled.provenance["do_steps"] == plain.provenance["do_steps"]
     assert plain["time"][-1] == 0.3004
+
+
+@pytest.mark.parametrize("text", [False, True])
+def test_only_text_needs_python(text: bool, tmp_path: Path, request: pytest.FixtureRequest) -> None:
+    """Whole numbers, truth values and choices take the compiled loop and give the same bits."""
+    kinds = ["integer", "boolean", "enumeration", *["string"] * text]
+    parts = {name: pack(tmp_path / f"{name}.fmu", counts=True) for name in "AB"}
+    wires = ["A.y -> B.u", *(f"A.{kind}_out -> B.{kind}_in" for kind in kinds)]
+    start = {"A.u": 0.0, "A.string_in": "", "B.string_in": "7"}
+    start |= {f"A.{kind}_in": 1 for kind in kinds[:3]}
+    if text:
+        del start["B.string_in"]
+    record = [f"B.{kind}_out" for kind in kinds[:3]] + ["B.y", "B.spelled"]
+    settings: dict[str, Any] = {"stop": 2.0, "step": 0.01, "record": record}
+    quick = run(System(parts, wires, start), **settings)
+    assert quick.provenance["loop"] == ("Python" if text else "compiled")
+    request.getfixturevalue("interpreted")
+    assert_array_equal(quick.data, run(System(parts, wires, start), **settings).data)
+    assert np.diff(quick["B.enumeration_out"]).any()
 
 
 def test_substeps_are_steps_with_held_inputs(fmus: Path) -> None:

@@ -19,7 +19,6 @@ import pytest
 import cosim.engine.algorithms
 import cosim.engine.initial
 from cosim import ALGORITHMS, SetupError, System, run, verification
-from cosim.engine.exchange import Coupled
 from cosim.engine.ledger import End
 from cosim.verification import checks
 from cosim.verification.checks import HOLDING, MOTOR, SCHEMES, SUBSTEPS, Row, orders, simulate
@@ -46,12 +45,13 @@ def test_every_check_of_the_suite_passes(fmus: Path) -> None:
 
 
 def wrong_sign(patch: pytest.MonkeyPatch) -> None:
-    def one_wire(self: Coupled, *ends: Any) -> None:
-        *places, factor, offset = ends
-        wire(self, *places, -factor if self.name == "load" else factor, offset)
+    def connected(network: Any, parts: Any, start: float) -> None:
+        connect(network, parts, start)
+        for link in parts["load"].links:
+            link.factor = -link.factor
 
-    wire = Coupled.wire
-    patch.setattr(Coupled, "wire", one_wire)
+    connect = cosim.engine.initial._connect
+    patch.setattr(cosim.engine.initial, "_connect", connected)
 
 
 def whole_steps_for_halves(patch: pytest.MonkeyPatch) -> None:
@@ -73,12 +73,12 @@ def ledger_at_the_end_only(patch: pytest.MonkeyPatch) -> None:
 class AtEnd(End):
     """Takes the output at the end of a step for the whole of it."""
 
-    @property  # type: ignore[override]
-    def before(self) -> float:
-        return self.value()
+    def __call__(self, t: float, h: float) -> None:
+        self.open()
+        super().__call__(t, h)
 
-    @before.setter
-    def before(self, value: float) -> None: ...
+    def layout(self) -> None:
+        """Python alone makes this mistake."""
 
 
 MUTANTS: dict[Callable[[pytest.MonkeyPatch], None], tuple[bool, bool]] = {

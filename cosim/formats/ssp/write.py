@@ -10,7 +10,7 @@ from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
 from ...errors import SetupError
-from ...system import Network, Port, System, Value, Wire, enumeration, still
+from ...system import Connection, Network, Port, System, Value, enumeration, still
 from .files import NAMESPACES, qualified
 
 OSP = "http://opensimulationplatform.com/SSP/OSPAnnotations"
@@ -150,7 +150,7 @@ def _parameter(parameters: Element, port: Port, value: Value, known: Enumeration
     parameter[0].set("value", text)
 
 
-def _connection(connections: Element, wire: Wire) -> None:
+def _connection(connections: Element, wire: Connection) -> None:
     """Numbers as our master makes them: no reading tool is to convert units once more."""
     ends = {
         "startElement": wire.source.part,

@@ -1,0 +1,44 @@
+"""What a step is made of: operations on buffers, called one by one or laid out for loop.c."""
+
+from __future__ import annotations
+
+import ctypes
+from typing import Any
+
+COPY, SCALE, FEED, SET, GET, STEP, BOOK = range(7)
+NOT_FINITE = -(2**31)
+
+
+class Layout(ctypes.Structure):
+    """struct operation of loop.c."""
+
+    _fields_ = [
+        *((name, ctypes.c_int) for name in ("code", "count", "checked", "forward")),
+        *((name, ctypes.c_void_p) for name in ("function", "component", "references")),
+        *((name, ctypes.c_void_p) for name in ("cells", "source", "first", "last")),
+        *((name, ctypes.c_double) for name in ("at", "size", "factor", "offset")),
+    ]
+
+
+class Operation:
+    """Called with the time [s] at which it is done and the size [s] of the step it belongs to.
+
+    What follows its call in loop.c is the same arithmetic in the same order.
+    """
+
+    def __call__(self, t: float, h: float) -> None:
+        """Do it; raises PartFailure."""
+        raise NotImplementedError
+
+    def layout(self) -> Layout | None:
+        """What loop.c does in its place, but for `at` and `size`; None if it cannot."""
+        return None
+
+    def answered(self, t: float, h: float, status: int) -> None:
+        """Keep a warning of a call; raise PartFailure for a worse status, or NOT_FINITE."""
+        raise AssertionError("an operation that cannot fail")
+
+
+def address(cells: Any, i: int = 0) -> int:
+    """Where element i of a buffer stands."""
+    return ctypes.addressof(cells) + i * ctypes.sizeof(cells._type_)

@@ -1,0 +1,113 @@
+"""The cost of describing, checking, connecting and starting a system grows with its size, no faster.
+
+Counted are the interpreter's own operations, which no other load of the machine changes.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from cosim import System, run
+from cosim.engine.stepping import Plan
+from cosim.judge import describe
+from cosim.loops import strongly_connected
+from cosim.master import Settings, stepping_order
+from cosim.system import connect
+from tests.conftest import described, rewritten
+from tests.cosim.foreign import pack
+
+LARGER = 2.1
+
+
+def operations(work: Callable[[], Any]) -> int:
+    """How many operations the interpreter takes for this work."""
+    count = 0
+
+    def trace(frame: Any, event: str, _: Any) -> Any:
+        nonlocal count
+        frame.f_trace_opcodes = True
+        count += event == "opcode"
+        return trace
+
+    sys.settrace(trace)
+    try:
+        work()
+    finally:
+        sys.settrace(None)
+    return count
+
+
+def ring(folder: Path, count: int) -> System:
+    """Pairs of motor and conveyor that are wired to and fro, in one subsystem."""
+    parts: dict[str, Path] = {}
+    wires: list[str] = []
+    for k in range(count):
+        motor, conveyor = f"line.m{k}", f"line.c{k}"
+        parts |= {motor: folder / "DriveMotor.fmu", conveyor: folder / "CrankConveyor.fmu"}
+        wires += [f"{motor}.tau -> {conveyor}.tau", f"{conveyor}.w -> {motor}.w"]
+    return System(parts, wires, {f"line.c{k}.w": 40.0 for k in range(count)})
+
+
+def checked(system: System) -> None:
+    network = connect(system)
+    list(describe.info(network))
+    describe.check(network, Plan(0.0, 1.0, 1e-3, None), Settings("jacobi"))
+
+
+def started(system: System) -> None:
+    run(system, stop=1e-3, step=1e-3)
+
+
+@pytest.mark.parametrize("work", [checked, started])
+def test_twice_the_parts_cost_twice(work: Callable[[System], None], fmus: Path) -> None:
+    few, many = (ring(fmus / "native", count) for count in (20, 40))
+    work(many)
+    assert operations(lambda: work(many)) < LARGER * operations(lambda: work(few))
+
+
+def test_twice_the_variables_cost_twice(tmp_path: Path) -> None:
+    """With outputs, inputs and what has a start value among them."""
+
+    def wide(count: int) -> System:
+        lines = "".join(
+            f'<ScalarVariable name="v{k}" valueReference="{1000 + k}" causality="parameter" '
+            f'variability="fixed"><Real start="0" unit="m"/></ScalarVariable>'
+            for k in range(count)
+        )
+        edit = described(("</ModelVariables>", f"{lines}</ModelVariables>"))
+        fmu = rewritten(pack(tmp_path / "a.fmu"), tmp_path / f"a{count}.fmu", edit)
+        start: dict[str, Any] = {f"a.v{k}": 1.0 for k in range(count)}
+        start |= {f"a.{kind}_in": 1 for kind in ("integer", "boolean", "enumeration")}
+        return System({"a": fmu}, start=start | {"a.u": 0.0, "a.string_in": ""})
+
+    few, many = wide(1000), wide(2000)
+    assert operations(lambda: checked(many)) < LARGER * operations(lambda: checked(few))
+
+
+def test_parts_step_after_what_they_hear(fmus: Path) -> None:
+    """Parts in a ring step as declared, and parts in a chain that is declared from its end, not."""
+    system = ring(fmus / "native", 3)
+    assert stepping_order(connect(system), None) == list(system.parts)
+    start = {f"line.m{k}.w": 40.0 for k in range(3)}
+    chains = System(dict(reversed(system.parts.items())), system.wires[::2], start)
+    order = [f"line.{kind}{k}" for k in (2, 1, 0) for kind in "mc"]
+    assert stepping_order(connect(chains), None) == order
+
+
+@pytest.mark.parametrize(
+    ("leads", "rings"),
+    [
+        ([[1], [2], [0], [0]], [[0, 1, 2], [3]]),
+        ([[1], [], [1, 3], [2]], [[0], [1], [2, 3]]),
+        ([[*range(1, 5000)], *([k + 1] for k in range(1, 4999)), [1]], [[0], [*range(1, 5000)]]),
+    ],
+)
+def test_rings_are_found_in_graphs_of_any_depth(
+    leads: list[list[int]], rings: list[list[int]]
+) -> None:
+    assert sorted(sorted(ring) for ring in strongly_connected(leads)) == rings
