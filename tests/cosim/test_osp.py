@@ -104,7 +104,7 @@ def test_connections_functions_and_bonds(fmus: Path, place: Path) -> None:
     elements = MOTOR + CONVEYOR + other + simulator("free", "LinearSystem", "u[2] Real 0.25")
     (place / FILE).write_text(osp(elements, half + W, scale))
     system = read_osp(place / FILE).system
-    assert list(system.wires) == [
+    assert [*map(str, system.wires)] == [
         "motor.tau * 0.5 - 1.0 -> conveyor.tau",
         "motor.tau * 0.5 - 1.0 -> other.tau",
         "conveyor.w -> motor.w",
@@ -125,7 +125,7 @@ def test_names_that_no_part_can_have_are_changed(place: Path) -> None:
     wires = wired(("DP motor", "tau"), ("conveyor", "tau"))
     (place / FILE).write_text(osp(motor + CONVEYOR, wires))
     system = read_osp(place).system
-    assert (list(system.wires), system.start["DP_motor.T"]) == (
+    assert ([*map(str, system.wires)], system.start["DP_motor.T"]) == (
         ["DP_motor.tau -> conveyor.tau"],
         0.05,
     )
@@ -134,7 +134,7 @@ def test_names_that_no_part_can_have_are_changed(place: Path) -> None:
 def test_numbers_pass_wires_as_they_stand(place: Path) -> None:
     """A torque as a speed: libcosim knows no units."""
     (place / FILE).write_text(osp(MOTOR, wired(("motor", "tau"), ("motor", "w"))))
-    assert list(read_osp(place).system.wires) == ["motor.tau => motor.w"]
+    assert [*map(str, read_osp(place).system.wires)] == ["motor.tau => motor.w"]
 
 
 def test_steps_of_single_simulators_are_ignored_aloud(

@@ -15,7 +15,7 @@ from typing import NamedTuple
 from fmpy.model_description import ModelDescription, ScalarVariable
 
 from ...errors import SetupError
-from ...system import Value, enumeration, own_start, part_name
+from ...system import Value, Wire, enumeration, own_start, part_name
 from .files import ELEMENT, LINK, Room
 from .parameters import Parameter
 from .units import Step, Unit, chain, defined, unit_of
@@ -175,7 +175,7 @@ class Plan:
             value = scale[0] * float(value) + scale[1]
         self.start[node] = value
 
-    def wires(self) -> list[str]:
+    def wires(self) -> list[Wire]:
         """The connections between FMUs as wires of a System."""
         wires = []
         for node in self.into:
@@ -190,11 +190,8 @@ class Plan:
             wires.append(self._wire(source, node, steps))
         return wires
 
-    def _wire(self, source: Node, target: Node, steps: list[Step]) -> str:
+    def _wire(self, source: Node, target: Node, steps: list[Step]) -> Wire:
         where = steps[-1].where
-        for name in (dotted(source), dotted(target)):
-            if any(letter in "*+" or letter.isspace() for letter in name):
-                raise SetupError(f"{where}: {name!r} has a blank, * or +, which is not supported")
         factor, offset = chain(self.connectors[source].unit, steps)
         if not math.isfinite(factor + offset):
             raise SetupError(f"{where}: factor {factor!r} and offset {offset!r} must be finite")
@@ -204,12 +201,8 @@ class Plan:
         except SetupError:
             plain = None
         if (factor, offset) == plain:
-            return f"{dotted(source)} -> {dotted(target)}"
-        scale = f" * {factor!r}" if factor != 1.0 else ""
-        sign = "-" if offset < 0.0 else "+"
-        shift = f" {sign} {abs(offset)!r}" if offset != 0.0 else ""
-        arrow = "->" if plain == IDENTITY else "=>"
-        return f"{dotted(source)}{scale}{shift} {arrow} {dotted(target)}"
+            return Wire(source, target)
+        return Wire(source, target, factor, offset, plain == IDENTITY)
 
     def _own_unit(self, node: Node) -> Unit | None:
         return unit_of(self.variables[node], self.descriptions[node[0]])
