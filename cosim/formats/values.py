@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from ..errors import SetupError
@@ -28,10 +28,16 @@ def read_values(path: Path, network: Network) -> dict[str, Value]:
         plan.add_element("", name)
         plan.add_fmu(name, Path(network.system.parts[name]), description)
     whole = "" if len(plan.fmus) > 1 else next(iter(plan.fmus))
-    given: set[Node] = set()
-    if path.suffix not in READERS:
+    parameters: Iterable[Parameter]
+    if path.suffix == ".ssv":
+        root = parse(path, "ssv:ParameterSet")
+        parameters = parameters_of(root, "", path.name, definitions(root, path.name)).values()
+    elif path.suffix == ".csv":
+        parameters = _rows(path, plan, whole)
+    else:
         raise SetupError(f"{path} must be an .ssv or a .csv")
-    for parameter in READERS[path.suffix](path, plan, whole):
+    given: set[Node] = set()
+    for parameter in parameters:
         nodes = _meant(plan, whole, parameter.name)
         if not nodes:
             raise SetupError(f"{parameter.where} fits no variable")
@@ -45,11 +51,6 @@ def read_values(path: Path, network: Network) -> dict[str, Value]:
 def _meant(plan: Plan, whole: str, name: str) -> list[Node]:
     """The variable of a name, in a single part without the part's name too."""
     return [*dict.fromkeys((*plan.named(whole, name), *plan.named("", name)))]
-
-
-def _set(path: Path, plan: Plan, whole: str) -> Iterator[Parameter]:
-    root = parse(path, "ssv:ParameterSet")
-    yield from parameters_of(root, "", path.name, definitions(root, path.name)).values()
 
 
 def _rows(path: Path, plan: Plan, whole: str) -> Iterator[Parameter]:
@@ -69,6 +70,3 @@ def _rows(path: Path, plan: Plan, whole: str) -> Iterator[Parameter]:
         except (KeyError, ValueError):
             raise SetupError(f"{where} = {text!r} must be of type {kind}") from None
         yield Parameter(where, name, kind, value, Unit(unit) if unit else None)
-
-
-READERS = {".ssv": _set, ".csv": _rows}

@@ -1,5 +1,6 @@
 """Files that were made to hurt end soon: one line, exit code 2, little memory, nothing left behind."""
 
+import os
 import resource
 import subprocess
 import sys
@@ -150,6 +151,14 @@ def test_hostile_structures_are_refused(
     files = content if isinstance(content, dict) else {SSD: content}
     files = {"resources/DriveMotor.fmu": fmus / "DriveMotor.fmu", **files}
     refused(pack(tmp_path / "test.ssp", files), message, capsys)
+
+
+@pytest.mark.parametrize("name", [SSD, "OspSystemStructure.xml"])
+def test_a_pipe_is_no_file(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Nobody ever writes into it."""
+    os.mkfifo(tmp_path / name)
+    refused(tmp_path, "there is no file", capsys)
+    refused(tmp_path / name, "there is no file", capsys)
 
 
 @pytest.mark.parametrize("name", ARCHIVES)

@@ -27,8 +27,6 @@ SCHEMAS = {
     f"{{{NAMESPACES['ssv']}}}ParameterSet": "SystemStructureParameterValues.xsd",
     f"{{{NAMESPACES['ssm']}}}ParameterMapping": "SystemStructureParameterMapping.xsd",
 }
-
-
 NEW_TYPES = {"Float64": "Real", "Int32": "Integer"}
 LONGEST_XML = 32 * 2**20
 ELEMENT, LINK = 50, 5
@@ -94,14 +92,14 @@ def load(path: Path) -> Element:
     """The root element of an XML file; raises SetupError with the line and the reason."""
     parser = etree.XMLParser(resolve_entities=False, no_network=True)
     try:
+        if not path.is_file():
+            raise SetupError(f"there is no file {path.name!r}")
         if path.stat().st_size > LONGEST_XML:
             raise SetupError(f"{path.name} is longer than {LONGEST_XML >> 20} MiB")
         tree = etree.parse(str(path), parser)
     except etree.XMLSyntaxError as error:
         reason = str(error.msg).partition("\n")[0]
         raise SetupError(f"{path.name}, line {error.lineno}: {reason}") from None
-    except FileNotFoundError:
-        raise SetupError(f"there is no file {path.name!r}") from None
     except OSError as error:
         raise SetupError(f"{path.name} cannot be read: {error.strerror or error}") from None
     if tree.docinfo.doctype:
