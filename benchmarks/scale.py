@@ -2,6 +2,7 @@
 
 First, systems of 2 to 1 000 parts, pairs of native motor and conveyor under Jacobi: milliseconds to
 describe, check, connect and start them, microseconds per step, per part and against two parts.
+All is processor time.
 Then 3 000 parts with 10 000 wires, described, checked and connected, and one FMU with 100 000
 variables.
 """
@@ -26,7 +27,7 @@ from cosim.master import Settings
 from cosim.system import connect
 
 FMUS, NATIVE = ROOT / "fmus", ROOT / "fmus" / "native"
-H, DOSTEPS, ROUNDS = 1e-3, 200_000, 5
+H, DOSTEPS, ROUNDS = 1e-3, 1_000_000, 5
 DESCRIPTION = "modelDescription.xml"
 
 
@@ -65,9 +66,10 @@ def wide(count: int, folder: Path) -> System:
 
 
 def seconds(work: Callable[[], Any]) -> float:
-    began = time.perf_counter()
+    """Processor time, which other programs do not lengthen."""
+    began = time.process_time()
     work()
-    return time.perf_counter() - began
+    return time.process_time() - began
 
 
 def set_up(system: System) -> None:

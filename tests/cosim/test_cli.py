@@ -78,10 +78,6 @@ def test_run_writes_what_the_api_computes(drive: Path, fmus: Path, tmp_path: Pat
     assert (tmp_path / "out.png").exists()
 
 
-def test_step_and_stop_come_from_the_files(drive: Path, tmp_path: Path, capsys) -> None:
-    assert "steps of 0.001 s: 1000 steps" in said(capsys, "run", drive)
-
-
 def test_columns_of_a_part_drive_fmpy(drive: Path, fmus: Path, tmp_path: Path, capsys) -> None:
     """The conveyor's speed, taken by fmpy as the motor's input, gives the motor's torque."""
     speed, torque = tmp_path / "w.csv", tmp_path / "tau.csv"
@@ -192,6 +188,7 @@ def test_check_tells_what_is_in_the_way(drive: Path, fmus: Path, tmp_path: Path,
 
 
 def test_exports_are_files_of_their_kind(drive: Path, tmp_path: Path, capsys) -> None:
+    """Whose step and stop a run takes."""
     again = ("--out", tmp_path / "again.ssp", "--step", 2e-3)
     said(capsys, "export", drive, "--to", "ssp", *again)
     said(capsys, "export", drive, "--to", "osp", "--out", tmp_path / "osp")

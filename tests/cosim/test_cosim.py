@@ -21,7 +21,7 @@ from cosim import SetupError, SimulationError, System, Wire, run
 from cosim.system import convert
 from scenarios.conveyor.theory import SETS
 from tests.conftest import ROOT, described, rewritten
-from tests.cosim.foreign import pack
+from tests.cosim.foreign import idle, pack
 from tests.oracle import monolithic
 from workbench.measure import last_revolutions, order
 
@@ -218,12 +218,10 @@ def test_names_of_wires_may_hold_anything(tmp_path: Path) -> None:
     """A blank, * and + are letters to FMI; in a text they are signs."""
     odd = described(('name="y"', 'name="y * 2 + der(x), -> z"'), ('name="u"', 'name=" u + 1"'))
     fmu = rewritten(pack(tmp_path / "plain.fmu"), tmp_path / "odd.fmu", odd)
-    start = {f"{p}.{k}_in": 1 for p in "ab" for k in ("integer", "boolean", "enumeration")}
-    start |= {"a.string_in": "", "b.string_in": "", "a. u + 1": 2.0}
+    start = idle("ab", "a.u", "b.u")
     wire = Wire(("a", "y * 2 + der(x), -> z"), ("b", " u + 1"))
     settings: dict[str, Any] = {"stop": 1.0, "step": 0.1, "record": ["b.z"]}
-    got = run(System({"a": fmu, "b": fmu}, [wire], start), **settings)
-    del start["a. u + 1"]
+    got = run(System({"a": fmu, "b": fmu}, [wire], start | {"a. u + 1": 2.0}), **settings)
     plain = System(
         dict.fromkeys("ab", tmp_path / "plain.fmu"), ["a.y -> b.u"], start | {"a.u": 2.0}
     )

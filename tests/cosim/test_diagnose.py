@@ -115,7 +115,6 @@ def test_the_recommended_step_meets_its_share_and_is_no_shorter_than_it_must(
     fmus: Path, drive: str, algorithm: str
 ) -> None:
     got = diagnose(coupled(fmus, DRIVES[drive]), step=1e-3, algorithm=algorithm, share=0.05)
-    assert got.recommended_step is not None
     kept = ideal_damping(DRIVES[drive], algorithm, got.recommended_step)
     assert 0.04 < abs(kept / damping_ratio(DAMP) - 1) < 0.05
     assert got.damping == pytest.approx(damping_ratio(DAMP), rel=1e-3)
@@ -198,10 +197,13 @@ def test_a_centre_has_no_damping(algorithm: str, step: float, settle: float, hal
     assert text.count(".") == 1
 
 
-def test_no_negative_frequency_is_printed(fmus: Path) -> None:
+def test_figures_that_are_not_trustworthy_say_so(fmus: Path) -> None:
     """Frequencies that fall with the step may end below zero when they are continued to zero."""
     good = diagnose(coupled(fmus, DRIVES["two"]), step=1e-3, algorithm="jacobi", share=LOOSE)
     assert good.damped
+    unexplained = replace(good, residual=0.05)
+    assert not unexplained.trusted
+    assert "Do not trust this: the modes leave 5.0% unexplained." in unexplained.text()
     for odd in (replace(good, frequency=-3.0), replace(good, damping=2.3, frequency=0.1)):
         assert not odd.damped
         assert " Hz" not in odd.text()
@@ -214,11 +216,7 @@ def test_a_system_that_does_not_oscillate_is_told(fmus: Path) -> None:
     assert got.text() == "No oscillation shows on the wires with strang and 0.001 s."
 
 
-def test_figures_that_are_not_trustworthy_say_so(fmus: Path) -> None:
-    good = diagnose(coupled(fmus, DRIVES["two"]), step=1e-3, algorithm="jacobi", share=LOOSE)
-    unexplained = replace(good, residual=0.05)
-    assert not unexplained.trusted
-    assert "Do not trust this: the modes leave 5.0% unexplained." in unexplained.text()
+def test_damping_that_does_not_converge_is_not_trusted(fmus: Path) -> None:
     coarse = diagnose(coupled(fmus, THREE), step=6e-3, algorithm="jacobi", share=LOOSE)
     assert not coarse.trusted
     assert "the damping does not converge" in coarse.text()

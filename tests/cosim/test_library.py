@@ -20,14 +20,12 @@ from cosim import SetupError, System, run, run_isolated, write_ssp
 from cosim.__main__ import main
 from cosim.engine.library import KEPT, MOST_KEPT
 from tests.conftest import ROOT, described, hear_ctrl_c, rewritten, until
-
-WIRES = ("motor.tau -> conveyor.tau", "conveyor.w -> motor.w")
+from tests.cosim.test_cosim import pair
 
 
 def drive(folder: Path) -> System:
     """Motor and conveyor."""
-    parts = {"motor": folder / "DriveMotor.fmu", "conveyor": folder / "CrankConveyor.fmu"}
-    return System(parts, WIRES, {"conveyor.w": 40.0})
+    return pair(folder, {"conveyor.w": 40.0})
 
 
 def test_the_second_run_takes_the_same_folder_and_gives_the_same_bits(both: Path) -> None:
@@ -158,7 +156,6 @@ def test_nothing_is_left_behind(
         text=True,
         preexec_fn=hear_ctrl_c,  # noqa: PLW1509
     )
-    assert process.stdin is not None and process.stdout is not None
     assert process.stdout.readline() == "ready\n", process.communicate()
     assert len(list(scratch.glob("cosim_*"))) == 3
     process.stdin.write("0.01\n" if ending == "end" else "1e6\n")

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterator
-from contextlib import contextmanager
 from functools import cache
 from itertools import pairwise
 from pathlib import Path
@@ -15,7 +14,6 @@ import fmpy
 import numpy as np
 import pandas as pd
 import pytest
-from fmpy.fmi2 import FMU2Slave
 from numpy.testing import assert_array_equal
 from scipy.integrate import solve_ivp
 
@@ -23,7 +21,7 @@ from cosim import Adaptive, Result, SetupError, System, run
 from cosim.engine import stepping
 from cosim.engine.rows import CHUNK, Grid, Recorder
 from scenarios.conveyor.theory import SETS
-from tests.cosim.foreign import pack
+from tests.cosim.foreign import idle, pack
 from tests.cosim.test_cosim import NU, RECORD, REST, WIRES, pair
 from tests.oracle import monolithic
 
@@ -84,10 +82,7 @@ def test_only_text_needs_python(text: bool, tmp_path: Path, request: pytest.Fixt
     kinds = ["integer", "boolean", "enumeration", *["string"] * text]
     parts = {name: pack(tmp_path / f"{name}.fmu", counts=True) for name in "AB"}
     wires = ["A.y -> B.u", *(f"A.{kind}_out -> B.{kind}_in" for kind in kinds)]
-    start = {"A.u": 0.0, "A.string_in": "", "B.string_in": "7"}
-    start |= {f"A.{kind}_in": 1 for kind in kinds[:3]}
-    if text:
-        del start["B.string_in"]
+    start = idle("AB", *(wire.split("-> ")[1] for wire in wires))
     record = [f"B.{kind}_out" for kind in kinds[:3]] + ["B.y", "B.spelled"]
     settings: dict[str, Any] = {"stop": 2.0, "step": 0.01, "record": record}
     quick = run(System(parts, wires, start), **settings)
@@ -341,39 +336,28 @@ def test_adaptive_steps_reach_a_permille_with_a_fifth_of_the_steps(fmus: Path) -
     assert spent[0] >= 5 * spent[1]
 
 
-@contextmanager
-def fmu_instance(path: Path, folder: Path) -> Iterator[tuple[FMU2Slave, dict[str, int]]]:
-    """An initialised instance, and its value references by name."""
-    description = fmpy.read_model_description(path)
-    slave = FMU2Slave(
-        guid=description.guid,
-        unzipDirectory=fmpy.extract(str(path), str(folder)),
-        modelIdentifier=description.coSimulation.modelIdentifier,
-        instanceName="part",
-    )
-    slave.instantiate()
-    slave.setupExperiment(startTime=0.0)
-    slave.enterInitializationMode()
-    slave.exitInitializationMode()
-    yield slave, {v.name: v.valueReference for v in description.modelVariables}
-    slave.terminate()
-    slave.freeInstance()
-
-
 def test_native_fmus_follow_polynomials(fmus: Path, tmp_path: Path) -> None:
     """Derivatives up to order 6 over one long step, against an independent solver."""
     rates = [3.0, -40.0, 500.0, -2e4, 3e5, -4e6]
-    with fmu_instance(fmus / "native" / "DriveMotor.fmu", tmp_path) as (slave, reference):
-        w = reference["w"]
-        slave.setReal([w], [35.0])
-        slave.setRealInputDerivatives([w] * 6, [1, 2, 3, 4, 5, 6], rates)
-        slave.doStep(0.0, 0.1)
-        (torque,) = slave.getReal([reference["tau"]])
-        names = [reference["tau"], reference["tau_static"]]
-        slope, fed_through = slave.getRealOutputDerivatives(names, [1, 1])
-        slave.setReal([w], [35.0])
-        slave.doStep(0.1, 0.01)
-        (later,) = slave.getReal([reference["tau"]])
+    path = str(fmus / "native" / "DriveMotor.fmu")
+    description, folder = fmpy.read_model_description(path), fmpy.extract(path, str(tmp_path))
+    slave = fmpy.instantiate_fmu(folder, description, "CoSimulation")
+    slave.setupExperiment(startTime=0.0)
+    slave.enterInitializationMode()
+    slave.exitInitializationMode()
+    reference = {v.name: v.valueReference for v in description.modelVariables}
+    w = reference["w"]
+    slave.setReal([w], [35.0])
+    slave.setRealInputDerivatives([w] * 6, [1, 2, 3, 4, 5, 6], rates)
+    slave.doStep(0.0, 0.1)
+    (torque,) = slave.getReal([reference["tau"]])
+    names = [reference["tau"], reference["tau_static"]]
+    slope, fed_through = slave.getRealOutputDerivatives(names, [1, 1])
+    slave.setReal([w], [35.0])
+    slave.doStep(0.1, 0.01)
+    (later,) = slave.getReal([reference["tau"]])
+    slave.terminate()
+    slave.freeInstance()
 
     def speed(t: float) -> float:
         return 35.0 + sum(r * t**k / math.factorial(k) for k, r in enumerate(rates, 1))
@@ -383,8 +367,8 @@ def test_native_fmus_follow_polynomials(fmus: Path, tmp_path: Path) -> None:
 
     final = 8000.0 - 199.8 * 35.0
     assert later == pytest.approx(final + (torque - final) * math.exp(-0.16), rel=1e-12)
-    path = solve_ivp(rate, (0.0, 0.1), [8.0], "DOP853", rtol=1e-12, atol=1e-10)
-    assert torque == pytest.approx(path.y[0, -1], rel=1e-9)
+    solved = solve_ivp(rate, (0.0, 0.1), [8.0], "DOP853", rtol=1e-12, atol=1e-10)
+    assert torque == pytest.approx(solved.y[0, -1], rel=1e-9)
     assert slope == pytest.approx(float(rate(0.1, torque)), rel=1e-9)
     turning = sum(r * 0.1 ** (k - 1) / math.factorial(k - 1) for k, r in enumerate(rates, 1))
     assert fed_through == pytest.approx(-199.8 * turning, rel=1e-9)

@@ -248,7 +248,6 @@ def test_stability_limits_of_the_lagging_motor_are_the_closed_ones() -> None:
 def test_the_ledger_of_gauss_seidel_telescopes(fmus: Path, problem: str) -> None:
     """The first part hears old values, the second new ones: h / 2 (p_0 q_0 - p_N q_N) is left."""
     benchmark, h = BENCHMARKS[problem], 1e-3
-    assert benchmark.bond is not None
     there, back = benchmark.bond
     ideal = Ideal(benchmark.units)
     given, taken = ideal.energy(SCHEMES["gauss-seidel"], [h] * 15, benchmark.bond)

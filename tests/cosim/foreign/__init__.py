@@ -218,3 +218,10 @@ def _description(guid: str, values: Mapping[str, Value]) -> str:
         modelName="foreign",
         guid=guid,
     )
+
+
+def idle(parts: str, *driven: str) -> dict[str, Value]:
+    """Start values for the inputs of foreign parts that are called by a letter, but the driven."""
+    inputs = {v.name: v.start for v in VARIABLES if v.causality == "input"}
+    start = {f"{part}.{name}": value for part in parts for name, value in inputs.items()}
+    return {name: value for name, value in start.items() if name not in driven}
