@@ -14,7 +14,7 @@ from .figures import (
     time_of_smallest,
 )
 from .formats.container import write_container
-from .formats.osp import write_osp
+from .formats.osp import read_osp, write_osp
 from .formats.ssp import Package, read_ssp, write_ssp
 from .inputs import Table
 from .judge.certify import Certified, Estimate, certify, estimate, summary
@@ -48,6 +48,7 @@ __all__ = [
     "largest",
     "mean",
     "quiet",
+    "read_osp",
     "read_ssp",
     "rms",
     "run",

@@ -1,4 +1,4 @@
-"""python -m cosim info | check | run | diagnose | export FILE, an .ssp or a single .fmu; verify."""
+"""python -m cosim info | check | run | diagnose | export FILE, a system or a single .fmu; verify."""
 
 from __future__ import annotations
 
@@ -18,11 +18,13 @@ from .commandline import Parser, assignment, exit_code, literal, require
 from .engine.adaptive import Adaptive
 from .engine.algorithms import ALGORITHMS
 from .engine.part import quiet
+from .engine.rows import Stream
 from .engine.stepping import Plan
 from .errors import SetupError
 from .formats.container import write_container
-from .formats.osp import write_osp
-from .formats.ssp import read_ssp, write_ssp
+from .formats.osp import FILE, read_osp, write_osp
+from .formats.ssp import Package, read_ssp, write_ssp
+from .formats.values import read_values
 from .inputs import Table
 from .judge import describe
 from .judge.certify import SUMMARY, Estimate, certify, summary
@@ -33,22 +35,32 @@ from .progress import bar
 from .result import Interrupted, Result, SimulationError
 from .result import partial as partial_file
 from .scratch import scratch
-from .system import PART, Network, System, connect, describe_fmu, own_start
+from .system import Network, System, connect, describe_fmu, own_start, part_name
 
 EXACT = Path("fmus/LinearSystem.fmu")
 
 
 class Task(NamedTuple):
-    """A system that has been read and checked, its start and stop [s] if it has some."""
+    """A system that has been read and checked, and the file it came from."""
 
     network: Network
-    start: float
-    stop: float | None
-    connectors: dict[str, str]
+    package: Package
 
     @property
     def system(self) -> System:
         return self.network.system
+
+    @property
+    def start(self) -> float:
+        return self.package.start or 0.0
+
+    def step(self, given: float | None) -> float:
+        """The step [s] that is given, or the file's, or the shortest that an FMU prefers."""
+        preferred = min(describe.preferred_steps(self.network).values(), default=None)
+        for step in (given, self.package.step, preferred):
+            if step is not None:
+                return step
+        raise SetupError("no FMU prefers a communication step: give --step")
 
 
 def over_time(system: System, options: argparse.Namespace) -> System:
@@ -69,34 +81,35 @@ def over_time(system: System, options: argparse.Namespace) -> System:
 
 @contextmanager
 def opened(options: argparse.Namespace) -> Iterator[Task]:
-    """The system of the file, with start values "part.variable=value" in place of its own."""
-    path, given, strict = options.file, options.given, options.strict
+    """The system of the file, with the start values of --parameters and of --set over its own."""
     with TemporaryDirectory(dir=scratch()) as folder:
-        if path.suffix == ".ssp":
-            system, start, stop, connectors = read_ssp(path, Path(folder) / "ssp")
-        elif path.suffix == ".fmu":
-            system, start, stop, connectors = alone(path), 0.0, None, {}
-        else:
-            raise SetupError(f"{path} must be an .ssp or an .fmu")
+        package = read(options.file, Path(folder) / "ssp")
+        system = package.system
         network = connect(system)
-        texts = dict(assignment(text) for text in given)
-        values = {
-            name: text if network.port(name).type == "String" else literal(text)
-            for name, text in texts.items()
-        }
+        values = read_values(options.parameters, network) if options.parameters else {}
+        for name, text in map(assignment, options.given):
+            values[name] = text if network.port(name).type == "String" else literal(text)
         system = replace(system, start={**system.start, **values})
         network = connect(over_time(system, options))
-        for part, blemish in network.blemishes.items() if strict else ():
+        for part, blemish in network.blemishes.items() if options.strict else ():
             raise SetupError(f"part {part}: {blemish}")
-        yield Task(network, start or 0.0, stop, connectors)
+        yield Task(network, package)
+
+
+def read(path: Path, folder: Path) -> Package:
+    """The system of a file or a folder; packages are unpacked into `folder`."""
+    if path.suffix == ".fmu":
+        return Package(alone(path))
+    if path.suffix == ".xml" or (path / FILE).is_file():
+        return read_osp(path)
+    if path.suffix in (".ssp", ".ssd") or path.is_dir():
+        return read_ssp(path, folder)
+    raise SetupError(f"{path} must be an .ssp, an .ssd, an {FILE}, a folder with one, or an .fmu")
 
 
 def alone(path: Path) -> System:
     """A single FMU, its inputs at their declared start; named like its file as far as that is a name."""
-    name = path.stem
-    if PART.fullmatch(name) is None:
-        name = re.sub(r"[^\w-]+", "_", name).strip("_")
-        name = name if PART.fullmatch(name) else f"part_{name}"
+    name = part_name(path.stem)
     description = describe_fmu(name, path)
     inputs = [v for v in description.modelVariables if v.causality == "input"]
     declared = {f"{name}.{v.name}": own_start(v) for v in inputs}
@@ -132,7 +145,12 @@ def parser() -> Parser:
         )
         one.set_defaults(does=does)
         if file:
-            one.add_argument("file", type=Path, help=".ssp, or a single .fmu")
+            text = f".ssp, .ssd, {FILE}, a folder with one, or a single .fmu"
+            one.add_argument("file", type=Path, help=text)
+            one.add_argument(
+                "--parameters", type=Path, metavar="FILE",
+                help="start values: an .ssv, or a .csv with the columns name, value and unit",
+            )  # fmt: skip
             one.add_argument(
                 "--set", dest="given", metavar="NAME=VALUE", action="append", default=[],
                 help="start value of a parameter or input, by its dotted name",
@@ -155,7 +173,7 @@ def parser() -> Parser:
 
     measures = command("diagnose", measure, "what the coupling does to the damping")
     add = measures.add_argument
-    add("--step", type=float, help="communication step [s]; the FMUs' preferred one by default")
+    add("--step", type=float, help="communication step [s]; the file's, or the FMUs', by default")
     add("--algorithm", choices=ALGORITHMS, default="strang", help="coupling algorithm")
     add("--share", type=float, default=0.05, help="artificial damping allowed, of the real one")
     add(
@@ -168,7 +186,7 @@ def parser() -> Parser:
     exports = command("export", export, "write a system in another format")
     exports.add_argument("--to", choices=("ssp", "osp", "container"), required=True, help="format")
     exports.add_argument("--out", type=Path, required=True, help="file, or folder for osp")
-    exports.add_argument("--step", type=float, help="communication step [s] for osp and container")
+    exports.add_argument("--step", type=float, help="communication step [s]")
     proofs = command("verify", verify, "test the master against closed solutions", file=False)
     proofs.add_argument("fmu", nargs="?", type=Path, default=EXACT, help="LinearSystem.fmu")
     return top
@@ -179,7 +197,7 @@ def stepping(one: Parser) -> None:
     add = one.add_argument
     add("--start", type=float, help="start time [s]; the file's by default")
     add("--stop", type=float, help="stop time [s]; the file's by default")
-    add("--step", type=float, help="communication step [s]; the FMUs' preferred one by default")
+    add("--step", type=float, help="communication step [s]; the file's, or the FMUs', by default")
     add("--adaptive", type=float, metavar="TOLERANCE", help="choose steps for this coupling error")
     add("--algorithm", choices=ALGORITHMS, default="strang", help="coupling algorithm")
     add("--order", type=names, help="order in which parts step: a,b,c")
@@ -196,13 +214,13 @@ def stepping(one: Parser) -> None:
 def plan(task: Task, options: argparse.Namespace) -> Plan:
     """Times and steps as asked for, as the file says, or as the FMUs prefer."""
     start = task.start if options.start is None else options.start
-    stop = task.stop if options.stop is None else options.stop
+    stop = task.package.stop if options.stop is None else options.stop
     if stop is None:
         raise SetupError("the file has no default experiment: give --stop")
     if options.step is not None and options.adaptive is not None:
         raise SetupError("--step and --adaptive exclude each other")
-    step = Adaptive(options.adaptive) if options.adaptive is not None else options.step
-    step = preferred_step(task.network) if step is None else step
+    adaptive = options.adaptive is not None
+    step = Adaptive(options.adaptive) if adaptive else task.step(options.step)
     chosen = Plan(start, stop, step, options.output_step)
     chosen.check()
     return chosen
@@ -212,10 +230,12 @@ def show(options: argparse.Namespace) -> int:
     """python -m cosim info."""
     with opened(options) as task:
         print("\n".join(describe.info(task.network)))
-        for connector, port in task.connectors.items():
+        for connector, port in task.package.connectors.items():
             print(f"connector {connector} is {port}")
-        if task.stop is not None:
-            print(f"default experiment: {task.start:g} to {task.stop:g} s")
+        if task.package.stop is not None:
+            print(f"default experiment: {task.start:g} to {task.package.stop:g} s")
+        if task.package.step is not None:
+            print(f"communication step: {task.package.step:g} s")
     return 0
 
 
@@ -227,6 +247,8 @@ def examine(options: argparse.Namespace) -> int:
             options.algorithm, options.order, options.input_order, substeps, options.tolerance
         )
         errors, notes = describe.check(task.network, plan(task, options), way)
+        if task.package.step is not None:
+            notes.append(f"communication step: {task.package.step!r} s, which the file gives")
     for note in notes:
         print(note)
     for error in errors:
@@ -255,7 +277,8 @@ def simulate(options: argparse.Namespace) -> int:
         require_files(options, task.system)
         whole = options.out is not None and options.part is None and options.out.suffix == ".csv"
         figures: dict[str, Estimate] = {}
-        with TemporaryDirectory(dir=scratch()) as folder:
+        later = None if whole else options.out
+        with TemporaryDirectory(dir=scratch()) as folder, claimed(later):
             runner = partial(run_isolated, csv=Path(folder) / "rows.csv")
             if whole:
                 settings["csv"] = options.out
@@ -268,11 +291,11 @@ def simulate(options: argparse.Namespace) -> int:
                         result = runner(task.system, **settings)
             except (SimulationError, Interrupted) as stopped:
                 warn(stopped.result)
-                if options.out is not None and not whole:
-                    stopped.result.write(partial_file(options.out), part=options.part)
+                if later is not None:
+                    stopped.result.write(partial_file(later), part=options.part)
                 raise
-            if options.out is not None and not whole:
-                result.write(options.out, part=options.part)
+            if later is not None:
+                result.write(later, part=options.part)
             if options.plot is not None:
                 result.plot(path=options.plot)
             print("\n".join(told(result)))
@@ -284,6 +307,21 @@ def simulate(options: argparse.Namespace) -> int:
         print("\n".join(certified(result, figures)))
     warn(result)
     return 0
+
+
+@contextmanager
+def claimed(path: Path | None) -> Iterator[None]:
+    """Keep other runs from a file that is written at the end; SetupError if one writes it now."""
+    if path is None:
+        yield
+        return
+    claim = Stream(partial_file(path.with_suffix(".csv")))
+    try:
+        yield
+    finally:
+        if claim.path.exists() and not claim.path.stat().st_size:
+            claim.path.unlink()
+        claim.close()
 
 
 def require_files(options: argparse.Namespace, system: System) -> None:
@@ -358,7 +396,7 @@ def measure(options: argparse.Namespace) -> int:
     with opened(options) as task:
         found = diagnose(
             task.system,
-            step=preferred_step(task.network) if options.step is None else options.step,
+            step=task.step(options.step),
             algorithm=options.algorithm,
             share=options.share,
             start=task.start,
@@ -368,26 +406,20 @@ def measure(options: argparse.Namespace) -> int:
     return 0
 
 
-def preferred_step(network: Network) -> float:
-    """The shortest communication step [s] that an FMU prefers; raises SetupError if none does."""
-    preferred = describe.preferred_steps(network).values()
-    if not preferred:
-        raise SetupError("no FMU prefers a communication step: give --step")
-    return min(preferred)
-
-
 def export(options: argparse.Namespace) -> int:
     """python -m cosim export."""
     with opened(options) as task:
+        start, stop = task.start, task.package.stop
         if options.to == "ssp":
-            write_ssp(task.system, options.out, task.stop)
+            step = task.package.step if options.step is None else options.step
+            write_ssp(task.system, options.out, stop, start, step)
+        elif options.to == "osp":
+            step = task.step(options.step)
+            write_osp(task.system, options.out, step=step, start=start, stop=stop)
         else:
-            step = preferred_step(task.network) if options.step is None else options.step
-            if options.to == "osp":
-                write_osp(task.system, options.out, step=step, start=task.start, stop=task.stop)
-            else:
-                stop = task.start + 1.0 if task.stop is None else task.stop
-                write_container(task.system, options.out, step=step, start=task.start, stop=stop)
+            stop = start + 1.0 if stop is None else stop
+            step = task.step(options.step)
+            write_container(task.system, options.out, step=step, start=start, stop=stop)
     print(f"{options.out} written")
     return 0
 

@@ -59,25 +59,24 @@ class Table:
     ) -> Table:
         """A column of a CSV file, whose first column is the time [s].
 
-        A header may give a unit, "torque [N.mm]", which holds unless another is given here. Raises
-        SetupError with file and line for what is no number.
+        A header may give a unit, "torque [N.mm]", which holds unless another is given here. A table
+        that is `held` may have truth values and texts. Raises SetupError with file and line for what
+        is no number otherwise.
         """
-        try:
-            with Path(path).open(newline="", encoding="utf-8-sig") as file:
-                header, *rows = csv.reader(file)
-        except (OSError, ValueError) as error:
-            raise SetupError(f"{path} cannot be read as a table: {error}") from error
+        header, *rows = read_table(path)
         heads = [match.groups() for match in map(COLUMN.fullmatch, header) if match]
         names = [name for name, _ in heads]
         if column not in names[1:]:
             raise SetupError(f"{path} has no column {column!r}, only {', '.join(names[1:])}")
+        if names[1:].count(column) > 1:
+            raise SetupError(f"{path} has two columns {column!r}")
         if heads[0][1] not in (None, "", "s"):
             raise SetupError(f"{path}: time must be in s, not {heads[0][1]}")
         place = names.index(column, 1)
         pairs = []
         for line, row in enumerate(rows, 2):
             try:
-                pairs.append((float(row[0]), float(row[place])))
+                pairs.append((float(row[0]), _cell(row[place].strip(), held)))
             except (IndexError, ValueError):
                 raise SetupError(
                     f"{path}, line {line}: time and {column} must be numbers"
@@ -156,6 +155,28 @@ class Table:
         rows = list(zip(self.times, self.values))
         digest = hashlib.sha256(repr(rows).encode()).hexdigest()[:16]
         return {"source": self.source, "rows": len(rows), "held": self.held, "sha256": digest}
+
+
+def read_table(path: Path | str) -> list[list[str]]:
+    """The cells of a CSV file, one row at least; raises SetupError if it is none."""
+    try:
+        with Path(path).open(newline="", encoding="utf-8-sig") as file:
+            rows = list(csv.reader(file, skipinitialspace=True))
+    except (OSError, ValueError, csv.Error) as error:
+        raise SetupError(f"{path} cannot be read as a table: {error}") from error
+    if not rows:
+        raise SetupError(f"{path} cannot be read as a table: it is empty")
+    return rows
+
+
+def _cell(text: str, held: bool) -> float | bool | str:
+    """A number, or where values are held a truth value or a text; raises ValueError."""
+    try:
+        return float(text)
+    except ValueError:
+        if not held:
+            raise
+        return {"true": True, "false": False}.get(text, text)
 
 
 class Course:

@@ -112,6 +112,7 @@ def run(
             "wires": [str(wire) for wire in system.wires],
             "inputs": {port.name: profile.told() for port, profile in network.inputs},
             "changes": list(system.changes),
+            "start_values": dict(system.start),
             "parts": identities,
             "versions": versions(),
         }

@@ -29,6 +29,7 @@ READ: dict[str, Callable[[str], Value]] = {
     "String": str,
     "Enumeration": str,
 }
+XML, LONGEST = "modelDescription.xml", 128 * 2**20
 NUMERIC = {"Real": float, "Integer": int, "Enumeration": int, "Boolean": int}
 
 
@@ -123,6 +124,10 @@ class Port(NamedTuple):
     @property
     def unit(self) -> str:
         return self.variable.unit or ""
+
+    def text(self, value: Value) -> str:
+        """A value of it as XML spells it."""
+        return str(bool(value)).lower() if self.type == "Boolean" else str(value)
 
     def __str__(self) -> str:
         return f"{self.name} [{self.unit}]" if self.unit else self.name
@@ -248,6 +253,14 @@ def _fmu(name: str, path: Path) -> Fmu:
         raise SetupError(f"part {name}: {path} {error}") from error
 
 
+def part_name(name: str) -> str:
+    """A name as it stands if a part may have it, else the nearest that it may have."""
+    if PART.fullmatch(name):
+        return name
+    name = re.sub(r"[^\w-]+", "_", name).strip("_")
+    return name if PART.fullmatch(name) else f"part_{name}"
+
+
 def version(path: Path) -> tuple[int, int]:
     """What tells a file that has been replaced: its time of change [ns] and its size."""
     file = path.stat()
@@ -261,10 +274,12 @@ def _read(path: Path, _: tuple[int, int]) -> Fmu:
     try:
         with ZipFile(path) as archive:
             files = archive.namelist()
+            long = any(f.file_size > LONGEST for f in archive.infolist() if f.filename == XML)
     except Exception as error:
         raise SetupError(f"is not a valid FMU, it cannot be opened as zip: {error}") from error
-    if "modelDescription.xml" not in files:
-        raise SetupError("is not a valid FMU, it has no modelDescription.xml")
+    if XML not in files or long:
+        which = f"one of more than {LONGEST >> 20} MiB" if long else "no"
+        raise SetupError(f"is not a valid FMU, it has {which} {XML}")
     try:
         description, blemish = _description(path)
     except Exception as error:
@@ -327,7 +342,7 @@ def _connection(network: Network, given: str | Wire) -> Connection:
         raise SetupError(f"{here}: {source} is {source.variable.causality}, not an output")
     if target.variable.causality != "input":
         raise SetupError(f"{here}: {target} is {target.variable.causality}, not an input")
-    if source.type != target.type:
+    if not fits(source.type, target.type):
         raise SetupError(f"{here}: {source.type} cannot drive {target.type}")
     if not math.isfinite(wire.factor + wire.offset):
         raise SetupError(f"{here}: factor and offset must be finite numbers")
@@ -336,6 +351,11 @@ def _connection(network: Network, given: str | Wire) -> Connection:
     if made[2:] != (1.0, 0.0) and source.type != "Real":
         raise SetupError(f"{here}: {source.type} cannot be scaled")
     return made
+
+
+def fits(source: str, target: str) -> bool:
+    """Whether values of one type can be those of another: FMI hands enumerations on as Integers."""
+    return source == target or {source, target} == {"Integer", "Enumeration"}
 
 
 def _conversion(network: Network, source: Port, target: Port) -> tuple[float, float]:
@@ -394,7 +414,7 @@ def _start(port: Port, value: Value) -> tuple[Port, Value]:
         if not isinstance(value, str):
             raise SetupError(f"{port} = {value!r} must be of type String")
         return port, value
-    items = _items(port)
+    items = enumeration(port.variable)
     try:
         value = items.get(value, value) if isinstance(value, str) else value
         number = NUMERIC[port.type](value)
@@ -484,11 +504,11 @@ def _changed(network: Network) -> Iterator[tuple[Port, Table | Course]]:
         yield _input(network, name, table.after(before))
 
 
-def _items(port: Port) -> dict[str, int]:
+def enumeration(variable: ScalarVariable) -> dict[str, int]:
     """The names of an enumeration and what they stand for."""
-    if port.type != "Enumeration" or port.variable.declaredType is None:
+    if variable.type != "Enumeration" or variable.declaredType is None:
         return {}
-    return {item.name: int(item.value) for item in port.variable.declaredType.items or ()}
+    return {str(item.name): int(item.value) for item in variable.declaredType.items or ()}
 
 
 def _limits(port: Port) -> Iterator[tuple[str, Any]]:

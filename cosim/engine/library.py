@@ -108,11 +108,16 @@ def unpack(path: Path, folder: Path) -> None:
     here = {fmpy.platform, fmpy.platform_tuple}
     try:
         with ZipFile(path) as archive:
+            size = sum(entry.file_size for entry in archive.infolist())
+            if size > 2**30 + 100 * path.stat().st_size:
+                raise PartFailure(f"{path} would be far larger unpacked than it is packed")
             for name in archive.namelist():
                 top, _, rest = name.partition("/")
                 runs = top == "binaries" and rest.split("/")[0] in here
                 if top == "resources" or not rest or runs:
                     archive.extract(name, folder)
+    except PartFailure:
+        raise
     except Exception as error:
         raise PartFailure(f"{path} cannot be unpacked: {error}") from error
 

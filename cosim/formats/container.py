@@ -13,7 +13,7 @@ from fmpy.validation import validate_fmu
 
 from ..errors import SetupError
 from ..loops import acts
-from ..system import Network, Port, System, Value, still
+from ..system import Network, Port, System, still
 
 if TYPE_CHECKING:
     from fmu_manipulation_toolbox.container import FMUContainer
@@ -93,7 +93,7 @@ def _fill(container: FMUContainer, network: Network, sequence: Sequence[str]) ->
     for link in container.links.values():
         link.name = f"wired.{link.name}"
     for port, value in network.start:
-        container.add_start_value(_file(port.part), port.variable.name, _text(port, value))
+        container.add_start_value(_file(port.part), port.variable.name, port.text(value))
     _set_once(container)
 
 
@@ -109,10 +109,6 @@ def _set_once(container: FMUContainer) -> None:
 
 def _file(part: str) -> str:
     return f"{part}.fmu"
-
-
-def _text(port: Port, value: Value) -> str:
-    return ("true" if value else "false") if port.type == "Boolean" else str(value)
 
 
 def _require_order(container: FMUContainer, network: Network, sequence: Sequence[str]) -> None:

@@ -1,19 +1,140 @@
-"""A System as OSP system structure, for libcosim and the tools around it."""
+"""A System from and to OSP system structures, those of libcosim and the tools around it."""
 
 from __future__ import annotations
 
+import logging
 import shutil
+from collections import defaultdict
 from pathlib import Path
+from typing import Any
 from urllib.parse import quote
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
 from ..errors import SetupError
-from ..system import Connection, Network, Port, System, Value, still
+from ..system import READ, Connection, Network, Port, System, Value, connect, describe_fmu, still
+from .ssp.files import Room, load, locate, plain
+from .ssp.parameters import Parameter
+from .ssp.plan import Arrow, Connector, Node, Plan, dotted
+from .ssp.read import Package
+from .ssp.units import Step
 from .ssp.write import archived
 
 NAMESPACE = "http://opensimulationplatform.com/MSMI/OSPSystemStructure"
 FILE = "OspSystemStructure.xml"
+TIMES = ("StartTime", "EndTime", "BaseStepSize")
+HOLDERS = ("OspSystemStructure", "Simulators", "InitialValues", "Functions", "Connections")
+CONTENTS = ("Algorithm", "Real", "Integer", "Boolean", "String", "Variable", "Signal")
+SOURCES = ("output", "calculatedParameter")
+log = logging.getLogger("cosim")
+
+
+def read_osp(path: Path) -> Package:
+    """The system of an OspSystemStructure.xml, or of the folder that holds one.
+
+    Wires hand numbers over as they stand, since libcosim converts no units; inputs that nothing
+    drives keep the start value of their FMU; the connections of a `powerBond` are a bond. Raises
+    SetupError with file and line for what is invalid or not supported: sums, groups of variables,
+    FMUs that are not files.
+    """
+    file = Path(path) / FILE if Path(path).is_dir() else Path(path)
+    root, reader = load(file), _Reader(file)
+    if root.tag != f"{{{NAMESPACE}}}OspSystemStructure":
+        raise SetupError(f"{file.name}: OspSystemStructure is needed, not {plain(root.tag)}")
+    for element in root.iterfind("{*}EccoConfiguration"):
+        root.remove(element)
+    for element in root.iter("*"):
+        try:
+            reader.take(element)
+        except KeyError as error:
+            raise SetupError(f"{reader.at(element)}: there is no {error.args[0]!r}") from None
+        except ValueError as error:
+            raise SetupError(f"{reader.at(element)}: {error}") from None
+    plan = reader.plan
+    for node in plan.variables.keys() & plan.into.keys():
+        if (source := plan.origin(node)[0]) not in plan.variables:
+            raise SetupError(
+                f"{file.name}: nothing drives {dotted(source)}, which drives {dotted(node)}"
+            )
+    bonds = [" * ".join(map(dotted, sources)) for sources in reader.bonds.values()]
+    system = System(plan.fmus, plan.wires(), plan.starts(), bonds)
+    connect(system)
+    start, stop, step = map(reader.times.get, TIMES)
+    return Package(system, start, stop, step=step)
+
+
+class _Reader:
+    """The plan of a system, in which a function is a connector that drives another."""
+
+    def __init__(self, file: Path) -> None:
+        self.file, self.plan = file, Plan(Room(0), {"": {}})
+        self.times: dict[str, float] = {}
+        self.bonds: dict[str, list[Node]] = defaultdict(list)
+
+    def at(self, element: Any) -> str:
+        """File, line, kind and name of an element."""
+        name = element.get("name") or element.get("variable") or ""
+        return f"{self.file.name}, line {element.sourceline}: {plain(element.tag)} {name}".rstrip()
+
+    def take(self, element: Any) -> None:
+        """Take one element; raises KeyError or ValueError for what it lacks or has wrong."""
+        tag, given = plain(element.tag), element.attrib
+        if tag in TIMES:
+            self.times[tag] = float(element.text or "")
+        elif tag == "Simulator":
+            self._simulator(given["name"], given["source"], given.get("stepSize"))
+        elif tag == "InitialValue":
+            simulator = element.getparent().getparent().attrib["name"]
+            self._initial(self.plan.elements[""][simulator], element)
+        elif tag == "LinearTransformation":
+            function = f"function {given['name']}"
+            entry, leave = (function, "in"), (function, "out")
+            self.plan.elements[""][function] = function
+            self.plan.connectors[entry] = Connector("input", "Real", None)
+            self.plan.connectors[leave] = Connector("output", "Real", None)
+            scale = float(given.get("factor", 1.0)), float(given.get("offset", 0.0))
+            self.plan.add_arrow(Arrow(entry, leave, Step(tag, None, False, *scale)))
+        elif tag in ("VariableConnection", "SignalConnection"):
+            self._connection(element)
+        elif tag == "Algorithm" and element.text != "fixedStep":
+            log.warning("algorithm %s is ignored", element.text)
+        elif tag not in HOLDERS + CONTENTS:
+            raise ValueError("is not supported")
+
+    def _simulator(self, name: str, source: str, step: str | None) -> None:
+        fmu = locate(source, self.file.parent, Path(self.file.absolute().anchor))
+        part = self.plan.add_element("", name)
+        self.plan.add_fmu(part, fmu, describe_fmu(part, fmu))
+        if step is not None and float(step) != self.times.get("BaseStepSize"):
+            log.warning("%s: stepSize %s is ignored, all parts step together", name, step)
+
+    def _initial(self, part: str, element: Any) -> None:
+        name, (content,) = element.attrib["variable"], element.iterchildren("*")
+        kind = plain(content.tag)
+        value = READ[kind](content.attrib["value"])
+        if not self.plan.bind(part, Parameter(f"{part}.{name}", name, kind, value, None)):
+            raise KeyError(f"{part}.{name}")
+
+    def _connection(self, element: Any) -> None:
+        """A connection, which may be written from either end."""
+        ends = [
+            (
+                self.plan.elements[""][end.get("simulator") or f"function {end['function']}"],
+                end["name"],
+            )
+            for end in (inner.attrib for inner in element.iterchildren("*"))
+        ]
+        if missing := [dotted(end) for end in ends if end not in self.plan.connectors]:
+            raise KeyError(missing[0])
+        kinds = [self.plan.connectors[end].kind for end in ends]
+        sources = [end for end, kind in zip(ends, kinds) if kind in SOURCES]
+        sinks = [end for end in ends if end not in sources]
+        if len(sources) != 1 or len(sinks) != 1:
+            named = " and ".join(f"{kind} {dotted(end)}" for kind, end in zip(kinds, ends))
+            raise ValueError(f"{named} cannot be connected")
+        self.plan.add_arrow(Arrow(sources[0], sinks[0], Step(plain(element.tag), None, False)))
+        if "powerBond" in element.attrib:
+            self.bonds[element.get("powerBond")].extend(sources)
 
 
 def write_osp(
@@ -67,8 +188,7 @@ def _initial(values: Element, port: Port, value: Value) -> None:
             return
         raise SetupError(f"{port} = {value!r}: libcosim cannot set an Enumeration")
     initial = SubElement(values, "InitialValue", variable=port.variable.name)
-    text = ("true" if value else "false") if port.type == "Boolean" else str(value)
-    SubElement(initial, port.type, value=text)
+    SubElement(initial, port.type, value=port.text(value))
 
 
 def _connection(functions: Element, connections: Element, wire: Connection, name: str) -> None:

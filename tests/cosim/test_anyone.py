@@ -148,6 +148,17 @@ def test_discrete_wires_are_late_as_they_must(kind: str, algorithm: str, make: M
         assert result[shown[part]].tolist() == told, part
 
 
+def test_integers_and_enumerations_drive_each_other(make: Make) -> None:
+    """FMI hands both over as whole numbers: C hears what it would hear by Integers alone."""
+    parts = {"A": make(counts=True), "B": make(), "C": make()}
+    seen = []
+    for kind in ("integer", "enumeration"):
+        wires = [f"A.integer_out -> B.{kind}_in", f"B.{kind}_out -> C.integer_in"]
+        result = run(system(parts, *wires), stop=6 * H, step=H, algorithm="jacobi")
+        seen.append(result["C.integer_out"].tolist())
+    assert seen[0][3:] == seen[1][3:] == [1, 2, 3, 4]
+
+
 @pytest.mark.parametrize("gear", [5, "high"])
 def test_start_values_of_every_type_arrive(gear: Value, make: Make, tmp_path: Path) -> None:
     diary = tmp_path / "ä 100 %.txt"
@@ -337,20 +348,6 @@ def test_a_part_that_takes_no_step_however_short_ends_the_run(make: Make) -> Non
     assert "it takes no step from t = 0.0 s, however short; stopped at t = 0.0 s" in str(error)
 
 
-@pytest.mark.parametrize("algorithm", ["jacobi", "strang", "iterated", "doubling", "energy"])
-@pytest.mark.parametrize("loop", LOOPS)
-def test_a_part_may_end_the_run(loop: str, algorithm: str, make: Make, diary: Diary) -> None:
-    parts = {"A": make(end_at=0.55), "B": make()}
-    settings = stepped(algorithm)
-    error = failed(
-        ring(parts, bonds=["A.y * B.y"]), stop=1.0, record=["A.y"], **settings, **LOOPS[loop]
-    )
-    assert str(error).startswith("A ended the simulation at t = 0.55 s")
-    assert 0.3 < error.result.data[-1, 0] <= 0.55
-    assert error.result.provenance["status"] == "failed"
-    assert sorted(diary()) == CLOSED
-
-
 @pytest.mark.parametrize("algorithm", ALGORITHMS)
 @pytest.mark.parametrize("loop", LOOPS)
 def test_a_warning_is_told_once_and_kept(
@@ -375,31 +372,35 @@ def test_a_warning_without_words_counts(
     assert result.warnings == [f"A: doStep(t = {5 * H!r} s, h = 0.1 s) returned Warning"]
 
 
+STEP_RETURNED = r"A: doStep\(t = \S+ s, h = \S+ s\) returned "
+ENDINGS: dict[str, tuple[str, list[str]]] = {
+    "end": (r"A ended the simulation at t = 0\.55 s", CLOSED),
+    "error": (
+        rf"{STEP_RETURNED}Error: error at t = 0\.55 s, step \d+;",
+        [CLOSED[0], *CLOSED[1::2]],
+    ),
+    "fatal": (rf"{STEP_RETURNED}Fatal: A broke down at t = 0\.55 s;", CLOSED[1::2]),
+}
+
+
 @pytest.mark.parametrize("algorithm", [*ALGORITHMS, "doubling", "energy"])
 @pytest.mark.parametrize("loop", LOOPS)
-@pytest.mark.parametrize("ending", ["error", "fatal"])
-def test_what_breaks_on_the_way_is_named_and_the_rest_is_closed(
+@pytest.mark.parametrize("ending", ENDINGS)
+def test_what_ends_on_the_way_is_named_and_the_rest_is_closed(
     ending: str, loop: str, algorithm: str, make: Make, diary: Diary, tmp_path: Path
 ) -> None:
     """Nothing is called on an FMU after Fatal, nor on another instance of it; the rows stay."""
-    path = tmp_path / "run.csv"
-    fmu = make()
-    parts = {"A": make(talks=True, **{f"{ending}_at": 0.55}), "B": fmu}
+    message, closed = ENDINGS[ending]
+    parts = {"A": make(talks=True, **{f"{ending}_at": 0.55}), "B": make()}
+    pair, path = ring(parts, bonds=["A.y * B.y"]), tmp_path / "run.csv"
     settings = stepped(algorithm)
-    pair = ring(parts, bonds=["A.y * B.y"])
     error = failed(pair, stop=1.0, csv=path, record=["A.y"], **settings, **LOOPS[loop])
-    status, reason = {
-        "error": ("Error", r"error at t = 0\.55 s, step \d+"),
-        "fatal": ("Fatal", r"A broke down at t = 0\.55 s"),
-    }[ending]
-    assert re.match(rf"A: doStep\(t = \S+ s, h = \S+ s\) returned {status}: {reason};", str(error))
+    assert re.match(message, str(error))
     assert 0.3 < error.result.data[-1, 0] <= 0.55
-    assert json.loads((tmp_path / "run.partial.json").read_text())["reason"] in str(error)
-    assert len((tmp_path / "run.partial.csv").read_text().splitlines()) - 1 == len(
-        error.result.data
-    )
-    freed = ["freed A"] if ending == "error" else []
-    assert sorted(diary()) == [*freed, "freed B", "terminated B"]
+    facts = json.loads((tmp_path / "run.partial.json").read_text())
+    assert facts["status"] == "failed" and facts["reason"] in str(error)
+    assert np.array_equal(read(tmp_path / "run.partial.csv"), error.result.data)
+    assert sorted(diary()) == closed
 
 
 @pytest.mark.parametrize("loop", LOOPS)

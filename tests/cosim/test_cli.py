@@ -192,10 +192,12 @@ def test_check_tells_what_is_in_the_way(drive: Path, fmus: Path, tmp_path: Path,
 
 
 def test_exports_are_files_of_their_kind(drive: Path, tmp_path: Path, capsys) -> None:
-    said(capsys, "export", drive, "--to", "ssp", "--out", tmp_path / "again.ssp")
+    """Whose step and stop a run takes."""
+    again = ("--out", tmp_path / "again.ssp", "--step", 2e-3)
+    said(capsys, "export", drive, "--to", "ssp", *again)
     said(capsys, "export", drive, "--to", "osp", "--out", tmp_path / "osp")
     said(capsys, "export", drive, "--to", "container", "--out", tmp_path / "drive.fmu")
-    assert "steps of 0.001 s: 1000" in said(capsys, "run", tmp_path / "again.ssp")
+    assert "steps of 0.002 s: 500" in said(capsys, "run", tmp_path / "again.ssp")
     assert (tmp_path / "osp" / "OspSystemStructure.xml").exists()
     assert "drive: " in said(capsys, "info", tmp_path / "drive.fmu")
 
@@ -204,7 +206,8 @@ def test_exports_are_files_of_their_kind(drive: Path, tmp_path: Path, capsys) ->
     ("arguments", "message"),
     [
         (["run", "no.ssp"], "there is no file"),
-        (["run", "system.xml"], "must be an .ssp or an .fmu"),
+        (["run", "system.xml"], "there is no file 'system.xml'"),
+        (["run", "system.txt"], "must be an .ssp, an .ssd, an OspSystemStructure.xml, a folder"),
         (["run", "DRIVE", "--set", "motor.X=3"], "motor has no variable 'X'"),
         (["run", "DRIVE", "--set", "motor.T"], "must read NAME=VALUE"),
         (["run", "DRIVE", "--set", "motor.T=-1"], "motor.T [s] = -1 must be"),

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
+from zipfile import ZipFile
 
 import numpy as np
 import pandas as pd
@@ -22,7 +24,6 @@ from cosim import (
     Table,
     certify,
     diagnose,
-    read_ssp,
     run,
     write_container,
     write_osp,
@@ -235,10 +236,15 @@ def test_changes_survive_a_step_that_is_taken_again(tmp_path: Path) -> None:
     ],
 )
 @pytest.mark.parametrize("step", [0.1, Adaptive(1e-2, first=0.05)])
+@pytest.mark.parametrize("file", [False, True])
 def test_discrete_inputs_are_held_to_their_next_row(
-    kind: str, values: list[Any], step: float | Adaptive, tmp_path: Path
+    kind: str, values: list[Any], step: float | Adaptive, file: bool, tmp_path: Path
 ) -> None:
     table = Table([0.0, 0.3, 0.6], values, held=True)
+    if file:
+        rows = [f"{t},{str(v).lower()}" for t, v in zip(table.times, values)]
+        (tmp_path / "a.csv").write_text("\n".join(["t,v", *rows]))
+        table = Table.read(tmp_path / "a.csv", "v", held=True)
     system = echo(tmp_path, inputs={f"A.{kind}_in": table})
     out = "A.spelled" if kind == "string" else f"A.{kind}_out"
     result = run(system, stop=1.0, step=step, record=[out])
@@ -341,6 +347,8 @@ def test_what_is_no_table_is_refused(times: Any, values: Any, message: str) -> N
         ("time,w\n0,1\n", "has no column 'tau', only w"),
         ("time [ms],tau\n0,1\n", "time must be in s, not ms"),
         ("", "cannot be read as a table"),
+        (f"time,tau\n0,{'1' * 200_000}\n", "cannot be read as a table: field larger than"),
+        ("time,tau,tau\n0,1,2\n", "has two columns 'tau'"),
     ],
 )
 def test_what_is_no_file_of_rows_is_refused(text: str, message: str, tmp_path: Path) -> None:
@@ -377,21 +385,35 @@ def test_formats_without_inputs_over_time_refuse_them(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_the_command_line_feeds_an_ssp(
-    fmus: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize("kind", ["ssp", "osp", "folder"])
+@pytest.mark.parametrize("held", [False, True])
+def test_the_command_line_feeds_a_system_of_any_format(
+    held: bool, kind: str, fmus: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    ssp, out = tmp_path / "motor.ssp", tmp_path / "out.csv"
+    """In the unit of the file's header, on lines or held, and the result says so."""
+    file, out, rpm = tmp_path / f"motor.{kind}", tmp_path / "out.csv", 30.0 / math.pi
     still = motor(fmus, RAMP)
-    write_ssp(replace(still, inputs={}, start={**still.start, "motor.w": 0.0}), ssp, 1.0)
-    pd.DataFrame({"t": RAMP.times, "speed": RAMP.values}).to_csv(tmp_path / "w.csv", index=False)
-    told = ["run", str(ssp), "--step", "0.01", "--input", str(tmp_path / "w.csv")]
+    still = replace(still, inputs={}, start={**still.start, "motor.w": 0.0})
+    if kind == "osp":
+        write_osp(still, file, step=0.01, stop=1.0)
+    else:
+        write_ssp(still, tmp_path / "motor.ssp", 1.0)
+    if kind == "folder":
+        with ZipFile(tmp_path / "motor.ssp") as archive:
+            archive.extractall(file)
+    frame = pd.DataFrame({"t": RAMP.times, "speed [rpm]": [rpm * w for w in RAMP.values]})
+    frame.to_csv(tmp_path / "w.csv", index=False)
+    told = ["run", str(file), "--step", "0.01", "--input", str(tmp_path / "w.csv")]
+    told += ["--held"] if held else []
     assert main([*told, "--map", "motor.w=speed", "--out", str(out)]) == 0
-    rows = pd.read_csv(out)
-    assert rows["motor.tau"].to_numpy() == pytest.approx(
-        run(motor(fmus, RAMP), stop=1.0, step=0.01)["motor.tau"], rel=1e-14
+    table = Table(RAMP.times, RAMP.values, held=held)
+    expected = run(motor(fmus, table), stop=1.0, step=0.01)
+    assert pd.read_csv(out)["motor.tau"].to_numpy() == pytest.approx(
+        expected["motor.tau"], rel=1e-12
     )
-    with_table = replace(read_ssp(ssp, tmp_path / "parts").system, inputs={"motor.w": RAMP})
-    assert_array_equal(run(with_table, stop=1.0, step=0.01)["motor.tau"], rows["motor.tau"])
+    facts = json.loads(out.with_suffix(".json").read_text())
+    followed = facts["inputs"]["motor.w"]
+    assert (followed["source"], followed["held"]) == ("w.csv, column speed", held)
     capsys.readouterr()
     assert main([*told, "--map", "motor.w=torque"]) == 2
     assert "has no column 'torque', only speed" in capsys.readouterr().err
@@ -404,3 +426,101 @@ def test_the_command_line_makes_changes(tmp_path: Path, capsys: pytest.CaptureFi
     told = ["run", str(fmu), "--stop", "1", "--step", "0.1", "--out", str(out)]
     assert main([*told, "--record", "A.y", "--at", "0.5 A.a=-3", "--at", "0.5 A.u=0"]) == 0
     assert pd.read_csv(out)["A.y"].iloc[-1] == pytest.approx(math.exp(-2.0), rel=1e-12)
+
+
+SET = (
+    '<ssv:ParameterSet xmlns:ssv="http://ssp-standard.org/SSP1/SystemStructureParameterValues" '
+    'xmlns:ssc="http://ssp-standard.org/SSP1/SystemStructureCommon" version="2.0" name="set">'
+    "<ssv:Parameters>{}</ssv:Parameters>"
+    '<ssv:Units><ssc:Unit name="ms"><ssc:BaseUnit s="1" factor="0.001"/></ssc:Unit></ssv:Units>'
+    "</ssv:ParameterSet>"
+)
+
+
+def ssv(*rows: str) -> str:
+    """A parameter set of 'name Type attributes'."""
+    triples = [row.split(" ", 2) for row in rows]
+    return SET.format(
+        "".join(f'<ssv:Parameter name="{n}"><ssv:{t} {a}/></ssv:Parameter>' for n, t, a in triples)
+    )
+
+
+SPEED = 600.0 * math.pi / 30.0
+FILES = {
+    "set.ssv": ssv(
+        'T Real value="50" unit="ms"',
+        'kloss.w_s Float64 value="600" unit="rpm"',
+        'DriveMotor.characteristic Enumeration value="kloss"',
+        'w Real value="30"',
+    ),
+    "bare.csv": "name,value,unit\nT,0.05,s\nkloss.w_s,600,rpm\ncharacteristic,kloss,\n\nw,30,\n\n",
+    "more.csv": "\ufeffunit,value,note,name\ns,0.05,lag,DriveMotor.T\nrpm,600,,DriveMotor.kloss.w_s\n"
+    ",1,,characteristic\n,30,,w\n",
+}
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_a_file_gives_a_single_fmu_its_parameters(name: str, fmus: Path, tmp_path: Path) -> None:
+    """Units of the file, of the FMU and its display units are converted; --set goes over it."""
+    (tmp_path / name).write_text(FILES[name], encoding="utf-8")
+    out = tmp_path / "out.csv"
+    told = ["run", str(fmus / "DriveMotor.fmu"), "--stop", "0.1", "--out", str(out)]
+    told += ["--parameters", str(tmp_path / name), "--set", "DriveMotor.A=7000"]
+    assert main(told) == 0
+    start = {"T": 0.05, "kloss.w_s": SPEED, "characteristic": 1, "w": 30.0, "A": 7000.0}
+    given = {f"DriveMotor.{key}": value for key, value in start.items()}
+    system = System({"DriveMotor": fmus / "DriveMotor.fmu"}, start=given)
+    expected = run(system, stop=0.1, step=1e-3)["DriveMotor.tau"]
+    assert pd.read_csv(out)["DriveMotor.tau"].to_numpy() == pytest.approx(expected, rel=1e-13)
+    facts = json.loads(out.with_suffix(".json").read_text())
+    assert facts["start_values"] == pytest.approx(given, rel=1e-15)
+
+
+def test_a_file_gives_the_parts_of_a_system_their_parameters(fmus: Path, tmp_path: Path) -> None:
+    parts = {"line.motor": fmus / "DriveMotor.fmu", "conveyor": fmus / "CrankConveyor.fmu"}
+    wires = ["line.motor.tau -> conveyor.tau", "conveyor.w -> line.motor.w"]
+    write_ssp(System(parts, wires, {"line.motor.T": 0.02}), tmp_path / "pair.ssp", 0.1)
+    file = tmp_path / "set.csv"
+    file.write_text("name,value\nline.motor.T,0.05\nconveyor.rod.finite,true\n")
+    out = tmp_path / "out.csv"
+    told = ["run", str(tmp_path / "pair.ssp"), "--parameters", str(file), "--out", str(out)]
+    assert main(told) == 0
+    facts = json.loads(out.with_suffix(".json").read_text())
+    assert facts["start_values"] == {"line.motor.T": 0.05, "conveyor.rod.finite": True}
+    assert facts["parts"]["conveyor"]["parameters"]["rod.finite"] == 1
+
+
+BAD_FILES = {
+    "fits nothing": (ssv('X Real value="1"'), "set.ssv, line 1: parameter X fits no variable"),
+    "given twice": (ssv('T Real value="1"', 'DriveMotor.T Real value="1"'), "is given twice"),
+    "type": (ssv('T Boolean value="true"'), "parameter T: Boolean does not fit T of type Real"),
+    "unit": (ssv('T Real value="1" unit="N.m"'), "parameter T: N.m cannot be converted to s"),
+    "unknown unit": (ssv('T Real value="1" unit="h"'), "unit 'h' is not defined"),
+    "bounds": (ssv('T Real value="-1"'), "DriveMotor.T [s] = -1.0 must be at least"),
+    "no set": ("<x/>", "set.ssv, line 1: ssv:ParameterSet is needed, not x"),
+    "no column": ("name,amount\nT,1\n", "has no column 'value', only name, amount"),
+    "row": ("name,value\nT,1\nX,1\n", "set.csv, line 3: parameter X fits no variable"),
+    "row type": ("name,value\nT,fast\n", "line 2: parameter T = 'fast' must be of type Real"),
+    "row unit": ("name,value,unit\nT,1,N.m\n", "line 2: parameter T: N.m cannot be converted to s"),
+    "row item": ("name,value\ncharacteristic,round\n", "'round' must be one of linear, kloss"),
+    "short row": ("name,value\nT\n", "line 2: parameter T = '' must be of type Real"),
+    "no text": ("\0\1", "has no column 'name'"),
+    "suffix": ("T = 1", "set.txt must be an .ssv or a .csv"),
+    "missing": (None, "No such file or directory"),
+}
+
+
+@pytest.mark.parametrize("case", BAD_FILES)
+def test_what_is_no_file_of_parameters_is_refused(
+    case: str, fmus: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text, message = BAD_FILES[case]
+    suffix = "csv" if text is None or "," in text or "\0" in text else "ssv"
+    file = tmp_path / f"set.{'txt' if case == 'suffix' else suffix}"
+    if text is not None:
+        file.write_text(text)
+    told = ["run", str(fmus / "DriveMotor.fmu"), "--stop", "1", "--parameters", str(file)]
+    assert main(told) == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert error.count("\n") == 1

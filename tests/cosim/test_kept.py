@@ -54,6 +54,35 @@ def test_two_runs_do_not_write_one_file(tmp_path: Path) -> None:
     assert len(pd.read_csv(out)) == 11
 
 
+@pytest.mark.parametrize(
+    ("one", "other"),
+    [
+        (["r.parquet"], ["r.parquet"]),
+        (["r.parquet"], ["r.csv"]),
+        (["r.csv"], ["r.parquet"]),
+        (["r.csv", "--part", "A"], ["r.csv", "--part", "A"]),
+    ],
+)
+def test_one_name_belongs_to_one_run_in_every_format(
+    one: list[str], other: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Both would write r.json; the second is refused, the first keeps its rows, a third may run."""
+    first = start(*long(tmp_path, "--out", tmp_path / one[0], *one[1:]))
+    until((tmp_path / "r.partial.csv").exists)
+    again = ["--stop", "1", "--step", "0.1", "--out", str(tmp_path / other[0]), *other[1:]]
+    assert main(["run", str(tmp_path / "A.fmu"), *again]) == 2
+    assert "another run is writing" in capsys.readouterr().err
+    time.sleep(0.5)
+    first.send_signal(signal.SIGINT)
+    _, said = first.communicate(timeout=60)
+    assert first.returncode == 130, said
+    kept = tmp_path / f"r.partial{Path(one[0]).suffix}"
+    assert len(pd.read_parquet(kept) if kept.suffix == ".parquet" else pd.read_csv(kept)) > 1
+    kept.unlink()
+    assert main(["run", str(tmp_path / "A.fmu"), *again]) == 0
+    assert not list(tmp_path.glob("r.partial.[cp]*"))
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_signals_that_ask_to_stop_keep_the_rows(number: signal.Signals, tmp_path: Path) -> None:
     scratch = tmp_path / "scratch"

@@ -2,6 +2,7 @@
 
 import logging
 import math
+import re
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
@@ -10,7 +11,7 @@ from typing import Any
 import fmpy
 import pytest
 from lxml import etree
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 
 from cosim import Package, SetupError, System, read_ssp, run, write_ssp
 from cosim.system import connect
@@ -42,6 +43,7 @@ TAU = (
 )
 W = '<ssd:Connection startElement="{}" startConnector="{}" endElement="motor" endConnector="w"{}'
 ENDS = W.format("conveyor", "w", "/>")
+SPACE = '<ssd:Connection startElement="{}" startConnector="{}" endElement="{}" endConnector="{}"/>'
 
 
 def ssd(elements: str, connections: str = "", more: str = "", tail: str = "") -> str:
@@ -174,7 +176,7 @@ def flat(
 def test_flat_system_and_default_experiment(fmus: Path, read: Read) -> None:
     package = read(flat(tail='<ssd:DefaultExperiment startTime="0.5" stopTime="2.5"/>'))
     assert (package.start, package.stop, package.connectors) == (0.5, 2.5, {})
-    assert list(package.system.wires) == list(pair(fmus).wires)
+    assert [*map(str, package.system.wires)] == list(pair(fmus).wires)
     same(package, pair(fmus))
 
 
@@ -202,11 +204,6 @@ def test_nested_systems_are_flattened_three_deep(fmus: Path, read: Read) -> None
     assert list(package.system.parts) == ["motor", "line.hall.conveyor"]
     assert package.connectors == {"speed": "line.hall.conveyor.w"}
     same(package, pair(fmus), conveyor="line.hall.conveyor")
-
-
-def test_connections_may_be_written_from_either_end(fmus: Path, read: Read) -> None:
-    ends = '<ssd:Connection endElement="conveyor" endConnector="w" startElement="motor" startConnector="w"/>'
-    same(read(flat(ends=ends)), pair(fmus))
 
 
 @pytest.mark.parametrize("kind", ["definition", "package"])
@@ -269,11 +266,6 @@ def test_outer_connectors_that_stand_for_one_variable_as_it_is(read: Read) -> No
     assert package.connectors == {"load": "conveyor.tau", "speed": "conveyor.w"}
 
 
-def test_inputs_without_a_source_keep_the_value_of_the_fmu(fmus: Path, read: Read) -> None:
-    package = read(ssd(CONVEYOR.format("")))
-    assert package.system.start == {"conveyor.tau": 8.0}
-
-
 EVERY_TYPE = (
     'r Real value="0.5";i Integer value="3";b Boolean value="true";s String value="B";'
     'x Real value="0.25"'
@@ -301,28 +293,6 @@ def test_parameters_of_every_type(read: Read, resources: Files, tmp_path: Path, 
     package = read(ssd(component.format(binding)), **files)
     result = run(package.system, stop=0.01, step=0.01)
     assert result["echo.y"][0] == 0.5 + 30 + 1000 + 1e4 * ord("B") + 0.25
-
-
-def test_enumerations_by_the_name_of_their_item(fmus: Path, read: Read) -> None:
-    parameters = 'characteristic Enumeration value="kloss";input_hold Integer value="1"'
-    package = read(flat(motor=bindings(values(parameters))))
-    same(package, pair(fmus, motor__characteristic=1, motor__input_hold=1))
-
-
-END = "</ssd:ParameterBindings>"
-
-
-def test_higher_and_later_bindings_win(fmus: Path, read: Read) -> None:
-    """Of component and system, and of two bindings at one level."""
-    low = bindings(
-        values('T Real value="1";A Real value="7000";B Real value="190"'),
-        values('T Real value="2";A Real value="7500"'),
-    )
-    high = bindings(values('motor.T Real value="0.3"'), values('motor.T Real value="0.2"'))
-    last = bindings(values('T Real value="0.05"'), attributes='prefix="motor."')
-    high = high.removesuffix(END) + last.removeprefix(END.replace("/", ""))
-    package = read(flat(motor=low, more=high))
-    same(package, pair(fmus, motor__T=0.05, motor__A=7500.0, motor__B=190.0))
 
 
 def test_a_parameter_that_fits_nothing_is_ignored_aloud(
@@ -406,19 +376,6 @@ def test_mapping_renames_converts_then_transforms(fmus: Path, read: Read, extern
     same(package, expected)
 
 
-def test_mapping_can_suppress_the_conversion_of_units(read: Read) -> None:
-    suppressed = 'target="motor.T" suppressUnitConversion="true"'
-    entries = mapping(("lag", suppressed, '<ssc:LinearTransformation factor="0.01"/>'))
-    binding = bindings(values('lag Real value="20" unit="ms"', MS), mapped=entries)
-    assert read(flat(more=binding)).system.start["motor.T"] == 0.2
-
-
-def test_units_may_be_those_of_the_fmu(read: Read) -> None:
-    """kg is a unit of the conveyor, not of the parameter set."""
-    package = read(flat(conveyor=bindings(values('trough.m Real value="150" unit="kg"'))))
-    assert package.system.start == {"conveyor.trough.m": 150.0}
-
-
 RPM_INSIDE = INSIDE[0], INWARD + OUTWARD, connectors(
     ("tau", "input", ""), ("w", "output", '<ssc:Real unit="rpm"/>')
 )  # fmt: skip
@@ -465,22 +422,141 @@ def test_suppressed_conversion_lets_any_unit_pass(fmus: Path, read: Read) -> Non
         'endConnector="w" suppressUnitConversion="true"/>'
     )
     package = read(flat(ends=ends))
-    assert list(package.system.wires)[1] == "motor.tau => motor.w"
+    assert str(package.system.wires[1]) == "motor.tau => motor.w"
     same(package, pair(fmus, ["motor.tau -> conveyor.tau", "motor.tau => motor.w"]))
 
 
-def test_graphics_and_annotations_are_ignored(fmus: Path, read: Read) -> None:
-    comment = "<!-- a comment --><?tool an instruction?>"
-    note = '<ssd:GraphicalElements><ssd:Note x1="0" y1="0" x2="1" y2="1" text="*"/></ssd:GraphicalElements>'
-    annotation = (
-        '<ssc:Annotations><ssc:Annotation type="org.me"><x/></ssc:Annotation></ssc:Annotations>'
+def annotated(content: str) -> str:
+    """A default experiment with an annotation."""
+    return (
+        '<ssd:DefaultExperiment stopTime="1"><ssd:Annotations><ssc:Annotation type="x">'
+        f"{content}</ssc:Annotation></ssd:Annotations></ssd:DefaultExperiment>"
     )
+
+
+@pytest.mark.parametrize(
+    ("content", "step"),
+    [
+        (
+            '<o:Algorithm xmlns:o="o"><o:FixedStepAlgorithm baseStepSize="1e-4"/></o:Algorithm>',
+            1e-4,
+        ),
+        ('<FixedStepMaster stepSize="0.002" description="oms-ma"/>', 0.002),
+        ("<Other/>", None),
+    ],
+)
+def test_the_step_of_osp_and_omsimulator_is_read(
+    content: str, step: float | None, read: Read
+) -> None:
+    assert read(flat(tail=annotated(content))).step == step
+
+
+@pytest.mark.parametrize("name", ["", "SystemStructure.ssd"])
+def test_a_folder_and_its_ssd_are_read(
+    name: str, fmus: Path, resources: Files, tmp_path: Path
+) -> None:
+    """With packages in it, and files beside it."""
+    elements, connections, ports = INSIDE
+    package = {"SystemStructure.ssd": ssd(elements, connections, ports), **resources}
+    (tmp_path / "folder").mkdir()
+    pack(tmp_path / "line.ssp", package)
+    motor = tmp_path / "DriveMotor.fmu"
+    motor.symlink_to(fmus / motor.name)
+    structure = nested("application/x-ssp-package", "../line.ssp")
+    structure = structure.replace("resources/Drive", "../Drive")
+    (tmp_path / "folder" / "SystemStructure.ssd").write_text(structure)
+    package = read_ssp(tmp_path / "folder" / name, tmp_path / "unpacked")
+    same(package, pair(fmus), conveyor="line.conveyor")
+    assert len(list((tmp_path / "unpacked").iterdir())) == 1
+    with pytest.raises(SetupError, match=r"unpacked: there is no file 'SystemStructure\.ssd'"):
+        read_ssp(tmp_path / "unpacked", tmp_path / "more")
+
+
+def test_names_that_no_part_can_have_are_changed_aloud(
+    fmus: Path, read: Read, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Parameters and connections still use them as they stand."""
+    structure = flat(more=bindings(values('1*motor.T Real value="0.05"')))
+    structure = structure.replace('name="motor"', 'name="1*motor"')
+    structure = structure.replace('Element="motor"', 'Element="1*motor"')
+    same(read(structure), pair(fmus, motor__T=0.05), motor="part_1_motor")
+    assert "element '1*motor' becomes part_1_motor" in caplog.text
+
+
+def test_dialects_of_other_tools(read: Read, caplog: pytest.LogCaptureFixture) -> None:
+    """An empty element is none, the FMU may define an enumeration, a mapping may be half filled."""
+    enumeration = '<ssc:Enumeration name="E"/>'
+    ports = connectors(("T", "parameter", ""), ("characteristic", "parameter", enumeration))
+    mapped = mapping(("kind", 'target="characteristic"', ""), ("", 'target="A"', ""))
+    kloss = bindings(values('kind Enumeration value="kloss"'), mapped=mapped)
+    lag = connectors(("lag", "parameter", "")) + bindings(values('lag Real value="0.05"'))
+    structure = component(FMU, ports + kloss, SPACE.format("", "lag", "part", "T"), more=lag)
+    with caplog.at_level(logging.WARNING, "cosim"):
+        start = read(structure).system.start
+    assert start == {"part.T": 0.05, "part.characteristic": 1, "part.w": 40.0}
+    assert [text.partition(": ")[2] for text in caplog.messages] == [
+        "characteristic: there is no Enumeration 'E'",
+        "1 entries without a source",
+    ]
+
+
+def stacked(*levels: str) -> str:
+    """Bindings of one element, one after the other."""
+    return "".join(levels).replace("</ssd:ParameterBindings><ssd:ParameterBindings>", "")
+
+
+def decorated() -> str:
+    """The pair with comments, graphics and annotations."""
     geometry = '<ssd:ElementGeometry x1="0" y1="0" x2="1" y2="1"/>'
-    structure = flat(motor=geometry, tail=annotation.replace("ssc:Annotations", "ssd:Annotations"))
-    structure = structure.replace("</ssd:System>", note + "</ssd:System>", 1)
-    for tag in ("ssd:Elements>", "ssd:Connectors>", "ssd:Connections>"):
-        structure = structure.replace(f"<{tag}", f"<{tag}{comment}")
-    same(read(structure), pair(fmus))
+    note = '<ssd:Note x1="0" y1="0" x2="1" y2="1" text="*"/>'
+    graphics = f"<ssd:GraphicalElements>{note}</ssd:GraphicalElements></ssd:System>"
+    structure = flat(motor=geometry, tail=annotated("<x/>")).replace("</ssd:System>", graphics, 1)
+    return re.sub("(<ssd:(Elements|Connectors|Connections)>)", r"\1<!-- a --><?b c?>", structure)
+
+
+def renumbered() -> str:
+    """The pair in the words of SSP 2.0."""
+    parameters = values('T Float64 value="0.05";input_hold Int32 value="1"')
+    news = '<ssc:MetaData kind="general" type="a" source="b"/><ssc:Signature role="a" type="b"/>'
+    structure = flat(motor=bindings(parameters), tail=news).replace(
+        'version="1.0"', 'version="2.0"'
+    )
+    return structure.replace("ssc:Real", "ssc:Float64")
+
+
+FROM_MS = mapping(
+    (
+        "lag",
+        'target="motor.T" suppressUnitConversion="true"',
+        '<ssc:LinearTransformation factor="0.01"/>',
+    )
+)
+GOOD: dict[str, tuple[str, dict[str, Any]]] = {
+    "plain": (flat(), {}),
+    "with comments, graphics and annotations": (decorated(), {}),
+    "SSP 2.0": (renumbered(), {"motor__T": 0.05, "motor__input_hold": 1}),
+    "connection from its end": (flat(ends=SPACE.format("motor", "w", "conveyor", "w")), {}),
+    "enumerations by item and number": (
+        flat(motor=bindings(values('characteristic Enumeration value="kloss";input_hold Integer value="1"'))),
+        {"motor__characteristic": 1, "motor__input_hold": 1}),
+    "higher and later bindings win": (
+        flat(motor=bindings(values('T Real value="1";A Real value="7000";B Real value="190"'), values('T Real value="2";A Real value="7500"')),
+            more=stacked(bindings(values('motor.T Real value="0.3"'), values('motor.T Real value="0.2"')),
+                bindings(values('T Real value="0.05"'), attributes='prefix="motor."'))),
+        {"motor__T": 0.05, "motor__A": 7500.0, "motor__B": 190.0}),
+    "unit that only the FMU knows": (flat(conveyor=bindings(values('trough.m Real value="150" unit="kg"'))), {"conveyor__trough__m": 150.0}),
+    "mapping without conversion": (flat(more=bindings(values('lag Real value="20" unit="ms"', MS), mapped=FROM_MS)), {"motor__T": 0.2}),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", GOOD)
+def test_a_structure_runs_as_the_system_it_describes(name: str, fmus: Path, read: Read) -> None:
+    structure, start = GOOD[name]
+    same(read(structure), pair(fmus, **start))
+
+
+def test_inputs_without_a_source_keep_the_value_of_the_fmu(read: Read) -> None:
+    assert read(ssd(CONVEYOR.format(""))).system.start == {"conveyor.tau": 8.0}
 
 
 def everything(fmus: Path, echo: Path) -> System:
@@ -514,10 +590,10 @@ def everything(fmus: Path, echo: Path) -> System:
 
 def test_what_is_written_is_read_again(fmus: Path, echo: Path, tmp_path: Path) -> None:
     system = everything(fmus, echo)
-    write_ssp(system, tmp_path / "all.ssp", stop=2.0, start=0.5)
+    write_ssp(system, tmp_path / "all.ssp", stop=2.0, start=0.5, step=1e-3)
     assert [path.name for path in tmp_path.iterdir()] == ["all.ssp"]
     package = read_ssp(tmp_path / "all.ssp", tmp_path / "unpacked")
-    assert (package.start, package.stop) == (0.5, 2.0)
+    assert (package.start, package.stop, package.step) == (0.5, 2.0, 1e-3)
     assert list(package.system.parts) == list(system.parts)
     for path, name in package.system.parts.items():
         assert name.read_bytes() == Path(system.parts[path]).read_bytes()
@@ -527,7 +603,9 @@ def test_what_is_written_is_read_again(fmus: Path, echo: Path, tmp_path: Path) -
     ]
     assert {p.name: v for p, v in written.start} == {p.name: v for p, v in given.start}
     schemas = Path(fmpy.__file__).with_name("ssp") / "schema"
-    tree = etree.parse(str(tmp_path / "unpacked" / "SystemStructure.ssd"))
+    structure = tmp_path / "unpacked" / "SystemStructure.ssd"
+    assert '<osp:FixedStepAlgorithm baseStepSize="0.001"' in structure.read_text()
+    tree = etree.parse(str(structure))
     etree.XMLSchema(file=str(schemas / "SystemStructureDescription.xsd")).assertValid(tree)
     parameters = etree.XMLSchema(file=str(schemas / "SystemStructureParameterValues.xsd"))
     sets = list(tree.iter(f"{{{STANDARD}ParameterValues}}ParameterSet"))
@@ -566,7 +644,6 @@ TABLE = (
     '<ssc:MapEntry source="true" target="false"/></ssc:BooleanMappingTransformation>'
 )
 LOOP = '<ssd:Component name="{}" type="application/x-ssp-definition" source="{}"/>'
-SPACE = '<ssd:Connection startElement="{}" startConnector="{}" endElement="{}" endConnector="{}"/>'
 
 BAD: dict[str, Any] = {
     "missing FMU": (component('source="resources/No.fmu"'), "SystemStructure.ssd, line 1: part: there is no file 'resources/No.fmu'"),
@@ -594,8 +671,6 @@ BAD: dict[str, Any] = {
     "units on a wire": (flat(ends=SPACE.format("motor", "tau", "motor", "w")), "N.m cannot be converted to rad/s"),
     "binary": (component(FMU, connectors(("w", "input", "<ssc:Binary/>"))), "connector type Binary is not supported"),
     "inout": (component(FMU, connectors(("w", "inout", ""))), "connector kind inout is not supported"),
-    "unknown enumeration": (component(FMU, connectors(("characteristic", "parameter", '<ssc:Enumeration name="E"/>'))),
-        "there is no Enumeration 'E'"),
     "calculated parameter": (component(ECHO, echo_connectors("twice", "calculatedParameter"), SPACE.format("part", "twice", "part", "r")),
         "calculatedParameter part.twice cannot drive parameter part.r, only an output an input"),
     "constant": (component(ECHO, bindings(values('g Real value="1"'))), "part.g is local and cannot be given a start value"),
@@ -626,7 +701,11 @@ BAD: dict[str, Any] = {
         "bus: SignalDictionary is not supported"),
     "signal dictionary reference": (ssd('<ssd:SignalDictionaryReference name="bus" dictionary="b"/>'),
         "bus: SignalDictionaryReference is not supported"),
-    "version": (ssd("").replace('version="1.0"', 'version="2.0"'), "version 2.0 of SSP is not supported, only 1.0"),
+    "version": (ssd("").replace('version="1.0"', 'version="3.0"'), "version 3.0 of SSP is not supported, only 1.0 and 2.0"),
+    "array of 2.0": (component(FMU, connectors(("w", "input", '<ssc:Float64/><ssc:Dimension size="2"/>'))).replace("1.0", "2.0", 1),
+        "Element 'Dimension': This element is not expected"),
+    "values of 2.0": (flat(motor=bindings(values('T Float64 value="1 2"').replace("1.0", "2.0", 1))), "'1 2' is not a valid value"),
+    "annotated step": (flat(tail=annotated('<FixedStepAlgorithm baseStepSize="short"/>')), "baseStepSize 'short' is no number"),
     "unknown element": (ssd("<ssd:Motor/>"), "SystemStructure.ssd, line 1: Element 'Motor': This element is not expected"),
     "unknown attribute": (component(f'{FMU} speed="1"'), "attribute 'speed' is not allowed"),
     "broken XML": (ssd("")[:-9], "SystemStructure.ssd, line 1: "),
@@ -640,7 +719,6 @@ BAD: dict[str, Any] = {
             SPACE.format("a", "o", "a", "i")),
         "a.i is connected to itself"),
     "no such id": (ssd(LOOP.format("a", "#b")), "there is no System with the id 'b'"),
-    "name with a blank": (ssd(MOTOR.format("").replace('"motor"', '"my motor"')), "my motor: an element's name must begin with a letter"),
     "parameter twice": (flat(motor=bindings(values('T Real value="1";T Real value="2"'))), "parameter T is given twice"),
     "parameter type": (flat(motor=bindings(values('T Boolean value="true"'))), "parameter T: Boolean does not fit T of type Real"),
     "parameter unit": (flat(motor=bindings(values('T Real value="1" unit="N.m"'))), "parameter T: N.m cannot be converted to s"),
@@ -667,12 +745,18 @@ BAD: dict[str, Any] = {
 }  # fmt: skip
 
 
-def test_names_that_no_wire_can_spell_are_refused(read: Read, echo: Path, tmp_path: Path) -> None:
-    fmu = rewritten(echo, tmp_path / "Odd.fmu", described(('name="y"', 'name="y *2"')))
-    odd = f'<ssd:Component name="odd" source="Odd.fmu">{connectors(("y *2", "output", ""))}'
-    connection = SPACE.format("odd", "y *2", "motor", "w")
-    with pytest.raises(SetupError, match=r"'odd\.y \*2' has a blank, \* or \+"):
-        read(ssd(MOTOR.format("") + f"{odd}</ssd:Component>", connection), **{"Odd.fmu": fmu})
+def test_wires_may_have_names_that_no_text_can_spell(
+    fmus: Path, read: Read, echo: Path, tmp_path: Path
+) -> None:
+    """A blank and a factor's sign in the name of an output."""
+    fmu = rewritten(echo, tmp_path / "Odd.fmu", described(('name="y"', 'name="y *2 "')))
+    odd = f'<ssd:Component name="odd" source="Odd.fmu">{connectors(("y *2 ", "output", ""))}'
+    connection = SPACE.format("odd", "y *2 ", "motor", "w")
+    package = read(ssd(MOTOR.format("") + f"{odd}</ssd:Component>", connection), **{"Odd.fmu": fmu})
+    parts = {"motor": fmus / "DriveMotor.fmu", "odd": echo}
+    plain = System(parts, ["odd.y -> motor.w"], package.system.start)
+    settings: dict[str, Any] = {"stop": 0.02, "step": 1e-3, "record": ["motor.tau"]}
+    assert_array_equal(run(package.system, **settings).data, run(plain, **settings).data)
 
 
 def test_dotted_names_mean_one_variable(fmus: Path, echo: Path, tmp_path: Path) -> None:
@@ -713,16 +797,12 @@ def test_broken_archives_are_refused(fmus: Path, tmp_path: Path) -> None:
     (tmp_path / "flipped.ssp").write_bytes(data)
     (tmp_path / "text.ssp").write_text("no zip")
     pack(tmp_path / "empty.ssp", {"readme.txt": "nothing"})
-    pack(tmp_path / "slip.ssp", {"../evil.txt": "x", "SystemStructure.ssd": ssd("")})
-    pack(tmp_path / "root.ssp", {"/tmp/evil.txt": "x", "SystemStructure.ssd": ssd("")})
     before = sorted(tmp_path.rglob("*"))
     for name, message in (
         ("cut", "cut.ssp is not a readable zip file"),
         ("flipped", "flipped.ssp is not a readable zip file"),
         ("text", "text.ssp is not a readable zip file"),
-        ("empty", "there is no file 'SystemStructure.ssd' in empty.ssp"),
-        ("slip", "'../evil.txt' leaves the folder of the package"),
-        ("root", "'/tmp/evil.txt' leaves the folder of the package"),
+        ("empty", "empty.ssp: there is no file 'SystemStructure.ssd'"),
         ("absent", "there is no file "),
     ):
         with pytest.raises(SetupError) as caught:

@@ -1,4 +1,4 @@
-"""The files of an .ssp: unpacked without leaving its folder, validated against the schemas."""
+"""The files of a package: unpacked without leaving its folder, validated against the schemas."""
 
 from __future__ import annotations
 
@@ -27,16 +27,40 @@ SCHEMAS = {
     f"{{{NAMESPACES['ssv']}}}ParameterSet": "SystemStructureParameterValues.xsd",
     f"{{{NAMESPACES['ssm']}}}ParameterMapping": "SystemStructureParameterMapping.xsd",
 }
+NEW_TYPES = {"Float64": "Real", "Int32": "Integer"}
+LONGEST_XML = 32 * 2**20
+ELEMENT, LINK = 50, 5
+MOST_THINGS = 1_000_000
 
 
-def unpack(archive: Path, folder: Path) -> None:
-    """Unpack a zip file; raises SetupError if it is none, broken or reaches out of the folder."""
+class Room:
+    """What a package may take, so that a hostile one ends soon: bytes on the disk, and things.
+
+    A thing is a connector or a variable; an element counts as 50, a connection and a value as 5.
+    """
+
+    def __init__(self, size: int) -> None:
+        self.bytes, self.things = 2**30 + 100 * size, MOST_THINGS
+
+    def take(self, where: str, things: int, size: int = 0) -> None:
+        """Raise SetupError, which begins with `where`, when there is no room left."""
+        self.things, self.bytes = self.things - things, self.bytes - size
+        if self.bytes < 0:
+            raise SetupError(f"{where}: unpacked, it would be far larger than it is packed")
+        if self.things < 0:
+            raise SetupError(f"{where}: the system has too many elements, connections and values")
+
+
+def unpack(archive: Path, folder: Path, room: Room) -> None:
+    """Unpack a zip file; raises SetupError if it is none, broken, too large or leaves the folder."""
     try:
         with zipfile.ZipFile(archive) as file:
-            for name in file.namelist():
+            for entry in file.infolist():
+                name = entry.filename
                 parts = PurePosixPath(name.replace("\\", "/")).parts
                 if ".." in parts or name.startswith(("/", "\\")) or ":" in name:
                     raise SetupError(f"{archive.name}: {name!r} leaves the folder of the package")
+                room.take(f"{archive.name}: {name}", 1, entry.file_size)
             file.extractall(folder)
     except FileNotFoundError:
         raise SetupError(f"there is no file {archive}") from None
@@ -48,15 +72,41 @@ def unpack(archive: Path, folder: Path) -> None:
 
 def locate(uri: str, base: Path, root: Path) -> Path:
     """The file of a relative URI; raises SetupError if there is none or it is outside of `root`."""
-    parts = urlsplit(uri)
+    try:
+        parts = urlsplit(uri)
+        path = (base / unquote(parts.path)).resolve()
+        there = path.is_file()
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", error)
+        raise SetupError(f"source {uri[:60]!r} is no name of a file: {reason}") from None
     if not parts.path or any((parts.scheme, parts.netloc, parts.query, parts.fragment)):
         raise SetupError(f"source {uri!r} is not supported, only files inside the package")
-    path = (base / unquote(parts.path)).resolve()
     if not path.is_relative_to(root.resolve()):
         raise SetupError(f"source {uri!r} leaves the folder of the package")
-    if not path.is_file():
+    if not there:
         raise SetupError(f"there is no file {uri!r}")
     return path
+
+
+def load(path: Path) -> Element:
+    """The root element of an XML file; raises SetupError with the line and the reason."""
+    parser = etree.XMLParser(resolve_entities=False, no_network=True)
+    try:
+        if not path.is_file():
+            raise SetupError(f"there is no file {path.name!r}")
+        if path.stat().st_size > LONGEST_XML:
+            raise SetupError(f"{path.name} is longer than {LONGEST_XML >> 20} MiB")
+        tree = etree.parse(str(path), parser)
+    except etree.XMLSyntaxError as error:
+        reason = str(error.msg).partition("\n")[0]
+        raise SetupError(f"{path.name}, line {error.lineno}: {reason}") from None
+    except OSError as error:
+        raise SetupError(f"{path.name} cannot be read: {error.strerror or error}") from None
+    if tree.docinfo.doctype:
+        raise SetupError(
+            f"{path.name}: a document type, which may define entities, is not supported"
+        )
+    return tree.getroot()
 
 
 def parse(path: Path, tag: str) -> Element:
@@ -64,29 +114,37 @@ def parse(path: Path, tag: str) -> Element:
 
     Raises SetupError with the line and the reason.
     """
-    parser = etree.XMLParser(resolve_entities=False, no_network=True)
-    try:
-        root = etree.parse(str(path), parser).getroot()
-    except etree.XMLSyntaxError as error:
-        raise SetupError(f"{path.name}, line {error.lineno}: {error.msg}") from None
-    except OSError as error:
-        raise SetupError(f"{path.name} cannot be read: {error}") from None
+    root = load(path)
     validate(root, tag, path.name)
     return root
 
 
 def validate(element: Element, tag: str, name: str) -> None:
-    """Check an element and what is below it; raises SetupError with the line and the reason."""
+    """Check an element and what is below it; raises SetupError with the line and the reason.
+
+    What SSP 2.0 shares with 1.0 is made 1.0 in place, the rest of it is refused.
+    """
     if element.tag != qualified(tag):
         found = plain(element.tag)
         raise SetupError(f"{name}, line {element.sourceline}: {tag} is needed, not {found}")
     version = element.get("version")
-    if version is not None and version != "1.0":
-        raise SetupError(f"{name}: version {version} of SSP is not supported, only 1.0")
+    if version == "2.0":
+        _make_1_0(element)
+    elif version not in (None, "1.0"):
+        raise SetupError(f"{name}: version {version} of SSP is not supported, only 1.0 and 2.0")
     schema = _schema(SCHEMAS[element.tag])
     if not schema.validate(element):
         first = schema.error_log[0]
         raise SetupError(f"{name}, line {first.line}: {plain(first.message)}")
+
+
+def _make_1_0(element: Element) -> None:
+    """Give new types of the same range their old names, and drop what says nothing of the system."""
+    element.set("version", "1.0")
+    for inner in list(element.iter("{*}MetaData", "{*}Signature")):
+        inner.getparent().remove(inner)
+    for inner in element.iter(*(f"{{*}}{name}" for name in NEW_TYPES)):
+        inner.tag = inner.tag.replace(plain(inner.tag), NEW_TYPES[plain(inner.tag)])
 
 
 @cache

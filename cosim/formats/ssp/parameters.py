@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
@@ -9,30 +10,14 @@ from typing import NamedTuple
 from fmpy.model_description import ScalarVariable
 
 from ...errors import SetupError
-from ...system import FALSE_TRUE, READ, Value
+from ...system import FALSE_TRUE, READ, Value, enumeration
 from .files import Element, children, parse, plain, qualified, validate
 from .units import Definitions, Step, Unit, definitions
 
 Locate = Callable[[str, str], Path]
-TABLES = {
-    "BooleanMappingTransformation": "Boolean",
-    "IntegerMappingTransformation": "Integer",
-    "EnumerationMappingTransformation": "Enumeration",
-}
-FITS = {
-    "Real": ("Real", "Integer"),
-    "Integer": ("Integer",),
-    "Boolean": ("Boolean",),
-    "String": ("String",),
-    "Enumeration": ("Enumeration", "Integer"),
-}
-
-
-def enumeration(variable: ScalarVariable) -> dict[str, int] | None:
-    """The items of an FMU's variable by name; None if it is no enumeration."""
-    if variable.type != "Enumeration":
-        return None
-    return {str(item.name): int(item.value) for item in variable.declaredType.items}
+log = logging.getLogger("cosim")
+TABLE = "MappingTransformation"
+TAKES_INTEGERS = ("Real", "Enumeration")
 
 
 class Parameter(NamedTuple):
@@ -49,12 +34,13 @@ class Parameter(NamedTuple):
         """The value for a variable, not yet scaled; raises SetupError for a wrong type or item."""
         kind = str(variable.type)
         scaled = (self.step.factor, self.step.offset) != (1.0, 0.0)
-        if self.type not in FITS[kind] or (scaled and kind != "Real"):
+        fitting = self.type == kind or (self.type == "Integer" and kind in TAKES_INTEGERS)
+        if not fitting or (scaled and kind != "Real"):
             given = "a linear transformation" if scaled else self.type
             raise SetupError(f"{self.where}: {given} does not fit {variable.name} of type {kind}")
         if self.type != "Enumeration":
             return self.value
-        items = enumeration(variable) or {}
+        items = enumeration(variable)
         if self.value not in items:
             known = ", ".join(items)
             raise SetupError(f"{self.where}: {self.value!r} must be one of {known}")
@@ -72,18 +58,25 @@ def bound(binding: Element, file: str, outer: Definitions, locate: Locate) -> li
     known = definitions(values, source)
     if source == file:
         known = known.over(outer)
-    prefix = binding.get("prefix", "")
+    parameters = parameters_of(values, binding.get("prefix", ""), source, known)
+    for mapping in children(binding, "ssd:ParameterMapping"):
+        _require_type(mapping, "application/x-ssp-parameter-mapping", file)
+        source, entries = _content(mapping, [mapping], "ssm:ParameterMapping", file, locate)
+        return _mapped(parameters, entries, source)
+    return list(parameters.values())
+
+
+def parameters_of(
+    values: Element, prefix: str, source: str, known: Definitions
+) -> dict[str, Parameter]:
+    """The parameters of a ParameterSet by name; raises SetupError for doubles."""
     parameters: dict[str, Parameter] = {}
     for element in children(values, "ssv:Parameters", "ssv:Parameter"):
         parameter = _parameter(element, prefix, source, known)
         if parameter.name in parameters:
             raise SetupError(f"{parameter.where} is given twice")
         parameters[parameter.name] = parameter
-    for mapping in children(binding, "ssd:ParameterMapping"):
-        _require_type(mapping, "application/x-ssp-parameter-mapping", file)
-        source, entries = _content(mapping, [mapping], "ssm:ParameterMapping", file, locate)
-        return _mapped(parameters, entries, source)
-    return list(parameters.values())
+    return parameters
 
 
 def _require_type(element: Element, expected: str, file: str) -> None:
@@ -125,7 +118,11 @@ def _parameter(element: Element, prefix: str, source: str, known: Definitions) -
 
 def _mapped(parameters: dict[str, Parameter], mapping: Element, source: str) -> list[Parameter]:
     mapped: dict[str, Parameter] = {}
-    for entry in children(mapping, "ssm:MappingEntry"):
+    entries = children(mapping, "ssm:MappingEntry")
+    named = [entry for entry in entries if entry.get("source")]
+    if len(named) < len(entries):
+        log.warning("%s: %d entries without a source", source, len(entries) - len(named))
+    for entry in named:
         name, target = entry.get("source"), entry.get("target")
         where = f"{source}, line {entry.sourceline}: mapping {name} -> {target}"
         if name not in parameters:
@@ -138,19 +135,19 @@ def _mapped(parameters: dict[str, Parameter], mapping: Element, source: str) -> 
 
 def _transformed(parameter: Parameter, entry: Element, where: str) -> Parameter:
     parameter = parameter._replace(step=linear(entry, where))
-    for tag, kind in TABLES.items():
-        for table in children(entry, f"ssc:{tag}"):
-            if parameter.type != kind:
-                raise SetupError(
-                    f"{where}: {tag} does not fit a parameter of type {parameter.type}"
-                )
-            rows = {
-                READ[kind](row.get("source")): READ[kind](row.get("target"))
-                for row in children(table, "ssc:MapEntry")
-            }
-            if parameter.value not in rows:
-                raise SetupError(f"{where}: there is no entry for {parameter.value!r}")
-            return parameter._replace(value=rows[parameter.value])
+    for table in children(entry, "ssc:*"):
+        tag, kind = plain(table.tag), plain(table.tag).removesuffix(TABLE)
+        if tag != f"{kind}{TABLE}":
+            continue
+        if parameter.type != kind:
+            raise SetupError(f"{where}: {tag} does not fit a parameter of type {parameter.type}")
+        rows = {
+            READ[kind](row.get("source")): READ[kind](row.get("target"))
+            for row in children(table, "ssc:MapEntry")
+        }
+        if parameter.value not in rows:
+            raise SetupError(f"{where}: there is no entry for {parameter.value!r}")
+        return parameter._replace(value=rows[parameter.value])
     return parameter
 
 

@@ -4,22 +4,26 @@ from __future__ import annotations
 
 import logging
 import math
+import re
 from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
 
 from fmpy.model_description import ModelDescription, ScalarVariable
 
 from ...errors import SetupError
-from ...system import Port, Value, own_start
-from .parameters import Parameter, enumeration
+from ...system import Value, Wire, enumeration, own_start, part_name
+from .files import ELEMENT, LINK, Room
+from .parameters import Parameter
 from .units import Step, Unit, chain, defined, unit_of
 
 Node = tuple[str, str]
 DOWNWARD = ("input", "parameter")
 IDENTITY = (1.0, 0.0)
+DEEPEST, LONGEST = 50, 200
 log = logging.getLogger("cosim")
 
 
@@ -30,6 +34,15 @@ class Connector(NamedTuple):
     type: str | None
     unit: Unit | None
     items: dict[str, int] | None = None
+
+
+@lru_cache(maxsize=64)
+def _own(description: ModelDescription) -> dict[str, Connector]:
+    """The variables of an FMU as connectors."""
+    return {
+        v.name: Connector(v.causality, v.type, unit_of(v, description), enumeration(v))
+        for v in description.modelVariables
+    }
 
 
 class Arrow(NamedTuple):
@@ -44,6 +57,7 @@ class Arrow(NamedTuple):
 class Plan:
     """Elements by dotted path, the outermost system by ""; connectors by path and name."""
 
+    room: Room
     elements: dict[str, dict[str, str]] = field(default_factory=dict)
     connectors: dict[Node, Connector] = field(default_factory=dict)
     fmus: dict[str, Path] = field(default_factory=dict)
@@ -54,60 +68,76 @@ class Plan:
     out: dict[Node, list[Arrow]] = field(default_factory=lambda: defaultdict(list))
     start: dict[Node, Value] = field(default_factory=dict)
 
+    def add_element(self, outer: str, name: str) -> str:
+        """The path of a new element, a name for a part; raises SetupError for one that is taken."""
+        if (part := part_name(name)) != name:
+            log.warning("element %r becomes %s", name, part)
+        path = f"{outer}.{part}" if outer else part
+        self.room.take(path, ELEMENT)
+        if path.count(".") > DEEPEST:
+            raise SetupError(f"systems are nested more than {DEEPEST} deep")
+        if path in self.elements or path in self.fmus:
+            raise SetupError(f"there are two elements {path}")
+        self.elements.setdefault(outer, {})[name] = path
+        return path
+
     def add_fmu(self, path: str, file: Path, description: ModelDescription) -> None:
         """An element that is an FMU, with all its variables as connectors."""
+        self.room.take(f"part {path}", len(description.modelVariables))
         self.fmus[path], self.descriptions[path] = file, description
-        for variable in description.modelVariables:
-            node, unit = (path, variable.name), unit_of(Port(path, variable), description)
-            items = enumeration(variable)
-            self.variables[node] = variable
-            self.connectors[node] = Connector(
-                str(variable.causality), str(variable.type), unit, items
-            )
+        self.variables.update({(path, v.name): v for v in description.modelVariables})
+        self.connectors.update({(path, name): own for name, own in _own(description).items()})
 
     def add_arrow(self, arrow: Arrow) -> None:
         """A connection; raises SetupError if its target has one already or is its own source."""
+        self.room.take(arrow.step.where, LINK)
         if arrow.target in self.into:
             other = dotted(self.into[arrow.target].source)
             raise SetupError(f"{arrow.step.where}: {dotted(arrow.target)} is driven by {other} too")
         self.into[arrow.target] = arrow
         self.out[arrow.source].append(arrow)
-        node = arrow.source
-        while node in self.into:
-            if node == arrow.target:
-                raise SetupError(f"{arrow.step.where}: {dotted(node)} is connected to itself")
+        if any(before.source == arrow.target for before in self._back(arrow.target)):
+            raise SetupError(f"{arrow.step.where}: {dotted(arrow.target)} is connected to itself")
+
+    def _back(self, node: Node) -> Iterator[Arrow]:
+        """The arrows that lead to a connector, the last one first."""
+        for _ in range(LONGEST):
+            if node not in self.into:
+                return
+            yield self.into[node]
             node = self.into[node].source
+        raise SetupError(f"{dotted(node)}: values pass more than {LONGEST} connectors")
 
     def origin(self, node: Node) -> tuple[Node, list[Step]]:
         """Where the values of a connector come from, and the steps they take."""
-        steps: list[Step] = []
-        while node in self.into:
-            arrow = self.into[node]
-            steps.insert(0, arrow.step._replace(unit=self.connectors[node].unit))
-            node = arrow.source
-        return node, steps
+        arrows = [*self._back(node)][::-1]
+        steps = [a.step._replace(unit=self.connectors[a.target].unit) for a in arrows]
+        return (arrows[0].source if arrows else node), steps
 
     def leaves(self, node: Node, steps: tuple[Step, ...] = ()) -> Iterator[tuple[Node, list[Step]]]:
         """The variables that the values of a connector reach, and the steps they take."""
         if node in self.variables:
             yield node, list(steps)
             return
+        if len(steps) > LONGEST:
+            raise SetupError(f"{dotted(node)}: values pass more than {LONGEST} connectors")
         for arrow in self.out[node]:
             step = arrow.step._replace(unit=self.connectors[arrow.target].unit)
             yield from self.leaves(arrow.target, (*steps, step))
 
-    def bind(self, path: str, parameter: Parameter) -> None:
-        """Apply a parameter to an element: to all variables and connectors of its name."""
-        reached = [self._assign(node, parameter) for node in self._named(path, parameter.name)]
-        if not any(reached):
-            log.warning("%s fits no variable and is ignored", parameter.where)
+    def bind(self, path: str, parameter: Parameter) -> bool:
+        """Apply a parameter to all variables and connectors of its name; whether there are any."""
+        self.room.take(parameter.where, LINK)
+        reached = [self._assign(node, parameter) for node in self.named(path, parameter.name)]
+        return any(reached)
 
-    def _named(self, path: str, name: str) -> Iterator[Node]:
+    def named(self, path: str, name: str) -> Iterator[Node]:
+        """The connectors and variables that a dotted name means in an element."""
         if (path, name) in self.connectors:
             yield path, name
-        for child, inner in self.elements.get(path, {}).items():
-            if name.startswith(f"{child}."):
-                yield from self._named(inner, name.removeprefix(f"{child}."))
+        for dot in re.finditer(r"\.", name):
+            if (inner := self.elements.get(path, {}).get(name[: dot.start()])) is not None:
+                yield from self.named(inner, name[dot.end() :])
 
     def _assign(self, node: Node, parameter: Parameter) -> bool:
         """Give the variables behind a connector a start value; whether there are any."""
@@ -135,6 +165,7 @@ class Plan:
         return defined(unit, self.descriptions[node[0]]) if unit else None
 
     def _set(self, node: Node, parameter: Parameter, scale: tuple[float, float]) -> None:
+        self.room.take(parameter.where, LINK)
         value = parameter.fit(self.variables[node])
         if scale != IDENTITY:
             if self.variables[node].type != "Real":
@@ -144,7 +175,7 @@ class Plan:
             value = scale[0] * float(value) + scale[1]
         self.start[node] = value
 
-    def wires(self) -> list[str]:
+    def wires(self) -> list[Wire]:
         """The connections between FMUs as wires of a System."""
         wires = []
         for node in self.into:
@@ -159,11 +190,8 @@ class Plan:
             wires.append(self._wire(source, node, steps))
         return wires
 
-    def _wire(self, source: Node, target: Node, steps: list[Step]) -> str:
+    def _wire(self, source: Node, target: Node, steps: list[Step]) -> Wire:
         where = steps[-1].where
-        for name in (dotted(source), dotted(target)):
-            if any(letter in "*+" or letter.isspace() for letter in name):
-                raise SetupError(f"{where}: {name!r} has a blank, * or +, which is not supported")
         factor, offset = chain(self.connectors[source].unit, steps)
         if not math.isfinite(factor + offset):
             raise SetupError(f"{where}: factor {factor!r} and offset {offset!r} must be finite")
@@ -173,15 +201,11 @@ class Plan:
         except SetupError:
             plain = None
         if (factor, offset) == plain:
-            return f"{dotted(source)} -> {dotted(target)}"
-        scale = f" * {factor!r}" if factor != 1.0 else ""
-        sign = "-" if offset < 0.0 else "+"
-        shift = f" {sign} {abs(offset)!r}" if offset != 0.0 else ""
-        arrow = "->" if plain == IDENTITY else "=>"
-        return f"{dotted(source)}{scale}{shift} {arrow} {dotted(target)}"
+            return Wire(source, target)
+        return Wire(source, target, factor, offset, plain == IDENTITY)
 
     def _own_unit(self, node: Node) -> Unit | None:
-        return unit_of(Port(node[0], self.variables[node]), self.descriptions[node[0]])
+        return unit_of(self.variables[node], self.descriptions[node[0]])
 
     def starts(self) -> dict[str, Value]:
         """The start values that are bound, and those of the FMUs for inputs that nothing drives."""

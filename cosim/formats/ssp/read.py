@@ -1,21 +1,24 @@
-"""An .ssp as a System: nested systems flattened, connectors resolved, parameters bound."""
+"""An .ssp, or its folder, as a System: systems flattened, connectors resolved, parameters bound."""
 
 from __future__ import annotations
 
 import hashlib
+import logging
+import re
 import shutil
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from tempfile import mkdtemp
+from types import MappingProxyType
 from typing import NamedTuple
 from urllib.parse import unquote, urldefrag
 
 from ...errors import SetupError
-from ...system import PART, System, connect, describe_fmu
-from .files import NAMESPACES, Element, children, locate, parse, plain, unpack
-from .parameters import Locate, bound, linear
+from ...system import System, connect, describe_fmu, fits
+from .files import NAMESPACES, Element, Room, children, locate, parse, plain, unpack
+from .parameters import bound, linear
 from .plan import DOWNWARD, Arrow, Connector, Node, Plan, dotted
 from .units import Definitions, definitions, same
 
@@ -25,34 +28,60 @@ PACKAGE = "application/x-ssp-package"
 PARAMETERS = ("parameter", "calculatedParameter")
 TYPES = ("Real", "Integer", "Boolean", "String", "Enumeration")
 ROOT = "SystemStructure.ssd"
+STEPS = {"FixedStepAlgorithm": "baseStepSize", "FixedStepMaster": "stepSize"}
+PLACE = re.compile(r".+, line \d+")
+log = logging.getLogger("cosim")
 
 
 class Package(NamedTuple):
-    """What an .ssp holds: the system, its default experiment [s], and its outer connectors.
+    """What a file holds: the system, its default experiment and step [s], its outer connectors.
 
     `connectors` gives the dotted port of every connector of the outermost system that stands for
     one variable as it is, without factor, offset or conversion of units.
     """
 
     system: System
-    start: float | None
-    stop: float | None
-    connectors: dict[str, str]
+    start: float | None = None
+    stop: float | None = None
+    connectors: Mapping[str, str] = MappingProxyType({})
+    step: float | None = None
 
 
 class Document(NamedTuple):
-    """An open SSD file in its package; `nesting` names what it is nested in, by identity."""
+    """An open SSD file, which may name files in `root`; what is packed is unpacked in `scratch`.
+
+    `nesting` names what it is nested in, by identity.
+    """
 
     path: Path
     root: Path
+    scratch: Path
     content: Element
     known: Definitions
     nesting: dict[tuple[str, str], str]
+
+    @classmethod
+    def open(
+        cls, path: Path, root: Path, scratch: Path, nesting: dict[tuple[str, str], str]
+    ) -> Document:
+        """An SSD file; raises SetupError if it is none."""
+        content = parse(path, "ssd:SystemStructureDescription")
+        return cls(path, root, scratch, content, definitions(content, path.name), nesting)
 
     def at(self, element: Element) -> str:
         """File and line of an element, and its name if it has one."""
         name = f": {element.get('name')}" if element.get("name") else ""
         return f"{self.path.name}, line {element.sourceline}{name}"
+
+    @contextmanager
+    def placed(self, element: Element) -> Iterator[None]:
+        """Begin errors that name no file and line with those of an element."""
+        try:
+            yield
+        except SetupError as error:
+            if PLACE.match(str(error)):
+                raise
+            raise SetupError(f"{self.at(element)}: {error}") from None
 
     def inside(self, key: tuple[str, str], name: str) -> Document:
         """The same document one level deeper; raises SetupError if it is nested in itself."""
@@ -63,38 +92,39 @@ class Document(NamedTuple):
 
 
 def read_ssp(path: Path, folder: Path) -> Package:
-    """Unpack an .ssp (1.0) into `folder`, which must be empty or not exist, and read its system.
+    """Read the system of an .ssp (1.0, or 2.0 as far as that is the same), an .ssd or its folder.
 
-    Inputs that nothing drives keep the start value of their FMU. A parameter that fits no variable
-    is ignored with a logged warning, as the standard asks. Raises SetupError for what is invalid or
-    not supported; the folder is left as it was.
+    Packages are unpacked into `folder`, which must be empty or not exist; what they name must be in
+    them. Inputs that nothing drives keep the start value of their FMU. A parameter that fits no
+    variable is ignored with a logged warning, as the standard asks. Raises SetupError for what is
+    invalid, too large or not supported; the folder is left as it was.
     """
-    with _emptied_on_error(folder):
-        try:
-            return _read(Path(path), folder)
-        except SetupError as error:
-            raise SetupError(f"{Path(path).name}: {error}") from error
-
-
-@contextmanager
-def _emptied_on_error(folder: Path) -> Iterator[None]:
+    path, folder = Path(path), Path(folder)
     existed = folder.exists()
     if existed and (not folder.is_dir() or any(folder.iterdir())):
         raise SetupError(f"{folder} must be an empty folder")
     try:
-        yield
-    except BaseException:
-        if folder.exists():
-            shutil.rmtree(folder)
+        folder.mkdir(parents=True, exist_ok=True)
+        return _read(path, folder)
+    except BaseException as error:
+        shutil.rmtree(folder)
         if existed:
             folder.mkdir()
+        if isinstance(error, SetupError):
+            raise SetupError(f"{path.name}: {error}") from error
         raise
 
 
 def _read(path: Path, folder: Path) -> Package:
-    unpack(path, folder)
-    plan = Plan()
-    document = _open(folder / ROOT, folder, {}, (_digest(path), ROOT), path.name)
+    ssd = path / ROOT if path.is_dir() else path
+    plan = Plan(Room(path.stat().st_size if path.is_file() else 0))
+    if ssd.suffix == ".ssd":
+        document = Document.open(ssd.resolve(), Path(ssd.absolute().anchor), folder, {})
+        document = document.inside((str(document.path), ""), path.name)
+    else:
+        unpack(path, folder, plan.room)
+        document = Document.open(folder / ROOT, folder, folder, {})
+        document = document.inside((_digest(path), ROOT), path.name)
     (whole,) = children(document.content, "ssd:System")
     _system(plan, document, whole, "")
     system = System(plan.fmus, plan.wires(), plan.starts())
@@ -102,21 +132,24 @@ def _read(path: Path, folder: Path) -> Package:
     experiment = document.content.find("ssd:DefaultExperiment", NAMESPACES)
     given = {} if experiment is None else experiment.attrib
     start, stop = (float(given[key]) if key in given else None for key in ("startTime", "stopTime"))
-    return Package(system, start, stop, plan.outer())
+    return Package(system, start, stop, plan.outer(), _step(document))
+
+
+def _step(document: Document) -> float | None:
+    """The shortest communication step [s] that annotations of OSP or OMSimulator give."""
+    steps = []
+    for tag, key in STEPS.items():
+        for element in document.content.iter(f"{{*}}{tag}"):
+            text = element.get(key, "")
+            try:
+                steps.append(float(text))
+            except ValueError:
+                raise SetupError(f"{document.at(element)}: {key} {text!r} is no number") from None
+    return min(steps, default=None)
 
 
 def _digest(path: Path) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest()
-
-
-def _open(
-    path: Path, root: Path, nesting: dict[tuple[str, str], str], key: tuple[str, str], name: str
-) -> Document:
-    if not path.is_file():
-        raise SetupError(f"there is no file {path.name!r} in {name}")
-    content = parse(path, "ssd:SystemStructureDescription")
-    document = Document(path, root, content, definitions(content, path.name), nesting)
-    return document.inside(key, name)
 
 
 def _system(plan: Plan, document: Document, system: Element, path: str) -> None:
@@ -125,84 +158,69 @@ def _system(plan: Plan, document: Document, system: Element, path: str) -> None:
         document = document.inside((str(document.path), system.get("id")), system.get("name"))
     plan.elements[path] = {}
     for name, connector in _connectors(document, system).items():
+        plan.room.take(document.at(system), 1)
         plan.connectors[path, name] = connector
     for dictionary in children(system, "ssd:SignalDictionaries", "*"):
         raise SetupError(f"{document.at(dictionary)}: SignalDictionary is not supported")
     for element in children(system, "ssd:Elements", "*"):
-        _element(plan, document, element, path)
+        with document.placed(element):
+            _element(plan, document, element, path)
     for connection in children(system, "ssd:Connections", "ssd:Connection"):
-        _connection(plan, document, connection, path)
+        with document.placed(connection):
+            _connection(plan, document, connection, path)
     _bind(plan, document, system, path, None)
 
 
 def _element(plan: Plan, document: Document, element: Element, outer: str) -> None:
-    name, where = element.get("name"), document.at(element)
-    path = f"{outer}.{name}" if outer else name
-    if PART.fullmatch(name) is None:
-        raise SetupError(
-            f"{where}: an element's name must begin with a letter, then letters, digits, _, - and []"
-        )
-    if path in plan.elements or path in plan.fmus:
-        raise SetupError(f"{where}: there are two elements {path}")
-    plan.elements[outer][name] = path
+    path = plan.add_element(outer, element.get("name"))
     match plain(element.tag):
         case "System":
             _system(plan, document, element, path)
         case "Component":
             _component(plan, document, element, path)
         case other:
-            raise SetupError(f"{where}: {other} is not supported")
+            raise SetupError(f"{other} is not supported")
 
 
 def _component(plan: Plan, document: Document, component: Element, path: str) -> None:
-    where, kind = document.at(component), component.get("type", FMU)
-    source, fragment = urldefrag(component.get("source"))
+    kind, source = component.get("type", FMU), component.get("source")
     if component.get("implementation") == "ModelExchange":
-        raise SetupError(f"{where}: ModelExchange is not supported")
+        raise SetupError("ModelExchange is not supported")
     if kind == FMU:
-        file = _locate(component.get("source"), document.path.parent, document.root, where)
-        plan.add_fmu(path, file, describe_fmu(path, file))
-        base = file
+        base = locate(source, document.path.parent, document.root)
+        plan.add_fmu(path, base, describe_fmu(path, base))
     elif kind in (DEFINITION, PACKAGE):
-        inner, system = _nested(document, kind, source, unquote(fragment), where)
+        inner, system = _nested(plan, document, kind, *urldefrag(source))
         _system(plan, inner, system, path)
         base = inner.path.parent
     else:
-        raise SetupError(f"{where}: component type {kind!r} is not supported")
+        raise SetupError(f"component type {kind!r} is not supported")
     for name, connector in _connectors(document, component).items():
-        _declare(plan, (path, name), connector, f"{where}: connector {name}")
+        _declare(plan, (path, name), connector)
     _bind(plan, document, component, path, base)
 
 
-def _locate(source: str, base: Path, root: Path, where: str) -> Path:
-    try:
-        return locate(source, base, root)
-    except SetupError as error:
-        raise SetupError(f"{where}: {error}") from None
-
-
 def _nested(
-    document: Document, kind: str, source: str, fragment: str, where: str
+    plan: Plan, document: Document, kind: str, source: str, fragment: str
 ) -> tuple[Document, Element]:
     """The document and the system that a component stands for."""
+    name = unquote(fragment)
     if not source:
-        found = document.content.xpath("//*[@id=$id]", id=fragment)
+        found = document.content.xpath("//*[@id=$id]", id=name)
         if len(found) != 1 or plain(found[0].tag) != "System":
-            raise SetupError(f"{where}: there is no System with the id {fragment!r}")
+            raise SetupError(f"there is no System with the id {name!r}")
         return document, found[0]
-    file = _locate(source, document.path.parent, document.root, where)
+    file = locate(source, document.path.parent, document.root)
     if kind == PACKAGE:
-        name = fragment or ROOT
-        key = (_digest(file), name)
-        document.inside(key, file.name)
-        folder = Path(mkdtemp(prefix=f"{file.stem}_", dir=document.root))
-        unpack(file, folder)
-        ssd = _locate(name, folder, folder, where)
-        inner = _open(ssd, folder, document.nesting, key, file.name)
+        key, scratch = (_digest(file), name or ROOT), Path(mkdtemp(dir=document.scratch))
+        nesting = document.inside(key, file.name).nesting
+        unpack(file, scratch, plan.room)
+        inner = Document.open(locate(name or ROOT, scratch, scratch), scratch, scratch, nesting)
     elif fragment:
-        raise SetupError(f"{where}: an id in another file, {fragment!r}, is not supported")
+        raise SetupError(f"an id in another file, {name!r}, is not supported")
     else:
-        inner = _open(file, document.root, document.nesting, (str(file), ""), file.name)
+        nesting = document.inside((str(file), ""), file.name).nesting
+        inner = Document.open(file, document.root, document.scratch, nesting)
     (system,) = children(inner.content, "ssd:System")
     return inner, system
 
@@ -223,83 +241,80 @@ def _connectors(document: Document, element: Element) -> dict[str, Connector]:
                 raise SetupError(f"{where}: connector type {kind} is not supported")
             items = document.known.items.get(content.get("name"))
             if kind == "Enumeration" and items is None:
-                raise SetupError(f"{where}: there is no Enumeration {content.get('name')!r}")
+                log.warning("%s: there is no Enumeration %r", where, content.get("name"))
             unit = document.known.unit(content.get("unit"))
         connectors[name] = Connector(declared.get("kind"), kind, unit, items)
     return connectors
 
 
-def _declare(plan: Plan, node: Node, declared: Connector, where: str) -> None:
+def _declare(plan: Plan, node: Node, declared: Connector) -> None:
     """Compare the connector of a component with what it stands for."""
-    own = plan.connectors.get(node)
+    own, connector = plan.connectors.get(node), f"connector {node[1]}"
     if own is None:
-        raise SetupError(f"{where}: {node[0]} has no {node[1]}")
+        raise SetupError(f"{connector}: {node[0]} has no {node[1]}")
     if declared.kind != own.kind:
-        raise SetupError(f"{where} must be of kind {own.kind}, not {declared.kind}")
+        raise SetupError(f"{connector} must be of kind {own.kind}, not {declared.kind}")
     if declared.type and own.type and declared.type != own.type:
-        raise SetupError(f"{where} must be of type {own.type}, not {declared.type}")
+        raise SetupError(f"{connector} must be of type {own.type}, not {declared.type}")
     if declared.unit and own.unit and not same(declared.unit, own.unit):
-        raise SetupError(f"{where} must be in {own.unit.name}, not {declared.unit.name}")
+        raise SetupError(f"{connector} must be in {own.unit.name}, not {declared.unit.name}")
     if declared.items and own.items and declared.items != own.items:
-        raise SetupError(f"{where}: its Enumeration has other items than that of {node[0]}")
+        raise SetupError(f"{connector}: its Enumeration has other items than that of {node[0]}")
     unit = own.unit or declared.unit
     plan.connectors[node] = own._replace(type=own.type or declared.type, unit=unit)
     plan.declared.add(node)
 
 
 def _connection(plan: Plan, document: Document, connection: Element, path: str) -> None:
-    where = document.at(connection)
     sources: list[Node] = []
     sinks: list[Node] = []
     for end in ("start", "end"):
         element, name = connection.get(f"{end}Element"), connection.get(f"{end}Connector")
-        if element is not None and element not in plan.elements[path]:
-            raise SetupError(f"{where}: there is no element {element!r} in {path or 'the system'}")
-        node = (path if element is None else plan.elements[path][element], name)
+        if element and element not in plan.elements[path]:
+            raise SetupError(f"there is no element {element!r} in {path or 'the system'}")
+        node = (plan.elements[path][element] if element else path, name)
         if node not in plan.connectors or (node in plan.variables and node not in plan.declared):
-            raise SetupError(f"{where}: there is no connector {dotted(node)}")
-        outward = (plan.connectors[node].kind in DOWNWARD) == (element is None)
+            raise SetupError(f"there is no connector {dotted(node)}")
+        outward = (plan.connectors[node].kind in DOWNWARD) != bool(element)
         (sources if outward else sinks).append(node)
     if len(sources) != 1:
         ends = " and ".join(f"{plan.connectors[n].kind} {dotted(n)}" for n in sources + sinks)
-        raise SetupError(f"{where}: {ends} cannot be connected")
+        raise SetupError(f"{ends} cannot be connected")
     source, sink = sources[0], sinks[0]
     here, there = plan.connectors[source], plan.connectors[sink]
     if there.kind in PARAMETERS and here.kind not in PARAMETERS:
-        raise SetupError(f"{where}: {here.kind} {dotted(source)} cannot drive a {there.kind}")
-    if here.type and there.type and here.type != there.type:
-        raise SetupError(f"{where}: {here.type} {dotted(source)} cannot drive {there.type}")
+        raise SetupError(f"{here.kind} {dotted(source)} cannot drive a {there.kind}")
+    if here.type and there.type and not fits(here.type, there.type):
+        raise SetupError(f"{here.type} {dotted(source)} cannot drive {there.type}")
     for content in children(connection, "ssc:*"):
         if plain(content.tag) != "LinearTransformation":
-            raise SetupError(f"{where}: {plain(content.tag)} of a connection is not supported")
-    plan.add_arrow(Arrow(source, sink, linear(connection, where)))
+            raise SetupError(f"{plain(content.tag)} of a connection is not supported")
+    plan.add_arrow(Arrow(source, sink, linear(connection, document.at(connection))))
 
 
 def _bind(
     plan: Plan, document: Document, element: Element, path: str, component: Path | None
 ) -> None:
     """Apply the parameter bindings of an element, the later ones over the earlier ones."""
-    for binding in children(element, "ssd:ParameterBindings", "ssd:ParameterBinding"):
-        where = document.at(binding)
-        find = _finder(document, component, where)
-        for parameter in bound(binding, document.path.name, document.known, find):
-            plan.bind(path, parameter)
-
-
-def _finder(document: Document, component: Path | None, where: str) -> Locate:
-    """How a binding finds the files it names."""
 
     def find(source: str, base: str) -> Path:
+        """The file that a binding names, beside the SSD or in the component."""
         if base == "SSD":
-            return _locate(source, document.path.parent, document.root, where)
+            return locate(source, document.path.parent, document.root)
         if component is None:
-            raise SetupError(f"{where}: a system has no files of its own")
+            raise SetupError("a system has no files of its own")
         folder = component
         if component.is_file():
-            folder = Path(mkdtemp(prefix=f"{component.stem}_", dir=document.root))
+            folder = Path(mkdtemp(dir=document.scratch))
             with zipfile.ZipFile(component) as archive:
-                if unquote(source) in archive.namelist():
-                    archive.extract(unquote(source), folder)
-        return _locate(source, folder, folder, where)
+                for entry in archive.infolist():
+                    if entry.filename == unquote(source):
+                        plan.room.take(source, 1, entry.file_size)
+                        archive.extract(entry, folder)
+        return locate(source, folder, folder)
 
-    return find
+    for binding in children(element, "ssd:ParameterBindings", "ssd:ParameterBinding"):
+        with document.placed(binding):
+            for parameter in bound(binding, document.path.name, document.known, find):
+                if not plan.bind(path, parameter):
+                    log.warning("%s fits no variable and is ignored", parameter.where)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from functools import lru_cache
 from typing import Any, NamedTuple
 
-from fmpy.model_description import BaseUnit, ModelDescription
+from fmpy.model_description import BaseUnit, ModelDescription, ScalarVariable
 
 from ...errors import SetupError
-from ...system import Port, convert
+from ...system import convert, exponents
 from .files import Element, children
 
 POWERS = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
@@ -74,15 +75,29 @@ def _new(element: Element, known: Iterable[str], file: str) -> str:
     return name
 
 
-def unit_of(port: Port, description: ModelDescription) -> Unit | None:
+def unit_of(variable: ScalarVariable, description: ModelDescription) -> Unit | None:
     """The unit that an FMU gives a variable."""
-    return defined(Unit(port.unit), description) if port.unit else None
+    return defined(Unit(variable.unit), description) if variable.unit else None
 
 
 def defined(unit: Unit, description: ModelDescription) -> Unit:
     """A unit with the base units of the FMU that knows it, if the file did not define it."""
-    bases = {u.name: u.baseUnit for u in description.unitDefinitions}
-    return unit if unit.base is not None else Unit(unit.name, bases.get(unit.name))
+    return unit if unit.base is not None else _known(description).get(unit.name, unit)
+
+
+@lru_cache(maxsize=64)
+def _known(description: ModelDescription) -> dict[str, Unit]:
+    """The units of an FMU, and its display units: shown = factor * value + offset."""
+    known = {}
+    for unit in description.unitDefinitions:
+        base = unit.baseUnit
+        for shown in unit.displayUnits if base is not None else ():
+            factor = base.factor / shown.factor
+            offset = base.offset - factor * shown.offset
+            known[shown.name] = Unit(shown.name, BaseUnit(*exponents(base), factor, offset))
+    return known | {
+        unit.name: Unit(unit.name, unit.baseUnit) for unit in description.unitDefinitions
+    }
 
 
 def same(one: Unit, other: Unit) -> bool:

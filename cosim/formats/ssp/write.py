@@ -10,14 +10,23 @@ from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
 from ...errors import SetupError
-from ...system import Connection, Network, Port, System, Value, still
+from ...system import Connection, Network, Port, System, Value, enumeration, still
 from .files import NAMESPACES, qualified
 
+OSP = "http://opensimulationplatform.com/SSP/OSPAnnotations"
 Enumerations = dict[str, dict[str, int]]
 
 
-def write_ssp(system: System, path: Path, stop: float | None = None, start: float = 0.0) -> None:
+def write_ssp(
+    system: System,
+    path: Path,
+    stop: float | None = None,
+    start: float = 0.0,
+    step: float | None = None,
+) -> None:
     """Write the system with its FMUs, wires and start values; `start` and `stop` [s] as experiment.
+
+    The communication step [s] goes into an annotation of OSP, where libcosim finds it.
 
     Factors, offsets and unit conversions of the wires become linear transformations, which stand in
     for the reading tool's own unit conversion; a dotted part name is written as it is, as the name
@@ -26,7 +35,7 @@ def write_ssp(system: System, path: Path, stop: float | None = None, start: floa
     """
     network = still(system, "an .ssp")
     files = archived(network)
-    structure = _structure(network, files, path.stem, start, stop)
+    structure = _structure(network, files, path.stem, (start, stop, step))
     with TemporaryDirectory(dir=path.parent, prefix=f".{path.stem}_") as folder:
         whole = Path(folder) / path.name
         with zipfile.ZipFile(whole, "w", zipfile.ZIP_DEFLATED) as archive:
@@ -49,9 +58,12 @@ def archived(network: Network) -> dict[Path, str]:
 
 
 def _structure(
-    network: Network, files: dict[Path, str], name: str, start: float, stop: float | None
+    network: Network,
+    files: dict[Path, str],
+    name: str,
+    times: tuple[float, float | None, float | None],
 ) -> bytes:
-    for prefix, uri in NAMESPACES.items():
+    for prefix, uri in {**NAMESPACES, "osp": OSP}.items():
         ElementTree.register_namespace(prefix, uri)
     root = Element(qualified("ssd:SystemStructureDescription"), name=name, version="1.0")
     whole = SubElement(root, qualified("ssd:System"), name=name)
@@ -64,10 +76,15 @@ def _structure(
         for wire in network.wires:
             _connection(connections, wire)
     _enumerations(root, "ssd", known)
-    if stop is not None:
-        SubElement(
-            root, qualified("ssd:DefaultExperiment"), startTime=repr(start), stopTime=repr(stop)
-        )
+    start, stop, step = times
+    if (stop, step) != (None, None):
+        ends = {"startTime": repr(start)} | ({} if stop is None else {"stopTime": repr(stop)})
+        experiment = SubElement(root, qualified("ssd:DefaultExperiment"), ends)
+        if step is not None:
+            notes = SubElement(experiment, qualified("ssd:Annotations"))
+            note = SubElement(notes, qualified("ssc:Annotation"), type="com.opensimulationplatform")
+            algorithm = SubElement(note, f"{{{OSP}}}Algorithm")
+            SubElement(algorithm, f"{{{OSP}}}FixedStepAlgorithm", baseStepSize=repr(step))
     ElementTree.indent(root)
     text: bytes = ElementTree.tostring(root, encoding="UTF-8", xml_declaration=True)
     return text
@@ -103,15 +120,11 @@ def _type(prefix: str, port: Port, known: Enumerations) -> Element:
     """The element of a port's type; an enumeration becomes known, under a name of its own."""
     element = Element(qualified(f"{prefix}:{port.type}"))
     if port.type == "Enumeration":
-        name, items = str(port.variable.declaredType.name), _items(port)
+        name, items = str(port.variable.declaredType.name), enumeration(port.variable)
         while known.setdefault(name, items) != items:
             name += "_"
         element.set("name", name)
     return element
-
-
-def _items(port: Port) -> dict[str, int]:
-    return {str(item.name): int(item.value) for item in port.variable.declaredType.items}
 
 
 def _enumerations(parent: Element, prefix: str, known: Enumerations) -> None:
@@ -126,11 +139,10 @@ def _enumerations(parent: Element, prefix: str, known: Enumerations) -> None:
 
 def _parameter(parameters: Element, port: Port, value: Value, known: Enumerations) -> None:
     parameter = SubElement(parameters, qualified("ssv:Parameter"), name=port.variable.name)
-    text = str(value)
-    if port.type == "Boolean":
-        text = "true" if value else "false"
-    elif port.type == "Enumeration":
-        names = [item for item, number in _items(port).items() if number == value]
+    text = port.text(value)
+    if port.type == "Enumeration":
+        items = enumeration(port.variable).items()
+        names = [item for item, number in items if number == value]
         if not names:
             raise SetupError(f"{port} = {value!r} has no name in {port.variable.declaredType.name}")
         text = names[0]

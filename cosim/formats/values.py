@@ -1,0 +1,72 @@
+"""Start values from a file of their own: a parameter set (SSV), or a CSV of names and values."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+from ..errors import SetupError
+from ..inputs import read_table
+from ..system import READ, Network, Value
+from .ssp.files import Room, parse
+from .ssp.parameters import Parameter, parameters_of
+from .ssp.plan import Node, Plan, dotted
+from .ssp.units import Unit, definitions
+
+COLUMNS = ("name", "value", "unit")
+
+
+def read_values(path: Path, network: Network) -> dict[str, Value]:
+    """The start values that an .ssv, or a .csv with the columns name, value and unit, gives a system.
+
+    Names are dotted; those of a single part may be bare. A unit may be one of the file, of the
+    part's FMU, or a display unit there; without one, the value is in the variable's own. Raises
+    SetupError with file and line for what is invalid, fits no variable, or is given twice.
+    """
+    plan = Plan(Room(0))
+    for name, description in network.descriptions.items():
+        plan.add_element("", name)
+        plan.add_fmu(name, Path(network.system.parts[name]), description)
+    whole = "" if len(plan.fmus) > 1 else next(iter(plan.fmus))
+    parameters: Iterable[Parameter]
+    if path.suffix == ".ssv":
+        root = parse(path, "ssv:ParameterSet")
+        parameters = parameters_of(root, "", path.name, definitions(root, path.name)).values()
+    elif path.suffix == ".csv":
+        parameters = _rows(path, plan, whole)
+    else:
+        raise SetupError(f"{path} must be an .ssv or a .csv")
+    given: set[Node] = set()
+    for parameter in parameters:
+        nodes = _meant(plan, whole, parameter.name)
+        if not nodes:
+            raise SetupError(f"{parameter.where} fits no variable")
+        if given.intersection(nodes):
+            raise SetupError(f"{parameter.where} is given twice")
+        given.update(nodes)
+        plan.bind(nodes[0][0], parameter._replace(name=nodes[0][1]))
+    return {dotted(node): value for node, value in plan.start.items()}
+
+
+def _meant(plan: Plan, whole: str, name: str) -> list[Node]:
+    """The variable of a name, in a single part without the part's name too."""
+    return [*dict.fromkeys((*plan.named(whole, name), *plan.named("", name)))]
+
+
+def _rows(path: Path, plan: Plan, whole: str) -> Iterator[Parameter]:
+    """Rows of a CSV, in the type of what they name."""
+    header, *rows = read_table(path)
+    if lacking := [column for column in COLUMNS[:2] if column not in header]:
+        raise SetupError(f"{path} has no column {lacking[0]!r}, only {', '.join(header)}")
+    for line, cells in ((line, cells) for line, cells in enumerate(rows, 2) if cells):
+        row = dict(zip(header, map(str.strip, cells)))
+        name, text, unit = (row.get(column, "") for column in COLUMNS)
+        where = f"{path.name}, line {line}: parameter {name}"
+        kind = next((str(plan.variables[n].type) for n in _meant(plan, whole, name)), "String")
+        if kind == "Enumeration" and text.lstrip("-").isdecimal():
+            kind = "Integer"
+        try:
+            value = READ[kind](text)
+        except (KeyError, ValueError):
+            raise SetupError(f"{where} = {text!r} must be of type {kind}") from None
+        yield Parameter(where, name, kind, value, Unit(unit) if unit else None)

@@ -1,0 +1,226 @@
+"""Files that were made to hurt end soon: one line, exit code 2, little memory, nothing left behind."""
+
+import os
+import resource
+import subprocess
+import sys
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from cosim.__main__ import main
+from tests.conftest import ROOT, described, rewritten
+from tests.cosim.foreign import pack as foreign
+from tests.cosim.test_ssp import (
+    LOOP,
+    MOTOR,
+    SPACE,
+    Files,
+    bindings,
+    component,
+    connectors,
+    flat,
+    pack,
+    ssd,
+    system_in,
+    values,
+)
+
+SSD = "SystemStructure.ssd"
+ENTITIES = "".join(f'<!ENTITY e{n} "{f"&e{n - 1};" * 10}">' for n in range(1, 12))
+LAUGHS = f'<!DOCTYPE x [<!ENTITY e0 "ha">{ENTITIES}]>'
+OUTSIDE = '<!DOCTYPE x [<!ENTITY out SYSTEM "file:///etc/passwd">]>'
+OPEN, CLOSE = '<ssd:System name="s"><ssd:Elements>', "</ssd:Elements></ssd:System>"
+
+
+def encoded(text: str, codec: str, named: str) -> bytes:
+    """An XML file in an encoding, and the one that it names."""
+    return f'<?xml version="1.0" encoding="{named}"?>{text}'.encode(codec)
+
+
+def doubled(depth: int, width: int) -> str:
+    """Systems that stand for the one before, `width` times each, `depth` times over."""
+    inner = MOTOR.format("")
+    for level in range(depth):
+        many = "".join(LOOP.format(f"a{n}", f"#l{level}") for n in range(width))
+        one = f'<ssd:System name="l{level}" id="l{level}"><ssd:Elements>{inner}</ssd:Elements></ssd:System>'
+        inner = one + many
+    return ssd(inner)
+
+
+def chained(count: int) -> Files:
+    """Files, each of which holds the next."""
+    files = {f"{n}.ssd": ssd(LOOP.format("a", f"{n + 1}.ssd")) for n in range(count)}
+    return {SSD: ssd(LOOP.format("a", "0.ssd")), **files}
+
+
+def row(count: int, step: int) -> str:
+    """Systems that hand a value on to each other, connected in this order."""
+    ends = connectors(("i", "input", ""), ("o", "output", ""))
+    through = '<ssd:Connection startConnector="i" endConnector="o"/>'
+    systems = "".join(system_in(f"s{n}", "", ends, through) for n in range(count))
+    wires = [SPACE.format(f"s{n}", "o", f"s{n + 1}", "i") for n in range(count - 1)]
+    return ssd(systems, "".join(wires[::step]), bindings(values('s0.i Real value="1"')))
+
+
+PLAIN = flat()
+TEXTS: dict[str, tuple[str | bytes | Files, str]] = {
+    "billion laughs": (LAUGHS + ssd("&e11;"), ""),
+    "laughs in a name": (LAUGHS + ssd(MOTOR.format("").replace("motor", "&e11;", 1)), ""),
+    "entity from outside": (OUTSIDE + ssd("&out;"), "a document type, which may define entities"),
+    "deep XML": (ssd(OPEN * 2000 + CLOSE * 2000), "Excessive depth in document"),
+    "systems in systems": (ssd(OPEN * 100 + MOTOR.format("") + CLOSE * 100), "more than 50 deep"),
+    "a long way": (row(5000, 1), "values pass more than 200 connectors"),
+    "a long way back": (row(5000, -1), "values pass more than 200 connectors"),
+    "files in files": (chained(1000), "systems are nested more than 50 deep"),
+    "a thousand million parts": (doubled(9, 10), "the system has too many elements"),
+    "a long name": (
+        ssd(f'<ssd:Component name="{"a" * 11_000_000}" source="a"/>'),
+        "Buffer size limit exceeded",
+    ),
+    "a long file name": (
+        component(f'source="{"a" * 5000}"'),
+        "is no name of a file: File name too",
+    ),
+    "no file name": (component('source="a%00b"'), "is no name of a file: embedded null byte"),
+    "no address": (component('source="http://["'), "not a valid value"),
+    "foreign bytes": (
+        encoded(PLAIN.replace("all", "Räder"), "latin-1", "UTF-8"),
+        "Invalid bytes in character encoding",
+    ),
+    "unknown encoding": (encoded(PLAIN, "utf-8", "klingon"), "nsupported encoding"),
+    "cut short": (encoded(PLAIN, "utf-16", "UTF-16")[:-9], "line 7: "),
+    "no XML": (b"\x00\xff" * 1000, "line 1: "),
+    "nothing": ("", "line 1: "),
+}
+
+
+Spoil = Callable[[zipfile.ZipFile], object]
+BIG = 3_000_000_000
+
+
+def first(**attributes: Any) -> Spoil:
+    """What the directory at the end of an archive says of its first file, true or not."""
+    return lambda archive: [setattr(archive.infolist()[0], *item) for item in attributes.items()]
+
+
+def also(name: str, content: str = "x", mode: int = 0o100644) -> Spoil:
+    """One more file in an archive, or a link."""
+
+    def write(archive: zipfile.ZipFile) -> None:
+        entry = zipfile.ZipInfo(name)
+        entry.external_attr = mode << 16
+        archive.writestr(entry, content)
+
+    return write
+
+
+ARCHIVES: dict[str, tuple[Spoil, str]] = {
+    "bomb": (first(file_size=BIG), "unpacked, it would be far larger than it is packed"),
+    "said to be short": (first(file_size=10), "is not a readable zip file: Bad CRC-32"),
+    "encrypted": (first(flag_bits=1), "is not a readable zip file: File"),
+    "of the future": (first(extract_version=99), "is not a readable zip file: zip file version 9.9"),
+    "unknown packing": (first(compress_type=99), "compression method is not supported"),
+    "slip": (also("../evil.txt"), "'../evil.txt' leaves the folder of the package"),
+    "slip of Windows": (also("..\\evil.txt"), "leaves the folder of the package"),
+    "root": (also("/tmp/evil.txt"), "'/tmp/evil.txt' leaves the folder of the package"),
+    "drive": (also("C:/evil.txt"), "'C:/evil.txt' leaves the folder of the package"),
+    "a file as a folder": (also(f"{SSD}/x"), "is not a readable zip file"),
+    "link": (also("link.fmu", "/etc/passwd", 0o120777), "part part: "),
+}  # fmt: skip
+
+
+def refused(path: Path, message: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """Say why a file cannot be read, in one line."""
+    assert main(["run", str(path), "--stop", "0.1", "--step", "0.1"]) == 2
+    error = capsys.readouterr().err
+    assert message in error, error[:300]
+    assert error.startswith("error: ")
+    assert error.count("\n") == 1
+    assert len(error) < 500
+
+
+@pytest.mark.parametrize("name", TEXTS)
+def test_hostile_structures_are_refused(
+    name: str, fmus: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    content, message = TEXTS[name]
+    files = content if isinstance(content, dict) else {SSD: content}
+    files = {"resources/DriveMotor.fmu": fmus / "DriveMotor.fmu", **files}
+    refused(pack(tmp_path / "test.ssp", files), message, capsys)
+
+
+@pytest.mark.parametrize("name", [SSD, "OspSystemStructure.xml"])
+def test_a_pipe_is_no_file(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Nobody ever writes into it."""
+    os.mkfifo(tmp_path / name)
+    refused(tmp_path, "there is no file", capsys)
+    refused(tmp_path / name, "there is no file", capsys)
+
+
+@pytest.mark.parametrize("name", ARCHIVES)
+def test_hostile_archives_are_refused(
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    spoil, message = ARCHIVES[name]
+    with zipfile.ZipFile(tmp_path / "test.ssp", "w") as archive:
+        archive.writestr(SSD, component('source="link.fmu"'))
+        spoil(archive)
+    before = sorted(tmp_path.parent.rglob("*"))
+    refused(tmp_path / "test.ssp", message, capsys)
+    assert sorted(tmp_path.parent.rglob("*")) == before
+
+
+@pytest.mark.parametrize("name", ["modelDescription.xml", "resources/token.txt"])
+def test_an_fmu_is_no_bomb(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    fmu = foreign(tmp_path / "A.fmu")
+    with zipfile.ZipFile(fmu, "a") as archive:
+        archive.getinfo(name).file_size = BIG
+        archive.writestr("more.txt", "")
+    message = "128 MiB modelDescription.xml" if name[0] == "m" else "would be far larger unpacked"
+    refused(fmu, message, capsys)
+
+
+@pytest.mark.parametrize("entity", [LAUGHS + "<a>&e11;</a>", OUTSIDE + "<a>&out;</a>"])
+def test_the_description_of_an_fmu_is_no_bomb(
+    entity: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    swap = described((r"(?s)\A.*\Z", entity))
+    fmu = rewritten(foreign(tmp_path / "A.fmu"), tmp_path / "B.fmu", swap)
+    refused(fmu, "is not a valid FMU: modelDescription.xml", capsys)
+
+
+@pytest.mark.parametrize(
+    ("codec", "named"), [("utf-16", "UTF-16"), ("latin-1", "ISO-8859-1"), ("utf-8-sig", "UTF-8")]
+)
+def test_other_encodings_are_read(codec: str, named: str, fmus: Path, tmp_path: Path) -> None:
+    structure = encoded(flat().replace('name="all"', 'name="Räder"'), codec, named)
+    files: Files = {
+        f"resources/{n}.fmu": fmus / f"{n}.fmu" for n in ("DriveMotor", "CrankConveyor")
+    }
+    path = pack(tmp_path / "test.ssp", files | {SSD: structure})
+    assert main(["info", str(path)]) == 0
+
+
+BOMBS = ("billion laughs", "laughs in a name", "a thousand million parts", "files in files")
+
+
+def small() -> None:
+    """At most 1.5 GiB and 20 s of a processor."""
+    resource.setrlimit(resource.RLIMIT_AS, (3 * 2**29,) * 2)
+    resource.setrlimit(resource.RLIMIT_CPU, (20, 20))
+
+
+@pytest.mark.parametrize("name", BOMBS)
+def test_bombs_take_little(name: str, fmus: Path, tmp_path: Path) -> None:
+    content, message = TEXTS[name]
+    files = content if isinstance(content, dict) else {SSD: content}
+    files = {"resources/DriveMotor.fmu": fmus / "DriveMotor.fmu", **files}
+    command = [sys.executable, "-m", "cosim", "info", str(pack(tmp_path / "test.ssp", files))]
+    done = subprocess.run(
+        command, cwd=ROOT, capture_output=True, text=True, check=False, preexec_fn=small
+    )
+    assert (done.returncode, message in done.stderr) == (2, True), done.stderr[-500:]

@@ -1,0 +1,193 @@
+"""OSP system structures: what is written is read again to the bit; what libcosim's own files hold."""
+
+import logging
+from pathlib import Path
+
+import pytest
+from numpy.testing import assert_array_equal
+
+from cosim import SetupError, System, read_osp, run, write_osp
+from cosim.__main__ import main
+from cosim.system import connect
+from tests.cosim.test_ssp import everything, pair
+
+FILE = "OspSystemStructure.xml"
+SPACE = "http://opensimulationplatform.com/MSMI/OSPSystemStructure"
+
+
+def osp(inner: str, connections: str = "", functions: str = "", times: str = "") -> str:
+    """A system structure of these pieces."""
+    return (
+        f'<OspSystemStructure xmlns="{SPACE}" version="0.1">{times}<Simulators>{inner}</Simulators>'
+        f"<Functions>{functions}</Functions><Connections>{connections}</Connections>"
+        "</OspSystemStructure>"
+    )
+
+
+def simulator(name: str, fmu: str, values: str = "", more: str = "") -> str:
+    """A simulator; values as 'name Type value;...'."""
+    rows = "".join(
+        '<InitialValue variable="{}"><{} value="{}"/></InitialValue>'.format(*row.split())
+        for row in filter(None, values.split(";"))
+    )
+    return (
+        f'<Simulator name="{name}" source="{fmu}.fmu" {more}>'
+        f"<InitialValues>{rows}</InitialValues></Simulator>"
+    )
+
+
+def wired(*ends: tuple[str, str], bond: str = "", kind: str = "Variable") -> str:
+    """A connection of variables or, where an owner is "f", of signals of a function."""
+    inner = "".join(
+        f'<Signal function="f" name="{name}"/>'
+        if owner == "f"
+        else f'<Variable simulator="{owner}" name="{name}"/>'
+        for owner, name in ends
+    )
+    bond = f' powerBond="{bond}"' if bond else ""
+    return f"<{kind}Connection{bond}>{inner}</{kind}Connection>"
+
+
+MOTOR, CONVEYOR = simulator("motor", "DriveMotor"), simulator("conveyor", "CrankConveyor")
+TAU = wired(("motor", "tau"), ("conveyor", "tau"))
+W = wired(("motor", "w"), ("conveyor", "w"))
+
+
+@pytest.fixture
+def place(fmus: Path, tmp_path: Path) -> Path:
+    """A folder of FMUs for a system structure."""
+    for path in (*(fmus / "native").glob("*.fmu"), fmus / "LinearSystem.fmu"):
+        (tmp_path / path.name).symlink_to(path)
+    return tmp_path
+
+
+def test_what_is_written_is_read_again(fmus: Path, echo: Path, tmp_path: Path) -> None:
+    """Names, values of every type, factors, offsets and wires of other units; and the same bits."""
+    system = everything(fmus, echo)
+    enumerations = ("line.motor.characteristic", "iron.spring.side")
+    start = {name: value for name, value in system.start.items() if name not in enumerations}
+    write_osp(System(system.parts, system.wires, start), tmp_path, step=1e-3, start=0.5, stop=2.0)
+    package = read_osp(tmp_path)
+    assert (package.start, package.stop, package.step) == (0.5, 2.0, 1e-3)
+    written, given = connect(package.system), connect(System(system.parts, system.wires, start))
+    assert [(w.source.name, w.target.name, *w[2:]) for w in written.wires] == [
+        (w.source.name, w.target.name, *w[2:]) for w in given.wires
+    ]
+    assert {p.name: v for p, v in given.start} == {
+        p.name: v for p, v in written.start if p.name in start
+    }
+    results = [run(s, stop=0.1, step=1e-3) for s in (given.system, read_osp(tmp_path).system)]
+    assert_array_equal(results[0].data, results[1].data)
+
+
+@pytest.mark.parametrize("name", ["", FILE])
+def test_a_folder_and_its_file_run_with_their_own_step(
+    name: str, place: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    times = "<StartTime>0.5</StartTime><EndTime>0.7</EndTime><BaseStepSize>0.002</BaseStepSize>"
+    (place / FILE).write_text(osp(MOTOR + CONVEYOR, TAU + W, times=times))
+    assert main(["run", str(place / name), "--out", str(place / "out.csv")]) == 0
+    assert "strang, steps of 0.002 s: 100 steps" in capsys.readouterr().out
+    assert main(["check", str(place / name)]) == 0
+    assert "communication step: 0.002 s, which the file gives" in capsys.readouterr().out
+    assert main(["info", str(place / name)]) == 0
+    said = capsys.readouterr().out
+    assert "default experiment: 0.5 to 0.7 s\ncommunication step: 0.002 s\n" in said
+
+
+def test_connections_functions_and_bonds(fmus: Path, place: Path) -> None:
+    """A function of two targets, a connection written from its end, a bond, an open input."""
+    scale = '<LinearTransformation name="f" factor="0.5" offset="-1"/>'
+    half = wired(("motor", "tau"), ("f", "in"), kind="Signal")
+    half += "".join(wired(("f", "out"), (c, "tau"), kind="Signal") for c in ("conveyor", "other"))
+    other = simulator("other", "CrankConveyor", "trough.m Real 150;rod.finite Boolean 1")
+    elements = MOTOR + CONVEYOR + other + simulator("free", "LinearSystem", "u[2] Real 0.25")
+    (place / FILE).write_text(osp(elements, half + W, scale))
+    system = read_osp(place / FILE).system
+    assert [*map(str, system.wires)] == [
+        "motor.tau * 0.5 - 1.0 -> conveyor.tau",
+        "motor.tau * 0.5 - 1.0 -> other.tau",
+        "conveyor.w -> motor.w",
+    ]
+    assert system.start["other.rod.finite"] is True
+    assert [system.start[f"free.u[{i}]"] for i in (1, 2)] == [0.0, 0.25]
+    bonded = [wired(("motor", "tau"), ("conveyor", "tau"), bond="b")]
+    bonded += [wired(("motor", "w"), ("conveyor", "w"), bond="b")]
+    (place / FILE).write_text(osp(MOTOR + CONVEYOR, "".join(bonded)))
+    system = read_osp(place).system
+    assert system.bonds == ["motor.tau * conveyor.w"]
+    result = run(system, stop=0.02, step=1e-3)
+    assert_array_equal(result.data, run(pair(fmus / "native"), stop=0.02, step=1e-3).data)
+
+
+def test_names_that_no_part_can_have_are_changed(place: Path) -> None:
+    motor = simulator("DP motor", "DriveMotor", "T Real 0.05")
+    wires = wired(("DP motor", "tau"), ("conveyor", "tau"))
+    (place / FILE).write_text(osp(motor + CONVEYOR, wires))
+    system = read_osp(place).system
+    assert ([*map(str, system.wires)], system.start["DP_motor.T"]) == (
+        ["DP_motor.tau -> conveyor.tau"],
+        0.05,
+    )
+
+
+def test_numbers_pass_wires_as_they_stand(place: Path) -> None:
+    """A torque as a speed: libcosim knows no units."""
+    (place / FILE).write_text(osp(MOTOR, wired(("motor", "tau"), ("motor", "w"))))
+    assert [*map(str, read_osp(place).system.wires)] == ["motor.tau => motor.w"]
+
+
+def test_steps_of_single_simulators_are_ignored_aloud(
+    place: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    motor = simulator("motor", "DriveMotor", more='stepSize="0.004"')
+    ecco = "<EccoConfiguration><SafetyFactor>0.9</SafetyFactor></EccoConfiguration>"
+    times = "<BaseStepSize>0.002</BaseStepSize><Algorithm>ecco</Algorithm>"
+    text = osp(motor, times=times).replace("</OspSystemStructure>", f"{ecco}</OspSystemStructure>")
+    (place / FILE).write_text(text)
+    with caplog.at_level(logging.WARNING, "cosim"):
+        assert read_osp(place).step == 0.002
+    assert "motor: stepSize 0.004 is ignored, all parts step together" in caplog.messages
+    assert "algorithm ecco is ignored" in caplog.messages
+
+
+LINE = f"{FILE}, line 1: "
+BAD: dict[str, tuple[str, str]] = {
+    "other XML": ("<html/>", f"{FILE}: OspSystemStructure is needed, not html"),
+    "broken XML": (osp(MOTOR)[:-9], LINE),
+    "no parts": (osp(""), "a system needs a part"),
+    "no name": ('<Simulator source="a"/>', f"{LINE}Simulator: there is no 'name'"),
+    "no FMU": (simulator("a", "No"), f"{LINE}Simulator a: there is no file 'No.fmu'"),
+    "proxy": (simulator("a", "proxyfmu://localhost?file=a"), "is not supported, only files"),
+    "same name": (MOTOR + MOTOR, "Simulator motor: there are two elements motor"),
+    "variable": (simulator("motor", "DriveMotor", "X Real 1"), "InitialValue X: there is no 'motor.X'"),
+    "number": (simulator("motor", "DriveMotor", "T Real x"), "could not convert string to float: 'x'"),
+    "truth": (simulator("motor", "DriveMotor", "T Boolean yes"), "InitialValue T: there is no 'yes'"),
+    "type": (simulator("motor", "DriveMotor", "T Boolean true"), "motor.T: Boolean does not fit T"),
+    "time": (osp(MOTOR, times="<StartTime>soon</StartTime>"), "StartTime: could not convert"),
+    "sum": (osp(MOTOR, functions='<Sum name="s" inputCount="2"/>'), f"{LINE}Sum s: is not supported"),
+    "groups": (osp(MOTOR, wired(kind="VariableGroup")), "VariableGroupConnection: is not supported"),
+    "element": ("<Motor/>", f"{LINE}Motor: is not supported"),
+    "two outputs": (osp(MOTOR + CONVEYOR, wired(("motor", "tau"), ("conveyor", "w"))),
+        "output motor.tau and output conveyor.w cannot be connected"),
+    "end": (osp(MOTOR, wired(("motor", "tau"), ("engine", "w"))), "there is no 'engine'"),
+    "twice": (osp(MOTOR + CONVEYOR, W + W), "motor.w is driven by conveyor.w too"),
+    "function of nothing": (osp(MOTOR, wired(("f", "out"), ("motor", "w"), kind="Signal"),
+        '<LinearTransformation name="f"/>'), "nothing drives function f.in, which drives motor.w"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_bad_structures_are_refused(name: str, place: Path) -> None:
+    """In one line, with file and line of the element."""
+    text, message = BAD[name]
+    (place / FILE).write_text(text if "Osp" in text or "html" in text else osp(text))
+    with pytest.raises(SetupError) as caught:
+        read_osp(place)
+    assert message in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_folder_without_a_structure_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(SetupError, match=rf"there is no file '{FILE}'"):
+        read_osp(tmp_path)
