@@ -78,7 +78,11 @@ def test_no_more_than_some_are_kept(fmus: Path, tmp_path: Path) -> None:
 def test_an_fmu_that_lives_only_once_is_loaded_anew_for_every_run(
     fmus: Path, tmp_path: Path
 ) -> None:
-    before = {*scratch().iterdir()}
+
+    def loaded() -> set[str]:
+        return {*re.findall(f"{scratch()}/[^/]+", Path("/proc/self/maps").read_text())}
+
+    before, known = {*scratch().iterdir()}, loaded()
     flags = [f'canBeInstantiatedOnlyOncePerProcess="{word}"' for word in ("false", "true")]
     once = described((flags[0], flags[1]))
     fmu = rewritten(fmus / "native" / "DriveMotor.fmu", tmp_path / "once.fmu", once)
@@ -86,8 +90,7 @@ def test_an_fmu_that_lives_only_once_is_loaded_anew_for_every_run(
         run(System({"m": fmu}, start={"m.w": 1.0}), stop=0.01, step=0.01)
         assert fmu not in KEPT
         assert {*scratch().iterdir()} <= before
-        loaded = set(re.findall(f"{scratch()}/[^/]+", Path("/proc/self/maps").read_text()))
-        assert loaded <= {*map(str, before)}
+        assert loaded() <= known
 
 
 def test_threads_share_the_fmus(fmus: Path) -> None:
