@@ -25,7 +25,7 @@ def load_copy(model: ModuleType, functions: dict[str, Any]) -> ModuleType:
     copy = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(copy)
     for name, function in functions.items():
-        if hasattr(copy, name):
+        if getattr(copy, name, None) is getattr(math, name):
             setattr(copy, name, function)
     return copy
 

@@ -35,26 +35,19 @@ def machine(**changes: Any) -> Any:
 
 def quantities(p: Any, phi: float, w: float = NOMINAL, M: float | None = None) -> dict[str, float]:
     """All that the equations say at a state; without M at constant speed."""
-    at = iron.position(p, phi)
-    K = iron.friction(p, at, math.copysign(1, w))
-    A = at.J + K * p.iron.m * at.H_1**2
-    B = at.J_1 / 2 + K * p.iron.m * at.H_1 * at.H_2
-    C = -at.Pi_1 + K * at.W_0 * at.H_1
-    x, u = (
-        iron.State(phi, w, 0.0, 0, True),
-        iron.Inputs((B * w * w - C if M is None else M) / p.reducer.i_g),
-    )
-    y = iron.outputs(p, 0.0, x, u)
-    d = iron.dynamics(p, at, w, math.copysign(1, w), p.reducer.i_g * u.tau)
-    extra = {
-        "A_1": A,
-        "B_1": B,
-        "C_load": C,
-        "F_spring": p.spring.c * at.e,
-        "M": p.reducer.i_g * u.tau,
-    }
-    extra["R"] = iron.cam(p, phi)[2]
-    return d._asdict() | at._asdict() | y._asdict() | extra
+    at, sense = iron.position(p, phi), math.copysign(1, w)
+    H, J, K = at.H.along(at.alpha), iron.inertia(p, at), iron.friction(p, at, sense)
+    A = J.value + K * p.iron.m * H.first**2
+    B = J.first / 2 + K * p.iron.m * H.first * H.second
+    C = K * at.W_0 * H.first - at.Pi_1
+    M = B * w * w - C if M is None else M
+    y = iron.outputs(p, 0.0, iron.State(phi, w, 0.0, 0, True), iron.Inputs(M / p.reducer.i_g))
+    d = iron.dynamics(p, at, w, sense, M)
+    return at._asdict() | d._asdict() | y._asdict() | {
+        "alpha_1": at.alpha.first, "alpha_2": at.alpha.second, "H_1": H.first, "H_2": H.second,
+        "J": J.value, "J_1": J.first, "A_1": A, "B_1": B, "C_load": C, "M": M,
+        "F_spring": p.spring.c * iron.stretch(p, at), "R": iron.cam(p, phi)[2].value,
+    }  # fmt: skip
 
 
 @pytest.mark.parametrize("deg", tables())
@@ -122,23 +115,21 @@ def printed(p: Any, phi: float, erratum: int) -> tuple[float, float]:
     """A1, and the torque at the nominal speed, with one of the paper's errors; 0 for none."""
     if erratum == 9:
         p = replace(p, spring=replace(p.spring, side=-p.spring.side))
-    at = iron.position(p, phi)
-    a_1, a_2, direction = at.alpha_1, at.alpha_2, 1
+    at, direction = iron.position(p, phi), 1
     if erratum == 1:
-        a_1, a_2, direction = -a_1, -a_2, -1
-    J_1 = at.J_aa * a_1**3 + 2 * at.J_a * a_1 * a_2
-    H_1, H_2 = at.H_a * a_1, at.H_2 + at.H_a * (a_2 - at.alpha_2)
-    Pi_1 = at.Pi_1 + at.Pi_a * (a_1 - at.alpha_1)
+        turned, direction = at.alpha._replace(first=-at.alpha.first, second=-at.alpha.second), -1
+        at = at._replace(alpha=turned, Pi_1=at.Pi_1 - 2 * at.Pi_a * at.alpha.first)
+    J, H = iron.inertia(p, at), at.H.along(at.alpha)
     K = (-1 if erratum == 8 else 1) * iron.friction(p, at, direction)
-    B_1, C_1 = J_1 / 2 + K * p.iron.m * H_1 * H_2, -Pi_1 + K * at.W_0 * H_1
+    B_1, C_1 = J.first / 2 + K * p.iron.m * H.first * H.second, K * at.W_0 * H.first - at.Pi_1
     if erratum == 6:
-        B_1 -= p.spring.m / 6 * H_1 * H_2
+        B_1 -= p.spring.m / 6 * H.first * H.second
     if erratum == 10:
-        C_1 += K * p.spring.m / 2 * p.g * H_1
+        C_1 += K * p.spring.m / 2 * p.g * H.first
     if erratum == 11:
-        C_1 -= p.spring.m * p.g * H_1
+        C_1 -= p.spring.m * p.g * H.first
     K = -K if erratum == 7 else K
-    return at.J + K * p.iron.m * H_1**2, B_1 * NOMINAL**2 - C_1
+    return J.value + K * p.iron.m * H.first**2, B_1 * NOMINAL**2 - C_1
 
 
 def test_the_equations_as_printed_cost_this_much() -> None:
@@ -158,14 +149,14 @@ def test_the_equations_as_printed_cost_this_much() -> None:
 def test_formula_as_printed_has_no_second_derivative_in_the_dwells() -> None:
     """It divides by R', which is 0 there; the component's does not."""
     at_rest = [math.radians(deg + 0.25) for deg in range(360)]
-    slopes = [iron.cam(machine(), phi)[3] for phi in at_rest]
+    slopes = [iron.cam(machine(), phi)[2].first for phi in at_rest]
     assert sum(slope == 0.0 for slope in slopes) == 180
-    assert all(math.isfinite(iron.position(machine(), phi).alpha_2) for phi in at_rest)
+    assert all(math.isfinite(iron.position(machine(), phi).alpha.second) for phi in at_rest)
 
 
 def test_gear_ratio_as_printed_loses_the_rotor() -> None:
     p = machine()
-    in_the_dwell = iron.position(p, 2.0).J
+    in_the_dwell = iron.inertia(p, iron.position(p, 2.0)).value
     right, printed_13 = (p.cam.J + p.reducer.J * i**2 for i in (36.0, 1 / 36))
     assert in_the_dwell == pytest.approx(right, rel=1e-12)
     assert (right, printed_13) == pytest.approx((0.4013, 0.0125), rel=1e-4)
@@ -222,7 +213,9 @@ def test_stall_and_stick_as_one_system() -> None:
         (0.155304038, p.friction.K_down, 1.001, 0.0),
         (0.181371849, p.friction.K_up, 0.999, 0.0),
     ):
-        assert (at.Pi_1 - K * at.W_0 * at.H_1) / 36 == pytest.approx(limit, abs=1e-9)
+        assert (at.Pi_1 - K * at.W_0 * at.H.along(at.alpha).first) / 36 == pytest.approx(
+            limit, abs=1e-9
+        )
         motor = {"A": limit * factor, "B": 0.025, "T": 0.012}
         line = OneSystem(p, motor, phi=radians(50), tau=limit * factor)
         assert line.to(0.05).phi - radians(50) == pytest.approx(moved, rel=2e-3, abs=1e-300)
@@ -401,8 +394,9 @@ def test_a_geometric_refusal_names_the_cam_angle() -> None:
         with pytest.raises(ValueError, match="at phi = ") as error:
             list(iron.check(p))
         phi = float(str(error.value).split("phi = ")[1].split()[0])
-        before, after = iron.position(p, phi - radians(0.5)), iron.position(p, phi)
-        assert min(before.H, before.e) > 0.0 > min(after.H, after.e)
+        at = [iron.position(p, angle) for angle in (phi - radians(0.5), phi)]
+        before, after = (min(x.H.value, iron.stretch(p, x)) for x in at)
+        assert before > 0.0 > after
 
 
 def test_a_steep_run_to_the_top_of_the_sprocket_is_warned_of() -> None:
@@ -436,11 +430,18 @@ def test_where_the_follower_lifts_off_the_fmu_stops_or_warns_once_per_episode(fm
 
 def test_slack_of_the_chain_is_named() -> None:
     p, x = machine(), start(iron.State, phi=0.8, w_cam=4.0)
-    d = iron.dynamics(p, iron.position(p, 0.8), 4.0, 1, 6.0)
-    assert iron.lost(x, d) == ""
+    at = iron.position(p, 0.8)
+    d = iron.dynamics(p, at, 4.0, 1, 6.0)
+    pulls = {"W": d.W} | iron.forces(p, at, 4.0, d)._asdict()
+
+    def lost(**changed: float) -> str:
+        W, *forces = (pulls | changed).values()
+        return iron.lost(x, W, iron.Forces(*forces))
+
+    assert lost() == ""
     for name in ("T_span", "T_iron", "W"):
-        said = iron.lost(x, d._replace(**{name: -2.0}))
-        assert said == f"chain slack at phi = 0.8 rad, omega = 4.0 rad/s: {name} = -2.0 N"
+        expected = f"chain slack at phi = 0.8 rad, omega = 4.0 rad/s: {name} = -2.0 N"
+        assert lost(**{name: -2.0}) == expected
 
 
 def test_the_state_is_consistent_when_initialisation_ends(fmus: Path) -> None:
