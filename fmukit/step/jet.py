@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 
 class Jet(NamedTuple):
@@ -51,7 +51,8 @@ class Jet(NamedTuple):
 
     def __truediv__(self, other: Any) -> Jet:
         if not isinstance(other, Jet):
-            return Jet(self.value / other, self.first / other, self.second / other)
+            per = 1.0 / other
+            return Jet(self.value / other, self.first * per, self.second * per)
         (a, a_1, a_2), (b, b_1, b_2) = self, other
         q, q_1 = a / b, (a_1 * b - a * b_1) / (b * b)
         return Jet(q, q_1, (a_2 - 2.0 * (q_1 * b_1) - q * b_2) / b)
@@ -66,7 +67,12 @@ class Jet(NamedTuple):
         return self.__mul__(other)
 
 
-def function(name: str, slopes: Callable[[float], tuple[float, float]]) -> Callable[[Any], Any]:
+Number = TypeVar("Number", float, Jet)
+
+
+def function(
+    name: str, slopes: Callable[[float], tuple[float, float]]
+) -> Callable[[Number], Number]:
     """The function of `math` with this name, and with these derivatives."""
 
     def of(x: Any) -> Any:
@@ -82,7 +88,7 @@ sqrt = function("sqrt", lambda x: (0.5 / math.sqrt(x), -0.25 / (x * math.sqrt(x)
 acos = function("acos", lambda x: (-1.0 / (c := math.sqrt(1.0 - x * x)), -x / (c * c * c)))
 
 
-def atan2(y: Any, x: Any) -> Any:
+def atan2(y: Number | float, x: Number) -> Number:
     """The angle of the point x, y; of jets, y alone may be a number."""
     if not isinstance(x, Jet):
         return math.atan2(y, x)
