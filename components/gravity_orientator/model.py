@@ -116,10 +116,12 @@ class State:
     phi2: Angle = real(1.5 * pi, "Angle of the product, from 3 pi/2 to 5 pi/2", nominal=1.0)
     w2: AngularVelocity = real(0.0, "Speed of the product", nominal=10.0)
     xc: Length = real(
-        0.1758845726811989, "Product's centre of mass, outwards from the pivot", nominal=0.1
+        0.0, "Product's centre of mass, outwards from the pivot", nominal=0.1, follows=True
     )
     yc: Length = real(0.007, "Product's centre of mass, down from the pivot", nominal=0.1)
-    vxc: Velocity = real(0.0, "Velocity of the product's centre of mass, outwards", nominal=1.0)
+    vxc: Velocity = real(
+        0.0, "Velocity of the product's centre of mass, outwards", nominal=1.0, follows=True
+    )
     vyc: Velocity = real(0.0, "Velocity of the product's centre of mass, down", nominal=1.0)
     stage: Stage = discrete(Stage.waiting, "Stage of the orientation")
     reason: Reason = discrete(Reason.none, "Why the product does not move")

@@ -551,6 +551,18 @@ def test_a_start_follows_the_parameters_and_closes_the_mechanism(fmus: Path) -> 
     assert unit.step(0.0, 0.2).get("stage") == Stage.oriented
 
 
+@pytest.mark.parametrize("flavour", ["", "native"])
+@pytest.mark.parametrize(("name", "value"), [("xc", "0.3 m"), ("vxc", "1.0 m/s")])
+def test_what_follows_from_the_angles_cannot_be_set(
+    name: str, value: str, flavour: str, fmus: Path
+) -> None:
+    unit = Unit(fmus / flavour / FMU)
+    refusal = unit.refusal(lambda u: u.set(**{name: float(value.split()[0])}))
+    assert f"{name} = {value} cannot be set: continuous output" in refusal
+    assert unit.variables[name].initial == "calculated"
+    unit.fmi.freeInstance()
+
+
 def test_any_machine_at_any_speed_comes_to_an_end() -> None:
     ends = set()
     for p, _, w in drawn(Stage.falling, 8):
