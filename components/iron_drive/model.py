@@ -15,7 +15,7 @@ from collections import namedtuple
 from collections.abc import Iterator
 from enum import IntEnum
 from functools import lru_cache
-from math import atan, nan, pi, radians
+from math import atan, pi, radians
 from typing import Any
 
 from fmukit import Experiment, discrete, real, record, repeat, replace
@@ -261,13 +261,13 @@ def conditions(p: Parameters, phi: float) -> Iterator[tuple[bool, str]]:
         free = sqrt(X * X + Y * Y) > R
         yield free, f"link reaches the sprocket: its end is within sprocket.R = {R!r} m of the axis"
     at = position(p, phi)
-    n, l, H, e = at.n, p.link.l, at.H.value, stretch(p, at)
+    n, l, H, e = at.n, p.link.l, at.H.value, at.e
     yield n > l, f"link reaches the sprocket: link.l = {l!r} m of {n!r} m"
     yield (
         H > 0.0,
         f"chain too short: hanging part vanishes: H = {H!r} m of chain.l = {p.chain.l!r} m",
     )
-    yield at.H.first > 0.0, f"dead centre: beta - alpha = {at.beta - alpha!r} rad"
+    yield at.H_a > 0.0, f"dead centre: beta - alpha = {at.beta - alpha!r} rad"
     yield e >= 0.0, f"spring slack: stretch = {e!r} m with spring.e_0 = {p.spring.e_0!r} m"
     d = forces(p, at, 0.0, dynamics(p, at, 0.0, 0, at.Pi_1))
     pull = (1 + p.friction.K_down) * at.W_0
@@ -275,8 +275,8 @@ def conditions(p: Parameters, phi: float) -> Iterator[tuple[bool, str]]:
     yield taut, f"chain slack at standstill: T_iron = {pull!r} N"
 
 
-Position = namedtuple(  # what the cam angle says: alpha is a jet along phi, H along alpha
-    "Position", "slope top alpha n beta gamma H lift W_0 J_a J_aa Pi Pi_a Pi_1"
+Position = namedtuple(  # what the cam angle says; alpha and H are jets along it
+    "Position", "slope top alpha n beta gamma H H_a lift e W_0 J_a J_aa J J_1 Pi Pi_a Pi_1"
 )
 Dynamics = namedtuple("Dynamics", "eps K H_tt W")
 Forces = namedtuple("Forces", "T_iron T_hang T_span M_rocker N")
@@ -335,7 +335,7 @@ def lowest(p: Parameters) -> float:
 
 
 def prepare(p: Parameters, x: State) -> float:
-    """What all evaluations of a step have in common: the hanging length H_b."""
+    """What all evaluations of a step have in common."""
     return lowest(p)
 
 
@@ -360,36 +360,18 @@ def placed(p: Parameters, phi: float, H_b: float) -> Position:
     lift, up = H_b - H, sin(beta)
     e = s.e_0 + s.side * lift
     chain = (n - T.l) * (y + up * ((n + T.l) / 2) - z.A) + z.R * z.R * (1 - cos(gamma)) - H**2 / 2
-    hanging, centre = p.iron.m + s.m / 2, Jet(alpha.value + r.gamma, 1.0, 0.0)
+    level, hanging = (rho * p.chain.l + p.iron.m) * z.A, p.iron.m + s.m / 2
+    centre = Jet(alpha.value + r.gamma, 1.0, 0.0)
     Pi = s.c / 2 * e**2 + g * (
-        r.m * r.r * sin(centre) + T.m * (y + up * (T.l / 2)) + rho * chain - hanging * H
+        r.m * r.r * sin(centre) + T.m * (y + up * (T.l / 2)) + rho * chain - hanging * H + level
     )
     W_0 = hanging * g + s.side * s.c * e.value
+    J = J_a.along(alpha) * alpha.rate**2 + p.reducer.J * p.reducer.i_g * p.reducer.i_g + p.cam.J
     Pi_1 = g * p.cam.m * p.cam.r * cos(phi + p.cam.gamma) + Pi.first * alpha.first
     return Position(
-        slope, top, alpha, n.value, beta.value, gamma.value, H, lift.value, W_0,
-        J_a.value, J_a.first, Pi.value, Pi.first, Pi_1,
+        slope, top, alpha, n.value, beta.value, gamma.value, H.along(alpha), H.first, lift.value,
+        e.value, W_0, J_a.value, J_a.first, J.value, J.first, Pi.value, Pi.first, Pi_1,
     )  # fmt: skip
-
-
-def inertia(p: Parameters, at: Position) -> Jet:
-    """Reduced inertia J along phi."""
-    fixed = p.reducer.J * (p.reducer.i_g * p.reducer.i_g) + p.cam.J
-    J: Jet = Jet(at.J_a, at.J_aa, nan * at.J_aa).along(at.alpha) * at.alpha.rate**2 + fixed
-    return J
-
-
-def potential(p: Parameters, phi: float, at: Position) -> float:
-    """Potential energy; zero is the rocker's axis, for the cam its own, and the slack spring."""
-    level = p.g * p.sprocket.A * (p.chain.rho * p.chain.l + p.iron.m)
-    Pi: float = at.Pi + level + p.g * p.cam.m * p.cam.r * sin(phi + p.cam.gamma)
-    return Pi
-
-
-def stretch(p: Parameters, at: Position) -> float:
-    """Stretch e of the spring."""
-    e: float = p.spring.e_0 + p.spring.side * at.lift
-    return e
 
 
 def friction(p: Parameters, at: Position, direction: float) -> float:
@@ -400,7 +382,7 @@ def friction(p: Parameters, at: Position, direction: float) -> float:
 
 def thresholds(p: Parameters, at: Position, M: float) -> tuple[float, float]:
     """g_+ and g_-: what is left of M to start forwards, and to start backwards."""
-    rest, weight = M - at.Pi_1, at.W_0 * (at.H.first * at.alpha.first)
+    rest, weight = M - at.Pi_1, at.W_0 * at.H.first
     return rest + friction(p, at, 1) * weight, rest + friction(p, at, -1) * weight
 
 
@@ -412,11 +394,11 @@ def sense(p: Parameters, at: Position, w: float, M: float) -> int:
 
 def dynamics(p: Parameters, at: Position, w: float, direction: float, M: float) -> Dynamics:
     """Acceleration of the cam, friction K, second derivative of H by time, load W."""
-    m, H, J = p.iron.m, at.H.along(at.alpha), inertia(p, at)
+    m, H = p.iron.m, at.H
     if direction:
         K = friction(p, at, direction)
-        A = J.value + K * m * H.first * H.first
-        B = J.first / 2 + K * m * H.first * H.second
+        A = at.J + K * m * H.first * H.first
+        B = at.J_1 / 2 + K * m * H.first * H.second
         eps = (M - at.Pi_1 + K * at.W_0 * H.first - B * w * w) / A
     else:
         K = (at.Pi_1 - M) / (at.W_0 * H.first) if H.first else 0.0
@@ -440,7 +422,7 @@ def forces(p: Parameters, at: Position, w: float, d: Dynamics) -> Forces:
     T_span = T_hang + rho * p.g * z.R * sin(at.gamma) - wrapped * d.H_tt
     alpha_t, alpha_tt = alpha.first * w, alpha.first * d.eps + alpha.second * w * w
     M_rocker = at.J_a * alpha_tt + at.J_aa * alpha_t * alpha_t / 2 + at.Pi_a
-    M_rocker = M_rocker - d.K * d.W * at.H.first
+    M_rocker = M_rocker - d.K * d.W * at.H_a
     across, along = slip(p, alpha)
     N = -M_rocker * sqrt(across * across + along * along) / (p.rocker.l * across)
     return Forces(T_iron, T_hang, T_span, M_rocker, N)
@@ -456,7 +438,7 @@ def instant(p: Parameters, x: State, u: Inputs) -> tuple[Position, Dynamics, For
 def derivatives(p: Parameters, t: float, x: State, u: Inputs, H_b: float | None = None) -> State:
     at = position(p, x.phi) if H_b is None else placed(p, x.phi, H_b)
     d = dynamics(p, at, x.w_cam, x.direction, p.reducer.i_g * u.tau)
-    loss = -d.K * d.W * (at.H.first * at.alpha.first) * x.w_cam
+    loss = -d.K * d.W * at.H.first * x.w_cam
     return State(x.w_cam, d.eps, loss, 0, False)
 
 
@@ -526,13 +508,13 @@ def outputs(p: Parameters, t: float, x: State, u: Inputs) -> Outputs:
         beta=at.beta,
         H=at.H.value,
         lift=at.lift,
-        v=-(at.H.first * at.alpha.first) * w,
+        v=-at.H.first * w,
         a=-d.H_tt,
         tau_cam=i_g * u.tau - i_g * i_g * p.reducer.J * d.eps,
         **forces(p, at, w, d)._asdict(),
         pressure=atan(along / across),
-        E_kin=inertia(p, at).value * w * w / 2,
-        E_pot=potential(p, x.phi, at),
+        E_kin=at.J * w * w / 2,
+        E_pot=at.Pi + p.g * p.cam.m * p.cam.r * sin(x.phi + p.cam.gamma),
         motion=moving if at.slope else Motion.dwell,
         top_dwell=at.top,
     )

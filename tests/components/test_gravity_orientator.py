@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cmath
 import functools
 import itertools
 import math
@@ -195,42 +196,36 @@ def test_positions_are_continuous_and_energy_falls_only_at_the_four_impacts() ->
 
 
 def residuals(p: Any, old: Any, new: Any) -> list[float]:
-    """What is left of the balances of momentum, and of the speeds along the contacts."""
-    (d, h, l2, m, J2), (l1, h1, _, J1, _) = p.cup, p.catcher
-    r, e, c1, s1, c2, s2 = d / 2, h - l2, cos(old.phi1), sin(old.phi1), cos(old.phi2), sin(old.phi2)
-    px, py = m * (new.vxc - old.vxc), m * (new.vyc - old.vyc)
-    L1, L2 = J1 * (new.w1 - old.w1), J2 * (new.w2 - old.w2)
+    """What is left of the balances of momentum, and of the speeds along the contacts.
+
+    Places and impulses are complex numbers; the cup gives the impulses to the catcher and the wall.
+    """
+    (_, h, l2, m, J2), (l1, h1, _, J1, _) = p.cup, p.catcher
+    arm, axis = cmath.exp(1j * old.phi1), cmath.exp(1j * old.phi2)
+    centre, v = complex(old.xc, old.yc), complex(new.vxc, new.vyc)
+    push, kicked = m * (v - complex(old.vxc, old.vyc)), (h - l2) * axis
+    turn, slides = J2 * (new.w2 - old.w2), (v + 1j * new.w2 * kicked).real
+    place, on_catcher, on_wall = centre, 0.0, 0.0
     match old.stage, new.stage:
         case Stage.falling, _:
-            S_x, S_y, S_k = new.S_x, new.S_y, new.S_k
-            return [
-                px + S_x + S_k,
-                py + S_y,
-                L2 - S_x * l2 - S_y * r + S_k * e,
-                L1 - (S_y * c1 - S_x * s1) * l1,
-                new.vxc + new.w1 * l1 * s1 - new.w2 * l2,
-                new.vyc - new.w1 * l1 * c1 - new.w2 * r,
-                new.w1 * l1 * s1 - new.w2 * h,
-            ]
+            place, on_catcher, on_wall = l1 * arm, complex(new.S_x, new.S_y), new.S_k
+            apart = v + 1j * new.w2 * (place - centre) - 1j * new.w1 * place
+            along = [apart.real, apart.imag, slides]
         case Stage.joint, _:
-            P_B, P_K = new.P_B, new.P_K
-            B = np.array([l1 * c1 + h1 * s1, l1 * s1 - h1 * c1])
-            B_dot = new.w1 * np.array([-B[1], B[0]])
-            n, C = np.array([-s2, c2]), np.array([old.xc, old.yc])
-            arm, cup_dot = B - C, np.array([new.vxc, new.vyc])
-            slip = B_dot - cup_dot - new.w2 * np.array([-arm[1], arm[0]])
-            moment = -P_B * (arm[0] * n[1] - arm[1] * n[0]) + P_K * e * s2
-            return [
-                px - P_B * s2 + P_K,
-                py + P_B * c2,
-                L2 - moment,
-                L1 - P_B * (B[0] * n[1] - B[1] * n[0]),
-                float(slip @ n),
-                new.vxc - e * s2 * new.w2,
-            ]
+            place, on_catcher, on_wall = (l1 - 1j * h1) * arm, new.P_B * 1j * axis, new.P_K
+            apart = v + 1j * new.w2 * (place - centre) - 1j * new.w1 * place
+            along = [(apart / (1j * axis)).real, slides]
         case Stage.released, Stage.released if new.contact and not old.contact:
-            return [L2 + px * e * s2, py, L1, new.vxc - e * s2 * new.w2]
-    return [px, py, L2, new.w1]
+            on_wall, along = -push.real, [slides]
+        case _:
+            return [push.real, push.imag, turn, new.w1]
+    push += on_catcher + on_wall
+    turn += cross(place - centre, on_catcher) + cross(kicked, on_wall)
+    return [push.real, push.imag, turn, J1 * (new.w1 - old.w1) - cross(place, on_catcher), *along]
+
+
+def cross(arm: complex, force: complex) -> float:
+    return (arm.conjugate() * force).imag
 
 
 def test_momentum_is_balanced_at_every_impact() -> None:
