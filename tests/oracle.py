@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib.util
 import math
+import random
 from types import ModuleType
 from typing import Any
 
@@ -13,7 +15,7 @@ from scipy.integrate import solve_ivp
 
 from components.crank_conveyor import model as crank_conveyor
 from components.drive_motor import model as drive_motor
-from fmukit.declare.record import start
+from fmukit.declare.record import declarations, start
 
 SYMBOLIC = {"sin": sympy.sin, "cos": sympy.cos, "sqrt": sympy.sqrt, "exp": sympy.exp}
 
@@ -28,6 +30,20 @@ def load_copy(model: ModuleType, functions: dict[str, Any]) -> ModuleType:
         if getattr(copy, name, None) is getattr(math, name):
             setattr(copy, name, function)
     return copy
+
+
+def drawn(model: ModuleType, draw: random.Random, spread: float, **given: Any) -> Any:
+    """Random parameters, off their start values by this share, that a component does not refuse."""
+    while True:
+        values = {
+            name: d.start * draw.uniform(1 - spread, 1 + spread)
+            for name, d in declarations(model.Parameters)
+            if d.kind == "Real"
+        }
+        p = start(model.Parameters, **values, **given)
+        with contextlib.suppress(ValueError):
+            list(model.check(p))
+            return p
 
 
 def symbolic(model: ModuleType) -> ModuleType:

@@ -19,10 +19,11 @@ import sympy
 
 from components.gravity_orientator import model
 from components.gravity_orientator.model import Reason, Stage
-from fmukit.declare.record import declarations, start
+from fmukit.declare.record import start
 from fmukit.step import hybrid as motion
 from tests.hosts.fmus import resident
 from tests.hosts.host import MESSAGES, Unit
+from tests.oracle import drawn
 
 FMU = "GravityOrientator.fmu"
 RPM = pi / 30
@@ -302,18 +303,11 @@ def accelerations(p: Any, x: Any, w: float) -> list[float]:
         return [float(z) for z in mpmath.lu_solve(system, right)]
 
 
-def drawn(stage: Stage, count: int) -> Any:
+def products(stage: Stage, count: int) -> Any:
     """Random machines with a product in this stage."""
     draw = random.Random(int(stage))
-    while count:
-        p = start(model.Parameters, **{
-            name: d.start * draw.uniform(0.85, 1.15) for name, d in declarations(model.Parameters)
-        })  # fmt: skip
-        try:
-            list(model.check(p))
-        except ValueError:
-            continue
-        count -= 1
+    for _ in range(count):
+        p = drawn(model, draw, 0.15)
         phi1 = draw.uniform(p.catcher.phi, model.flush(p))
         phi2 = draw.uniform(5.6, 6.4) if stage == Stage.turning else draw.uniform(6.3, 7.8)
         x = start(model.State, stage=int(stage), phi1=phi1, w1=draw.uniform(-5, 5), phi2=phi2,
@@ -323,7 +317,7 @@ def drawn(stage: Stage, count: int) -> Any:
 
 def differences(component: Any, stage: Stage) -> Any:
     """Per random state, how far a component is from Lagrange's equations, over the largest."""
-    for p, x, w in drawn(stage, 50):
+    for p, x, w in products(stage, 50):
         a1, a2, ax, ay, N_K, N_B = component.MECHANICS[stage](p, x, w)
         derived = accelerations(p, x, w)
         turned, pushed = [a1 - derived[0], a2 - derived[1]], [ax - derived[2], ay - derived[3]]
@@ -556,11 +550,16 @@ def test_what_follows_from_the_angles_cannot_be_set(
     assert f"{name} = {value} cannot be set: continuous output" in refusal
     assert unit.variables[name].initial == "calculated"
     unit.fmi.freeInstance()
+    unit = Unit(fmus / flavour / FMU)
+    unit.fmi.setupExperiment()
+    unit.set(stage=2, phi1=0.83, phi2=6.3, w2=26.0).fmi.enterInitializationMode()
+    expected = {"xc": 0.18 * cos(pi / 6) + 0.02 - 0.005 * cos(6.3), "vxc": 0.005 * sin(6.3) * 26.0}
+    assert unit.get(name) == pytest.approx(expected[name], abs=1e-15)
 
 
 def test_any_machine_at_any_speed_comes_to_an_end() -> None:
     ends = set()
-    for p, _, w in drawn(Stage.falling, 8):
+    for p, _, w in products(Stage.falling, 8):
         speed = (w, 100 * w)[len(ends) % 2] / RPM
         x = passage(lambda t, n=speed: n * (1 + 0.3 * sin(40 * t)), p, 2e-2)[1]
         ends.add(Stage(x.stage) if x.stage != Stage.falling else Reason(x.reason))
