@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib.util
 import math
+import random
 from collections.abc import Callable, Mapping
 from itertools import pairwise
 from types import ModuleType
@@ -28,9 +30,23 @@ def load_copy(model: ModuleType, functions: dict[str, Any]) -> ModuleType:
     copy = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(copy)
     for name, function in functions.items():
-        if hasattr(copy, name):
+        if getattr(copy, name, None) is getattr(math, name):
             setattr(copy, name, function)
     return copy
+
+
+def drawn(model: ModuleType, draw: random.Random, spread: float, **given: Any) -> Any:
+    """Random parameters, off their start values by this share, that a component does not refuse."""
+    while True:
+        values = {
+            name: d.start * draw.uniform(1 - spread, 1 + spread)
+            for name, d in declarations(model.Parameters)
+            if d.kind == "Real"
+        }
+        p = start(model.Parameters, **values, **given)
+        with contextlib.suppress(ValueError):
+            list(model.check(p))
+            return p
 
 
 def symbolic(model: ModuleType) -> ModuleType:

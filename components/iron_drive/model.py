@@ -1,98 +1,12 @@
 r"""Cam drive of a sealing iron: cam, rocker, link, chain and the iron it lifts against dry friction
 
 A motor turns a cam through a reducer ($\omega_m = i_g\,\omega$, $M = i_g\,\tau$). The cam moves the
-small arm $l$ of a rocker; the end of its large arm $l_K$ pulls, through a link $l_T$ and a chain
-over a sprocket at $(-C, A)$, an iron that hangs in a vertical guide, loaded by its weight and by a
-spring. The origin is the axis of the rocker, $x$ to the right, $y$ up, angles counter-clockwise.
-More distance $R$ from the cam's axis to the roller means iron up. $' = \mathrm{d}/\mathrm{d}\varphi$,
-a subscript $\alpha$ is $\mathrm{d}/\mathrm{d}\alpha$, $\delta = \beta - \alpha$.
-
-**Cam.** Rise, top dwell, return and bottom dwell follow one another; on the rise, with
-$x = f/\varphi_{\mathrm{rise}}$ and $f = \varphi \bmod 2\pi$, and mirrored on the return,
-
-$$ R = R_b + h\,s(x), \quad s = 35x^4 - 84x^5 + 70x^6 - 20x^7 $$
-
-**Rocker.** With $q = L^2 + l^2 - R^2$ and $\Delta = 4L^2l^2 - q^2$,
-
-$$ \psi = \arccos\frac{q}{2Ll}, \quad \alpha = \alpha_0 - \psi, \quad
-   \alpha' = -\frac{2RR'}{\sqrt\Delta}, \quad \alpha'' = -\frac{2R}{\sqrt\Delta}
-   \left[R'' + R'^2\left(\frac1R - \frac{2Rq}{\Delta}\right)\right] $$
-
-**Run.** From the end of the rocker to the sprocket, $n$ long, turned by $\beta$, then the angle
-$\gamma$ on the sprocket. `wrap = top` lets the run end at the top of the sprocket, so that
-$\gamma = \pi/2$; `wrap = tangent` is exact. $X = C + l_K\cos\alpha$, $Y_0 = A - l_K\sin\alpha$:
-
-$$ \mathrm{top}: \; n^2 = X^2 + (Y_0 + R_z)^2, \;
-   \beta = \pi - \arctan\frac{Y_0 + R_z}{X}; \quad
-   \mathrm{tangent}: \; n^2 = X^2 + Y_0^2 - R_z^2, \;
-   \beta = \pi - \arctan\frac{Y_0}{X} - \arctan\frac{R_z}{n} = \frac{3\pi}{2} - \gamma $$
-
-$$ H = l_c - (n - l_T) - R_z\gamma, \quad H_\alpha = l_K\sin\delta, \quad
-   \beta_\alpha = -\frac{l_K\cos\delta}{n}, \quad
-   \beta_{\alpha\alpha} = \frac{H_\alpha(\beta_\alpha - 1)}{n} + \frac{l_K\cos\delta\,n_\alpha}{n^2}, \quad
-   n_\alpha = -H_\alpha \mathrm{\ or\ } -H_\alpha + R_z\beta_\alpha $$
-
-**Inertia.** With $m_e = J_z/R_z^2 + \rho(R_z\gamma + H) + m_y + m_s/3$ for all that moves with the
-iron, and $J_\alpha$ for all behind the cam,
-
-$$ J_\alpha = J_r + m_T\left(l_K^2 + \frac{l_T^2\beta_\alpha^2}{4}
-   + l_Kl_T\beta_\alpha\cos\delta\right) + J_T\beta_\alpha^2
-   + \rho\left[l_K^2(n - l_T) + \frac{\beta_\alpha^2(n^3 - l_T^3)}{3}
-   + l_K\beta_\alpha\cos\delta\,(n^2 - l_T^2)\right] + m_eH_\alpha^2 $$
-
-$$ J = J_mi_g^2 + J_c + J_\alpha\alpha'^2 $$
-
-**Load.** $W_0 = (m_y + m_s/2)\,g + \sigma c\,e$ hangs on the chain at rest, with the stretch
-$e = e_0 + \sigma(H_b - H)$ of a spring below the iron ($\sigma = 1$) or above it ($\sigma = -1$).
-The weights of rocker, link, run and hanging chain and $W_0$ turn the rocker back with
-
-$$ \Pi_\alpha = g\,m_r r_r\cos(\alpha + \gamma_r)
-   + g\,m_T\left(l_K\cos\alpha + \tfrac12 l_T\beta_\alpha\cos\beta\right)
-   + g\rho\left[l_K\cos\alpha\,(n - l_T) + \tfrac12(n^2 - l_T^2)\beta_\alpha\cos\beta
-   - H_\alpha(H + R_z\sin\gamma)\right] - W_0H_\alpha $$
-
-and with the cam, $\Pi' = g\,m_c r_c\cos(\varphi + \gamma_c) + \Pi_\alpha\alpha'$. The guide's
-friction is proportional to the load $W = W_0 - m_y\ddot H$:
-
-$$ Q_f = K\,W\,H', \quad K = K_{\mathrm{up}} \ge 0 \mathrm{\ or\ } K_{\mathrm{down}} \le 0,
-   \; 0 \mathrm{\ in\ the\ dwells} $$
-
-**Motion.** From the energies,
+small arm of a rocker; the end of its large arm pulls, through a link and a chain over a sprocket, an
+iron that hangs in a vertical guide, loaded by its weight and by a spring. From the energies, with the
+friction $K$ of the guide, which is proportional to the load $W_0 - m_y\ddot H$,
 
 $$ (J + K m_y H'^2)\,\dot\omega + \left(\tfrac12 J' + K m_y H'H''\right)\omega^2
    = M - \Pi' + K W_0 H' $$
-
-The iron reverses in the dwells, without an event. Where the cam comes to rest on a slope,
-$g_\pm = M - \Pi' + K_\pm W_0 H'$ decides: forwards if $g_+ > 0$, backwards if $g_- < 0$, else it
-sticks until one of the two is true.
-
-**Forces.** Chain at the iron, at the sprocket's hanging side and at the link's side; torque of the
-cam on the rocker; force between cam and follower:
-
-$$ T_{\mathrm{iron}} = (1 + K)W - \tfrac13 m_s\ddot H, \quad
-   T_{\mathrm{hang}} = T_{\mathrm{iron}} + \rho H(g - \ddot H), \quad
-   T_{\mathrm{span}} = T_{\mathrm{hang}} + \rho g R_z\sin\gamma
-   - (J_z/R_z^2 + \rho R_z\gamma)\ddot H $$
-
-$$ M_r = J_\alpha\ddot\alpha + \tfrac12 J_{\alpha,\alpha}\dot\alpha^2 + \Pi_\alpha - KWH_\alpha, \quad
-   N = -M_r\,\frac{\sqrt{(L\sin\psi)^2 + (l(1 - \alpha') - L\cos\psi)^2}}{l\,L\sin\psi} $$
-
-They assume a cam that turns counter-clockwise and a small arm at $-\psi$ from the line between the
-axes. At rest in a dwell the pull of the chain is known only within the friction; $K = 0$ is shown.
-Where the cam sticks, $K$ is what equilibrium needs. `tau_cam` is what a torque meter between
-reducer and cam would show.
-
-Assumptions: one degree of freedom; links rigid, no play, no friction in the joints; chain uniform
-and inextensible, one end of the spring fixed. Cam and follower cannot pull, a chain cannot push:
-the equations hold while $N$, $T_{\mathrm{span}}$, $T_{\mathrm{iron}}$ and $W$ are positive. Where
-one of them vanishes, `on_invalid = stop` ends the step; `warn` logs it and goes on as if they
-could, with `valid = false`. Moments shorter than 1 ms may pass unseen. With the defaults the
-follower lifts off first, on the return, at 7.898 rad/s (75 cycles/min); without spring at
-5.63 rad/s, with the spring above at 5.15 rad/s. The working range is 20 to 60 cycles/min.
-
-The defaults are a 4 kg iron with 62.4 mm of stroke on an 08B chain and a 20-tooth sprocket, at rest
-in the middle of the bottom dwell. A `DriveMotor` with `A = 4`, `B = 0.025`, `T = 0.012` and
-`tau = 0` runs it at 42.39 cycles/min, with `A = 3.775` at 40.
 """
 
 from __future__ import annotations
@@ -101,7 +15,8 @@ from collections import namedtuple
 from collections.abc import Iterator
 from enum import IntEnum
 from functools import lru_cache
-from math import acos, atan, cos, pi, radians, sin, sqrt
+from math import atan, pi, radians
+from typing import Any
 
 from fmukit import Experiment, discrete, real, record, repeat, replace
 from fmukit.si import (
@@ -119,10 +34,11 @@ from fmukit.si import (
     TranslationalStiffness,
     Velocity,
 )
+from fmukit.step.jet import Jet, acos, atan2, constant, cos, sin, sqrt
 
 EXPERIMENT = Experiment(stop=1.0, step=1e-3)
 LONGEST_STEP = 1e-3
-TAU, CHAIN = ("tau",), ("T_span", "T_iron", "W")
+TAU = ("tau",)
 
 
 class Wrap(IntEnum):
@@ -158,7 +74,7 @@ class Motion(IntEnum):
 @record
 class Cam:
     R_b: Length = real(0.100, "Distance from cam to roller with the iron down", positive=True)
-    h: Length = real(0.020, "Lift of the distance", min=0.0)
+    h: Length = real(0.020, "Rise of the distance from cam to roller", min=0.0)
     rise: Angle = real(radians(100.0), "Cam angle of the rise, iron up", positive=True)
     top: Angle = real(radians(60.0), "Cam angle of the top dwell", min=0.0)
     ret: Angle = real(radians(80.0), "Cam angle of the return, iron down", positive=True)
@@ -171,9 +87,9 @@ class Cam:
 @record
 class Rocker:
     L: Length = real(0.150, "Distance between the axes of cam and rocker", positive=True)
-    l: Length = real(0.090, "Small arm, to the roller", positive=True)
-    l_K: Length = real(0.280, "Large arm, to the link", positive=True)
-    alpha0: Angle = real(2.38, "Angle of the large arm were the roller on the cam's axis")
+    l: Length = real(0.090, "Length of the rocker's small arm, to the roller", positive=True)
+    l_K: Length = real(0.280, "Length of the rocker's large arm, to the link", positive=True)
+    alpha0: Angle = real(2.38, "Angle of the large arm that would put the roller on the cam's axis")
     J: Inertia = real(0.025, "Moment of inertia of the rocker about its axis", positive=True)
     m: Mass = real(1.2, "Mass of the rocker", positive=True)
     r: Length = real(0.090, "Distance of the rocker's centre of mass from its axis", min=0.0)
@@ -184,7 +100,9 @@ class Rocker:
 class Link:
     l: Length = real(0.200, "Length of the link", positive=True)
     m: Mass = real(0.25, "Mass of the link", positive=True)
-    J: Inertia = real(0.25 * 0.2**2 / 12, "Inertia of the link about its middle", positive=True)
+    J: Inertia = real(
+        0.25 * 0.2**2 / 12, "Moment of inertia of the link about its middle", positive=True
+    )
 
 
 @record
@@ -223,7 +141,7 @@ class Friction:
 @record
 class Reducer:
     i_g: Ratio = real(36.0, "Speed of the motor over speed of the cam", positive=True)
-    J: Inertia = real(3.0e-4, "Inertia of rotor and reducer, at the motor", positive=True)
+    J: Inertia = real(3.0e-4, "Moment of inertia of rotor and reducer, at the motor", positive=True)
 
 
 @record
@@ -253,7 +171,7 @@ class Inputs:
 class State:
     phi: Angle = real(-pi / 3, "Angle of the cam, 0 where the rise begins", nominal=1.0)
     w_cam: AngularVelocity = real(0.0, "Speed of the cam", nominal=1.0)
-    E_friction: Energy = real(0.0, "Energy dissipated in the guide", nominal=1.0)
+    E_friction: Energy = real(0.0, "Energy dissipated by friction in the guide", nominal=1.0)
     direction: int = discrete(0, "Sense of the cam's motion: 1 forwards, -1 backwards, 0 stuck")
     valid: bool = discrete(True, "Follower and chain are loaded, so that the equations hold")
 
@@ -262,13 +180,13 @@ class State:
 class Outputs:
     w: AngularVelocity = real(0.0, "Speed of the motor's shaft")
     alpha: Angle = real(0.0, "Angle of the rocker's large arm")
-    beta: Angle = real(0.0, "Angle of link and run")
+    beta: Angle = real(0.0, "Angle of the link and of the chain's run to the sprocket")
     H: Length = real(0.0, "Hanging length of the chain")
     lift: Length = real(0.0, "Lift of the iron")
     v: Velocity = real(0.0, "Velocity of the iron, upwards")
     a: Acceleration = real(0.0, "Acceleration of the iron, upwards", feedthrough=TAU)
     tau_cam: Torque = real(
-        0.0, "Load on the cam's shaft: i_g tau less what speeds up the motor", feedthrough=TAU
+        0.0, "Torque at the cam's shaft: geared motor torque less its inertia's", feedthrough=TAU
     )
     T_iron: Force = real(0.0, "Pull of the chain on the iron", feedthrough=TAU)
     T_hang: Force = real(0.0, "Pull of the chain on the sprocket, iron's side", feedthrough=TAU)
@@ -277,9 +195,9 @@ class Outputs:
         0.0, "Torque of the cam on the rocker, negative while they touch", feedthrough=TAU
     )
     N: Force = real(0.0, "Force between cam and follower", feedthrough=TAU)
-    pressure: Angle = real(0.0, "Pressure angle between cam and follower, signed")
-    E_kin: Energy = real(0.0, "Kinetic energy")
-    E_pot: Energy = real(0.0, "Potential energy")
+    pressure: Angle = real(0.0, "Pressure angle between cam and follower, with sign")
+    E_kin: Energy = real(0.0, "Kinetic energy of the drive")
+    E_pot: Energy = real(0.0, "Potential energy of the drive, weights and spring")
     motion: Motion = discrete(Motion.dwell, "Motion of the iron")
     top_dwell: bool = discrete(False, "The cam is in its top dwell")
 
@@ -322,158 +240,138 @@ def turns(p: Parameters) -> bool:
 
 def passes(p: Parameters, phi: float) -> bool:
     """True; raises ValueError if something is in the way at this cam angle."""
-    for what in obstacles(p, phi):
-        raise ValueError(f"{what} at phi = {phi!r} rad")
+    for free, otherwise in conditions(p, phi):
+        if not free:
+            raise ValueError(f"{otherwise} at phi = {phi!r} rad")
     return True
 
 
-def obstacles(p: Parameters, phi: float) -> Iterator[str]:
-    """What is in the way at this cam angle."""
-    r, z = p.rocker, p.sprocket
-    alpha = r.alpha0 - arm(p, cam(p, phi)[2])
-    X, Y = z.C + r.l_K * cos(alpha), z.A - r.l_K * sin(alpha)
-    if not X > 0.0:
-        yield (
+def conditions(p: Parameters, phi: float) -> Iterator[tuple[bool, str]]:
+    """What must be true at this cam angle, and what is in the way otherwise."""
+    alpha, R = rocker(p, cam(p, phi)[2].value), p.sprocket.R
+    X, Y = p.sprocket.C + p.rocker.l_K * cos(alpha), p.sprocket.A - p.rocker.l_K * sin(alpha)
+    yield (
+        X > 0.0,
+        (
             "rocker end must stay on the far side of the sprocket: "
             f"sprocket.C + rocker.l_K cos(alpha) = {X!r} m"
-        )
-    if p.wrap == Wrap.tangent and not sqrt(X**2 + Y**2) > z.R:
-        yield f"link reaches the sprocket: its end is within sprocket.R = {z.R!r} m of the axis"
+        ),
+    )
+    if p.wrap == Wrap.tangent:
+        free = sqrt(X * X + Y * Y) > R
+        yield free, f"link reaches the sprocket: its end is within sprocket.R = {R!r} m of the axis"
     at = position(p, phi)
-    if not at.n > p.link.l:
-        yield f"link reaches the sprocket: link.l = {p.link.l!r} m of {at.n!r} m"
-    if not at.H > 0.0:
-        yield f"chain too short: hanging part vanishes: H = {at.H!r} m of chain.l = {p.chain.l!r} m"
-    if not at.H_a > 0.0:
-        yield f"dead centre: beta - alpha = {at.beta - at.alpha!r} rad"
-    if not at.e >= 0.0:
-        yield f"spring slack: stretch = {at.e!r} m with spring.e_0 = {p.spring.e_0!r} m"
-    d = dynamics(p, at, 0.0, 0, at.Pi_1)
+    n, l, H, e = at.n, p.link.l, at.H.value, at.e
+    yield n > l, f"link reaches the sprocket: link.l = {l!r} m of {n!r} m"
+    yield (
+        H > 0.0,
+        f"chain too short: hanging part vanishes: H = {H!r} m of chain.l = {p.chain.l!r} m",
+    )
+    yield at.H_a > 0.0, f"dead centre: beta - alpha = {at.beta - alpha!r} rad"
+    yield e >= 0.0, f"spring slack: stretch = {e!r} m with spring.e_0 = {p.spring.e_0!r} m"
+    d = forces(p, at, 0.0, dynamics(p, at, 0.0, 0, at.Pi_1))
     pull = (1 + p.friction.K_down) * at.W_0
-    if not min(pull, pull + d.T_span - d.T_iron) > 0.0:
-        yield f"chain slack at standstill: T_iron = {pull!r} N"
+    taut = min(pull, pull + d.T_span - d.T_iron) > 0.0
+    yield taut, f"chain slack at standstill: T_iron = {pull!r} N"
 
 
-Position = namedtuple(  # what the cam angle says; _1, _2: derivatives by phi, _a, _aa: by alpha
-    "Position",
-    "slope top psi alpha alpha_1 alpha_2 beta n gamma H H_a H_1 H_2 lift e W_0"
-    " J_a J_aa J J_1 Pi_a Pi_1",
+Position = namedtuple(  # what the cam angle says; alpha and H are jets along it
+    "Position", "slope top alpha n beta gamma H H_a lift e W_0 J_a J_aa J J_1 Pi Pi_a Pi_1"
 )
-Dynamics = namedtuple("Dynamics", "eps K W T_iron T_hang T_span M_rocker N")
+Dynamics = namedtuple("Dynamics", "eps K H_tt W")
+Forces = namedtuple("Forces", "T_iron T_hang T_span M_rocker N")
 
 
-def law(x: float) -> tuple[float, float, float]:
-    """s(x) from 0 to 1 with its derivatives s', s''; these and s''' vanish at both ends."""
-    s = x**4 * (35 - 84 * x + 70 * x**2 - 20 * x**3)
-    return s, 140 * x**3 * (1 - x) ** 3, 420 * x**2 * (1 - x) ** 2 * (1 - 2 * x)
+def law(f: float, width: float) -> Jet:
+    """s along the angle f of a slope of this width; s', s'' and s''' vanish at both ends."""
+    x = f / width
+    square, both = x * x, x * (1 - x)
+    s = square * square * (35 - 84 * x + 70 * square - 20 * square * x)
+    s_1, s_2 = 140 * (both * both * both), 420 * (both * both) * (1 - 2 * x)
+    return Jet(s, s_1 / width, s_2 / (width * width))
 
 
-def cam(p: Parameters, phi: float) -> tuple[int, bool, float, float, float]:
-    """Iron up (1), down (-1) or dwelling (0), whether at the top, and the distance R, R', R''."""
+def cam(p: Parameters, phi: float) -> tuple[int, bool, Jet]:
+    """Iron up (1), down (-1) or dwelling (0), whether at the top, and the distance R along phi."""
     c = p.cam
     f = phi % (2 * pi)
     if f < c.rise:
-        s, s_1, s_2 = law(f / c.rise)
-        return 1, False, c.R_b + c.h * s, c.h * s_1 / c.rise, c.h * s_2 / c.rise**2
+        return 1, False, c.R_b + c.h * law(f, c.rise)
     if f < c.rise + c.top:
-        return 0, True, c.R_b + c.h, 0 * c.h, 0 * c.h
+        return 0, True, constant(c.R_b + c.h)
     if f < c.rise + c.top + c.ret:
-        s, s_1, s_2 = law((f - c.rise - c.top) / c.ret)
-        return -1, False, c.R_b + c.h * (1 - s), -c.h * s_1 / c.ret, -c.h * s_2 / c.ret**2
-    return 0, False, c.R_b, 0 * c.h, 0 * c.h
+        return -1, False, c.R_b + c.h - c.h * law(f - c.rise - c.top, c.ret)
+    return 0, False, constant(c.R_b)
 
 
-def arm(p: Parameters, R: float) -> float:
-    """Angle psi of the small arm from the line between the axes, at the distance R."""
+def rocker(p: Parameters, R: Any) -> Any:
+    """Angle alpha of the large arm with the roller at the distance R."""
     L, l = p.rocker.L, p.rocker.l
-    return acos((L**2 + l**2 - R**2) / (2 * L * l))
+    return p.rocker.alpha0 - acos((L * L + l * l - R * R) / (2 * L * l))
 
 
-def run(p: Parameters, alpha: float) -> tuple[float, float, float, float]:
-    """Length n and angle beta of the run, angle gamma on the sprocket, hanging length H."""
-    z, l_K = p.sprocket, p.rocker.l_K
-    X, Y = z.C + l_K * cos(alpha), z.A - l_K * sin(alpha)
-    if p.wrap == Wrap.top:
-        Y = Y + z.R
-        n, beta, gamma = sqrt(X**2 + Y**2), pi - atan(Y / X), pi / 2
-    else:
-        n = sqrt(X**2 + Y**2 - z.R**2)
-        beta = pi - atan(Y / X) - atan(z.R / n)
-        gamma = 3 * pi / 2 - beta
-    return n, beta, gamma, p.chain.l - (n - p.link.l) - z.R * gamma
+def contact(p: Parameters) -> tuple[float, float]:
+    """How far above and beside the sprocket's axis the run ends."""
+    R = p.sprocket.R
+    return (R, 0 * R) if p.wrap == Wrap.top else (0 * R, R)
+
+
+def run(p: Parameters, x: Any, y: Any) -> tuple[Any, Any, Any, Any]:
+    """Length n and angle beta of the run from x, y, angle gamma on the sprocket, hanging length H."""
+    above, beside = contact(p)
+    X, Y = p.sprocket.C + x, p.sprocket.A + above - y
+    n = sqrt(X * X + Y * Y - beside * beside)
+    beta = pi - atan2(Y, X) - atan2(beside, n)
+    gamma = pi / 2 + 0 * beta if p.wrap == Wrap.top else 3 * pi / 2 - beta
+    return n, beta, gamma, p.chain.l - (n - p.link.l) - p.sprocket.R * gamma
+
+
+@lru_cache(maxsize=16)
+def lowest(p: Parameters) -> float:
+    """Hanging length H_b of the chain with the iron down."""
+    alpha = rocker(p, p.cam.R_b)
+    H: float = run(p, p.rocker.l_K * cos(alpha), p.rocker.l_K * sin(alpha))[-1]
+    return H
+
+
+def prepare(p: Parameters, x: State) -> float:
+    """What all evaluations of a step have in common."""
+    return lowest(p)
 
 
 def position(p: Parameters, phi: float) -> Position:
-    """Position functions, reduced inertia and static load at the cam angle phi."""
+    """What the cam angle phi says."""
+    return placed(p, phi, lowest(p))
+
+
+def placed(p: Parameters, phi: float, H_b: float) -> Position:
+    """What the cam angle phi says, with the hanging length H_b where the iron is down."""
     g, r, T, rho, z, s = p.g, p.rocker, p.link, p.chain.rho, p.sprocket, p.spring
-    slope, top, R, R_1, R_2 = cam(p, phi)
-    q = r.L**2 + r.l**2 - R**2
-    Delta = 4 * r.L**2 * r.l**2 - q**2
-    psi, lever = arm(p, R), 2 * R / sqrt(Delta)
-    alpha = r.alpha0 - psi
-    alpha_1 = -lever * R_1
-    alpha_2 = -lever * (R_2 + R_1**2 * (1 / R - 2 * R * q / Delta))
+    slope, top, R = cam(p, phi)
+    alpha = rocker(p, R)
+    x_K, y_K = r.l_K * cos(alpha.value), r.l_K * sin(alpha.value)
+    y = Jet(y_K, x_K, -y_K)
+    n, beta, gamma, H = run(p, Jet(x_K, -y_K, -x_K), y)
 
-    n, beta, gamma, H = run(p, alpha)
-    S, C = r.l_K * sin(beta - alpha), r.l_K * cos(beta - alpha)
-    beta_a, H_a = -C / n, S
-    n_a = -H_a if p.wrap == Wrap.top else -H_a + z.R * beta_a
-    beta_aa = S * (beta_a - 1) / n + C * n_a / n**2
-    H_aa = C * (beta_a - 1)
-    H_1, H_2 = H_a * alpha_1, H_aa * alpha_1**2 + H_a * alpha_2
+    moving = T.m + rho * p.chain.l + z.J / (z.R * z.R) + p.iron.m + s.m / 3
+    turning = T.J + T.m * (n - T.l / 2) ** 2 + rho / 3 * (n - T.l) ** 3
+    J_a = r.J + turning * beta.rate**2 + moving * H.rate**2
 
-    b, b_a, bb_a = beta_a * C, beta_aa * C - beta_a * S * (beta_a - 1), beta_a * beta_aa
-    m_e = z.J / z.R**2 + rho * (z.R * gamma + H) + p.iron.m + s.m / 3
-    J_a = (
-        r.J
-        + T.m * (r.l_K**2 + T.l**2 * beta_a**2 / 4 + T.l * b)
-        + T.J * beta_a**2
-        + rho * (r.l_K**2 * (n - T.l) + beta_a**2 * (n**3 - T.l**3) / 3 + b * (n**2 - T.l**2))
-        + m_e * H_a**2
-    )
-    J_aa = (
-        T.m * (T.l**2 * bb_a / 2 + T.l * b_a)
-        + 2 * T.J * bb_a
-        + rho * n_a * (r.l_K**2 + n**2 * beta_a**2 + 2 * n * b - H_a**2)
-        + rho * (bb_a * (n**3 - T.l**3) * 2 / 3 + b_a * (n**2 - T.l**2))
-        + 2 * m_e * H_a * H_aa
-    )
-    J = p.reducer.J * p.reducer.i_g**2 + p.cam.J + J_a * alpha_1**2
-    J_1 = J_aa * alpha_1**3 + 2 * J_a * alpha_1 * alpha_2
-
-    lift = run(p, r.alpha0 - arm(p, p.cam.R_b))[-1] - H
+    lift, up = H_b - H, sin(beta)
     e = s.e_0 + s.side * lift
-    W_0 = (p.iron.m + s.m / 2) * g + s.side * s.c * e
-    x_a, y_a = r.l_K * cos(alpha), cos(beta) * beta_a
-    Pi_a = (
-        r.m * g * r.r * cos(alpha + r.gamma)
-        + T.m * g * (x_a + T.l * y_a / 2)
-        + rho * g * (x_a * (n - T.l) + y_a * (n**2 - T.l**2) / 2 - H_a * (H + z.R * sin(gamma)))
-        - W_0 * H_a
+    chain = (n - T.l) * (y + up * ((n + T.l) / 2) - z.A) + z.R * z.R * (1 - cos(gamma)) - H**2 / 2
+    level, hanging = (rho * p.chain.l + p.iron.m) * z.A, p.iron.m + s.m / 2
+    centre = Jet(alpha.value + r.gamma, 1.0, 0.0)
+    Pi = s.c / 2 * e**2 + g * (
+        r.m * r.r * sin(centre) + T.m * (y + up * (T.l / 2)) + rho * chain - hanging * H + level
     )
-    Pi_1 = p.cam.m * g * p.cam.r * cos(phi + p.cam.gamma) + Pi_a * alpha_1
+    W_0 = hanging * g + s.side * s.c * e.value
+    J = J_a.along(alpha) * alpha.rate**2 + p.reducer.J * p.reducer.i_g * p.reducer.i_g + p.cam.J
+    Pi_1 = g * p.cam.m * p.cam.r * cos(phi + p.cam.gamma) + Pi.first * alpha.first
     return Position(
-        slope, top, psi, alpha, alpha_1, alpha_2, beta, n, gamma, H, H_a, H_1, H_2, lift, e, W_0,
-        J_a, J_aa, J, J_1, Pi_a, Pi_1,
+        slope, top, alpha, n.value, beta.value, gamma.value, H.along(alpha), H.first, lift.value,
+        e.value, W_0, J_a.value, J_a.first, J.value, J.first, Pi.value, Pi.first, Pi_1,
     )  # fmt: skip
-
-
-def potential(p: Parameters, phi: float, at: Position) -> float:
-    """Potential energy; zero is the rocker's axis, for the cam its own, and the slack spring."""
-    r, T, z, H = p.rocker, p.link, p.sprocket, at.H
-    spring: float = p.spring.c * at.e**2 / 2
-    y_K, y_n = r.l_K * sin(at.alpha), sin(at.beta)
-    run = y_K * (at.n - T.l) + y_n * (at.n**2 - T.l**2) / 2
-    wrap = z.R * (z.A * at.gamma + z.R * (1 - cos(at.gamma)))
-    weights: float = (
-        p.cam.m * p.cam.r * sin(phi + p.cam.gamma)
-        + r.m * r.r * sin(at.alpha + r.gamma)
-        + T.m * (y_K + T.l * y_n / 2)
-        + p.chain.rho * (run + wrap + H * (z.A - H / 2))
-        + p.iron.m * (z.A - H)
-        - p.spring.m * H / 2
-    )
-    return p.g * weights + spring
 
 
 def friction(p: Parameters, at: Position, direction: float) -> float:
@@ -484,7 +382,7 @@ def friction(p: Parameters, at: Position, direction: float) -> float:
 
 def thresholds(p: Parameters, at: Position, M: float) -> tuple[float, float]:
     """g_+ and g_-: what is left of M to start forwards, and to start backwards."""
-    rest, weight = M - at.Pi_1, at.W_0 * at.H_1
+    rest, weight = M - at.Pi_1, at.W_0 * at.H.first
     return rest + friction(p, at, 1) * weight, rest + friction(p, at, -1) * weight
 
 
@@ -495,51 +393,72 @@ def sense(p: Parameters, at: Position, w: float, M: float) -> int:
 
 
 def dynamics(p: Parameters, at: Position, w: float, direction: float, M: float) -> Dynamics:
-    """Acceleration of the cam and all forces."""
-    L, l, rho, z = p.rocker.L, p.rocker.l, p.chain.rho, p.sprocket
+    """Acceleration of the cam, friction K, second derivative of H by time, load W."""
+    m, H = p.iron.m, at.H
     if direction:
         K = friction(p, at, direction)
-        A_1 = at.J + K * p.iron.m * at.H_1**2
-        B_1 = at.J_1 / 2 + K * p.iron.m * at.H_1 * at.H_2
-        eps = (M - at.Pi_1 + K * at.W_0 * at.H_1 - B_1 * w**2) / A_1
+        A = at.J + K * m * H.first * H.first
+        B = at.J_1 / 2 + K * m * H.first * H.second
+        eps = (M - at.Pi_1 + K * at.W_0 * H.first - B * w * w) / A
     else:
-        K = (at.Pi_1 - M) / (at.W_0 * at.H_1) if at.H_1 else 0.0
+        K = (at.Pi_1 - M) / (at.W_0 * H.first) if H.first else 0.0
         K, eps = min(max(K, p.friction.K_down), p.friction.K_up), 0.0
-    H_tt = at.H_1 * eps + at.H_2 * w**2
-    W = at.W_0 - p.iron.m * H_tt
-    T_iron = (1 + K) * W - p.spring.m / 3 * H_tt
-    T_hang = T_iron + rho * at.H * (p.g - H_tt)
-    T_span = T_hang + rho * p.g * z.R * sin(at.gamma) - (z.J / z.R**2 + rho * z.R * at.gamma) * H_tt
-    alpha_t, alpha_tt = at.alpha_1 * w, at.alpha_1 * eps + at.alpha_2 * w**2
-    M_rocker = at.J_a * alpha_tt + at.J_aa * alpha_t**2 / 2 + at.Pi_a - K * W * at.H_a
-    across, along = L * sin(at.psi), l * (1 - at.alpha_1) - L * cos(at.psi)
-    N = -M_rocker * sqrt(across**2 + along**2) / (l * across)
-    return Dynamics(eps, K, W, T_iron, T_hang, T_span, M_rocker, N)
+    H_tt = H.first * eps + H.second * w * w
+    return Dynamics(eps, K, H_tt, at.W_0 - m * H_tt)
 
 
-def instant(p: Parameters, x: State, u: Inputs) -> tuple[Position, Dynamics]:
-    """Position and dynamics of a state."""
+def slip(p: Parameters, alpha: Jet) -> tuple[float, float]:
+    """Speed of the cam beneath the follower over the cam's: across the small arm, and along it."""
+    L, l, psi = p.rocker.L, p.rocker.l, p.rocker.alpha0 - alpha.value
+    return L * sin(psi), l * (1 - alpha.first) - L * cos(psi)
+
+
+def forces(p: Parameters, at: Position, w: float, d: Dynamics) -> Forces:
+    """Forces of chain and follower, torque on the rocker."""
+    rho, z, alpha = p.chain.rho, p.sprocket, at.alpha
+    T_iron = (1 + d.K) * d.W - p.spring.m / 3 * d.H_tt
+    T_hang = T_iron + rho * at.H.value * (p.g - d.H_tt)
+    wrapped = z.J / (z.R * z.R) + rho * z.R * at.gamma
+    T_span = T_hang + rho * p.g * z.R * sin(at.gamma) - wrapped * d.H_tt
+    alpha_t, alpha_tt = alpha.first * w, alpha.first * d.eps + alpha.second * w * w
+    M_rocker = at.J_a * alpha_tt + at.J_aa * alpha_t * alpha_t / 2 + at.Pi_a
+    M_rocker = M_rocker - d.K * d.W * at.H_a
+    across, along = slip(p, alpha)
+    N = -M_rocker * sqrt(across * across + along * along) / (p.rocker.l * across)
+    return Forces(T_iron, T_hang, T_span, M_rocker, N)
+
+
+def instant(p: Parameters, x: State, u: Inputs) -> tuple[Position, Dynamics, Forces]:
+    """Position, dynamics and forces of a state."""
     at = position(p, x.phi)
-    return at, dynamics(p, at, x.w_cam, x.direction, p.reducer.i_g * u.tau)
+    d = dynamics(p, at, x.w_cam, x.direction, p.reducer.i_g * u.tau)
+    return at, d, forces(p, at, x.w_cam, d)
 
 
-def derivatives(p: Parameters, t: float, x: State, u: Inputs) -> State:
-    at, d = instant(p, x, u)
-    return State(x.w_cam, d.eps, -d.K * d.W * at.H_1 * x.w_cam, 0, False)
+def derivatives(p: Parameters, t: float, x: State, u: Inputs, H_b: float | None = None) -> State:
+    at = position(p, x.phi) if H_b is None else placed(p, x.phi, H_b)
+    d = dynamics(p, at, x.w_cam, x.direction, p.reducer.i_g * u.tau)
+    loss = -d.K * d.W * at.H.first * x.w_cam
+    return State(x.w_cam, d.eps, loss, 0, False)
 
 
-def lost(x: State, d: Dynamics) -> str:
+def lost(x: State, W: float, f: Forces) -> str:
     """What has lost its load, empty if nothing has."""
     where = f"at phi = {x.phi!r} rad, omega = {x.w_cam!r} rad/s"
-    if d.N < 0.0:
-        return f"cam follower lifts off {where}: N = {d.N!r} N"
-    slack = [f"{name} = {f!r} N" for name, f in zip(d._fields, d) if name in CHAIN and f < 0.0]
-    return f"chain slack {where}: {', '.join(slack)}" if slack else ""
+    if f.N < 0.0:
+        return f"cam follower lifts off {where}: N = {f.N!r} N"
+    slack = ", ".join(
+        f"{name} = {pull!r} N"
+        for name, pull in (("W", W), ("T_iron", f.T_iron), ("T_span", f.T_span))
+        if pull < 0.0
+    )
+    return f"chain slack {where}: {slack}" if slack else ""
 
 
 def judged(p: Parameters, x: State, u: Inputs) -> State:
     """The state with `valid` as the forces say; raises ValueError where it is to stop."""
-    reason = lost(x, instant(p, x, u)[1])
+    _, d, f = instant(p, x, u)
+    reason = lost(x, d.W, f)
     if reason and p.on_invalid == OnInvalid.stop:
         raise ValueError(reason)
     return replace(x, valid=not reason)
@@ -555,10 +474,10 @@ def sample(p: Parameters, t: float, x: State, before: Inputs | None, now: Inputs
 
 def guard(p: Parameters, t: float, x: State, u: Inputs) -> tuple[float, float]:
     """Below zero: the cam leaves its direction or its rest; the model loses or regains validity."""
-    at, d = instant(p, x, u)
+    at, d, f = instant(p, x, u)
     forwards, backwards = thresholds(p, at, p.reducer.i_g * u.tau)
     held = x.direction * x.w_cam if x.direction else min(-forwards, backwards)
-    margin = min(d.N, d.T_span, d.T_iron, d.W)
+    margin = min(f.N, f.T_span, f.T_iron, d.W)
     return held, margin if x.valid else -margin
 
 
@@ -571,34 +490,31 @@ def jump(p: Parameters, t: float, x: State, u: Inputs, which: int) -> State:
 
 def notes(p: Parameters, t: float, old: State, new: State, u: Inputs) -> Iterator[str]:
     if old.valid and not new.valid:
-        reason = lost(new, instant(p, new, u)[1])
+        _, d, f = instant(p, new, u)
+        reason = lost(new, d.W, f)
         yield f"{reason}, t = {t!r} s; the results are not valid until it is loaded again"
 
 
 def outputs(p: Parameters, t: float, x: State, u: Inputs) -> Outputs:
     w, i_g, at = x.w_cam, p.reducer.i_g, position(p, x.phi)
     direction = x.direction if w == 0 else 1 if w > 0 else -1
-    d = dynamics(p, at, w, direction, i_g * u.tau)
     up = at.slope * direction
     moving = Motion.up if up > 0 else Motion.down if up < 0 else Motion.stuck
-    L, l = p.rocker.L, p.rocker.l
+    d = dynamics(p, at, w, direction, i_g * u.tau)
+    across, along = slip(p, at.alpha)
     return Outputs(
         w=i_g * w,
-        alpha=at.alpha,
+        alpha=at.alpha.value,
         beta=at.beta,
-        H=at.H,
+        H=at.H.value,
         lift=at.lift,
-        v=-at.H_1 * w,
-        a=-at.H_1 * d.eps - at.H_2 * w**2,
-        tau_cam=i_g * u.tau - i_g**2 * p.reducer.J * d.eps,
-        T_iron=d.T_iron,
-        T_hang=d.T_hang,
-        T_span=d.T_span,
-        M_rocker=d.M_rocker,
-        N=d.N,
-        pressure=atan((l * (1 - at.alpha_1) - L * cos(at.psi)) / (L * sin(at.psi))),
-        E_kin=at.J * w**2 / 2,
-        E_pot=potential(p, x.phi, at),
+        v=-at.H.first * w,
+        a=-d.H_tt,
+        tau_cam=i_g * u.tau - i_g * i_g * p.reducer.J * d.eps,
+        **forces(p, at, w, d)._asdict(),
+        pressure=atan(along / across),
+        E_kin=at.J * w * w / 2,
+        E_pot=at.Pi + p.g * p.cam.m * p.cam.r * sin(x.phi + p.cam.gamma),
         motion=moving if at.slope else Motion.dwell,
         top_dwell=at.top,
     )

@@ -36,7 +36,7 @@ def within(variable: Variable, value: Value) -> None:
         return
     if d.positive and value <= 0.0:  # type: ignore[operator]
         limit = "> 0"
-    elif d.min is not None and value < d.min:  # type: ignore[operator]
+    elif d.min is not None and not d.positive and value < d.min:  # type: ignore[operator]
         limit = f"at least {number(d.min, variable.unit)}"
     elif d.max is not None and value > d.max:  # type: ignore[operator]
         limit = f"at most {number(d.max, variable.unit)}"

@@ -45,6 +45,7 @@ class Declaration(NamedTuple):
     held: bool = False
     positive: bool = False
     quantity: Quantity | None = None
+    follows: bool = False
 
     @property
     def kind(self) -> str:
@@ -70,16 +71,19 @@ def real(
     feedthrough: tuple[str, ...] = (),
     held: bool = False,
     positive: bool = False,
+    follows: bool = False,
 ) -> Any:
     """Declare a Real; `positive` is min = 0 without the 0 itself.
 
     `feedthrough` names the inputs that act on an output without delay; a `held` one is part of a
-    State and changes only at events.
+    State and changes only at events; one that `follows` is computed by `settle` and cannot be set.
     """
     if positive and min is not None:
         raise ValueError(f"positive=True is min = 0 without the 0: leave out min={min!r}")
     low = 0.0 if positive else min
-    return Declaration(float(start), meaning, low, max, nominal, feedthrough, held, positive)
+    return Declaration(
+        float(start), meaning, low, max, nominal, feedthrough, held, positive, follows=follows
+    )
 
 
 def discrete(start: int | bool | str, meaning: str, feedthrough: tuple[str, ...] = ()) -> Any:

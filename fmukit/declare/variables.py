@@ -102,7 +102,8 @@ class Interface:
     def _add(self, cls: Any, causality: str, initial: str) -> slice:
         first = len(self.variables)
         for name, declaration in declarations(cls):
-            self._append(name, causality, initial, declaration)
+            given = "calculated" if declaration.follows else initial
+            self._append(name, causality, given, declaration)
         return slice(first, len(self.variables))
 
     def _append(self, name: str, causality: str, initial: str, declaration: Declaration) -> None:

@@ -1,7 +1,8 @@
 """What people read of a component: one page, for the documentation and for the FMU.
 
-Its text is written once: the equations in the model's docstring, what is said beyond them in `page.md`
-beside the model, with `drawing.svg`, the variables in their declarations.
+Its text is written once: what the machine is in the model's docstring, and the rest, equations that
+take more than a screen among it, in `page.md` beside the model, with `drawing.svg`; the variables in
+their declarations.
 """
 
 import os

@@ -12,7 +12,8 @@ A hybrid component adds to its equations
     sample(p, t, x, before, now)     the state just after a communication point that brings new
                                      inputs (before = None when initialisation ends)
     settle(p, x)                     the state x with all that follows from the rest of it; at the
-                                     start and at the end of every communication step
+                                     start and at the end of every communication step. What cannot
+                                     be chosen at the start is declared with `follows=True`
     notes(p, t, old, new, u)         sentences for the log on the change from old to new
     LONGEST_STEP                     sub-step [s] within which no guard falls and rises again
 

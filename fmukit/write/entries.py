@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 from ..declare import bounds
 from ..declare.record import Value, start
 from ..declare.variables import Interface, Variable, class_name
-from ..step import hybrid, near, ode
+from ..step import hybrid, jet, near, ode
 from ..trace import tangents
 from ..trace.paths import flatten
 from ..trace.tracer import Tracer, note
@@ -23,6 +23,7 @@ BOUNDARIES = {
     ode: ("reach", "resized"),
     bounds: ("within",),
     near: ("turned",),
+    jet: (),
 }
 
 

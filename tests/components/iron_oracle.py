@@ -106,7 +106,7 @@ def by_material_points(p: Any, phi: float, w: float, eps: float, K: float) -> di
         else:
             n = mpmath.sqrt(abs(to) ** 2 - mpf(z.R) ** 2)
             along = to * mpmath.mpc(n, -z.R) / abs(to) ** 2
-            theta = arg(along) - mpmath.pi / 2
+            theta = arg(along) % (2 * mpmath.pi) - mpmath.pi / 2
         return end, along, n, theta, p.chain.l + p.link.l - n - z.R * (mpmath.pi - theta)
 
     def dots(a: Any, b: Any) -> Any:

@@ -33,6 +33,7 @@ from cosim import (
 )
 from cosim.engine.library import KEPT
 from cosim.judge.isolated import _remains
+from cosim.scratch import LOCK, _made
 from tests.conftest import DESCRIPTION, ROOT, described, hear_ctrl_c, rewritten, until
 from tests.cosim.foreign import BINARY, Value, library, pack
 
@@ -75,9 +76,11 @@ def scratch(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     folder.mkdir()
     monkeypatch.setattr(tempfile, "tempdir", str(folder))
     monkeypatch.setenv("TMPDIR", str(folder))
+    _made.cache_clear()
     yield folder
     forget()
-    assert list(folder.iterdir()) == []
+    assert {path.name for path in folder.glob("*/*")} <= {LOCK}
+    _made.cache_clear()
 
 
 def forget() -> None:

@@ -422,7 +422,7 @@ INLINE int prepared(Instance *i, const char *kind, const fmi2ValueReference vr[]
     int held = !strcmp(kind, "Real");
     for (size_t k = 0; k < n; k++) {
         if (!variable(&i->context, kind, vr[k])) return 0;
-        if (vr[k] >= FIRST_OUTPUT) held = 0;
+        if (vr[k] >= FIRST_STATE && !variables[vr[k]].settable_before_start) held = 0;
     }
     if (!held && i->state.stale != 0.0 && i->state.phase != INSTANTIATED) refresh(i);
     return !i->context.failed;

@@ -446,7 +446,8 @@ def slave_class(
         "settable": {
             kind: tuple(of_kind & phase for phase in phases) for kind, of_kind in references.items()
         },
-        "held_reals": references["Real"] - set(everything[interface.outputs]),
+        "held_reals": references["Real"]
+        - {v.reference for v in interface.variables if v.initial == "calculated"},
     }
     if straight is None:
         return type(class_name(model), (ModelSlave,), body)
