@@ -35,7 +35,7 @@ from .progress import bar
 from .result import Interrupted, Result, SimulationError
 from .result import partial as partial_file
 from .scratch import scratch
-from .system import Network, System, connect, describe_fmu, own_start, part_name
+from .system import Network, System, connect, part_name
 
 EXACT = Path("fmus/LinearSystem.fmu")
 
@@ -108,12 +108,8 @@ def read(path: Path, folder: Path) -> Package:
 
 
 def alone(path: Path) -> System:
-    """A single FMU, its inputs at their declared start; named like its file as far as that is a name."""
-    name = part_name(path.stem)
-    description = describe_fmu(name, path)
-    inputs = [v for v in description.modelVariables if v.causality == "input"]
-    declared = {f"{name}.{v.name}": own_start(v) for v in inputs}
-    return System({name: path}, start={k: v for k, v in declared.items() if v is not None})
+    """A single FMU, named like its file as far as that is a name."""
+    return System({part_name(path.stem): path})
 
 
 def names(text: str) -> list[str]:

@@ -113,6 +113,7 @@ def run(
             "inputs": {port.name: profile.told() for port, profile in network.inputs},
             "changes": list(system.changes),
             "start_values": dict(system.start),
+            "open_inputs": {port.name: value for port, value in network.open},
             "parts": identities,
             "versions": versions(),
         }

@@ -156,13 +156,17 @@ class Fmu(NamedTuple):
 
 @dataclass(frozen=True)
 class Network:
-    """A system whose names, directions, units and start values have been checked."""
+    """A system whose names, directions, units and start values have been checked.
+
+    `open` are the inputs that nothing drives and nothing sets, with the start of their FMUs.
+    """
 
     system: System
     fmus: Mapping[str, Fmu]
     wires: list[Connection] = field(default_factory=list)
     start: list[tuple[Port, Value]] = field(default_factory=list)
     inputs: list[tuple[Port, Table | Course]] = field(default_factory=list)
+    open: list[tuple[Port, Value]] = field(default_factory=list)
 
     @cached_property
     def descriptions(self) -> dict[str, ModelDescription]:
@@ -198,7 +202,7 @@ def connect(system: System) -> Network:
     """Check a system against the model descriptions of its FMUs.
 
     Raises SetupError for a file that is no FMI 2.0 co-simulation FMU, an unknown part or variable,
-    a wire of wrong direction, type or unit, an input driven twice or not at all, and a start value
+    a wire of wrong direction, type or unit, an input driven twice, and a start value
     that is not finite, out of bounds or cannot be set.
     """
     if not system.parts:
@@ -221,8 +225,11 @@ def connect(system: System) -> Network:
     for name, description in network.descriptions.items():
         for variable in description.modelVariables:
             if variable.causality == "input" and f"{name}.{variable.name}" not in known:
-                port = Port(name, variable)
-                raise SetupError(f"input {port} is not connected: wire it or give it a start value")
+                port, own = Port(name, variable), own_start(variable)
+                if own is None:
+                    raise SetupError(f"input {port} is not connected and has no start of its own")
+                network.open.append((port, own))
+    network.start.extend(network.open)
     return network
 
 

@@ -137,9 +137,8 @@ class Run:
             self.control = plan.step.control or ("energy" if lost else "doubling")
         elif not lost and not lacking(descriptions, VARIABLE_STEP):
             self._checkpoint = (0, Snapshot(parts))
-        returns = steps is None or self.control == "doubling" or self._checkpoint is not None
         for part in parts:
-            part.forward.value = not returns
+            part.forward.value = steps is not None and self.control != "doubling"
         if isinstance(plan.step, Adaptive) or steps is None or every is None or not possible(steps):
             return
         try:
@@ -244,6 +243,8 @@ class Run:
             )
         before, snapshot = self._checkpoint
         self._checkpoint = self._loop = None
+        for part in self.parts:
+            part.forward.value = False
         self.loop = "Python, since a part discards steps"
         snapshot.restore()
         t = self.plan.start + before * step

@@ -85,6 +85,8 @@ def check(network: Network, plan: Plan, settings: Settings) -> tuple[list[str], 
 def _notes(network: Network, settings: Settings) -> Iterator[str]:
     for name, blemish in network.blemishes.items():
         yield f"{name}: {blemish}"
+    for port, value in network.open:
+        yield f"input {port} is open and keeps the start of its FMU, {value!r}"
     yield f"order of steps: {', '.join(stepping_order(network, settings.order))}"
     for loop in algebraic_loops(network):
         yield f"algebraic loop: {describe(loop)}"

@@ -290,6 +290,13 @@ def test_all_take_a_step_in_pieces(stubborn: bool, algorithm: str, loop: str, ma
     assert "discards" in result.provenance["loop"]
 
 
+def test_a_part_that_took_its_steps_for_good_says_so_when_another_discards(make: Make) -> None:
+    """A run that goes back only then has promised not to until then."""
+    parts = {"A": make(pause_at=0.25), "B": make(commits=True)}
+    with pytest.raises(SimulationError, match=r"B: SetFMUstate .* before 0\.1.* was excluded"):
+        run(ring(parts), stop=1.0, step=H, algorithm="jacobi")
+
+
 @pytest.mark.parametrize("algorithm", EXPLICIT)
 def test_a_part_that_discards_late_is_run_again_from_before(algorithm: str, make: Make) -> None:
     """The steps since the last checkpoint are repeated, their rows and energies are not."""

@@ -120,7 +120,7 @@ def test_a_get_after_a_set_is_counted_until_the_next_step(make: Make) -> None:
 
 
 def test_a_return_that_was_excluded_is_refused(make: Make) -> None:
-    unit = make().start()
+    unit = make(commits=True).start()
     saved = state(unit)
     unit.fmi.doStep(0.0, H, 0)
     unit.fmi.doStep(H, H, 0)

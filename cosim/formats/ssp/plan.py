@@ -15,7 +15,7 @@ from typing import NamedTuple
 from fmpy.model_description import ModelDescription, ScalarVariable
 
 from ...errors import SetupError
-from ...system import Value, Wire, enumeration, own_start, part_name
+from ...system import Value, Wire, enumeration, part_name
 from .files import ELEMENT, LINK, Room
 from .parameters import Parameter
 from .units import Step, Unit, chain, defined, unit_of
@@ -208,15 +208,8 @@ class Plan:
         return unit_of(self.variables[node], self.descriptions[node[0]])
 
     def starts(self) -> dict[str, Value]:
-        """The start values that are bound, and those of the FMUs for inputs that nothing drives."""
-        driven = {node for node in self.into if self.origin(node)[0] in self.variables}
-        values = {dotted(node): value for node, value in self.start.items()}
-        for node, variable in self.variables.items():
-            idle = variable.causality == "input" and node not in driven
-            own = own_start(variable)
-            if idle and node not in self.start and own is not None:
-                values[dotted(node)] = own
-        return values
+        """The start values that are bound."""
+        return {dotted(node): value for node, value in self.start.items()}
 
     def outer(self) -> dict[str, str]:
         """The connectors of the outermost system that stand for one variable as it is."""

@@ -9,9 +9,9 @@ So do steps beyond `pause_at`, once. Discard at `end_at` says Terminated. A `...
 which the call that reaches it, also the end of initialisation, logs and returns that status (`talks`: and says more), kills
 the process (`crash`: SIGSEGV, also `crash_at_end`, when terminated; `exit`: code 3), never returns (`hang`), or makes y NaN, as do steps above `nan_above`. `needs_input`: u must be set while
 initialising. One that `forgets` goes back to the start values of its file when an experiment is set up,
-one that `overrules` takes its own x0 at the end of initialisation, one that `commits` steps only where noSetFMUStatePriorToCurrentPoint is true, one that is `punctual` steps
-to the stop time and no bit further, one that `chats` logs from a thread that its step waits for. Other calls out of order, wrong times, steps beyond the stop time and returns to times
-that noSetFMUStatePriorToCurrentPoint excluded are errors, after which a state or a reset helps.
+one that `overrules` takes its own x0 at the end of initialisation, one that `commits` steps only where noSetFMUStatePriorToCurrentPoint is true, and then never goes back, one that is `punctual` steps
+to the stop time and no bit further, one that `chats` logs from a thread that its step waits for. Other calls out of order, wrong times, steps beyond the stop time and, of one that commits,
+returns to times that noSetFMUStatePriorToCurrentPoint excluded are errors, after which a state or a reset helps.
 
 `steps` (doStep calls), `restores`, `states_alive` and `gets_after_set` (calls that get outputs after
 a set without a step between) count over the life of an instance. Lines of the file `diary`:
