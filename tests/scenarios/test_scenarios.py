@@ -216,7 +216,7 @@ BROKEN = [
     ("@dataclass(frozen=True, kw_only=True)", "", 2, "above class Options stands @dataclass("),
     ("PARTS = {", "PARTS = 3 or {", 2, "PARTS must be a dict of FMUs by part"),
     ('return f"It', 'return 3 if f else f"It', 1, "AttributeError: 'int' object has no attribute"),
-    ('["conveyor.w"], "blue"', '["conveyor.w"][:9], "blue"', 1, "IndexError: index "),
+    ('["conveyor.w"], "blue"', '["conveyor.w"][:9], "blue"', 1, "ValueError: x and y must"),
 ]
 
 

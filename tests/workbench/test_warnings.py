@@ -16,7 +16,8 @@ from cosim import SimulationError, System, certify, quiet, run, run_isolated, wr
 from cosim.__main__ import alone, main
 from cosim.verification.systems import SPRING_AND_MASS, couple
 from tests.cosim.foreign import pack
-from tests.cosim.test_library import WIRES, drive
+from tests.cosim.test_cosim import WIRES
+from tests.cosim.test_library import drive
 
 PERIOD = 2 * math.pi / 5
 LIFTS = {"iron.tau": 0.0, "iron.w_cam": 20.0, "iron.on_invalid": "warn"}

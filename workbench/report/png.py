@@ -149,7 +149,8 @@ def _trace(axes: Axes, trace: Words, below: Words, laid: Words) -> None:
         if "tickvals" in bar:
             place.set_ticks(bar["tickvals"], labels=bar["ticktext"])
     elif kind == "bar":
-        bars = axes.bar(x + trace["offset"], y, trace["width"], trace["base"], align="edge",
+        base = np.array(trace["base"], float)
+        bars = axes.bar(x + trace["offset"], y, trace["width"], base, align="edge",
                         color=trace["marker"]["color"], edgecolor="white", **label)  # fmt: skip
         axes.bar_label(bars, [trace.get("text", "")] * len(x), label_type="center", fontsize=8)
     elif "fill" in trace:

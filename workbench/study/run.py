@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from cosim import SetupError, System
-from cosim.system import Network, describe_fmu
+from cosim.system import connect
 
 from .. import question
 from ..answer import Answer, write
@@ -83,8 +83,7 @@ def identity(study: Study, fmus: Mapping[str, Path], flavour: str) -> dict[str, 
 
 def _units(study: Study, fmus: Mapping[str, Path]) -> dict[str, str]:
     """The units of the varied inputs; raises SetupError for a start value that no FMU has."""
-    descriptions = {part: describe_fmu(part, path) for part, path in fmus.items()}
-    network = Network(System(dict(fmus)), descriptions, [], [])
-    options = declared(study.module.Options)
-    starts = {n: network.port(n).unit for n in (*study.varied, *study.fixed) if "." in n}
+    names, options = [*study.varied, *study.fixed], declared(study.module.Options)
+    network = connect(System(fmus)) if fmus else None
+    starts = {name: network.port(name).unit for name in names if network and "." in name}
     return {name: starts[name] if "." in name else options[name].unit for name in study.varied}
