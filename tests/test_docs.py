@@ -57,6 +57,7 @@ SLOW = {
     "own/bin/cosim --version",
     ".venv/bin/python benchmarks/coupling.py",
     ".venv/bin/python benchmarks/published.py",
+    ".venv/bin/python benchmarks/scale.py",
     ".venv/bin/python benchmarks/resonance.py --number 110",
     ".venv/bin/python benchmarks/stepping.py",
     ".venv/bin/python benchmarks/studies.py",

@@ -34,6 +34,11 @@ MODELS = {
 }
 NAMES = [name for name, model in MODELS.items() if not hasattr(model, "PYTHON_ONLY")]
 each = pytest.mark.parametrize("name", NAMES)
+# What only the runtime decides, which all share, is tried on a plain machine and on one with events.
+SAMPLE = ("CrankConveyor", "GravityOrientator")
+sampled = pytest.mark.parametrize(
+    "name", [n if n in SAMPLE else pytest.param(n, marks=pytest.mark.slow) for n in NAMES]
+)
 
 
 def wave(**amplitudes: tuple[float, float, float]) -> Callable[[float], dict[str, Any]]:
@@ -367,13 +372,7 @@ def test_every_call_is_survived(name: str, target: str, fmus: Path, tmp_path: Pa
     assert done.returncode == 0
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        n if n in ("CrankConveyor", "DriveMotor") else pytest.param(n, marks=pytest.mark.slow)
-        for n in NAMES
-    ],
-)
+@sampled
 def test_valgrind_finds_nothing(name: str, fmus: Path, tmp_path: Path) -> None:
     if shutil.which("valgrind") is None or shutil.which("gcc") is None:
         pytest.skip("there is no valgrind or no gcc")
@@ -387,7 +386,7 @@ def test_valgrind_finds_nothing(name: str, fmus: Path, tmp_path: Path) -> None:
     assert (done.returncode, done.stderr) == (0, "")
 
 
-@each
+@sampled
 def test_sanitizers_find_nothing(name: str, fmus: Path, tmp_path: Path) -> None:
     if shutil.which("gcc") is None:
         pytest.skip("there is no gcc")

@@ -7,13 +7,13 @@ from pathlib import Path
 import pytest
 
 from tests.conftest import ROOT
-from tests.fmukit.test_native import NAMES, compile_c, unpacked
+from tests.fmukit.test_native import compile_c, sampled, unpacked
 
 SANITIZE = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
 
 
 @pytest.mark.parametrize("seeds", [3, pytest.param(300, marks=pytest.mark.slow)])
-@pytest.mark.parametrize("name", NAMES)
+@sampled
 def test_random_calls_are_survived(name: str, seeds: int, fmus: Path, tmp_path: Path) -> None:
     """Under sanitizers: no read or write beyond, no leak, no undefined operation, no hang."""
     if shutil.which("gcc") is None:

@@ -68,6 +68,7 @@ def test_a_strong_motor_is_not_caught() -> None:
     assert answer.show().charts[0].marks == []
 
 
+@pytest.mark.slow
 def test_coarse_levels_find_the_same_jumps_and_low_ones_none() -> None:
     """From 18 V to 28 V at once the motor is thrown past the resonance, where it would stay caught."""
     coarse = ask("sommerfeld", supplies="12,18,28,32")
