@@ -109,8 +109,8 @@ def test_orientation_takes_the_reference_time_at_every_communication_step(
 ) -> None:
     mu = (0.2, 0.35, 0.5)[column]
     seen = []
-    for h in (1e-4, 1e-3, 2e-2):
-        unit = machine(fmus, n, mu, h)
+    for folder, h in ((fmus / "native", 1e-4), (fmus, 1e-3), (fmus, 2e-2)):
+        unit = machine(folder, n, mu, h)
         seen.append(read(unit, *ROUTE, *model.State._fields[:8], "S_x", "S_y", "S_k", "P_B", "P_K"))
     assert seen[0][4] == pytest.approx(ORIENTATION_TIMES[n][column], abs=1e-10)
     assert seen[0][:4] == pytest.approx(DURATIONS.get((mu, n), seen[0][:4]), abs=1e-10)

@@ -267,8 +267,11 @@ def test_the_communication_step_does_not_matter(
     tau: float, phi: float, w: float, directions: list[int], fmus: Path
 ) -> None:
     ends = []
-    for h in (1e-4, 1e-3, 7e-3):
-        unit, seen = Unit(fmus / "IronDrive.fmu").start(on_invalid=1, tau=tau, phi=phi, w_cam=w), []
+    for folder, h in ((fmus / "native", 1e-4), (fmus, 1e-3), (fmus, 7e-3)):
+        unit, seen = (
+            Unit(folder / "IronDrive.fmu").start(on_invalid=1, tau=tau, phi=phi, w_cam=w),
+            [],
+        )
         for n in range(round(0.7 / h)):
             seen.append(unit.get("direction"))
             unit.step(n * h, h)

@@ -34,11 +34,16 @@ MODELS = {
 }
 NAMES = [name for name, model in MODELS.items() if not hasattr(model, "PYTHON_ONLY")]
 each = pytest.mark.parametrize("name", NAMES)
-# What only the runtime decides, which all share, is tried on a plain machine and on one with events.
-SAMPLE = ("CrankConveyor", "GravityOrientator")
-sampled = pytest.mark.parametrize(
-    "name", [n if n in SAMPLE else pytest.param(n, marks=pytest.mark.slow) for n in NAMES]
-)
+
+
+def few(*names: str) -> Any:
+    """These machines, and the others in the slow tests: for what only the shared runtime decides."""
+    slow = pytest.mark.slow
+    every = [n if n in names else pytest.param(n, marks=slow) for n in NAMES]
+    return pytest.mark.parametrize("name", every)
+
+
+sampled = few("CrankConveyor", "GravityOrientator")
 
 
 def wave(**amplitudes: tuple[float, float, float]) -> Callable[[float], dict[str, Any]]:
@@ -67,7 +72,7 @@ SCENARIOS = [
      wave(tau=(0.0, 0.1, 2.0)), 1e-3, 3000),
     *(
         ("IronDrive", {"wrap": w, "spring.side": side, "on_invalid": 1}, wave(tau=(0.1, 0.15, 3.0)),
-         1e-3, 2500)
+         1e-3, 1500)
         for w in (0, 1)
         for side in (1, -1)
     ),
@@ -372,7 +377,7 @@ def test_every_call_is_survived(name: str, target: str, fmus: Path, tmp_path: Pa
     assert done.returncode == 0
 
 
-@sampled
+@few("CrankConveyor", "DriveMotor")
 def test_valgrind_finds_nothing(name: str, fmus: Path, tmp_path: Path) -> None:
     if shutil.which("valgrind") is None or shutil.which("gcc") is None:
         pytest.skip("there is no valgrind or no gcc")

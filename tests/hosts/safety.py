@@ -91,7 +91,7 @@ def misuse(fmu: str, reason: str) -> list[Any]:
     """Fifty failures, each followed by a host that does not look, a reset and a proper step."""
     act, paths = MISUSE[Path(fmu).stem][reason], len(sys.path)
     refusals, plausible, recovered = set(), [], set()
-    for _ in range(50):
+    for _ in range(20):
         unit = Unit(fmu, "unit 7")
         refusals.add(unit.refusal(act))
         for call, *args in CARELESS:
