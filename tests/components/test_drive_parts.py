@@ -127,7 +127,9 @@ def test_gearbox_keeps_ratio_efficiency_and_balance_in_both_directions(i: float)
         u = gearbox.Inputs(draw.uniform(-9, 9), draw.uniform(-50, 50))
         y = gearbox.outputs(p, 0.0, x, u)
         assert (y.w_b, y.phi_b) == (x.w_a / i, x.phi_a / i)
-        from_a, to_b = u.tau_a * x.w_a - p.J * y.a_a * x.w_a, -u.tau_b * y.w_b
+        beside = [gearbox.outputs(p, 0.0, x._replace(w_a=x.w_a + d), u).E_kin for d in (1, -1)]
+        stored = (beside[0] - beside[1]) / 2 * y.a_a
+        from_a, to_b = u.tau_a * x.w_a - stored, -u.tau_b * y.w_b
         given, taken = (from_a, to_b) if to_b > 0 else (-to_b, -from_a)
         assert taken == pytest.approx(p.eta * given, rel=1e-9)
         assert y.P_loss == pytest.approx(given - taken, rel=1e-9)
@@ -245,13 +247,15 @@ def test_exciter_obeys_lagrange_and_balances_its_power() -> None:
         ]
 
     flow = sum((y.E_kin + y.E_pot).diff(q) * rate for q, rate in zip(state, rates))
-    balances = [flow + y.P_loss - tau * w, kinetic.subs(now) - y.E_kin]
+    moved = (M * speed + m * mass[0]).diff(t)
+    moved = moved.subs([(angle.diff(t, 2), rates.w), (place.diff(t, 2), rates.v), *now])
+    balances = [flow + y.P_loss - tau * w, kinetic.subs(now) - y.E_kin, moved + y.f]
     told = sympy.lambdify(symbols, [*left(r), *balances, *left(-r)])
     draw = random.Random(4)
     for _ in range(50):
         at = [draw.uniform(0.5, 2.0) for _ in range(8)] + [draw.uniform(-9, 9) for _ in range(4)]
         *nothing, wrong, wrong_x = told(*at)
-        assert nothing == pytest.approx([0.0] * 4, abs=1e-8)
+        assert nothing == pytest.approx([0.0] * 5, abs=1e-8)
         assert max(abs(wrong), abs(wrong_x)) > 1e-2
 
 

@@ -31,7 +31,7 @@ from scenarios.conveyor.theory import SETS
 from scenarios.iron import mechanism as iron_mechanism
 from tests.conftest import QUICK, ask, fmus_of
 from tests.workbench.browser import Browser, browser
-from workbench.answer import Answer, Show, Table, write
+from workbench.answer import Answer, Parameter, Show, Table, write
 from workbench.figure import Figure
 from workbench.question import load, names
 from workbench.report import chart as pictures
@@ -480,6 +480,14 @@ def opened(shown: Browser, sample: Path) -> Browser:
     """A browser with the page of the sample."""
     shown.open(sample / "report.html", 1000)
     return shown
+
+
+def test_parameters_of_a_page_have_six_digits_in_lists_too() -> None:
+    answer, _ = answered("orientation_time")
+    given = replace(answer, options={"speeds": Parameter((1.2217304763960306, 2.0), "rad/s", "")})
+    told = html._parameters(given)
+    assert told[0] == ("speeds", "1.22173, 2", "rad/s", "")
+    assert not [value for _, value, *_ in html._parameters(answer) if len(value) > 200]
 
 
 def one(selector: str) -> str:

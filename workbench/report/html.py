@@ -81,9 +81,16 @@ def _figure(name: str, figure: Figure) -> Sequence[str]:
 def _parameters(answer: Answer) -> list[Sequence[str]]:
     """Name, value, unit and meaning."""
     return [
-        (name, f"{x.value:.6g}" if isinstance(x.value, float) else str(x.value), x.unit, x.meaning)
+        (name, _value(x.value), x.unit, x.meaning)
         for name, x in {**answer.options, **answer.parameters}.items()
     ]
+
+
+def _value(value: object) -> str:
+    """What was given, numbers with six digits, the items of a list one after the other."""
+    if isinstance(value, tuple):
+        return ", ".join(map(_value, value))
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
 def limited(table: Table) -> tuple[str, str]:
