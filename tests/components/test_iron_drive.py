@@ -211,14 +211,21 @@ def test_stall_and_stick_as_one_system() -> None:
         assert line.to(0.05).phi - radians(50) == pytest.approx(moved, rel=2e-3, abs=1e-300)
 
 
-def test_speed_torque_and_friction_loss_of_the_steady_state() -> None:
-    for A, cycles in ((4.0, 42.3895), (3.7732, 39.9822), (3.77488, 40.0)):
-        line = OneSystem(start(iron.Parameters), MOTOR | {"A": A})
-        x, t = line.until(4 * pi), line.t
-        end = line.until(6 * pi)
-        assert 60 / (line.t - t) == pytest.approx(cycles, abs=1e-4)
-        assert (end.E_in - x.E_in) / (2 * pi) == pytest.approx(0.119172423, abs=1e-8)
-        assert end.E_friction - x.E_friction == pytest.approx(E_TURN, rel=1e-9)
+@pytest.mark.parametrize(
+    ("A", "cycles"),
+    [
+        pytest.param(4.0, 42.3895, marks=pytest.mark.slow),
+        pytest.param(3.7732, 39.9822, marks=pytest.mark.slow),
+        (3.77488, 40.0),
+    ],
+)
+def test_speed_torque_and_friction_loss_of_the_steady_state(A: float, cycles: float) -> None:
+    line = OneSystem(start(iron.Parameters), MOTOR | {"A": A})
+    x, t = line.until(4 * pi), line.t
+    end = line.until(6 * pi)
+    assert 60 / (line.t - t) == pytest.approx(cycles, abs=1e-4)
+    assert (end.E_in - x.E_in) / (2 * pi) == pytest.approx(0.119172423, abs=1e-8)
+    assert end.E_friction - x.E_friction == pytest.approx(E_TURN, rel=1e-9)
 
 
 def test_friction_loss_per_turn_does_not_depend_on_the_speed() -> None:

@@ -40,9 +40,8 @@ def test_jumps_lie_where_theory_has_its_folds(answer: Any) -> None:
     assert np.interp(steady, w, v) == pytest.approx(steady.index, rel=3e-3)
 
 
-@pytest.mark.parametrize(
-    ("share", "passes"), [pytest.param(0.995, False, marks=pytest.mark.slow), (1.005, True)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize(("share", "passes"), [(0.995, False), (1.005, True)])
 def test_one_system_passes_just_above_the_supply_that_is_told(
     share: float, passes: bool, answer: Any
 ) -> None:

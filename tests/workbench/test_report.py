@@ -44,6 +44,7 @@ from workbench.study import show as study_show
 
 PROGRAMS = ("chromium", "chromium-browser", "google-chrome")
 QUESTIONS = names(PROJECT.home)
+SEEN = ("packing_line", "resonance", "resonance_map")
 OPTIONS = QUICK | {
     "resonance": {"speeds": "36,38,40,42,44", "steps_per_rev": 66, "algorithm": "gauss-seidel"}
 }
@@ -438,7 +439,10 @@ FITS = """[...document.querySelectorAll('.chart')].every(
 TIMES = "[...document.querySelectorAll('.motion svg')].map(s => s.getCurrentTime())"
 
 
-@pytest.mark.parametrize("name", QUESTIONS)
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(name, marks=[] if name in SEEN else [pytest.mark.slow]) for name in QUESTIONS],
+)
 def test_the_page_of_every_question_shows_without_network_or_error(
     name: str, shown: Browser, tmp_path: Path
 ) -> None:
