@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
+from xml.etree import ElementTree
 from zipfile import ZipFile
 
 import fmpy
@@ -38,6 +39,8 @@ WIRE = re.compile(
     rf"\s*(?P<source>[^*+\s]+)\s*(?:\*\s*(?P<factor>[+-]?{NUMBER}))?\s*(?P<offset>[+-]{NUMBER})?"
     r"\s*(?P<arrow>->|=>)\s*(?P<target>[^*+\s]+)\s*"
 )
+SHAFT = re.compile(r"\s*(?P<one>[^*+\s]+)\s+--\s+(?P<other>[^*+\s]+)\s*")
+TERMINALS = "terminalsAndIcons/terminalsAndIcons.xml"
 PIECE = r"[^\W\d][\w\[\]-]*"
 PART = re.compile(rf"{PIECE}(\.{PIECE})*")
 
@@ -69,7 +72,7 @@ class Wire(NamedTuple):
         if match is None:
             raise SetupError(
                 f"wire {text!r} must read 'part.output [* factor] [+ offset] -> part.input', "
-                "or => to convert no units"
+                "=> to convert no units, or 'part.terminal -- part.terminal'"
             )
         factor, offset = (
             float(re.sub(r"\s", "", match[key] or default))
@@ -90,7 +93,9 @@ class System:
     A wire reads "motor.tau -> conveyor.tau", or with a factor and an offset in the source's unit
     "cam.w * 2.5 + 0.1 -> rotor.w". Convertible units are converted (rpm -> rad/s). With "=>" the
     target takes the number as it stands, whatever the units. A `Wire` says
-    the same as a value, for names with a blank, * or +. A bond names two outputs that are wired
+    the same as a value, for names with a blank, * or +. Two terminals are joined by
+    "motor.flange -- conveyor.flange": a wire for each member that both have, from the output to the
+    input. A bond names two outputs that are wired
     there and back and multiply to a power: "motor.tau * conveyor.w". Wires whose units show a bond
     beyond doubt need not be named. A part of a subsystem has a dotted name, "line.motor".
 
@@ -145,13 +150,15 @@ class Connection(NamedTuple):
 class Fmu(NamedTuple):
     """A model description, its variables by name, its units in SI base units by name.
 
-    `blemish` says what is wrong in it but does not touch a run.
+    `blemish` says what is wrong in it but does not touch a run. `terminals` are the variables of each
+    terminal by member.
     """
 
     description: ModelDescription
     variables: dict[str, ScalarVariable]
     units: dict[str, Any]
     blemish: str
+    terminals: dict[str, dict[str, str]]
 
 
 @dataclass(frozen=True)
@@ -209,7 +216,8 @@ def connect(system: System) -> Network:
         raise SetupError("a system needs a part")
     network = Network(system, {name: _fmu(name, Path(path)) for name, path in system.parts.items()})
     _require_distinct(network.fmus)
-    network.wires.extend(_connection(network, wire) for wire in system.wires)
+    for given in system.wires:
+        network.wires.extend(_connection(network, wire) for wire in _wires(network, given))
     network.start.extend(_start(network.port(name), value) for name, value in system.start.items())
     driven: dict[str, Port] = {}
     for source, target, *_ in network.wires:
@@ -309,7 +317,24 @@ def _read(path: Path, _: tuple[int, int]) -> Fmu:
             if getattr(variable, attribute) is None:
                 setattr(variable, attribute, getattr(variable.declaredType, attribute))
     units = {unit.name: unit.baseUnit for unit in reversed(description.unitDefinitions)}
-    return Fmu(description, variables, units, blemish)
+    terminals, wrong = _terminals(path) if TERMINALS in files else ({}, "")
+    return Fmu(description, variables, units, blemish or wrong, terminals)
+
+
+def _terminals(path: Path) -> tuple[dict[str, dict[str, str]], str]:
+    """The variables of each terminal by member, without terminals within terminals; what is wrong."""
+    try:
+        with ZipFile(path) as archive:
+            root = ElementTree.fromstring(archive.open(TERMINALS).read(LONGEST))
+    except (OSError, ElementTree.ParseError) as error:
+        return {}, f"{TERMINALS} cannot be read: {error}"
+    return {
+        terminal.get("name", ""): {
+            member.get("memberName", ""): member.get("variableName", "")
+            for member in terminal.findall("TerminalMemberVariable")
+        }
+        for terminal in root.findall("Terminals/Terminal")
+    }, ""
 
 
 def _description(path: Path) -> tuple[ModelDescription, str]:
@@ -341,9 +366,46 @@ def cuts(name: str) -> list[tuple[str, str]]:
     return [(name[: dot.start()], name[dot.end() :]) for dot in re.finditer(r"\.", name)][::-1]
 
 
-def _connection(network: Network, given: str | Wire) -> Connection:
-    wire = Wire.read(given) if isinstance(given, str) else given
-    here = f"wire {str(given)!r}"
+def _wires(network: Network, given: str | Wire) -> Iterator[Wire]:
+    """The wires that a system means by one entry: itself, or those between two terminals."""
+    shaft = SHAFT.fullmatch(given) if isinstance(given, str) else None
+    if shaft is None:
+        yield Wire.read(given) if isinstance(given, str) else given
+        return
+    here = f"wire {given!r}"
+    (one, ours), (other, theirs) = (_terminal(network, name, here) for name in shaft.groups())
+    shared = [member for member in ours if member in theirs]
+    if not shared:
+        raise SetupError(
+            f"{here}: {', '.join(ours)} and {', '.join(theirs)} have no member in common"
+        )
+    for member in shared:
+        ends = Port(one, ours[member]), Port(other, theirs[member])
+        ways = {port.variable.causality: port for port in ends}
+        if ways.keys() != {"input", "output"}:
+            raise SetupError(
+                f"{here}: one of {ends[0]} and {ends[1]} must be an output, one an input"
+            )
+        source, target = ways["output"], ways["input"]
+        yield Wire((source.part, source.variable.name), (target.part, target.variable.name))
+
+
+def _terminal(network: Network, name: str, here: str) -> tuple[str, dict[str, ScalarVariable]]:
+    """The part of a terminal, and the variables of its members."""
+    for part, terminal in cuts(name):
+        if part in network.fmus:
+            fmu = network.fmus[part]
+            if terminal in fmu.terminals:
+                return part, {
+                    k: network.port((part, v)).variable for k, v in fmu.terminals[terminal].items()
+                }
+            known = ", ".join(fmu.terminals) or "none"
+            raise SetupError(f"{here}: {part} has no terminal {terminal!r}; it has {known}")
+    raise SetupError(f"{here}: {name} names no part, only {', '.join(network.fmus)}")
+
+
+def _connection(network: Network, wire: Wire) -> Connection:
+    here = f"wire {str(wire)!r}"
     source, target = network.port(wire.source), network.port(wire.target)
     if source.variable.causality != "output":
         raise SetupError(f"{here}: {source} is {source.variable.causality}, not an output")

@@ -38,6 +38,7 @@ from fmukit.si import (
 )
 
 EXPERIMENT = Experiment(stop=0.05, step=1e-4)
+FLANGES = {"flange": ("tau", "w")}
 
 
 @record

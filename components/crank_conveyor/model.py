@@ -56,6 +56,7 @@ from fmukit.si import (
 from fmukit.step import near
 
 EXPERIMENT = Experiment(stop=1.0, step=1e-3)
+FLANGES = {"flange": ("tau", "w", "phi")}
 
 
 @record

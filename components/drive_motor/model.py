@@ -37,6 +37,7 @@ from fmukit import Experiment, discrete, real, record
 from fmukit.si import AngularVelocity, Power, Ratio, RotationalDamping, Time, Torque
 
 EXPERIMENT = Experiment(stop=1.0, step=1e-3)
+FLANGES = {"flange": ("tau", "w")}
 
 
 class Characteristic(IntEnum):

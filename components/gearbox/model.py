@@ -41,6 +41,7 @@ from fmukit.si import (
 )
 
 EXPERIMENT = Experiment(stop=2.0, step=1e-2)
+FLANGES = {"flange_a": ("tau_a", "w_a", "phi_a"), "flange_b": ("tau_b", "w_b", "phi_b")}
 
 
 @record

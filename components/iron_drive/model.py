@@ -37,6 +37,7 @@ from fmukit.si import (
 from fmukit.step.jet import Jet, acos, atan2, constant, cos, sin, sqrt
 
 EXPERIMENT = Experiment(stop=1.0, step=1e-3)
+FLANGES = {"flange": ("tau", "w")}
 LONGEST_STEP = 1e-3
 TAU = ("tau",)
 

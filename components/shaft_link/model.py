@@ -42,6 +42,7 @@ from fmukit.si import (
 )
 
 EXPERIMENT = Experiment(stop=0.1, step=1e-3)
+FLANGES = {"flange_a": ("tau_a", "w_a"), "flange_b": ("tau_b", "w_b")}
 
 
 @record

@@ -29,6 +29,7 @@ from fmukit import Experiment, discrete, real, record
 from fmukit.si import AngularVelocity, RotationalDamping, Time, Torque
 
 EXPERIMENT = Experiment(stop=2.0, step=1e-2)
+FLANGES = {"flange": ("tau", "w")}
 
 
 @record

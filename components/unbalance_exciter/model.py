@@ -48,6 +48,7 @@ from fmukit.si import (
 )
 
 EXPERIMENT = Experiment(stop=10.0, step=5e-3)
+FLANGES = {"flange": ("tau", "w", "phi")}
 
 
 @record

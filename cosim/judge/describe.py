@@ -32,6 +32,8 @@ def info(network: Network) -> Iterator[str]:
     for name, description in network.descriptions.items():
         path = Path(network.system.parts[name])
         yield from _part(name, description, path.name, platforms(str(path)))
+        for terminal, members in network.fmus[name].terminals.items():
+            yield f"  terminal {name}.{terminal}: {', '.join(members)}"
     for title, lines in (
         ("wires", [_wire(wire) for wire in network.wires]),
         ("start values", [f"{port} = {value!r}" for port, value in network.start]),

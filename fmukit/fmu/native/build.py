@@ -19,7 +19,7 @@ import fmpy
 
 from ...declare.variables import Interface, class_name
 from ...write.entries import written
-from .. import page, plot, reference
+from .. import page, plot, reference, terminals
 from ..archive import LICENSE, guid_of, write_archive
 from ..python.instance import slave_class
 from ..xml import NATIVE, to_xml
@@ -74,6 +74,7 @@ def collect(model: ModuleType) -> NativeBuild:
     digest.update(source.encode())
     digest.update(ElementTree.tostring(to_xml(interface, "", NATIVE)))
     digest.update(page.html(interface).encode())
+    digest.update(repr(terminals.entries(interface)).encode())
     digest.update(os.environ.get("SOURCE_DATE_EPOCH", "").encode())
     return NativeBuild(model, source, digest.hexdigest())
 
@@ -97,6 +98,7 @@ def pack(build: NativeBuild, fmu: Path) -> None:
         "documentation/licenses/license.txt": licence.encode(),
         **{f"sources/{name}": content for name, content in sources.items()},
         **reference.entries(interface, rows),
+        **terminals.entries(interface),
         **{f"binaries/{path}": content for path, content in binaries(build.name, sources)},
     }
     write_archive(contents, fmu)

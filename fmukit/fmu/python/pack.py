@@ -18,7 +18,7 @@ import pythonfmu
 
 from ...declare.variables import Interface, class_name, component
 from ...write import entries
-from .. import page, plot, reference
+from .. import page, plot, reference, terminals
 from ..archive import KIT, LICENSE, guid_of, write_archive
 from ..xml import PYTHON, to_xml
 from .instance import slave_class
@@ -82,6 +82,7 @@ def collect(model: ModuleType) -> Build:
         digest.update(name.encode() + b"\0" + hashlib.sha256(content).digest())
     digest.update(ElementTree.tostring(to_xml(Interface(model), "", PYTHON)))
     digest.update(page.html(Interface(model)).encode())
+    digest.update(repr(terminals.entries(Interface(model))).encode())
     digest.update(os.environ.get("SOURCE_DATE_EPOCH", "").encode())
     return Build(model, files, digest.hexdigest())
 
@@ -120,6 +121,7 @@ def pack(build: Build, fmu: Path) -> None:
         **{f"resources/{name}": content for name, content in sources.items()},
         **{f"binaries/{name}": content for name, content in binaries.items()},
         **reference.entries(interface, rows),
+        **terminals.entries(interface),
     }
     write_archive(contents, fmu)
 

@@ -1,0 +1,83 @@
+"""terminalsAndIcons: the shaft ends of a model, and its drawing as an icon.
+
+The format is that of FMI 3.0, which FMI 2.0.4 allows. A model names its shaft ends in
+`FLANGES = {"flange": ("tau", "w", "phi")}`: torque and speed, which make a power, and the angle
+where it has one.
+"""
+
+import re
+from xml.etree import ElementTree
+from xml.etree.ElementTree import Element, SubElement
+
+from ..declare.variables import Interface
+from .load import beside
+
+FOLDER = "terminalsAndIcons"
+MEMBERS = {"tau": "N.m", "w": "rad/s", "phi": "rad"}
+
+
+def entries(interface: Interface) -> dict[str, bytes]:
+    """The files of the folder by their path in the FMU; none for a model without any."""
+    icon, ends = drawing(interface), flanges(interface)
+    if not icon and not ends:
+        return {}
+    root = Element("fmiTerminalsAndIcons", fmiVersion="3.0")
+    if icon:
+        _, width, height = icon
+        corners = {"x1": "0", "y1": "0", "x2": f"{width:g}", "y2": f"{height:g}"}
+        graphics = SubElement(root, "GraphicalRepresentation")
+        SubElement(graphics, "CoordinateSystem", corners, suggestedScalingFactorTo_mm="0.1")
+        SubElement(graphics, "Icon", corners)
+    terminals = SubElement(root, "Terminals") if ends else root
+    for name, members in ends.items():
+        terminal = SubElement(terminals, "Terminal", name=name, matchingRule="bus")
+        for member, variable in members.items():
+            SubElement(
+                terminal,
+                "TerminalMemberVariable",
+                variableName=variable,
+                memberName=member,
+                variableKind="signal",
+            )
+    ElementTree.indent(root)
+    found = {"terminalsAndIcons.xml": ElementTree.tostring(root, "UTF-8", xml_declaration=True)}
+    if icon:
+        found |= {"icon.svg": icon[0].encode(), "icon.png": png(icon[0])}
+    return {f"{FOLDER}/{name}": content for name, content in found.items()}
+
+
+def flanges(interface: Interface) -> dict[str, dict[str, str]]:
+    """The variables of each shaft end by member; raises ValueError for one that is no shaft end."""
+    found = {}
+    for name, variables in getattr(interface.model, "FLANGES", {}).items():
+        here = f"FLANGES[{name!r}]"
+        if len(variables) not in (2, 3):
+            raise ValueError(f"{here} must name torque, speed and, if there is one, the angle")
+        for (member, unit), variable in zip(MEMBERS.items(), variables):
+            port = interface.by_name.get(variable)
+            if port is None or port.causality not in ("input", "output"):
+                raise ValueError(f"{here}: {variable!r} is no input and no output")
+            if port.unit != unit:
+                raise ValueError(f"{here}: {variable} [{port.unit}] stands for {member} [{unit}]")
+        torque, speed = (interface.by_name[variable].causality for variable in variables[:2])
+        if torque == speed:
+            raise ValueError(f"{here}: one of torque and speed must be an input, one an output")
+        found[name] = dict(zip(MEMBERS, variables))
+    return found
+
+
+def drawing(interface: Interface) -> tuple[str, float, float] | None:
+    """The drawing beside a model without its letters, and its width and height."""
+    path = beside(interface.model, "drawing.svg")
+    if path is None:
+        return None
+    text = re.sub(r"<text\b.*?</text>\n?", "", path.read_text(encoding="utf-8"), flags=re.DOTALL)
+    _, _, width, height = ElementTree.fromstring(text).attrib["viewBox"].split()
+    return text, float(width), float(height)
+
+
+def png(svg: str) -> bytes:
+    """A picture as PNG; the same bytes on every machine, for it has no letters."""
+    import resvg_py
+
+    return bytes(resvg_py.svg_to_bytes(svg_string=svg, skip_system_fonts=True))
