@@ -19,7 +19,7 @@ from cosim import ORDERS
 from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, Table, option
 from workbench.measure import Measured
 from workbench.orbit import NotSteady
-from workbench.report.chart import FORCE, SPEED, THEORY, TORQUE, Second
+from workbench.report.chart import FORCE, SPEED, TORQUE, Second
 
 from . import mechanism, resonance, response
 from .drive import PARTS as DRIVE

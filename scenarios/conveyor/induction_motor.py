@@ -23,16 +23,15 @@ from workbench.orbit import NotSteady
 from workbench.report.chart import LIFT, THEORY
 
 from . import mechanism, resonance, response
-from .drive import KLOSS, conveyor_drive, followed, linearised, start_values
+from .drive import KLOSS, conveyor_drive, followed, linearised
 from .drive import PARTS as DRIVE
-from .response import COARSER, LAG, Line, Setup
+from .response import COARSER, LAG, Line, Lost, Setup
 from .theory import SETS, Machine, flux_lag
 
 PARTS = DRIVE
 FLAVOUR = "native"
 OWN = ("motor.characteristic", "motor.A", "motor.B", "motor.tau", "conveyor.phi", "conveyor.w")
 TABLE, SWEEP = "induction_motor.csv", "induction_motor_speeds.csv"
-FLUX = "the same with the rotor's flux in the place of (2)"
 RANGE, KNOWN = (0.6, 1.4), 5
 MOTORS = {"linear": ("linear motor", "purple"), "kloss": ("full characteristic", "gold")}
 COLUMNS = {
@@ -46,12 +45,12 @@ COLUMNS = {
 class Options(workbench.Options):
     frequency: float = option(50.0, "frequency of the supply on the data sheet", "Hz", above=0.0)
     resistances: tuple[float, ...] = option(
-        "4000:40000:7", "resistances to the trough", "N.s/m", above=0.0
+        "4000:40000:5", "resistances to the trough", "N.s/m", above=0.0
     )
     slips: tuple[float, ...] = option(
-        "0.08,0.1,0.13,0.16,0.2,0.26,0.35", "breakdown slips", "1", above=0.0
+        "0.08,0.1,0.13,0.16,0.22,0.35", "breakdown slips", "1", above=0.0
     )
-    steps_per_rev: int = option(256, "communication steps per revolution", least=1)
+    steps_per_rev: int = option(512, "communication steps per revolution", least=1)
     algorithm: str = option("strang", "coupling algorithm", choices=response.ALGORITHMS)
 
 
@@ -95,14 +94,11 @@ class Motor(NamedTuple):
     @property
     def nu_res(self) -> float:
         """The speed [rad/s] where (22) holds with the slope at the slip; raises SetupError for none."""
-        nu = self.line.theory(LAG)
-        if math.isnan(nu):
+        try:
+            return self.line.expected(LAG)
+        except Lost as reason:
             where = f"{self.line.first:.4g} .. {self.line.last:.4g} rad/s"
-            raise SetupError(
-                f"formula (22) has no resonance in {where} with motor.T = {self.machine.T:.4g} s and "
-                f"conveyor.trough.d = {self.machine.d:g} N.s/m"
-            )
-        return nu
+            raise SetupError(f"no lag of 90 deg by (22) in {where}: {reason}") from None
 
     @property
     def there(self) -> Machine:
@@ -126,7 +122,10 @@ class Motor(NamedTuple):
         return Setup(Bench(self.fmus), start, self.algorithm, self.steps_per_rev)
 
 
-def located(motor: Motor) -> tuple[Figure, Figure]:
+Places = tuple[Figure, Figure]
+
+
+def located(motor: Motor) -> Places:
     """The speeds of 90 degrees lag with Kloss's characteristic, and with a line of the slope at the
     speed where formula (22) holds.
     """
@@ -173,10 +172,12 @@ def solve(o: Options, bench: Bench) -> Findings:
     places = list(bench.each(located, each, "motors"))
     table = Table.of_rows([row(x, *found) for x, found in zip(each, places)], COLUMNS)
     speeds = swept(sheet)
+    heavy = max(zip(each, places), key=lambda it: it[0].machine.d)
+    small = min(zip(each, places), key=lambda it: it[0].breakdown)
     return Findings(
-        told(sheet, *places[0]),
+        told(sheet, *places[0]) | extremes(heavy, small),
         Found(sheet, len(loads), table.frame, speeds.frame),
-        conveyor_drive(bench.fmus, start_values(sheet.machine, sheet.start, sheet.nu_res)),
+        conveyor_drive(bench.fmus, {**sheet.machine.start(sheet.nu_res), **sheet.start}),
         communication=f"{o.steps_per_rev} steps per revolution",
         algorithm=o.algorithm,
         tables={TABLE: table, SWEEP: speeds},
@@ -214,7 +215,7 @@ def swept(motor: Motor) -> Table:
 
 def told(motor: Motor, kloss: Figure, line: Figure) -> dict[str, Figure]:
     """The figures of the motor of the data sheet."""
-    nu, machine, flux = motor.nu_res, motor.there, motor.flux()
+    nu, machine = motor.nu_res, motor.there
     shift = Figure.refused(
         "%", kloss.reason or line.reason, "shift by the curve of the characteristic"
     )
@@ -228,25 +229,54 @@ def told(motor: Motor, kloss: Figure, line: Figure) -> dict[str, Figure]:
         "slip": Figure(100 * motor.slip(nu), "%", 0.0, "slip there, of the breakdown slip"),
         "zeta": Figure(machine.zeta, "1", 0.0, "damping ratio by formula"),
         "nu_res": Figure(nu, "rad/s", 0.0, "resonance by formula (22) with this slope"),
-        "nu_flux": Figure.refused("rad/s", "no speed near (22) has it", FLUX)
-        if math.isnan(flux)
-        else Figure(flux, "rad/s", 0.0, FLUX),
+        "nu_flux": fluxed(motor, "first order"),
         "nu_linear": line._replace(meaning="speed of 90 deg lag, linear motor of this slope"),
         "nu_kloss": kloss._replace(meaning="speed of 90 deg lag, full characteristic"),
         "shift": shift,
     }
 
 
+def extremes(heavy: tuple[Motor, Places], small: tuple[Motor, Places]) -> dict[str, Figure]:
+    """The figures of the motors with the most load and with the least breakdown slip."""
+    (loaded, (full, _)), (stiff, (sharp, _)) = heavy, small
+    most, least = loaded.machine.d, float(stiff.start["motor.kloss.s_b"])
+    here = f"with {most:g} N.s/m"
+    return {
+        "most_resistance": Figure(most, "N.s/m", 0.0, "largest resistance to the trough"),
+        "heavy_res": Figure(loaded.nu_res, "rad/s", 0.0, f"resonance by formula (22), {here}"),
+        "heavy_flux": fluxed(loaded, here),
+        "heavy_kloss": full._replace(meaning=f"speed of 90 deg lag, full characteristic, {here}"),
+        "least_slip": Figure(least, "1", 0.0, "least breakdown slip"),
+        "small_kloss": sharp._replace(
+            meaning="speed of 90 deg lag, full characteristic, with that"
+        ),
+    }
+
+
+def fluxed(motor: Motor, where: str) -> Figure:
+    """The speed of 90 degrees lag with the rotor's flux in the place of (2)."""
+    nu, meaning = motor.flux(), f"speed of 90 deg lag, rotor's flux in the place of (2), {where}"
+    if math.isnan(nu):
+        return Figure.refused("rad/s", "no speed near (22) has it", meaning)
+    return Figure(nu, "rad/s", 0.0, meaning)
+
+
 def verdict(o: Options, f: Mapping[str, Figure], r: Found) -> str:
     """Where the resonance is, and what moves it."""
     text = {name: figure.text() for name, figure in f.items()}
     lines = [
-        f"The data sheet gives a lag of {text['motor_lag']} and at the slip there a slope of {text['slope']}, "
-        f"so that (22) puts the resonance at {text['nu_res']}. A linear motor of this slope has it at "
-        f"{text['nu_linear']}, the full characteristic at {text['nu_kloss']}."
+        f"The data sheet gives a lag of {text['motor_lag']} and at the slip there a slope of "
+        f"{text['slope']}, so that (22) puts the resonance at {text['nu_res']}. A linear motor of this "
+        f"slope has it at {text['nu_linear']}, the full characteristic at {text['nu_kloss']}."
     ]
     if f["shift"].error is not None:
         lines.append(f"The curve of the characteristic moves it by {text['shift']}.")
+    lines.append(
+        f"Loaded with {text['most_resistance']}, (22) has it at {text['heavy_res']}, the full "
+        f"characteristic at {text['heavy_kloss']}, and theory with the flux of the rotor in the place "
+        f"of (2) at {text['heavy_flux']}. With a breakdown slip of {text['least_slip']} the full "
+        f"characteristic has it at {text['small_kloss']}."
+    )
     return "\n".join(lines)
 
 

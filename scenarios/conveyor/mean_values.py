@@ -20,7 +20,7 @@ import cosim
 import workbench
 from cosim import System
 from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, Table, option
-from workbench.measure import Measured, Samples, largest, measured
+from workbench.measure import Measured, Samples, largest, measured, smallest
 from workbench.orbit import TURN, NotSteady, Turns
 from workbench.report.chart import POWER, SPEED, THEORY, TORQUE, Second
 
@@ -208,13 +208,14 @@ def drifts(
     off: dict[str, list[Measured | str]] = {"overshoot": [], "off_16": [], "off_whole": []}
     for k in coarser:
         each = list(islice(runs, STARTS))
-        t, mean = k * h * np.arange(count // k + 1), np.mean(each, axis=0)
+        t = np.linspace(0.0, count * h, count // k + 1)
+        mean = np.mean(each, axis=0)
         plain, whole = (nu - way * left for left in drift(machine, t))
-        shares = [(mean - x) / way for x in (nu, plain, whole)]
-        tops = [[largest(t, s * share) for s in (1, -1)] for share in shares]
-        for name, (above, below) in zip(off, tops):
-            top = above if name == "overshoot" else max(above, below)
-            off[name].append(Measured(100 * top.value, 100 * top.error))
+        for name, x in zip(off, (nu, plain, whole)):
+            share = (mean - x) / way
+            above, below = largest(t, share), smallest(t, share)
+            top = above if name == "overshoot" else max(above, below, key=lambda it: abs(it.value))
+            off[name].append(Measured(100 * abs(top.value), 100 * top.error))
         if k == 1:
             cells = np.stack([t, mean, plain, whole, each[0]], axis=1)
     meant = {
@@ -251,14 +252,12 @@ def verdict(o: Options, f: Mapping[str, Figure], r: Found) -> str:
     if f["torque"].error is None:
         answer = f"The means at {r.operating:g} rad/s are {text['torque']}."
     else:
-        less = f["trough_more"].value < 0.0
-        trough = f["trough_more"]._replace(value=abs(f["trough_more"].value)).text()
         answer = (
             f"At {r.operating:g} rad/s the ripple changes the mean torque from the {text['torque_plain']} of "
             f"(24) to {text['torque']}, by {text['more']}; the mean speed is {text['speed']} in time and "
             f"{text['angle']} over the crank angle.\n"
-            f"The supply gives {text['supply_more']} more than without ripple. The motor turns "
-            f"{text['motor_more']} more into heat, and the trough gets {trough} {'less' if less else 'more'}."
+            f"The supply gives {text['supply_more']} more than without ripple. Of that the motor turns "
+            f"{text['motor_more']} into heat, and the trough takes {text['trough_more']}."
         )
     return (
         f"{answer}\nAfter a step of the supply the mean speed overshoots by {text['overshoot']}. (16), which "
