@@ -14,7 +14,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-import workbench
 from cosim import ORDERS
 from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, Table, option
 from workbench.measure import Measured
@@ -23,22 +22,21 @@ from workbench.report.chart import FORCE, SPEED, TORQUE, Second
 
 from . import mechanism, resonance, response
 from .drive import PARTS as DRIVE
-from .drive import conveyor_drive, followed
-from .resonance import ladder
-from .response import Line, Setup
-from .theory import SETS, Machine, classical
+from .drive import conveyor_drive
+from .sweep import HELD, Sweep, Swept, begun
+from .theory import Machine, classical
 
 PARTS = DRIVE
 FLAVOUR = "native"
-OWN = ("motor.characteristic", "motor.A", "motor.tau", "conveyor.phi", "conveyor.w")
+OWN = HELD
 SLOW = "6,8,10,12,14,16,18,"
 SPEEDS = {"A": SLOW + resonance.SPEEDS["A"], "B": resonance.SPEEDS["B"]}
 TABLE = "classical.csv"
 WAYS = {"spring": False, "whole": True}
-WORDS = {"spring": "with the spring alone", "whole": "with the inertia force"}
+WORDS = {"spring": "with the spring alone", "whole": "with spring and inertia"}
 LOOKS = {
     "spring": ("spring alone, after (26)", "purple"),
-    "whole": ("with the inertia force", "black"),
+    "whole": ("spring and inertia", "black"),
 }
 TOLD = {
     "torque": ("tau2", "torque ripple", "N.m", TORQUE),
@@ -49,12 +47,8 @@ ROUNDS = 2
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options(workbench.Options):
-    set: str = option("A", "parameter set", choices=SETS)
+class Options(Swept):
     tolerance: float = option(5.0, "error that is borne", "%", above=0.0)
-    steps_per_rev: int = option(512, "communication steps per revolution", least=1)
-    algorithm: str = option("strang", "coupling algorithm", choices=response.ALGORITHMS)
-    speeds: tuple[float, ...] = option((), "those of the set by default", "rad/s", above=0.0)
 
 
 class Case(NamedTuple):
@@ -77,21 +71,15 @@ Row = Mapping[str, tuple[float, str]]
 
 
 class Found(NamedTuple):
-    """The machine, how it was run, rows of the table."""
+    """The sweep and the rows of its table."""
 
-    machine: Machine
-    setup: Setup
+    sweep: Sweep
     rows: Any
 
 
 def solve(o: Options, bench: Bench) -> Findings:
     """Sweep, compare, and find where an error is borne no more; raises cosim.SetupError."""
-    machine = followed(bench.fmus, SETS[o.set], o.start)
-    nus = o.speeds or tuple(float(nu) for nu in SPEEDS[o.set].split(","))
-    setup = Setup(bench, o.start, o.algorithm, o.steps_per_rev)
-    for nu in nus:
-        setup.check(machine, nu)
-    coarser = ladder(setup, Line(lambda nu: (machine, nu), nus[0], nus[-1]), nus[0])
+    machine, setup, nus, coarser = sweep = begun(o, bench, SPEEDS)
 
     def simulated(nus: Sequence[float]) -> list[Row]:
         orbits = setup.orbits([(machine, nu, k) for nu in nus for k in coarser], "orbits")
@@ -105,8 +93,8 @@ def solve(o: Options, bench: Bench) -> Findings:
         what = f"{TOLD[case.load][1]} {WORDS[case.way]}"
         meaning = f"speed up to which the {what} is good enough"
         figures[f"limit_{case.key}"] = limits[case]._replace(meaning=meaning)
-        errors = [(off(case, machine, nu, row), nu) for nu, row in zip(nus, rows)]
-        figures[f"worst_{case.key}"] = worst([x for x, _ in errors], f"largest error, {what}")
+        errors = [off(case, machine, nu, row) for nu, row in zip(nus, rows)]
+        figures[f"worst_{case.key}"] = worst(errors, f"largest error, {what}")
     end = limits[Case("spring", "torque")]
     share = Figure.refused("%", end.reason)
     if end.error is not None:
@@ -120,7 +108,7 @@ def solve(o: Options, bench: Bench) -> Findings:
     table = Table.of_rows([cells(machine, nu, row) for nu, row in zip(nus, rows)], units)
     return Findings(
         figures,
-        Found(machine, setup, table.frame),
+        Found(sweep, table.frame),
         conveyor_drive(bench.fmus, {**machine.start(nus[0]), **o.start}),
         communication=f"{o.steps_per_rev} steps per revolution",
         algorithm=o.algorithm,
@@ -191,31 +179,36 @@ def verdict(o: Options, f: Mapping[str, Figure], r: Found) -> str:
     """Up to which speed either calculation may be used, and how wrong it gets."""
     lines = []
     for way, words in WORDS.items():
-        parts = []
+        parts, tops = [], []
         for load, (_, name, *_) in TOLD.items():
             end, top = f[f"limit_{way}_{load}"], f[f"worst_{way}_{load}"]
-            where = f"up to {end.text()}" if end.error is not None else ""
-            if end.error is None and top.error is not None:
-                where = "everywhere" if abs(top.value) <= o.tolerance else "nowhere"
-            parts.append(f"{name} {where or 'not told'} (at worst {top.text()})")
+            where = "at no speed that is told"
+            if end.error is not None:
+                where = f"up to {end.text()}"
+            elif top.error is not None and abs(top.value) <= o.tolerance:
+                where = "at every speed"
+            parts.append(f"the {name} {where}")
+            tops.append(top.text())
         lines.append(
-            f"Within {o.tolerance:g} %, theta = const and a load over time {words} give: {'; '.join(parts)}."
+            f"{words.capitalize()} for a load, {o.tolerance:g} % are kept by {', '.join(parts)}; the largest "
+            f"errors are {', '.join(tops)}."
         )
     if f["share"].error is not None:
         lines.append(
-            f"The limit of the spring alone is where the inertia force of the trough is {f['share'].text()} of "
-            "the spring's."
+            "The spring alone stops being good enough for the torque ripple where the inertia force of "
+            f"the trough is {f['share'].text()} of the spring's."
         )
     return "\n".join(lines)
 
 
 def show(o: Options, f: Mapping[str, Figure], r: Found) -> Show:
     """Both calculations beside co-simulation, their errors, and a revolution near the resonance."""
+    machine, setup, *_ = r.sweep
     at, nu = r.rows["nu"], np.linspace(r.rows["nu"].min(), r.rows["nu"].max(), 400)
     loads = []
     for load, (column, name, unit, color) in TOLD.items():
         curves = [
-            Curve(words, nu, Case(way, load).of(r.machine, nu), shade, "theory")
+            Curve(words, nu, Case(way, load).of(machine, nu), shade, "theory")
             for way, (words, shade) in LOOKS.items()
         ]
         error = r.rows[f"{column}_error"]
@@ -229,21 +222,21 @@ def show(o: Options, f: Mapping[str, Figure], r: Found) -> Show:
             for load, (_, name, _, color) in TOLD.items()
         ]
         errors.append(Panel(f"error, {words}", "%", curves, levels))
-    marks = [Mark(r.machine.nu_res, f"resonance {r.machine.nu_res:.4g} rad/s")]
+    marks = [Mark(machine.nu_res, f"resonance {machine.nu_res:.4g} rad/s")]
     axis, second = "operating speed [rad/s]", Second("rpm", 30 / math.pi)
     good, share = f["limit_spring_torque"], f["share"].value
     title = (
         "The spring alone is not good enough at these speeds"
         if good.error is None
-        else f"The spring alone is good for {good.value:.3g} rad/s, {share:.2g} % of inertia force"
+        else f"The spring alone is good up to {good.value:.3g} rad/s, where inertia is {share:.2g} % of it"
     )
     charts = [
         Chart(title, axis, loads, marks, second=second),
         Chart("Errors of both calculations", axis, errors, marks, second=second),
     ]
-    near = float(at[(at - r.machine.nu_res).abs().idxmin()])
+    near = float(at[(at - machine.nu_res).abs().idxmin()])
     try:
-        turns = response.orbit(r.setup.case(r.machine, near), mechanism.RECORD)
+        turns = response.orbit(setup.case(machine, near), mechanism.RECORD)
     except NotSteady:
         return Show(charts)
     turn, motion = mechanism.revolution(near, turns.result)

@@ -43,7 +43,9 @@ COLUMNS = {
 
 @dataclass(frozen=True, kw_only=True)
 class Options(workbench.Options):
-    frequency: float = option(50.0, "frequency of the supply on the data sheet", "Hz", above=0.0)
+    frequency: float = option(
+        50.0, "frequency of the supply that gives motor.kloss.w_s without load", "Hz", above=0.0
+    )
     resistances: tuple[float, ...] = option(
         "4000:40000:5", "resistances to the trough", "N.s/m", above=0.0
     )

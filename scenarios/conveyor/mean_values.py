@@ -17,7 +17,6 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 import cosim
-import workbench
 from cosim import System
 from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, Table, option
 from workbench.measure import Measured, Samples, largest, measured, smallest
@@ -26,14 +25,15 @@ from workbench.report.chart import POWER, SPEED, THEORY, TORQUE, Second
 
 from . import mechanism, response
 from .drive import PARTS as DRIVE
-from .drive import WIRES, conveyor_drive, followed
-from .resonance import SPEEDS, ladder
-from .response import EDGE, Case, Line, Setup, converged
-from .theory import SETS, Machine, Means, drift, means
+from .drive import WIRES, conveyor_drive
+from .resonance import SPEEDS
+from .response import EDGE, Case, converged
+from .sweep import HELD, Sweep, Swept, begun
+from .theory import Machine, Means, drift, means
 
 PARTS = DRIVE
 FLAVOUR = "native"
-OWN = ("motor.characteristic", "motor.A", "motor.tau", "conveyor.phi", "conveyor.w")
+OWN = HELD
 TABLE, COURSE = "mean_values.csv", "drift.csv"
 RECORD = ("motor.tau", "conveyor.phi", "conveyor.w", "conveyor.P_loss")
 MEANT = {
@@ -48,21 +48,16 @@ STARTS, SLOWER, LASTS = 8, 0.05, 3.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options(workbench.Options):
-    set: str = option("A", "parameter set", choices=SETS)
+class Options(Swept):
     speed: float | None = option(
         None, "operating speed, the resonance (22) by default", "rad/s", above=0.0
     )
-    steps_per_rev: int = option(512, "communication steps per revolution", least=1)
-    algorithm: str = option("strang", "coupling algorithm", choices=response.ALGORITHMS)
-    speeds: tuple[float, ...] = option((), "those of the set by default", "rad/s", above=0.0)
 
 
 class Found(NamedTuple):
-    """The machine, how it was run, its operating speed [rad/s], both tables' rows."""
+    """The sweep, the operating speed [rad/s], rows of both tables."""
 
-    machine: Machine
-    setup: Setup
+    sweep: Sweep
     operating: float
     rows: Any
     course: Any
@@ -70,14 +65,10 @@ class Found(NamedTuple):
 
 def solve(o: Options, bench: Bench) -> Findings:
     """Orbits over the speed, and the drift to the operating speed; raises cosim.SetupError."""
-    machine = followed(bench.fmus, SETS[o.set], o.start)
+    machine, setup, nus, coarser = sweep = begun(o, bench, SPEEDS)
     operating = o.speed or float(machine.nu_res)
-    nus = o.speeds or tuple(float(nu) for nu in SPEEDS[o.set].split(","))
-    setup = Setup(bench, o.start, o.algorithm, o.steps_per_rev)
+    setup.check(machine, operating, coarser[-1])
     wanted = sorted({*nus, operating})
-    for nu in wanted:
-        setup.check(machine, nu)
-    coarser = ladder(setup, Line(lambda nu: (machine, nu), wanted[0], wanted[-1]), wanted[0])
     cases = [setup.case(machine, nu, k) for nu in wanted for k in coarser]
     orbits = bench.each(balance, cases, "orbits")
     rows = {nu: told(list(islice(orbits, len(coarser))), o.algorithm) for nu in wanted}
@@ -85,10 +76,10 @@ def solve(o: Options, bench: Bench) -> Findings:
     for name, (unit, _) in MEANT.items():
         units |= {name: unit, f"{name}_error": unit, f"{name}_theory": unit, f"{name}_plain": unit}
     table = Table.of_rows([row(machine, nu, rows[nu]) for nu in nus], units)
-    course, figures = drifts(setup, machine, operating, coarser)
+    course, figures = drifts(sweep, operating)
     return Findings(
         compared(machine, operating, rows[operating]) | figures,
-        Found(machine, setup, operating, table.frame, course.frame),
+        Found(sweep, operating, table.frame, course.frame),
         conveyor_drive(bench.fmus, {**machine.start(operating), **o.start}),
         communication=f"{o.steps_per_rev} steps per revolution",
         algorithm=o.algorithm,
@@ -156,7 +147,12 @@ def compared(machine: Machine, nu: float, figures: Mapping[str, Figure]) -> dict
     found = {name: figures[name] for name in ("speed", "angle", "torque")}
     found["torque_plain"] = Figure(plain.torque, "N.m", 0.0, "mean torque by formula (24)")
     torque = figures["torque"]
-    found["more"] = moved(torque, plain.torque, "mean torque above that", 100 / plain.torque, "%")
+    above = "mean torque above that"
+    found["more"] = (
+        moved(torque, plain.torque, above, 100 / plain.torque, "%")
+        if plain.torque
+        else Figure.refused("%", "without resistance that is 0", above)
+    )
     for name in ("supply", "motor", "trough"):
         what = f"{MEANT[name][1]}, above that without ripple"
         found[f"{name}_more"] = moved(figures[name], getattr(plain, name), what)
@@ -179,14 +175,13 @@ def moved(figure: Figure, plain: float, meaning: str, scale: float = 1.0, unit: 
     return Figure(scale * (figure.value - plain), unit, scale * figure.error, meaning)
 
 
-def drifts(
-    setup: Setup, machine: Machine, nu: float, coarser: Sequence[int]
-) -> tuple[Table, dict[str, Figure]]:
+def drifts(sweep: Sweep, nu: float) -> tuple[Table, dict[str, Figure]]:
     """How the mean speed comes to nu from the orbit of a speed SLOWER, and what it makes of (16).
 
-    The mean is that of STARTS at crank angles evenly spaced over half a turn, which leaves out the
-    ripple; errors are in shares of the way.
+    The mean is that of STARTS at crank angles evenly spaced over a turn, which leaves out the ripple;
+    how far it is from others is told in % of the way.
     """
+    machine, setup, _, coarser = sweep
     slow = (1.0 - SLOWER) * nu
     W, M, way = machine.speed_ripple(slow), machine.torque_ripple(slow), nu - slow
     h = TURN / (nu * setup.steps_per_rev)
@@ -194,7 +189,7 @@ def drifts(
         LASTS * 2 * machine.theta0 * machine.T / machine.J / h / coarser[-1]
     )
     systems = []
-    for phi in np.pi / STARTS * np.arange(STARTS):
+    for phi in TURN / STARTS * np.arange(STARTS):
         turned = cmath.exp(2j * phi)
         state = {
             "conveyor.phi": phi,
@@ -268,9 +263,10 @@ def verdict(o: Options, f: Mapping[str, Figure], r: Found) -> str:
 
 def show(o: Options, f: Mapping[str, Figure], r: Found) -> Show:
     """Means over the speed beside theory, the drift of the mean, one revolution."""
+    machine, setup, *_ = r.sweep
     charts = [over_speed(f, r), course(f, r)]
     try:
-        turns = response.orbit(r.setup.case(r.machine, r.operating), mechanism.RECORD)
+        turns = response.orbit(setup.case(machine, r.operating), mechanism.RECORD)
     except NotSteady:
         return Show(charts)
     turn, motion = mechanism.revolution(r.operating, turns.result)
@@ -280,7 +276,7 @@ def show(o: Options, f: Mapping[str, Figure], r: Found) -> Show:
 def over_speed(f: Mapping[str, Figure], r: Found) -> Chart:
     """Mean torque, mean speeds from the nominal one, powers above those without ripple."""
     nu = np.linspace(r.rows["nu"].min(), r.rows["nu"].max(), 400)
-    theory, plain = means(r.machine, nu), means(r.machine, nu, False)
+    theory, plain = means(r.sweep.machine, nu), means(r.sweep.machine, nu, False)
 
     def pair(label: str, name: str, color: str, less: Any = None) -> list[Curve]:
         base = 0.0 if less is None else r.rows[less]
@@ -289,9 +285,9 @@ def over_speed(f: Mapping[str, Figure], r: Found) -> Chart:
         )
         points = r.rows[name] - base
         return [
-            Curve(f"{label}: second-order theory", nu, line, color, "theory"),
+            Curve(f"{label}, second-order theory", nu, line, color, "theory"),
             Curve(
-                f"{label}: co-simulation",
+                f"{label}, co-simulation",
                 r.rows["nu"],
                 points,
                 color,
@@ -301,7 +297,7 @@ def over_speed(f: Mapping[str, Figure], r: Found) -> Chart:
         ]
 
     torque = pair("with ripple", "torque", TORQUE)
-    torque.insert(0, Curve("without: formula (24)", nu, plain.torque, THEORY, "theory"))
+    torque.insert(0, Curve("without, formula (24)", nu, plain.torque, THEORY, "theory"))
     speed = [*pair("in time", "speed", SPEED, "nu"), *pair("over the angle", "angle", "sky", "nu")]
     power = [
         curve

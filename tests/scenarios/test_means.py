@@ -58,10 +58,18 @@ def true_means(machine: Machine, nu: float) -> dict[str, float]:
     }  # fmt: skip
 
 
-@pytest.fixture(scope="module", params=POINTS)
+@pytest.fixture(
+    scope="module",
+    params=[
+        "A",
+        "B",
+        *(pytest.param(f"{name}, all speeds", marks=pytest.mark.slow) for name in SETS),
+    ],
+)
 def asked(request: pytest.FixtureRequest) -> tuple[str, Answer, Answer]:
     """The set, mean values and classical calculation of it."""
-    speeds, name = POINTS[request.param], request.param
+    name = request.param[0]
+    speeds = "" if len(request.param) > 1 else POINTS[name]
     return name, *(ask(x, set=name, speeds=speeds) for x in ("mean_values", "classical"))
 
 
@@ -154,7 +162,7 @@ def test_drift_solves_its_equation_and_16_is_its_limit_for_a_short_lag() -> None
 def drifted(machine: Machine, nu: float, stop: float, starts: int = 8) -> Any:
     """The mean speed of starts side by side, from the orbit of a speed 5 % below nu, by time."""
     slow, half = 0.95 * nu, machine.r**2 / 2
-    phi = np.pi / starts * np.arange(starts)
+    phi = 2 * np.pi / starts * np.arange(starts)
     turned = np.exp(2j * phi)
     w = slow + (machine.speed_ripple(slow) * turned).imag
     tau = machine.load_slope * slow + (machine.torque_ripple(slow) * turned).imag
@@ -289,13 +297,17 @@ def test_where_the_classical_calculation_goes_wrong_is_where_exact_orbits_say(na
             assert below <= most <= above
             assert figure.error < 2e-3 * figure.value
     assert held == {"A": 6, "B": 3}[name]
+    machine, share = SETS[name], answer.figures["share"]
+    end = answer.figures["limit_spring_torque"]
+    assert share.value == pytest.approx(100 * machine.m * end.value**2 / machine.c, rel=1e-12)
+    assert share.error / share.value == pytest.approx(2 * end.error / end.value, rel=1e-3)
 
 
 def test_a_tolerance_that_nothing_keeps_has_no_limit() -> None:
     answer = ask("classical", speeds="20,40", steps_per_rev=128, tolerance=1.0)
     end = answer.figures["limit_spring_torque"]
     assert (end.error, end.reason) == (None, "it is not at the lowest speed of the sweep")
-    assert "torque ripple nowhere" in answer.verdict
+    assert "1 % are kept by the torque ripple at no speed that is told" in answer.verdict
 
 
 MOTOR = {"tau_b": 190.0, "s_b": 0.16, "w_s": 65.4}
@@ -429,3 +441,11 @@ def test_motors_without_an_answer_are_refused(given: dict[str, Any], message: st
     with pytest.raises(SetupError) as refused:
         ask("induction_motor", **given)
     assert message in str(refused.value)
+
+
+def test_without_resistance_the_mean_torque_is_zero_but_for_the_ripple() -> None:
+    start = {"conveyor.trough.d": 0.0}
+    figures = ask("mean_values", speeds="40", steps_per_rev=256, start=start).figures
+    assert (figures["torque_plain"].value, figures["more"].error) == (0.0, None)
+    assert figures["torque"].value > 0.1
+    assert figures["trough_more"].value == 0.0
