@@ -38,7 +38,7 @@ QUICK: dict[str, dict[str, Any]] = {
     },
     "mean_values": {"speeds": "30,44", "steps_per_rev": 256},
     "classical": {"speeds": "10:30:4", "steps_per_rev": 128},
-    "induction_motor": {"resistances": "20000", "slips": "0.32"},
+    "induction_motor": {"resistances": "6000", "slips": "0.32", "steps_per_rev": 256},
     "run_up": {"stop": 0.3},
     "iron_cycle": {"samples": 180},
     "iron_start": {"stop": 0.1},

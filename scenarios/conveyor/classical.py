@@ -228,7 +228,7 @@ def show(o: Options, f: Mapping[str, Figure], r: Found) -> Show:
     title = (
         "The spring alone is not good enough at these speeds"
         if good.error is None
-        else f"The spring alone is good up to {good.value:.3g} rad/s, where inertia is {share:.2g} % of it"
+        else f"The spring alone is good up to {good.value:.3g} rad/s, where inertia is {share:.2g} % of its force"
     )
     charts = [
         Chart(title, axis, loads, marks, second=second),

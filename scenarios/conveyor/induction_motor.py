@@ -1,4 +1,4 @@
-"""Where does an induction motor put the resonance, from its data sheet, its slip and its load?
+"""Where does an induction motor put the resonance, by its data sheet, its slip and its load?
 
 The lag of (2) is that of the rotor's flux, T = 1 / (2 pi f s_b), and its slope that of Kloss's
 characteristic at the working point. The speed of 90 degrees lag of the full characteristic is held
@@ -136,7 +136,7 @@ def located(motor: Motor) -> Places:
     found = []
     for kloss, line in lines.items():
         setup, nus = motor.setup(kloss), np.linspace(line.first, line.last, KNOWN).tolist()
-        for nu in nus:
+        for nu in (line.first, line.last):
             setup.check(*line.at(nu), COARSER[-1])
         known = list(zip(nus, setup.orbits([(*line.at(nu), 1) for nu in nus], "orbits")))
         steady = [(nu, point) for nu, point in known if not point.problem]
@@ -267,9 +267,9 @@ def verdict(o: Options, f: Mapping[str, Figure], r: Found) -> str:
     """Where the resonance is, and what moves it."""
     text = {name: figure.text() for name, figure in f.items()}
     lines = [
-        f"The data sheet gives a lag of {text['motor_lag']} and at the slip there a slope of "
-        f"{text['slope']}, so that (22) puts the resonance at {text['nu_res']}. A linear motor of this "
-        f"slope has it at {text['nu_linear']}, the full characteristic at {text['nu_kloss']}."
+        f"With the motor's lag of {text['motor_lag']} and a slope of {text['slope']} at the slip there, "
+        f"(22) puts the resonance at {text['nu_res']}. A linear motor of this slope has it at "
+        f"{text['nu_linear']}, the full characteristic at {text['nu_kloss']}."
     ]
     if f["shift"].error is not None:
         lines.append(f"The curve of the characteristic moves it by {text['shift']}.")
