@@ -29,7 +29,7 @@ from .drive import WIRES, conveyor_drive
 from .resonance import SPEEDS
 from .response import EDGE, Case, converged
 from .sweep import HELD, Sweep, Swept, begun
-from .theory import Machine, Means, drift, means
+from .theory import Machine, Means, drift, means, settling
 
 PARTS = DRIVE
 FLAVOUR = "native"
@@ -223,15 +223,11 @@ def drifts(sweep: Sweep, nu: float) -> tuple[Table, dict[str, Figure]]:
     found["settling_16"] = Figure(
         machine.J / machine.slope, "s", 0.0, "time constant of settling by formula (16)"
     )
-    found["settling"] = Figure(settling(machine), "s", 0.0, "the same with the term it leaves out")
+    found["settling"] = Figure(
+        float(-1 / settling(machine).real.max()), "s", 0.0, "the same with the term it leaves out"
+    )
     units = dict.fromkeys(("time", "mean", "mean_16", "mean_whole", "w"), "rad/s") | {"time": "s"}
     return Table.of_rows(cells.tolist(), units), found
-
-
-def settling(machine: Machine) -> float:
-    """The slowest time constant of theta0 T nu'' + J nu' + B* nu = A [s]."""
-    rates = np.roots([machine.theta0 * machine.T, machine.J, machine.slope])
-    return float(-1 / rates.real.max())
 
 
 def speeds(algorithm: str, task: tuple[System, float, int]) -> Samples:

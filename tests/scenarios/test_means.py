@@ -15,7 +15,7 @@ from scipy.integrate import solve_ivp
 
 from cosim import SetupError
 from scenarios.conveyor import induction_motor
-from scenarios.conveyor.theory import SETS, Machine, classical, drift, flux_lag, means
+from scenarios.conveyor.theory import SETS, Machine, classical, drift, flux_lag, means, settling
 from tests.conftest import QUICK, ask, fmus_of
 from tests.scenarios.orbit_oracle import Drive, Orbit, angles, orbit
 from workbench.answer import Answer
@@ -155,7 +155,7 @@ def test_drift_solves_its_equation_and_16_is_its_limit_for_a_short_lag() -> None
         off.append(abs(plain - whole).max())
     assert math.log2(off[0] / off[1]) == pytest.approx(1.0, abs=0.05)
     edge = replace(machine, d=0.0, T=machine.theta0 / machine.B / 22.05)
-    slow = -np.roots([edge.theta0 * edge.T, edge.J, edge.slope]).max()
+    slow = -settling(edge).real.max()
     assert slow / (edge.slope / edge.J) == pytest.approx(1.05, abs=1e-3)
 
 
