@@ -191,7 +191,7 @@ def verdict(o: Options, f: Mapping[str, Figure], r: Found) -> str:
             tops.append(top.text())
         lines.append(
             f"{words.capitalize()} for a load, {o.tolerance:g} % are kept by {', '.join(parts)}; the largest "
-            f"errors are {', '.join(tops)}."
+            f"errors, in this order, are {', '.join(tops)}."
         )
     if f["share"].error is not None:
         lines.append(

@@ -252,7 +252,7 @@ def verdict(o: Options, f: Mapping[str, Figure], r: Found) -> str:
         )
     return (
         f"{answer}\nAfter a step of the supply the mean speed overshoots by {text['overshoot']}. (16), which "
-        f"settles within {text['settling_16']} without overshoot, is off by up to {text['off_16']} of the "
+        f"has a time constant of {text['settling_16']} and no overshoot, is off by up to {text['off_16']} of the "
         f"step; with the term that it leaves out, {text['off_whole']}."
     )
 
