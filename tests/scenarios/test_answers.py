@@ -32,6 +32,9 @@ QUESTIONS = list(names(PROJECT.home))
 CHANGED = {
     "resonance": ("motor.T", 0.06),
     "resonance_map": ("conveyor.rotor.J", 0.6),
+    "mean_values": ("motor.T", 0.06),
+    "classical": ("conveyor.spring.c", 7e5),
+    "induction_motor": ("motor.kloss.tau_b", 180.0),
     "run_up": ("motor.T", 0.03),
     "iron_cycle": ("iron.spring.side", -1),
     "iron_start": ("motor.T", 0.05),
@@ -42,7 +45,16 @@ CHANGED = {
     "sommerfeld": ("exciter.mount.d", 82.0),
 }
 EXACT = {"nu_res", "zeta", "build_up", "slope", "cycles", "oriented", "released", "lost"}
-EXACT |= {"theory_up", "theory_down"}
+EXACT |= {"theory_up", "theory_down", "torque_plain", "settling", "settling_16"}
+EXACT |= {
+    "motor_lag",
+    "slip",
+    "nu_flux",
+    "most_resistance",
+    "heavy_res",
+    "heavy_flux",
+    "least_slip",
+}
 SAID = {
     "iron_orders": [(iron_orders.IMPORTANT, "%"), *((lag, "ms") for lag in iron_orders.LAGS)],
     "orientation_time": [(10.0, "%")],
@@ -53,6 +65,15 @@ OTHER = {"rad/s": ("rpm", 30 / math.pi), "s": ("ms", 1e3)}
 VARIABLES: dict[str, dict[str, str]] = {
     "resonance": {"w2": "conveyor.w", "tau2": "motor.tau", "f_rod_peak": "conveyor.f_rod",
                   "w2_peak": "conveyor.w", "tau2_peak": "motor.tau", "w_mean": "conveyor.w"},
+    "mean_values": {"speed": "conveyor.w", "angle": "conveyor.w", "torque": "motor.tau",
+                    "supply": "motor.P", "supply_more": "motor.P", "trough": "conveyor.P_loss",
+                    "torque_error": "motor.tau", "mean": "conveyor.w", "w": "conveyor.w"},
+    "classical": {"tau2": "motor.tau", "w2": "conveyor.w", "f_rod_peak": "conveyor.f_rod",
+                  "limit_spring_torque": "conveyor.w", "limit_spring_force": "conveyor.w",
+                  "nu": "conveyor.w"},
+    "induction_motor": {"resistance": "conveyor.trough.d", "breakdown_slip": "motor.kloss.s_b",
+                        "load": "motor.tau", "lag": "motor.T", "slope": "motor.B",
+                        "nu_kloss": "conveyor.w", "tau2_kloss": "motor.tau"},
     "run_up": {f"{motor}_{name}": variable for motor in ("linear", "kloss") for name, variable in (
         ("w_max", "conveyor.w"), ("tau_max", "motor.tau"), ("f_rod_max", "conveyor.f_rod"),
         ("w_end_min", "conveyor.w"), ("tau_end_max", "motor.tau"))},
@@ -186,7 +207,7 @@ def test_every_number_of_a_verdict_is_read_back_from_it(name: str) -> None:
     values += [(x, "%") for share in shares for x in (share, share - 100, abs(share - 100))]
     values += [(share * x / 100, unit) for share, u in given if u == "%" for x, unit in given]
     values += [(x * OTHER[unit][1], OTHER[unit][0]) for x, unit in values if unit in OTHER]
-    said = list(spoken(answer.verdict.replace("(22)", "")))
+    said = list(spoken(re.sub(r"\(\d+\)", "", answer.verdict)))
     for text, error, word in said:
         if error:
             units = {unit for value, off, unit in whole if (value, off) == (text, error)}

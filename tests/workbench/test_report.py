@@ -244,6 +244,12 @@ CLAIMS = {
     "resonance": "torque ripple: co-simulation = tau2; speed ripple: co-simulation = w2; "
     "lag behind the load: co-simulation = lag",
     "resonance_map rows": "largest torque ripple: nominal machine = ripple_in_range",
+    "mean_values": "mean torque: with ripple, co-simulation = torque",
+    "classical": "torque ripple: co-simulation = tau2; speed ripple: co-simulation = w2; "
+    "largest rod force: co-simulation = f_rod_peak; "
+    "error, spring and inertia: speed ripple = whole_speed",
+    "induction_motor": "speed of 90 deg lag: full characteristic = nu_kloss; "
+    "damping ratio: formula = zeta; torque ripple: linear motor = tau2_linear",
     "run_up linear": "crank speed: linear motor = conveyor.w; motor torque: linear motor = motor.tau",
     "run_up kloss": "motor torque: induction motor (Kloss) = motor.tau; "
     "rod force: induction motor (Kloss) = conveyor.f_rod",

@@ -1,0 +1,243 @@
+"""How far may the classical calculation, constant inertia and a load over time, be trusted?
+
+Its ripple of torque and speed, and its rod force, are held against co-simulation at each speed: once
+with the spring alone for a load, as the formula after (26) has it, and once with all that there is at
+constant speed, the inertia of the trough among it. Where either goes wrong is found on orbits there.
+"""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import islice
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from cosim import ORDERS
+from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, Table, option
+from workbench.measure import Measured
+from workbench.orbit import NotSteady
+from workbench.report.chart import FORCE, SPEED, TORQUE, Second
+
+from . import mechanism, resonance, response
+from .drive import PARTS as DRIVE
+from .drive import conveyor_drive
+from .sweep import HELD, Sweep, Swept, begun
+from .theory import Machine, classical
+
+PARTS = DRIVE
+FLAVOUR = "native"
+OWN = HELD
+SLOW = "6,8,10,12,14,16,18,"
+SPEEDS = {"A": SLOW + resonance.SPEEDS["A"], "B": resonance.SPEEDS["B"]}
+TABLE = "classical.csv"
+WAYS = {"spring": False, "whole": True}
+WORDS = {"spring": "with the spring alone", "whole": "with spring and inertia"}
+LOOKS = {
+    "spring": ("spring alone, after (26)", "purple"),
+    "whole": ("spring and inertia", "black"),
+}
+TOLD = {
+    "torque": ("tau2", "torque ripple", "N.m", TORQUE),
+    "speed": ("w2", "speed ripple", "rad/s", SPEED),
+    "force": ("f_rod_peak", "largest rod force", "N", FORCE),
+}
+ROUNDS = 2
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options(Swept):
+    tolerance: float = option(5.0, "error that is borne", "%", above=0.0)
+
+
+class Case(NamedTuple):
+    """A way to calculate and what it calculates."""
+
+    way: str
+    load: str
+
+    @property
+    def key(self) -> str:
+        return f"{self.way}_{self.load}"
+
+    def of(self, machine: Machine, nu: Any) -> Any:
+        """What the calculation says at nu [rad/s], an amplitude."""
+        return abs(getattr(classical(machine, nu, WAYS[self.way]), self.load))
+
+
+CASES = [Case(way, load) for way in WAYS for load in TOLD]
+Row = Mapping[str, tuple[float, str]]
+
+
+class Found(NamedTuple):
+    """The sweep and the rows of its table."""
+
+    sweep: Sweep
+    rows: Any
+
+
+def solve(o: Options, bench: Bench) -> Findings:
+    """Sweep, compare, and find where an error is borne no more; raises cosim.SetupError."""
+    machine, setup, nus, coarser = sweep = begun(o, bench, SPEEDS)
+
+    def simulated(nus: Sequence[float]) -> list[Row]:
+        orbits = setup.orbits([(machine, nu, k) for nu in nus for k in coarser], "orbits")
+        points = [list(islice(orbits, len(coarser))) for _ in nus]
+        return [resonance.row(machine, one, ORDERS[o.algorithm]) for one in points]
+
+    rows = simulated(nus)
+    limits = passed(machine, nus, rows, o.tolerance, simulated)
+    figures = {}
+    for case in CASES:
+        what = f"{TOLD[case.load][1]} {WORDS[case.way]}"
+        meaning = f"speed up to which the {what} is good enough"
+        figures[f"limit_{case.key}"] = limits[case]._replace(meaning=meaning)
+        errors = [off(case, machine, nu, row) for nu, row in zip(nus, rows)]
+        figures[f"worst_{case.key}"] = worst(errors, f"largest error, {what}")
+    end = limits[Case("spring", "torque")]
+    share = Figure.refused("%", end.reason)
+    if end.error is not None:
+        value = 100 * machine.m * end.value**2 / machine.c
+        share = Figure(value, "%", 2 * value * end.error / end.value)
+    figures["share"] = share._replace(meaning="inertia force over spring force at the first limit")
+    units = {"nu": "rad/s"}
+    for column, _, unit, _ in TOLD.values():
+        units |= {column: unit, f"{column}_error": unit}
+    units |= {f"{case.key}{x}": "%" for case in CASES for x in ("", "_error")}
+    table = Table.of_rows([cells(machine, nu, row) for nu, row in zip(nus, rows)], units)
+    return Findings(
+        figures,
+        Found(sweep, table.frame),
+        conveyor_drive(bench.fmus, {**machine.start(nus[0]), **o.start}),
+        communication=f"{o.steps_per_rev} steps per revolution",
+        algorithm=o.algorithm,
+        tables={TABLE: table},
+    )
+
+
+def off(case: Case, machine: Machine, nu: float, row: Row) -> Measured:
+    """How far a calculation is above what was simulated, in %."""
+    column = TOLD[case.load][0]
+    (true, _), (error, _) = row[column], row[f"{column}_error"]
+    ratio = case.of(machine, nu) / true
+    return Measured(100 * (ratio - 1), 100 * ratio * error / true)
+
+
+def cells(machine: Machine, nu: float, row: Row) -> list[float]:
+    """A row of the table."""
+    columns = [x for column, *_ in TOLD.values() for x in (column, f"{column}_error")]
+    errors = [x for case in CASES for x in off(case, machine, nu, row)]
+    return [nu, *(row[column][0] for column in columns), *errors]
+
+
+def worst(errors: Sequence[Measured], meaning: str) -> Figure:
+    """The largest of errors of either sign."""
+    top = max(errors, key=lambda x: abs(x.value))
+    if any(math.isnan(sum(x)) for x in errors):
+        return Figure.refused("%", "not every speed has an orbit with a known error", meaning)
+    return Figure(top.value, "%", max(x.error for x in errors), meaning)
+
+
+def passed(
+    machine: Machine,
+    nus: Sequence[float],
+    rows: Sequence[Row],
+    most: float,
+    simulated: Callable[[Sequence[float]], list[Row]],
+) -> dict[Case, Figure]:
+    """The lowest speed of the sweep at which each error leaves its bounds, on orbits there."""
+    found: dict[Case, Figure] = {}
+    sought: dict[Case, tuple[float, float, float]] = {}
+    for case in CASES:
+        errors = np.array([off(case, machine, nu, row) for nu, row in zip(nus, rows)])[:, 0]
+        if np.isnan(errors).any() or len(nus) < 2:
+            reason = "the sweep holds no two speeds, or one without a steady orbit"
+            found[case] = Figure.refused("rad/s", reason)
+        elif abs(errors[0]) > most:
+            found[case] = Figure.refused("rad/s", "it is not at the lowest speed of the sweep")
+        else:
+            curve = CubicSpline(nus, errors)
+            ends = [(x, s) for s in (1, -1) for x in curve.solve(s * most, extrapolate=False)]
+            if ends:
+                x, s = min(ends)
+                sought[case] = (float(x), s * most, float(curve(x, 1)))
+            else:
+                reason = f"it is at every speed of the sweep: the error stays below {most:g} %"
+                found[case] = Figure.refused("rad/s", reason)
+    for _ in range(ROUNDS):
+        seen = simulated([x for x, _, _ in sought.values()])
+        for (case, (x, level, slope)), row in zip(list(sought.items()), seen):
+            at = off(case, machine, x, row)
+            step, error = (level - at.value) / slope, at.error / abs(slope)
+            sought[case] = (x + step, level, slope)
+            found[case] = Figure(x + step, "rad/s", abs(step) + error)
+    return found
+
+
+def verdict(o: Options, f: Mapping[str, Figure], r: Found) -> str:
+    """Up to which speed either calculation may be used, and how wrong it gets."""
+    lines = []
+    for way, words in WORDS.items():
+        parts, tops = [], []
+        for load, (_, name, *_) in TOLD.items():
+            end, top = f[f"limit_{way}_{load}"], f[f"worst_{way}_{load}"]
+            where = "at no speed that is told"
+            if end.error is not None:
+                where = f"up to {end.text()}"
+            elif top.error is not None and abs(top.value) <= o.tolerance:
+                where = "at every speed"
+            parts.append(f"the {name} {where}")
+            tops.append(top.text())
+        lines.append(
+            f"{words.capitalize()} for a load, {o.tolerance:g} % are kept by {', '.join(parts)}; the largest "
+            f"errors, in this order, are {', '.join(tops)}."
+        )
+    if f["share"].error is not None:
+        lines.append(
+            "The spring alone stops being good enough for the torque ripple where the inertia force of "
+            f"the trough is {f['share'].text()} of the spring's."
+        )
+    return "\n".join(lines)
+
+
+def show(o: Options, f: Mapping[str, Figure], r: Found) -> Show:
+    """Both calculations beside co-simulation, their errors, and a revolution near the resonance."""
+    machine, setup, *_ = r.sweep
+    at, nu = r.rows["nu"], np.linspace(r.rows["nu"].min(), r.rows["nu"].max(), 400)
+    loads = []
+    for load, (column, name, unit, color) in TOLD.items():
+        curves = [
+            Curve(words, nu, Case(way, load).of(machine, nu), shade, "theory")
+            for way, (words, shade) in LOOKS.items()
+        ]
+        error = r.rows[f"{column}_error"]
+        curves.append(Curve("co-simulation", at, r.rows[column], color, "points", error))
+        loads.append(Panel(name, unit, curves, includes=(0.0,)))
+    levels = [Mark(s * o.tolerance, f"{s * o.tolerance:+g} %") for s in (1, -1)]
+    errors = []
+    for way, (words, _) in LOOKS.items():
+        curves = [
+            Curve(name, at, r.rows[f"{way}_{load}"], color, "linked")
+            for load, (_, name, _, color) in TOLD.items()
+        ]
+        errors.append(Panel(f"error, {words}", "%", curves, levels))
+    marks = [Mark(machine.nu_res, f"resonance {machine.nu_res:.4g} rad/s")]
+    axis, second = "operating speed [rad/s]", Second("rpm", 30 / math.pi)
+    good, share = f["limit_spring_torque"], f["share"].value
+    title = (
+        "The spring alone is not good enough at these speeds"
+        if good.error is None
+        else f"The spring alone is good up to {good.value:.3g} rad/s, where inertia is {share:.2g} % of its force"
+    )
+    charts = [
+        Chart(title, axis, loads, marks, second=second),
+        Chart("Errors of both calculations", axis, errors, marks, second=second),
+    ]
+    near = float(at[(at - machine.nu_res).abs().idxmin()])
+    try:
+        turns = response.orbit(setup.case(machine, near), mechanism.RECORD)
+    except NotSteady:
+        return Show(charts)
+    turn, motion = mechanism.revolution(near, turns.result)
+    return Show(charts, [motion], [turn])

@@ -1,0 +1,451 @@
+"""Mean values, the classical calculation and the induction motor against derivations, exact orbits and
+integration in time of equations written here."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+import sympy
+from scipy.integrate import solve_ivp
+
+from cosim import SetupError
+from scenarios.conveyor import induction_motor
+from scenarios.conveyor.theory import SETS, Machine, classical, drift, flux_lag, means, settling
+from tests.conftest import QUICK, ask, fmus_of
+from tests.scenarios.orbit_oracle import Drive, Orbit, angles, orbit
+from workbench.answer import Answer
+from workbench.measure import harmonics
+
+POINTS = {"A": "20,36,40,60", "B": "8,21,30,60"}
+
+
+def drive(machine: Machine) -> Drive:
+    """The same machine for the exact orbits."""
+    names = {"theta1": "J"}
+    return Drive(**{names.get(x, x): y for x, y in vars(machine).items()})
+
+
+def shrunk(machine: Machine, share: float) -> Machine:
+    """The machine with epsilon times a share: r^2 is smaller, theta0 as before."""
+    r = machine.r * math.sqrt(share)
+    return replace(machine, r=r, theta1=machine.theta0 - machine.m * r**2 / 2)
+
+
+@cache
+def exact(machine: Machine, nu: float) -> Orbit:
+    return orbit(drive(machine), nu)
+
+
+def true_means(machine: Machine, nu: float) -> dict[str, float]:
+    """Means over the exact orbit, in time but for `angle`."""
+    found = exact(machine, nu)
+    w, M, phi = nu + found.v, found.M, angles(len(found.v))
+
+    def timed(x: Any) -> float:
+        return float(np.mean(x / w) * found.mean_speed)
+
+    trough = machine.d * (machine.r * np.cos(phi) * w) ** 2
+    torque = timed(M)
+    return {
+        "speed": found.mean_speed, "angle": float(w.mean()), "torque": torque,
+        "supply": machine.A(nu) / machine.B * torque, "trough": timed(trough),
+        "motor": timed(M**2) / machine.B,
+    }  # fmt: skip
+
+
+@pytest.fixture(
+    scope="module",
+    params=[
+        "A",
+        "B",
+        *(pytest.param(f"{name}, all speeds", marks=pytest.mark.slow) for name in SETS),
+    ],
+)
+def asked(request: pytest.FixtureRequest) -> tuple[str, Answer, Answer]:
+    """The set, mean values and classical calculation of it."""
+    name = request.param[0]
+    speeds = "" if len(request.param) > 1 else POINTS[name]
+    return name, *(ask(x, set=name, speeds=speeds) for x in ("mean_values", "classical"))
+
+
+def test_second_order_means_follow_from_the_equations_in_the_crank_angle() -> None:
+    """Orders of epsilon in M = theta w w' + theta' w^2 / 2 + M_c, T w M' + M = A - B w."""
+    phi, eps = sympy.symbols("phi epsilon")
+    theta0, m, r, c, d, B, T, nu = sympy.symbols("theta0 m r c d B T nu", positive=True)
+    s, k, mean = sympy.symbols("s k mean", real=True)
+    a = d * r**2 / 2
+    w = nu + eps * (s * sympy.sin(2 * phi) + k * sympy.cos(2 * phi)) + eps**2 * mean
+    theta = theta0 + eps * m * r**2 / 2 * sympy.cos(2 * phi)
+    load = a * w + eps * (c * r**2 / 2 * sympy.sin(2 * phi) + a * w * sympy.cos(2 * phi))
+    M = theta * w * w.diff(phi) + theta.diff(phi) * w**2 / 2 + load
+    left = sympy.expand(T * w * M.diff(phi) + M - (B + a) * nu + B * w)
+    first, second = left.coeff(eps, 1), left.coeff(eps, 2)
+    ripple = sympy.solve(
+        [sympy.integrate(first * x, (phi, 0, sympy.pi)) for x in (sympy.sin(2 * phi), sympy.cos(2 * phi))],
+        [s, k],
+    )  # fmt: skip
+    (more,) = sympy.solve(sympy.integrate(second, (phi, 0, sympy.pi)), mean)
+    tell = sympy.lambdify((theta0, m, r, c, d, B, T, nu), (ripple[s], ripple[k], more.subs(ripple)))
+    for name, machine in SETS.items():
+        for speed in map(float, POINTS[name].split(",")):
+            x = machine
+            sine, cosine, angle = tell(x.theta0, x.m, x.r, x.c, x.d, x.B, x.T, speed)
+            assert x.speed_ripple(speed) == pytest.approx(complex(sine, cosine), rel=1e-12)
+            found = means(machine, speed)
+            assert found.angle - speed == pytest.approx(angle, rel=1e-9)
+            timed = angle - (sine**2 + cosine**2) / (2 * speed)
+            assert found.speed - speed == pytest.approx(timed, rel=1e-9)
+
+
+@pytest.mark.parametrize(("name", "nu"), [("A", 30.0), ("A", 40.0), ("B", 21.0), ("B", 34.0)])
+def test_what_the_means_neglect_is_of_fourth_order_and_without_ripple_of_second(
+    name: str, nu: float
+) -> None:
+    off: dict[str, list[float]] = {}
+    for share in (0.5, 0.25):
+        machine = shrunk(SETS[name], share)
+        truth = true_means(machine, nu)
+        for ripple in (True, False):
+            theory = means(machine, nu, ripple)._asdict()
+            for key, value in truth.items():
+                off.setdefault(f"{key} {ripple}", []).append(abs(theory[key] - value))
+    for key, (large, small) in off.items():
+        wanted = 4.0 if key.endswith("True") else 2.0
+        assert math.log2(large / small) == pytest.approx(wanted, abs=0.35), key
+
+
+def test_mean_values_are_those_of_exact_orbits(asked: Any) -> None:
+    name, answer, _ = asked
+    machine, rows = SETS[name], answer.tables["mean_values.csv"].frame
+    for _, row in rows.iterrows():
+        theory, plain = means(machine, row["nu"]), means(machine, row["nu"], False)
+        for key, value in true_means(machine, row["nu"]).items():
+            assert abs(row[key] - value) <= row[f"{key}_error"] < 1e-4 * abs(value), key
+            assert (row[f"{key}_theory"], row[f"{key}_plain"]) == pytest.approx(
+                (getattr(theory, key), getattr(plain, key)), rel=1e-12
+            )
+    told, nu = answer.figures, machine.nu_res
+    truth, plain = true_means(machine, nu), means(machine, nu, False)
+    more = 100 * (truth["torque"] / plain.torque - 1)
+    assert more == pytest.approx({"A": 8.2298, "B": 9.4856}[name], abs=1e-4)
+    assert abs(told["more"].value - more) <= told["more"].error
+    for key in ("supply", "motor", "trough"):
+        figure = told[f"{key}_more"]
+        assert abs(figure.value - truth[key] + getattr(plain, key)) <= figure.error
+    assert abs(told["missing"].value) <= told["missing"].error < 1e-3
+    assert truth["supply"] == pytest.approx(truth["trough"] + truth["motor"], rel=1e-12)
+    assert told["more"].text() in answer.verdict
+
+
+def test_drift_solves_its_equation_and_16_is_its_limit_for_a_short_lag() -> None:
+    machine, t = SETS["B"], np.linspace(0.0, 0.2, 4001)
+    _, whole = drift(machine, t)
+    rate, bend = np.gradient(whole, t), np.gradient(np.gradient(whole, t), t)
+    rest = machine.theta0 * machine.T * bend + machine.J * rate + machine.slope * whole
+    assert whole[0] == pytest.approx(1.0) and abs(rate[0]) < 0.1
+    assert abs(rest[3:-3]).max() < 1e-3 * machine.slope
+    off = []
+    for T in (1e-4, 5e-5):
+        plain, whole = drift(replace(machine, T=T), t)
+        off.append(abs(plain - whole).max())
+    assert math.log2(off[0] / off[1]) == pytest.approx(1.0, abs=0.05)
+    edge = replace(machine, d=0.0, T=machine.theta0 / machine.B / 22.05)
+    slow = -settling(edge).real.max()
+    assert slow / (edge.slope / edge.J) == pytest.approx(1.05, abs=1e-3)
+
+
+def drifted(machine: Machine, nu: float, stop: float, starts: int = 8) -> Any:
+    """The mean speed of starts side by side, from the orbit of a speed 5 % below nu, by time."""
+    slow, half = 0.95 * nu, machine.r**2 / 2
+    phi = 2 * np.pi / starts * np.arange(starts)
+    turned = np.exp(2j * phi)
+    w = slow + (machine.speed_ripple(slow) * turned).imag
+    tau = machine.load_slope * slow + (machine.torque_ripple(slow) * turned).imag
+
+    def slopes(t: float, y: Any) -> Any:
+        phi, w, tau = y.reshape(3, -1)
+        s, c = np.sin(2 * phi), np.cos(2 * phi)
+        load = half * (machine.c * s + machine.d * w * (1 + c) - machine.m * s * w**2)
+        theta = machine.theta0 + half * machine.m * c
+        lag = (machine.A(nu) - machine.B * w - tau) / machine.T
+        return np.concatenate([w, (tau - load) / theta, lag])
+
+    start = np.concatenate([phi, w, tau])
+    run = solve_ivp(
+        slopes, (0.0, stop), start, method="DOP853", rtol=1e-9, atol=1e-9, dense_output=True
+    )
+    return lambda t: run.sol(t).reshape(3, starts, -1)[1].mean(axis=0)
+
+
+def test_the_mean_speed_drifts_as_one_system_does_and_theory_misses_it_by_second_order(
+    asked: Any,
+) -> None:
+    name, answer, _ = asked
+    machine, rows = SETS[name], answer.tables["drift.csv"].frame
+    nu, t = float(machine.nu_res), rows["time"].to_numpy()
+    mean = drifted(machine, nu, t[-1])(t)
+    assert rows["mean"].to_numpy() == pytest.approx(mean, abs=2e-4)
+    way = 0.05 * nu
+    for key, theory in zip(("off_16", "off_whole"), drift(machine, t)):
+        figure = answer.figures[key]
+        apart = 100 * abs(mean - (nu - way * theory)).max() / way
+        assert abs(figure.value - apart) <= figure.error + 1e-3
+    assert answer.figures["overshoot"].value == pytest.approx(
+        100 * (mean.max() - nu) / way, abs=0.01
+    )
+    zeta = machine.zeta
+    overshoot = 100 * math.exp(-math.pi * zeta / math.sqrt(1 - zeta**2))
+    assert answer.figures["overshoot"].value == pytest.approx(overshoot, abs=4.0)
+    off = []
+    for share in (0.5, 0.25):
+        small = shrunk(machine, share)
+        nu, stop = float(small.nu_res), t[-1]
+        at = np.linspace(0.0, stop, 2001)
+        off.append(abs(drifted(small, nu, stop)(at) - nu * (1 - 0.05 * drift(small, at)[1])).max())
+    assert math.log2(off[0] / off[1]) == pytest.approx(2.0, abs=0.3)
+
+
+def test_the_classical_calculation_solves_its_linear_equations() -> None:
+    """theta0 w' = M - M_c(t), M + T M' = A - B w; and the formula that is printed after (26)."""
+    t, theta0, T, B, nu, sine, cosine = sympy.symbols("t theta0 T B nu sine cosine", real=True)
+    names = sympy.symbols("ws wc ms mc", real=True)
+    ws, wc, ms, mc = names
+    S, C = sympy.sin(2 * nu * t), sympy.cos(2 * nu * t)
+    w, M, load = ws * S + wc * C, ms * S + mc * C, sine * S + cosine * C
+    rest = [theta0 * w.diff(t) - M + load, M + T * M.diff(t) + B * w]
+    parts = [sympy.expand(x).coeff(y) for x in rest for y in (S, C)]
+    solved = sympy.solve(parts, names)
+    tell = sympy.lambdify((theta0, T, B, nu, sine, cosine), [solved[x] for x in names])
+    for machine in SETS.values():
+        for speed in (6.0, 21.0, 40.0, 66.0):
+            for inertia in (False, True):
+                whole = complex(machine.load_ripple(speed))
+                L = whole if inertia else machine.r**2 * machine.c / 2 + 0j
+                ws, wc, ms, mc = tell(machine.theta0, machine.T, machine.B, speed, L.real, L.imag)
+                found = classical(machine, speed, inertia)
+                assert found.speed == pytest.approx(complex(ws, wc), rel=1e-9)
+                assert found.torque == pytest.approx(complex(ms, mc), rel=1e-9)
+            T_M = machine.theta0 / machine.B
+            root = math.hypot(1 - 4 * T_M * machine.T * speed**2, 2 * speed * T_M)
+            printed = machine.r**2 * machine.c / 2 / root
+            assert abs(classical(machine, speed, False).torque) == pytest.approx(printed, rel=1e-12)
+
+
+@pytest.mark.parametrize("name", SETS)
+def test_the_spring_alone_is_the_limit_without_mass_and_resistance(name: str) -> None:
+    """Then it neglects the square of c r^2 / (2 theta0 nu^2) alone."""
+    bare, off = replace(SETS[name], m=0.0, d=0.0, theta1=SETS[name].theta0), []
+    for c in (4e5, 2e5):
+        machine = replace(bare, c=c)
+        found, theory = exact(machine, 34.0), classical(machine, 34.0, False)
+        off.append([abs(theory.torque - found.tau2) / c, abs(theory.speed - found.w2) / c])
+    assert np.log2(np.array(off[0]) / off[1]) == pytest.approx([2.0, 2.0], abs=0.15)
+
+
+@pytest.mark.parametrize("name", SETS)
+def test_with_the_inertia_force_it_neglects_the_slope_of_the_load_first(name: str) -> None:
+    """First order in r^2 by that slope, second order without it; in the rod force always first order."""
+    for d, orders in ((4000.0, (1.0, 1.0, 1.0)), (0.0, (2.0, 2.0, 1.0))):
+        off = []
+        for share in (0.2, 0.1):
+            machine = shrunk(replace(SETS[name], d=d), share)
+            found, theory = exact(machine, 34.0), classical(machine, 34.0, True)
+            pairs = (theory.torque, found.tau2), (theory.speed, found.w2)
+            parts = [abs(x / y - 1) for x, y in pairs]
+            off.append([*parts, abs(theory.force / found.f_rod_max - 1)])
+        assert np.log2(np.array(off[0]) / off[1]) == pytest.approx(orders, abs=0.25), d
+
+
+def classical_error(machine: Machine, nu: float, way: str, load: str) -> float:
+    """Of the exact orbit, in %."""
+    found, theory = exact(machine, nu), classical(machine, nu, way == "whole")
+    truth = {"torque": abs(found.tau2), "speed": abs(found.w2), "force": found.f_rod_max}
+    return 100 * (abs(getattr(theory, load)) / truth[load] - 1)
+
+
+def test_errors_of_the_classical_calculation_are_those_of_exact_orbits(asked: Any) -> None:
+    name, _, answer = asked
+    rows = answer.tables["classical.csv"].frame
+    for way in ("spring", "whole"):
+        for load in ("torque", "speed", "force"):
+            for _, row in rows.iterrows():
+                truth = classical_error(SETS[name], row["nu"], way, load)
+                assert abs(row[f"{way}_{load}"] - truth) <= row[f"{way}_{load}_error"] < 0.2
+
+
+@pytest.mark.parametrize("name", ["A", pytest.param("B", marks=pytest.mark.slow)])
+def test_where_the_classical_calculation_goes_wrong_is_where_exact_orbits_say(name: str) -> None:
+    speeds = {"A": "8:38:11", "B": "8:30:9"}[name]
+    most = {"A": 2.0, "B": 2.8}[name]
+    answer = ask("classical", set=name, speeds=speeds, tolerance=most)
+    held = 0
+    for way in ("spring", "whole"):
+        for load in ("torque", "speed", "force"):
+            figure = answer.figures[f"limit_{way}_{load}"]
+            if figure.error is None:
+                assert figure.reason.startswith("it is at every speed of the sweep")
+                continue
+            held += 1
+            assert figure.text() in answer.verdict
+            low, high = figure.value - figure.error, figure.value + figure.error
+            below, above = (abs(classical_error(SETS[name], x, way, load)) for x in (low, high))
+            assert below <= most <= above
+            assert figure.error < 2e-3 * figure.value
+    assert held == {"A": 6, "B": 3}[name]
+    machine, share = SETS[name], answer.figures["share"]
+    end = answer.figures["limit_spring_torque"]
+    assert share.value == pytest.approx(100 * machine.m * end.value**2 / machine.c, rel=1e-12)
+    assert share.error / share.value == pytest.approx(2 * end.error / end.value, rel=1e-3)
+
+
+def test_a_tolerance_that_nothing_keeps_has_no_limit() -> None:
+    answer = ask("classical", speeds="20,40", steps_per_rev=128, tolerance=1.0)
+    end = answer.figures["limit_spring_torque"]
+    assert (end.error, end.reason) == (None, "it is not at the lowest speed of the sweep")
+    assert "1 % are kept by the torque ripple at no speed that is told" in answer.verdict
+
+
+MOTOR = {"tau_b": 190.0, "s_b": 0.16, "w_s": 65.4}
+
+
+def sheet(**changed: float) -> induction_motor.Motor:
+    """The motor of the data sheet, with other fields of its conveyor."""
+    start = {f"motor.kloss.{name}": value for name, value in MOTOR.items()}
+    start |= {"motor.characteristic": 1}
+    machine = replace(SETS["B"], T=1 / (2 * math.pi * 50.0 * MOTOR["s_b"]), **changed)
+    machine = shrunk(machine, 1.0) if "r" not in changed else machine
+    start |= {"conveyor.crank.r": machine.r, "conveyor.rotor.J": machine.theta1}
+    return induction_motor.Motor(fmus_of(induction_motor), start, machine, "strang", 512)
+
+
+def in_time(motor: induction_motor.Motor, nu: float, flux: bool) -> float:
+    """The lag of the torque behind its load [deg], of one system in time, by (2) and Kloss, or with
+    the rotor's flux x + i y in a field of constant flux turning at w_s: T (x + i y)' = 1 - (1 + i u)
+    (x + i y), u the slip in shares of the breakdown slip, torque -2 tau_b y.
+    """
+    m, b, tau_b = motor.machine, motor.breakdown, motor.tau_b
+    u0 = float(motor.slip(nu))
+    w_s, half = nu + u0 * b, m.r**2 / 2
+
+    def slopes(t: float, state: Any) -> list[float]:
+        phi, w, x, y = state
+        u, s, c = (w_s - w) / b, math.sin(2 * phi), math.cos(2 * phi)
+        load = half * (m.c * s + m.d * w * (1 + c) - m.m * s * w**2)
+        slope = (-2 * tau_b * y - load) / (m.theta0 + half * m.m * c)
+        if flux:
+            return [w, slope, (1 - x + u * y) / m.T, (-y - u * x) / m.T]
+        return [w, slope, 0.0, (-u / (1 + u**2) - y) / m.T]
+
+    t = 2 * math.pi / nu * np.arange(16 * 64 + 1) / 64
+    y = solve_ivp(
+        slopes, (0.0, t[-1]), [0.0, nu, 1 / (1 + u0**2), -u0 / (1 + u0**2)],
+        method="DOP853", rtol=1e-8, atol=1e-9, t_eval=t,
+    ).y  # fmt: skip
+    late = y[0] >= y[0][-1] - 4 * math.pi
+    torque = -2 * tau_b * harmonics(y[0][late], y[3][late])[1]
+    return float(np.angle(m.load_ripple(nu) / torque, deg=True) % 360.0)
+
+
+def test_lag_and_slope_of_the_motor_follow_from_the_flux_of_its_rotor() -> None:
+    """Linearised around slip sigma: Kloss's slope at rest, and without slip the lag T of (2), which is
+    1 / (2 pi f s_b) as breakdown is where the flux turns by one radian in T."""
+    x, y = sympy.symbols("x y", real=True)
+    u, T, p, sigma, tau_b, b = sympy.symbols("u T p sigma tau_b b", positive=True)
+    rates = sympy.Matrix([(1 - x + u * y) / T, (-y - u * x) / T])
+    (steady,) = sympy.solve(list(rates), [x, y], dict=True)
+    torque = sympy.simplify(-2 * tau_b * steady[y])
+    assert sympy.simplify(torque - 2 * tau_b / (1 / u + u)) == 0
+    at = {**{k: v.subs(u, sigma) for k, v in steady.items()}, u: sigma}
+    by_state, by_slip = rates.jacobian([x, y]).subs(at), rates.jacobian([u]).subs(at)
+    moved = (p / T * sympy.eye(2) - by_state).solve(by_slip)
+    gain = sympy.simplify(-2 * tau_b * moved[1] / b)
+    assert sympy.simplify(gain.subs(p, 0) - torque.diff(u).subs(u, sigma) / b) == 0
+    assert sympy.simplify(gain.subs(sigma, 0) - 2 * tau_b / b / (1 + p)) == 0
+    motor = sheet()
+    for slip in (0.0, 0.1, 0.4, 0.9):
+        for nu in (0.0, 20.0, 45.0):
+            numbers = {p: 2j * nu * motor.machine.T, sigma: slip, tau_b: 190.0, b: motor.breakdown}
+            found = flux_lag(motor.machine, slip, motor.stiff.B, nu)
+            assert found == pytest.approx(complex(gain.subs(numbers)), rel=1e-9)
+
+
+def test_the_resonance_with_the_full_characteristic_is_that_of_one_system() -> None:
+    motor = sheet(d=40000.0)
+    figure, _ = induction_motor.located(motor)
+    assert figure.error is not None and figure.error < 2e-3
+    sides = [in_time(motor, figure.value + s * 2e-3, flux=False) for s in (-1, 1)]
+    assert sides[0] < 90.0 < sides[1]
+
+
+def test_the_curve_of_the_characteristic_shifts_the_resonance_by_the_square_of_the_ripple() -> None:
+    shifts = []
+    for share in (0.5, 0.25):
+        r = SETS["B"].r * math.sqrt(share)
+        kloss, line = induction_motor.located(sheet(r=r, theta1=0.5 - 100 * r**2))
+        shifts.append(1 - kloss.value / line.value)
+        ripple = abs(sheet().there.speed_ripple(30.0)) * share / sheet().breakdown
+        assert shifts[-1] == pytest.approx(3 / 8 * ripple**2, rel=0.1)
+    assert math.log2(shifts[0] / shifts[1]) == pytest.approx(2.0, abs=0.1)
+
+
+def test_the_flux_of_the_rotor_keeps_the_resonance_under_load_where_2_lowers_it() -> None:
+    """The load is that of 40 000 N.s/m with the whole crank; its ripple is a sixteenth of that."""
+    r = SETS["B"].r / 4
+    motor = sheet(d=16 * 40000.0, r=r, theta1=0.5 - 100 * r**2)
+    assert motor.nu_res == pytest.approx(29.91, abs=0.01)
+    assert motor.flux() == pytest.approx(30.843, abs=2e-3)
+    small = in_time(motor, motor.flux(), flux=True)
+    assert small == pytest.approx(90.0, abs=0.6)
+    assert in_time(motor, motor.nu_res, flux=True) < 88.0
+    whole = sheet(d=40000.0)
+    assert in_time(whole, 30.69, flux=True) < 90.0 < in_time(whole, 30.71, flux=True)
+
+
+def test_breakdown_slip_moves_the_damping_and_not_the_resonance() -> None:
+    machine, omega = SETS["B"], 2 * math.pi * 50.0
+    swing = MOTOR["tau_b"] * omega / (2 * machine.theta0 * MOTOR["w_s"])
+    told = ask("induction_motor", **QUICK["induction_motor"])
+    rows = told.tables["induction_motor.csv"].frame
+    assert rows["breakdown_slip"].to_list() == [0.16, 0.16, 0.32]
+    for _, row in rows[rows["resistance"] == 4000.0].iterrows():
+        load = machine.load_slope / (4 * machine.theta0 * row["lag"])
+        assert row["nu_res"] ** 2 == pytest.approx(swing + load, rel=1e-3)
+        assert row["lag"] == pytest.approx(1 / (omega * row["breakdown_slip"]), rel=1e-12)
+        assert abs(row["nu_linear"] / row["nu_res"] - 1) < 5e-4
+    assert rows["zeta"][2] / rows["zeta"][0] == pytest.approx(2.0, rel=0.03)
+    assert told.figures["motor_lag"].value == pytest.approx(0.0199, abs=1e-4)
+    assert told.figures["nu_kloss"].value == rows["nu_kloss"][0]
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"resistances": "2e5"}, "motor.kloss.tau_b = 190.0 N.m must be above"),
+        ({"start": {"motor.kloss.s_b": 0.0}}, "kloss.s_b = 0.0 must be > 0"),
+        (
+            {
+                "resistances": "4",
+                "start": {"conveyor.spring.c": 183375.0, "conveyor.trough.d": 4.0},
+            },
+            "rad/s: the load ripple nearly vanishes there",
+        ),
+        ({"slips": "0"}, "slips = 0 must be a finite number above 0"),
+    ],
+)
+def test_motors_without_an_answer_are_refused(given: dict[str, Any], message: str) -> None:
+    with pytest.raises(SetupError) as refused:
+        ask("induction_motor", **given)
+    assert message in str(refused.value)
+
+
+def test_without_resistance_the_mean_torque_is_zero_but_for_the_ripple() -> None:
+    start = {"conveyor.trough.d": 0.0}
+    figures = ask("mean_values", speeds="40", steps_per_rev=256, start=start).figures
+    assert (figures["torque_plain"].value, figures["more"].error) == (0.0, None)
+    assert figures["torque"].value > 0.1
+    assert figures["trough_more"].value == 0.0
