@@ -41,6 +41,7 @@ SLOW = {
     ".venv/bin/python -m dask worker tcp://localhost:8786 --nworkers 2 --nthreads 1 &",
     "scenarios study studies/rotor_speed.toml --scheduler tcp://localhost:8786 --out results/cluster",
     "kill %1 %2",
+    "scenarios run rod_force",
     "scenarios run iron_cycle --animate",
     "scenarios run iron_orders",
     "scenarios run iron_start",

@@ -32,6 +32,7 @@ QUESTIONS = list(names(PROJECT.home))
 CHANGED = {
     "resonance": ("motor.T", 0.06),
     "resonance_map": ("conveyor.rotor.J", 0.6),
+    "rod_force": ("motor.T", 0.06),
     "run_up": ("motor.T", 0.03),
     "iron_cycle": ("iron.spring.side", -1),
     "iron_start": ("motor.T", 0.05),
@@ -42,7 +43,8 @@ CHANGED = {
     "sommerfeld": ("exciter.mount.d", 82.0),
 }
 EXACT = {"nu_res", "zeta", "build_up", "slope", "cycles", "oriented", "released", "lost"}
-EXACT |= {"theory_up", "theory_down"}
+EXACT |= {"theory_up", "theory_down", "spring", "spring_formula", "spring_theory"}
+EXACT |= {"f_rod_formula", "f_rod_formula_unloaded"}
 SAID = {
     "iron_orders": [(iron_orders.IMPORTANT, "%"), *((lag, "ms") for lag in iron_orders.LAGS)],
     "orientation_time": [(10.0, "%")],
@@ -53,6 +55,10 @@ OTHER = {"rad/s": ("rpm", 30 / math.pi), "s": ("ms", 1e3)}
 VARIABLES: dict[str, dict[str, str]] = {
     "resonance": {"w2": "conveyor.w", "tau2": "motor.tau", "f_rod_peak": "conveyor.f_rod",
                   "w2_peak": "conveyor.w", "tau2_peak": "motor.tau", "w_mean": "conveyor.w"},
+    "rod_force": {"nu": "conveyor.w", "tau2": "motor.tau", "tau2_theory": "motor.tau",
+                  **dict.fromkeys(("f_rod", "f_rod_formula", "f_rod_theory"), "conveyor.f_rod"),
+                  **dict.fromkeys(("c", "spring", "spring_unloaded"), "conveyor.spring.c"),
+                  "f_rod_unloaded": "conveyor.f_rod", "tau2_unloaded": "motor.tau"},
     "run_up": {f"{motor}_{name}": variable for motor in ("linear", "kloss") for name, variable in (
         ("w_max", "conveyor.w"), ("tau_max", "motor.tau"), ("f_rod_max", "conveyor.f_rod"),
         ("w_end_min", "conveyor.w"), ("tau_end_max", "motor.tau"))},
@@ -186,7 +192,7 @@ def test_every_number_of_a_verdict_is_read_back_from_it(name: str) -> None:
     values += [(x, "%") for share in shares for x in (share, share - 100, abs(share - 100))]
     values += [(share * x / 100, unit) for share, u in given if u == "%" for x, unit in given]
     values += [(x * OTHER[unit][1], OTHER[unit][0]) for x, unit in values if unit in OTHER]
-    said = list(spoken(answer.verdict.replace("(22)", "")))
+    said = list(spoken(re.sub(r"\(\d+\)", "", answer.verdict)))
     for text, error, word in said:
         if error:
             units = {unit for value, off, unit in whole if (value, off) == (text, error)}
