@@ -36,7 +36,7 @@ QUICK: dict[str, dict[str, Any]] = {
         "check_runs": 2,
         "steps_per_rev": 80,
     },
-    "rod_force": {"speeds": "30:60:4", "springs": "1e5:1e6:4", "steps_per_rev": 80},
+    "rod_force": {"speeds": "30:60:4", "springs": "1e5:1e6:4", "steps_per_rev": 128},
     "run_up": {"stop": 0.3},
     "iron_cycle": {"samples": 180},
     "iron_start": {"stop": 0.1},

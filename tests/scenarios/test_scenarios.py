@@ -136,7 +136,7 @@ def test_stability_limits_are_those_of_the_linearised_map() -> None:
 
 
 REFUSED = [
-    ("run resonanz", "'resonanz' must be one of resonance, resonance_map, run_up"),
+    ("run resonanz", "'resonanz' must be one of resonance, resonance_map, rod_force, run_up"),
     ("run none.py", "'none.py' must be one of"),
     ("sweep", "invalid choice: 'sweep'"),
     ("run resonance --sped 3", "resonance has no option 'sped': did you mean 'speed'?"),
