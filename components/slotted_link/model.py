@@ -34,7 +34,8 @@ swings.
 Assumptions: rotating masses balanced; a link without mass; gravity and friction in slots and bearings
 neglected; no backlash.
 
-The defaults are the crank conveyor with its rod replaced by a yoke, running at 40 rad/s.
+The defaults are the crank conveyor with its rod replaced by a yoke, running at 40 rad/s; 20 of its
+200 kg are a load that the trough takes along.
 """
 
 from __future__ import annotations
@@ -82,7 +83,7 @@ class Link:
 
 @record
 class Trough:
-    m: Mass = real(200.0, "Mass of the trough", positive=True)
+    m: Mass = real(180.0, "Mass of the trough", positive=True)
     d: TranslationalDamping = real(4000.0, "Viscous resistance to the trough", min=0.0)
 
 
@@ -93,7 +94,7 @@ class Spring:
 
 @record
 class Load:
-    m: Mass = real(0.0, "Force of the load per acceleration of the trough", min=0.0)
+    m: Mass = real(20.0, "Force of the load per acceleration of the trough", min=0.0)
 
 
 @record
