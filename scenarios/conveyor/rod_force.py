@@ -242,9 +242,11 @@ def verdict(o: Options, f: Mapping[str, Figure], r: Found) -> str:
         [f[f"{key}{name}"] for name in DRAWN] for key in ("f_rod", "tau2", "nu_90", "tau2_peak")
     )
     new = f"{force[1].text()}, and the torque ripple is {ripple[1].text()}"
-    if force[0].error is None:
-        advice = f"Take a spring of {spring.text()}: {at} the rod then bears {new}."
-        advice += f" With {own.text()} {force[0].reason}."
+    if any(one.error is None for one in force):
+        advice = (
+            f"Take a spring of {spring.text()} instead of {own.text()} {at}. Largest rod force with it: "
+            f"{force[1].text()}; with that of the machine: {force[0].text()}."
+        )
     elif force[0].value <= WELL * force[1].value:
         advice = (
             f"Keep the spring of {own.text()}: {at} the rod bears {force[0].text()}, and no spring "
