@@ -39,6 +39,7 @@ QUICK: dict[str, dict[str, Any]] = {
     "mean_values": {"speeds": "30,44", "steps_per_rev": 256},
     "classical": {"speeds": "10:30:4", "steps_per_rev": 128},
     "induction_motor": {"resistances": "6000", "slips": "0.32", "steps_per_rev": 256},
+    "rod_force": {"speeds": "30:60:4", "springs": "1e5:1e6:4", "steps_per_rev": 128},
     "run_up": {"stop": 0.3},
     "iron_cycle": {"samples": 180},
     "iron_start": {"stop": 0.1},

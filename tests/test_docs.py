@@ -46,6 +46,7 @@ SLOW = {
     "scenarios run mean_values",
     "scenarios run classical",
     "scenarios run induction_motor",
+    "scenarios run rod_force",
     "scenarios run iron_cycle --animate",
     "scenarios run iron_orders",
     "scenarios run iron_start",

@@ -18,6 +18,7 @@ from components.gearbox import model as gearbox
 from components.gravity_orientator import model as gravity_orientator
 from components.iron_drive import model as iron_drive
 from components.shaft_link import model as shaft_link
+from components.slotted_link import model as slotted_link
 from components.speed_controller import model as speed_controller
 from components.unbalance_exciter import model as unbalance_exciter
 from fmukit.declare.record import Declaration, declarations, fill
@@ -43,6 +44,7 @@ CASES: list[tuple[ModuleType, dict[str, Any], dict[str, Any]]] = [
     ),
     *((drive_motor, {"characteristic": kind}, {}) for kind in (0, 1)),
     *((crank_conveyor, {"rod.finite": finite}, {}) for finite in (False, True)),
+    *((slotted_link, {"link.swings": swings}, {}) for swings in (False, True)),
     *(
         (iron_drive, {"wrap": wrap, "spring.side": side}, {"phi": phi, "direction": 1})
         for wrap, side in itertools.product(iron_drive.Wrap, iron_drive.Side)

@@ -67,6 +67,8 @@ SCENARIOS = [
     ("CrankConveyor", {}, TORQUE, 1e-3, 1000),
     ("CrankConveyor", {"rod.finite": True, "input_hold": 2}, TORQUE, 1e-3, 500),
     ("CrankConveyor", {"crank.r": 0.05, "rod.l": 0.2, "input_hold": 1}, TORQUE, 0.05, 100),
+    *(("SlottedLink", {"link.swings": swings}, TORQUE, 1e-3, 500)
+      for swings in (False, True)),
     ("IronDrive", {}, wave(tau=(0.1, 0.0, 0.0)), 1e-3, 400),
     ("IronDrive", {"phi": 0.9, "friction.K_up": 0.6, "friction.K_down": -0.5},
      wave(tau=(0.0, 0.1, 2.0)), 1e-3, 3000),
@@ -204,6 +206,7 @@ def test_directional_derivatives_at_the_start_match_finite_differences(
     start = {
         "DriveMotor": {"characteristic": seed % 2, "w": rng.uniform(30, 60)},
         "CrankConveyor": {"phi": rng.uniform(0, 6), "w": 35.0, "rod.finite": seed > 0},
+        "SlottedLink": {"phi": rng.uniform(0, 6), "w": 35.0, "link.swings": seed > 0},
         "IronDrive": {"phi": [0.6, 3.5, -1.0][seed], "w_cam": [2.0, 3.0, 0.0][seed],
                       "wrap": seed % 2, "direction": int(seed < 2)},
         "DCMotor": {"i": rng.uniform(5, 9)},

@@ -35,6 +35,7 @@ CHANGED = {
     "mean_values": ("motor.T", 0.06),
     "classical": ("conveyor.spring.c", 7e5),
     "induction_motor": ("motor.kloss.tau_b", 180.0),
+    "rod_force": ("motor.T", 0.06),
     "run_up": ("motor.T", 0.03),
     "iron_cycle": ("iron.spring.side", -1),
     "iron_start": ("motor.T", 0.05),
@@ -55,6 +56,8 @@ EXACT |= {
     "heavy_flux",
     "least_slip",
 }
+EXACT |= {"theory_up", "theory_down", "spring", "spring_formula", "spring_theory"}
+EXACT |= {"f_rod_formula", "f_rod_formula_unloaded"}
 SAID = {
     "iron_orders": [(iron_orders.IMPORTANT, "%"), *((lag, "ms") for lag in iron_orders.LAGS)],
     "orientation_time": [(10.0, "%")],
@@ -74,6 +77,10 @@ VARIABLES: dict[str, dict[str, str]] = {
     "induction_motor": {"resistance": "conveyor.trough.d", "breakdown_slip": "motor.kloss.s_b",
                         "load": "motor.tau", "lag": "motor.T", "slope": "motor.B",
                         "nu_kloss": "conveyor.w", "tau2_kloss": "motor.tau"},
+    "rod_force": {"nu": "conveyor.w", "tau2": "motor.tau", "tau2_theory": "motor.tau",
+                  **dict.fromkeys(("f_rod", "f_rod_formula", "f_rod_theory"), "conveyor.f_rod"),
+                  **dict.fromkeys(("c", "spring", "spring_unloaded"), "conveyor.spring.c"),
+                  "f_rod_unloaded": "conveyor.f_rod", "tau2_unloaded": "motor.tau"},
     "run_up": {f"{motor}_{name}": variable for motor in ("linear", "kloss") for name, variable in (
         ("w_max", "conveyor.w"), ("tau_max", "motor.tau"), ("f_rod_max", "conveyor.f_rod"),
         ("w_end_min", "conveyor.w"), ("tau_end_max", "motor.tau"))},
