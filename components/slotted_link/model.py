@@ -63,6 +63,7 @@ from fmukit.step import near
 from fmukit.step.jet import Jet
 
 EXPERIMENT = Experiment(stop=1.0, step=1e-3)
+FLANGES = {"flange": ("tau", "w", "phi")}
 
 
 @record
