@@ -18,6 +18,7 @@ from .formats.osp import read_osp, write_osp
 from .formats.ssp import Package, read_ssp, write_ssp
 from .inputs import Table
 from .judge.certify import Certified, Estimate, certify, estimate, summary
+from .judge.compare import Comparison, Deviation, compare
 from .judge.diagnose import Diagnosis, diagnose
 from .judge.isolated import run_isolated
 from .master import run, versions
@@ -31,6 +32,8 @@ __all__ = [
     "ORDERS",
     "Adaptive",
     "Certified",
+    "Comparison",
+    "Deviation",
     "Diagnosis",
     "Estimate",
     "Interrupted",
@@ -42,6 +45,7 @@ __all__ = [
     "Table",
     "Wire",
     "certify",
+    "compare",
     "crossing",
     "diagnose",
     "estimate",
