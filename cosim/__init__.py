@@ -19,6 +19,7 @@ from .formats.ssp import Package, read_ssp, write_ssp
 from .inputs import Table
 from .judge.certify import Certified, Estimate, certify, estimate, summary
 from .judge.compare import Comparison, Deviation, compare
+from .judge.crosscheck import Crosscheck, Verdict, crosscheck
 from .judge.diagnose import Diagnosis, diagnose
 from .judge.isolated import run_isolated
 from .master import run, versions
@@ -33,6 +34,7 @@ __all__ = [
     "Adaptive",
     "Certified",
     "Comparison",
+    "Crosscheck",
     "Deviation",
     "Diagnosis",
     "Estimate",
@@ -43,9 +45,11 @@ __all__ = [
     "SimulationError",
     "System",
     "Table",
+    "Verdict",
     "Wire",
     "certify",
     "compare",
+    "crosscheck",
     "crossing",
     "diagnose",
     "estimate",

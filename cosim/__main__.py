@@ -1,4 +1,4 @@
-"""python -m cosim info | check | run | diagnose | export FILE, a system or a single .fmu; compare; verify."""
+"""python -m cosim info | check | run | diagnose | export FILE; crosscheck, compare, verify."""
 
 from __future__ import annotations
 
@@ -30,6 +30,8 @@ from .inputs import Table
 from .judge import describe
 from .judge.certify import SUMMARY, Estimate, certify, summary
 from .judge.compare import SHARE, compare
+from .judge.crosscheck import crosscheck
+from .judge.crosscheck.report import writer
 from .judge.diagnose import diagnose
 from .judge.isolated import run_isolated
 from .master import Settings
@@ -185,6 +187,13 @@ def parser() -> Parser:
     exports.add_argument("--to", choices=("ssp", "osp", "container"), required=True, help="format")
     exports.add_argument("--out", type=Path, required=True, help="file, or folder for osp")
     exports.add_argument("--step", type=float, help="communication step [s]")
+    keeps = command("crosscheck", cross, "whether an FMU keeps what it promises", file=False)
+    add = keeps.add_argument
+    add("fmu", type=Path, help="an FMI 2.0 co-simulation FMU")
+    add("--step", type=float, help="communication step [s]; the FMU's by default")
+    add("--timeout", type=float, default=60.0, help="longest time of a check [s]")
+    text = "report: .txt, .xml (JUnit) or .html; may be given again"
+    add("--out", type=Path, action="append", default=[], help=text)
     bands = command("compare", beside, "whether a result stays beside a reference", file=False)
     add = bands.add_argument
     add("result", type=Path, help=".csv or .parquet, its first column the time")
@@ -449,6 +458,18 @@ def export(options: argparse.Namespace) -> int:
             write_container(task.system, options.out, step=step, start=start, stop=stop)
     print(f"{options.out} written")
     return 0
+
+
+def cross(options: argparse.Namespace) -> int:
+    """python -m cosim crosscheck; exit code 1 if a check failed."""
+    for path in options.out:
+        writer(path)
+        require_place(path)
+    found = crosscheck(options.fmu, step=options.step, timeout=options.timeout)
+    for path in options.out:
+        found.write(path)
+    print(found.text())
+    return 0 if found.passed else 1
 
 
 def beside(options: argparse.Namespace) -> int:
