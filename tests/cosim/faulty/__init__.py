@@ -43,7 +43,7 @@ FAULTS = {
     "not valid": "description",
     "version": "binary",
     "not finite": "run, directional derivatives",
-    "terminate refused": "run",
+    "terminate refused": "termination",
     "fails": "run",
     "other start": "start values, reset",
     "not repeatable": "repetition, getting, reset, instances, state, serialization",
