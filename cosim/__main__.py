@@ -198,7 +198,9 @@ def parser() -> Parser:
     add = bands.add_argument
     add("result", type=Path, help=".csv or .parquet, its first column the time")
     add("reference", type=Path, help="the same: another result, or a measurement")
-    text = "column of the result and of the reference; by default, those of one name"
+    text = (
+        "columns of result and reference, w=n:rpm or tau=M*0.73:N.m; by default, those of one name"
+    )
     add("--map", metavar="NAME=COLUMN", action="append", default=[], help=text)
     text = "half the height of the band, of the reference's range"
     add("--value", type=float, default=SHARE, help=text)
@@ -207,8 +209,6 @@ def parser() -> Parser:
     )
     text = "error of a column, in the reference's unit or as in 7.3rpm"
     add("--error", metavar="NAME=VALUE", action="append", default=[], help=text)
-    text = "what a 1 in a column of the reference stands for: rpm, 0.73N.m"
-    add("--unit", metavar="COLUMN=UNIT", action="append", default=[], help=text)
     text = "compare nothing between rows of the reference further apart [s]"
     add("--gap", type=float, default=math.inf, help=text)
     add("--plot", type=Path, help="image of the curves and their bands")
@@ -482,7 +482,6 @@ def beside(options: argparse.Namespace) -> int:
         value=options.value,
         time=options.time,
         errors=dict(map(assignment, options.error)),
-        units=dict(map(assignment, options.unit)),
         gap=options.gap,
     )
     print(found.text())

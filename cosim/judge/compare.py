@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from ..errors import SetupError
 from ..inputs import COLUMN
 from ..result import Result, Rows
+from ..system import NUMBER
 from ..units import QUANTITY, multiples
 from .describe import table
 
@@ -32,6 +33,10 @@ if TYPE_CHECKING:
 SHARE = 0.002
 ERROR = "_error"
 INDEX = re.compile(r".*\S\[[\d, ]*\]")
+SCALED = re.compile(
+    rf"(?P<name>.*?)\s*(?:(?P<sign>[*/])\s*(?P<factor>[+-]?{NUMBER}))?\s*(?P<offset>[+-]\s*{NUMBER})?\s*"
+)
+UNSCALED = (1.0, 0.0)
 DRAWN = 2000
 
 
@@ -150,17 +155,17 @@ def compare(
     value: float = SHARE,
     time: float | None = None,
     errors: Mapping[str, str | float] | None = None,
-    units: Mapping[str, str] | None = None,
     gap: float = np.inf,
 ) -> Comparison:
     """Tell of each column whether the result stays in a band around the reference.
 
     Both are results, pandas frames or files, .csv or .parquet, whose first column is the time, each on
-    a grid of its own; the result is looked at where it has rows. `columns` are names, or the names of
-    the reference by those of the result; by default, all names that both have.
+    a grid of its own; the result is looked at where it has rows. `columns` are names, or the columns of
+    the reference by those of the result, with a factor, an offset and a unit where needed: "n:rpm",
+    "M * 0.73:N.m". By default, they are all names that both have.
 
     Units are those of a result, of the JSON beside a file, or of headings, "speed [rpm]"; what has none
-    fits every unit. `units` says what a 1 in a column of the reference stands for, "rpm", "0.73 N.m".
+    fits every unit.
 
     `value` is half the height of the band, as a share of the range of the reference, or of its value if
     it is constant; `time` half its width [s], by default 0.2 % of the time that both share. Errors add to
@@ -172,8 +177,6 @@ def compare(
     values that are no finite numbers.
     """
     ours, theirs = _read(result, "the result"), _read(reference, "the reference")
-    for name, text in (units or {}).items():
-        theirs.rescale(name, text)
     start = float(max(ours.time[0], theirs.time[0]))
     stop = float(min(ours.time[-1], theirs.time[-1]))
     width = max(0.0, SHARE * (stop - start)) if time is None else time
@@ -226,7 +229,7 @@ class Record:
         self.label = label
         self.series: dict[str, Any] = {}
         self.units: dict[str, str] = {}
-        self.scales: dict[str, float] = {}
+        self.scales: dict[str, tuple[float, float]] = {}
         for place, heading in enumerate(map(str, frame.columns)):
             match = COLUMN.fullmatch(heading)
             name, unit = heading, units.get(heading, "")
@@ -244,17 +247,22 @@ class Record:
     def __str__(self) -> str:
         return f"{self.label} from {self.time[0]:g} to {self.time[-1]:g} s"
 
-    def rescale(self, name: str, text: str) -> None:
-        """Let a 1 in a column stand for a unit, or for so much of one."""
-        self.require(name)
-        match = QUANTITY.fullmatch(text)
-        self.scales[name] = float(match[1]) if match else 1.0
-        self.units[name] = (match[2] or "") if match else text.strip()
-
-    def require(self, name: str) -> None:
-        """Raise SetupError for a column that is not there."""
-        if name not in self.names:
-            raise SetupError(f"{self.label} has no column {name!r}, only {', '.join(self.names)}")
+    def named(self, text: str) -> str:
+        """The column of "M", or of "M * 0.73 + 5:N.m", which scales it and gives it a unit."""
+        if text in self.names:
+            return text
+        scaled, colon, unit = text.rpartition(":")
+        match = SCALED.fullmatch(scaled if colon else text)
+        if match is None or match["name"] not in self.names:
+            raise SetupError(f"{self.label} has no column {text!r}, only {', '.join(self.names)}")
+        name, factor = match["name"], float(match["factor"] or 1.0)
+        if not factor:
+            raise SetupError(f"column {text!r}: the factor must not be 0")
+        scale = 1.0 / factor if match["sign"] == "/" else factor
+        self.scales[name] = scale, float(re.sub(r"\s", "", match["offset"] or "0"))
+        if colon:
+            self.units[name] = unit.strip()
+        return name
 
     def column(self, name: str, unit: str) -> tuple[Rows, Rows]:
         """Values and their errors in a unit; raises SetupError for what is no finite number."""
@@ -262,7 +270,7 @@ class Record:
         if name + ERROR not in self.names:
             return values, np.zeros(len(values))
         self.units[name + ERROR] = self.units[name + ERROR] or self.units[name]
-        self.scales.setdefault(name + ERROR, self.scales.get(name, 1.0))
+        self.scales.setdefault(name + ERROR, (self.scales.get(name, UNSCALED)[0], 0.0))
         return values, np.abs(self._in(name + ERROR, unit))
 
     def _in(self, name: str, unit: str) -> Rows:
@@ -277,7 +285,8 @@ class Record:
             raise SetupError(
                 f"{self.label}, row {row + 1}: {name} = {values.iloc[row]} must be a finite number"
             )
-        return numbers * (scale * self.scales.get(name, 1.0))
+        factor, offset = self.scales.get(name, UNSCALED)
+        return scale * (factor * numbers + offset)
 
     def lost(self, t: Rows, gap: float) -> NDArray[np.bool_]:
         """Which times lie between rows further apart than a gap [s]."""
@@ -323,12 +332,12 @@ def _pairs(
         both = [n for n in ours.names if n in theirs.names]
         pairs = {n: n for n in both if n.removesuffix(ERROR) not in both or not n.endswith(ERROR)}
     elif isinstance(columns, Mapping):
-        pairs = dict(columns)
+        pairs = {ours.named(name): theirs.named(other) for name, other in columns.items()}
     else:
-        pairs = {name: name for name in columns}
-    for name, other in pairs.items():
-        ours.require(name)
-        theirs.require(other)
+        pairs = {ours.named(name): theirs.named(name) for name in columns}
+    for other in pairs.values():
+        if list(pairs.values()).count(other) > 1:
+            raise SetupError(f"column {other!r} of {theirs.label} is mapped twice")
     if not pairs:
         raise SetupError(
             f"no column in common: {ours.label} has {', '.join(ours.names)}, "

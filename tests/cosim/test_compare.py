@@ -96,15 +96,22 @@ def test_grids_and_units_of_each_are_honoured() -> None:
     assert found["w"].unit == "rpm" and found["w"].allowed == pytest.approx(
         0.02 * 60 / pi, rel=0.01
     )
-    assert not compare(ours, theirs, value=0.02, units={"w": "deg/s"}).passed
-    mapped = {"columns": {"x[1]": "load"}, "value": 0.02}
-    assert compare(ours, theirs, **mapped, units={"load": "300 mm"}).passed is False
-    theirs.columns = ["t [ms]", "w [rpm]", "load [%]", "y"]
-    assert compare(ours, theirs, **mapped, units={"load": "25 cm"}).passed
-    assert (
-        "not compared of the result: w"
-        in compare(ours, theirs, **mapped, units={"load": ""}).text()
-    )
+    assert not compare(ours, theirs, value=0.02, columns={"w": "w:deg/s"}).passed
+    for text, passes in (
+        ("load * 250:mm", True), ("load*25:cm", True), ("load / 4:m", True), ("load / 4:", True),
+        ("load * 300:mm", False), ("load * 250 + 80:mm", False), ("load * 250 - 8:mm", True),
+        ("load * -250:mm", False),
+    ):  # fmt: skip
+        found = compare(ours, theirs, value=0.02, columns={"x[1]": text})
+        assert found.passed is passes, text
+        assert found["x[1]"].reference == "load"
+        assert "not compared of the result: w" in found.text()
+
+
+def test_a_column_is_not_mapped_twice() -> None:
+    """Its factor could not be two."""
+    with pytest.raises(SetupError, match="column 'n' of the reference is mapped twice"):
+        compare(frame(v=T, w=T), frame(n=T), columns={"v": "n", "w": "n * 0.4"})
 
 
 def test_errors_of_both_and_of_the_sensor_widen_the_band() -> None:
@@ -145,7 +152,8 @@ def test_nothing_is_compared_in_a_gap_and_that_is_said() -> None:
         ({"x": saw(T)}, {"time": np.inf}, "the tolerance in time = inf must be a finite number"),
         ({"x": saw(T)}, {"errors": {"y": 1.0}}, "error of y: only x are compared"),
         ({"x [m]": saw(T)}, {"errors": {"x": "3 N"}}, "error of x = '3 N' must be from 0 on, in m or"),
-        ({"x": saw(T)}, {"units": {"y": "m"}}, "the reference has no column 'y', only x"),
+        ({"x": saw(T)}, {"columns": {"x": "y:m"}}, "the reference has no column 'y:m', only x"),
+        ({"x": saw(T)}, {"columns": {"x": "x * 0"}}, "column 'x * 0': the factor must not be 0"),
         ({"x [kg]": saw(T)}, {}, "the result: x [m] cannot be told in kg"),
     ],
 )  # fmt: skip
@@ -207,8 +215,8 @@ def test_the_measured_drive_is_its_fmus_but_where_its_belt_slips(fmus: Path) -> 
     )
     result = run(system, stop=drive.STOP, step=1e-3, record=["motor.w", "motor.tau"])
     found = compare(
-        result, drive.record(), columns={"motor.w": "speed", "motor.tau": "torque"}, gap=0.01,
-        errors={"motor.w": "11rpm", "motor.tau": "2.5N.m"}, units={"torque": "0.73N.m"},
+        result, drive.record(), columns={"motor.w": "speed", "motor.tau": "torque * 0.73:N.m"},
+        errors={"motor.w": "11rpm", "motor.tau": "2.5N.m"}, gap=0.01,
     )  # fmt: skip
     for column in found.columns:
         out = column.t[column.outside]
