@@ -63,7 +63,7 @@ def test_every_check_has_a_fault_that_fails_it() -> None:
 def test_a_crash_or_a_hang_fails_its_check_alone(fault: str, tmp_path: Path) -> None:
     found = crosscheck(pack(tmp_path / "deadly.fmu", fault), timeout=8.0)
     assert ", ".join(failed(found)) == DEADLY[fault], found.text()
-    said = "did not return within 8 s" if "hangs" in fault else "killed by signal SIG"
+    said = "no answer within 8 s" if "hangs" in fault else "killed by signal SIG"
     assert all(said in found[check].said for check in failed(found))
     assert len(found.verdicts) == len(CHECKS)
 
@@ -136,10 +136,13 @@ def test_no_check_fails_on_any_fmu_of_the_project(fmus: Path) -> None:
         assert found.passed and found["run"].status == PASSED, found.text()
 
 
-def test_the_order_of_an_fmu_in_its_step_is_told(tmp_path: Path) -> None:
-    """Of Euler's method; nothing is wrong with it."""
-    found = verdicts(pack(tmp_path / "euler.fmu", "one Euler step"), "step size")["step size"]
+@pytest.mark.parametrize("step", [0.01, 1e-7])
+def test_the_order_of_an_fmu_in_its_step_is_told(step: float, tmp_path: Path) -> None:
+    """Of Euler's method, with which nothing is wrong; by longer steps where those asked for show none."""
+    subject = Subject(pack(tmp_path / "euler.fmu", "one Euler step"), step)
+    found = checked(subject, "step size")
     assert found.status == PASSED and found.said.startswith("order 1.0: ")
+    assert ("0.04 and 0.02 s" in found.said) is (step == 0.01)
 
 
 def test_what_counts_an_instance_s_life_is_found_by_reset_and_state(tmp_path: Path) -> None:

@@ -56,7 +56,7 @@ def _some(path: Path, step: float | None, names: Sequence[str], timeout: float) 
         its.close()
         try:
             for name in names:
-                said = f"it did not return within {timeout:g} s"
+                said = f"no answer within {timeout:g} s: it hangs, or needs a longer timeout"
                 try:
                     if ours.poll(timeout):
                         verdicts.append(ours.recv())

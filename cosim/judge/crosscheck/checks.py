@@ -28,7 +28,8 @@ STEPS, LONG = 60, 10_000
 SHAKE, NUDGE = 0.05, 0.01
 LEAK = 64 * 1024  # of resident memory, that so many steps may take [bytes]
 AGREES, NOISE = 0.01, 1e-7
-MOST_KNOWNS = 60
+LONGER = (1, 8, 64)
+MOST_KNOWNS, MOST_INPUTS = 60, 20
 PASSED, FAILED, NOT_OFFERED, NOT_RUN = "passed", "failed", "not offered", "not run"
 
 
@@ -80,7 +81,7 @@ class Subject:
     def instance(self) -> Iterator[Part]:
         """A new instance, which is terminated and freed."""
         part = Part(
-            f"i{next(self._numbers)}", self.description, borrow(self.path, self.description)
+            f"instance_{next(self._numbers)}", self.description, borrow(self.path, self.description)
         )
         try:
             yield part
@@ -177,7 +178,7 @@ class Subject:
     def how(self) -> str:
         """Over which steps and with which inputs it is run."""
         inputs = (
-            f"; Real input j, from 0 on, in step k: start + {SHAKE:g} size sin(0.37 (j + 1) k + j)"
+            f"; Real inputs j = 0, 1, ... in step k: start + {SHAKE:g} size sin(0.37 (j + 1) k + j)"
         )
         return f"steps of h = {self.h:g} s from {self.start:g} s{inputs if self.inputs else ''}"
 
@@ -418,31 +419,43 @@ def bytes_(s: Subject) -> str:
 
 
 def halves(s: Subject) -> str:
-    """One step of 4 h against two of 2 h, and one of 2 h against two of h."""
+    """One step of 4 h against two of 2 h, and one of 2 h against two of h; longer ones to see an order."""
     s.needs("canHandleVariableCommunicationStepSize")
-    moved = {name: [0.0, 0.0] for name in s.ranges}
-    apart = {name: [0.0, 0.0] for name in s.ranges}
+    for h in (s.h * longer for longer in LONGER):
+        try:
+            apart, moved = split(s, h)
+        except PartFailure:
+            if h == s.h:
+                raise
+            break
+        moving = [name for name in moved if moved[name][1] > NOISE]
+        off = [x for x in moving if apart[x][1] > max(0.3 * moved[x][1], 0.5 * apart[x][0])]
+        if h == s.h and off and 2 * len(off) >= len(moving):
+            raise Broken(
+                f"{', '.join(off)}: one step and two of half the size differ by a third of the way and "
+                f"more, for {4 * h:g} s and for {2 * h:g} s"
+            )
+        far, near = (sum(apart[name][level] for name in moving) for level in (0, 1))
+        if near > NOISE:
+            order = math.log2(far / near) - 1.0
+            return f"order {order:.1f}: {far:.2g} and {near:.2g} of the range, {4 * h:g} and {2 * h:g} s"
+    return f"no difference above {NOISE:g} of the range: exact, or smaller steps inside"
+
+
+def split(s: Subject, h: float) -> tuple[dict[str, list[float]], dict[str, list[float]]]:
+    """By Real output, in its range, from three points: what one step of 4 h and two of 2 h are apart, and
+    then one of 2 h and two of h; and how far the one step moves it.
+    """
+    apart, moved = ({name: [0.0, 0.0] for name in s.ranges} for _ in range(2))
     for n in (1, s.steps // 3, 2 * s.steps // 3):
         u = s.inputs_at(n)
         begin = s.after(n, u, [])
-        for level, pieces in enumerate((4, 2)):
-            whole = s.after(n, u, [pieces * s.h])
-            parts = s.after(n, u, [pieces / 2 * s.h] * 2)
+        for level, size in enumerate((4 * h, 2 * h)):
+            whole, parts = s.after(n, u, [size]), s.after(n, u, [size / 2, size / 2])
             for name, wide in s.ranges.items():
                 apart[name][level] += abs(whole[name] - parts[name]) / wide
                 moved[name][level] += abs(whole[name] - begin[name]) / wide
-    moving = [name for name in moved if moved[name][1] > NOISE]
-    off = [n for n in moving if apart[n][1] > 0.3 * moved[n][1] and apart[n][1] > 0.5 * apart[n][0]]
-    if off and 2 * len(off) >= len(moving):
-        raise Broken(
-            f"{', '.join(off)}: one step and two of half the size differ by a third of the way and more, "
-            f"for {4 * s.h:g} s and for {2 * s.h:g} s"
-        )
-    far, near = (sum(apart[name][level] for name in moving) for level in (0, 1))
-    if far < NOISE:
-        return f"no difference above {NOISE:g} of the range: exact, or smaller steps inside"
-    order = math.log2(far / near) - 1.0 if near else math.inf
-    return f"order {order:.1f}: {far:.2g} and {near:.2g} of the range for {4 * s.h:g} and {2 * s.h:g} s"
+    return apart, moved
 
 
 def outputs(s: Subject) -> str:
@@ -450,10 +463,9 @@ def outputs(s: Subject) -> str:
     s.needs("canHandleVariableCommunicationStepSize")
     declared = {d.variable.name: d for d in s.description.outputs if d.variable is not None}
     reals = [v for v in s.outputs if v.type == "Real" and v.variability in (None, "continuous")]
-    pairs = 0
     for n in (0, s.steps // 2):
         u = s.inputs_at(n)
-        for j, known in enumerate(s.inputs):
+        for j, known in enumerate(s.inputs[:MOST_INPUTS]):
             slopes = {h: s.slopes(n, u, j, h, SHAKE) for h in (s.h / 64, s.h / 1024)}
             for v in reals:
                 (up, down), (long_up, _) = slopes[s.h / 1024][v.name], slopes[s.h / 64][v.name]
@@ -470,8 +482,8 @@ def outputs(s: Subject) -> str:
                         f"{v.name} by {known.name} is {kind}, but its slope is {down:.6g} on one side and "
                         f"{up:.6g} on the other"
                     )
-                pairs += 1
-    return f"{pairs} pairs of Real outputs and inputs"
+    tried = min(len(s.inputs), MOST_INPUTS)
+    return f"{len(reals)} Real outputs by {tried} of {len(s.inputs)} Real inputs"
 
 
 def unknowns(s: Subject) -> str:
@@ -479,7 +491,7 @@ def unknowns(s: Subject) -> str:
     entries = [u for u in s.description.initialUnknowns if u.variable is not None]
     if not entries:
         raise NotOffered("there are no InitialUnknowns")
-    known = [v for v in s.description.modelVariables if s.known(v)][:MOST_KNOWNS]
+    known = [v for v in s.description.modelVariables if s.known(v)]
     shown = [u.variable for u in entries]
 
     def found(v: ScalarVariable | None = None, value: Value = 0) -> dict[str, Value]:
@@ -490,7 +502,7 @@ def unknowns(s: Subject) -> str:
             return part.values(shown)
 
     base, tried = found(), 0
-    for v in known:
+    for v in known[:MOST_KNOWNS]:
         if (value := nudged(v)) is None:
             continue
         with suppress(PartFailure):
@@ -503,7 +515,7 @@ def unknowns(s: Subject) -> str:
                     raise Broken(
                         f"{name} is {other[name]!r}, not {base[name]!r}, with {v.name} = {value!r}, undeclared"
                     )
-    return f"{len(entries)} unknowns by {tried} values"
+    return f"{len(entries)} unknowns by {tried} of {len(known)} values"
 
 
 def derivatives(s: Subject) -> str:
@@ -539,7 +551,7 @@ def derivatives(s: Subject) -> str:
         real = [v for v in s.outputs if v.type == "Real"]
         for n in (1, s.steps // 2):
             u = s.inputs_at(n)
-            for j, v in enumerate(s.inputs):
+            for j, v in enumerate(s.inputs[:MOST_INPUTS]):
                 near, far = (s.slopes(n, u, j, s.h / d, 1e-3) for d in (1024, 64))
                 with s.running(n) as part:
                     s.steer(part, u)
