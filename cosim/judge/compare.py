@@ -185,6 +185,8 @@ def compare(
             raise SetupError(
                 f"the tolerance in {word} = {number!r} must be a finite number from 0 on"
             )
+    if not gap > 0.0:
+        raise SetupError(f"gap = {gap!r} s must be above 0")
     shared = (ours.time >= start) & (ours.time <= stop)
     lost = theirs.lost(ours.time, gap)
     if np.count_nonzero(shared & ~lost) < 2:
@@ -318,7 +320,8 @@ def _read(source: Source, label: str) -> Record:
         else:
             frame = pd.read_csv(path, skipinitialspace=True, encoding="utf-8-sig")
         if beside.is_file():
-            units = json.loads(beside.read_text()).get("units", {})
+            told = json.loads(beside.read_text())
+            units = told.get("units", {}) if isinstance(told, dict) else {}
     except (OSError, ValueError, ImportError) as error:
         raise SetupError(f"{path} cannot be read as a table: {error}") from error
     return Record(str(path), frame, units)

@@ -150,6 +150,7 @@ def test_nothing_is_compared_in_a_gap_and_that_is_said() -> None:
         ({"t": 1.0 - T}, {}, "time 0.99 s after 1.0 s must not fall"),
         ({"x": saw(T)}, {"value": -0.1}, "the tolerance in value = -0.1 must be a finite number"),
         ({"x": saw(T)}, {"time": np.inf}, "the tolerance in time = inf must be a finite number"),
+        ({"x": saw(T)}, {"gap": 0.0}, "gap = 0.0 s must be above 0"),
         ({"x": saw(T)}, {"errors": {"y": 1.0}}, "error of y: only x are compared"),
         ({"x [m]": saw(T)}, {"errors": {"x": "3 N"}}, "error of x = '3 N' must be from 0 on, in m or"),
         ({"x": saw(T)}, {"columns": {"x": "y:m"}}, "the reference has no column 'y:m', only x"),
@@ -191,6 +192,7 @@ def test_the_command_tells_draws_and_has_an_exit_code(tmp_path: Path, capsys) ->
     assert "x = pos    80 mm at" in (text := capsys.readouterr().out) and "FAIL" in text
     assert main([*command, "x=pos", "--error", "x=8cm"]) == 0
     assert main([*command, "x=pos", "--time", "0.11"]) == 0
+    theirs.with_suffix(".json").write_text("[]")  # of somebody else
     assert main([*command, "x=speed"]) == 2
     assert "run.csv: x [m] cannot be told in rpm" in capsys.readouterr().err
 

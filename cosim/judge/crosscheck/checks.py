@@ -461,7 +461,7 @@ def split(s: Subject, h: float) -> tuple[dict[str, list[float]], dict[str, list[
 def outputs(s: Subject) -> str:
     """What an input moves in a step so short that no state can."""
     s.needs("canHandleVariableCommunicationStepSize")
-    declared = {d.variable.name: d for d in s.description.outputs if d.variable is not None}
+    declared = {unknown.variable.name: unknown for unknown in s.description.outputs}
     reals = [v for v in s.outputs if v.type == "Real" and v.variability in (None, "continuous")]
     for n in (0, s.steps // 2):
         u = s.inputs_at(n)
@@ -488,7 +488,7 @@ def outputs(s: Subject) -> str:
 
 def unknowns(s: Subject) -> str:
     """What a value moves while initialising."""
-    entries = [u for u in s.description.initialUnknowns if u.variable is not None]
+    entries = s.description.initialUnknowns
     if not entries:
         raise NotOffered("there are no InitialUnknowns")
     known = [v for v in s.description.modelVariables if s.known(v)]
@@ -510,7 +510,7 @@ def unknowns(s: Subject) -> str:
             tried += 1
             for u in entries:
                 name = u.variable.name
-                felt = other[name] != base[name] and (base[name] == base[name])
+                felt = other[name] != base[name] and base[name] == base[name]  # not so for nan
                 if felt and u.dependencies is not None and v not in u.dependencies:
                     raise Broken(
                         f"{name} is {other[name]!r}, not {base[name]!r}, with {v.name} = {value!r}, undeclared"
@@ -522,7 +522,7 @@ def derivatives(s: Subject) -> str:
     """While initialising by inputs and initial states, after a step by inputs."""
     s.needs("providesDirectionalDerivative")
     known = [v for v in s.description.modelVariables if s.known(v) and v.type == "Real"]
-    known = [v for v in known if v.causality != "parameter"]
+    known = [v for v in known if v.causality != "parameter" and nudged(v) is not None]
     real = [u.variable for u in s.description.initialUnknowns if u.variable.type == "Real"]
     pairs = 0
     with s.instance() as part:
@@ -616,7 +616,7 @@ def memory(s: Subject) -> str:
                 taken += 1
                 if taken % (LONG // 5) == 0:
                     sizes.append(int(Path("/proc/self/statm").read_text().split()[1]) * PAGESIZE)
-        if life < s.steps // 2:
+        if life <= s.steps // 2:
             raise NotOffered(f"it takes no more than {life} steps with inputs that stand still")
     grown = [after - before for before, after in pairwise(sizes)]
     if sum(grown) > LEAK and sum(g > 0 for g in grown) > len(grown) / 2:
