@@ -313,7 +313,8 @@ def _read(source: Source, label: str) -> Record:
     if isinstance(source, pd.DataFrame):
         return Record(label, source, {})
     path = Path(source)
-    beside, units = path.with_suffix(".json"), {}
+    beside = path.with_suffix(".json")
+    units: dict[str, str] = {}
     try:
         if path.suffix == ".parquet":
             frame = pd.read_parquet(path)
