@@ -18,6 +18,8 @@ from .formats.osp import read_osp, write_osp
 from .formats.ssp import Package, read_ssp, write_ssp
 from .inputs import Table
 from .judge.certify import Certified, Estimate, certify, estimate, summary
+from .judge.compare import Comparison, Deviation, compare
+from .judge.crosscheck import Crosscheck, Verdict, crosscheck
 from .judge.diagnose import Diagnosis, diagnose
 from .judge.isolated import run_isolated
 from .master import run, versions
@@ -31,6 +33,9 @@ __all__ = [
     "ORDERS",
     "Adaptive",
     "Certified",
+    "Comparison",
+    "Crosscheck",
+    "Deviation",
     "Diagnosis",
     "Estimate",
     "Interrupted",
@@ -40,8 +45,11 @@ __all__ = [
     "SimulationError",
     "System",
     "Table",
+    "Verdict",
     "Wire",
     "certify",
+    "compare",
+    "crosscheck",
     "crossing",
     "diagnose",
     "estimate",
