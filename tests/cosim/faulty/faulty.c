@@ -121,7 +121,7 @@ fmi2Status fmi2DoStep(fmi2Component p, fmi2Real t, fmi2Real h, fmi2Boolean final
     Instance *i = p;
     double size = h > LONGEST * (1 + 1e-9) ? LONGEST : h;
     if (FAULT("crashes") && i->s.n == 500) *(volatile int *)NULL = 0;
-    if (FAULT("leaks")) leaked = malloc(64);
+    if (FAULT("leaks")) leaked = memset(malloc(4096), 1, 4096);
     if (FAULT("one step size") && i->s.n && fabs(h - (i->s.time - i->s.reached)) > 1e-9)
         return fmi2Error;
     if (FAULT("not repeatable")) i->s.value[Y] += 1e-12 * (double)(rand() % 100);
