@@ -221,7 +221,7 @@ def check(p: Parameters) -> Iterator[str]:
             f"would lie on the hook at phi1 = {flush(p)!r} rad, which must be below its dead centre "
             f"at {atan2(cup.h, r)!r} rad"
         )
-    if p.neglected.J_a >= 2 * cup.J:
+    if p.neglected.mu_side > 0.0 and p.neglected.J_a >= 2 * cup.J:
         raise ValueError(
             f"neglected.J_a = {p.neglected.J_a!r} kg.m2 must be below 2 cup.J = {2 * cup.J!r} kg.m2"
         )

@@ -59,28 +59,27 @@ def solve(o: Options, bench: Bench) -> Findings:
     return Findings(found, data, machine, {}, steps, tables={TABLE: table})
 
 
-def sweep(
-    machine: System, speeds: Sequence[float], mu: float, more: int = 10
-) -> list[Sequence[float]]:
+def sweep(machine: System, speeds: Sequence[float], mu: float) -> list[Sequence[float]]:
     """The products of a friction: at these speeds; in the gap between what works and what jams, which
-    is halved until it is narrower than NEAR; some more before."""
+    is halved until it is narrower than NEAR; some before, and the same again if one of these jams."""
     rows = [simulate(machine, mu, n) for n in speeds]
-    oriented, jam = course(Table.of_rows(rows, UNITS).frame, mu)
-    if jam is None:
-        return rows
-    good, bad = oriented[-1].n, jam.n
-    first = max(0.0, 2 * good - bad)
-    while bad - good > NEAR:
-        middle = (good + bad) / 2
-        rows.append(simulate(machine, mu, middle))
-        good, bad = (middle, bad) if rows[-1][2] == orientator.ORIENTED else (good, middle)
-    before = np.linspace(first, good, more + 2)[1:-1].tolist()
-    return rows + [simulate(machine, mu, n) for n in before]
+    while True:
+        oriented, jam = course(Table.of_rows(rows, UNITS).frame, mu)
+        if jam is None or jam.n - oriented[-1].n <= NEAR:
+            return rows
+        good, bad = oriented[-1].n, jam.n
+        first = max(0.0, 2 * good - bad)
+        while bad - good > NEAR:
+            middle = (good + bad) / 2
+            rows.append(simulate(machine, mu, middle))
+            good, bad = (middle, bad) if rows[-1][2] == orientator.ORIENTED else (good, middle)
+        before = np.linspace(first, good, 12)[1:-1].tolist()
+        rows += [simulate(machine, mu, n) for n in before]
 
 
 def fastest(machine: System, speeds: Sequence[float], mu: float) -> Figure:
     """The fastest rotor that orients before the first of rising speeds [rpm] that jams, and why."""
-    return limit(*course(Table.of_rows(sweep(machine, speeds, mu, 0), UNITS).frame, mu))
+    return limit(*course(Table.of_rows(sweep(machine, speeds, mu), UNITS).frame, mu))
 
 
 def limit(oriented: Sequence[Row], jam: Row) -> Figure:

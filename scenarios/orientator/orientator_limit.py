@@ -18,7 +18,8 @@ from workbench import Bench, Chart, Curve, Figure, Findings, Panel, Show, Table,
 from workbench.answer import parameters
 
 from . import machine as orientator
-from .orientation_time import OWN, STEP, fastest
+from . import mechanism
+from .orientation_time import OWN, STEP, fastest, run
 from .theory import Machine, rpm
 
 __all__ = ["OWN"]
@@ -29,7 +30,7 @@ COLUMNS = {
 }  # fmt: skip
 RAISED = {"dimension": "1", "gain": "%", "gain_error": "%"}
 LENGTHS = ("cup.d", "cup.h", "cup.l", "catcher.l", "catcher.h", "catcher.phi", "chute.R", "chute.H")
-CHANGE, SPACING, SLOWEST, BESIDE = 0.02, 0.03, 0.5, (0.94, 1.06, 7)
+CHANGE, SPACING, SLOWEST, BESIDE = 0.02, 0.03, 0.5, (0.94, 1.06, 5)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,7 +71,7 @@ def solve(o: Options, bench: Bench) -> Findings:
     raised = Table.of_rows(bench.each(around, LENGTHS, "dimensions", probes=True), RAISED)
     found = figures(plane.frame, raised.frame, machine, known)
     tables = {PLANE: plane, RAISE: raised}
-    return Findings(found, tables, base, {}, f"steps of {STEP} s", tables=tables)
+    return Findings(found, (base, tables), base, {}, f"steps of {STEP} s", tables=tables)
 
 
 def limit(system: System, mu: float) -> tuple[Machine, Figure]:
@@ -160,10 +161,11 @@ def verdict(o: Options, f: Mapping[str, Figure], r: object) -> str:
     )
 
 
-def show(o: Options, f: Mapping[str, Figure], r: Mapping[str, Table]) -> Show:
-    """The limits over friction, the formula's difference, and what each dimension gains."""
-    plane, raised = (table.frame for table in r.values())
-    speeds, offs = [], []
+def show(o: Options, f: Mapping[str, Figure], r: tuple[System, Mapping[str, Table]]) -> Show:
+    """The limits over friction, the formula's difference, what each dimension gains, and the last cup
+    that is oriented beside the first that jams."""
+    plane, raised = (table.frame for table in r[1].values())
+    speeds, offs, motions = [], [], []
     size = len(o.frictions)
     for k, (name, (_, color)) in enumerate(CUPS.items()):
         x = plane[k * size : (k + 1) * size]
@@ -183,4 +185,10 @@ def show(o: Options, f: Mapping[str, Figure], r: Mapping[str, Table]) -> Show:
     names, gains, errors = (raised[x].to_list() for x in RAISED)
     bars = Curve("simulated", names, gains, "blue", "bars", errors)
     title = f"What 1 % more of a dimension gains at friction {o.friction:g}"
-    return Show([where, Chart(title, "dimension", [Panel("of the limit", "%", [bars])])])
+    gained = Chart(title, "dimension", [Panel("of the limit", "%", [bars])])
+    if f["limit"].error is not None:
+        works, jams = f["limit"].value, f["limit"].value + f["limit"].error
+        ends = {f"{x:.2f} rpm": run(r[0], o.friction, x, 1e-3) for x in (works, jams)}
+        last = max(float(orientator.shortened(x)["time"][-1]) for x in ends.values())
+        motions.append(mechanism.motion(f"{' works, '.join(ends)} does not", ends, last))
+    return Show([where, gained], motions)

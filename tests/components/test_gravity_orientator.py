@@ -544,6 +544,9 @@ REFUSED = {
     "catcher.h = 0.045 m must be below cup.d / sin(catcher.phi) = 0.04": {
         "cup.d": 0.02, "catcher.h": 0.045},
     "cup.J = 1e-07 kg.m2 must be above 1.": {"cup.J": 1e-7},
+    "neglected.J_a = 5e-05 kg.m2 must be below 2 cup.J = 4.8e-05 kg.m2": {
+        "neglected.J_a": 5e-5, "neglected.mu_side": 0.3},
+    "neglected.mu_catcher = 1.1 must be at most 1.0": {"neglected.mu_catcher": 1.1},
     "w = nan rad/s must be a finite number": {"w": nan},
     "stage = 7 must be one of 0 (falling), 1 (joint)": {"stage": 7},
 }  # fmt: skip
