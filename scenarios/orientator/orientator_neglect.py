@@ -47,7 +47,7 @@ class Options(workbench.Options):
     speed: float = option("40rpm", "speed of the rotor", "rad/s", least=0.0)
     speeds: tuple[float, ...] = option("0:70rpm:15", "speeds of the curves", "rad/s", least=0.0)
     friction: float = option(0.35, "friction at all walls of the chute", "1", above=0.0)
-    catcher: float = option(0.35, "friction between cup and catcher", "1", least=0.0)
+    catcher: float = option(0.35, "friction between cup and catcher", "1", least=0.0, most=1.0)
     rim: float = option("0.5mm", "radius of the rim's edge", "m", least=0.0)
     length: float = option("100mm", "length of the spring at the stop", "m", above=0.0)
 
@@ -111,7 +111,9 @@ def ending(mu: float, system: System) -> Figure:
 def figures(told: Mapping[str, Measured]) -> dict[str, Figure]:
     """The time of orientation, and what each effect adds to it."""
     plain = told[PLAIN]
-    found = {"orientation_time": plain.figure("s", "time of orientation of the paper")}
+    meaning = "time of orientation of the paper"
+    jams = Figure.refused("s", "a product jams", meaning)
+    found = {"orientation_time": jams if math.isnan(plain.value) else plain.figure("s", meaning)}
     for name, words in WORDS.items():
         base, more = told["hook" if name == "corner" else PLAIN], told[name]
         cost, off = more.value - base.value, more.error + base.error
