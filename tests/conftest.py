@@ -46,6 +46,8 @@ QUICK: dict[str, dict[str, Any]] = {
     "iron_orders": {"speeds": "5"},
     "orientation_time": {"speeds": "40rpm,80rpm", "frictions": "0.35"},
     "orientator_cycle": {},
+    "orientator_limit": {"frictions": "0.5"},
+    "orientator_neglect": {"speeds": "20rpm,60rpm"},
     "packing_line": {"stop": 4.0, "step": 1e-3},
     "sommerfeld": {"supplies": "18:30:5", "hold": 3.0, "step": 0.02},
 }

@@ -52,6 +52,8 @@ SLOW = {
     "scenarios run iron_start",
     "scenarios run orientation_time",
     "scenarios run orientator_cycle --animate",
+    "scenarios run orientator_limit --flavour native",
+    "scenarios run orientator_neglect --flavour native",
     "scenarios run packing_line",
     "scenarios run sommerfeld",
     ".venv/bin/python -m cosim verify",

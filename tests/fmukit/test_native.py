@@ -216,7 +216,8 @@ def test_directional_derivatives_at_the_start_match_finite_differences(
             {"stage": 1, "phi1": 0.7, "w1": 3.0},
             {"stage": 2, "phi1": 1.0, "phi2": 5.8, "w1": 4.0, "w2": 9.0},
             {"stage": 3, "phi1": 0.7, "phi2": 6.9, "w1": -1.0, "w2": 9.0, "vyc": 1.0},
-        ][seed],
+        ][seed] | {"neglected.mu_side": 0.2, "neglected.mu_catcher": 0.2, "neglected.rim": 1e-3,
+                   "neglected.anchored": seed > 0},
     }.get(name, {})  # fmt: skip
     unit = Unit(fmu)
     unit.fmi.setupExperiment()

@@ -42,6 +42,8 @@ CHANGED = {
     "iron_orders": ("motor.B", 0.03),
     "orientation_time": ("orientator.cup.m", 0.05),
     "orientator_cycle": ("orientator.cup.m", 0.05),
+    "orientator_limit": ("orientator.chute.R", 0.25),
+    "orientator_neglect": ("orientator.cup.m", 0.05),
     "packing_line": ("conveyor_motor.T", 0.03),
     "sommerfeld": ("exciter.mount.d", 82.0),
 }
@@ -58,9 +60,11 @@ EXACT |= {
 }
 EXACT |= {"theory_up", "theory_down", "spring", "spring_formula", "spring_theory"}
 EXACT |= {"f_rod_formula", "f_rod_formula_unloaded"}
+EXACT |= {"theory_up", "theory_down", "formula", "joint"}
 SAID = {
     "iron_orders": [(iron_orders.IMPORTANT, "%"), *((lag, "ms") for lag in iron_orders.LAGS)],
     "orientation_time": [(10.0, "%")],
+    "orientator_limit": [(1.0, "%")],
     "run_up": [(10.0, "%")],
     "resonance": [(90.0, "degrees"), (math.sqrt(720e3 / 200), "rad/s")],
 }

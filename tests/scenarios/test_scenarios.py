@@ -176,6 +176,12 @@ REFUSED = [
     ("run iron_start --step 1", "step = 1 s must be at most 0.1875 s, a 16th of stop = 3 s"),
     ("run iron_orders --start motor.tau=1", "motor.tau: this question sets it on its own"),
     ("run orientation_time --frictions a", "frictions = 'a' must read from:to:number or a,b,c"),
+    ("run orientator_limit --frictions 0,0.1", "frictions = 0 must be a finite number above 0"),
+    ("run orientator_neglect --rim=-1mm", "rim = -0.001 m must be a finite number at least 0 m"),
+    (
+        "run orientator_neglect --start orientator.neglected.rim=1",
+        "this question sets it on its own",
+    ),
     ("run orientator_cycle --speed inf", "speed = inf rad/s must be a finite number at least 0"),
     ("run packing_line --gear 0", "gear = 0 must be a finite number above 0"),
     ("run packing_line --iron-speed nan", "iron_speed = nan rad/s must be a finite number above"),
