@@ -42,6 +42,8 @@ SLOW = {
     "scenarios study studies/rotor_speed.toml --scheduler tcp://localhost:8786 --out results/cluster",
     "kill %1 %2",
     "scenarios run iron_cycle --animate",
+    "scenarios run iron_bounce",
+    "scenarios run iron_kinematics",
     "scenarios run iron_orders",
     "scenarios run iron_start",
     "scenarios run orientation_time",

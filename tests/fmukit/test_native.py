@@ -204,8 +204,10 @@ def test_directional_derivatives_at_the_start_match_finite_differences(
     start = {
         "DriveMotor": {"characteristic": seed % 2, "w": rng.uniform(30, 60)},
         "CrankConveyor": {"phi": rng.uniform(0, 6), "w": 35.0, "rod.finite": seed > 0},
-        "IronDrive": {"phi": [0.6, 3.5, -1.0][seed], "w_cam": [2.0, 3.0, 0.0][seed],
-                      "wrap": seed % 2, "direction": int(seed < 2)},
+        "IronDrive": {"phi": [0.6, 3.5, -1.0][seed], "w_cam": [2.0, 3.0, 0.5][seed],
+                      "wrap": seed % 2, "direction": int(seed < 2), "gap": 0.05, "w_gap": 0.1,
+                      "flying": seed == 1, "follower.lifts": seed == 1, "joints.cam": 0.1,
+                      "joints.rocker": 0.1, "joints.link": 0.1, "joints.sprocket": 0.1},
         "DCMotor": {"i": rng.uniform(5, 9)},
         "ShaftLink": {"twist": [0.03, -0.02, 0.012][seed]},
         "UnbalanceExciter": {"phi": rng.uniform(0, 6), "w": 35.0, "x": 0.01, "v": 1.0},
