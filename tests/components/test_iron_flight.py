@@ -63,13 +63,14 @@ CASES: dict[str, tuple[dict[str, Any], float, float, float, float, int]] = {
 def test_flight_and_landings_are_those_of_another_integration(name: str, fmus: Path) -> None:
     values, tau, phi, w, stop, landings = CASES[name]
     end = Reference(start(iron.Parameters, **FLIES, **values), tau).run(phi, w, stop)
-    ends = []
-    for folder in (fmus, fmus / "native"):
+    python, native, ends = fmus, fmus / "native", []
+    for folder, steps in [(native, 100), *[(python, 10)] * (name == "below"), (native, 10)]:
         unit = Unit(folder / "IronDrive.fmu").start(tau=tau, phi=phi, w_cam=w, **FLIES, **values)
-        for n in range(10):
-            unit.step(n * stop / 10, stop / 10)
-        ends.append(unit.outputs())
-    assert ends[0] == ends[1]
+        for n in range(steps):
+            unit.step(n * stop / steps, stop / steps)
+        ends.append([float(value) for value in unit.outputs()])
+    assert ends[-1] == pytest.approx(ends[0], rel=1e-8, abs=1e-8)
+    assert all(end == ends[-1] for end in ends[1:])
     assert unit.get("landings") == len(end["landed"]) == landings
     for key in ("phi", "w_cam", "alpha", "gap", "E_friction", "E_landing", "t_flight"):
         assert unit.get(key) == pytest.approx(end[key], rel=2e-9, abs=2e-9), key
@@ -157,14 +158,28 @@ def test_the_friction_of_the_guide_takes_its_share_of_an_impact() -> None:
     assert 20 < reversed_ < 190
 
 
+@pytest.mark.parametrize(
+    ("degrees", "w", "w_gap"), [(50, 3.0, -0.4), (180, 3.0, -2.0), (300, 9.0, -1.0)]
+)
+def test_a_landing_is_the_limit_of_a_stiff_contact(degrees: float, w: float, w_gap: float) -> None:
+    """Up to the end of the approach: iron rising, reversing, and brought to rest; with a spring whose
+    stiffness grows, the forces of the drive and the friction of the guide act as in flight."""
+    p = start(iron.Parameters, **FLIES, **{"follower.e": 0.0, "reducer.J": 1e-5})
+    _, y, at = met(p, radians(degrees), w, w_gap)
+    rigid = y.w_cam, at.alpha.first * y.w_cam
+    reference = Reference(p, 0.1)
+    soft, stiff = (np.array(reference.stopped(radians(degrees), w, w_gap, c)) for c in (1e10, 1e12))
+    assert stiff + (stiff - soft) / 9 == pytest.approx(rigid, abs=1e-7)
+
+
 def test_bounces_on_a_cam_at_rest_end_as_a_ball_does() -> None:
     """Dropped from a small gap in a dwell: all bounces last 2 e v / (a (1 - e)), and v^2 falls by e^2."""
     rest = {"reducer.J": 1e9, "friction.K_up": 0.0, "friction.K_down": 0.0}
-    p = start(iron.Parameters, **FLIES, **rest, **{"follower.e": 0.5, "follower.v": 1e-9})
+    p = start(iron.Parameters, **FLIES, **rest, **{"follower.e": 0.5, "follower.v": 5e-9})
     u, gap = iron.Inputs(0.0), 1e-6
     x = iron.sample(p, 0.0, start(iron.State, phi=5.0, gap=gap), None, u)
     fall = -iron.derivatives(p, 0.0, x, u).w_gap
-    course = hybrid.Course(u, u, 5e-3)
+    course = hybrid.Course(u, u, 2e-3)
     events = hybrid.events(iron, p, 0.0, x, course)
     seen = [(t, old, new) for t, old, new in events if new.landings > old.landings]
     first, v = math.sqrt(2 * gap / fall), math.sqrt(2 * gap * fall)
