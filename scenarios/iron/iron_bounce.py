@@ -66,7 +66,7 @@ class Flight(NamedTuple):
 @dataclass(frozen=True, kw_only=True)
 class Options(workbench.Options):
     speed: float = option("90rpm", "speed of the cam whose landings are told", "rad/s", above=0.0)
-    speeds: tuple[float, ...] = option("70:120rpm:21", "speeds of the sweep", "rad/s", above=0.0)
+    speeds: tuple[float, ...] = option("70:120rpm:11", "speeds of the sweep", "rad/s", above=0.0)
     stiffness: float = option("10000N/mm", "stiffness of the contact", "N/m", above=0.0)
     samples: int = option(1440, "rows of a turn", least=360)
 

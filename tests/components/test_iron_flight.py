@@ -38,6 +38,21 @@ def test_transfer_functions_are_the_derivatives_of_the_papers_positions(wrap: ir
         assert [getattr(y, name) for name in TRANSFER] == pytest.approx(list(wanted), rel=1e-9)
 
 
+def test_derivatives_of_the_link_are_those_that_the_paper_prints() -> None:
+    """Formulas (6) and (8), with the run to the top of the sprocket, chained with (2) and (3)."""
+    p = start(iron.Parameters)
+    l_K, A_1, C = p.rocker.l_K, p.sprocket.A + p.sprocket.R, p.sprocket.C
+    for degrees in (20, 70, 170, 220):
+        state = start(iron.State, phi=radians(degrees), w_cam=1.0)
+        y = iron.outputs(p, 0.0, state, iron.Inputs(0.1))
+        c, s = math.cos(y.alpha), math.sin(y.alpha)
+        square = (C + l_K * c) ** 2 + (A_1 - l_K * s) ** 2
+        first = l_K * (l_K - A_1 * s + C * c) / square
+        second = l_K * (l_K**2 - A_1**2 - C**2) * (A_1 * c + C * s) / square**2
+        assert y.beta_1 == pytest.approx(first * y.alpha_1, rel=1e-12)
+        assert y.beta_2 == pytest.approx(second * y.alpha_1**2 + first * y.alpha_2, rel=1e-9)
+
+
 def test_coefficients_of_the_equation_of_motion_give_its_acceleration() -> None:
     """A_1 eps + B_1 w^2 + D w = M + C_1, with the friction of the joints in D."""
     p, draw = start(iron.Parameters, **RUBS), random.Random(4)
@@ -59,7 +74,10 @@ CASES: dict[str, tuple[dict[str, Any], float, float, float, float, int]] = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", CASES)
+REVERSING = pytest.param("reversing in the air", marks=pytest.mark.slow)
+
+
+@pytest.mark.parametrize("name", [*list(CASES)[:2], REVERSING])
 def test_flight_and_landings_are_those_of_another_integration(name: str, fmus: Path) -> None:
     values, tau, phi, w, stop, landings = CASES[name]
     end = Reference(start(iron.Parameters, **FLIES, **values), tau).run(phi, w, stop)
@@ -158,24 +176,24 @@ def test_the_friction_of_the_guide_takes_its_share_of_an_impact() -> None:
     assert 20 < reversed_ < 190
 
 
-@pytest.mark.parametrize(
-    ("degrees", "w", "w_gap"), [(50, 3.0, -0.4), (180, 3.0, -2.0), (300, 9.0, -1.0)]
-)
-def test_a_landing_is_the_limit_of_a_stiff_contact(degrees: float, w: float, w_gap: float) -> None:
+def test_a_landing_is_the_limit_of_a_stiff_contact() -> None:
     """Up to the end of the approach: iron rising, reversing, and brought to rest; with a spring whose
     stiffness grows, the forces of the drive and the friction of the guide act as in flight."""
     p = start(iron.Parameters, **FLIES, **{"follower.e": 0.0, "reducer.J": 1e-5})
-    _, y, at = met(p, radians(degrees), w, w_gap)
-    rigid = y.w_cam, at.alpha.first * y.w_cam
     reference = Reference(p, 0.1)
-    soft, stiff = (np.array(reference.stopped(radians(degrees), w, w_gap, c)) for c in (1e10, 1e12))
-    assert stiff + (stiff - soft) / 9 == pytest.approx(rigid, abs=1e-7)
+    for degrees, w, w_gap in ((50, 3.0, -0.4), (180, 3.0, -2.0), (300, 9.0, -1.0)):
+        _, y, at = met(p, radians(degrees), w, w_gap)
+        rigid = y.w_cam, at.alpha.first * y.w_cam
+        soft, stiff = (
+            np.array(reference.stopped(radians(degrees), w, w_gap, c)) for c in (1e10, 1e12)
+        )
+        assert stiff + (stiff - soft) / 9 == pytest.approx(rigid, abs=1e-7)
 
 
 def test_bounces_on_a_cam_at_rest_end_as_a_ball_does() -> None:
     """Dropped from a small gap in a dwell: all bounces last 2 e v / (a (1 - e)), and v^2 falls by e^2."""
     rest = {"reducer.J": 1e9, "friction.K_up": 0.0, "friction.K_down": 0.0}
-    p = start(iron.Parameters, **FLIES, **rest, **{"follower.e": 0.5, "follower.v": 5e-9})
+    p = start(iron.Parameters, **FLIES, **rest, **{"follower.e": 0.25, "follower.v": 5e-9})
     u, gap = iron.Inputs(0.0), 1e-6
     x = iron.sample(p, 0.0, start(iron.State, phi=5.0, gap=gap), None, u)
     fall = -iron.derivatives(p, 0.0, x, u).w_gap
@@ -184,8 +202,8 @@ def test_bounces_on_a_cam_at_rest_end_as_a_ball_does() -> None:
     seen = [(t, old, new) for t, old, new in events if new.landings > old.landings]
     first, v = math.sqrt(2 * gap / fall), math.sqrt(2 * gap * fall)
     times, bounces = [t for t, _, _ in seen], [-old.w_gap for _, old, _ in seen]
-    assert bounces[:8] == pytest.approx([v * 0.5**k for k in range(8)], rel=1e-5)
-    assert times[-1] == pytest.approx(first + 2 * v / fall, rel=1e-5)
+    assert bounces[:6] == pytest.approx([v * 0.25**k for k in range(6)], rel=1e-5)
+    assert times[-1] == pytest.approx(first + 2 * v / fall / 3, rel=1e-5)
     end = seen[-1][2]
     assert not end.flying and (end.gap, end.w_gap) == (0.0, 0.0)
     J = iron.position(p, 5.0).J_a
@@ -232,7 +250,18 @@ def test_a_motor_drives_a_bouncing_follower_as_one_system(fmus: Path) -> None:
         assert a + (a - b) / 3 == pytest.approx(end[name], rel=1e-5, abs=1e-5), name
 
 
+def test_the_chain_stays_taut_above_the_speed_of_lift_off(fmus: Path) -> None:
+    """Held to the cam, the run of the chain would go slack at 8.54 rad/s, the iron at 9.11 rad/s."""
+    for w in (8.6, 9.4, 12.0):
+        given = {"w_cam": w, "tau": 0.0, "reducer.J": 1e3, "phi": 0.0} | FLIES
+        given = {f"iron.{name}": value for name, value in given.items()}
+        system = System({"iron": fmus / "native" / "IronDrive.fmu"}, [], given)
+        r = run(system, stop=2 * pi / w, step=1e-3)
+        assert r["iron.landings"][-1] > 0
+        assert min(r["iron.T_span"].min(), r["iron.T_iron"].min()) > 5.0
+
+
 def test_the_follower_flies_above_the_speed_where_its_force_vanishes() -> None:
+    reference = Reference(start(iron.Parameters, **FLIES, **{"reducer.J": 1e6}), 0.0)
     for w, lifts in ((7.89, 0), (7.91, 1)):
-        p = start(iron.Parameters, **FLIES, **{"reducer.J": 1e6})
-        assert len(Reference(p, 0.0).run(0.0, w, 2 * pi / w)["lifted"]) == lifts
+        assert len(reference.run(0.0, w, 2 * pi / w)["lifted"]) == lifts
