@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 import cosim
-from cosim import Result, System
+from cosim import Result, SetupError, System
 from workbench import Figure
 from workbench.measure import largest
 from workbench.options import Start
@@ -73,6 +73,8 @@ def limits(system: System) -> dict[str, Figure]:
         )
         if f_0.min() > 0.0:
             top = largest(np.degrees(slow["iron.phi"]), -f_2 / f_0)
+            if not top.value > 0.0:
+                raise SetupError("iron.cam.h = 0 m: a cam without a rise lets nothing go")
             w = top.value**-0.5
             limit = limit._replace(value=w, error=w * top.error / (2 * top.value))
             found[f"{name}_limit_angle"] = top.at.figure("deg", at)

@@ -24,7 +24,7 @@ from . import drive as iron
 from . import mechanism
 
 PARTS = {"iron": "IronDrive"}
-OWN = (*iron.IMPOSED, "iron.follower.lifts")
+OWN = (*iron.IMPOSED, "iron.follower.lifts", "iron.gap", "iron.w_gap")
 TURNS, FINER = 3, 4
 TABLE = "iron_bounce.csv"
 UNITS = {
@@ -142,11 +142,13 @@ def verdict(o: Options, f: Mapping[str, Figure], r: object) -> str:
     answer += f". At {o.speed:.5g} rad/s ({f['cycles'].text('cycles/min')}) "
     if f["flight"].error is None:
         return f"{answer}{f['flight'].reason}."
-    if not f["landings"].value:
+    if not f["flight"].value:
         return f"{answer}it stays on the cam."
+    answer += f"it is off the cam for {told['flight']} of each turn and "
+    if not f["landings"].value:
+        return f"{answer}does not land."
     return (
-        f"{answer}it is off the cam for {told['flight']} of each turn and lands {told['landings']} "
-        f"times, at up to {told['speed']}, with {told['impulse']}. A contact of {o.stiffness:g} N/m "
+        f"{answer}lands {told['landings']} times, at up to {told['speed']}, with {told['impulse']}. A contact of {o.stiffness:g} N/m "
         f"then carries {told['force']}. All landings of a turn cost {told['loss']}."
     )
 

@@ -15,7 +15,7 @@ from scipy.interpolate import CubicSpline
 
 import cosim
 import workbench
-from cosim import Result, System
+from cosim import Result, SetupError, System
 from workbench import Bench, Chart, Curve, Figure, Findings, Panel, Show, Table, option
 from workbench.answer import parameters
 from workbench.measure import Samples, largest
@@ -70,14 +70,15 @@ def solve(o: Options, bench: Bench) -> Findings:
     turns = bench.each(run, cases, "dimensions", probes=True)
     phi, whole = np.linspace(0.0, 360.0, o.samples + 1), functions(system, result)
     tops = [largest(phi, abs(y)) for y in whole]
+    if not all(top.value for top in tops):
+        raise SetupError("iron.cam.h = 0 m: a cam without a rise moves nothing")
     shares = []
     for dimension in DIMENSIONS:
         near, far = (abs(next(turns) - next(turns)) / (2 * k * CHANGE) for k in (1, 2))
         for name, top, fine, coarse in zip(FUNCTIONS, tops, near, far):
-            if top.value:
-                share, rough = (largest(phi, y) for y in (fine, coarse))
-                error = abs(share.value - rough.value) + share.error
-                shares.append(Share(dimension, name, share.value / top.value, error / top.value))
+            share, rough = (largest(phi, y) for y in (fine, coarse))
+            error = abs(share.value - rough.value) + share.error
+            shares.append(Share(dimension, name, share.value / top.value, error / top.value))
     units, found = {name: result.units[f"iron.{name}"] for name in FUNCTIONS}, {}
     for name, top in zip(FUNCTIONS, tops):
         key, what = name.lower(), f"largest absolute value of {FUNCTIONS[name][0]}"
@@ -125,8 +126,6 @@ def ranked(shares: Sequence[Share], name: str) -> list[Share]:
 def change(shares: Sequence[Share], name: str, place: int) -> Figure:
     """The change of a function by the dimension at this place of the ranking."""
     own, text = ranked(shares, name), FUNCTIONS[name][0]
-    if not own:
-        return Figure.refused("%", "the function is 0 all turn", f"change of {text}")
     meaning = f"most that 1 % of {own[place].dimension} changes of {text}"
     return Figure(own[place].change, "%", own[place].error, meaning)
 
@@ -134,8 +133,6 @@ def change(shares: Sequence[Share], name: str, place: int) -> Figure:
 def verdict(o: Options, f: Mapping[str, Figure], r: Data) -> str:
     """How the iron follows the cam, and which dimension to make with care."""
     told = {name: figure.text() for name, figure in f.items()}
-    if not f["h_1_max"].value:
-        return f"The cam moves nothing: the largest absolute value of H' is {told['h_1_max']}."
     first, second = ranked(r[4], "H_1")[:2]
     return (
         f"A radian of the cam moves the iron by up to {told['h_1_max']}, at {told['h_1_angle']}, and "
@@ -157,13 +154,12 @@ def show(o: Options, f: Mapping[str, Figure], r: Data) -> Show:
             where = [DIMENSIONS[x.dimension] for x in own]
             changes, errors = [x.change for x in own], [x.error for x in own]
             lines.append(Curve(text, phi, rows[name], color))
-            columns += [Curve(text, where, changes, color, "bars", errors)] * bool(own)
+            columns.append(Curve(text, where, changes, color, "bars", errors))
         panels.append(Panel(group, result.units[f"iron.{names[0]}"], lines))
-        bars += [Panel(group, "%", columns, includes=(0.0,))] * bool(columns)
+        bars.append(Panel(group, "%", columns, includes=(0.0,)))
     spans = iron.phases(result.provenance["parts"]["iron"]["parameters"])
     title = "What a radian of the cam moves, and the terms of A_1 eps + B_1 w^2 = M + C_1"
-    charts = [Chart(title, "cam angle [deg]", panels, spans=spans)]
+    over = Chart(title, "cam angle [deg]", panels, spans=spans)
     title = "Most that 1 % of a dimension changes, in shares of the largest value"
-    charts += [Chart(title, "dimension", bars)] * bool(bars)
     moving = mechanism.motion("One turn of the cam", result, system, result["time"][-1], 2.0)
-    return Show(charts, [moving])
+    return Show([over, Chart(title, "dimension", bars)], [moving])
