@@ -44,6 +44,8 @@ QUICK: dict[str, dict[str, Any]] = {
     "iron_cycle": {"samples": 180},
     "iron_start": {"stop": 0.1},
     "iron_orders": {"speeds": "5"},
+    "iron_kinematics": {"samples": 180},
+    "iron_bounce": {"speeds": "80rpm,100rpm", "samples": 720},
     "orientation_time": {"speeds": "40rpm,80rpm", "frictions": "0.35"},
     "orientator_cycle": {},
     "orientator_limit": {"frictions": "0.5"},

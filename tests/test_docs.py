@@ -48,6 +48,8 @@ SLOW = {
     "scenarios run induction_motor",
     "scenarios run rod_force",
     "scenarios run iron_cycle --animate",
+    "scenarios run iron_bounce",
+    "scenarios run iron_kinematics",
     "scenarios run iron_orders",
     "scenarios run iron_start",
     "scenarios run orientation_time",

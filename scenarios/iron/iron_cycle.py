@@ -8,7 +8,6 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
-from itertools import accumulate, pairwise
 
 import numpy as np
 
@@ -16,7 +15,7 @@ import workbench
 from cosim import Result, System
 from workbench import Bench, Chart, Figure, Findings, Mark, Run, Show, Table, option
 from workbench.measure import integral, largest, smallest
-from workbench.report.chart import FORCE, LIFT, SPEED, TORQUE, Span, recorded
+from workbench.report.chart import FORCE, LIFT, SPEED, TORQUE, recorded
 
 from . import drive as iron
 from . import mechanism
@@ -28,7 +27,6 @@ FORCES = {
     "iron.T_span": ("chain at the link", SPEED),
     "iron.T_iron": ("chain at the iron", LIFT),
 }
-PHASES = {"rise": "grey", "top dwell": "green", "return": "grey", "sealing": "gold"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -104,10 +102,7 @@ def show(o: Options, f: Mapping[str, Figure], r: tuple[Result, System]) -> Show:
         panel("velocity", curves={"iron.v": SPEED}),
         panel("acceleration", curves={"iron.a": FORCE}),
     ]
-    p = result.provenance["parts"]["iron"]["parameters"]
-    widths = [math.degrees(p[f"cam.{x}"]) for x in ("rise", "top", "ret")]
-    ends = pairwise([0.0, *accumulate(widths), 360.0])
-    spans = [Span(*end, *phase) for end, phase in zip(ends, PHASES.items())]
+    spans = iron.phases(result.provenance["parts"]["iron"]["parameters"])
     now, pace = (f"{x:.1f} cycles/min" for x in (f["cycles"].value, iron.PER_MINUTE * limit.value))
     title = f"One turn of the cam at {now}; {event} at {pace}"
     moving = mechanism.motion("One turn of the cam", *r, result["time"][-1], 4.0)

@@ -50,6 +50,11 @@ CASES: list[tuple[ModuleType, dict[str, Any], dict[str, Any]]] = [
         for wrap, side in itertools.product(iron_drive.Wrap, iron_drive.Side)
         for phi in (0.9, 2.0, 3.5, 5.0)
     ),
+    (
+        iron_drive,
+        {"follower.lifts": True},
+        {"phi": 3.5, "direction": 1, "flying": True, "gap": 0.1},
+    ),
     *(
         (gravity_orientator, {}, {"stage": stage, "phi1": 0.6, "phi2": 6.3})
         for stage in gravity_orientator.MECHANICS
@@ -92,7 +97,7 @@ def test_every_equation_has_its_unit(
         for (name, d), value in zip(declarations(cls), values):
             if d.kind == "Real" and not d.held:
                 assert UNITS.Quantity(value).check(unit(d) / per), name
-    if model is gravity_orientator:
-        ends = copy.jump(p, 0.0 * UNITS.s, x, u, 0)
+    if model is gravity_orientator or state.get("flying"):
+        ends = copy.jump(p, 0.0 * UNITS.s, x, u, 2 if model is iron_drive else 0)
         for (name, d), value in zip(declarations(model.State), ends):
             assert not isinstance(value, pint.Quantity) or value.check(unit(d)), name

@@ -40,6 +40,8 @@ CHANGED = {
     "iron_cycle": ("iron.spring.side", -1),
     "iron_start": ("motor.T", 0.05),
     "iron_orders": ("motor.B", 0.03),
+    "iron_kinematics": ("iron.rocker.l", 0.091),
+    "iron_bounce": ("iron.spring.c", 280.0),
     "orientation_time": ("orientator.cup.m", 0.05),
     "orientator_cycle": ("orientator.cup.m", 0.05),
     "orientator_limit": ("orientator.chute.R", 0.25),
@@ -61,6 +63,7 @@ EXACT |= {
 EXACT |= {"theory_up", "theory_down", "spring", "spring_formula", "spring_theory"}
 EXACT |= {"f_rod_formula", "f_rod_formula_unloaded"}
 EXACT |= {"theory_up", "theory_down", "formula", "joint"}
+EXACT |= {"theory_up", "theory_down", "landings"}
 SAID = {
     "iron_orders": [(iron_orders.IMPORTANT, "%"), *((lag, "ms") for lag in iron_orders.LAGS)],
     "orientation_time": [(10.0, "%")],
@@ -96,6 +99,12 @@ VARIABLES: dict[str, dict[str, str]] = {
                    "E_in": "iron.E_kin", "E_missing": "iron.E_kin", "energy_in": "iron.E_kin",
                    "energy_friction": "iron.E_friction"},
     "iron_orders": {"torque": "motor.tau", "speed": "iron.w_cam", "nu": "iron.w_cam"},
+    "iron_kinematics": {key: f"iron.{x}" for x in (
+        "alpha_1", "alpha_2", "beta_1", "beta_2", "H_1", "H_2", "A_1", "B_1", "C_1")
+        for key in (x, f"{x.lower()}_max")},
+    "iron_bounce": {"flight": "iron.t_flight", "force": "iron.N", "follower_limit": "iron.w_cam",
+                    "speed": "iron.v_landing", "impulse": "iron.S_landing",
+                    "loss": "iron.E_landing", "gap": "iron.gap"},
     "orientation_time": {name: f"orientator.{name}" for name in (
         "orientation_time", "t_falling", "t_joint", "t_turning", "t_released")},
     "orientator_cycle": {"orientation_time": "orientator.orientation_time",
