@@ -25,7 +25,10 @@
     X(EnterInitializationMode) X(ExitInitializationMode) X(Terminate) X(DoStep) X(CancelStep) \
     X(GetStatus) X(GetRealStatus) X(GetIntegerStatus) X(GetBooleanStatus) X(GetStringStatus) \
     X(SetDebugLogging) X(SerializedFMUstateSize) X(SerializeFMUstate) X(DeSerializeFMUstate) \
-    X(Instantiate) X(FreeInstance) X(Reset) X(GetTypesPlatform) X(GetVersion)
+    X(Instantiate) X(FreeInstance) X(Reset) X(GetTypesPlatform) X(GetVersion) X(EnterEventMode) \
+    X(NewDiscreteStates) X(EnterContinuousTimeMode) X(CompletedIntegratorStep) X(SetTime) \
+    X(SetContinuousStates) X(GetDerivatives) X(GetEventIndicators) X(GetContinuousStates) \
+    X(GetNominalsOfContinuousStates)
 #define DECLARE(name) static fmi2##name##TYPE *fmi2##name;
 #define LOAD(name) fmi2##name = (fmi2##name##TYPE *)need(dlsym(library, "fmi2" #name));
 
