@@ -1,9 +1,9 @@
 """Build the FMUs: components/NAME/model.py -> fmus/Name.fmu, each validated before it is kept.
 
-usage: python build_fmus.py [COMPONENT ...] [--flavour python|native|both] [--into DIR] [--force]
-                            [--docs]
+usage: python build_fmus.py [COMPONENT ...] [--flavour python|native|both|fmi3|all] [--into DIR]
+                            [--force] [--docs]
 
-Native FMUs go to a folder `native` of their own.
+Native FMUs go to a folder `native` of their own, native ones of FMI 3.0 to a folder `fmi3`.
 """
 
 import argparse

@@ -60,6 +60,7 @@ SLOW = {
     "scenarios run sommerfeld",
     ".venv/bin/python -m cosim verify",
     ".venv/bin/python build_fmus.py --docs",
+    ".venv/bin/python build_fmus.py --flavour fmi3",
     ".venv/bin/python release.py",
     "python3 -m venv own",
     'own/bin/pip install -q --find-links dist "drive-fmus[page]"',

@@ -7,19 +7,19 @@ from pathlib import Path
 from types import ModuleType
 from typing import TypeVar
 
-from ..declare.variables import component
+from ..declare.variables import component, only_steps
 from . import validate
 from .archive import is_current
 from .load import Refused, load, refusing
 from .native import build as native
 from .python import pack as python
 
-FLAVOURS = ("python", "native", "both")
+FLAVOURS = ("python", "native", "both", "fmi3", "all")
 Build = TypeVar("Build", python.Build, native.NativeBuild)
 
 
 def make_all(models: Iterable[Path], flavour: str, out: Path, force: bool = False) -> int:
-    """Make NAME.fmu of every model, native ones in a folder of their own; how many failed."""
+    """Make NAME.fmu of every model, compiled ones in folders of their own; how many failed."""
     failed = 0
     for path in models:
         try:
@@ -34,22 +34,30 @@ def make_all(models: Iterable[Path], flavour: str, out: Path, force: bool = Fals
 
 def make(model: ModuleType, flavour: str, out: Path, force: bool) -> Iterator[bool]:
     """Make the FMUs of one model; whether each is there."""
-    if flavour != "native":
+    if flavour in ("python", "both", "all"):
         build = python.collect(model)
         yield kept(build, python.pack, out / f"{build.name}.fmu", force)
     if flavour == "python":
         return
     if hasattr(model, "PYTHON_ONLY"):
         print(f"{component(model)} has no native flavour: {model.PYTHON_ONLY}")
-        yield flavour != "native"
+        yield flavour in ("both", "all")
         return
-    compiled = native.collect(model)
-    yield kept(compiled, native.pack, out / "native" / f"{compiled.name}.fmu", force)
+    if why := only_steps(model):
+        print(f"{component(model)} has no model exchange: {why}")
+    for fmi, folder, wanted in (
+        (2, "native", flavour != "fmi3"),
+        (3, "fmi3", flavour in ("fmi3", "all")),
+    ):
+        if wanted:
+            compiled = native.collect(model, fmi)
+            yield kept(compiled, native.pack, out / folder / f"{compiled.name}.fmu", force)
 
 
 def kept(build: Build, pack: Callable[[Build, Path], None], fmu: Path, force: bool) -> bool:
     """Make one FMU unless it is up to date; False if it is not valid, and then nothing is kept."""
-    label = f"{'native/' if fmu.parent.name == 'native' else ''}{fmu.name}"
+    folder = fmu.parent.name
+    label = f"{folder}/{fmu.name}" if folder in ("native", "fmi3") else fmu.name
     if not force and is_current(build.guid, fmu):
         print(f"{label} is up to date")
         return True

@@ -1,4 +1,4 @@
-"""A native FMU: the C of a component, compiled for every platform with the Zig tool chain."""
+"""A native FMU of FMI 2.0 or 3.0: the C of a component, compiled for every platform with Zig."""
 
 import hashlib
 import importlib.metadata
@@ -17,18 +17,17 @@ from xml.etree.ElementTree import SubElement
 
 import fmpy
 
-from ...declare.variables import Interface, class_name
+from ...declare.variables import Interface, class_name, only_steps
 from ...write.entries import written
 from .. import page, plot, reference, terminals
 from ..archive import LICENSE, guid_of, write_archive
 from ..python.instance import slave_class
 from ..xml import NATIVE, to_xml
+from ..xml3 import translated
 
-RUNTIME = Path(__file__).with_name("fmi2.c")
-HEADERS = [
-    Path(fmpy.__file__).with_name("c-code") / name
-    for name in ("fmi2FunctionTypes.h", "fmi2TypesPlatform.h")
-]
+RUNTIMES = [Path(__file__).with_name(name) for name in ("fmi2.c", "fmi3.c")]
+NAMES = ("fmi2FunctionTypes", "fmi2TypesPlatform", "fmi3FunctionTypes", "fmi3PlatformTypes")
+HEADERS = [Path(fmpy.__file__).with_name("c-code") / f"{name}.h" for name in NAMES]
 TARGETS = {
     "linux64/{}.so": "x86_64-linux-gnu.2.17",
     "aarch64-linux/{}.so": "aarch64-linux-gnu.2.17",
@@ -36,6 +35,15 @@ TARGETS = {
     "x86_64-darwin/{}.dylib": "x86_64-macos",
     "aarch64-darwin/{}.dylib": "aarch64-macos",
 }
+PLATFORMS = {"linux64": "x86_64-linux", "win64": "x86_64-windows"}
+RECIPE = """\
+<?xml version="1.0" encoding="UTF-8"?>
+<fmiBuildDescription fmiVersion="3.0">
+  <BuildConfiguration modelIdentifier="{0}">
+    <SourceFileSet language="C99"><SourceFile name="{0}.c"/></SourceFileSet>
+  </BuildConfiguration>
+</fmiBuildDescription>
+"""
 OPTIONS = (
     "-std=c99", "-O2", "-ffp-contract=off", "-fno-slp-vectorize", "-fvisibility=hidden", "-shared",
     "-fPIC", "-s",
@@ -51,7 +59,9 @@ class NativeBuild(NamedTuple):
 
     model: ModuleType
     source: str
+    indicators: int | None
     digest: str
+    fmi: int
 
     @property
     def name(self) -> str:
@@ -62,21 +72,24 @@ class NativeBuild(NamedTuple):
         return guid_of(self.digest)
 
 
-def collect(model: ModuleType) -> NativeBuild:
+def collect(model: ModuleType, fmi: int = 2) -> NativeBuild:
     """Trace a model and hash everything that its native FMU is made from."""
     interface = Interface(model)
     digest = hashlib.sha256(importlib.metadata.version("ziglang").encode())
-    makers = [*sorted(RUNTIME.parents[1].glob("*.py")), *sorted(RUNTIME.parent.glob("*.*"))]
-    makers += [*HEADERS]
+    here = Path(__file__).parent
+    makers = [*sorted(here.parent.glob("*.py")), *sorted(here.glob("*.*")), *HEADERS]
     for maker in (*makers, LICENSE):
         digest.update(hashlib.sha256(maker.read_bytes()).digest())
-    source = written(model).c
+    source, _, indicators, reach = written(model)
+    if fmi == 3:
+        source = source.replace('#include "fmi2.c"', '#include "fmi3.c"') + reach
+    exchanged = None if only_steps(model) else indicators
     digest.update(source.encode())
-    digest.update(ElementTree.tostring(to_xml(interface, "", NATIVE)))
+    digest.update(ElementTree.tostring(to_xml(interface, "", NATIVE, exchanged)))
     digest.update(page.html(interface).encode())
     digest.update(repr(terminals.entries(interface)).encode())
     digest.update(os.environ.get("SOURCE_DATE_EPOCH", "").encode())
-    return NativeBuild(model, source, digest.hexdigest())
+    return NativeBuild(model, source, exchanged, digest.hexdigest(), fmi)
 
 
 def pack(build: NativeBuild, fmu: Path) -> None:
@@ -88,9 +101,10 @@ def pack(build: NativeBuild, fmu: Path) -> None:
         f"{build.name}.c": build.source.replace(
             '#define GUID ""', f'#define GUID "{build.guid}"'
         ).encode(),
-        RUNTIME.name: RUNTIME.read_bytes(),
-        **{header.name: header.read_bytes() for header in HEADERS},
+        **{file.name: file.read_bytes() for file in needed(build.fmi)},
     }
+    compiled = binaries(build.name, sources, build.fmi)
+    recipe = {"sources/buildDescription.xml": RECIPE.format(build.name).encode()}
     contents = {
         "modelDescription.xml": description(interface, build),
         "documentation/index.html": page.html(interface, plot.svg(interface, rows)).encode(),
@@ -99,24 +113,32 @@ def pack(build: NativeBuild, fmu: Path) -> None:
         **{f"sources/{name}": content for name, content in sources.items()},
         **reference.entries(interface, rows),
         **terminals.entries(interface),
-        **{f"binaries/{path}": content for path, content in binaries(build.name, sources)},
+        **{f"binaries/{path}": content for path, content in compiled},
+        **(recipe if build.fmi == 3 else {}),
     }
     write_archive(contents, fmu)
 
 
+def needed(fmi: int) -> list[Path]:
+    """The files of ours and of the standard that the C of a component includes."""
+    return [file for file in (*RUNTIMES, *HEADERS) if fmi == 3 or "fmi3" not in file.name]
+
+
 def description(interface: Interface, build: NativeBuild) -> bytes:
-    """modelDescription.xml with the list of sources."""
-    root = to_xml(interface, build.guid, NATIVE)
-    slave = root.find("CoSimulation")
-    assert slave is not None
-    SubElement(SubElement(slave, "SourceFiles"), "File", name=f"{build.name}.c")
+    """modelDescription.xml; of FMI 2.0 with the list of sources."""
+    root = to_xml(interface, build.guid, NATIVE, build.indicators)
+    if build.fmi == 3:
+        root = translated(root)
+    kinds = [*root.iter("ModelExchange"), *root.iter("CoSimulation")]
+    for kind in kinds if build.fmi == 2 else ():
+        SubElement(SubElement(kind, "SourceFiles"), "File", name=f"{build.name}.c")
     ElementTree.indent(root)
     text: bytes = ElementTree.tostring(root, encoding="UTF-8", xml_declaration=True)
     return text
 
 
-def binaries(name: str, sources: dict[str, bytes]) -> Iterator[tuple[str, bytes]]:
-    """The shared libraries by their place in the FMU."""
+def binaries(name: str, sources: dict[str, bytes], fmi: int) -> Iterator[tuple[str, bytes]]:
+    """The shared libraries by their place in an FMU of this version of the standard."""
     with tempfile.TemporaryDirectory(prefix="native_") as temporary, ThreadPoolExecutor() as pool:
         folder = Path(temporary)
         for file, content in sources.items():
@@ -126,6 +148,11 @@ def binaries(name: str, sources: dict[str, bytes]) -> Iterator[tuple[str, bytes]
             lambda target, place: compile_for(target, place, name, folder), TARGETS.values(), places
         )
         libraries = dict(zip(places, compiled))
+    if fmi == 3:
+        for path, code in libraries.items():
+            place, file = path.split("/")
+            yield f"{PLATFORMS.get(place, place)}/{file}", code
+        return
     yield from ((path, code) for path, code in libraries.items() if "x86_64-darwin" not in path)
     slices = [code for path, code in libraries.items() if path.endswith(".dylib")]
     yield f"darwin64/{name}.dylib", universal(slices)
