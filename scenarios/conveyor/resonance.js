@@ -2,7 +2,7 @@
 // What resonance.py and response.py tell of the drive, in a browser. Orbits come from the FMUs; the
 // names are those of the Python.
 
-const RECORD = ["motor.tau", "conveyor.phi", "conveyor.w", "conveyor.f_rod"];
+const RECORD = ["motor.tau", "conveyor.phi", "conveyor.w", "conveyor.f_rod", "conveyor.x"];
 const COARSER = [1, 2, 4], ORDERS = { jacobi: 1, "gauss-seidel": 1, strang: 2 };
 const FIELDS = { "motor.B": "B", "motor.T": "T", "conveyor.rotor.J": "theta1", "conveyor.crank.r": "r",
   "conveyor.trough.m": "m", "conveyor.spring.c": "c", "conveyor.trough.d": "d" };
@@ -39,17 +39,21 @@ class Machine {
 
   // The longest communication step that keeps the coupled oscillation from growing by itself [s].
   longestStep(algorithm) {
+    const rate = ([[a, b], [c, d]]) => {
+      const half = (a + d) / 2, inner = half ** 2 - (a * d - b * c);
+      return inner < 0 ? Math.sqrt(half ** 2 - inner) : Math.abs(half) + Math.sqrt(inner);
+    };
     const motor = h => { const e = Math.exp(-h / this.T); return [[1, 0], [-this.B * (1 - e), e]]; };
     const product = (A, B) => A.map(row => [0, 1].map(j => row[0] * B[0][j] + row[1] * B[1][j]));
     const growth = h => {
       const lost = this.loadSlope * h / this.theta0, share = lost ? -Math.expm1(-lost) / lost : 1;
       const conveyor = [[Math.exp(-lost), share * h / this.theta0], [0, 1]];
-      if (algorithm === "jacobi") return radius([conveyor[0], motor(h)[1]]) - 1;
-      if (algorithm === "gauss-seidel") return radius(product(conveyor, motor(h))) - 1;
-      return radius(product(motor(h / 2), product(conveyor, motor(h / 2)))) - 1;
+      if (algorithm === "jacobi") return rate([conveyor[0], motor(h)[1]]) - 1;
+      if (algorithm === "gauss-seidel") return rate(product(conveyor, motor(h))) - 1;
+      return rate(product(motor(h / 2), product(conveyor, motor(h / 2)))) - 1;
     };
     const steps = geomspace(1e-5, 1e2, 700).map(x => x / this.nuRes);
-    const unstable = steps.findIndex(h => growth(h) > 1e-14);
+    const unstable = steps.findIndex(h => growth(h) > 0);
     if (unstable < 1) return Infinity;
     let [low, high] = [steps[unstable - 1], steps[unstable]];
     for (let k = 0; k < 60; k++) { const h = (low + high) / 2; if (growth(h) > 0) high = h; else low = h; }
@@ -259,11 +263,12 @@ const row = (drive, points, order) => {
 
 // Yields nothing for a breath, or what is known so far.
 function* answer(o, start, facts, system) {
-  const operating = o.speed ?? facts.operating, { speeds, rated } = facts, level = o.limit / 100 * rated;
-  const drive = new Drive(start), line = new Line(drive, speeds[0], last(speeds)), order = ORDERS[o.algorithm];
+  const operating = o.speed ?? facts.speed, { speeds, rated } = facts, level = o.limit / 100 * rated;
+  const drive = new Drive({ ...start, ...facts.kloss }), line = new Line(drive, speeds[0], last(speeds)), order = ORDERS[o.algorithm];
   const wanted = [...new Set([...speeds, operating])].sort((a, b) => a - b), known = new Map();
   const unstable = (nu, coarser) => {
-    const steps = Math.floor(o.steps_per_rev / coarser), least = TURN / (nu * drive.machine(nu).longestStep(o.algorithm));
+    const machine = drive.machine(nu), steps = Math.floor(o.steps_per_rev / coarser);
+    const least = TURN / (nu * (machine.longest ??= machine.longestStep(o.algorithm)));
     if (steps < 18) return `${steps} steps per revolution must be at least 18`;
     if (steps <= least)
       return `${steps} steps per revolution are unstable with ${o.algorithm} at ${six(nu)} rad/s: its limit there is ${least.toFixed(2)}`;
@@ -382,14 +387,14 @@ const chart = (drive, rows, figures, operating, avoid) => {
     ...Object.entries(MARKS).filter(([name]) => Number.isFinite(figures[name]?.value))
       .map(([name, words]) => ({ at: figures[name].value, text: `${words} ${text(figures[name])}` })),
     { at: operating, text: `operating speed ${six(operating)} rad/s` }];
-  return { curves, marks, spans: avoid.map(([first, end]) => ({ first, last: end, text: "avoid", color: "red" })) };
+  return { curves, marks, spans: avoid.map(([first, end]) => ({ first, last: end, text: "avoid", color: "#c8500a" })) };
 };
 
 // The last revolution over time: its angle, and a caption for each of its rows.
 const revolution = ({ rows, phi, ends }) => {
   const count = ends.length, first = searchsorted(phi, ends[count - 2]), end = searchsorted(phi, ends[count - 1]) + 1;
   const cut = values => Array.from(values.subarray(first, end)), t = cut(rows.time);
-  const [tau, w, f] = ["motor.tau", "conveyor.w", "conveyor.f_rod"].map(name => cut(rows[name]));
+  const [tau, w, x] = ["motor.tau", "conveyor.w", "conveyor.x"].map(name => cut(rows[name]));
   return { angle: cut(phi).map(x => x - ends[count - 2]), time: t.map(x => x - t[0]),
-    captions: t.map((x, k) => `${(x - t[0]).toFixed(3)} s: ${w[k].toFixed(1)} rad/s, ${tau[k].toFixed(0)} N.m, rod ${(1e-3 * f[k]).toFixed(2)} kN`) };
+    captions: t.map((at, k) => `${(at - t[0]).toFixed(3)} s: ${w[k].toFixed(1)} rad/s, ${(1e3 * x[k]).toFixed(2)} mm, ${tau[k].toFixed(0)} N.m`) };
 };

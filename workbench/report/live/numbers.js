@@ -31,26 +31,26 @@ const abs = a => Math.hypot(...a);
 const degrees = a => Math.atan2(a[1], a[0]) * 180 / Math.PI;
 const turned = x => ((x % 360) + 360) % 360;
 
-// x of A x = b for the columns of b; A has shape (n, n), b (n, columns). Both are used up.
-const solve = (A, b) => {
+// x of A x = b for the columns b, of a symmetric positive A whose rows are filled up to the diagonal.
+const solve = (A, columns) => {
   const n = A.length;
-  for (let k = 0; k < n; k++) {
-    let p = k;
-    for (let i = k + 1; i < n; i++) if (Math.abs(A[i][k]) > Math.abs(A[p][k])) p = i;
-    [A[k], A[p]] = [A[p], A[k]];
-    [b[k], b[p]] = [b[p], b[k]];
-    for (let i = k + 1; i < n; i++) {
-      const row = A[i], pivot = A[k], factor = row[k] / pivot[k];
-      for (let j = k; j < n; j++) row[j] -= factor * pivot[j];
-      for (let j = 0; j < b[k].length; j++) b[i][j] -= factor * b[k][j];
+  for (let i = 0; i < n; i++) for (let j = 0; j <= i; j++) {
+    const a = A[i], b = A[j];
+    let rest = a[j];
+    for (let k = 0; k < j; k++) rest -= a[k] * b[k];
+    a[j] = i === j ? Math.sqrt(rest) : rest / b[j];
+  }
+  for (const x of columns) {
+    for (let i = 0; i < n; i++) {
+      for (let k = 0; k < i; k++) x[i] -= A[i][k] * x[k];
+      x[i] /= A[i][i];
+    }
+    for (let i = n - 1; i >= 0; i--) {
+      for (let k = i + 1; k < n; k++) x[i] -= A[k][i] * x[k];
+      x[i] /= A[i][i];
     }
   }
-  for (let k = n - 1; k >= 0; k--)
-    for (let j = 0; j < b[k].length; j++) {
-      for (let i = k + 1; i < n; i++) b[k][j] -= A[k][i] * b[i][j];
-      b[k][j] /= A[k][k];
-    }
-  return b;
+  return columns;
 };
 
 // The least x of least |A x - b|: A (m, n), b (m, columns); directions below rcond are left out.
@@ -152,7 +152,9 @@ class Cubics {
   roots(level = 0) {
     const found = [];
     this.pieces.forEach(([a, b, c, d], k) => {
-      const long = this.x[k + 1] - this.x[k], cuts = [0, long], value = s => ((a * s + b) * s + c) * s + (d - level);
+      const long = this.x[k + 1] - this.x[k];
+      if (Math.abs(d - level) > ((Math.abs(a) * long + Math.abs(b)) * long + Math.abs(c)) * long) return;
+      const cuts = [0, long], value = s => ((a * s + b) * s + c) * s + (d - level);
       const inner = b * b - 3 * a * c;
       if (inner > 0) {
         const q = -(b + (b < 0 ? -1 : 1) * Math.sqrt(inner));
@@ -178,31 +180,37 @@ class Cubics {
 // Complex amplitudes of the orders 1..highest of columns x over phi, Im(X exp(i k phi)), fitted
 // together with the mean; of each column a list. The normal equations are sums of exp(i m phi).
 const harmonics = (phi, columns, highest) => {
-  const size = 2 * highest + 1, S = range(size, () => [0, 0]);
-  const right = range(size, () => columns.map(() => 0));
+  const size = 2 * highest + 1, real = new Float64Array(size), imag = new Float64Array(size);
+  const right = columns.map(() => new Float64Array(size));
   for (let n = 0; n < phi.length; n++) {
     const c = Math.cos(phi[n]), s = Math.sin(phi[n]);
-    let re = 1, im = 0;
-    for (let m = 0; m < size; m++) {
-      S[m][0] += re;
-      S[m][1] += im;
+    for (let m = 0, re = 1, im = 0; m < size; m++) {
+      real[m] += re;
+      imag[m] += im;
       if (m <= highest) for (let j = 0; j < columns.length; j++) {
-        if (m) right[m][j] += im * columns[j][n];
-        right[m ? highest + m : 0][j] += re * columns[j][n];
+        const x = columns[j][n];
+        if (m) right[j][m] += im * x;
+        right[j][m ? highest + m : 0] += re * x;
       }
-      [re, im] = [re * c - im * s, re * s + im * c];
+      const before = re;
+      re = re * c - im * s;
+      im = before * s + im * c;
     }
   }
-  const real = m => S[Math.abs(m)][0], imag = m => m < 0 ? -S[-m][1] : S[m][1];
-  const entry = (a, b) => {
-    if (a > b) return entry(b, a);
-    if (a === 0) return b === 0 ? S[0][0] : b <= highest ? S[b][1] : S[b - highest][0];
-    if (b <= highest) return (real(a - b) - real(a + b)) / 2;
-    if (a <= highest) return (imag(a + b - highest) + imag(a - b + highest)) / 2;
-    return (real(a - b) + real(a + b - 2 * highest)) / 2;
-  };
-  const fit = solve(range(size, i => range(size, j => entry(i, j))), right);
-  return columns.map((_, j) => range(highest, k => [fit[k + 1][j], fit[k + 1 + highest][j]]));
+  const A = range(size, i => {
+    const row = new Float64Array(i + 1);
+    if (i <= highest) {
+      row[0] = i ? imag[i] : real[0];
+      for (let j = 1; j <= i; j++) row[j] = (real[i - j] - real[i + j]) / 2;
+      return row;
+    }
+    const m = i - highest;
+    row[0] = real[m];
+    for (let j = 1; j <= highest; j++) row[j] = (imag[j + m] + (j < m ? -imag[m - j] : imag[j - m])) / 2;
+    for (let j = 1; j <= m; j++) row[highest + j] = (real[m - j] + real[m + j]) / 2;
+    return row;
+  });
+  return solve(A, right).map(fit => range(highest, k => [fit[k + 1], fit[k + 1 + highest]]));
 };
 
 // Where values at steps h, 2 h, 4 h go as h vanishes, its error or null, and the reason for that.
