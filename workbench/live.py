@@ -73,6 +73,8 @@ def of(
         return None
     network = connect(found.system)
     facts = page.live(o, found) if hasattr(page, "live") else {}
+    facts |= {"figures": {name: (x.unit, x.meaning) for name, x in found.figures.items()}}
+    facts |= {"order": found.provenance.get("convergence_order")}
     told = declared(type(o))
     options = {name: getattr(o, name) for name in told}
     changed = {name: x for name, x in options.items() if x != told[name].read(told[name].default)}

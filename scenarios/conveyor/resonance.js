@@ -262,7 +262,7 @@ const row = (drive, points, order) => {
 };
 
 // Yields nothing for a breath, or what is known so far.
-function* answer(o, start, facts, system) {
+function* answer({ options: o, start, facts }, system) {
   const operating = o.speed ?? facts.speed, { speeds, rated } = facts, level = o.limit / 100 * rated;
   const drive = new Drive({ ...start, ...facts.kloss }), line = new Line(drive, speeds[0], last(speeds)), order = ORDERS[o.algorithm];
   const wanted = [...new Set([...speeds, operating])].sort((a, b) => a - b), known = new Map();

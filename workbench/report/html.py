@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 from ..figure import Figure
 from .motion import Motion
 from .plot import MOST, Words, figure, told
-from .svg import svg
+from .svg import EDGE, scale_of, svg
 
 if TYPE_CHECKING:
     from ..answer import Answer, Table
@@ -126,7 +126,9 @@ def _motion(motion: Motion) -> Words:
     """A motion as the page's script gets it."""
     times = (motion.times - motion.times[0]).round(6).tolist()
     pace = "In real time." if motion.slow == 1 else f"{motion.slow:g} times slower than real."
+    low, high = motion.bounds
+    place = {"low": low[0], "high": high[1], "scale": scale_of(motion), "edge": EDGE}
     return {
         "svg": svg(motion), "slow": motion.slow, "times": times, "captions": list(motion.captions),
-        "note": f"{pace} {motion.note}", "angles": list(motion.angles),
+        "note": f"{pace} {motion.note}", "angles": list(motion.angles), "place": place,
     }  # fmt: skip

@@ -15,6 +15,7 @@ static void hear(fmi2ComponentEnvironment environment, fmi2String name, fmi2Stat
     size_t length = strlen(said);
     va_list values;
     (void)environment, (void)name, (void)status, (void)category;
+    if (length > sizeof said - TEXT) return;
     va_start(values, form);
     if (length) said[length++] = '\n';
     vsnprintf(said + length, sizeof said - length, form, values);

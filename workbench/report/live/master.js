@@ -78,8 +78,15 @@ class System {
       ...first.reverse().map(([part]) => [[part, 0.5, 0.5]])];
   }
 
-  // The recorded columns by name, and time, over so many steps of h; a row at the start and after each.
-  run(count, h, algorithm, record) {
+  // What the parts have said since the start, each sentence once.
+  heard() {
+    const said = this.sequence.flatMap(part => part.words().split("\n").filter(Boolean).map(line => `${part.name}: ${line}`));
+    return [...new Set(said)];
+  }
+
+  // The recorded columns by name, and time, in steps of h; a row at the start and after each.
+  run(stop, h, algorithm, record) {
+    const count = Math.max(1, Math.ceil(stop / h - 1e-6));
     const cell = name => {
       const { part, variable } = this.end(name);
       return { flat: part.flat, instance: part.instance, number: part.find(variable), value: 0 };
@@ -104,7 +111,7 @@ class System {
     for (const one of cells.values()) read(one);
     const rows = record.map(name => ({ own: !cells.has(name), cell: cells.get(name) ?? cell(name),
       values: new Float64Array(count + 1) }));
-    const time = new Float64Array(count + 1), stop = count * h;
+    const time = new Float64Array(count + 1);
     const keep = n => {
       for (const { own, cell, values } of rows) {
         if (own) read(cell);
@@ -130,6 +137,28 @@ class System {
   }
 }
 
+// The finest of three runs and its figures, whose errors hold that of the coupling: Bench.certify.
+// `figures` tells them of rows; a generator that yields after every run.
+function* certify(system, start, { stop, step, algorithm, order }, record, figures) {
+  const told = [];
+  let rows, warnings;
+  for (const coarser of [4, 2, 1]) {
+    system.start(start);
+    rows = system.run(stop, coarser * step, algorithm, record);
+    warnings = system.heard();
+    told.unshift(figures(rows));
+    yield;
+  }
+  const certain = Object.fromEntries(Object.entries(told[0]).map(([name, fine]) => {
+    const values = told.map(one => one[name]).filter(one => one && one.error !== null).map(one => one.value);
+    if (fine.error === null) return [name, fine];
+    if (values.length < told.length)
+      return [name, refused(fine.unit, "only some of the three runs with different communication steps have it", fine.meaning)];
+    return [name, { ...fine, error: fine.error + coupling(values, order) }];
+  }));
+  return { rows, figures: certain, warnings };
+}
+
 // Whole revolutions on a steady orbit, as workbench/orbit.py finds it: `start` makes start values of
 // the states. A generator that yields after every run; throws Failure where there is no orbit.
 function* steady(system, start, states, angle, speed, steps, record, algorithm) {
@@ -141,7 +170,7 @@ function* steady(system, start, states, angle, speed, steps, record, algorithm) 
   for (let round = 0; round < 16; round++) {
     const number = Math.ceil(count * steps * 1.02 / pace) + 8;
     system.start({ ...start, ...Object.fromEntries(names.map((name, k) => [name, at[k]])) });
-    const rows = system.run(number, h, algorithm, columns), phi = rows[angle];
+    const rows = system.run(number * h, h, algorithm, columns), phi = rows[angle];
     yield;
     if (phi.some((x, k) => k && !(x > phi[k - 1]))) {
       if (safe === null) throw new Failure("the crank does not turn all the way");

@@ -226,6 +226,21 @@ const limit = (values, order) => {
   return [better, Math.abs(better - rough) + 0.02 * Math.abs(move), ""];
 };
 
+// The coupling error of the first of values at steps h, 2 h, 4 h, as cosim.estimate states it.
+const coupling = (values, order) => {
+  const [fine, middle, coarse] = values, spread = Math.max(...values) - Math.min(...values);
+  if (spread === 0 && fine === Math.round(fine)) return 0;
+  const move = fine - middle, before = middle - coarse, least = 1e-10 * (Math.abs(fine) || 1);
+  if (Math.max(Math.abs(move), Math.abs(before)) <= least) return least;
+  const falls = before ? Math.log2(Math.abs(before) / Math.max(Math.abs(move), least)) : -Infinity;
+  const same = move * before >= 0;
+  const bound = same ? Math.max(Math.abs(move), Math.abs(before) / 2 ** order) / (2 ** Math.min(Math.max(falls, 0.5), order) - 1)
+    : Math.abs(before);
+  const fails = same ? !(falls >= 0.5) : !(falls > 0), regular = same && falls <= order + 1.5;
+  if (fails || (!regular && bound > 0.1 * Math.abs(fine))) return 2 * spread;
+  return Math.max(1.5 * bound, least);
+};
+
 const figure = (value, unit, error, meaning = "", reason = "") => ({ value, unit, error, meaning, reason });
 const refused = (unit, reason, meaning) => figure(NaN, unit, null, meaning, reason);
 
@@ -233,8 +248,10 @@ const refused = (unit, reason, meaning) => figure(NaN, unit, null, meaning, reas
 const six = value => {
   const text = value.toPrecision(6);
   if (!text.includes("e")) return text.includes(".") ? text.replace(/\.?0+$/, "") : text;
-  return text.replace(/\.?0*e/, "e").replace(/e([+-])(\d)$/, "e$10$2");
+  return power(text.replace(/\.?0*e/, "e"));
 };
+
+const power = text => text.replace(/e([+-])(\d)$/, "e$10$2");
 
 // Value and error as texts: the error rounded up to two digits, the value as far as it reaches.
 const rounded = (value, error) => {
@@ -245,8 +262,8 @@ const rounded = (value, error) => {
   if (up >= 100) { place += 1; up = 10; }
   if (place > 0) return [(Math.round(value / 10 ** place) * 10 ** place).toFixed(0), (up * 10 ** place).toFixed(0)];
   if (place >= -7) return [value.toFixed(-place), (up * 10 ** place).toFixed(-place)];
-  return [value.toExponential(Math.floor(Math.log10(Math.max(Math.abs(value), error))) - place),
-    (up * 10 ** place).toExponential(1)];
+  return [power(value.toExponential(Math.floor(Math.log10(Math.max(Math.abs(value), error))) - place)),
+    power((up * 10 ** place).toExponential(1))];
 };
 
 const text = ({ value, unit, error, reason }, as = unit) => {

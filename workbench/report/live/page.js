@@ -44,12 +44,12 @@ const live = async content => {
 
   let id = 0, shape = null;
   const ask = () => {
-    const options = { ...told.options }, start = { ...told.start };
-    for (const one of moved()) (one.option ? options : start)[one.name] = one.now;
+    const options = { ...told.options }, asked = { ...told.asked };
+    for (const one of moved()) (one.option ? options : asked)[one.name] = one.now;
     for (const one of rows) if (one.option && options[one.name] === null) options[one.name] = one.now;
     state.textContent = "Running …";
     section.setAttribute("aria-busy", "true");
-    worker.postMessage({ id: ++id, options, start, facts: told.facts });
+    worker.postMessage({ id: ++id, options, asked, start: { ...told.start, ...asked }, facts: told.facts });
   };
 
   const command = () => {
@@ -87,7 +87,7 @@ const live = async content => {
   worker.onmessage = ({ data }) => {
     if (data.charts) data.charts.forEach((one, k) => paint(k, one));
     if (data.motion) {
-      const [motion] = content.motions, next = retimed(motion, data.motion);
+      const next = moving(content.motions[0], data.motion);
       if (shape) shape(next); else shape = animate($(".live-motion"), next);
     }
     if (data.figures) fill(data.figures);
@@ -95,8 +95,11 @@ const live = async content => {
     if (data.note) state.textContent = `Running: ${data.note} …`;
     if (data.id !== id || !data.done) return;
     section.setAttribute("aria-busy", "false");
-    alarm.hidden = !data.failure;
-    if (data.failure) alarm.textContent = `No answer with these values: ${data.failure}. Below is the last answer there was.`;
+    const alarms = data.failure ? [`No answer with these values: ${data.failure}. Below is the last answer there was.`] : data.warnings ?? [];
+    alarm.hidden = !alarms.length;
+    alarm.replaceChildren(...alarms.map(line => element("span", { style: "display: block" }, line)));
+    if (data.figures) for (const row of section.querySelectorAll("tr[data-figure]"))
+      if (!(row.dataset.figure in data.figures)) row.querySelector("td").textContent = "none";
     state.textContent = data.failure ? "No answer" : `Done in ${(data.took / 1000).toFixed(1)} s`;
     spoken.textContent = data.failure ? alarm.textContent : data.verdict.join(" ");
     section.dataset.answered = id;
@@ -108,7 +111,13 @@ const live = async content => {
   };
 
   const fill = figures => {
-    for (const row of section.querySelectorAll("tr[data-figure]")) {
+    const rows = [...section.querySelectorAll("tr[data-figure]")], names = rows.map(row => row.dataset.figure);
+    for (const [name, { meaning }] of Object.entries(figures)) if (!names.includes(name)) {
+      rows.push(element("tr", { role: "row", "data-figure": name }, element("th", { scope: "row", role: "rowheader" }, meaning),
+        element("td", { role: "cell" }), element("td", { role: "cell" }, "none")));
+      $("tbody").append(rows.at(-1));
+    }
+    for (const row of rows) {
       const found = figures[row.dataset.figure], cell = row.querySelector("td");
       cell.textContent = !found ? "…" : found.error === null ? `not told (${found.reason})` : found.text;
       cell.dataset.value = found?.value ?? "";
@@ -209,17 +218,41 @@ const flags = (spans, [low, high], letters) => {
   });
 };
 
-// The frames of the still motion at the times at which the live run passes their angles.
-const retimed = (motion, run) => {
-  let k = 0;
-  const times = motion.angles.map(angle => {
-    while (k < run.angle.length - 2 && run.angle[k + 1] < angle) k++;
-    const share = (angle - run.angle[k]) / (run.angle[k + 1] - run.angle[k]);
-    return Math.max(0, run.time[k] + share * (run.time[k + 1] - run.time[k]));
-  });
-  times[0] = 0;
-  const end = times.at(-1), keys = times.map(t => (t / end).toFixed(6)).join(";");
-  const captions = times.map(t => run.captions[Math.max(0, run.time.findLastIndex(x => x <= t + 1e-9))]);
-  const svg = motion.svg.replaceAll(/keyTimes="[^"]*"/g, `keyTimes="${keys}"`).replaceAll(/dur="[^"]*"/g, `dur="${end * motion.slow}s"`);
-  return { ...motion, svg, times, captions };
+// The still motion with the frames of a live run: the same ones at the times at which it passes their
+// `angle`, or others with the points of `shapes` by name; what stands stays.
+const moving = (motion, run) => {
+  const now = element("div", {});
+  now.innerHTML = motion.svg;
+  let times = run.time, captions = run.captions;
+  if (run.angle) {
+    let k = 0;
+    times = motion.angles.map(angle => {
+      while (k < run.angle.length - 2 && run.angle[k + 1] < angle) k++;
+      const share = (angle - run.angle[k]) / (run.angle[k + 1] - run.angle[k]);
+      return Math.max(0, run.time[k] + share * (run.time[k + 1] - run.time[k]));
+    });
+    times[0] = 0;
+    captions = times.map(t => run.captions[Math.max(0, run.time.findLastIndex(x => x <= t + 1e-9))]);
+  }
+  const end = times.at(-1), { low, high, scale, edge } = motion.place;
+  const placed = ([x, y]) => [edge + scale * (x - low), edge + scale * (high - y)].map(z => z.toFixed(1));
+  for (const [name, frames] of Object.entries(run.shapes ?? {})) {
+    const lines = [...now.querySelectorAll("polyline, polygon")].filter(line => line.querySelector("title")?.textContent === name);
+    const word = [...now.querySelectorAll("text")].find(text => text.firstChild.data === name);
+    for (const line of lines.filter(line => line.querySelector("animate"))) {
+      if (word) {
+        const still = line.getAttribute("points").split(" ").map(Number), at = [word.getAttribute("x"), word.getAttribute("y")].map(Number);
+        const near = frames[0].map((_, k) => Math.hypot(still[2 * k] - at[0], still[2 * k + 1] - at[1]));
+        const k = near.indexOf(Math.min(...near));
+        ["x", "y"].forEach((side, j) => word.querySelector(`[attributeName=${side}]`)
+          ?.setAttribute("values", frames.map(points => placed(points[k])[j]).join(";")));
+      }
+      line.querySelector("animate").setAttribute("values", frames.map(points => points.flatMap(placed).join(" ")).join(";"));
+    }
+  }
+  for (const moved of now.querySelectorAll("animate")) {
+    moved.setAttribute("keyTimes", times.map(t => (t / end).toFixed(6)).join(";"));
+    moved.setAttribute("dur", `${end * motion.slow}s`);
+  }
+  return { ...motion, svg: now.innerHTML, times, captions };
 };

@@ -12,12 +12,12 @@ const breath = () => new Promise(resolve => {
 const work = async () => {
   busy = true;
   while (newest) {
-    const { id, options, start, facts } = newest;
+    const { id, ...asked } = newest;
     newest = null;
     let told = false, rested = performance.now();
     const began = rested;
     try {
-      for (const stage of answer(options, start, facts, machine)) {
+      for (const stage of answer(asked, machine)) {
         if (stage) {
           for (const figure of Object.values(stage.figures ?? {})) figure.text = text(figure);
           postMessage({ id, ...stage, took: performance.now() - began });
