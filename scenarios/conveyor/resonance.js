@@ -2,6 +2,7 @@
 // What resonance.py and response.py tell of the drive, in a browser. Orbits come from the FMUs; the
 // names are those of the Python.
 
+const NONE = [NaN, NaN];
 const RECORD = ["motor.tau", "conveyor.phi", "conveyor.w", "conveyor.f_rod", "conveyor.x"];
 const COARSER = [1, 2, 4], ORDERS = { jacobi: 1, "gauss-seidel": 1, strang: 2 };
 const FIELDS = { "motor.B": "B", "motor.T": "T", "conveyor.rotor.J": "theta1", "conveyor.crank.r": "r",
@@ -119,7 +120,7 @@ const sectorTops = (phi, x, edges) => {
 };
 
 const largestForce = orbits => {
-  const peaks = orbits.flatMap(points => points[0].forces.map((_, n) => {
+  const peaks = orbits.flatMap(points => range(Math.min(...points.map(point => point.forces.length)), n => {
     const values = points.map(point => point.forces[n]), [value, error] = limit(values, 1);
     const reach = error === null ? 2 * (Math.max(...values) - Math.min(...values)) : error + 2 * points[0].left[n];
     return { value, reach: value + reach, unknown: error === null };
@@ -250,7 +251,6 @@ const complexLimit = (values, order) => {
 
 const row = (drive, points, order) => {
   const [{ nu }] = points;
-  if (points.some(point => point.problem)) return { nu, w2: NaN, tau2: NaN, lag: NaN };
   const told = {};
   for (const [name, quantity] of [["w2", "speed"], ["tau2", "torque"]]) {
     const [whole, error] = complexLimit(points.map(point => point[quantity]), order);
@@ -268,10 +268,11 @@ function* answer({ options: o, start, facts }, system) {
   const wanted = [...new Set([...speeds, operating])].sort((a, b) => a - b), known = new Map();
   const unstable = (nu, coarser) => {
     const machine = drive.machine(nu), steps = Math.floor(o.steps_per_rev / coarser);
-    const least = TURN / (nu * (machine.longest ??= machine.longestStep(o.algorithm)));
+    const longest = machine.longest ??= machine.longestStep(o.algorithm), least = TURN / (nu * longest);
     if (steps < 18) return `${steps} steps per revolution must be at least 18`;
     if (steps <= least)
-      return `${steps} steps per revolution are unstable with ${o.algorithm} at ${six(nu)} rad/s: its limit there is ${least.toFixed(2)}`;
+      return `${steps} steps per revolution are unstable with ${o.algorithm} at ${six(nu)} rad/s: its limit there is ${least.toFixed(2)}`
+        + ` (a step of ${six(longest, 3)} s)`;
     return "";
   };
   for (const nu of drive.induction ? wanted : wanted.slice(0, 1)) if (unstable(nu, 1)) throw new Failure(unstable(nu, 1));
@@ -288,7 +289,7 @@ function* answer({ options: o, start, facts }, system) {
       if (nu === operating && k === 1) point.turns = turns;
     } catch (failure) {
       if (!(failure instanceof Failure)) throw failure;
-      point = { nu, problem: failure.message, forces: Array(32).fill(NaN), left: [] };
+      point = { nu, problem: failure.message, torque: NONE, speed: NONE, forces: [NaN], torqueError: NaN, speedError: NaN, left: [NaN] };
     }
     known.set(key, point);
     return point;
@@ -306,14 +307,16 @@ function* answer({ options: o, start, facts }, system) {
   const figures = {}, machine = drive.machine(drive.machine(speeds[Math.floor(speeds.length / 2)]).nuRes);
   figures.nu_res = figure(machine.nuRes, "rad/s", 0, "resonance by formula (22)");
   figures.zeta = figure(machine.zeta, "1", 0, "damping ratio by formula");
-  const problem = [...runs.values()].flat().find(point => point.problem);
+  const problems = [...runs.values()].flat().filter(point => point.problem);
+  const warnings = [...new Map(problems.map(({ nu, problem }) => [nu, problem]))]
+    .map(([nu, problem]) => `No steady orbit at ${six(nu)} rad/s: ${problem}`);
   const told = (value, error, unit, meaning, nu) => isNaN(value)
     ? refused(unit, `there is no steady orbit at ${six(nu)} rad/s`, meaning)
     : isNaN(error) ? refused(unit, "the coupling error is not known; take more steps per revolution", meaning)
       : figure(value, unit, error, meaning);
   figures.tau2_operating = told(tau2, tau2_error, "N.m", "torque ripple at the operating speed", operating);
-  const force = problem ? [NaN, NaN] : largestForce(speeds.map(nu => runs.get(nu)));
-  figures.f_rod_peak = told(...force, "N", "largest rod force of the sweep", problem?.nu);
+  const force = largestForce(speeds.map(nu => runs.get(nu))), standing = problems.find(({ nu }) => speeds.includes(nu))?.nu;
+  figures.f_rod_peak = told(...force, "N", "largest rod force of the sweep", standing ?? speeds[0]);
   const sweep = speeds.map(nu => rows.get(nu)), { turns } = runs.get(operating)[0];
   yield { note: "whole sweep, places to come", figures: { ...figures }, charts: [chart(drive, sweep, figures, operating, [])],
     motion: turns && revolution(turns) };
@@ -345,7 +348,7 @@ function* answer({ options: o, start, facts }, system) {
   if (limits.length % 2) limits.push(line.last);
   const avoid = range(limits.length / 2, k => limits.slice(2 * k, 2 * k + 2));
   yield { figures, verdict: verdict(figures, { operating, level, rated, ends, avoid, line, sweep }),
-    charts: [chart(drive, sweep, figures, operating, avoid)], done: true };
+    charts: [chart(drive, sweep, figures, operating, avoid)], warnings, done: true };
 }
 
 const verdict = (f, { operating, level, rated, ends, avoid, line, sweep }) => {

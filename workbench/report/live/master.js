@@ -180,8 +180,8 @@ function* steady(system, start, states, angle, speed, steps, record, algorithm) 
     if (last(phi) < TURN * count) {
       pace = last(phi) / (TURN * count) * pace / 1.02;
       if (pace < 0.05) {
-        const pace = Number((last(phi) / last(rows.time)).toPrecision(3));
-        throw new Failure(`the crank turns at ${pace} rad/s instead of ${speed} rad/s`);
+        const turns = six(last(phi) / last(rows.time), 3);
+        throw new Failure(`the crank turns at ${turns} rad/s instead of ${six(speed)} rad/s`);
       }
       continue;
     }
@@ -203,7 +203,7 @@ function* steady(system, start, states, angle, speed, steps, record, algorithm) 
     safe = points[count].map((x, j) => x * scale[j]);
     at = safe.map((x, i) => x + map[i].reduce((sum, m, j) => sum + m * ahead[j], 0) * scale[i]);
   }
-  throw new Failure(`after ${16 * count} revolutions the orbit still moves by ${Number(moved.toPrecision(1))} of itself`);
+  throw new Failure(`after ${16 * count} revolutions the orbit still moves by ${six(moved, 1)} of itself`);
 }
 
 // The linear map that takes each move between sections to the next, and its largest rate.

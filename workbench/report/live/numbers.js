@@ -9,7 +9,11 @@ const geomspace = (first, end, n) =>
   range(n, k => k === n - 1 ? end : k ? first * Math.pow(end / first, k / (n - 1)) : first);
 const most = (list, of = x => x) => {
   let top = -Infinity;
-  for (const x of list) { const value = of(x); if (!(value <= top)) top = value; }
+  for (const x of list) {
+    const value = of(x);
+    if (Number.isNaN(value)) return NaN;
+    if (value > top) top = value;
+  }
   return top;
 };
 const searchsorted = (list, x) => {
@@ -244,9 +248,9 @@ const coupling = (values, order) => {
 const figure = (value, unit, error, meaning = "", reason = "") => ({ value, unit, error, meaning, reason });
 const refused = (unit, reason, meaning) => figure(NaN, unit, null, meaning, reason);
 
-// A number with six digits, as "%.6g" writes it.
-const six = value => {
-  const text = value.toPrecision(6);
+// A number as "%.6g" writes it.
+const six = (value, digits = 6) => {
+  const text = value.toPrecision(digits);
   if (!text.includes("e")) return text.includes(".") ? text.replace(/\.?0+$/, "") : text;
   return power(text.replace(/\.?0*e/, "e"));
 };

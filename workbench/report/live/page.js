@@ -42,7 +42,7 @@ const live = async content => {
   });
   const moved = () => rows.filter(one => one.now !== one.value);
 
-  let id = 0, shape = null;
+  let id = 0, shape = null, strange = [];
   const ask = () => {
     const options = { ...told.options }, asked = { ...told.asked };
     for (const one of moved()) (one.option ? options : asked)[one.name] = one.now;
@@ -78,8 +78,7 @@ const live = async content => {
       }
       given.delete(one.name);
     }
-    if (given.size) alarm.textContent = `The link sets ${[...given.keys()].join(", ")}, which this page does not have.`;
-    alarm.hidden = !given.size;
+    strange = given.size ? [`The link sets ${[...given.keys()].join(", ")}, which this page does not have.`] : [];
     $(".live-command code").textContent = command();
     ask();
   };
@@ -95,7 +94,7 @@ const live = async content => {
     if (data.note) state.textContent = `Running: ${data.note} …`;
     if (data.id !== id || !data.done) return;
     section.setAttribute("aria-busy", "false");
-    const alarms = data.failure ? [`No answer with these values: ${data.failure}. Below is the last answer there was.`] : data.warnings ?? [];
+    const alarms = data.failure ? [`No answer with these values: ${data.failure}. Below is the last answer there was.`] : [...strange, ...data.warnings ?? []];
     alarm.hidden = !alarms.length;
     alarm.replaceChildren(...alarms.map(line => element("span", { style: "display: block" }, line)));
     if (data.figures) for (const row of section.querySelectorAll("tr[data-figure]"))
@@ -137,7 +136,7 @@ const live = async content => {
   };
   small.addEventListener("change", () => last.forEach((one, k) => paint(k, one)));
 
-  $(".live-reset").addEventListener("click", () => { rows.forEach(one => one.set(one.value)); ask(); keep(); });
+  $(".live-reset").addEventListener("click", () => { rows.forEach(one => one.set(one.value)); strange = []; ask(); keep(); });
   $(".live-copy").addEventListener("click", async () => {
     const text = command();
     try {
@@ -163,7 +162,7 @@ const overlaid = (still, one, screen) => {
     const like = still.data.filter(trace => trace.yaxis === `y${curve.panel}` && trace.name === curve.name);
     const model = like.find(trace => trace.showlegend ?? true) ?? like[0], { mode, marker } = model;
     like.forEach(trace => {
-      before.push({ ...trace, opacity: 0.35, hoverinfo: "skip", hovertemplate: null, showlegend: false,
+      before.push({ ...trace, opacity: 0.5, hoverinfo: "skip", hovertemplate: null, showlegend: false,
         legendgroup: "still", marker: { ...trace.marker, color: GREY }, line: { ...trace.line, color: GREY } });
       fresh.set(trace, null);
     });
