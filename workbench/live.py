@@ -98,7 +98,7 @@ def of(
             for w in network.wires
         ],
         "command": [command, *(_words(name, x) for name, x in changed.items())],
-        "asked": {name: str(value) for name, value in o.start.items()},
+        "asked": dict(o.start),
     }
     return Live(
         words, {part: modules[part].read_bytes() for part in network.descriptions}, script_of(page),

@@ -37,8 +37,8 @@ from workbench.report import chart as colors
 from workbench.report.chart import Second, Span
 
 from . import mechanism, response
-from .drive import PARTS as DRIVE
 from .drive import KLOSS, conveyor_drive, followed, linearised, start_values
+from .drive import PARTS as DRIVE
 from .response import COARSER, LAG, SPEED, TORQUE, Line, Place, Point, Ripple, Setup
 from .theory import SETS, Machine
 

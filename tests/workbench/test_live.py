@@ -29,9 +29,11 @@ from workbench.report import html
 
 __all__ = ["shown"]
 SWEEP = {"speeds": "34,38,40,42,46", "steps_per_rev": 128}
-LIVE: dict[str, Mapping[str, Any]] = {"orientator_cycle": {}, "resonance": SWEEP}
+LIVE: dict[str, Mapping[str, Any]] = {"iron_cycle": {}, "orientator_cycle": {}, "resonance": SWEEP}
 PART = "document.getElementById('live-part')"
 MOVED = [
+    ("iron_cycle", {"speed": 9.0, "iron.iron.m": 2.0}),
+    ("iron_cycle", {"speed": 3.0, "iron.spring.c": 900.0, "iron.friction.K_up": 0.2}),
     ("resonance", {"conveyor.spring.c": 5e5, "motor.T": 0.04, "speed": 44.0}),
     ("resonance", {"conveyor.trough.d": 9000.0, "conveyor.rotor.J": 0.9, "motor.B": 320.0}),
     ("resonance", {"conveyor.trough.m": 330.0, "conveyor.spring.c": 1.3e6}),
@@ -216,7 +218,9 @@ def test_an_unstable_step_is_the_sentence_that_python_says(shown: Browser, tmp_p
     with pytest.raises(SetupError, match="unstable") as refused:
         ask("resonance", **given, start=["motor.B=500"])
     said = shown.value(f"{PART}.querySelector('.live-alarm').textContent")
-    assert said == f"No answer with these values: {refused.value}. Below is the last answer there was."
+    assert (
+        said == f"No answer with these values: {refused.value}. Below is the last answer there was."
+    )
     assert shown.value(f"{PART}.querySelector('tbody').textContent") == before
 
 

@@ -33,7 +33,7 @@ def report(answer: Answer, path: Path) -> None:
     pictures, most = [*show.charts, *show.more], [first_sheet(answer)]
     charts = [figure(each, room) for each, room in zip(pictures, most + [LATER] * len(pictures))]
     live = answer.live
-    content = {"charts": charts, "motions": list(map(_motion, show.motions))}
+    content: dict[str, Any] = {"charts": charts, "motions": list(map(_motion, show.motions))}
     content |= {"live": live.data} if live else {}
     folder = FileSystemLoader(Path(__file__).parent)
     made = Environment(loader=folder, autoescape=True, trim_blocks=True, lstrip_blocks=True)

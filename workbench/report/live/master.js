@@ -18,7 +18,7 @@ class Part {
     const bytes = new Uint8Array(this.flat.memory.buffer, this.flat.text());
     const words = new TextDecoder().decode(bytes.slice(0, bytes.indexOf(0)));
     bytes[0] = 0;
-    return words;
+    return words.replaceAll(/^i: /gm, "");
   }
 
   find(variable) {
