@@ -1,9 +1,10 @@
 """Build the FMUs: components/NAME/model.py -> fmus/Name.fmu, each validated before it is kept.
 
-usage: python build_fmus.py [COMPONENT ...] [--flavour python|native|both] [--into DIR] [--force]
-                            [--docs]
+usage: python build_fmus.py [COMPONENT ...] [--flavour python|native|wasm|both] [--into DIR]
+                            [--force] [--docs]
 
-Native FMUs go to a folder `native` of their own.
+Native FMUs go to a folder `native` of their own, and modules for WebAssembly to `wasm`, which native
+FMUs bring along.
 """
 
 import argparse

@@ -1,4 +1,4 @@
-"""python -m fmukit build MODEL.py ... [--flavour python|native|both] [--out DIR] [--force]."""
+"""python -m fmukit build MODEL.py ... [--flavour python|native|wasm|both] [--out DIR] [--force]."""
 
 import argparse
 import sys

@@ -55,7 +55,10 @@ def fmus_of(page: ModuleType, flavour: str = "native") -> dict[str, Path]:
 def ask(name: str, out: Path | None = None, **given: Any) -> Answer:
     """The answer to a question of the project, on compiled FMUs, in this process."""
     page = load(find(PROJECT.home, name))
-    o, modules = made(page.Options, given, name), PROJECT._replace(fill=None).modules(page)
+    o, modules = (
+        made(page.Options, given, name),
+        PROJECT._replace(fill=None).modules(page, "native"),
+    )
     command = f"scenarios run {name}"
     fmus = fmus_of(page)
     return answer(page, o, fmus, flavour="native", out=out, modules=modules, command=command)

@@ -77,7 +77,7 @@ def run(words: Sequence[str], project: Project, program: str) -> int:
     engine = Engine(jobs, told.get("scheduler"), project.packages)
     fmus = project.fmus(page, found.flavour)
     again = f"{program} run {words[0]}" + f" --flavour {found.flavour}" * (not quick)
-    modules = project.modules(page)
+    modules = project.modules(page, found.flavour)
     answer = ask.answer(
         page, o, fmus, flavour=found.flavour, engine=engine, out=out, modules=modules, command=again
     )

@@ -19,7 +19,7 @@ from cosim import SetupError, SimulationError
 
 from .options import Options, declared
 
-FROM_FILE, FMU, MODULES = "__question__", ".fmu", "wasm"
+FROM_FILE, FMU, NATIVE, MODULES = "__question__", ".fmu", "native", "wasm"
 TAKEN = ("help", "start", "flavour", "jobs", "scheduler", "out", "animate")
 
 
@@ -58,14 +58,14 @@ class Project(NamedTuple):
                 )
         return found
 
-    def modules(self, page: ModuleType) -> dict[str, Path]:
+    def modules(self, page: ModuleType, flavour: str) -> dict[str, Path]:
         """The modules for WebAssembly of a page with a live part, by part; none if it has no such part
-        or runs FMUs by path."""
+        or runs FMUs by path. Those beside native FMUs were made with them."""
         own = dict(parts(page))
         if not hasattr(page, "LIVE") or any(fmu.endswith(FMU) for fmu in own.values()):
             return {}
-        if self.fill:
-            self.fill(list(own.values()), MODULES)
+        if self.fill and flavour != NATIVE:
+            self.fill(list(dict.fromkeys(own.values())), MODULES)
         found = {part: self.folders[MODULES] / f"{fmu}.wasm" for part, fmu in own.items()}
         return {part: path for part, path in found.items() if path.is_file()}
 

@@ -30,7 +30,7 @@ FORCES = {
     "iron.T_span": ("chain at the link", SPEED),
     "iron.T_iron": ("chain at the iron", LIFT),
 }
-PANELS = {
+PANELS: dict[str, Mapping[str, tuple[str, ...] | str]] = {
     "forces": FORCES,
     "torque of the cam": {"iron.tau_cam": TORQUE},
     "lift": {"iron.lift": LIFT},

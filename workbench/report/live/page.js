@@ -131,7 +131,7 @@ const live = async content => {
       $(".live-charts").append(charts[k]);
     }
     last[k] = one;
-    const drawn = overlaid(content.charts[k], one, paper ? "paper" : small.matches ? "narrow" : "wide");
+    const drawn = overlaid(content.charts[k], one, small.matches ? "narrow" : "wide");
     Plotly.react(charts[k], drawn.data, drawn.layout, { responsive: true, displayModeBar: false });
   };
   small.addEventListener("change", () => last.forEach((one, k) => paint(k, one)));
@@ -145,7 +145,7 @@ const live = async content => {
       getSelection().selectAllChildren($(".live-command code"));
       document.execCommand("copy");
     }
-    state.textContent = "Copied.";
+    state.textContent = spoken.textContent = "Copied";
   });
   addEventListener("hashchange", arrive);
   $(".live-command code").textContent = command();
@@ -197,7 +197,7 @@ const overlaid = (still, one, screen) => {
 };
 
 // Where the words of spans and marks stand, as layout.py places them: none covers another.
-const GREY = "#76828c", LETTERS = { narrow: 44, wide: 130, paper: 100 };
+const GREY = "#76828c", LETTERS = { narrow: 44, wide: 130 };
 const flags = (spans, [low, high], letters) => {
   const marks = spans.filter(span => span.first === span.last).sort((a, b) => b.first - a.first), taken = [];
   return [...spans.filter(span => span.first !== span.last), ...marks].map(({ first, last, text }) => {
