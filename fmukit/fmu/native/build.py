@@ -160,7 +160,7 @@ def compiled(target: str, source: str, place: str, folder: Path, options: list[s
     command += ["-o", place, source]
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
     if done.returncode:
-        raise RuntimeError(f"{source} does not compile for {target}:\n{done.stderr}")
+        raise RuntimeError(f"{Path(place).stem} does not compile for {target}:\n{done.stderr}")
     return (folder / place).read_bytes()
 
 
