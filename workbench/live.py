@@ -13,6 +13,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from cosim import SetupError
 from cosim.master import stepping_order
 from cosim.system import connect
 
@@ -36,18 +37,16 @@ class Slider(NamedTuple):
 
 
 class Live(NamedTuple):
-    """What the browser gets: sliders in words, modules by part, the worker's script, and its data."""
+    """What the browser gets: modules by part, the worker's script, and data, sliders among them."""
 
-    sliders: list[dict[str, Any]]
     modules: Mapping[str, bytes]
     script: str
     data: dict[str, Any]
 
 
-def script_of(page: ModuleType) -> str:
-    """What a worker runs for this page."""
-    files = [*(FOLDER / name for name in ENGINE), Path(str(page.__file__)).with_suffix(".js")]
-    texts = [*map(_read, files), _read(FOLDER / "worker.js")]
+def script_of(script: Path) -> str:
+    """What a worker runs, with the script of a page."""
+    texts = map(_read, [*(FOLDER / name for name in ENGINE), script, FOLDER / "worker.js"])
     return "\n".join(text.replace('"use strict";\n', "", 1) for text in texts)
 
 
@@ -66,11 +65,15 @@ def of(
 ) -> Live | None:
     """The live part of an answer; None where the page has none or a module of its parts is not there.
 
-    `command` is the start of the command line that asked for it.
+    `command` is the start of the command line that asked for it. Raises SetupError for a slider that
+    moves nothing, and without the script.
     """
     sliders: tuple[Slider, ...] = getattr(page, "LIVE", ())
     if not sliders or found.system is None or not set(found.system.parts) <= set(modules):
         return None
+    script = Path(str(page.__file__)).with_suffix(".js")
+    if not script.is_file():
+        raise SetupError(f"LIVE needs the script {script}")
     network = connect(found.system)
     facts = page.live(o, found) if hasattr(page, "live") else {}
     facts |= {"figures": {name: (x.unit, x.meaning) for name, x in found.figures.items()}}
@@ -80,6 +83,8 @@ def of(
     changed = {name: x for name, x in options.items() if x != told[name].read(told[name].default)}
     words = []
     for name, low, high in sliders:
+        if name not in told and name not in parameters:
+            raise SetupError(f"LIVE: {name!r} is neither an option nor a start value")
         known = told.get(name) or parameters[name]
         value = parameters[name].value if name in parameters else options[name]
         value = float(facts[name] if value is None else value)
@@ -100,10 +105,8 @@ def of(
         "command": [command, *(_words(name, x) for name, x in changed.items())],
         "asked": dict(o.start),
     }
-    return Live(
-        words, {part: modules[part].read_bytes() for part in network.descriptions}, script_of(page),
-        data,
-    )  # fmt: skip
+    taken = {part: modules[part].read_bytes() for part in network.descriptions}
+    return Live(taken, script_of(script), data)
 
 
 def _heading(meaning: str) -> str:

@@ -9,6 +9,7 @@ from argparse import ArgumentParser
 from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 from urllib.parse import quote
 
@@ -18,11 +19,12 @@ import cosim
 from cosim import SetupError
 from cosim.system import connect
 from scenarios.__main__ import FMUS, PROJECT
-from tests.conftest import ask
+from tests.conftest import ask, fmus_of
 from tests.workbench.browser import Browser
 from tests.workbench.test_report import one, shown
-from workbench.answer import Answer
-from workbench.live import ENGINE, FOLDER
+from workbench import live
+from workbench.answer import Answer, Findings
+from workbench.live import ENGINE, FOLDER, Slider
 from workbench.options import add, made
 from workbench.question import load, names
 from workbench.report import html
@@ -67,6 +69,20 @@ def page(name: str, folder: Path, **given: Any) -> tuple[Answer, Path]:
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("live")
+
+
+def test_a_slider_that_moves_nothing_and_a_missing_script_are_refused(tmp_path: Path) -> None:
+    page = load(names(PROJECT.home)["orientator_cycle"])
+    o, modules = made(page.Options, {}, "it"), PROJECT._replace(fill=None).modules(page, "native")
+    found = Findings({}, None, page.system(o, fmus_of(page)))
+    copy = SimpleNamespace(__file__=str(tmp_path / "it.py"), Options=page.Options)
+    copy.LIVE = (Slider("orientator.cup.x", 0.0, 1.0),)
+    with pytest.raises(SetupError, match=r"LIVE needs the script .*it\.js"):
+        live.of(copy, o, found, {}, modules, "")  # type: ignore[arg-type]
+    (tmp_path / "it.js").touch()
+    with pytest.raises(SetupError, match=r"'orientator.cup.x' is neither an option nor a start"):
+        live.of(copy, o, found, {}, modules, "")  # type: ignore[arg-type]
+    assert live.of(copy, o, found, {}, {}, "") is None  # type: ignore[arg-type]
 
 
 def opened(shown: Browser, name: str, folder: Path, width: int = 1000) -> Answer:
@@ -264,11 +280,22 @@ def test_a_module_computes_what_its_fmu_does(name: str, shown: Browser, tmp_path
     empty.write_text("<!doctype html><html data-ready='yes'>")
     shown.open(empty, 1000)
     shown.value(f"window.letters = '{letters}', 0")
-    imports, values = shown.value(f"""(() => {{ {engine}
+    imports, values, once, again = shown.value(f"""(() => {{ {engine}
         const bytes = Uint8Array.from(atob(letters), x => x.charCodeAt(0));
         const module = new WebAssembly.Module(bytes), system = new System({{ m: module }}, [], ["m"]);
         system.start({{}});
         const rows = system.run({50 * step!r}, {step!r}, "strang", {columns});
-        return [WebAssembly.Module.imports(module), {columns}.map(name => rows[name].at(-1))]; }})()""")
+        const {{ flat, instance }} = system.parts.m, kept = flat.save(instance);
+        const on = () => {{
+            flat.step(instance, rows.time.at(-1), {step!r});
+            return {columns}.map(name => system.parts.m.get(name.slice(2)));
+        }};
+        const once = on();
+        flat.restore(instance, kept);
+        const again = on();
+        flat.forget(instance, kept);
+        return [WebAssembly.Module.imports(module), {columns}.map(name => rows[name].at(-1)), once,
+            again]; }})()""")
     assert imports == []
+    assert once == again != values
     assert values == pytest.approx(result.data[-1, 1:].tolist(), rel=1e-11, abs=1e-13)
