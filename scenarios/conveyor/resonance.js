@@ -318,8 +318,7 @@ function* answer({ options: o, start, facts }, system) {
   const force = largestForce(speeds.map(nu => runs.get(nu))), standing = problems.find(({ nu }) => speeds.includes(nu))?.nu;
   figures.f_rod_peak = told(...force, "N", "largest rod force of the sweep", standing ?? speeds[0]);
   const sweep = speeds.map(nu => rows.get(nu)), { turns } = runs.get(operating)[0];
-  yield { note: "whole sweep, places to come", figures: { ...figures }, charts: [chart(drive, sweep, figures, operating, [])],
-    motion: turns && revolution(turns) };
+  yield { note: "whole sweep, places to come", figures: { ...figures }, motion: turns && revolution(turns) };
 
   const steadyOnes = speeds.map(nu => runs.get(nu)[0]).filter(point => !point.problem);
   const passed = steadyOnes.length > 1 ? line.edges(level, steadyOnes) : [], above = steadyOnes.some(p => abs(p.torque) > level);

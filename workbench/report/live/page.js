@@ -186,6 +186,7 @@ const overlaid = (still, one, screen) => {
   layout.annotations = flags(spans, wide, LETTERS[screen]).map(({ text, x, anchor, lane }) => ({ text, x, xanchor: anchor,
     showarrow: false, font: { size: 11 }, yref: "y domain", y: 1, yanchor: "bottom", yshift: 19 * lane }));
   const lanes = drawn => Math.max(0, ...drawn.map(flag => flag.yshift)), more = Math.max(0, lanes(layout.annotations) - lanes(still[screen].annotations));
+  layout.legend2.y += more / (layout.height - layout.margin.t - layout.margin.b);
   layout.margin = { ...layout.margin, t: layout.margin.t + more };
   layout.height += more;
   const panels = Object.keys(layout).filter(key => /^yaxis/.test(key));
