@@ -1,9 +1,10 @@
 """Build the FMUs: components/NAME/model.py -> fmus/Name.fmu, each validated before it is kept.
 
-usage: python build_fmus.py [COMPONENT ...] [--flavour python|native|both|fmi3|all] [--into DIR]
+usage: python build_fmus.py [COMPONENT ...] [--flavour python|native|wasm|both|fmi3|all] [--into DIR]
                             [--force] [--docs]
 
-Native FMUs go to a folder `native` of their own, native ones of FMI 3.0 to a folder `fmi3`.
+Native FMUs go to a folder `native` of their own, native ones of FMI 3.0 to a folder `fmi3`, and modules
+for WebAssembly to `wasm`; native FMUs bring these along.
 """
 
 import argparse

@@ -63,7 +63,13 @@ def fmus_of(page: ModuleType, flavour: str = "native") -> dict[str, Path]:
 def ask(name: str, out: Path | None = None, **given: Any) -> Answer:
     """The answer to a question of the project, on compiled FMUs, in this process."""
     page = load(find(PROJECT.home, name))
-    return answer(page, made(page.Options, given, name), fmus_of(page), flavour="native", out=out)
+    o, modules = (
+        made(page.Options, given, name),
+        PROJECT._replace(fill=None).modules(page, "native"),
+    )
+    command = f"scenarios run {name}"
+    fmus = fmus_of(page)
+    return answer(page, o, fmus, flavour="native", out=out, modules=modules, command=command)
 
 
 def rewritten(fmu: Path, copy: Path, edit: Callable[[dict[str, Any]], Any]) -> Path:

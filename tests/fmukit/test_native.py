@@ -21,6 +21,8 @@ from fmpy.fmi1 import FMICallException
 
 from components import MACHINES
 from fmukit.declare.variables import class_name
+from fmukit.fmu import make
+from fmukit.fmu.native import build
 from fmukit.fmu.python.instance import slave_class
 from fmukit.trace import tracer as trace
 from tests.conftest import ROOT
@@ -93,6 +95,28 @@ SCENARIOS = [
        500) for b in (0.0, 0.02)),
     ("UnbalanceExciter", {}, wave(tau=(0.6, 0.3, 20.0)), 1e-2, 500),
 ]  # fmt: skip
+
+
+@each
+def test_an_fmu_carries_its_module_for_webassembly(name: str, fmus: Path) -> None:
+    module = (fmus / "wasm" / f"{name}.wasm").read_bytes()
+    with zipfile.ZipFile(fmus / "native" / f"{name}.fmu") as archive:
+        assert archive.read(f"{build.EXTRA}/{name}.wasm") == module
+        guid = ElementTree.fromstring(archive.read("modelDescription.xml")).get("guid")
+    assert module[:4] == b"\0asm"
+    assert guid is not None and guid.encode() in module
+
+
+def test_a_module_is_built_again_to_the_same_bytes_and_only_when_it_is_out_of_date(
+    tmp_path: Path, fmus: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = ROOT / "components" / "drive_motor" / "model.py"
+    for built in ("built", "up to date"):
+        assert make.make_all([file], "wasm", tmp_path) == 0
+        assert built in capsys.readouterr().out
+    module = tmp_path / "wasm" / "DriveMotor.wasm"
+    assert module.read_bytes() == (fmus / "wasm" / module.name).read_bytes()
+    assert [path.name for path in tmp_path.rglob("*.*")] == [module.name]
 
 
 def rows(fmu: Path, start: dict[str, Any], inputs: Any, h: float, steps: int) -> list[list[Any]]:

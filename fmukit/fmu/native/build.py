@@ -9,6 +9,7 @@ import sys
 import tempfile
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from functools import cache
 from pathlib import Path
 from types import ModuleType
 from typing import NamedTuple
@@ -45,9 +46,12 @@ RECIPE = """\
 </fmiBuildDescription>
 """
 OPTIONS = (
-    "-std=c99", "-O2", "-ffp-contract=off", "-fno-slp-vectorize", "-fvisibility=hidden", "-shared",
-    "-fPIC", "-s",
+    "-std=c99", "-O2", "-ffp-contract=off", "-fno-slp-vectorize", "-fvisibility=hidden", "-s",
 )  # fmt: skip
+LIBRARY = ("-shared", "-fPIC")
+FLAT = Path(__file__).with_name("wasm.c")
+MODULE = ("-mexec-model=reactor", "-Wl,--strip-all")
+EXTRA = "extra/org.webassembly.wasm32"
 DEPENDENCIES = """\
 linux64 and aarch64-linux with glibc 2.17 or newer, win64, darwin64 (universal): the C library and
 its mathematics, nothing else. Built from sources/, which any C99 compiler takes.
@@ -92,18 +96,19 @@ def collect(model: ModuleType, fmi: int = 2) -> NativeBuild:
     return NativeBuild(model, source, exchanged, digest.hexdigest(), fmi)
 
 
+def sources_of(build: NativeBuild) -> dict[str, bytes]:
+    """All that is compiled, by file name."""
+    own = build.source.replace('#define GUID ""', f'#define GUID "{build.guid}"')
+    files = {file.name: file.read_bytes() for file in needed(build.fmi)}
+    return {f"{build.name}.c": own.encode(), **files}
+
+
 def pack(build: NativeBuild, fmu: Path) -> None:
     """Write the FMU; raises RuntimeError with the words of the compiler if it fails."""
-    interface = Interface(build.model)
+    interface, sources = Interface(build.model), sources_of(build)
     rows = reference.experiment(slave_class(build.model, build.guid))
     licence = f"{LICENSE.read_text()}\nThe headers of FMI in sources/ carry their own.\n"
-    sources = {
-        f"{build.name}.c": build.source.replace(
-            '#define GUID ""', f'#define GUID "{build.guid}"'
-        ).encode(),
-        **{file.name: file.read_bytes() for file in needed(build.fmi)},
-    }
-    compiled = binaries(build.name, sources, build.fmi)
+    libraries = binaries(build.name, sources, build.fmi)
     recipe = {"sources/buildDescription.xml": RECIPE.format(build.name).encode()}
     contents = {
         "modelDescription.xml": description(interface, build),
@@ -113,15 +118,19 @@ def pack(build: NativeBuild, fmu: Path) -> None:
         **{f"sources/{name}": content for name, content in sources.items()},
         **reference.entries(interface, rows),
         **terminals.entries(interface),
-        **{f"binaries/{path}": content for path, content in compiled},
-        **(recipe if build.fmi == 3 else {}),
+        **{f"binaries/{path}": content for path, content in libraries},
+        **(recipe if build.fmi == 3 else {f"{EXTRA}/{build.name}.wasm": module(build)}),
     }
     write_archive(contents, fmu)
 
 
 def needed(fmi: int) -> list[Path]:
-    """The files of ours and of the standard that the C of a component includes."""
-    return [file for file in (*RUNTIMES, *HEADERS) if fmi == 3 or "fmi3" not in file.name]
+    """The files of ours and of the standard that go with the C of a component."""
+    return [
+        file
+        for file in (*RUNTIMES, *HEADERS, FLAT)
+        if (file != FLAT if fmi == 3 else "fmi3" not in file.name)
+    ]
 
 
 def description(interface: Interface, build: NativeBuild) -> bytes:
@@ -144,10 +153,10 @@ def binaries(name: str, sources: dict[str, bytes], fmi: int) -> Iterator[tuple[s
         for file, content in sources.items():
             (folder / file).write_bytes(content)
         places = [path.format(name) for path in TARGETS]
-        compiled = pool.map(
+        made = pool.map(
             lambda target, place: compile_for(target, place, name, folder), TARGETS.values(), places
         )
-        libraries = dict(zip(places, compiled))
+        libraries = dict(zip(places, made))
     if fmi == 3:
         for path, code in libraries.items():
             place, file = path.split("/")
@@ -162,14 +171,30 @@ def compile_for(target: str, place: str, name: str, folder: Path) -> bytes:
     """The shared library for one target of Zig."""
     library = folder / place
     library.parent.mkdir()
-    command = [sys.executable, "-m", "ziglang", "cc", "-target", target, *OPTIONS]
-    command += ["-o", place, f"{name}.c"]
-    command += [] if "windows" in target else ["-lm"]
-    command += [f"-Wl,-install_name,@rpath/{library.name}"] if "macos" in target else []
+    options = [*LIBRARY] if "windows" in target else [*LIBRARY, "-lm"]
+    options += [f"-Wl,-install_name,@rpath/{library.name}"] if "macos" in target else []
+    return compiled(target, f"{name}.c", place, folder, options)
+
+
+@cache
+def module(build: NativeBuild) -> bytes:
+    """The module for WebAssembly, which needs no imports; `wasm.c` says what it exports."""
+    with tempfile.TemporaryDirectory(prefix="wasm_") as temporary:
+        folder = Path(temporary)
+        for file, content in sources_of(build).items():
+            (folder / file).write_bytes(content)
+        options = [*MODULE, f'-DMODEL="{build.name}.c"']
+        return compiled("wasm32-wasi", FLAT.name, f"{build.name}.wasm", folder, options)
+
+
+def compiled(target: str, source: str, place: str, folder: Path, options: list[str]) -> bytes:
+    """What the compiler makes of a source in a folder; raises RuntimeError with its words."""
+    command = [sys.executable, "-m", "ziglang", "cc", "-target", target, *OPTIONS, *options]
+    command += ["-o", place, source]
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
     if done.returncode:
-        raise RuntimeError(f"{name} does not compile for {target}:\n{done.stderr}")
-    return library.read_bytes()
+        raise RuntimeError(f"{Path(place).stem} does not compile for {target}:\n{done.stderr}")
+    return (folder / place).read_bytes()
 
 
 def universal(slices: list[bytes]) -> bytes:
