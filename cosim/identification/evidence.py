@@ -1,0 +1,310 @@
+"""What a fit is worth: intervals, what cannot be told apart, and whether the machine fits at all."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from scipy import stats
+from scipy.signal import lombscargle
+
+from ..errors import SetupError
+from ..result import SimulationError
+from .model import CENTRAL, Derived, Model, Vector
+from .record import Column, segments
+
+INSIDE = 0.95
+DEVIATIONS = float(stats.norm.ppf(0.5 + INSIDE / 2))
+RISE = DEVIATIONS**2
+DOUBT = 1e-3
+ALIKE = 0.95
+PASSES, TARGETS, MOST_WIDE = 2, 3, 8.0
+SEGMENTS = 8
+SINGULAR = 1e-12
+
+
+class Interval(NamedTuple):
+    """A value with the ends of its 95 % interval and its standard deviation, in its unit.
+
+    The ends are those of the profile likelihood where it was followed, else of the covariance; they
+    hold what the coupling may do.
+    """
+
+    value: float
+    low: float
+    high: float
+    deviation: float
+    unit: str = ""
+
+    @property
+    def error(self) -> float:
+        """The farther of the ends from the value."""
+        return max(self.high - self.value, self.value - self.low)
+
+    def text(self) -> str:
+        """The value and its interval, rounded to two digits of this."""
+        if not 0.0 < self.error < math.inf:
+            return f"{self.value:.6g} {self.unit} (not told)".replace("  ", " ")
+        places = max(0, 1 - math.floor(math.log10(self.error)))
+        return f"{self.value:.{places}f} +- {self.error:.{places}f} {self.unit}".rstrip()
+
+
+class Residual(NamedTuple):
+    """A column beside the fit: times [s], measured and fitted values, noise, all in its unit; the
+    spectrum of the residual over frequencies [Hz], in units of that of the noise.
+    """
+
+    unit: str
+    times: Vector
+    measured: Vector
+    fitted: Vector
+    sigma: float
+    noise: str
+    frequencies: Vector
+    power: Vector
+
+    @property
+    def chi2(self) -> float:
+        """The sum of squares of the residual over the noise."""
+        return float(np.sum(((self.fitted - self.measured) / self.sigma) ** 2))
+
+
+class Local(NamedTuple):
+    """A minimum seen close by: free values p, residuals, their Jacobian J, the covariance of p, and
+    derived quantities with their gradients.
+    """
+
+    p: Vector
+    residuals: Vector
+    J: Vector
+    covariance: Vector
+    derived: Vector
+    gradients: Vector
+
+    @property
+    def chi2(self) -> float:
+        return float(np.sum(self.residuals**2))
+
+
+def close_by(model: Model, p: Vector, derived: Mapping[str, Derived]) -> Local:
+    """The minimum at p, from central differences."""
+
+    def seen(q: Vector) -> tuple[Vector, Vector]:
+        result = model.play(q, all=bool(derived))
+        values = model.values(q)
+        found = [float(tell(values, result)) for tell in derived.values()]
+        return model.whole(q, model.shown(q, result)), np.array(found)
+
+    residuals, told = seen(p)
+    columns, gradients = [], []
+    for k, free in enumerate(model.free):
+        ends = []
+        for sign in (-1.0, 1.0):
+            moved = p.copy()
+            moved[k] = min(max(p[k] + sign * CENTRAL * free.size, free.low), free.high)
+            ends.append((moved[k], *seen(moved)))
+        (a, r, d), (b, s, e) = ends
+        columns.append((s - r) / (b - a))
+        gradients.append((e - d) / (b - a))
+    J = np.stack(columns, axis=1)
+    return Local(p, residuals, J, covariance(J), told, np.stack(gradients, axis=1))
+
+
+def covariance(J: Vector) -> Vector:
+    """Of the free values, shape (n, n); what the residuals do not show has a variance beyond all."""
+    norms = np.linalg.norm(J, axis=0)
+    scale = 1.0 / np.where(norms > 0.0, norms, 1.0)
+    _, s, right = np.linalg.svd(J * scale, full_matrices=False)
+    weak = np.maximum(s, SINGULAR * max(float(s[0]), 1e-300))
+    half = (right.T / weak) * scale[:, None]
+    return np.asarray(half @ half.T)
+
+
+def correlation(covariance: Vector) -> Vector:
+    """The correlations of a covariance, both of shape (n, n)."""
+    deviations = np.sqrt(np.diag(covariance))
+    return np.asarray(covariance / np.outer(deviations, deviations))
+
+
+def profile(
+    model: Model, local: Local, g: Vector, tell: Callable[[Vector], float]
+) -> tuple[float, float]:
+    """The ends between which a quantity of the free values, with gradient g, raises chi2 by no more
+    than RISE while all else is fitted anew; an end that is not found stays where it was tried last.
+    """
+    deviation = math.sqrt(max(0.0, float(g @ local.covariance @ g)))
+    start, ends = tell(local.p), []
+    for sign in (-1.0, 1.0):
+        away = DEVIATIONS * deviation
+        for _ in range(TARGETS):
+            rise = _held(model, local, g, tell, start + sign * away) - local.chi2
+            if not 0.0 < rise < 1e3:
+                break
+            ratio = math.sqrt(RISE / rise)
+            away = min(away * min(max(ratio, 0.25), 4.0), MOST_WIDE * DEVIATIONS * deviation)
+            if abs(ratio - 1.0) < 0.03:
+                break
+        ends.append(start + sign * away)
+    return ends[0], ends[1]
+
+
+def _held(
+    model: Model, local: Local, g: Vector, tell: Callable[[Vector], float], target: float
+) -> float:
+    """The least chi2 with a quantity held at its target."""
+    low, high = model.bounds
+    p, C, J, residuals, value = local.p, local.covariance, local.J, local.residuals, tell(local.p)
+    best = math.inf
+    for turn in range(2 * PASSES):
+        free = -C @ (J.T @ residuals)
+        direction = C @ g
+        move = free + direction * (target - value - g @ free) / (g @ direction)
+        p = np.clip(p + move, low, high)
+        residuals, value = model.residuals(p), tell(p)
+        chi2 = float(np.sum(residuals**2))
+        if abs(chi2 - best) < 0.01:
+            break
+        best = chi2
+        if turn % 2:
+            J = model.jacobian(p)
+            C = covariance(J)
+    return chi2
+
+
+def residuals(model: Model, shown: Sequence[Vector]) -> dict[str, Residual]:
+    """The columns beside what the model shows of them."""
+    return {
+        column.name: Residual(
+            column.port.unit,
+            column.times,
+            column.values,
+            x,
+            column.noise.sigma,
+            column.noise.told,
+            *spectrum(column.times, (x - column.values) / column.noise.sigma),
+        )
+        for column, x in zip(model.columns, shown)
+    }
+
+
+def spectrum(times: Vector, residual: Vector) -> tuple[Vector, Vector]:
+    """Frequencies [Hz] and the power of a residual there, which is 1 on average for white noise of
+    variance 1, over even rows and over uneven ones (Lomb and Scargle).
+    """
+    gaps = np.diff(times)
+    even = bool(np.abs(gaps / gaps.mean() - 1.0).max() < 1e-3)
+    mean = float(gaps.mean() if even else np.median(gaps))
+    span = float(times[-1] - times[0]) + mean
+    number = (min(len(times), round(span / mean)) + 1) // 2
+    frequencies = np.arange(1, max(2, number)) / span
+    if even:
+        power = np.abs(np.fft.rfft(residual)) ** 2 / len(times)
+        return frequencies, np.asarray(power[1 : len(frequencies) + 1], float)
+    return frequencies, np.asarray(lombscargle(times, residual, 2 * math.pi * frequencies), float)
+
+
+def band(columns: Sequence[Column], known: int, unknown: int) -> tuple[int, float, float]:
+    """Degrees of freedom, and the band in which chi2 lies but for DOUBT of all records of a machine
+    that is one of its kind, with noise that is white.
+    """
+    rows = sum(len(column.times) for column in columns)
+    dof = rows + known - unknown
+    variance = sum(len(c.times) * c.noise.spread for c in columns) + 2 * known - 2 * unknown
+    like = 2.0 * dof**2 / max(variance, 1.0)
+    low, high = (float(stats.chi2.ppf(q, like)) * dof / like for q in (DOUBT / 2, 1 - DOUBT / 2))
+    return dof, low, high
+
+
+def misfits(model: Model, local: Local, seen: Mapping[str, Residual]) -> Iterator[str]:
+    """Why no machine of this kind fits, and where the misfit lies; nothing if one does."""
+    known = len(model.prior[0])
+    dof, low, high = band(model.columns, known, len(model.free))
+    where = [text for column in model.columns for text in _where(column, seen[column.name])]
+    if local.chi2 > high:
+        yield f"chi2 = {local.chi2:.4g} of {dof} lies above {high:.4g}, its 99.9 % band"
+    if local.chi2 < low:
+        yield (
+            f"chi2 = {local.chi2:.4g} of {dof} lies below {low:.4g}, its 99.9 % band: the noise is "
+            "less than it is taken for, or not white"
+        )
+    yield from (text for text, certain in where if certain or local.chi2 > high)
+    mean = model.prior[1]
+    for k, x, r in zip(model.prior[0], mean, local.residuals[len(local.residuals) - known :]):
+        if abs(r) > 3.3:
+            free = model.free[k]
+            yield (
+                f"{free.name} would be {local.p[k]:.5g} {free.unit}, {abs(r):.1f} deviations from "
+                f"the {x:.5g} that is known"
+            )
+
+
+def _where(column: Column, seen: Residual) -> Iterator[tuple[str, bool]]:
+    """Where a residual is no white noise, each with whether that alone is certain."""
+    name, r = column.name, (seen.fitted - seen.measured) / seen.sigma
+    k = int(np.argmax(seen.power))
+    chance = math.log(len(seen.power) / DOUBT)
+    if seen.power[k] > chance:
+        share = seen.power[k] * 2.0 / len(r)
+        f = float(seen.frequencies[k])
+        yield (
+            f"{name}: the residual swings at {f:.4g} Hz ({2 * math.pi * f:.4g} rad/s) with an "
+            f"amplitude of {seen.sigma * math.sqrt(2.0 * share):.3g} {seen.unit}".rstrip(),
+            True,
+        )
+    total = np.cumsum(seen.power) / seen.power.sum()
+    even = np.arange(1, len(total) + 1) / len(total)
+    lean = total - even
+    worst = int(np.argmax(np.abs(lean)))
+    if abs(lean[worst]) * math.sqrt(len(total)) > float(stats.kstwobign.isf(DOUBT)):
+        side = "slow" if lean[worst] > 0 else "fast"
+        yield f"{name}: the residual is no white noise, most of it is {side}", True
+    for rows in segments(column.times, SEGMENTS):
+        x = r[rows]
+        off = (float(np.sum(x**2)) - len(x)) / math.sqrt(len(x) * max(column.noise.spread, 2.0))
+        if off > 4.0:
+            first, last = column.times[rows][[0, -1]]
+            yield (
+                f"{name}: from {first:.4g} s to {last:.4g} s the residual is "
+                f"{math.sqrt(float(np.mean(x**2))):.1f} times the noise",
+                False,
+            )
+
+
+def alike(names: Sequence[str], correlations: Vector) -> list[list[str]]:
+    """Groups of free values that a record cannot tell apart: each is all but a function of others."""
+    count = len(names)
+    tied = np.abs(correlations) > ALIKE
+    groups: list[set[int]] = []
+    for k in range(count):
+        mine = {j for j in range(count) if tied[k, j]}
+        for group in [g for g in groups if g & mine]:
+            groups.remove(group)
+            mine |= group
+        groups.append(mine)
+    return [[names[k] for k in sorted(group)] for group in groups if len(group) > 1]
+
+
+def shift(model: Model, local: Local, order: float) -> tuple[Vector, Vector]:
+    """By how much the coupling and the distance of the rows of the runs move the free values and the
+    derived quantities, at most; inf where that does not converge.
+    """
+    moved = [np.zeros(len(local.p))]
+    for finer in (2.0, 4.0):
+        try:
+            result = model.play(local.p, model.step / finer)
+        except (SimulationError, SetupError):
+            return np.full(len(local.p), math.inf), np.full(len(local.derived), math.inf)
+        found = model.whole(local.p, model.shown(local.p, result))
+        moved.append(local.covariance @ (local.J.T @ (local.residuals - found)))
+    half, quarter = moved[1], moved[2]
+    gain = 2.0**order - 1.0
+    bound = np.maximum(np.abs(quarter), np.abs(quarter - half) / gain + np.abs(quarter)) * 1.5
+    g = local.gradients
+    if len(local.derived):
+        a, b = g @ half, g @ quarter
+        theirs = 1.5 * (np.abs(b - a) / gain + np.abs(b))
+    else:
+        theirs = np.zeros(0)
+    return bound, theirs
