@@ -20,7 +20,8 @@ DEVIATIONS = float(stats.norm.ppf(0.5 + INSIDE / 2))
 RISE = DEVIATIONS**2
 DOUBT = 1e-3
 ALIKE = 0.95
-PASSES, TARGETS, MOST_WIDE = 2, 3, 8.0
+PASSES, TARGETS, MOST_WIDE, NEAR = 4, 3, 8.0, 0.03
+SAFETY = 1.5
 SEGMENTS = 8
 SINGULAR = 1e-12
 
@@ -73,7 +74,8 @@ class Residual(NamedTuple):
 
 class Local(NamedTuple):
     """A minimum seen close by: free values p, residuals, their Jacobian J, the covariance of p, and
-    derived quantities with their gradients.
+    derived quantities with their gradients; `moved` is by how much p moves with a half and a quarter
+    of the step, and `order` how fast that falls.
     """
 
     p: Vector
@@ -82,34 +84,56 @@ class Local(NamedTuple):
     covariance: Vector
     derived: Vector
     gradients: Vector
+    moved: Vector
+    order: float
 
     @property
     def chi2(self) -> float:
         return float(np.sum(self.residuals**2))
 
+    def reach(self, g: Vector) -> float:
+        """How far the 95 % interval of a quantity with gradient g goes to either side."""
+        return DEVIATIONS * math.sqrt(max(0.0, float(g @ self.covariance @ g)))
 
-def close_by(model: Model, p: Vector, derived: Mapping[str, Derived]) -> Local:
+    def coupling(self, g: Vector) -> float:
+        """What the coupling, and the distance of the rows of the runs, may do to that quantity."""
+        half, quarter = (self.moved @ g).tolist()
+        return float(SAFETY * (abs(quarter) + abs(quarter - half) / (2.0**self.order - 1.0)))
+
+
+Look = Callable[[Vector], tuple[Vector, Vector]]
+
+
+def looking(model: Model, derived: Mapping[str, Derived]) -> Look:
+    """What a run with free values p tells: residuals and derived quantities."""
+
+    def look(p: Vector) -> tuple[Vector, Vector]:
+        result = model.play(p, all=bool(derived))
+        values = model.values(p)
+        told = [float(tell(values, result)) for tell in derived.values()]
+        return model.whole(p, model.shown(p, result)), np.array(told)
+
+    return look
+
+
+def close_by(model: Model, p: Vector, look: Look, order: float) -> Local:
     """The minimum at p, from central differences."""
-
-    def seen(q: Vector) -> tuple[Vector, Vector]:
-        result = model.play(q, all=bool(derived))
-        values = model.values(q)
-        found = [float(tell(values, result)) for tell in derived.values()]
-        return model.whole(q, model.shown(q, result)), np.array(found)
-
-    residuals, told = seen(p)
+    residuals, told = look(p)
     columns, gradients = [], []
     for k, free in enumerate(model.free):
         ends = []
         for sign in (-1.0, 1.0):
             moved = p.copy()
             moved[k] = min(max(p[k] + sign * CENTRAL * free.size, free.low), free.high)
-            ends.append((moved[k], *seen(moved)))
+            ends.append((moved[k], *look(moved)))
         (a, r, d), (b, s, e) = ends
         columns.append((s - r) / (b - a))
         gradients.append((e - d) / (b - a))
     J = np.stack(columns, axis=1)
-    return Local(p, residuals, J, covariance(J), told, np.stack(gradients, axis=1))
+    C = covariance(J)
+    finer = [model.play(p, model.step / n) for n in (2.0, 4.0)]
+    off = np.array([residuals - model.whole(p, model.shown(p, run)) for run in finer])
+    return Local(p, residuals, J, C, told, np.stack(gradients, axis=1), off @ J @ C, order)
 
 
 def covariance(J: Vector) -> Vector:
@@ -129,48 +153,60 @@ def correlation(covariance: Vector) -> Vector:
 
 
 def profile(
-    model: Model, local: Local, g: Vector, tell: Callable[[Vector], float]
+    model: Model, local: Local, look: Look, g: Vector, tell: Callable[[Vector, Vector], float]
 ) -> tuple[float, float]:
-    """The ends between which a quantity of the free values, with gradient g, raises chi2 by no more
-    than RISE while all else is fitted anew; an end that is not found stays where it was tried last.
+    """The ends between which a quantity with gradient g, told by free values and derived quantities,
+    raises chi2 by no more than RISE while all else is fitted anew.
+
+    An end that is not found stays where it was tried last.
     """
-    deviation = math.sqrt(max(0.0, float(g @ local.covariance @ g)))
-    start, ends = tell(local.p), []
+    reach = local.reach(g)
+    start, ends = tell(local.p, local.derived), []
     for sign in (-1.0, 1.0):
-        away = DEVIATIONS * deviation
+        away = reach
         for _ in range(TARGETS):
-            rise = _held(model, local, g, tell, start + sign * away) - local.chi2
+            rise = _held(model, local, look, g, tell, start + sign * away) - local.chi2
             if not 0.0 < rise < 1e3:
                 break
             ratio = math.sqrt(RISE / rise)
-            away = min(away * min(max(ratio, 0.25), 4.0), MOST_WIDE * DEVIATIONS * deviation)
-            if abs(ratio - 1.0) < 0.03:
+            away = min(away * min(max(ratio, 0.25), 4.0), MOST_WIDE * reach)
+            if abs(ratio - 1.0) < NEAR:
                 break
         ends.append(start + sign * away)
     return ends[0], ends[1]
 
 
 def _held(
-    model: Model, local: Local, g: Vector, tell: Callable[[Vector], float], target: float
+    model: Model,
+    local: Local,
+    look: Look,
+    g: Vector,
+    tell: Callable[[Vector, Vector], float],
+    target: float,
 ) -> float:
-    """The least chi2 with a quantity held at its target."""
+    """The least chi2 with a quantity held at its target; inf where the FMUs refuse."""
     low, high = model.bounds
-    p, C, J, residuals, value = local.p, local.covariance, local.J, local.residuals, tell(local.p)
-    best = math.inf
-    for turn in range(2 * PASSES):
-        free = -C @ (J.T @ residuals)
+    p, residuals, J, C = local.p, local.residuals, local.J, local.covariance
+    value, best = tell(local.p, local.derived), math.inf
+    for turn in range(PASSES):
         direction = C @ g
-        move = free + direction * (target - value - g @ free) / (g @ direction)
+        move = direction * (target - value) / (g @ direction)
+        if turn:
+            free = -C @ (J.T @ residuals)
+            move += free - direction * (g @ free) / (g @ direction)
         p = np.clip(p + move, low, high)
-        residuals, value = model.residuals(p), tell(p)
-        chi2 = float(np.sum(residuals**2))
-        if abs(chi2 - best) < 0.01:
+        try:
+            residuals, derived = look(p)
+        except (SimulationError, SetupError):
+            return math.inf
+        value, chi2 = tell(p, derived), float(np.sum(residuals**2))
+        if abs(chi2 - best) < NEAR:
             break
-        best = chi2
-        if turn % 2:
+        best = min(best, chi2)
+        if turn == 1:
             J = model.jacobian(p)
             C = covariance(J)
-    return chi2
+    return min(best, chi2)
 
 
 def residuals(model: Model, shown: Sequence[Vector]) -> dict[str, Residual]:
@@ -284,27 +320,3 @@ def alike(names: Sequence[str], correlations: Vector) -> list[list[str]]:
             mine |= group
         groups.append(mine)
     return [[names[k] for k in sorted(group)] for group in groups if len(group) > 1]
-
-
-def shift(model: Model, local: Local, order: float) -> tuple[Vector, Vector]:
-    """By how much the coupling and the distance of the rows of the runs move the free values and the
-    derived quantities, at most; inf where that does not converge.
-    """
-    moved = [np.zeros(len(local.p))]
-    for finer in (2.0, 4.0):
-        try:
-            result = model.play(local.p, model.step / finer)
-        except (SimulationError, SetupError):
-            return np.full(len(local.p), math.inf), np.full(len(local.derived), math.inf)
-        found = model.whole(local.p, model.shown(local.p, result))
-        moved.append(local.covariance @ (local.J.T @ (local.residuals - found)))
-    half, quarter = moved[1], moved[2]
-    gain = 2.0**order - 1.0
-    bound = np.maximum(np.abs(quarter), np.abs(quarter - half) / gain + np.abs(quarter)) * 1.5
-    g = local.gradients
-    if len(local.derived):
-        a, b = g @ half, g @ quarter
-        theirs = 1.5 * (np.abs(b - a) / gain + np.abs(b))
-    else:
-        theirs = np.zeros(0)
-    return bound, theirs

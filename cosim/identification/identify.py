@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from operator import itemgetter
 from typing import Any
 
 import numpy as np
@@ -23,7 +22,7 @@ from .search import Loss, Minimum, descend, search
 
 STARTS, COUPLING, HALVINGS = 12, 0.1, 6
 AMBIGUOUS, APART = 10.8, 3.0
-OUTLIER = 4.5
+OUTLIER, SLIGHT = 4.5, 1e-3
 
 
 @dataclass(frozen=True)
@@ -54,6 +53,19 @@ class Identified:
     runs: int
     model: Model = field(repr=False)
     local: Local = field(repr=False)
+
+    def interval(self, tell: Callable[[Mapping[str, float]], float], unit: str = "") -> Interval:
+        """What follows from the values alone, such as a limit, by their covariance."""
+        model, p = self.model, self.local.p
+        slight = SLIGHT * np.minimum(np.sqrt(np.diag(self.local.covariance)), model.sizes)
+        below, above = (
+            np.array([tell(model.values(p + sign * move)) for move in np.diag(slight)])
+            for sign in (-1.0, 1.0)
+        )
+        g = (above - below) / (2 * slight)
+        value, reach = float(tell(model.values(p))), self.local.reach(g)
+        off = reach + self.local.coupling(g)
+        return Interval(value, value - off, value + off, reach / DEVIATIONS, unit)
 
     def text(self) -> str:
         """The answer in lines."""
@@ -147,14 +159,12 @@ def _judged(
     """The fit at the best minimum, with all that can be said for and against it."""
     every = range(len(model.free))
     best = descend(model, minima[0].p, every, 2 * len(every))
+    look = evidence.looking(model, derived)
     order = float(ORDERS[model.settings.get("algorithm", "strang")])
     for _ in range(HALVINGS):
-        local = evidence.close_by(model, best.p, derived)
-        moved, theirs = evidence.shift(model, local, order)
-        wide = DEVIATIONS * np.sqrt(np.diag(local.covariance))
-        g = local.gradients
-        reach = DEVIATIONS * np.sqrt(np.einsum("ij,jk,ik->i", g, local.covariance, g))
-        if (moved <= COUPLING * wide).all() and (theirs <= COUPLING * reach).all():
+        local = evidence.close_by(model, best.p, look, order)
+        wanted = [*np.eye(len(model.free)), *local.gradients]
+        if all(local.coupling(g) <= COUPLING * local.reach(g) for g in wanted):
             break
         model.step /= 2.0
         best = descend(model, best.p, every, 2 * len(every))
@@ -168,27 +178,31 @@ def _judged(
     misfit = [*lost, *evidence.misfits(model, local, seen)]
     correlations = evidence.correlation(local.covariance)
     groups = evidence.alike(model.names, correlations)
+    tied = {name for group in groups for name in group}
     values: dict[str, Interval] = {}
     told: dict[str, Interval] = {}
+
+    def interval(
+        value: float, g: Vector, unit: str, tell: Callable[[Vector, Vector], float] | None
+    ) -> Interval:
+        """The interval of a value with gradient g, by its profile where `tell` says how to tell it."""
+        reach, off = local.reach(g), local.coupling(g)
+        low, high = value - reach, value + reach
+        if tell is not None:
+            low, high = evidence.profile(model, local, look, g, tell)
+        return Interval(value, low - off, high + off, reach / DEVIATIONS, unit)
+
     if not misfit:
-        tied = {name for group in groups for name in group}
-        for k, (name, tell) in enumerate(derived.items()):
-            ends = (local.derived[k] - reach[k], local.derived[k] + reach[k])
-            if groups:
-                ends = evidence.profile(model, local, g[k], _telling(model, tell))
-            told[name] = Interval(
-                float(local.derived[k]), float(ends[0] - theirs[k]), float(ends[1] + theirs[k]),
-                float(reach[k] / DEVIATIONS), units.get(name, ""),
-            )  # fmt: skip
+        for k, name in enumerate(derived):
+            by_profile = (lambda _, d, k=k: float(d[k])) if groups else None
+            value, g = float(local.derived[k]), local.gradients[k]
+            told[name] = interval(value, g, units.get(name, ""), by_profile)
         for k, free in enumerate(model.free):
-            ends = (local.p[k] - wide[k], local.p[k] + wide[k])
-            if free.name in tied:
-                ends = evidence.profile(model, local, np.eye(len(model.free))[k], itemgetter(k))
-            values[free.name] = Interval(
-                float(local.p[k]), float(ends[0] - moved[k]), float(ends[1] + moved[k]),
-                float(wide[k] / DEVIATIONS), free.unit,
-            )  # fmt: skip
-        misfit += _ambiguous(model, minima, derived, told, local)
+            by_profile = (lambda p, _, k=k: float(p[k])) if free.name in tied else None
+            values[free.name] = interval(
+                float(local.p[k]), np.eye(len(every))[k], free.unit, by_profile
+            )
+        misfit += _ambiguous(minima, told, local, look)
         if misfit:
             values, told = {}, {}
         for group in groups:
@@ -204,24 +218,19 @@ def _judged(
     )  # fmt: skip
 
 
-def _telling(model: Model, tell: Derived) -> Callable[[Vector], float]:
-    """A derived quantity as a function of the free values."""
-    return lambda p: float(tell(model.values(p), model.play(p, all=True)))
+def _pick(which: int, k: int) -> Callable[[Vector, Vector], float]:
+    """Of free values and derived quantities, one of the former or the latter."""
+    return lambda *both: float(both[which][k])
 
 
 def _ambiguous(
-    model: Model,
-    minima: Sequence[Minimum],
-    derived: Mapping[str, Derived],
-    told: Mapping[str, Interval],
-    local: Local,
+    minima: Sequence[Minimum], told: Mapping[str, Interval], local: Local, look: evidence.Look
 ) -> list[str]:
     """Other minima that fit as well and tell another machine."""
     for other in minima[1:]:
         if other.chi2 > local.chi2 + AMBIGUOUS:
             break
-        for name, tell in derived.items():
-            value, mine = _telling(model, tell)(other.p), told[name]
+        for (name, mine), value in zip(told.items(), look(other.p)[1].tolist()):
             if abs(value - mine.value) > APART * mine.error:
                 return [
                     f"two machines fit alike: {name} = {mine.value:.5g} and {value:.5g} "

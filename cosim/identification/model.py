@@ -114,15 +114,15 @@ class Model:
             seen.append(gain * (x if same else spline(t, x)(at)) + zero)
         return seen
 
-    def residuals(self, p: Vector, step: float | None = None) -> Vector:
+    def residuals(self, p: Vector) -> Vector:
         """Model less measurement over noise, column after column, then the prior's; LOST where the
         FMUs refuse a run.
         """
-        key = p.tobytes() + repr(step).encode()
+        key = p.tobytes() + repr(self.step).encode()
         if self._last is not None and self._last[0] == key:
             return self._last[1]
         try:
-            shown = self.shown(p, self.play(p, step))
+            shown = self.shown(p, self.play(p))
         except (SimulationError, SetupError):
             shown = [np.full(len(c.times), LOST) for c in self.columns]
         found = self.whole(p, shown)

@@ -13,7 +13,7 @@ from .model import Model, Vector
 Loss = Literal["linear", "huber"]
 DRAWS, ENOUGH, SAME = 24, 3, 0.5
 FIRST, REST = 12, 40
-TIGHT = 1e-10
+TIGHT, LOOSE = 1e-9, 1e-5
 
 
 class Minimum(NamedTuple):
@@ -24,7 +24,12 @@ class Minimum(NamedTuple):
 
 
 def descend(
-    model: Model, p: Vector, which: Sequence[int], most: int, loss: Loss = "linear"
+    model: Model,
+    p: Vector,
+    which: Sequence[int],
+    most: int,
+    loss: Loss = "linear",
+    tight: float = TIGHT,
 ) -> Minimum:
     """The least squares over some of the free values, from p, with at most so many steps."""
     which = list(which)
@@ -49,7 +54,7 @@ def descend(
         bounds=(low[which], high[which]),
         x_scale="jac",
         loss=loss,
-        ftol=TIGHT, xtol=TIGHT, gtol=TIGHT,
+        ftol=tight, xtol=1e-3 * tight, gtol=None,
         max_nfev=most,
     )  # fmt: skip
     end = whole(np.asarray(found.x))
@@ -77,8 +82,8 @@ def search(
                 other[list(first)] = rng.uniform(low, high)[list(first)]
                 drawn.append(other)
             p = min(drawn, key=lambda x: float(np.sum(model.residuals(x) ** 2)))
-            p = descend(model, p, first, FIRST, loss).p
-        found.append(descend(model, p, every, REST, loss))
+            p = descend(model, p, first, FIRST, loss, LOOSE).p
+        found.append(descend(model, p, every, REST, loss, LOOSE))
         found.sort(key=lambda minimum: minimum.chi2)
         best = found[0].chi2
         agree = sum(minimum.chi2 <= best + SAME for minimum in found)
