@@ -28,6 +28,7 @@ from .result import Interrupted, Result, SimulationError
 from .system import System, Wire
 
 if TYPE_CHECKING:
+    from .identification.advise import Advice, Experiment, advise
     from .identification.evidence import Interval
     from .identification.identify import Identified, identify
     from .identification.record import measured
@@ -35,6 +36,7 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 HOMES = {
+    "Advice": "advise", "Experiment": "advise", "advise": "advise",
     "Identified": "identify", "Interval": "evidence", "identify": "identify", "measured": "record",
 }  # fmt: skip
 
@@ -42,9 +44,11 @@ __all__ = [
     "ALGORITHMS",
     "ORDERS",
     "Adaptive",
+    "Advice",
     "Certified",
     "Diagnosis",
     "Estimate",
+    "Experiment",
     "Identified",
     "Interrupted",
     "Interval",
@@ -55,6 +59,7 @@ __all__ = [
     "System",
     "Table",
     "Wire",
+    "advise",
     "certify",
     "crossing",
     "diagnose",

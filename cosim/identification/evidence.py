@@ -21,7 +21,7 @@ RISE = DEVIATIONS**2
 DOUBT = 1e-3
 ALIKE = 0.95
 PASSES, TARGETS, MOST_WIDE, NEAR = 4, 3, 8.0, 0.03
-SAFETY = 1.5
+SAFETY, FAR = 1.5, 3.3
 SEGMENTS = 8
 SINGULAR = 1e-12
 
@@ -255,7 +255,7 @@ def band(columns: Sequence[Column], known: int, unknown: int) -> tuple[int, floa
 
 def misfits(model: Model, local: Local, seen: Mapping[str, Residual]) -> Iterator[str]:
     """Why no machine of this kind fits, and where the misfit lies; nothing if one does."""
-    known = len(model.prior[0])
+    known = len(model.prior.names)
     dof, low, high = band(model.columns, known, len(model.free))
     where = [text for column in model.columns for text in _where(column, seen[column.name])]
     if local.chi2 > high:
@@ -266,12 +266,12 @@ def misfits(model: Model, local: Local, seen: Mapping[str, Residual]) -> Iterato
             "less than it is taken for, or not white"
         )
     yield from (text for text, certain in where if certain or local.chi2 > high)
-    mean = model.prior[1]
-    for k, x, r in zip(model.prior[0], mean, local.residuals[len(local.residuals) - known :]):
-        if abs(r) > 3.3:
-            free = model.free[k]
+    for name, x, sigma in zip(model.prior.names, model.prior.mean, model.prior.deviations):
+        k = model.names.index(name)
+        off = abs(local.p[k] - x) / sigma
+        if off > FAR:
             yield (
-                f"{free.name} would be {local.p[k]:.5g} {free.unit}, {abs(r):.1f} deviations from "
+                f"{name} would be {local.p[k]:.5g} {model.free[k].unit}, {off:.1f} deviations from "
                 f"the {x:.5g} that is known"
             )
 

@@ -16,7 +16,9 @@ from ..result import Result
 from ..system import System, connect
 from . import evidence
 from .evidence import DEVIATIONS, Interval, Local, Residual
-from .model import Derived, Known, Model, Vector, build, checked, frees
+from .model import (
+    Derived, Known, Model, Prior, Vector, build, checked, frees, independent, sensor,
+)  # fmt: skip
 from .record import columns
 from .search import Loss, Minimum, descend, search
 
@@ -54,16 +56,36 @@ class Identified:
     model: Model = field(repr=False)
     local: Local = field(repr=False)
 
-    def interval(self, tell: Callable[[Mapping[str, float]], float], unit: str = "") -> Interval:
-        """What follows from the values alone, such as a limit, by their covariance."""
+    def shared(self, name: str) -> bool:
+        """Whether a free value is one of the machine, a parameter, and not of this record alone."""
+        if sensor(name):
+            return False
+        return bool(connect(self.model.system).port(name).variable.causality == "parameter")
+
+    def known(self, *without: str) -> Prior:
+        """What the record told of the machine, its covariance with it, to identify another record of it
+        with; without values such as a supply, if they have changed.
+        """
+        places = [
+            k for k, name in enumerate(self.names) if self.shared(name) and name not in without
+        ]
+        covariance = self.local.covariance[np.ix_(places, places)]
+        return Prior([self.names[k] for k in places], self.local.p[places], covariance)
+
+    def gradient(self, tell: Callable[[Mapping[str, float]], float]) -> Vector:
+        """Of what follows from the values alone, by the free values."""
         model, p = self.model, self.local.p
         slight = SLIGHT * np.minimum(np.sqrt(np.diag(self.local.covariance)), model.sizes)
         below, above = (
             np.array([tell(model.values(p + sign * move)) for move in np.diag(slight)])
             for sign in (-1.0, 1.0)
         )
-        g = (above - below) / (2 * slight)
-        value, reach = float(tell(model.values(p))), self.local.reach(g)
+        return np.asarray((above - below) / (2 * slight), float)
+
+    def interval(self, tell: Callable[[Mapping[str, float]], float], unit: str = "") -> Interval:
+        """What follows from the values alone, such as a limit, by their covariance."""
+        g = self.gradient(tell)
+        value, reach = float(tell(self.model.values(self.local.p))), self.local.reach(g)
         off = reach + self.local.coupling(g)
         return Interval(value, value - off, value + off, reach / DEVIATIONS, unit)
 
@@ -80,7 +102,7 @@ def identify(
     data: Mapping[str, Table],
     *,
     free: Sequence[str] | Mapping[str, tuple[float, float]],
-    known: Known | None = None,
+    known: Known | Prior | None = None,
     derived: Mapping[str, Derived] | None = None,
     units: Mapping[str, str] | None = None,
     noise: Mapping[str, float] | None = None,
@@ -95,7 +117,8 @@ def identify(
 
     `data` are measured columns by the outputs that they show, each with times [s] of its own. `free`
     names what is sought, with bounds if it is a mapping; the first guess is the system's start value.
-    `known` gives values and standard deviations of what is known beforehand, which is free too. Besides
+    `known` gives values and standard deviations of what is known beforehand, which is free too, or what
+    another record told, `Identified.known`. Besides
     start values of FMUs, "gain(conveyor.w)", "delay(conveyor.w)" [s] and "zero(conveyor.w)" may be
     free, of a sensor that shows gain * w(t - delay) + zero.
 
@@ -108,20 +131,18 @@ def identify(
 
     Raises SetupError for a record or values that cannot be used, and what `run` raises at the guess.
     """
-    network, known, derived = connect(system), dict(known or {}), dict(derived or {})
+    network, derived = connect(system), dict(derived or {})
     record = columns(network, data, noise or {})
-    unknown = frees(network, record, free, known)
+    before = known if isinstance(known, Prior) else independent(known or {})
+    unknown = frees(network, record, free, before)
     names = [one.name for one in unknown]
     for name in first:
         if name not in names:
             raise SetupError(f"first: {name} is not free, only {', '.join(names)}")
-    places = [names.index(name) for name in known]
-    mean = np.array([known[names[k]][0] for k in places])
-    inverse = np.diag([1.0 / known[names[k]][1] for k in places])
-    model = build(system, record, unknown, (places, mean, inverse), step, settings)
+    model = build(system, record, unknown, before, step, settings)
     checked(model)
     loss: Loss = "huber" if outliers else "linear"
-    _, _, enough = evidence.band(record, len(places), len(unknown))
+    _, _, enough = evidence.band(record, len(before.names), len(unknown))
     sought = [names.index(name) for name in first]
     minima = search(model, sought, starts, math.inf if outliers else enough, seed, loss)
     notes: list[str] = []
@@ -194,20 +215,17 @@ def _judged(
 
     if not misfit:
         for k, name in enumerate(derived):
-            by_profile = (lambda _, d, k=k: float(d[k])) if groups else None
-            value, g = float(local.derived[k]), local.gradients[k]
-            told[name] = interval(value, g, units.get(name, ""), by_profile)
+            value, g, tell = float(local.derived[k]), local.gradients[k], _pick(1, k)
+            told[name] = interval(value, g, units.get(name, ""), tell if groups else None)
         for k, free in enumerate(model.free):
-            by_profile = (lambda p, _, k=k: float(p[k])) if free.name in tied else None
-            values[free.name] = interval(
-                float(local.p[k]), np.eye(len(every))[k], free.unit, by_profile
-            )
+            value, g, tell = float(local.p[k]), np.eye(len(every))[k], _pick(0, k)
+            values[free.name] = interval(value, g, free.unit, tell if free.name in tied else None)
         misfit += _ambiguous(minima, told, local, look)
         if misfit:
             values, told = {}, {}
         for group in groups:
             notes.append(f"The record cannot tell {', '.join(group)} apart.")
-    dof, low, high = evidence.band(model.columns, len(model.prior[0]), len(model.free))
+    dof, low, high = evidence.band(model.columns, len(model.prior.names), len(model.free))
     for column in model.columns:
         notes.append(
             f"Noise of {column.name}: {column.noise.sigma:.3g} {column.port.unit}, {column.noise.told}."

@@ -42,18 +42,42 @@ class Free(NamedTuple):
     size: float
 
 
+class Prior(NamedTuple):
+    """What is known of values beforehand: names, means, and their covariance."""
+
+    names: Sequence[str]
+    mean: Vector
+    covariance: Vector
+
+    @property
+    def deviations(self) -> Vector:
+        """The standard deviations."""
+        return np.asarray(np.sqrt(np.diag(self.covariance)))
+
+    def residuals(self, p: Vector) -> Vector:
+        """How far values are from what is known, in independent standard deviations."""
+        sigma = self.deviations
+        factor = np.linalg.cholesky(self.covariance / np.outer(sigma, sigma))
+        return np.asarray(np.linalg.solve(factor, (p - self.mean) / sigma))
+
+
+def independent(known: Known) -> Prior:
+    """What is known of values one by one."""
+    told = np.array([(float(mean), float(sigma)) for mean, sigma in known.values()]).reshape(-1, 2)
+    return Prior(list(known), told[:, 0], np.diag(told[:, 1] ** 2))
+
+
 @dataclass
 class Model:
     """What a system's measured columns show with free values, and what is known of these beforehand.
 
-    `prior` are names, means and the inverse of a Cholesky factor of their covariance. Residuals are in
-    standard deviations of the noise, those of the prior last.
+    Residuals are in standard deviations of the noise, those of the prior last.
     """
 
     system: System
     columns: Sequence[Column]
     free: Sequence[Free]
-    prior: tuple[list[int], Vector, Vector]
+    prior: Prior
     step: float
     margin: float
     settings: Mapping[str, Any]
@@ -131,9 +155,9 @@ class Model:
 
     def whole(self, p: Vector, shown: Sequence[Vector]) -> Vector:
         """The residuals of what is shown with free values p."""
-        places, mean, inverse = self.prior
+        places = [self.names.index(name) for name in self.prior.names]
         each = [(x - c.values) / c.noise.sigma for c, x in zip(self.columns, shown)]
-        found = np.concatenate([*each, inverse @ (p[places] - mean)])
+        found = np.concatenate([*each, self.prior.residuals(p[places])])
         return np.where(np.isfinite(found), np.clip(found, -LOST, LOST), LOST)
 
     def jacobian(self, p: Vector, which: Sequence[int] | None = None) -> Vector:
@@ -161,18 +185,19 @@ def frees(
     network: Network,
     columns: Sequence[Column],
     names: Sequence[str] | Mapping[str, tuple[float, float]],
-    known: Known,
+    known: Prior,
 ) -> list[Free]:
     """The free values of these names, in which what is known is free too.
 
     Raises SetupError for what cannot be free: no number, nothing that can be set, no room to move.
     """
-    wanted = list(dict.fromkeys([*names, *known]))
+    wanted = list(dict.fromkeys([*names, *known.names]))
     if not wanted:
         raise SetupError("no value is free")
     measured = {column.name: column for column in columns}
     given: dict[str, Value] = {port.name: value for port, value in network.start}
-    return [_free(name, network, measured, given, names, known) for name in wanted]
+    told = dict(zip(known.names, zip(known.mean.tolist(), known.deviations.tolist())))
+    return [_free(name, network, measured, given, names, told) for name in wanted]
 
 
 def _free(
@@ -223,7 +248,7 @@ def _free(
         off = DEVIATIONS * measured[name].noise.sigma
         drawn = (guess - off, guess + off)
     if name in known:
-        guess, deviation = map(float, known[name])
+        guess, deviation = known[name]
         if not (math.isfinite(guess) and 0.0 < deviation < math.inf):
             raise SetupError(
                 f"known {name} = {guess!r} +- {deviation!r} {unit}: the deviation must be above 0"
@@ -251,7 +276,7 @@ def build(
     system: System,
     columns: Sequence[Column],
     free: Sequence[Free],
-    prior: tuple[list[int], Vector, Vector],
+    prior: Prior,
     step: float | None,
     settings: Mapping[str, Any],
 ) -> Model:
