@@ -13,7 +13,7 @@ from scipy.signal import lombscargle
 from ..errors import SetupError
 from ..result import SimulationError
 from .model import CENTRAL, Derived, Model, Vector
-from .record import Column, segments
+from .record import Column, Noise, segments
 
 INSIDE = 0.95
 DEVIATIONS = float(stats.norm.ppf(0.5 + INSIDE / 2))
@@ -21,7 +21,7 @@ RISE = DEVIATIONS**2
 DOUBT = 1e-3
 ALIKE = 0.95
 PASSES, TARGETS, MOST_WIDE, NEAR = 4, 3, 8.0, 0.03
-SAFETY, FAR = 1.5, 3.3
+SAFETY, FAR, BEYOND = 1.5, 3.3, 3.0
 SEGMENTS = 8
 SINGULAR = 1e-12
 
@@ -65,6 +65,17 @@ class Residual(NamedTuple):
     noise: str
     frequencies: Vector
     power: Vector
+
+    @property
+    def top(self) -> float:
+        """The frequency [Hz] above which neither the machine nor what is like it moves the column: some
+        times that up to which the fitted values stand out of the noise.
+        """
+        t = (self.times - self.times[0]) / float(np.ptp(self.times))
+        window = np.sin(math.pi * t) ** 2
+        moved = window * (self.fitted - np.average(self.fitted, weights=window)) / self.sigma
+        power = spectrum(self.times, moved)[1] / float(np.mean(window**2))
+        return BEYOND * float(self.frequencies[power > 1.0].max(initial=self.frequencies[0]))
 
     @property
     def chi2(self) -> float:
@@ -261,10 +272,7 @@ def misfits(model: Model, local: Local, seen: Mapping[str, Residual]) -> Iterato
     if local.chi2 > high:
         yield f"chi2 = {local.chi2:.4g} of {dof} lies above {high:.4g}, its 99.9 % band"
     if local.chi2 < low:
-        yield (
-            f"chi2 = {local.chi2:.4g} of {dof} lies below {low:.4g}, its 99.9 % band: the noise is "
-            "less than it is taken for, or not white"
-        )
+        yield f"chi2 = {local.chi2:.4g} of {dof} lies below {low:.4g}, its 99.9 % band: the noise is less"
     yield from (text for text, certain in where if certain or local.chi2 > high)
     for name, x, sigma in zip(model.prior.names, model.prior.mean, model.prior.deviations):
         k = model.names.index(name)
@@ -276,26 +284,44 @@ def misfits(model: Model, local: Local, seen: Mapping[str, Residual]) -> Iterato
             )
 
 
+def overrated(model: Model, local: Local) -> bool:
+    """Give columns whose residuals are less than the noise that their rows seem to have, as those of a
+    counter are whose errors alternate, the noise of these residuals; whether there are any.
+    """
+    share = 1.0 - len(model.free) / sum(len(column.times) for column in model.columns)
+    found, first = [], 0
+    for column in model.columns:
+        r = local.residuals[first : first + len(column.times)]
+        first += len(r)
+        dof, low, _ = band([column], 0, 0)
+        less = float(np.mean(r**2)) / share
+        if not column.noise.given and less * dof < low:
+            why = "that of the residual, since errors of neighbouring rows are not independent"
+            column = column._replace(noise=Noise(column.noise.sigma * math.sqrt(less), why))
+        found.append(column)
+    changed = any(new is not old for new, old in zip(found, model.columns))
+    model.columns, model._last = found, None
+    return changed
+
+
 def _where(column: Column, seen: Residual) -> Iterator[tuple[str, bool]]:
     """Where a residual is no white noise, each with whether that alone is certain."""
     name, r = column.name, (seen.fitted - seen.measured) / seen.sigma
-    k = int(np.argmax(seen.power))
-    chance = math.log(len(seen.power) / DOUBT)
-    if seen.power[k] > chance:
-        share = seen.power[k] * 2.0 / len(r)
-        f = float(seen.frequencies[k])
+    reached = seen.frequencies <= seen.top
+    k = int(np.argmax(seen.power * reached))
+    if seen.power[k] > math.log(len(seen.power) / DOUBT):
+        f, amplitude = float(seen.frequencies[k]), 2.0 * math.sqrt(float(seen.power[k]) / len(r))
         yield (
             f"{name}: the residual swings at {f:.4g} Hz ({2 * math.pi * f:.4g} rad/s) with an "
-            f"amplitude of {seen.sigma * math.sqrt(2.0 * share):.3g} {seen.unit}".rstrip(),
+            f"amplitude of {seen.sigma * amplitude:.3g} {seen.unit}".rstrip(),
             True,
         )
     total = np.cumsum(seen.power) / seen.power.sum()
     even = np.arange(1, len(total) + 1) / len(total)
     lean = total - even
     worst = int(np.argmax(np.abs(lean)))
-    if abs(lean[worst]) * math.sqrt(len(total)) > float(stats.kstwobign.isf(DOUBT)):
-        side = "slow" if lean[worst] > 0 else "fast"
-        yield f"{name}: the residual is no white noise, most of it is {side}", True
+    if lean[worst] * math.sqrt(len(total)) > float(stats.kstwobign.isf(DOUBT)):
+        yield f"{name}: the residual is no white noise, most of it is slow", True
     for rows in segments(column.times, SEGMENTS):
         x = r[rows]
         off = (float(np.sum(x**2)) - len(x)) / math.sqrt(len(x) * max(column.noise.spread, 2.0))

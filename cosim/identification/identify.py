@@ -17,7 +17,16 @@ from ..system import System, connect
 from . import evidence
 from .evidence import DEVIATIONS, Interval, Local, Residual
 from .model import (
-    Derived, Known, Model, Prior, Vector, build, checked, frees, independent, sensor,
+    Derived,
+    Known,
+    Model,
+    Prior,
+    Vector,
+    build,
+    checked,
+    frees,
+    independent,
+    sensor,
 )  # fmt: skip
 from .record import columns
 from .search import Loss, Minimum, descend, search
@@ -184,6 +193,9 @@ def _judged(
     order = float(ORDERS[model.settings.get("algorithm", "strang")])
     for _ in range(HALVINGS):
         local = evidence.close_by(model, best.p, look, order)
+        if evidence.overrated(model, local):
+            best = descend(model, best.p, every, 2 * len(every))
+            continue
         wanted = [*np.eye(len(model.free)), *local.gradients]
         if all(local.coupling(g) <= COUPLING * local.reach(g) for g in wanted):
             break

@@ -19,7 +19,7 @@ from ..system import NUMBER, Network, Port, scale
 
 Samples = NDArray[np.float64]
 SCALED = re.compile(
-    rf"(?P<name>.*?)\s*(?:\*\s*(?P<factor>[+-]?{NUMBER}))?\s*(?P<offset>[+-]{NUMBER})?\s*"
+    rf"(?P<name>.*?)\s*(?:(?P<sign>[*/])\s*(?P<factor>[+-]?{NUMBER}))?\s*(?P<offset>[+-]{NUMBER})?\s*"
 )
 HEAD = re.compile(r"\s*(?P<name>.*?)\s*(?:\[(?P<unit>[^\[\]]*)\])?\s*")
 SECONDS = {"": 1.0, "s": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0, "h": 3600.0}
@@ -29,13 +29,14 @@ NORMAL = 1.4826
 
 
 class Noise(NamedTuple):
-    """The standard deviation of white noise on a column, in its unit, and how it is known; `spread` is
-    the variance of chi2 per row times the number of rows: 2 for a noise that is given.
+    """The standard deviation of white noise on a column, in its unit, how it is known, and whether it
+    was given; `spread` is the variance of chi2 per row times the number of rows.
     """
 
     sigma: float
     told: str
     spread: float = 2.0
+    given: bool = False
 
 
 class Column(NamedTuple):
@@ -57,7 +58,7 @@ def measured(
     """Columns of a CSV file by the variables that they show, all against one column of times.
 
     A column is told by its name in the header, and where that is not enough by a factor, an offset
-    and a unit behind it: "n * 0.4:rpm". A header may have a unit too, "n [rpm]". Times are in s
+    and a unit behind it: "n * 0.4:rpm", "n / 2.5:rpm". A header may have a unit too, "n [rpm]". Times are in s
     unless they have another unit, "t:ms". With `gaps`, cells may be empty or nan.
 
     Raises SetupError with file, row and column for times that do not rise, for what is no number, and
@@ -90,6 +91,7 @@ def measured(
             float(re.sub(r"\s", "", (match[key] if match else None) or default))
             for key, default in (("factor", "1"), ("offset", "0"))
         )
+        factor = 1.0 / factor if match and match["sign"] == "/" and factor else factor
         return place, factor, offset, unit or heads[place][1] or ""
 
     def numbers(place: int, gaps: bool) -> Samples:
@@ -156,7 +158,7 @@ def _column(port: Port, network: Network, table: Table, noise: Mapping[str, floa
     if np.ptp(values) == 0.0:
         raise SetupError(f"{what}: it is {table.values[0]!r} in all rows, which tells nothing")
     given = noise.get(port.name)
-    known = told(times, values, what) if given is None else Noise(given, "as given")
+    known = told(times, values, what) if given is None else Noise(given, "as given", given=True)
     return Column(port, times, values, known)
 
 

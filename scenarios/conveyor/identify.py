@@ -387,7 +387,7 @@ def facts(o: Options, told: Told) -> dict[str, Any]:
 def verdict(o: Options, f: Mapping[str, Figure], r: Told) -> str:
     """The answer in plain words."""
     if r.fit.misfit:
-        return "\n".join(["No drive of this kind makes this record.", *map(sentence, r.fit.misfit)])
+        return "\n".join(["No drive of this kind makes this record:", *r.fit.misfit])
     away, nu = f["away"], r.operating
     over = f["tau2"].value > o.most
     lines = [
@@ -414,11 +414,6 @@ def verdict(o: Options, f: Mapping[str, Figure], r: Told) -> str:
         f"Next: {best.name} would narrow the interval of the resonance to {best.error:.2g} rad/s."
     )
     return "\n".join(lines)
-
-
-def sentence(text: str) -> str:
-    """A reason as a sentence."""
-    return f"{text[0].upper()}{text[1:]}."
 
 
 def show(o: Options, f: Mapping[str, Figure], r: Told) -> Show:
