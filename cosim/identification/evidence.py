@@ -271,6 +271,16 @@ def misfits(model: Model, local: Local, seen: Mapping[str, Residual]) -> Iterato
     where = [text for column in model.columns for text in _where(column, seen[column.name])]
     if local.chi2 > high:
         yield f"chi2 = {local.chi2:.4g} of {dof} lies above {high:.4g}, its 99.9 % band"
+    powers = [x.power[x.frequencies <= x.top] for x in seen.values()]
+    bins = sum(map(len, powers)) - (len(model.free) - known) / 2
+    slow = sum(float(power.sum()) for power in powers)
+    if slow > float(stats.gamma.isf(DOUBT, max(bins, 1.0))):
+        k = int(np.argmax([power.mean() for power in powers]))
+        name, x = list(seen.items())[k]
+        yield (
+            f"{name}: up to {x.top:.4g} Hz, where the machine moves, the residual has "
+            f"{powers[k].mean():.3g} times the power of the noise"
+        )
     if local.chi2 < low:
         yield f"chi2 = {local.chi2:.4g} of {dof} lies below {low:.4g}, its 99.9 % band: the noise is less"
     yield from (text for text, certain in where if certain or local.chi2 > high)
@@ -316,12 +326,6 @@ def _where(column: Column, seen: Residual) -> Iterator[tuple[str, bool]]:
             f"amplitude of {seen.sigma * amplitude:.3g} {seen.unit}".rstrip(),
             True,
         )
-    total = np.cumsum(seen.power) / seen.power.sum()
-    even = np.arange(1, len(total) + 1) / len(total)
-    lean = total - even
-    worst = int(np.argmax(np.abs(lean)))
-    if lean[worst] * math.sqrt(len(total)) > float(stats.kstwobign.isf(DOUBT)):
-        yield f"{name}: the residual is no white noise, most of it is slow", True
     for rows in segments(column.times, SEGMENTS):
         x = r[rows]
         off = (float(np.sum(x**2)) - len(x)) / math.sqrt(len(x) * max(column.noise.spread, 2.0))

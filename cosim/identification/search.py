@@ -67,8 +67,10 @@ def search(
     """Where starts end, the best first: the guess, then others that are drawn.
 
     From each, the `first` free values are sought alone, from the best of DRAWS draws of them. It is
-    over when ENOUGH starts have ended in one place with chi2 below `enough`, or after all of them.
+    over when ENOUGH starts have ended in one place with chi2 below `enough`, or nearly twice as many
+    in one that is not.
     """
+    rows = sum(len(column.times) for column in model.columns)
     rng = np.random.default_rng(seed)
     low, high = np.array([f.drawn for f in model.free]).T
     every = range(len(model.free))
@@ -86,7 +88,8 @@ def search(
         found.append(descend(model, p, every, REST, loss, LOOSE))
         found.sort(key=lambda minimum: minimum.chi2)
         best = found[0].chi2
-        agree = sum(minimum.chi2 <= best + SAME for minimum in found)
-        if best <= enough and agree >= ENOUGH:
+        alike = best + SAME * max(1.0, best / rows)
+        agree = sum(minimum.chi2 <= alike for minimum in found)
+        if agree >= (ENOUGH if best <= enough else 2 * ENOUGH - 1):
             break
     return found

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -31,7 +31,7 @@ from .drive import PARTS as DRIVE
 from .drive import conveyor_drive, followed, induction, linearised
 from .resonance import row
 from .response import COARSER, Ripple, Setup
-from .theory import SETS, Machine
+from .theory import FIELDS, SETS, Machine
 
 PARTS = DRIVE
 OWN = ("motor.A", "motor.tau", "conveyor.phi", "conveyor.w")
@@ -65,6 +65,7 @@ class Options(Ripple):
     outliers: float = option(
         0.0, "share of the rows that may lie far out", "%", least=0.0, most=20.0
     )
+    starts: int = option(12, "starts of the search, at most", least=2)
     speed: float | None = option(
         None, "operating speed, the mean of the record by default", "rad/s", above=0.0
     )
@@ -106,6 +107,7 @@ def solve(o: Options, bench: Bench) -> Findings:
         noise=dict(map(number, o.noise)),
         first=("conveyor.phi", supply),
         outliers=o.outliers / 100,
+        starts=o.starts,
         algorithm=o.algorithm,
     )
     machine = partial(found, o, base, nu)
@@ -303,8 +305,9 @@ def cleared(o: Options, told: Told, name: str, unit: str) -> Figure:
     factors = np.geomspace(FACTORS[0], FACTORS[1], FINE)
 
     def over(v: Mapping[str, float]) -> Samples:
-        each = [told.machine({**v, name: v[name] * x}).torque_ripple(nu) for x in factors]
-        return np.log(np.abs(each) / o.most)
+        many: dict[str, Any] = {FIELDS[name]: v[name] * factors}
+        each = replace(told.machine(v), **many)
+        return np.asarray(np.log(np.abs(each.torque_ripple(nu)) / o.most))
 
     def passed(v: Mapping[str, float]) -> float:
         y = over(v)
@@ -398,7 +401,8 @@ def verdict(o: Options, f: Mapping[str, Figure], r: Told) -> str:
     ]
     ends = [f[name] for name in ("avoid_from", "avoid_to")]
     if over:
-        ways = [f"to a speed of {end.text()}" for end in ends if end.error is not None]
+        near = sorted((e for e in ends if e.error is not None), key=lambda e: abs(e.value - nu))
+        ways = [f"to a speed of {end.text()}" for end in near[:1]]
         for name, key in CHANGED.items():
             if f[f"clear_{key}"].error is not None:
                 ways.append(f"to {name} = {f[f'clear_{key}'].text()}")
