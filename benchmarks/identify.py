@@ -118,7 +118,9 @@ def electromechanical(p: Mapping[str, float]) -> float:
     if "motor.kloss.w_s" in p:
         w_s = p["motor.kloss.w_s"]
         pull_out = w_s * (1.0 - p["motor.kloss.s_b"])
-        w = brentq(lambda w: static(p, w) - load * w, max(pull_out, 1.0), w_s)
+        if pull_out <= 0.0 or static(p, pull_out) <= load * pull_out:
+            return math.nan
+        w = brentq(lambda w: static(p, w) - load * w, pull_out, w_s)
         slope = (static(p, w - 1e-4) - static(p, w + 1e-4)) / 2e-4
     else:
         slope = p["motor.B"]

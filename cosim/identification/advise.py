@@ -77,4 +77,6 @@ def _model(fit: Identified, experiment: Experiment, gap: float) -> tuple[Model, 
     p = fit.local.p.copy()
     for k, name in enumerate(fit.names):
         p[k] = float(experiment.start.get(name, p[k]))
-    return replace(old, system=system, columns=columns, prior=independent({}), _last=None), p
+    span = 0.0, experiment.stop
+    nothing = independent({})
+    return replace(old, system=system, columns=columns, prior=nothing, span=span, _last=None), p

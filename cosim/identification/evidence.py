@@ -211,6 +211,8 @@ def _held(
         except (SimulationError, SetupError):
             return math.inf
         value, chi2 = tell(p, derived), float(np.sum(residuals**2))
+        if not math.isfinite(value):
+            return math.inf
         if abs(chi2 - best) < NEAR:
             break
         best = min(best, chi2)

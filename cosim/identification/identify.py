@@ -151,7 +151,7 @@ def identify(
     model = build(system, record, unknown, before, step, settings)
     checked(model)
     loss: Loss = "huber" if outliers else "linear"
-    _, _, enough = evidence.band(record, len(before.names), len(unknown))
+    _, _, enough = evidence.band(model.columns, len(before.names), len(unknown))
     sought = [names.index(name) for name in first]
     minima = search(model, sought, starts, math.inf if outliers else enough, seed, loss)
     notes: list[str] = []

@@ -62,7 +62,10 @@ class Prior(NamedTuple):
 
 
 def independent(known: Known) -> Prior:
-    """What is known of values one by one."""
+    """What is known of values one by one; raises SetupError for what is no value and deviation."""
+    for name, (mean, sigma) in known.items():
+        if not (math.isfinite(mean) and 0.0 < sigma < math.inf):
+            raise SetupError(f"known {name} = {mean!r} +- {sigma!r}: the deviation must be above 0")
     told = np.array([(float(mean), float(sigma)) for mean, sigma in known.values()]).reshape(-1, 2)
     return Prior(list(known), told[:, 0], np.diag(told[:, 1] ** 2))
 
@@ -79,7 +82,7 @@ class Model:
     free: Sequence[Free]
     prior: Prior
     step: float
-    margin: float
+    span: tuple[float, float]
     settings: Mapping[str, Any]
     runs: int = 0
     _last: tuple[bytes, Vector] | None = field(default=None, repr=False)
@@ -107,18 +110,16 @@ class Model:
         return given | dict(zip(self.names, p.tolist()))
 
     def play(self, p: Vector, step: float | None = None, *, all: bool = False) -> Result:
-        """A run with free values p, over the record and a margin on both sides; raises SimulationError
-        or SetupError where its FMUs refuse them.
+        """A run with free values p over the record; raises SimulationError or SetupError where its FMUs
+        refuse them.
         """
         own = {n: v for n, v in zip(self.names, p.tolist()) if not sensor(n)}
-        first = min(float(c.times[0]) for c in self.columns) - self.margin
-        last = max(float(c.times[-1]) for c in self.columns) + self.margin
         self.runs += 1
         with quiet():
             return run(
                 replace(self.system, start={**self.system.start, **own}),
-                start=first,
-                stop=last,
+                start=self.span[0],
+                stop=self.span[1],
                 step=step or self.step,
                 record=None if all else list(dict.fromkeys(c.name for c in self.columns)),
                 **self.settings,
@@ -249,10 +250,6 @@ def _free(
         drawn = (guess - off, guess + off)
     if name in known:
         guess, deviation = known[name]
-        if not (math.isfinite(guess) and 0.0 < deviation < math.inf):
-            raise SetupError(
-                f"known {name} = {guess!r} +- {deviation!r} {unit}: the deviation must be above 0"
-            )
         drawn = (guess - DEVIATIONS * deviation, guess + DEVIATIONS * deviation)
         size = max(abs(guess), deviation)
         if sensor(name) and name.startswith("delay("):
@@ -280,12 +277,20 @@ def build(
     step: float | None,
     settings: Mapping[str, Any],
 ) -> Model:
-    """The model, with rows as far apart as the record's median ones unless a step [s] is given."""
-    margin = max(
-        (max(abs(f.low), abs(f.high)) for f in free if f.name.startswith("delay(")), default=0.0
-    )
+    """The model, with rows as far apart as the record's median ones unless a step [s] is given.
+
+    It begins with the first row of all; rows of a delayed column that may show what was before, or
+    what comes after the last, are left out.
+    """
+    span = min(float(c.times[0]) for c in columns), max(float(c.times[-1]) for c in columns)
+    kept = []
+    for column in columns:
+        delay = next((f for f in free if f.name == f"delay({column.name})"), None)
+        low, high = (delay.low, delay.high) if delay else (0.0, 0.0)
+        inside = (column.times - high >= span[0]) & (column.times - low <= span[1])
+        kept.append(column._replace(times=column.times[inside], values=column.values[inside]))
     rows = min(float(np.median(np.diff(column.times))) for column in columns)
-    return Model(system, columns, free, prior, step or rows, margin, settings)
+    return Model(system, kept, free, prior, step or rows, span, settings)
 
 
 def checked(model: Model) -> None:

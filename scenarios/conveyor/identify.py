@@ -29,6 +29,7 @@ from workbench.report.chart import Second, Span
 from . import response
 from .drive import PARTS as DRIVE
 from .drive import conveyor_drive, followed, induction, linearised
+from .mechanism import moving
 from .resonance import row
 from .response import COARSER, Ripple, Setup
 from .theory import FIELDS, SETS, Machine
@@ -421,7 +422,9 @@ def verdict(o: Options, f: Mapping[str, Figure], r: Told) -> str:
 
 
 def show(o: Options, f: Mapping[str, Figure], r: Told) -> Show:
-    """Each column measured, fitted and what is between them; the resonance curve with its band."""
+    """Each column measured, fitted and what is between them; the resonance curve with its band; the
+    conveyor in motion.
+    """
     charts = []
     for (name, seen), color in zip(r.fit.residuals.items(), (colors.SPEED, colors.TORQUE)):
         what = "speed" if name == SPEED else "torque"
@@ -435,7 +438,10 @@ def show(o: Options, f: Mapping[str, Figure], r: Told) -> Show:
         charts.append(Chart(f"The {what}, measured and fitted", "time [s]", panels))
     if not r.fit.misfit:
         charts.insert(0, band(o, f, r))
-    return Show(charts)
+    first, last = (float(t) for t in r.fit.result["time"][[0, -1]])
+    return Show(
+        charts, [moving("The conveyor as it was fitted", {"": r.fit.result}, first, last, 25.0)]
+    )
 
 
 def band(o: Options, f: Mapping[str, Figure], r: Told) -> Chart:

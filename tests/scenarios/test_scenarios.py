@@ -274,7 +274,7 @@ def test_list_names_every_question_and_imports_none() -> None:
     assert done.returncode == 0, done.stderr
     lines = done.stdout.splitlines()
     assert [line.split()[0] for line in lines] == list(question.names(PROJECT.home))
-    assert len(lines) == 10
+    assert len(lines) == 11
     assert all(line.endswith("?") for line in lines)
 
 
