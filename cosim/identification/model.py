@@ -30,7 +30,7 @@ LOST = 1e6
 
 class Free(NamedTuple):
     """A value that is sought: its unit, its first guess, between which bounds it lies, between which it
-    is drawn, and its size, on which steps of it are taken.
+    is drawn, its size, on which steps of it are taken, and whether it is an angle.
     """
 
     name: str
@@ -40,6 +40,7 @@ class Free(NamedTuple):
     high: float
     drawn: tuple[float, float]
     size: float
+    turns: bool
 
 
 class Prior(NamedTuple):
@@ -266,7 +267,7 @@ def _free(
     if not low <= guess <= high:
         raise SetupError(f"{name} = {guess!r} {unit} must lie between {low!r} and {high!r} {unit}")
     drawn = max(drawn[0], low), min(drawn[1], high)
-    return Free(name, unit, guess, low, high, drawn, size)
+    return Free(name, unit, guess, low, high, drawn, size, turn)
 
 
 def build(
