@@ -463,7 +463,7 @@ def band(o: Options, f: Mapping[str, Figure], r: Told) -> Chart:
     ]
     spans = [Span(a.value, b.value, "avoid", "red") for a, b in r.edges if a.error and b.error]
     return Chart(
-        f"The resonance is at {f['nu_res'].text()}",
+        "Torque ripple of the machine found, with its 95 % band",
         "operating speed [rad/s]",
         [Panel("torque ripple", "N.m", [curve], [limit], (0.0,))],
         marks,
