@@ -1,5 +1,8 @@
 """Couple FMI 2.0 co-simulation FMUs: a system of parts and wires, and the error of its coupling."""
 
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
 from .engine.adaptive import Adaptive
 from .engine.algorithms import ALGORITHMS, ORDERS
 from .engine.part import quiet
@@ -26,19 +29,34 @@ from .master import run, versions
 from .result import Interrupted, Result, SimulationError
 from .system import System, Wire
 
+if TYPE_CHECKING:
+    from .identification.advise import Advice, Experiment, advise
+    from .identification.evidence import Interval
+    from .identification.identify import Identified, identify
+    from .identification.record import measured
+
 __version__ = "0.1.0"
+
+HOMES = {
+    "Advice": "advise", "Experiment": "advise", "advise": "advise",
+    "Identified": "identify", "Interval": "evidence", "identify": "identify", "measured": "record",
+}  # fmt: skip
 
 __all__ = [
     "ALGORITHMS",
     "ORDERS",
     "Adaptive",
+    "Advice",
     "Certified",
     "Comparison",
     "Crosscheck",
     "Deviation",
     "Diagnosis",
     "Estimate",
+    "Experiment",
+    "Identified",
     "Interrupted",
+    "Interval",
     "Package",
     "Result",
     "SetupError",
@@ -47,14 +65,17 @@ __all__ = [
     "Table",
     "Verdict",
     "Wire",
+    "advise",
     "certify",
     "compare",
     "crosscheck",
     "crossing",
     "diagnose",
     "estimate",
+    "identify",
     "largest",
     "mean",
+    "measured",
     "quiet",
     "read_osp",
     "read_ssp",
@@ -70,3 +91,10 @@ __all__ = [
     "write_osp",
     "write_ssp",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    """Load what identifies when it is asked for: it stands on more of scipy than most runs take time."""
+    if name in HOMES:
+        return getattr(import_module(f"{__name__}.identification.{HOMES[name]}"), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -12,7 +12,7 @@ QUANTITY = re.compile(
 SCALES: dict[str, dict[str, float]] = {
     "rad/s": {"rpm": math.pi / 30, "deg/s": math.pi / 180},
     "rad": {"deg": math.pi / 180, "turn": 2 * math.pi},
-    "s": {"ms": 1e-3, "us": 1e-6, "min": 60.0},
+    "s": {"ms": 1e-3, "us": 1e-6, "min": 60.0, "h": 3600.0},
     "m": {"mm": 1e-3, "cm": 1e-2},
     "m/s": {"mm/s": 1e-3},
     "kg": {"g": 1e-3, "t": 1e3},

@@ -52,6 +52,13 @@ QUICK: dict[str, dict[str, Any]] = {
     "orientator_neglect": {"speeds": "20rpm,60rpm"},
     "packing_line": {"stop": 4.0, "step": 1e-3},
     "sommerfeld": {"supplies": "18:30:5", "hold": 3.0, "step": 0.02},
+    "identify": {
+        "data": str(ROOT / "examples/conveyor_record.csv"),
+        "map": ["time=t", "conveyor.w=n", "motor.tau=M*0.8:N.m"],
+        "known": ["conveyor.trough.m=200+-5", "conveyor.spring.c=720e3+-2%"],
+        "rated_torque": 80.0,
+        "starts": 2,
+    },
 }
 
 

@@ -67,6 +67,7 @@ SLOW = {
     "own/bin/scenarios run resonance --flavour native",
     "own/bin/cosim --version",
     ".venv/bin/python benchmarks/coupling.py",
+    ".venv/bin/python benchmarks/identify.py",
     ".venv/bin/python benchmarks/published.py",
     ".venv/bin/python benchmarks/scale.py",
     ".venv/bin/python benchmarks/resonance.py --number 110",

@@ -17,9 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import SetupError
-from ..inputs import COLUMN
+from ..inputs import COLUMN, Reading
 from ..result import Result, Rows
-from ..system import NUMBER
 from ..units import QUANTITY, multiples
 from .describe import table
 
@@ -33,9 +32,6 @@ if TYPE_CHECKING:
 SHARE = 0.002
 ERROR = "_error"
 INDEX = re.compile(r".*\S\[[\d, ]*\]")
-SCALED = re.compile(
-    rf"(?P<name>.*?)\s*(?:(?P<sign>[*/])\s*(?P<factor>[+-]?{NUMBER}))?\s*(?P<offset>[+-]\s*{NUMBER})?\s*"
-)
 UNSCALED = (1.0, 0.0)
 DRAWN = 2000
 
@@ -251,19 +247,11 @@ class Record:
 
     def named(self, text: str) -> str:
         """The column of "M", or of "M * 0.73 + 5:N.m", which scales it and gives it a unit."""
-        if text in self.names:
-            return text
-        scaled, colon, unit = text.rpartition(":")
-        match = SCALED.fullmatch(scaled if colon else text)
-        if match is None or match["name"] not in self.names:
-            raise SetupError(f"{self.label} has no column {text!r}, only {', '.join(self.names)}")
-        name, factor = match["name"], float(match["factor"] or 1.0)
-        if not factor:
-            raise SetupError(f"column {text!r}: the factor must not be 0")
-        scale = 1.0 / factor if match["sign"] == "/" else factor
-        self.scales[name] = scale, float(re.sub(r"\s", "", match["offset"] or "0"))
-        if colon:
-            self.units[name] = unit.strip()
+        name, factor, offset, unit = Reading.read(text, self.names, self.label)
+        if text != name:
+            self.scales[name] = factor, offset
+        if unit is not None:
+            self.units[name] = unit
         return name
 
     def column(self, name: str, unit: str) -> tuple[Rows, Rows]:

@@ -48,6 +48,7 @@ CHANGED = {
     "orientator_neglect": ("orientator.cup.m", 0.05),
     "packing_line": ("conveyor_motor.T", 0.03),
     "sommerfeld": ("exciter.mount.d", 82.0),
+    "identify": ("conveyor.crank.r", 0.0101),
 }
 EXACT = {"nu_res", "zeta", "build_up", "slope", "cycles", "oriented", "released", "lost"}
 EXACT |= {"theory_up", "theory_down", "torque_plain", "settling", "settling_16"}
