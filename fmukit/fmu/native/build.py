@@ -1,8 +1,6 @@
 """A native FMU of FMI 2.0 or 3.0: the C of a component, compiled for every platform with Zig."""
 
-import hashlib
 import importlib.metadata
-import os
 import struct
 import subprocess
 import sys
@@ -21,7 +19,7 @@ import fmpy
 from ...declare.variables import Interface, class_name, only_steps
 from ...write.entries import written
 from .. import page, plot, reference, terminals
-from ..archive import LICENSE, guid_of, write_archive
+from ..archive import LICENSE, digest_of, guid_of, write_archive
 from ..python.instance import slave_class
 from ..xml import NATIVE, to_xml
 from ..xml3 import translated
@@ -59,13 +57,11 @@ its mathematics, nothing else. Built from sources/, which any C99 compiler takes
 
 
 class NativeBuild(NamedTuple):
-    """A component ready to compile: its C but for the guid, and the hash of all it is made from."""
+    """A component to compile for a version of FMI, and the hash of all it is made from."""
 
     model: ModuleType
-    source: str
-    indicators: int | None
-    digest: str
     fmi: int
+    digest: str
 
     @property
     def name(self) -> str:
@@ -75,25 +71,24 @@ class NativeBuild(NamedTuple):
     def guid(self) -> str:
         return guid_of(self.digest)
 
+    @property
+    def source(self) -> str:
+        """Its C but for the guid."""
+        made = written(self.model)
+        if self.fmi == 2:
+            return made.c
+        return made.c.replace('#include "fmi2.c"', '#include "fmi3.c"') + made.reach
+
+    @property
+    def indicators(self) -> int | None:
+        """The number of its event indicators; None if it is not for model exchange."""
+        return None if only_steps(self.model) else written(self.model).indicators
+
 
 def collect(model: ModuleType, fmi: int = 2) -> NativeBuild:
-    """Trace a model and hash everything that its native FMU is made from."""
-    interface = Interface(model)
-    digest = hashlib.sha256(importlib.metadata.version("ziglang").encode())
-    here = Path(__file__).parent
-    makers = [*sorted(here.parent.glob("*.py")), *sorted(here.glob("*.*")), *HEADERS]
-    for maker in (*makers, LICENSE):
-        digest.update(hashlib.sha256(maker.read_bytes()).digest())
-    source, _, indicators, reach = written(model)
-    if fmi == 3:
-        source = source.replace('#include "fmi2.c"', '#include "fmi3.c"') + reach
-    exchanged = None if only_steps(model) else indicators
-    digest.update(source.encode())
-    digest.update(ElementTree.tostring(to_xml(interface, "", NATIVE, exchanged)))
-    digest.update(page.html(interface).encode())
-    digest.update(repr(terminals.entries(interface)).encode())
-    digest.update(os.environ.get("SOURCE_DATE_EPOCH", "").encode())
-    return NativeBuild(model, source, exchanged, digest.hexdigest(), fmi)
+    """Hash everything that the native FMU of a model is made from."""
+    flavour = f"native {fmi}, Zig {importlib.metadata.version('ziglang')}"
+    return NativeBuild(model, fmi, digest_of(Interface(model), flavour, HEADERS))
 
 
 def sources_of(build: NativeBuild) -> dict[str, bytes]:
