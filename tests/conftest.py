@@ -51,7 +51,7 @@ QUICK: dict[str, dict[str, Any]] = {
     "orientator_limit": {"frictions": "0.5"},
     "orientator_neglect": {"speeds": "20rpm,60rpm"},
     "packing_line": {"stop": 4.0, "step": 1e-3},
-    "sommerfeld": {"supplies": "18:30:5", "hold": 3.0, "step": 0.02},
+    "sommerfeld": {"supplies": "18:30:3", "hold": 2.0, "step": 0.02},
     "identify": {
         "data": str(ROOT / "examples/conveyor_record.csv"),
         "map": ["time=t", "conveyor.w=n", "motor.tau=M*0.8:N.m"],

@@ -68,6 +68,6 @@ def rounded(value: float, error: float) -> tuple[str, str]:
     if place > 0:
         return f"{round(value / 10.0**place) * 10**place:.0f}", f"{up * 10**place:.0f}"
     if place >= LEAST:
-        return f"{value:.{-place}f}", f"{up * 10.0**place:.{-place}f}"
+        return f"{value:z.{-place}f}", f"{up * 10.0**place:.{-place}f}"
     power = math.floor(math.log10(max(abs(value), error)))
     return f"{value:.{power - place}e}", f"{up * 10.0**place:.1e}"

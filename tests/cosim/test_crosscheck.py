@@ -47,7 +47,8 @@ def test_an_fmu_that_keeps_its_promises_passes_every_check(tmp_path: Path) -> No
 
 @pytest.mark.parametrize("fault", FAULTS)
 def test_every_fault_is_found_by_its_checks_and_by_no_other(fault: str, tmp_path: Path) -> None:
-    found = verdicts(pack(tmp_path / "faulty.fmu", fault))
+    path = pack(tmp_path / "faulty.fmu", fault)
+    found = crosscheck(path) if fault == "leaks" else verdicts(path)  # where no memory lies about
     assert ", ".join(failed(found)) == FAULTS[fault], found.text()
     if fault == "fails":
         assert {v.status for v in found.verdicts[3:]} == {NOT_RUN}

@@ -128,6 +128,7 @@ def rows(out: Path) -> set[int]:
         return {run for (run,) in base.execute("SELECT key FROM rows")}
 
 
+@pytest.mark.slow
 def test_lost_workers_and_a_killed_client_change_no_byte(cluster: Any, tmp_path: Path) -> None:
     path, out = written(tmp_path, PLANE.format(tmp_path)), tmp_path / "out"
     address = cluster.scheduler_address

@@ -305,7 +305,7 @@ const rounded = (value, error) => {
   if (end > place) { place = end; up = Math.ceil(error / 10 ** end + 0.5); }
   if (up >= 100) { place += 1; up = 10; }
   if (place > 0) return [(Math.round(value / 10 ** place) * 10 ** place).toFixed(0), (up * 10 ** place).toFixed(0)];
-  if (place >= -7) return [value.toFixed(-place), (up * 10 ** place).toFixed(-place)];
+  if (place >= -7) return [(+value.toFixed(-place) || 0).toFixed(-place), (up * 10 ** place).toFixed(-place)];
   return [power(value.toExponential(Math.floor(Math.log10(Math.max(Math.abs(value), error))) - place)),
     power((up * 10 ** place).toExponential(1))];
 };
