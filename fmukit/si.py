@@ -1,7 +1,8 @@
 """Quantities of the SI: name, unit and exponents of the base units, the radian counted as one."""
 
 import math
-from typing import Annotated, NamedTuple
+import re
+from typing import Annotated, NamedTuple, get_args
 
 
 class Display(NamedTuple):
@@ -68,3 +69,25 @@ Resistance = Annotated[float, Quantity("Resistance", "Ohm", {"kg": 1, "m": 2, "s
 Inductance = Annotated[float, Quantity("Inductance", "H", {"kg": 1, "m": 2, "s": -2, "A": -2})]
 MagneticFlux = Annotated[float, Quantity("MagneticFlux", "Wb", {"kg": 1, "m": 2, "s": -2, "A": -1})]
 Ratio = Annotated[float, Quantity("DimensionlessRatio", "1", {})]
+
+RATES: dict[str, Quantity] = {
+    get_args(quantity)[1].name: get_args(rate)[1]
+    for quantity, rate in (
+        (Angle, AngularVelocity),
+        (AngularVelocity, AngularAcceleration),
+        (Length, Velocity),
+        (Velocity, Acceleration),
+        (Energy, Power),
+        (Mass, MassFlowRate),
+    )
+}
+
+
+def per_second(quantity: Quantity) -> Quantity:
+    """The quantity of a derivative by time."""
+    if quantity.name in RATES:
+        return RATES[quantity.name]
+    power = quantity.exponents.get("s", 0) - 1
+    slashed = re.fullmatch(r"(.+/s)(\d*)", quantity.unit)
+    unit = f"{slashed[1]}{int(slashed[2] or 1) + 1}" if slashed else f"{quantity.unit}/s"
+    return Quantity(f"{quantity.name}Rate", unit, quantity.exponents | {"s": power})

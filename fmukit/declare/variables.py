@@ -6,6 +6,7 @@ from enum import IntEnum
 from types import ModuleType
 from typing import Any, NamedTuple
 
+from ..si import Quantity, per_second
 from .record import Declaration, declarations, discrete, record
 
 
@@ -95,6 +96,9 @@ class Interface:
         self.inputs = self._add(model.Inputs, "input", "")
         self.states = self._add(model.State, "output", "exact")
         self.outputs = self._add(model.Outputs, "output", "calculated")
+        self.continuous = [v for v in self.variables[self.states] if v.variability == "continuous"]
+        first = len(self.variables)
+        self.derivatives = slice(first, first + len(self.continuous))
         self.by_name = {v.name: v for v in self.variables}
         if len(self.by_name) != len(self.variables):
             raise ValueError(f"{model.__name__} declares a name twice")
@@ -114,10 +118,39 @@ class Interface:
             Variable(name, len(self.variables), causality, variability, initial, declaration)
         )
 
+    @property
+    def rates(self) -> list[Variable]:
+        """The derivatives of the continuous states, which a native FMU has after all others."""
+        return [
+            Variable(
+                f"der({state.name})",
+                self.derivatives.start + place,
+                "local",
+                "continuous",
+                "calculated",
+                Declaration(0.0, f"Derivative of {state.name}", quantity=rate(state.declaration)),
+            )
+            for place, state in enumerate(self.continuous)
+        ]
+
     def feedthrough(self, variable: Variable) -> list[Variable]:
         """The inputs that act on an output without delay, in index order."""
         names = variable.declaration.feedthrough
         return [v for v in self.variables[self.inputs] if v.name in names]
+
+
+def rate(declaration: Declaration) -> Quantity | None:
+    """The quantity of a derivative by time."""
+    return per_second(declaration.quantity) if declaration.quantity else None
+
+
+def only_steps(model: ModuleType) -> str:
+    """Why a model can be stepped but not integrated by others; empty where it can."""
+    declared = [d for _, d in declarations(model.State)]
+    discrete = all(d.kind != "Real" or d.held for d in declared)
+    if discrete and (hasattr(model, "sample") or hasattr(model, "exact")):
+        return "it has no continuous state and changes at communication points alone"
+    return getattr(model, "CO_SIMULATION_ONLY", "")
 
 
 def title(model: ModuleType) -> str:

@@ -7,7 +7,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import TypeVar
 
-from ..declare.variables import component
+from ..declare.variables import component, only_steps
 from . import validate
 from .archive import is_current
 from .load import Refused, load, refusing
@@ -43,6 +43,8 @@ def make(model: ModuleType, flavour: str, out: Path, force: bool) -> Iterator[bo
         print(f"{component(model)} has no native flavour: {model.PYTHON_ONLY}")
         yield flavour != "native"
         return
+    if why := only_steps(model):
+        print(f"{component(model)} has no model exchange: {why}")
     compiled = native.collect(model)
     yield kept(compiled, native.pack, out / "native" / f"{compiled.name}.fmu", force)
 

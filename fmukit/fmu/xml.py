@@ -22,14 +22,20 @@ class Flavour(NamedTuple):
     failure: str
 
     @property
-    def capabilities(self) -> dict[str, str]:
+    def stepping(self) -> dict[str, str]:
         """The attributes of CoSimulation."""
-        return {
-            "needsExecutionTool": boolean(self.needs_tool),
+        return self.abilities | {
             "canHandleVariableCommunicationStepSize": "true",
             "canInterpolateInputs": boolean(self.derivatives),
             "maxOutputDerivativeOrder": str(int(self.derivatives)),
             "canRunAsynchronuously": "false",
+        }
+
+    @property
+    def abilities(self) -> dict[str, str]:
+        """The attributes of CoSimulation and of ModelExchange."""
+        return {
+            "needsExecutionTool": boolean(self.needs_tool),
             "canBeInstantiatedOnlyOncePerProcess": "false",
             "canNotUseMemoryManagementFunctions": boolean(self.needs_tool),
             "canGetAndSetFMUstate": "true",
@@ -56,9 +62,14 @@ PYTHON = Flavour("PythonFMU 0.7.0", True, False, "logStatusFatal")
 NATIVE = Flavour(f"build_fmus.py {VERSION}", False, True, "logStatusError")
 
 
-def to_xml(interface: Interface, guid: str, flavour: Flavour) -> Element:
-    """The FMI 2.0 model description of a component with this guid."""
-    model = interface.model
+def to_xml(
+    interface: Interface, guid: str, flavour: Flavour, indicators: int | None = None
+) -> Element:
+    """The FMI 2.0 model description of a component with this guid.
+
+    With a number of event `indicators` it is for model exchange, too.
+    """
+    model, exchange = interface.model, indicators is not None
     attributes = {
         "fmiVersion": "2.0",
         "modelName": class_name(model),
@@ -69,11 +80,17 @@ def to_xml(interface: Interface, guid: str, flavour: Flavour) -> Element:
         "variableNamingConvention": "structured",
     }
     root = Element("fmiModelDescription", attributes)
+    variables = interface.variables + (interface.rates if exchange else [])
     if "SOURCE_DATE_EPOCH" in os.environ:
         date = datetime.fromtimestamp(int(os.environ["SOURCE_DATE_EPOCH"]), timezone.utc)
         root.set("generationDateAndTime", date.strftime("%Y-%m-%dT%H:%M:%SZ"))
-    SubElement(root, "CoSimulation", {"modelIdentifier": class_name(model), **flavour.capabilities})
-    _units(root, interface)
+    identifier = {"modelIdentifier": class_name(model)}
+    if exchange:
+        root.set("numberOfEventIndicators", str(indicators))
+        needless = {"completedIntegratorStepNotNeeded": boolean(not indicators)}
+        SubElement(root, "ModelExchange", identifier | flavour.abilities | needless)
+    SubElement(root, "CoSimulation", identifier | flavour.stepping)
+    _units(root, variables)
     _types(root, interface)
     categories = SubElement(root, "LogCategories")
     for name, meaning in flavour.log_categories.items():
@@ -86,17 +103,20 @@ def to_xml(interface: Interface, guid: str, flavour: Flavour) -> Element:
         stopTime=repr(experiment.stop),
         stepSize=repr(experiment.step),
     )
-    variables = SubElement(root, "ModelVariables")
-    for variable in interface.variables:
-        variables.append(_scalar_variable(variable))
-    _structure(root, interface)
+    elements = SubElement(root, "ModelVariables")
+    for variable in variables:
+        elements.append(_scalar_variable(variable))
+    if exchange:
+        for state, element in zip(interface.continuous, elements[interface.derivatives]):
+            element[0].set("derivative", str(state.reference + 1))
+    _structure(root, interface, exchange)
     return root
 
 
-def _units(root: Element, interface: Interface) -> None:
+def _units(root: Element, variables: list[Variable]) -> None:
     quantities = {
         v.declaration.quantity.unit: v.declaration.quantity
-        for v in interface.variables
+        for v in variables
         if v.declaration.quantity
     }
     if not quantities:
@@ -182,23 +202,24 @@ def start_text(declaration: Declaration) -> str:
     return str(int(value)) if declaration.items else str(value)
 
 
-def _structure(root: Element, interface: Interface) -> None:
+def _structure(root: Element, interface: Interface, exchange: bool) -> None:
     structure = SubElement(root, "ModelStructure")
-    unknowns = [v for v in interface.variables if v.initial == "calculated"]
-    known = [v for v in interface.variables if v.causality == "output"]
-    if known:
-        outputs = SubElement(structure, "Outputs")
-        for variable in known:
-            inputs = interface.feedthrough(variable)
-            SubElement(outputs, "Unknown", _dependencies(variable, inputs))
-    if unknowns:
-        initial = SubElement(structure, "InitialUnknowns")
-        exact = [v for v in interface.variables if v.initial == "exact"]
-        for variable in unknowns:
-            knowns = sorted(exact + interface.feedthrough(variable), key=lambda v: v.reference)
-            SubElement(initial, "Unknown", _dependencies(variable, knowns))
-
-
-def _dependencies(variable: Variable, knowns: list[Variable]) -> dict[str, str]:
-    indices = " ".join(str(known.reference + 1) for known in knowns)
-    return {"index": str(variable.reference + 1), "dependencies": indices}
+    states, rates = (interface.continuous, interface.rates) if exchange else ([], [])
+    inputs = interface.variables[interface.inputs]
+    outputs = [(v, interface.feedthrough(v)) for v in interface.variables[interface.states]]
+    calculated = [(v, interface.feedthrough(v)) for v in interface.variables[interface.outputs]]
+    exact = [v for v in interface.variables if v.initial == "exact"]
+    unknowns = [*outputs, *calculated, *((v, inputs) for v in rates)]
+    for name, found in (
+        ("Outputs", outputs + [(v, causes + states) for v, causes in calculated]),
+        ("Derivatives", [(v, inputs + states) for v in rates]),
+        (
+            "InitialUnknowns",
+            [(v, exact + causes) for v, causes in unknowns if v.initial == "calculated"],
+        ),
+    ):
+        part = SubElement(structure, name) if found else structure
+        for variable, causes in found:
+            indices = " ".join(str(index) for index in sorted(v.reference + 1 for v in causes))
+            element = {"index": str(variable.reference + 1), "dependencies": indices}
+            SubElement(part, "Unknown", element)

@@ -82,15 +82,18 @@ class Tracer:
         self.functions: dict[Any, Function | None] = {}
         self.joins: dict[Any, Node] = {}
 
-    def entry(self, name: str, run: Callable[..., Any], **examples: Any) -> Function:
-        """Trace a function that the runtime calls, with symbols in the shape of these examples."""
+    def trace(self, name: str, run: Callable[..., Any], **examples: Any) -> Function:
+        """Trace a function with symbols in the shape of these examples."""
         shapes = {parameter: flatten(value)[0] for parameter, value in examples.items()}
         with self.patched():
             traced = function(name, run, shapes)
         if traced is None:
             raise Untraceable(f"{name} does not return the same record on all paths")
-        self.functions[name] = traced._replace(entry=True)
         return traced
+
+    def entry(self, name: str, run: Callable[..., Any], **examples: Any) -> None:
+        """Trace a function that the runtime calls."""
+        self.functions[name] = self.trace(name, run, **examples)._replace(entry=True)
 
     @contextmanager
     def patched(self) -> Iterator[None]:

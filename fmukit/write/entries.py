@@ -10,12 +10,11 @@ from typing import Any, NamedTuple
 
 from ..declare import bounds
 from ..declare.record import Value, start
-from ..declare.variables import Interface, Variable, class_name
+from ..declare.variables import Interface, Variable, class_name, only_steps
 from ..step import hybrid, jet, near, ode
 from ..trace import tangents
-from ..trace.paths import flatten
 from ..trace.tracer import Tracer, note
-from ..trace.values import Function, symbol
+from ..trace.values import Function, size, symbol
 from . import c, python
 
 BOUNDARIES = {
@@ -32,6 +31,7 @@ class Written(NamedTuple):
 
     c: str
     python: str
+    indicators: int
 
 
 @cache
@@ -40,18 +40,24 @@ def written(model: ModuleType) -> Written:
     interface = Interface(model)
     functions = traced(interface)
     entries = ("model_step", "model_outputs")
-    return Written(source(interface, functions), python.module(functions, entries))
+    indicators = next(size(f.shape) for f in functions if f.name == "model_guards")
+    code = source(interface, functions, indicators)
+    return Written(code, python.module(functions, entries), indicators)
 
 
-def source(interface: Interface, functions: list[Function]) -> str:
+def source(interface: Interface, functions: list[Function], indicators: int) -> str:
     """The C file to compile; it includes `fmi2.c`."""
-    width = {name: getattr(interface, name) for name in ("inputs", "states", "outputs")}
+    names = ("inputs", "states", "outputs", "derivatives")
+    width = {name: getattr(interface, name) for name in names}
     defined = {
         "IDENTIFIER": json.dumps(class_name(interface.model)),
         "GUID": '""',
-        "VARIABLES": len(interface.variables),
+        "VARIABLES": interface.derivatives.stop,
         "INPUT_HOLD": interface.input_hold,
         "HIGHEST_DEGREE": hybrid.HIGHEST_DEGREE,
+        "MODEL_EXCHANGE": int(not only_steps(interface.model)),
+        "INDICATORS": indicators,
+        "MOST_EVENTS": hybrid.MOST_EVENTS,
         **{f"FIRST_{name[:-1].upper()}": place.start for name, place in width.items()},
         **{name.upper(): place.stop - place.start for name, place in width.items()},
     }
@@ -62,13 +68,24 @@ def source(interface: Interface, functions: list[Function]) -> str:
             '#include "fmi2.c"\n',
             *map(c.definition, functions),
             f"static const Variable variables[VARIABLES] = {{\n{table(interface)}\n}};\n",
+            f"static const Continuous continuous[] = {{{nominals(interface)}}};\n",
         ]
     )
 
 
 def table(interface: Interface) -> str:
     """The variables as the runtime reads them."""
-    return ",\n".join(f"    {{{', '.join(row(variable))}}}" for variable in interface.variables)
+    variables = interface.variables + interface.rates
+    return ",\n".join(f"    {{{', '.join(row(variable))}}}" for variable in variables)
+
+
+def nominals(interface: Interface) -> str:
+    """Place and nominal of each continuous state; C wants at least one."""
+    rows = [
+        f"{{{v.reference - interface.states.start}, {c.real(v.declaration.nominal or 1.0)}}}"
+        for v in interface.continuous
+    ]
+    return ", ".join(rows) or "{0, 1.0}"
 
 
 def row(v: Variable) -> list[str]:
@@ -113,24 +130,51 @@ def traced(interface: Interface) -> list[Function]:
         settled = hybrid.settle(model, p, x)
         return settled, model.outputs(p, t, settled, u)
 
-    def rates(p: Any, t: Any, x: Any, u: Any, du: Any) -> Any:
-        change = model.derivatives(p, t, x, u)
-        places = hybrid.continuous(model.State)
-        dx = [d if i in places else 0.0 for i, d in enumerate(change)]
-        groups = [numbers for _, numbers in map(flatten, (p, t, x, u))]
-        slopes = [[0.0] * len(groups[0]), [1.0], dx, list(du)]
-        dy = tangents.forward(tracer, at_end, *zip(*(g for g in zip(groups, slopes) if g[0])))
-        return [*dx, *dy]
+    def derivatives(p: Any, t: Any, x: Any, u: Any) -> Any:
+        return hybrid.pick(model.derivatives(p, t, x, u), hybrid.continuous(model.State))
+
+    def fallible(p: Any, t: Any, x: Any, u: Any) -> list[Any]:
+        return list(model.guard(p, t, x, u)) if hasattr(model, "guard") else []
+
+    def count(p: Any, t: Any, x: Any, u: Any) -> None:
+        counts.append(len(fallible(p, t, x, u)))
+
+    def guards(p: Any, t: Any, x: Any, u: Any) -> Any:
+        found = fallible(p, t, x, u)
+        return found + [1.0] * (max(counts) - len(found))
+
+    def event(p: Any, t: Any, x: Any, before: Any, now: Any, which: Any) -> Any:
+        if not hasattr(model, "guard") or which < 0.0:
+            return hybrid.sample(model, p, t, x, before, now, note)
+        new = model.jump(p, t, x, now, which)
+        hybrid.announce(model, p, t, x, new, now, note)
+        return new
+
+    def at_start(p: Any, t: Any, x: Any, u: Any) -> Any:
+        settled = hybrid.settle(model, p, x)
+        return settled, model.outputs(p, t, settled, u), derivatives(p, t, settled, u)
+
+    def at_once(p: Any, t: Any, x: Any, u: Any) -> Any:
+        return x, model.outputs(p, t, x, u), derivatives(p, t, x, u)
+
+    counts: list[int] = []
 
     tracer.entry("model_check", check, p=p)
     tracer.entry("model_begin", begin, p=p, t=0.0, x=x, now=u)
     tracer.entry("model_course", course, hold=0, before=u, now=u, past=0.0, h=0.0)
     tracer.entry("model_step", step, p=p, t=0.0, x=x, before=u, now=u, inputs=inputs)
-    at_end = tracer.entry("model_outputs", outputs, p=p, t=0.0, x=x, u=u)
-    at_start = tracer.entry("model_initial", initial, p=p, t=0.0, x=x, u=u)
-    with tracer.patched():
-        directional = tangents.derived(tracer, at_start, ("p", "x", "u"))
-    tracer.functions["directional"] = directional._replace(name="model_directional", entry=True)
-    tracer.functions = {k: v for k, v in tracer.functions.items() if v is not directional}
-    tracer.entry("model_rates", rates, p=p, t=0.0, x=x, u=u, du=tuple(u))
+    tracer.entry("model_outputs", outputs, p=p, t=0.0, x=x, u=u)
+    tracer.entry("model_initial", initial, p=p, t=0.0, x=x, u=u)
+    tracer.entry("model_derivatives", derivatives, p=p, t=0.0, x=x, u=u)
+    tracer.trace("count", count, p=p, t=0.0, x=x, u=u)
+    tracer.entry("model_guards", guards, p=p, t=0.0, x=x, u=u)
+    tracer.entry("model_event", event, p=p, t=0.0, x=x, before=u, now=u, which=0.0)
+    for name, run, moving in (
+        ("model_directional", at_start, ("p", "x", "u")),
+        ("model_tangents", at_once, ("t", "x", "u")),
+    ):
+        with tracer.patched():
+            made = tangents.derived(tracer, tracer.trace(name, run, p=p, t=0.0, x=x, u=u), moving)
+        tracer.functions = {k: v for k, v in tracer.functions.items() if v is not made}
+        tracer.functions[name] = made._replace(name=name, entry=True)
     return [function for function in tracer.functions.values() if function]

@@ -31,7 +31,7 @@ from fmukit import VERSION
 from fmukit.declare.record import Declaration, declarations, fill, start
 from fmukit.declare.variables import InputHold, Interface, Variable, class_name, component
 from fmukit.fmu.load import beside
-from fmukit.fmu.native import build as native
+from fmukit.fmu.native import build as compiled
 from fmukit.fmu.plot import HEIGHT, WIDTH
 from fmukit.fmu.python import pack as python
 from fmukit.fmu.validate import problems
@@ -78,10 +78,16 @@ def xml(fmu: Path) -> Element:
     return ElementTree.fromstring(content(fmu, "modelDescription.xml"))
 
 
+def declared_in(model: Any, fmu: Path) -> list[Variable]:
+    """The variables, of a native FMU with the derivatives of its continuous states."""
+    interface = Interface(model)
+    return interface.variables + (interface.rates if fmu.parent.name == "native" else [])
+
+
 def variables(model: Any, fmu: Path) -> list[tuple[Variable, Element, Element]]:
     """Each variable as declared, its ScalarVariable and the element of its type."""
     elements = xml(fmu).findall("ModelVariables/ScalarVariable")
-    return [(v, e, e[0]) for v, e in zip(Interface(model).variables, elements, strict=True)]
+    return [(v, e, e[0]) for v, e in zip(declared_in(model, fmu), elements, strict=True)]
 
 
 def build(tree: Path, *options: Any, code: int = 0) -> str:
@@ -175,25 +181,35 @@ def test_every_real_has_a_unit_and_angles_are_shown_in_deg_and_rpm(model: Any, f
 @each_fmu
 def test_model_structure_is_complete_and_in_order(model: Any, fmu: Path) -> None:
     rows = [(v, scalar) for v, scalar, _ in variables(model, fmu) if v.causality == "output"]
-    names = [v.name for v in Interface(model).variables]
-    outputs, initial = (
+    names = [v.name for v in declared_in(model, fmu)]
+    outputs, initial, derivatives = (
         {
             names[int(u.attrib["index"]) - 1]: [
                 names[int(i) - 1] for i in u.attrib["dependencies"].split()
             ]
             for u in xml(fmu).findall(f"ModelStructure/{part}/Unknown")
         }
-        for part in ("Outputs", "InitialUnknowns")
+        for part in ("Outputs", "InitialUnknowns", "Derivatives")
     )
     states = [name for name, d in declarations(model.State) if not d.follows]
+    integrated = [n for n, d in declarations(model.State) if d.kind == "Real" and not d.held]
+    inputs = [name for name, _ in declarations(model.Inputs)]
+    native = fmu.parent.name == "native"
     assert list(outputs) == [v.name for v, _ in rows]
-    assert list(initial) == [name for name in outputs if name not in states]
+    assert list(derivatives) == [f"der({n})" for n in integrated if native]
+    assert all(causes == inputs + integrated for causes in derivatives.values())
+    assert list(initial) == [name for name in (*outputs, *derivatives) if name not in states]
+    links = xml(fmu).findall("ModelVariables/ScalarVariable/Real[@derivative]")
+    assert [names[int(e.attrib["derivative"]) - 1] for e in links] == integrated * native
     for variable, scalar in rows:
         exact = variable.name in states
         assert scalar.get("initial") == ("exact" if exact else "calculated")
-        assert outputs[variable.name] == list(variable.declaration.feedthrough)
+        feedthrough = variable.declaration.feedthrough
+        is_state = variable.name in dict(declarations(model.State))
+        acting = [] if is_state or not native else integrated
+        assert outputs[variable.name] == [*feedthrough, *acting]
         if not exact:
-            assert {*states, *outputs[variable.name]} <= {*initial[variable.name]}
+            assert {*states, *feedthrough} <= {*initial[variable.name]}
 
 
 @each_fmu
@@ -202,8 +218,9 @@ def test_names_are_structured_and_the_guid_is_the_hash_of_the_source(model: Any,
     assert root.get("variableNamingConvention") == "structured"
     for element in root.iter("ScalarVariable"):
         part = r"[A-Za-z_]\w*(\[\d+(,\d+)*\])?"
-        assert re.fullmatch(rf"{part}(\.{part})*", element.attrib["name"], re.ASCII)
-    maker = native if fmu.parent.name == "native" else python
+        name = re.sub(r"^der\((.*)\)$", r"\1", element.attrib["name"])
+        assert re.fullmatch(rf"{part}(\.{part})*", name, re.ASCII)
+    maker = compiled if fmu.parent.name == "native" else python
     assert root.get("guid") == maker.collect(model).guid
 
 

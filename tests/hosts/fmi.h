@@ -26,10 +26,17 @@
     X(GetStatus) X(GetRealStatus) X(GetIntegerStatus) X(GetBooleanStatus) X(GetStringStatus) \
     X(SetDebugLogging) X(SerializedFMUstateSize) X(SerializeFMUstate) X(DeSerializeFMUstate) \
     X(Instantiate) X(FreeInstance) X(Reset) X(GetTypesPlatform) X(GetVersion)
+#define EXCHANGE(X) \
+    X(EnterEventMode) X(NewDiscreteStates) X(EnterContinuousTimeMode) \
+    X(CompletedIntegratorStep) X(SetTime) \
+    X(SetContinuousStates) X(GetDerivatives) X(GetEventIndicators) X(GetContinuousStates) \
+    X(GetNominalsOfContinuousStates)
 #define DECLARE(name) static fmi2##name##TYPE *fmi2##name;
 #define LOAD(name) fmi2##name = (fmi2##name##TYPE *)need(dlsym(library, "fmi2" #name));
+#define TRY(name) fmi2##name = (fmi2##name##TYPE *)dlsym(library, "fmi2" #name);
 
 FUNCTIONS(DECLARE)
+EXCHANGE(DECLARE)
 static void *library;
 
 static void *need(void *thing) {
@@ -43,4 +50,5 @@ static void *need(void *thing) {
 static void load(const char *path) {
     library = need(dlopen(path, RTLD_NOW | RTLD_LOCAL));
     FUNCTIONS(LOAD)
+    EXCHANGE(TRY) /* which not every FMU has */
 }

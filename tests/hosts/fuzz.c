@@ -1,18 +1,21 @@
-/* Random calls, legal and not, with random values: LIBRARY GUID VARIABLES SEED CALLS.
-   Ends with 0 if the FMU survives them all, some were steps that it did, and all memory comes back. */
+/* Random calls, legal and not, with random values: LIBRARY GUID VARIABLES STATES INDICATORS SEED
+   CALLS. Ends with 0 if the FMU survives them all, some were steps that it did, and all memory comes
+   back. */
 
 #include "fmi.h"
 #include <stdint.h>
 
-enum { UNITS = 3, STATES = 6, MOST = 4 };
+enum { UNITS = 4, STATES = 6, MOST = 4, WIDEST = 64 };
 typedef struct {
     fmi2Component unit;
     fmi2FMUstate states[STATES];
+    fmi2Type kind;
     double time;
 } Slot;
 static Slot slots[UNITS];
 static uint64_t seed;
-static int variables, blocks, scarce, stepped;
+static uint32_t continuous, indicators;
+static int variables, blocks, scarce, stepped, integrated;
 
 static uint32_t any(uint32_t below) { /* xorshift* */
     seed ^= seed >> 12, seed ^= seed << 25, seed ^= seed >> 27;
@@ -59,8 +62,9 @@ static void initialise(fmi2Component unit) {
 
 static void begin(Slot *s, const char *guid) {
     static const fmi2CallbackFunctions callbacks = {logger, allocate, release, NULL, NULL};
-    s->unit = fmi2Instantiate("unit", any(20) ? fmi2CoSimulation : fmi2ModelExchange,
-                              any(20) ? guid : "{another}", "file:///", &callbacks, any(2), any(2));
+    s->kind = any(2) ? fmi2CoSimulation : fmi2ModelExchange;
+    s->unit = fmi2Instantiate("unit", s->kind, any(20) ? guid : "{another}", "file:///", &callbacks,
+                              any(2), any(2));
     s->time = 0.0;
     if (s->unit && any(4)) initialise(s->unit);
 }
@@ -71,6 +75,48 @@ static void end(Slot *s) {
     s->unit = NULL;
 }
 
+static void again(Slot *s) {
+    if (fmi2Reset(s->unit) != fmi2OK) return;
+    s->time = 0.0;
+    initialise(s->unit);
+}
+
+/* Events, a step of Euler or of nonsense, and the calls around it in any order. */
+static void integrate(Slot *s) {
+    fmi2Real x[WIDEST] = {0}, dx[WIDEST] = {0}, z[WIDEST];
+    fmi2EventInfo info = {0};
+    fmi2Boolean event, terminate;
+    const double size = any(9) ? 1e-3 : number();
+    const size_t n = any(9) ? continuous : any(WIDEST), nz = any(9) ? indicators : any(WIDEST);
+    switch (any(12)) {
+        case 0: fmi2EnterEventMode(s->unit); return;
+        case 1: fmi2EnterContinuousTimeMode(s->unit); return;
+        case 2: fmi2NewDiscreteStates(s->unit, any(9) ? &info : NULL); return;
+        case 3: fmi2CompletedIntegratorStep(s->unit, any(2), &event, &terminate); return;
+        case 4: fmi2SetTime(s->unit, number()); return;
+        case 5: fmi2GetNominalsOfContinuousStates(s->unit, x, n); return;
+        case 6:
+            fmi2GetContinuousStates(s->unit, x, n);
+            for (size_t k = 0; k < n; k++) if (any(3)) x[k] = number();
+            fmi2SetContinuousStates(s->unit, x, n);
+            return;
+        case 7: fmi2GetEventIndicators(s->unit, z, nz); return;
+        default:
+            if (fmi2EnterEventMode(s->unit) == fmi2Error && any(2)) again(s);
+            for (int k = 0; k < 9 && fmi2NewDiscreteStates(s->unit, &info) == fmi2OK; k++)
+                if (!info.newDiscreteStatesNeeded) break;
+            fmi2EnterContinuousTimeMode(s->unit);
+            if (fmi2GetContinuousStates(s->unit, x, n) != fmi2OK) return;
+            if (fmi2GetDerivatives(s->unit, dx, n) != fmi2OK) return;
+            for (size_t k = 0; k < n; k++) x[k] += size * dx[k];
+            fmi2SetTime(s->unit, s->time + size);
+            if (fmi2SetContinuousStates(s->unit, x, n) != fmi2OK) return;
+            fmi2GetEventIndicators(s->unit, z, nz);
+            if (fmi2CompletedIntegratorStep(s->unit, any(2), &event, &terminate) == fmi2OK)
+                s->time += size, integrated++;
+    }
+}
+
 static void step(Slot *s) {
     const double sizes[] = {1e-3, 1e-2, 0.1, 1.0, 1e-9, 0.0, -1e-3};
     const double size = any(9) ? sizes[any(any(4) ? 3 : 7)] : number();
@@ -78,10 +124,7 @@ static void step(Slot *s) {
     if (size > 10.0) return; /* legal, and as long as it is */
     status = fmi2DoStep(s->unit, any(20) ? s->time : number(), size, any(2));
     if (status == fmi2OK) s->time += size, stepped++;
-    if (status == fmi2Error && any(2) && fmi2Reset(s->unit) == fmi2OK) {
-        s->time = 0.0;
-        initialise(s->unit);
-    }
+    if (status == fmi2Error && any(2)) again(s);
 }
 
 /* Write a number anywhere into the bytes of a state, and the sum that makes it look sound. */
@@ -169,16 +212,19 @@ static void phase(Slot *s) {
 }
 
 int main(int count, char **arguments) {
-    if (count != 6) return 2;
+    if (count != 8) return 2;
     load(arguments[1]);
-    variables = atoi(arguments[3]), seed = strtoull(arguments[4], NULL, 10) * 2654435761u + 88172645463325252ull;
-    for (int calls = atoi(arguments[5]); calls > 0; calls--) {
+    variables = atoi(arguments[3]), continuous = atoi(arguments[4]), indicators = atoi(arguments[5]);
+    seed = strtoull(arguments[6], NULL, 10) * 2654435761u + 88172645463325252ull;
+    for (int calls = atoi(arguments[7]); calls > 0; calls--) {
         Slot *s = &slots[any(UNITS)];
         scarce = any(40) == 0;
         if (!s->unit) begin(s, arguments[2]);
         if (!s->unit) continue;
         switch (any(12)) {
-            case 0: case 1: case 2: step(s); break;
+            case 0: case 1: case 2:
+                (s->kind == fmi2ModelExchange ? any(9) != 0 : any(40) == 0) ? integrate(s) : step(s);
+                break;
             case 3: case 4: keep(s); break;
             case 5: case 6: phase(s); break;
             case 7: if (any(20) == 0) end(s); break;
@@ -188,5 +234,5 @@ int main(int count, char **arguments) {
     scarce = 0;
     for (int k = 0; k < UNITS; k++) if (slots[k].unit) end(&slots[k]);
     dlclose(library);
-    return blocks ? 7 : stepped < 50 ? 8 : 0;
+    return blocks ? 7 : stepped < 50 ? 8 : integrated < 20 ? 9 : 0;
 }

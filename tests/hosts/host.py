@@ -71,12 +71,12 @@ def unpacked(fmu: str) -> tuple[Any, str]:
 
 
 class Unit:
-    """One instance of an FMU, its variables by name; `fmi` is fmpy's slave."""
+    """One instance of an FMU, its variables by name; `fmi` is fmpy's slave, or its model."""
 
-    def __init__(self, fmu: str | Path, name: str = "unit") -> None:
+    def __init__(self, fmu: str | Path, name: str = "unit", kind: Any = fmi2.FMU2Slave) -> None:
         self.description, folder = unpacked(str(fmu))
         self.variables = {v.name: v for v in self.description.modelVariables}
-        self.fmi = fmi2.FMU2Slave(
+        self.fmi = kind(
             guid=self.description.guid,
             unzipDirectory=folder,
             modelIdentifier=self.description.coSimulation.modelIdentifier,

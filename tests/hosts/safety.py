@@ -47,7 +47,7 @@ MISUSE = {
         "characteristic = 1 cannot be set: fixed": lambda u: u.start().set(characteristic=1),
         "tau = 0.1 N.m cannot be set: continuous output": lambda u: u.start().set(tau=0.1),
         "P = 1.0 W cannot be set: continuous output": lambda u: u.set(P=1.0),
-        "value reference 12 is unknown": lambda u: u.fmi.getReal([12]),
+        "value reference 13 is unknown": lambda u: u.fmi.getReal([13]),
         "value reference 4294967295 is unknown": lambda u: u.fmi.getReal([9, 0xFFFFFFFF]),
         "value reference 4294967294 is unknown": lambda u: u.fmi.setReal([0xFFFFFFFE], [1.0]),
         "A is of type Real, not Integer": lambda u: u.fmi.getInteger([1]),

@@ -17,7 +17,7 @@ from xml.etree.ElementTree import SubElement
 
 import fmpy
 
-from ...declare.variables import Interface, class_name
+from ...declare.variables import Interface, class_name, only_steps
 from ...write.entries import written
 from .. import page, plot, reference, terminals
 from ..archive import LICENSE, guid_of, write_archive
@@ -51,6 +51,7 @@ class NativeBuild(NamedTuple):
 
     model: ModuleType
     source: str
+    indicators: int | None
     digest: str
 
     @property
@@ -70,13 +71,14 @@ def collect(model: ModuleType) -> NativeBuild:
     makers += [*HEADERS]
     for maker in (*makers, LICENSE):
         digest.update(hashlib.sha256(maker.read_bytes()).digest())
-    source = written(model).c
+    source, _, indicators = written(model)
+    exchanged = None if only_steps(model) else indicators
     digest.update(source.encode())
-    digest.update(ElementTree.tostring(to_xml(interface, "", NATIVE)))
+    digest.update(ElementTree.tostring(to_xml(interface, "", NATIVE, exchanged)))
     digest.update(page.html(interface).encode())
     digest.update(repr(terminals.entries(interface)).encode())
     digest.update(os.environ.get("SOURCE_DATE_EPOCH", "").encode())
-    return NativeBuild(model, source, digest.hexdigest())
+    return NativeBuild(model, source, exchanged, digest.hexdigest())
 
 
 def pack(build: NativeBuild, fmu: Path) -> None:
@@ -106,10 +108,9 @@ def pack(build: NativeBuild, fmu: Path) -> None:
 
 def description(interface: Interface, build: NativeBuild) -> bytes:
     """modelDescription.xml with the list of sources."""
-    root = to_xml(interface, build.guid, NATIVE)
-    slave = root.find("CoSimulation")
-    assert slave is not None
-    SubElement(SubElement(slave, "SourceFiles"), "File", name=f"{build.name}.c")
+    root = to_xml(interface, build.guid, NATIVE, build.indicators)
+    for kind in (*root.iter("ModelExchange"), *root.iter("CoSimulation")):
+        SubElement(SubElement(kind, "SourceFiles"), "File", name=f"{build.name}.c")
     ElementTree.indent(root)
     text: bytes = ElementTree.tostring(root, encoding="UTF-8", xml_declaration=True)
     return text

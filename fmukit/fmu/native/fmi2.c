@@ -1,8 +1,10 @@
-/* FMI 2.0 co-simulation over one array of values; the generated file of a component includes this.
+/* FMI 2.0 over one array of values; the generated file of a component includes this. An instance is
+   for co-simulation or for model exchange.
 
    The rules and messages are those of fmukit/fmu/python/instance.py. All values, Integers and Booleans
    too, are doubles at the index of their value reference; the parameters come first. */
 
+#include <float.h>
 #include <math.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -39,11 +41,13 @@
 #endif
 
 enum { TEXT = 4096, ROOM = 64, NUMBER = 32 };
-enum { INSTANTIATED, INITIALIZING, STEPPING, TERMINATED, FAILED };
+enum { COSIMULATION, EXCHANGE, EITHER };
+enum { INSTANTIATED, INITIALIZING, STEPPING, AT_EVENT, INTEGRATING, TERMINATED, FAILED };
 
+static const char *const KINDS[] = {"co-simulation", "model exchange"};
 static const char *const PHASES[] = {
-    "before initialisation", "in initialisation mode", "after initialisation", "after terminate",
-    "after a failure (reset the instance first)",
+    "before initialisation", "in initialisation mode", "after initialisation", "in event mode",
+    "in continuous-time mode", "after terminate", "after a failure (reset the instance first)",
 };
 
 typedef struct {
@@ -52,9 +56,15 @@ typedef struct {
     double start, most;
 } Variable;
 
-/* What an equation has to tell: why it has no value, and sentences for the log. */
 typedef struct {
-    int failed, dropped;
+    int place; /* among the states */
+    double nominal;
+} Continuous;
+
+/* What an equation has to tell: why it has no value, and sentences for the log. Where it has none
+   for what an integrator tries, that is discarded. */
+typedef struct {
+    int failed, discarded, dropped;
     size_t reason_length, notes_length;
     char reason[TEXT], notes[TEXT];
 } Context;
@@ -63,7 +73,7 @@ typedef struct {
 typedef struct {
     double values[VARIABLES], before[SOME(INPUTS)], end[SOME(INPUTS)], slopes[SOME(INPUTS)];
     double rates[HIGHEST_DEGREE][SOME(INPUTS)];
-    double time, past, stale, phase, driven;
+    double time, past, stale, phase, driven, kind, events;
 } State;
 
 typedef struct {
@@ -80,11 +90,12 @@ typedef struct {
     fmi2CallbackAllocateMemory allocate;
     fmi2CallbackFreeMemory release;
     fmi2ComponentEnvironment environment;
-    int logging;
+    int logging, kind;
     char name[];
 } Instance;
 
 static const Variable variables[VARIABLES];
+static const Continuous continuous[SOME(DERIVATIVES)];
 static void model_check(Context *c, const double *p);
 static void model_begin(Context *c, const double *p, double t, const double *x, const double *now,
                         double *result);
@@ -100,8 +111,14 @@ static void model_initial(Context *c, const double *p, double t, const double *x
 static void model_directional(Context *c, const double *p, double t, const double *x,
                               const double *u, const double *d_p, const double *d_x,
                               const double *d_u, double *result);
-static void model_rates(Context *c, const double *p, double t, const double *x, const double *u,
-                        const double *du, double *result);
+static void model_derivatives(Context *c, const double *p, double t, const double *x,
+                              const double *u, double *result);
+static void model_guards(Context *c, const double *p, double t, const double *x, const double *u,
+                         double *result);
+static void model_event(Context *c, const double *p, double t, const double *x,
+                        const double *before, const double *now, double which, double *result);
+static void model_tangents(Context *c, const double *p, double t, const double *x, const double *u,
+                           double d_t, const double *d_x, const double *d_u, double *result);
 
 /* Texts as Python writes them: %r a Real, %d an Integer, %b a Boolean, %v a Variable with its
    value and unit, %s a text. */
@@ -304,6 +321,7 @@ static void restart(Instance *i) {
     memcpy(i->state.end, part(i, FIRST_INPUT), INPUTS * sizeof(double));
     i->state.stale = 1.0;
     i->state.phase = INSTANTIATED;
+    i->state.kind = i->kind;
 }
 
 /* Hosts take a message as a printf format. */
@@ -338,9 +356,14 @@ static fmi2Status told(Instance *i) {
             put(text, &length, line), put(text, &length, "; ");
         }
         put(text, &length, c->reason);
-        for (int k = 0; k < VARIABLES; k++)
-            if (!strcmp(variables[k].causality, "output") && !strcmp(variables[k].kind, "Real"))
-                i->state.values[k] = NAN;
+    }
+    if (c->failed && c->discarded) {
+        status = fmi2Discard;
+        if (i->logging)
+            tell(i->logger, i->environment, i->name, status, "logStatusWarning", text);
+    } else if (c->failed) {
+        for (int k = FIRST_STATE; k < VARIABLES; k++)
+            if (!strcmp(variables[k].kind, "Real")) i->state.values[k] = NAN;
         i->state.stale = 0.0;
         i->state.phase = FAILED;
         status = fmi2Error;
@@ -354,7 +377,7 @@ static fmi2Status told(Instance *i) {
             tell(i->logger, i->environment, i->name, fmi2Warning, "logStatusWarning", text);
         }
     }
-    c->failed = c->dropped = 0;
+    c->failed = c->discarded = c->dropped = 0;
     c->reason[c->reason_length = 0] = c->notes[c->notes_length = 0] = '\0';
     return status;
 }
@@ -364,11 +387,30 @@ INLINE fmi2Status finish(Instance *i) {
     return i->context.failed || i->context.notes_length ? told(i) : fmi2OK;
 }
 
-/* Whether a call is in order. */
-INLINE int allowed(Instance *i, const char *call, int phase) {
-    if (i->state.phase == phase) return 1;
-    fail(&i->context, "%s is not allowed %s, only %s", call, PHASES[(int)i->state.phase],
-         PHASES[phase]);
+/* The kind of instance that has this phase. */
+static int kind_of(int phase) {
+    return phase == STEPPING ? COSIMULATION
+           : phase == AT_EVENT || phase == INTEGRATING ? EXCHANGE : EITHER;
+}
+
+static void refuse(Instance *i, const char *call, int kind, int first, int last) {
+    Context *c = &i->context;
+    const char *between = ", only ";
+    if (kind != EITHER && kind != i->kind) {
+        fail(c, "%s is for %s, but this instance is for %s", call, KINDS[kind], KINDS[i->kind]);
+        return;
+    }
+    fail(c, "%s is not allowed %s", call, PHASES[(int)i->state.phase]);
+    for (int phase = first; phase <= last; phase++)
+        if (kind_of(phase) == EITHER || kind_of(phase) == i->kind)
+            append(c, "%s%s", between, PHASES[phase]), between = " or ";
+}
+
+/* Whether a call is in order: for this kind of instance, in the phases from the first to the last. */
+INLINE int allowed(Instance *i, const char *call, int kind, int first, int last) {
+    const double phase = i->state.phase;
+    if (phase >= first && phase <= last && (kind == EITHER || kind == i->kind)) return 1;
+    refuse(i, call, kind, first, last);
     return 0;
 }
 
@@ -377,7 +419,17 @@ INLINE void check_finite(Context *c, const Variable *v, double value) {
         fail(c, "%s = %v must be a finite number", v->name, v, value);
 }
 
-/* Calculate the outputs from the state and the inputs at the end of the last step. */
+/* The inputs of this instant; in co-simulation, those at the end of the last step. */
+static const double *present(Instance *i) {
+    return i->kind == EXCHANGE ? part(i, FIRST_INPUT) : i->state.end;
+}
+
+/* What an integrator tries may fail. */
+static void evaluated(Instance *i) {
+    i->context.discarded = i->context.failed && i->state.phase == INTEGRATING;
+}
+
+/* Calculate the outputs from the state and the inputs of this instant. */
 static void refresh(Instance *i) {
     Context *c = &i->context;
     State *s = &i->state;
@@ -390,12 +442,47 @@ static void refresh(Instance *i) {
         model_initial(c, s->values, s->time, x, s->end, result);
         if (!c->failed) memcpy(x, result, STATES * sizeof *x);
     } else {
-        model_outputs(c, s->values, s->time, x, s->end, result + STATES);
+        model_outputs(c, s->values, s->time, x, present(i), result + STATES);
     }
     for (int k = 0; k < OUTPUTS; k++) check_finite(c, &variables[FIRST_OUTPUT + k], result[STATES + k]);
+    evaluated(i);
     if (c->failed) return;
     memcpy(part(i, FIRST_OUTPUT), result + STATES, OUTPUTS * sizeof *result);
     s->stale = 0.0;
+}
+
+/* During initialisation, bring what has been set up to date. */
+static int settled(Instance *i) {
+    if (i->state.phase == INITIALIZING && i->state.stale != 0.0) refresh(i);
+    return !i->context.failed;
+}
+
+/* The derivatives of the continuous states at this instant. */
+static void derive(Instance *i, double *result) {
+    Context *c = &i->context;
+    State *s = &i->state;
+    if (!settled(i)) return;
+    model_derivatives(c, s->values, s->time, part(i, FIRST_STATE), present(i), result);
+    for (int k = 0; k < DERIVATIVES; k++)
+        check_finite(c, &variables[FIRST_DERIVATIVE + k], result[k]);
+    evaluated(i);
+}
+
+/* The guards at this instant; an event is where one falls below zero. */
+static void guards(Instance *i, double *result) {
+    State *s = &i->state;
+    if (!settled(i)) return;
+    model_guards(&i->context, s->values, s->time, part(i, FIRST_STATE), present(i), result);
+    evaluated(i);
+}
+
+/* The first guard that is below zero, -1 if none is. */
+static int fallen(Instance *i) {
+    double values[SOME(INDICATORS)];
+    guards(i, values);
+    for (int k = 0; k < INDICATORS && !i->context.failed; k++)
+        if (values[k] < 0.0) return k;
+    return -1;
 }
 
 /* The types differ in their first letters; an Enumeration is got and set as an Integer. */
@@ -417,14 +504,22 @@ INLINE int is_input(fmi2ValueReference reference) {
     return reference >= FIRST_INPUT && reference < FIRST_INPUT + INPUTS;
 }
 
+INLINE int is_integrated(fmi2ValueReference reference) {
+    return reference >= FIRST_STATE && reference < FIRST_STATE + STATES &&
+           *variables[reference].variability == 'c';
+}
+
 /* Refuse references that are not of this type; bring the outputs up to date. */
 INLINE int prepared(Instance *i, const char *kind, const fmi2ValueReference vr[], size_t n) {
-    int held = !strcmp(kind, "Real");
+    int held = !strcmp(kind, "Real"), derived = 0;
     for (size_t k = 0; k < n; k++) {
         if (!variable(&i->context, kind, vr[k])) return 0;
-        if (vr[k] >= FIRST_STATE && !variables[vr[k]].settable_before_start) held = 0;
+        if (vr[k] >= FIRST_STATE && !variables[vr[k]].settable_before_start)
+            held = 0, derived |= vr[k] >= FIRST_DERIVATIVE;
     }
     if (!held && i->state.stale != 0.0 && i->state.phase != INSTANTIATED) refresh(i);
+    if (derived && i->state.phase != INSTANTIATED && i->state.phase != FAILED)
+        derive(i, part(i, FIRST_DERIVATIVE));
     return !i->context.failed;
 }
 
@@ -435,7 +530,8 @@ INLINE int may_set(Instance *i, const char *kind, fmi2ValueReference reference, 
     if (!v) return 0;
     check_finite(c, v, value);
     if (c->failed) return 0;
-    if (phase <= INITIALIZING ? v->settable_before_start : phase == STEPPING && is_input(reference))
+    if (phase <= INITIALIZING ? v->settable_before_start
+                              : phase <= INTEGRATING && is_input(reference))
         return 1;
     fail(c, "%s = %v cannot be set: %s %s, %s", v->name, v, value, v->variability, v->causality,
          PHASES[phase]);
@@ -515,7 +611,7 @@ EXPORT fmi2Component API(fmi2Instantiate)(fmi2String name, fmi2Type type, fmi2St
     if (!functions || !functions->allocateMemory || !functions->freeMemory) return NULL;
     if (!*known)
         put(text, &length, "an instance must have a name");
-    else if (type != fmi2CoSimulation)
+    else if (type != fmi2CoSimulation && !MODEL_EXCHANGE)
         put(text, &length, IDENTIFIER " is for co-simulation, not for model exchange");
     else if (!guid || strcmp(guid, GUID)) {
         put(text, &length, "guid ");
@@ -530,6 +626,7 @@ EXPORT fmi2Component API(fmi2Instantiate)(fmi2String name, fmi2Type type, fmi2St
         i->release = functions->freeMemory;
         i->environment = functions->componentEnvironment;
         i->logging = logging;
+        i->kind = type == fmi2CoSimulation ? COSIMULATION : EXCHANGE;
         restart(i);
         return i;
     }
@@ -549,7 +646,7 @@ EXPORT fmi2Status API(fmi2SetupExperiment)(fmi2Component component, fmi2Boolean 
     Instance *i = component;
     (void)tolerance_given, (void)tolerance, (void)stop_given, (void)stop;
     if (!i) return fmi2Error;
-    if (allowed(i, "setupExperiment", INSTANTIATED)) {
+    if (allowed(i, "setupExperiment", EITHER, INSTANTIATED, INSTANTIATED)) {
         if (fabs(start) < INFINITY)
             i->state.time = start;
         else
@@ -561,7 +658,8 @@ EXPORT fmi2Status API(fmi2SetupExperiment)(fmi2Component component, fmi2Boolean 
 EXPORT fmi2Status API(fmi2EnterInitializationMode)(fmi2Component component) {
     Instance *i = component;
     if (!i) return fmi2Error;
-    if (allowed(i, "enterInitializationMode", INSTANTIATED)) i->state.phase = INITIALIZING;
+    if (allowed(i, "enterInitializationMode", EITHER, INSTANTIATED, INSTANTIATED))
+        i->state.phase = INITIALIZING;
     return finish(i);
 }
 
@@ -571,7 +669,7 @@ EXPORT fmi2Status API(fmi2ExitInitializationMode)(fmi2Component component) {
     double *x, *now, result[SOME(STATES)];
     if (!i) return fmi2Error;
     s = &i->state, x = part(i, FIRST_STATE), now = part(i, FIRST_INPUT);
-    if (allowed(i, "exitInitializationMode", INITIALIZING)) refresh(i);
+    if (allowed(i, "exitInitializationMode", EITHER, INITIALIZING, INITIALIZING)) refresh(i);
     if (!i->context.failed) {
         model_check(&i->context, s->values);
         model_begin(&i->context, s->values, s->time, x, now, result);
@@ -579,7 +677,7 @@ EXPORT fmi2Status API(fmi2ExitInitializationMode)(fmi2Component component) {
     if (!i->context.failed) {
         memcpy(x, result, STATES * sizeof *x);
         memcpy(s->before, now, INPUTS * sizeof *now);
-        s->phase = STEPPING;
+        s->phase = i->kind == EXCHANGE ? AT_EVENT : STEPPING;
         s->stale = 1.0;
     }
     return finish(i);
@@ -588,7 +686,7 @@ EXPORT fmi2Status API(fmi2ExitInitializationMode)(fmi2Component component) {
 EXPORT fmi2Status API(fmi2Terminate)(fmi2Component component) {
     Instance *i = component;
     if (!i) return fmi2Error;
-    if (allowed(i, "terminate", STEPPING)) i->state.phase = TERMINATED;
+    if (allowed(i, "terminate", EITHER, STEPPING, INTEGRATING)) i->state.phase = TERMINATED;
     return finish(i);
 }
 
@@ -628,6 +726,19 @@ static void course(Instance *i, double h, double *inputs, double *slopes) {
     inputs[2 * INPUTS + 1] = s->driven;
 }
 
+/* Say in the reason of a failure when and where it was. */
+static void explain(Instance *i, const char *what, double t) {
+    char reason[TEXT];
+    strcpy(reason, i->context.reason);
+    i->context.reason_length = 0;
+    append(&i->context, "%s t = %r s: %s", what, t, reason);
+    for (int k = 0; k < INPUTS + STATES; k++) {
+        const Variable *v = &variables[FIRST_INPUT + k];
+        append(&i->context, "%s%s = %v", k ? ", " : "; ", v->name, v,
+               i->state.values[FIRST_INPUT + k]);
+    }
+}
+
 EXPORT fmi2Status API(fmi2DoStep)(fmi2Component component, fmi2Real t, fmi2Real h, fmi2Boolean final) {
     Instance *i = component;
     Context *c;
@@ -636,7 +747,7 @@ EXPORT fmi2Status API(fmi2DoStep)(fmi2Component component, fmi2Real t, fmi2Real 
     (void)final;
     if (!i) return fmi2Error;
     c = &i->context, s = &i->state, x = part(i, FIRST_STATE), now = part(i, FIRST_INPUT);
-    if (!allowed(i, "doStep", STEPPING)) return finish(i);
+    if (!allowed(i, "doStep", COSIMULATION, STEPPING, STEPPING)) return finish(i);
     if (!(h > 0.0 && h < INFINITY))
         fail(c, "communication step = %r s must be a finite number above 0", h);
     else if (!(fabs(t - s->time) <= 1e-3 * h + 1e-9 * fabs(s->time)))
@@ -647,14 +758,7 @@ EXPORT fmi2Status API(fmi2DoStep)(fmi2Component component, fmi2Real t, fmi2Real 
     model_step(c, s->values, t, x, s->before, now, inputs, result);
     for (int k = 0; k < STATES; k++) check_finite(c, &variables[FIRST_STATE + k], result[k]);
     if (c->failed) {
-        char reason[TEXT];
-        strcpy(reason, c->reason);
-        c->reason_length = 0;
-        append(c, "step from t = %r s: %s", t, reason);
-        for (int k = 0; k < INPUTS + STATES; k++) {
-            const Variable *v = &variables[FIRST_INPUT + k];
-            append(c, "%s%s = %v", k ? ", " : "; ", v->name, v, s->values[FIRST_INPUT + k]);
-        }
+        explain(i, "step from", t);
         return finish(i);
     }
     memcpy(s->slopes, slopes, INPUTS * sizeof *slopes);
@@ -680,6 +784,8 @@ EXPORT fmi2Status API(fmi2SetRealInputDerivatives)(fmi2Component component,
     State *s;
     if (!i) return fmi2Error;
     s = &i->state;
+    if (i->kind == EXCHANGE)
+        refuse(i, "setRealInputDerivatives", COSIMULATION, INSTANTIATED, STEPPING);
     if (!of_order(&i->context, order, n, HIGHEST_DEGREE)) return finish(i);
     for (size_t k = 0; k < n; k++) {
         const Variable *v = variable(&i->context, "Real", vr[k]);
@@ -706,12 +812,16 @@ EXPORT fmi2Status API(fmi2GetRealOutputDerivatives)(fmi2Component component,
                                              const fmi2Integer order[], fmi2Real value[]) {
     Instance *i = component;
     State *s;
-    double result[SOME(STATES + OUTPUTS)];
+    double dx[SOME(DERIVATIVES)], d_x[SOME(STATES)] = {0}, result[SOME(VARIABLES - FIRST_STATE)];
     if (!i) return fmi2Error;
     s = &i->state;
-    if (!allowed(i, "getRealOutputDerivatives", STEPPING) || !of_order(&i->context, order, n, 1))
+    if (!allowed(i, "getRealOutputDerivatives", COSIMULATION, STEPPING, STEPPING) ||
+        !of_order(&i->context, order, n, 1))
         return finish(i);
-    model_rates(&i->context, s->values, s->time, part(i, FIRST_STATE), s->end, s->slopes, result);
+    model_derivatives(&i->context, s->values, s->time, part(i, FIRST_STATE), s->end, dx);
+    for (int k = 0; k < DERIVATIVES; k++) d_x[continuous[k].place] = dx[k];
+    model_tangents(&i->context, s->values, s->time, part(i, FIRST_STATE), s->end, 1.0, d_x,
+                   s->slopes, result);
     for (size_t k = 0; k < n && !i->context.failed; k++) {
         const Variable *v = variable(&i->context, "Real", vr[k]);
         if (v && strcmp(v->causality, "output"))
@@ -729,31 +839,160 @@ EXPORT fmi2Status API(fmi2GetDirectionalDerivative)(fmi2Component component,
     Instance *i = component;
     Context *c;
     State *s;
-    double d[VARIABLES] = {0}, result[SOME(STATES + OUTPUTS)];
+    double d[VARIABLES] = {0}, result[SOME(VARIABLES - FIRST_STATE)];
     if (!i) return fmi2Error;
     c = &i->context, s = &i->state;
-    if (s->phase != INITIALIZING && !allowed(i, "getDirectionalDerivative", STEPPING))
+    if (!allowed(i, "getDirectionalDerivative", EITHER, INITIALIZING, INTEGRATING))
         return finish(i);
-    if (s->phase == INITIALIZING && s->stale != 0.0) refresh(i);
+    settled(i);
     for (size_t k = 0; k < n_known && !c->failed; k++) {
         const Variable *v = variable(c, "Real", known[k]);
-        if (v && !(s->phase == INITIALIZING ? v->settable_before_start : is_input(known[k])))
+        if (v && !(s->phase == INITIALIZING ? v->settable_before_start
+                   : is_input(known[k]) || (i->kind == EXCHANGE && is_integrated(known[k]))))
             fail(c, "%s is not known in its own right %s", v->name, PHASES[(int)s->phase]);
         else if (v)
             d[known[k]] += d_known[k];
     }
-    if (!c->failed)
+    if (!c->failed && (i->kind == COSIMULATION || s->phase == INITIALIZING))
         model_directional(c, s->values, s->time, part(i, FIRST_STATE), s->end, d, d + FIRST_STATE,
                           d + FIRST_INPUT, result);
+    else if (!c->failed)
+        model_tangents(c, s->values, s->time, part(i, FIRST_STATE), present(i), 0.0,
+                       d + FIRST_STATE, d + FIRST_INPUT, result);
+    evaluated(i);
     for (size_t k = 0; k < n_unknown && !c->failed; k++) {
         const Variable *v = variable(c, "Real", unknown[k]);
-        if (v && strcmp(v->causality, "output"))
+        if (v && unknown[k] < FIRST_STATE)
             fail(c, "%s is no output", v->name);
         else if (v)
             d_unknown[k] = result[unknown[k] - FIRST_STATE];
     }
     return finish(i);
 }
+
+/* Model exchange. */
+
+EXPORT fmi2Status API(fmi2EnterEventMode)(fmi2Component component) {
+    Instance *i = component;
+    if (!i) return fmi2Error;
+    if (allowed(i, "enterEventMode", EXCHANGE, AT_EVENT, INTEGRATING))
+        i->state.phase = AT_EVENT, i->state.events = 0.0;
+    return finish(i);
+}
+
+/* What new inputs bring about, or the first guard that has fallen. */
+EXPORT fmi2Status API(fmi2NewDiscreteStates)(fmi2Component component, fmi2EventInfo *info) {
+    Instance *i = component;
+    Context *c;
+    State *s;
+    double *x, *now, result[SOME(STATES)];
+    int is_new, which;
+    if (!i || !info) return fmi2Error;
+    c = &i->context, s = &i->state, x = part(i, FIRST_STATE), now = part(i, FIRST_INPUT);
+    memset(info, 0, sizeof *info);
+    if (!allowed(i, "newDiscreteStates", EXCHANGE, AT_EVENT, AT_EVENT)) return finish(i);
+    is_new = memcmp(s->before, now, INPUTS * sizeof *now) != 0;
+    which = is_new ? -1 : fallen(i);
+    if (!c->failed && (is_new || which >= 0)) {
+        if (++s->events > MOST_EVENTS)
+            fail(c, "more than %d events, the last at %r s", (double)MOST_EVENTS, s->time);
+        model_event(c, s->values, s->time, x, s->before, now, which, result);
+        for (int k = 0; k < STATES; k++) check_finite(c, &variables[FIRST_STATE + k], result[k]);
+        for (int k = 0; k < DERIVATIVES && !c->failed; k++)
+            if (result[continuous[k].place] != x[continuous[k].place])
+                info->valuesOfContinuousStatesChanged = fmi2True;
+        if (!c->failed) memcpy(x, result, STATES * sizeof *x);
+        memcpy(s->before, now, INPUTS * sizeof *now);
+        s->stale = 1.0;
+        info->newDiscreteStatesNeeded = fallen(i) >= 0;
+    }
+    if (c->failed) explain(i, "event at", s->time);
+    return finish(i);
+}
+
+EXPORT fmi2Status API(fmi2EnterContinuousTimeMode)(fmi2Component component) {
+    Instance *i = component;
+    if (!i) return fmi2Error;
+    if (allowed(i, "enterContinuousTimeMode", EXCHANGE, AT_EVENT, AT_EVENT))
+        i->state.phase = INTEGRATING;
+    return finish(i);
+}
+
+/* A guard that is below zero is an event that the importer has not seen. */
+EXPORT fmi2Status API(fmi2CompletedIntegratorStep)(fmi2Component component, fmi2Boolean final,
+                                            fmi2Boolean *event, fmi2Boolean *terminate) {
+    Instance *i = component;
+    (void)final;
+    if (!i || !event || !terminate) return fmi2Error;
+    *event = *terminate = fmi2False;
+    if (allowed(i, "completedIntegratorStep", EXCHANGE, INTEGRATING, INTEGRATING))
+        *event = fallen(i) >= 0;
+    return finish(i);
+}
+
+EXPORT fmi2Status API(fmi2SetTime)(fmi2Component component, fmi2Real time) {
+    Instance *i = component;
+    if (!i) return fmi2Error;
+    if (!allowed(i, "setTime", EXCHANGE, AT_EVENT, INTEGRATING)) return finish(i);
+    if (!(fabs(time) < INFINITY)) fail(&i->context, "time = %r s must be a finite number", time);
+    evaluated(i);
+    if (!i->context.failed) i->state.time = time, i->state.stale = 1.0;
+    return finish(i);
+}
+
+static int of_length(Instance *i, const char *call, size_t n, size_t count) {
+    if (n != count)
+        fail(&i->context, "%s is for all %d at once, not for %d", call, (double)count, (double)n);
+    return !i->context.failed;
+}
+
+EXPORT fmi2Status API(fmi2SetContinuousStates)(fmi2Component component, const fmi2Real x[],
+                                        size_t n) {
+    Instance *i = component;
+    if (!i) return fmi2Error;
+    if (!allowed(i, "setContinuousStates", EXCHANGE, AT_EVENT, INTEGRATING) ||
+        !of_length(i, "setContinuousStates", n, DERIVATIVES))
+        return finish(i);
+    for (size_t k = 0; k < n; k++)
+        check_finite(&i->context, &variables[FIRST_STATE + continuous[k].place], x[k]);
+    evaluated(i);
+    for (size_t k = 0; k < n && !i->context.failed; k++)
+        part(i, FIRST_STATE)[continuous[k].place] = x[k];
+    i->state.stale = 1.0;
+    return finish(i);
+}
+
+/* Getters of all there are. */
+#define GET_ALL(Name, count, first, what)                                                      \
+    EXPORT fmi2Status API(fmi2Get##Name)(fmi2Component component, fmi2Real value[], size_t n) { \
+        Instance *i = component;                                                               \
+        if (!i) return fmi2Error;                                                              \
+        if (allowed(i, "get" #Name, EXCHANGE, first, TERMINATED) &&                            \
+            of_length(i, "get" #Name, n, count))                                               \
+            what;                                                                              \
+        return finish(i);                                                                      \
+    }
+
+/* An importer looks for a change of sign, and a guard at zero has not fallen. */
+static void indicate(Instance *i, double *value) {
+    guards(i, value);
+    for (int k = 0; k < INDICATORS; k++)
+        if (value[k] == 0.0) value[k] = DBL_MIN;
+}
+
+static void continuous_states(Instance *i, double *value) {
+    settled(i);
+    for (int k = 0; k < DERIVATIVES; k++) value[k] = part(i, FIRST_STATE)[continuous[k].place];
+}
+
+static void nominals(double *value) {
+    for (int k = 0; k < DERIVATIVES; k++) value[k] = continuous[k].nominal;
+}
+
+GET_ALL(Derivatives, DERIVATIVES, INITIALIZING, derive(i, value))
+GET_ALL(EventIndicators, INDICATORS, INITIALIZING, indicate(i, value))
+GET_ALL(ContinuousStates, DERIVATIVES, INITIALIZING, continuous_states(i, value))
+GET_ALL(NominalsOfContinuousStates, DERIVATIVES, INSTANTIATED, nominals(value))
 
 /* The state of an instance; as bytes: the guid, the state and a checksum. */
 
@@ -775,6 +1014,8 @@ static int among(double value, double least, double most) {
 /* Whether an instance can have this state: who knows the checksum can write any bytes. */
 static int possible(const State *s) {
     if (!among(s->phase, INSTANTIATED, FAILED) || !among(s->driven, 0.0, HIGHEST_DEGREE)) return 0;
+    if (!among(s->kind, COSIMULATION, MODEL_EXCHANGE) || !among(s->events, 0.0, MOST_EVENTS)) return 0;
+    if (kind_of((int)s->phase) != EITHER && kind_of((int)s->phase) != s->kind) return 0;
     if (!(fabs(s->time) < INFINITY && fabs(s->past) < INFINITY)) return 0;
     for (int k = 0; k < VARIABLES; k++) {
         const Variable *v = &variables[k];
@@ -807,7 +1048,10 @@ EXPORT fmi2Status API(fmi2SetFMUstate)(fmi2Component component, fmi2FMUstate sta
     Instance *i = component;
     Saved *kept = state;
     if (!i) return fmi2Error;
-    if (kept && kept->sound)
+    if (kept && kept->sound && kept->state.kind != i->kind)
+        fail(&i->context, "FMU state is of an instance for %s, but this one is for %s",
+             KINDS[(int)kept->state.kind], KINDS[i->kind]);
+    else if (kept && kept->sound)
         i->state = kept->state;
     else
         fail(&i->context, "FMU state is damaged or not of this build " GUID ": %d bytes",

@@ -1,0 +1,370 @@
+"""Model exchange: the native FMUs integrated by CVode, and called in every order that is allowed."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from ctypes import POINTER, c_double
+from itertools import pairwise
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from fmpy import simulate_fmu
+from fmpy.fmi1 import FMICallException
+from fmpy.fmi2 import FMU2Model, FMU2Slave, fmi2Discard
+
+from fmukit.declare.record import declarations, discrete, record
+from fmukit.declare.record import start as begin
+from fmukit.declare.variables import only_steps
+from fmukit.step import hybrid
+from tests.fmukit.test_native import MODELS, NAMES, each
+from tests.hosts.host import Unit, unpacked
+
+STUCK = {"phi": 0.3, "w_cam": 3.0, "friction.K_up": 0.6, "friction.K_down": -0.9, "on_invalid": 1}
+FLYING = {"stage": 3, "phi1": 0.7, "phi2": 5.8, "w1": -1.0, "w2": 15.0, "vyc": 1.0, "w": 2.0}
+EXPERIMENTS: list[tuple[str, dict[str, Any], float]] = [
+    *((name, {}, MODELS[name].EXPERIMENT.stop) for name in NAMES),
+    ("DriveMotor", {"tau": 0.0, "characteristic": 1}, 0.3),
+    ("CrankConveyor", {"rod.finite": True}, 0.3),
+    ("IronDrive", STUCK | {"tau": 0.03}, 0.3),
+    ("IronDrive", STUCK | {"tau": 0.0}, 0.3),
+    ("IronDrive", {"tau": 0.1, "on_invalid": 1, "phi": 1.0, "w_cam": 12.0}, 0.2),
+    *(("GravityOrientator", {"chute.mu": mu, "w": rpm * math.pi / 30}, 0.6)
+      for mu, rpm in ((0.2, 100), (0.5, 60), (0.5, 75))),
+    ("GravityOrientator", FLYING | {"release": False}, 0.3),
+]  # fmt: skip
+
+
+def integrated(fmu: Path, start: dict[str, Any], stop: float, kind: str, step: float) -> Any:
+    """The outputs at every communication point, and the times of the events of model exchange."""
+    outputs = [v.name for v in unpacked(str(fmu))[0].modelVariables if v.causality == "output"]
+    found = simulate_fmu(
+        str(fmu), fmi_type=kind, stop_time=stop, output_interval=step, relative_tolerance=1e-13,
+        start_values=start, output=outputs, record_events=True,
+    )  # fmt: skip
+    time = found["time"]
+    events = [before for before, after in pairwise(time) if before == after]
+    last = np.append(time[1:] != time[:-1], True)
+    regular = last & np.isclose(time / step, np.round(time / step), rtol=0.0, atol=1e-9)
+    return found[regular], events
+
+
+def events_of(name: str, start: dict[str, Any], stop: float, step: float) -> list[float]:
+    """The times of all events, from the equations as they are written."""
+    model: Any = MODELS[name]
+    p, x, u = (
+        begin(cls, **{k: v for k, v in start.items() if k in dict(declarations(cls))})
+        for cls in (model.Parameters, model.State, model.Inputs)
+    )
+    x = hybrid.sample(model, p, 0.0, hybrid.settle(model, p, x), None, u)
+    found = []
+    for n in range(round(stop / step)):
+        *events, (_, x, _) = hybrid.events(
+            model, p, n * step, x, hybrid.course(0, u, u, step, step)
+        )
+        found += [n * step + s for s, *_ in events]
+        x = hybrid.settle(model, p, x)
+    return found
+
+
+@pytest.mark.parametrize("case", EXPERIMENTS, ids=lambda c: f"{c[0]}-{c[1]}-{c[2]}")
+def test_cvode_and_our_steps_agree(case: Any, fmus: Path) -> None:
+    """States and outputs to 1e-8 of their range or nominal, discrete ones and events at all points."""
+    name, start, stop = case
+    fmu, step = fmus / "native" / f"{name}.fmu", MODELS[name].EXPERIMENT.step
+    ours, _ = integrated(fmu, start, stop, "CoSimulation", step)
+    theirs, events = integrated(fmu, start, stop, "ModelExchange", step)
+    assert len(ours) == len(theirs) == round(stop / step) + 1
+    for variable in unpacked(str(fmu))[0].modelVariables:
+        if variable.causality != "output":
+            continue
+        a, b = ours[variable.name], theirs[variable.name]
+        if variable.type != "Real":
+            assert np.array_equal(a, b), variable.name
+            continue
+        scale = max(np.max(np.abs(a)), float(variable.nominal or 0.0)) or 1.0
+        assert np.max(np.abs(a - b)) <= 1e-8 * scale, variable.name
+    if hasattr(MODELS[name], "guard"):
+        expected = events_of(name, start, stop, step)
+        assert events == pytest.approx(expected, rel=0.0, abs=1e-9)
+
+
+def test_the_experiments_contain_stick_reversal_lift_off_impacts_and_flight(fmus: Path) -> None:
+    seen: dict[str, set[Any]] = {}
+    for name, start, stop in EXPERIMENTS:
+        if hasattr(MODELS[name], "guard"):
+            fmu = fmus / "native" / f"{name}.fmu"
+            rows, _ = integrated(fmu, start, stop, "ModelExchange", MODELS[name].EXPERIMENT.step)
+            for variable in rows.dtype.names[1:]:
+                seen.setdefault(f"{name}.{variable}", set()).update(rows[variable].tolist())
+    assert seen["IronDrive.direction"] == {-1, 0, 1}
+    assert seen["IronDrive.valid"] == {False, True}
+    assert seen["GravityOrientator.stage"] >= {0, 1, 2, 3, 4, 5}
+    assert seen["GravityOrientator.contact"] == {False, True}
+
+
+def test_an_input_event_drops_a_product(fmus: Path) -> None:
+    """The rising edge of `release` at 0.1 s, in event mode and at a communication point."""
+    kinds = [("time", float), ("w", float), ("release", bool)]
+    signals = np.array([(0.0, 4.0, False), (0.1, 4.0, False), (0.1, 4.0, True)], dtype=kinds)
+    ends = [
+        simulate_fmu(
+            str(fmus / "native" / "GravityOrientator.fmu"), fmi_type=kind, stop_time=0.5,
+            output_interval=0.01, relative_tolerance=1e-12, start_values={"release": False},
+            input=signals, output=["since", "stage", "w2"], record_events=False,
+        )[-1]
+        for kind in ("CoSimulation", "ModelExchange")
+    ]  # fmt: skip
+    assert ends[0]["stage"] == ends[1]["stage"] > 0
+    assert ends[0]["since"] > 0.1
+    assert list(ends[1])[1:] == pytest.approx(list(ends[0])[1:], rel=0.0, abs=1e-8)
+
+
+class Model(Unit):
+    """An instance for model exchange; continuous states, derivatives and indicators as arrays."""
+
+    def __init__(self, fmu: Path, **start: Any) -> None:
+        super().__init__(fmu, "unit", FMU2Model)
+        self.nx = self.description.numberOfContinuousStates
+        self.nz = self.description.numberOfEventIndicators
+        self.states = [u.variable.derivative.name for u in self.description.derivatives]
+        self.start(**start)
+
+    def all(self, what: str, count: int) -> np.ndarray:
+        values = np.zeros(count)
+        getattr(self.fmi, f"get{what}")(pointer(values), count)
+        return values
+
+    @property
+    def x(self) -> np.ndarray:
+        return self.all("ContinuousStates", self.nx)
+
+    def at(self, x: Any) -> np.ndarray:
+        """The derivatives and the Real outputs at these continuous states."""
+        self.fmi.setContinuousStates(pointer(np.array(x)), self.nx)
+        rates = self.all("Derivatives", self.nx)
+        return np.array([*rates, *(self.get(n) for n in self.real_outputs())])
+
+    def real_outputs(self) -> list[str]:
+        return [
+            n for n, v in self.variables.items() if v.causality == "output" and v.type == "Real"
+        ]
+
+    def iterate(self) -> int:
+        """Update discrete states until they stay; how often."""
+        for count in range(1, 9):
+            if not self.fmi.newDiscreteStates()[0]:
+                return count
+        raise AssertionError
+
+    def integrate(self) -> Model:
+        self.iterate()
+        self.fmi.enterContinuousTimeMode()
+        return self
+
+
+def pointer(values: np.ndarray) -> Any:
+    return values.ctypes.data_as(POINTER(c_double))
+
+
+MOVING: dict[str, dict[str, Any]] = {
+    "IronDrive": {"phi": 0.6, "w_cam": 2.0},
+    "GravityOrientator": {"stage": 2, "phi1": 1.0, "phi2": 5.8, "w1": 4.0, "w2": 9.0,
+                          "release": False},
+    "ShaftLink": {"twist": 0.03},
+    "DCMotor": {"i": 7.0},
+    "UnbalanceExciter": {"phi": 1.0, "w": 35.0, "x": 0.01, "v": 1.0},
+}  # fmt: skip
+
+
+@each
+def test_jacobians_match_differences(name: str, fmus: Path) -> None:
+    """Derivatives and outputs by every continuous state and Real input."""
+    model = Model(fmus / "native" / f"{name}.fmu", **MOVING.get(name, {})).integrate()
+    x, outputs = model.x, model.real_outputs()
+    unknown = [model.variables[n].valueReference for n in outputs]
+    unknown = [u.variable.valueReference for u in model.description.derivatives] + unknown
+    inputs = [n for n, v in model.variables.items() if v.causality == "input" and v.type == "Real"]
+    found = 0
+    for known in model.states + inputs:
+        value = model.get(known)
+        exact = np.array(
+            model.fmi.getDirectionalDerivative(
+                unknown, [model.variables[known].valueReference], [1.0]
+            )
+        )
+        differences = []
+        for step in (1e-3 * (abs(value) or 1.0), 5e-4 * (abs(value) or 1.0)):
+            sides = []
+            for sign in (1, -1):
+                if known in inputs:
+                    model.set(**{known: value + sign * step})
+                    sides.append(model.at(x))
+                    model.set(**{known: value})
+                else:
+                    sides.append(model.at([x_k + sign * step * (n == known)
+                                           for n, x_k in zip(model.states, x)]))  # fmt: skip
+            differences.append((sides[0] - sides[1]) / (2 * step))
+        estimate = (4 * differences[1] - differences[0]) / 3
+        noise = 1e-12 * (1.0 + np.abs(model.at(x))) / step
+        assert np.all(np.abs(exact - estimate) <= 1e-6 * np.abs(estimate) + noise), known
+        found += np.count_nonzero(exact)
+    assert found > model.nx
+
+
+@each
+def test_states_derivatives_and_nominals_are_those_of_the_description(
+    name: str, fmus: Path
+) -> None:
+    fmu = fmus / "native" / f"{name}.fmu"
+    model = Model(fmu, **MOVING.get(name, {}))
+    states = [u.variable.derivative for u in model.description.derivatives]
+    assert [s.name for s in states] == model.states != []
+    assert model.x.tolist() == [model.get(n) for n in model.states]
+    nominals = model.all("NominalsOfContinuousStates", model.nx)
+    assert nominals.tolist() == [float(s.nominal or 1.0) for s in states]
+    rates = model.all("Derivatives", model.nx)
+    assert rates.tolist() == [model.get(f"der({n})") for n in model.states]
+    slave = Unit(fmu).start(**MOVING.get(name, {}))
+    assert rates.tolist() == [slave.get(f"der({n})") for n in model.states]
+
+
+def test_the_derivative_of_a_state_is_its_slope_after_a_step(fmus: Path) -> None:
+    unit = Unit(fmus / "native" / "CrankConveyor.fmu").start()
+    before, middle, after = (unit.step(n * 1e-5, 1e-5).get("w") for n in range(3))
+    unit = Unit(fmus / "native" / "CrankConveyor.fmu").start().step(0.0, 1e-5).step(1e-5, 1e-5)
+    assert unit.get("w") == middle
+    assert unit.get("der(w)") == pytest.approx((after - before) / 2e-5, rel=1e-6)
+
+
+@pytest.mark.parametrize("name", ["IronDrive", "GravityOrientator"])
+def test_a_strict_host_finds_every_call_where_the_standard_allows_it(name: str, fmus: Path) -> None:
+    """The modes of FMI 2.0.4, twice through with a reset between."""
+    model = Model(fmus / "native" / f"{name}.fmu")
+    fmi = model.fmi
+
+    def look(*, early: bool = False) -> None:
+        assert model.x.tolist() == [model.get(n) for n in model.states]
+        model.all("Derivatives", model.nx)
+        model.all("EventIndicators", model.nz)
+        assert all(math.isfinite(model.get(n)) for n in model.variables)
+        fmi.setFMUstate(fmi.getFMUstate())
+        fmi.setFMUstate(fmi.deSerializeFMUstate(fmi.serializeFMUstate(fmi.getFMUstate())))
+        if not early:
+            model.all("NominalsOfContinuousStates", model.nx)
+
+    for _ in range(2):
+        fmi.reset()
+        model.all("NominalsOfContinuousStates", model.nx)
+        fmi.setupExperiment(startTime=0.0)
+        fmi.enterInitializationMode()
+        look(early=True)
+        fmi.exitInitializationMode()
+        for turn in range(3):
+            fmi.newDiscreteStates()
+            look()
+            fmi.setTime(turn * 1e-3)
+            model.set(**({"tau": 0.1} if name == "IronDrive" else {"w": 4.0, "release": turn == 1}))
+            model.integrate()
+            for step in range(3):
+                fmi.setTime((turn + step / 3) * 1e-3)
+                fmi.setContinuousStates(pointer(model.x + 0.0), model.nx)
+                look()
+                assert fmi.completedIntegratorStep() == (False, False)
+            fmi.enterEventMode()
+        fmi.terminate()
+        look()
+
+
+def lent(unit: Unit, method: Any) -> Any:
+    """A method of the other kind of instance."""
+    other = FMU2Slave if isinstance(unit.fmi, FMU2Model) else FMU2Model
+    stranger = other(
+        guid=unit.fmi.guid,
+        unzipDirectory=unit.fmi.unzipDirectory,
+        modelIdentifier=unit.fmi.modelIdentifier,
+    )
+    stranger.component = unit.fmi.component
+    return method.__get__(stranger)
+
+
+REFUSED: tuple[tuple[str, Callable[[Model], Any], str], ...] = (
+    ("event", lambda m: lent(m, FMU2Slave.doStep)(0.0, 1e-3),
+     "doStep is for co-simulation, but this instance is for model exchange"),
+    ("event", lambda m: m.fmi.completedIntegratorStep(),
+     "completedIntegratorStep is not allowed in event mode, only in continuous-time mode"),
+    ("time", lambda m: m.fmi.newDiscreteStates(),
+     "newDiscreteStates is not allowed in continuous-time mode, only in event mode"),
+    ("time", lambda m: m.fmi.enterContinuousTimeMode(),
+     "enterContinuousTimeMode is not allowed in continuous-time mode, only in event mode"),
+    ("time", lambda m: m.fmi.setContinuousStates(pointer(np.zeros(3)), 3),
+     "setContinuousStates is for all 2 at once, not for 3"),
+    ("time", lambda m: m.fmi.getEventIndicators(pointer(np.zeros(3)), 3),
+     "getEventIndicators is for all 0 at once, not for 3"),
+    ("time", lambda m: m.set(w=1.0),
+     "w = 1.0 rad/s cannot be set: continuous output, in continuous-time mode"),
+)  # fmt: skip
+
+
+@pytest.mark.parametrize(("mode", "call", "said"), REFUSED, ids=lambda c: str(c)[:40])
+def test_calls_out_of_order_are_refused_and_survived(
+    mode: str, call: Callable[[Model], Any], said: str, fmus: Path
+) -> None:
+    model = Model(fmus / "native" / "CrankConveyor.fmu")
+    if mode == "time":
+        model.integrate()
+    assert f"unit: {said}" in model.refusal(call)  # type: ignore[arg-type]
+    assert math.isnan(model.get("w"))
+    model.fmi.reset()
+    model.start()
+    assert model.integrate().get("w") == 40.0
+
+
+def test_the_two_kinds_of_instance_refuse_each_other(fmus: Path) -> None:
+    fmu = fmus / "native" / "IronDrive.fmu"
+    slave, model = Unit(fmu).start(), Model(fmu)
+    state = slave.fmi.getFMUstate()
+    assert "is of an instance for co-simulation, but this one is for model exchange" in (
+        model.refusal(lambda m: m.fmi.setFMUstate(state))
+    )
+    said = slave.refusal(lambda s: lent(s, FMU2Model.getContinuousStates)(pointer(np.zeros(3)), 3))
+    assert "getContinuousStates is for model exchange, but this instance is for co-sim" in said
+
+
+def test_what_an_integrator_tries_is_discarded_where_it_has_no_value(fmus: Path) -> None:
+    model = Model(fmus / "native" / "CrankConveyor.fmu").integrate()
+    for tried in ([math.nan, 1.0], [1e300, 1e200]):
+        with pytest.raises(FMICallException) as raised:
+            model.at(tried)
+        assert raised.value.status == fmi2Discard
+    assert model.at([0.0, 40.0])[0] == 40.0
+
+
+def test_a_host_that_overlooks_an_event_is_told_of_it(fmus: Path) -> None:
+    """The indicator is below zero only where the guard is; at zero it is not."""
+    model = Model(fmus / "native" / "IronDrive.fmu", phi=0.9, w_cam=1.0).integrate()
+    assert model.all("EventIndicators", model.nz)[0] > 0.0
+    assert model.fmi.completedIntegratorStep() == (False, False)
+    model.at([0.9, 0.0, 0.0])
+    assert 0.0 < model.all("EventIndicators", model.nz)[0] < 1e-300
+    model.at([0.9, -0.01, 0.0])
+    assert model.all("EventIndicators", model.nz)[0] < 0.0
+    assert model.fmi.completedIntegratorStep() == (True, False)
+    model.fmi.enterEventMode()
+    assert model.fmi.newDiscreteStates()[3]
+    assert model.get("w_cam") == 0.0
+    assert model.get("direction") == -1
+
+
+def test_what_changes_at_communication_points_alone_stays_co_simulation() -> None:
+    clock = record(type("State", (), {"__annotations__": {"n": int}, "n": discrete(0, "Count")}))
+    model: Any = SimpleNamespace(State=clock, sample=lambda p, t, x, before, now: x)
+    assert (
+        only_steps(model) == "it has no continuous state and changes at communication points alone"
+    )
+    model = SimpleNamespace(State=MODELS["IronDrive"].State, CO_SIMULATION_ONLY="its step is exact")
+    assert only_steps(model) == "its step is exact"
+    assert not any(map(only_steps, MODELS.values()))
