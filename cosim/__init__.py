@@ -20,6 +20,7 @@ from .inputs import Table
 from .judge.certify import Certified, Estimate, certify, estimate, summary
 from .judge.diagnose import Diagnosis, diagnose
 from .judge.isolated import run_isolated
+from .judge.linearize import Linear, linearize
 from .master import run, versions
 from .result import Interrupted, Result, SimulationError
 from .system import System, Wire
@@ -34,6 +35,7 @@ __all__ = [
     "Diagnosis",
     "Estimate",
     "Interrupted",
+    "Linear",
     "Package",
     "Result",
     "SetupError",
@@ -46,6 +48,7 @@ __all__ = [
     "diagnose",
     "estimate",
     "largest",
+    "linearize",
     "mean",
     "quiet",
     "read_osp",
