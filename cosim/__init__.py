@@ -21,6 +21,7 @@ from .judge.certify import Certified, Estimate, certify, estimate, summary
 from .judge.diagnose import Diagnosis, diagnose
 from .judge.isolated import run_isolated
 from .judge.linearize import Linear, linearize
+from .judge.oracle import Judged, oracle, true_errors
 from .master import run, versions
 from .result import Interrupted, Result, SimulationError
 from .system import System, Wire
@@ -35,6 +36,7 @@ __all__ = [
     "Diagnosis",
     "Estimate",
     "Interrupted",
+    "Judged",
     "Linear",
     "Package",
     "Result",
@@ -50,6 +52,7 @@ __all__ = [
     "largest",
     "linearize",
     "mean",
+    "oracle",
     "quiet",
     "read_osp",
     "read_ssp",
@@ -60,6 +63,7 @@ __all__ = [
     "summary",
     "time_of_largest",
     "time_of_smallest",
+    "true_errors",
     "versions",
     "write_container",
     "write_osp",

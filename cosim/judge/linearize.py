@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 from ..errors import PartFailure, SetupError
 from ..system import System, connect
 from .continuous import Array, opened
+from .oracle import TOLERANCE, travel
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -148,8 +150,12 @@ class Linear:
         return [f"{name} [{self.units[name] or '1'}]" for name in names]
 
 
-def linearize(system: System, *, inputs: Sequence[str] | None = None, start: float = 0.0) -> Linear:
+def linearize(
+    system: System, *, inputs: Sequence[str] | None = None, start: float = 0.0, at: float = 0.0
+) -> Linear:
     """The coupled system about its start values, from the model-exchange sides of its parts.
+
+    With `at` [s] the working point is what the oracle's run from `start` reaches after that time.
 
     `inputs` are the columns of B and D: by default the Real inputs that no wire drives. The column
     of one that a wire drives is what is added to the wire. The outputs are all Real outputs.
@@ -162,13 +168,17 @@ def linearize(system: System, *, inputs: Sequence[str] | None = None, start: flo
     discrete variables, and which side of an event holds, stay as they are. Raises SetupError for a part
     without model exchange, an unknown input, and an algebraic loop without a solution.
     """
+    if not 0.0 <= at < math.inf:
+        raise SetupError(f"at = {at!r} s must be a finite number of at least 0")
     network = connect(system)
     ports = None if inputs is None else [network.port(name) for name in inputs]
     for port in ports or ():
         if port.variable.causality != "input" or port.type != "Real":
             raise SetupError(f"{port} is no Real input")
     try:
-        with opened(network, start, start + 1.0) as whole:
+        with opened(network, start, start + at) as whole:
+            for _ in travel(whole, start + at, "DOP853", TOLERANCE):
+                pass
             blocks = whole.blocks()
             inverse = np.linalg.inv(whole.closure(blocks))
             rates = whole.slopes(whole.t, whole.x)
@@ -202,5 +212,5 @@ def linearize(system: System, *, inputs: Sequence[str] | None = None, start: flo
         units={port.name: port.unit for port in known},
         point=point,
         rates=dict(zip(states, rates.tolist())),
-        time=start,
+        time=start + at,
     )

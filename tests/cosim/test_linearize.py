@@ -25,11 +25,6 @@ RIGID = {"one.J": J_1, "two.J": J_2, "one.i": 1.0, "two.i": 1.0, "one.eta": 1.0,
 RIGID |= {"shaft.b": 0.0, "shaft.c": STIFF, "shaft.d": 0.0, "shaft.twist": 0.0}
 
 
-@pytest.fixture
-def native(fmus: Path) -> Path:
-    return fmus / "native"
-
-
 def conveyor(native: Path, **start: Any) -> System:
     """The drive of the conveyor."""
     parts = {"motor": native / "DriveMotor.fmu", "conveyor": native / "CrankConveyor.fmu"}
