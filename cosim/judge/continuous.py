@@ -26,7 +26,7 @@ from ..system import Network, Port
 
 Array = NDArray[np.float64]
 DIFFERENCE, SINGULAR = 6e-6, 1e12
-CLOSED, MOST_ITERATIONS = 1e-14, 20
+CLOSED, MOST_ITERATIONS = 1e-12, 20
 
 
 class Refused(PartFailure):
@@ -175,11 +175,19 @@ class Whole:
             return np.full(len(x), math.nan)
         return np.array([value for part in self.parts for value in part.dx])
 
-    def signs(self) -> list[bool]:
-        """Which event indicators are at least zero."""
+    def signs(self) -> list[float]:
+        """What a change of is an event: which indicators are at least zero, and what wires carry that
+        is not Real, for outputs that no indicator guards.
+        """
+        found: list[float] = []
         for part in self.parts:
             part.array("GetEventIndicators", part.z)
-        return [value >= 0.0 for part in self.parts for value in part.z]
+            found += [value >= 0.0 for value in part.z]
+            for block in part.outputs:
+                if not block.real:
+                    block.move()
+                    found += list(block.cells)
+        return found
 
     def completed(self) -> bool:
         """Tell the parts that a step of the integrator is complete; whether one wants an event."""
@@ -253,8 +261,10 @@ class Whole:
         place = {port.name: k for k, port in enumerate(self.inputs)}
         for ring in algebraic_loops(self.network):
             own = [place[w.target.name] for w in ring if w.source.type == "Real"]
+            if not own:
+                continue
             inner, _ = matrix_balance(loop[np.ix_(own, own)])
-            if own and np.linalg.cond(np.eye(len(own)) - inner) > SINGULAR:
+            if np.linalg.cond(np.eye(len(own)) - inner) > SINGULAR:
                 raise SetupError(f"the algebraic loop has no solution: {describe(ring)}")
         return np.eye(len(self.inputs)) - loop
 
@@ -268,6 +278,7 @@ class Whole:
         shown = {p.name: [b for b in p.outputs if moved(b)] for p in self.parts}
         for block in chain.from_iterable(shown.values()):
             block.move()
+        entered = [list(block.cells) for _, blocks in inputs for block in blocks]
         changed = False
         for _ in range(2 + len(self.network.wires)):
             again = False
@@ -285,7 +296,12 @@ class Whole:
                 return changed
             changed = True
         self._solve()
-        return True
+        left = [list(block.cells) for _, blocks in inputs for block in blocks]
+        return any(
+            abs(new - old) > CLOSED * (1.0 + abs(old)) if isinstance(new, float) else new != old
+            for before, after in zip(entered, left)
+            for old, new in zip(before, after)
+        )
 
     def _solve(self) -> None:
         """The Real inputs of an algebraic loop by Newton's method; raises PartFailure."""

@@ -181,9 +181,9 @@ def travel(whole: Whole, stop: float, method: str, tolerance: float) -> Iterator
             if solver.status == "failed":
                 raise PartFailure(f"{method} stopped at t = {solver.t!r} s: {message}")
             curve = solver.dense_output()
-            found = _crossing(whole, signs, curve, solver.t_old, solver.t)
-            last = solver.t if found is None else found
-            yield Piece(float(solver.t_old), float(last), curve)
+            found = _crossing(whole, signs, curve, float(solver.t_old), float(solver.t))
+            last = float(solver.t) if found is None else found
+            yield Piece(float(solver.t_old), last, curve)
             whole.at(last, solver.y if found is None else curve(last))
             if found is None and whole.completed():
                 found = last
@@ -197,7 +197,7 @@ def travel(whole: Whole, stop: float, method: str, tolerance: float) -> Iterator
 
 
 def _crossing(
-    whole: Whole, signs: list[bool], curve: Callable[[float], Array], a: float, b: float
+    whole: Whole, signs: list[float], curve: Callable[[float], Array], a: float, b: float
 ) -> float | None:
     """The first time [s] after `a`, to the last digits, at which an indicator has changed its sign."""
 

@@ -15,6 +15,7 @@ from components.gearbox import model as gearbox
 from components.shaft_link import model as shaft_link
 from cosim import SetupError, System, Table, largest, linearize, mean, oracle, run, true_errors
 from cosim.__main__ import main
+from scenarios.packing_line import packing_line
 from tests.cosim.test_linearize import conveyor, looped, two_masses
 from tests.oracle import joined, monolithic, part
 
@@ -108,6 +109,24 @@ def test_certified_errors_hold_the_true_ones(native: Path) -> None:
                 assert figure.error > 1e-9 * abs(figure.true)
 
 
+def test_a_coupled_drive_that_sticks_and_falls_back_is_inside_its_interval(native: Path) -> None:
+    """The motor breaks the iron away, cannot lift it over the top, and is turned back."""
+    parts = {"motor": native / "DriveMotor.fmu", "iron": native / "IronDrive.fmu"}
+    start = {"motor.A": 0.12, "motor.B": 6e-4, "motor.T": 0.01, "motor.tau": 0.0, "iron.phi": 0.3}
+    wires = ["motor.tau -> iron.tau", "iron.w -> motor.w"]
+
+    def figures(r: Any) -> dict[str, float]:
+        return {"last": float(r["iron.w"][-1]), "mean": mean(r["time"], r["iron.w"])}
+
+    record = ["iron.w", "iron.direction"]
+    found = true_errors(System(parts, wires, start), figures, stop=0.8, step=1e-3, record=record)
+    assert set(found.result["iron.direction"]) == {-1.0, 1.0}
+    assert len(found.result.provenance["events"]) == 2
+    for name, figure in found.figures.items():
+        assert figure.certified.error is not None, name
+        assert 1e-9 < figure.error <= figure.certified.error, name
+
+
 IRON = {"phi": 0.3, "w_cam": 3.0, "friction.K_up": 0.6, "friction.K_down": -0.9, "on_invalid": 1}
 HYBRID: list[tuple[str, dict[str, Any], float, str]] = [
     ("IronDrive", IRON | {"tau": 0.03}, 0.3, "direction"),
@@ -136,6 +155,20 @@ def test_events_are_those_of_co_simulation(native: Path, case: Any) -> None:
         assert abs(got[output][-1] - fine[output][-1]) <= 1e-7 * scale, output
 
 
+def test_a_boolean_wire_acts_when_its_source_changes(native: Path) -> None:
+    """The iron at its top dwell releases a product: at a cam angle of 100 degrees, at once."""
+    fmus = {name: native / f"{fmu}.fmu" for name, fmu in packing_line.PARTS.items()}
+    line = packing_line.system(packing_line.Options(), fmus)
+    record = ["iron.phi", "iron.top_dwell", "orientator.since", "orientator.stage"]
+    got = oracle(line, stop=0.7, output_step=0.1, record=record)
+    released = int(np.argmax(got["iron.top_dwell"]))
+    t = float(got["time"][released])
+    assert got.provenance["events"] == [t]
+    assert got["iron.phi"][released] == pytest.approx(math.radians(100.0), abs=1e-10)
+    assert got["orientator.since"][-1] == pytest.approx(t, abs=1e-12)
+    assert list(got["orientator.stage"][[released - 1, -1]]) == [6.0, 0.0]
+
+
 def test_inputs_over_time_act_at_each_instant(native: Path) -> None:
     """J w' = tau along a function, lines and a jump, and from a change of a time on."""
     start = {"g.J": 2.0, "g.eta": 1.0, "g.i": 1.0, "g.w_a": 0.0, "g.tau_b": 0.0}
@@ -155,12 +188,15 @@ def test_inputs_over_time_act_at_each_instant(native: Path) -> None:
     assert changed["g.w_a"] == pytest.approx(exact, abs=1e-11)
 
 
-def test_an_algebraic_loop_is_solved_at_each_instant(native: Path) -> None:
-    system = looped(native, 0.1)
+@pytest.mark.parametrize("factor", [0.1, 0.5])
+def test_an_algebraic_loop_is_solved_at_each_instant(native: Path, factor: float) -> None:
+    """With loop gains of 0.25 and 6.25: the second grows if it is only followed round."""
+    system = looped(native, factor)
     start = {"one.w_b": 0.0, "two.w_b": 0.0, "one.twist": 0.2, "two.twist": -0.1}
     system = replace(system, start={**system.start, **start})
     got = oracle(system, stop=1.0, output_step=0.1, tolerance=1e-10)
-    inner = 0.7 / 0.75 * np.array([[0.5, -1.0], [-1.0, 0.5]])
+    once, c = 5.0 * factor, 7.0
+    inner = factor * c / (1 - once**2) * np.array([[once, -1.0], [-1.0, once]])
     rates, shapes = np.linalg.eigh(inner)
     for t, one, two in zip(got["time"], got["one.twist"], got["two.twist"]):
         exact = shapes @ (np.exp(rates * t) * (shapes.T @ [0.2, -0.1]))
