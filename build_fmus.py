@@ -1,23 +1,37 @@
 """Build the FMUs: components/NAME/model.py -> fmus/Name.fmu, each validated before it is kept.
 
-usage: python build_fmus.py [COMPONENT ...] [--flavour python|native|both] [--into DIR] [--force]
-                            [--docs]
+usage: python build_fmus.py [COMPONENT ...] [--flavour python|native|wasm|both|fmi3|all] [--into DIR]
+                            [--force] [--docs]
 
-Native FMUs go to a folder `native` of their own.
+Native FMUs go to a folder `native` of their own, native ones of FMI 3.0 to a folder `fmi3`, and modules
+for WebAssembly to `wasm`; native FMUs bring these along.
 """
 
 import argparse
+import re
 import sys
 from pathlib import Path
 from types import ModuleType
 
-from fmukit.declare.variables import Interface, component
+from fmukit.declare.variables import Interface, class_name, component
 from fmukit.fmu import page, plot, reference
 from fmukit.fmu.load import load
 from fmukit.fmu.make import FLAVOURS, make_all
 from fmukit.fmu.python.instance import slave_class
 
 ROOT = Path(__file__).resolve().parent
+FORMULAS = "Formulas of the paper"
+ERRATUM = r"^((?:\|[^|]*){3}\| )([\d(][^|]*?)( \|[^|]*\|)$"
+HOME = r"`(\w+/[\w/.]+)(:\w+)?`"
+PAPERS = """\
+# The papers, formula by formula
+
+Every formula and figure of the three papers, where it lives in this project, and how well it is met. A home is a
+file and the function or property in it, a variable of an FMU (`IronDrive.alpha`), or a
+[question](scenarios.md). An erratum is named as in the table of errata of its machine's page. How well a formula is
+met ends with the test that holds it; errors are relative unless they have a unit.
+
+The rows are kept in `page.md` beside each machine's `model.py`, under *Formulas of the paper*."""
 MACHINES = {file.parent.name: file for file in sorted(ROOT.glob("components/*/model.py"))}
 
 
@@ -27,7 +41,9 @@ def main() -> int:
     parser.add_argument("--flavour", choices=FLAVOURS, default="python")
     parser.add_argument("--into", type=Path, default=ROOT / "fmus", help="folder of the FMUs")
     parser.add_argument("--force", action="store_true", help="build also what is up to date")
-    parser.add_argument("--docs", action="store_true", help="also write docs/machines")
+    parser.add_argument(
+        "--docs", action="store_true", help="also write docs/machines and docs/papers.md"
+    )
     options = parser.parse_args()
     known = {plain(name): file for name, file in MACHINES.items()}
     unknown = [name for name in options.component if plain(name) not in known]
@@ -35,6 +51,7 @@ def main() -> int:
         parser.error(f"unknown component {unknown[0]!r}; there are {', '.join(MACHINES)}")
     if options.docs:
         write_pages([load(file) for file in MACHINES.values()])
+        write_papers()
     models = [known[plain(name)] for name in options.component or MACHINES]
     return min(1, make_all(models, options.flavour, options.into, options.force))
 
@@ -55,6 +72,23 @@ def write_pages(models: list[ModuleType]) -> None:
         picture.write_text(plot.svg(interface, rows), encoding="utf-8")
         text = page.github(interface, picture.name, folder)
         picture.with_suffix(".md").write_text(text, encoding="utf-8")
+
+
+def write_papers() -> None:
+    """Write what the pages of the machines say about the formulas of their papers, in one page."""
+    parts = [PAPERS]
+    for name, file in MACHINES.items():
+        notes = file.with_name("page.md")
+        said = notes.read_text(encoding="utf-8") if notes.is_file() else ""
+        section = said.partition(f"\n## {FORMULAS}\n")[2].partition("\n## ")[0].strip()
+        if section:
+            machine = f"machines/{name}.md"
+            linked = rf"\1[\2]({machine}#errata-of-the-paper)\3"
+            section = re.sub(ERRATUM, linked, section, flags=re.MULTILINE)
+            section = re.sub(HOME, r"[`\1\2`](../\1)", section)
+            parts.append(f"## [{class_name(load(file))}]({machine})\n\n{section}")
+    text = page.written("\n\n".join(parts) + "\n")
+    (ROOT / "docs" / "papers.md").write_text(text, encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -29,7 +29,7 @@ def main() -> int:
     for wheel in sorted((ROOT / "wheels").iterdir()):
         command = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(DIST)]
         subprocess.run(command, cwd=wheel, check=True)
-    files = sorted(path for path in DIST.rglob("*") if path.suffix in (".fmu", ".whl"))
+    files = sorted(path for path in DIST.rglob("*") if path.suffix in (".fmu", ".wasm", ".whl"))
     sums = [
         f"{hashlib.sha256(path.read_bytes()).hexdigest()}  {path.relative_to(DIST).as_posix()}\n"
         for path in files

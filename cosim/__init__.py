@@ -1,5 +1,8 @@
 """Couple FMI 2.0 co-simulation FMUs: a system of parts and wires, and the error of its coupling."""
 
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
 from .engine.adaptive import Adaptive
 from .engine.algorithms import ALGORITHMS, ORDERS
 from .engine.part import quiet
@@ -18,6 +21,8 @@ from .formats.osp import read_osp, write_osp
 from .formats.ssp import Package, read_ssp, write_ssp
 from .inputs import Table
 from .judge.certify import Certified, Estimate, certify, estimate, summary
+from .judge.compare import Comparison, Deviation, compare
+from .judge.crosscheck import Crosscheck, Verdict, crosscheck
 from .judge.diagnose import Diagnosis, diagnose
 from .judge.isolated import run_isolated
 from .judge.linearize import Linear, linearize
@@ -26,16 +31,34 @@ from .master import run, versions
 from .result import Interrupted, Result, SimulationError
 from .system import System, Wire
 
+if TYPE_CHECKING:
+    from .identification.advise import Advice, Experiment, advise
+    from .identification.evidence import Interval
+    from .identification.identify import Identified, identify
+    from .identification.record import measured
+
 __version__ = "0.1.0"
+
+HOMES = {
+    "Advice": "advise", "Experiment": "advise", "advise": "advise",
+    "Identified": "identify", "Interval": "evidence", "identify": "identify", "measured": "record",
+}  # fmt: skip
 
 __all__ = [
     "ALGORITHMS",
     "ORDERS",
     "Adaptive",
+    "Advice",
     "Certified",
+    "Comparison",
+    "Crosscheck",
+    "Deviation",
     "Diagnosis",
     "Estimate",
+    "Experiment",
+    "Identified",
     "Interrupted",
+    "Interval",
     "Judged",
     "Linear",
     "Package",
@@ -44,14 +67,20 @@ __all__ = [
     "SimulationError",
     "System",
     "Table",
+    "Verdict",
     "Wire",
+    "advise",
     "certify",
+    "compare",
+    "crosscheck",
     "crossing",
     "diagnose",
     "estimate",
+    "identify",
     "largest",
     "linearize",
     "mean",
+    "measured",
     "oracle",
     "quiet",
     "read_osp",
@@ -69,3 +98,10 @@ __all__ = [
     "write_osp",
     "write_ssp",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    """Load what identifies when it is asked for: it stands on more of scipy than most runs take time."""
+    if name in HOMES:
+        return getattr(import_module(f"{__name__}.identification.{HOMES[name]}"), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -1,8 +1,9 @@
-"""python -m cosim info | check | run | diagnose | oracle | export FILE, a system or a single .fmu; verify."""
+"""python -m cosim info | check | run | diagnose | oracle | export FILE; crosscheck, compare, verify."""
 
 from __future__ import annotations
 
 import argparse
+import math
 import re
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -28,6 +29,9 @@ from .formats.values import read_values
 from .inputs import Table
 from .judge import describe
 from .judge.certify import SUMMARY, Estimate, certify, summary
+from .judge.compare import SHARE, compare
+from .judge.crosscheck import crosscheck
+from .judge.crosscheck.report import writer
 from .judge.diagnose import diagnose
 from .judge.isolated import run_isolated
 from .judge.oracle import METHODS, Compared, true_errors
@@ -195,6 +199,31 @@ def parser() -> Parser:
     exports.add_argument("--to", choices=("ssp", "osp", "container"), required=True, help="format")
     exports.add_argument("--out", type=Path, required=True, help="file, or folder for osp")
     exports.add_argument("--step", type=float, help="communication step [s]")
+    keeps = command("crosscheck", cross, "whether an FMU keeps what it promises", file=False)
+    add = keeps.add_argument
+    add("fmu", type=Path, help="an FMI 2.0 co-simulation FMU")
+    add("--step", type=float, help="communication step [s]; the FMU's by default")
+    add("--timeout", type=float, default=60.0, help="longest time of a check [s]")
+    text = "report: .txt, .xml (JUnit) or .html; may be given again"
+    add("--out", type=Path, action="append", default=[], help=text)
+    bands = command("compare", beside, "whether a result stays beside a reference", file=False)
+    add = bands.add_argument
+    add("result", type=Path, help=".csv or .parquet, its first column the time")
+    add("reference", type=Path, help="the same: another result, or a measurement")
+    text = (
+        "columns of result and reference, w=n:rpm or tau=M*0.73:N.m; by default, those of one name"
+    )
+    add("--map", metavar="NAME=COLUMN", action="append", default=[], help=text)
+    text = "half the height of the band, of the reference's range"
+    add("--value", type=float, default=SHARE, help=text)
+    add(
+        "--time", type=float, help=f"half the width of the band [s]; {SHARE} of the time by default"
+    )
+    text = "error of a column, in the reference's unit or as in 7.3rpm"
+    add("--error", metavar="NAME=VALUE", action="append", default=[], help=text)
+    text = "compare nothing between rows of the reference further apart [s]"
+    add("--gap", type=float, default=math.inf, help=text)
+    add("--plot", type=Path, help="image of the curves and their bands")
     proofs = command("verify", verify, "test the master against closed solutions", file=False)
     proofs.add_argument("fmu", nargs="?", type=Path, default=EXACT, help="LinearSystem.fmu")
     return top
@@ -334,25 +363,36 @@ def claimed(path: Path | None) -> Iterator[None]:
 
 def require_files(options: argparse.Namespace, system: System) -> None:
     """Raise SetupError, before a run, for files that it could not write at its end."""
-    for path in filter(None, (options.out, options.plot)):
-        if path.is_dir():
-            raise SetupError(f"{path} is a folder")
-        path.absolute().parent.mkdir(parents=True, exist_ok=True)
-    if options.out is not None and options.out.suffix not in (".csv", ".parquet"):
-        raise SetupError(f"{options.out} must end in .csv or .parquet")
-    if options.out is not None and options.out.suffix == ".parquet":
-        require("pyarrow", f"{options.out}: Parquet")
-    if options.plot is not None:
-        require("matplotlib", "--plot")
+    require_image(options.plot)
+    if options.out is not None:
+        require_place(options.out)
+        if options.out.suffix not in (".csv", ".parquet"):
+            raise SetupError(f"{options.out} must end in .csv or .parquet")
+        if options.out.suffix == ".parquet":
+            require("pyarrow", f"{options.out}: Parquet")
     if options.certify:
         require("scipy", "--certify")
     if options.part is not None and options.part not in system.parts:
         raise SetupError(f"there is no part {options.part!r}, only {', '.join(system.parts)}")
-    if options.plot is not None:
-        from matplotlib.backend_bases import FigureCanvasBase
 
-        if options.plot.suffix[1:] not in (kinds := FigureCanvasBase.get_supported_filetypes()):
-            raise SetupError(f"{options.plot} must end in one of {', '.join(kinds)}")
+
+def require_place(path: Path) -> None:
+    """Raise SetupError for a path that no file can have; make its folder."""
+    if path.is_dir():
+        raise SetupError(f"{path} is a folder")
+    path.absolute().parent.mkdir(parents=True, exist_ok=True)
+
+
+def require_image(path: Path | None) -> None:
+    """Raise SetupError for an image that could not be written."""
+    if path is None:
+        return
+    require_place(path)
+    require("matplotlib", "--plot")
+    from matplotlib.backend_bases import FigureCanvasBase
+
+    if path.suffix[1:] not in (kinds := FigureCanvasBase.get_supported_filetypes()):
+        raise SetupError(f"{path} must end in one of {', '.join(kinds)}")
 
 
 def warn(result: Result) -> None:
@@ -463,6 +503,36 @@ def export(options: argparse.Namespace) -> int:
             write_container(task.system, options.out, step=step, start=start, stop=stop)
     print(f"{options.out} written")
     return 0
+
+
+def cross(options: argparse.Namespace) -> int:
+    """python -m cosim crosscheck; exit code 1 if a check failed."""
+    for path in options.out:
+        writer(path)
+        require_place(path)
+    found = crosscheck(options.fmu, step=options.step, timeout=options.timeout)
+    for path in options.out:
+        found.write(path)
+    print(found.text())
+    return 0 if found.passed else 1
+
+
+def beside(options: argparse.Namespace) -> int:
+    """python -m cosim compare; exit code 1 if a column leaves its band."""
+    require_image(options.plot)
+    found = compare(
+        options.result,
+        options.reference,
+        columns=dict(map(assignment, options.map)) or None,
+        value=options.value,
+        time=options.time,
+        errors=dict(map(assignment, options.error)),
+        gap=options.gap,
+    )
+    print(found.text())
+    if options.plot is not None:
+        found.plot(options.plot)
+    return 0 if found.passed else 1
 
 
 def verify(options: argparse.Namespace) -> int:

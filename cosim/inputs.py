@@ -10,7 +10,7 @@ from bisect import bisect_left, bisect_right
 from collections.abc import Callable, Iterator, Sequence
 from copy import copy
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from .errors import SetupError
 
@@ -18,7 +18,45 @@ CHANGE = re.compile(
     r"\s*(?:at\s+)?(?P<time>\S+?)\s*(?:s\s)?\s*(?P<name>[^\s=]+)\s*=\s*(?P<value>.*?)\s*"
 )
 COLUMN = re.compile(r"\s*(?P<name>.*?)\s*(?:\[(?P<unit>[^\[\]]*)\])?\s*")
+NUMBER = r"\s*(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
+SCALED = re.compile(
+    rf"(?P<name>.*?)\s*(?:(?P<sign>[*/])\s*(?P<factor>[+-]?{NUMBER}))?\s*(?P<offset>[+-]{NUMBER})?\s*"
+)
 GAUSS = 0.5 / math.sqrt(3.0)
+
+
+class Reading(NamedTuple):
+    """A column of a file, and how its numbers are read: factor * number + offset, in a unit if any is
+    told.
+    """
+
+    name: str
+    factor: float = 1.0
+    offset: float = 0.0
+    unit: str | None = None
+
+    @classmethod
+    def read(cls, text: str, names: Sequence[str], where: str) -> Reading:
+        """The column of "M", or of "M * 0.73 + 5:N.m", which scales it and gives it a unit.
+
+        Raises SetupError for a column that `where` does not have, and for a factor of 0.
+        """
+        text = text.strip()
+        if text in names:
+            return cls(text)
+        scaled, colon, unit = text.rpartition(":")
+        match = SCALED.fullmatch(scaled if colon else text)
+        if match is None or match["name"] not in names:
+            raise SetupError(f"{where} has no column {text!r}, only {', '.join(names)}")
+        factor = float(re.sub(r"\s", "", match["factor"] or "1"))
+        if not factor:
+            raise SetupError(f"column {text!r}: the factor must not be 0")
+        return cls(
+            match["name"],
+            1.0 / factor if match["sign"] == "/" else factor,
+            float(re.sub(r"\s", "", match["offset"] or "0")),
+            unit.strip() if colon else None,
+        )
 
 
 class Table:

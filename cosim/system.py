@@ -17,7 +17,7 @@ import fmpy
 from fmpy.model_description import ModelDescription, ScalarVariable, read_model_description
 
 from .errors import SetupError
-from .inputs import Course, Table, change
+from .inputs import NUMBER, Course, Table, change
 
 Value = float | int | bool | str
 Name = str | tuple[str, str]
@@ -34,7 +34,6 @@ XML, LONGEST = "modelDescription.xml", 128 * 2**20
 NUMERIC = {"Real": float, "Integer": int, "Enumeration": int, "Boolean": int}
 
 
-NUMBER = r"\s*(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 WIRE = re.compile(
     rf"\s*(?P<source>[^*+\s]+)\s*(?:\*\s*(?P<factor>[+-]?{NUMBER}))?\s*(?P<offset>[+-]{NUMBER})?"
     r"\s*(?P<arrow>->|=>)\s*(?P<target>[^*+\s]+)\s*"
@@ -521,7 +520,7 @@ def _input(
         return port, Course(given)
     if not (moving or given.held):
         raise SetupError(f"{port} cannot follow lines, only a table that is held")
-    factor, offset = _scale(network, port, given.unit)
+    factor, offset = scale(network, port, given.unit, "follow a table")
     if (factor, offset) != (1.0, 0.0):
         given = given.mapped(lambda value: factor * value + offset)
     extremes = set(given.values)
@@ -531,8 +530,10 @@ def _input(
     return port, given.mapped(float if moving else fitting.__getitem__)
 
 
-def _scale(network: Network, port: Port, unit: str) -> tuple[float, float]:
-    """Factor and offset from a unit to that of a port."""
+def scale(network: Network, port: Port, unit: str, what: str) -> tuple[float, float]:
+    """Factor and offset from a unit to that of a port, which is to do `what` in that unit: its display
+    units and all units that an FMU of the network defines are known. Raises SetupError for others.
+    """
     if unit in ("", port.unit):
         return 1.0, 0.0
     units = [known for d in network.descriptions.values() for known in d.unitDefinitions]
@@ -542,10 +543,10 @@ def _scale(network: Network, port: Port, unit: str) -> tuple[float, float]:
     here = next((known.baseUnit for known in units if known.name == unit), None)
     there = network.base_unit(port)
     if here is None or there is None:
-        raise SetupError(f"{port} cannot follow a table in {unit}: no FMU here defines that unit")
+        raise SetupError(f"{port} cannot {what} in {unit}: no FMU here defines that unit")
     factors = convert(here, there)
     if factors is None:
-        raise SetupError(f"{port} cannot follow a table in {unit}")
+        raise SetupError(f"{port} cannot {what} in {unit}")
     return factors
 
 

@@ -1,4 +1,6 @@
-"""python -m fmukit build MODEL.py ... [--flavour python|native|both] [--out DIR] [--force]."""
+"""python -m fmukit build MODEL.py ... [--flavour python|native|wasm|both|fmi3|all] [--out DIR]
+[--force].
+"""
 
 import argparse
 import sys

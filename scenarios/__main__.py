@@ -31,7 +31,7 @@ def build(names: tuple[str, ...], flavour: str) -> None:
 
 
 FMUS = (ROOT if CLONE else HOME) / "fmus"
-FOLDERS = {"python": FMUS, "native": FMUS / "native"}
+FOLDERS = {"python": FMUS, "native": FMUS / "native", "wasm": FMUS / "wasm"}
 FILL = (lambda names, flavour: build(tuple(names), flavour)) if CLONE else None
 PROJECT = Project(HOME, FOLDERS, FILL)
 

@@ -39,14 +39,26 @@ QUICK: dict[str, dict[str, Any]] = {
     "mean_values": {"speeds": "30,44", "steps_per_rev": 256},
     "classical": {"speeds": "10:30:4", "steps_per_rev": 128},
     "induction_motor": {"resistances": "6000", "slips": "0.32", "steps_per_rev": 256},
+    "rod_force": {"speeds": "30:60:4", "springs": "1e5:1e6:4", "steps_per_rev": 128},
     "run_up": {"stop": 0.3},
     "iron_cycle": {"samples": 180},
     "iron_start": {"stop": 0.1},
     "iron_orders": {"speeds": "5"},
+    "iron_kinematics": {"samples": 180},
+    "iron_bounce": {"speeds": "80rpm,100rpm", "samples": 720},
     "orientation_time": {"speeds": "40rpm,80rpm", "frictions": "0.35"},
     "orientator_cycle": {},
+    "orientator_limit": {"frictions": "0.5"},
+    "orientator_neglect": {"speeds": "20rpm,60rpm"},
     "packing_line": {"stop": 4.0, "step": 1e-3},
     "sommerfeld": {"supplies": "18:30:5", "hold": 3.0, "step": 0.02},
+    "identify": {
+        "data": str(ROOT / "examples/conveyor_record.csv"),
+        "map": ["time=t", "conveyor.w=n", "motor.tau=M*0.8:N.m"],
+        "known": ["conveyor.trough.m=200+-5", "conveyor.spring.c=720e3+-2%"],
+        "rated_torque": 80.0,
+        "starts": 2,
+    },
 }
 
 
@@ -58,7 +70,13 @@ def fmus_of(page: ModuleType, flavour: str = "native") -> dict[str, Path]:
 def ask(name: str, out: Path | None = None, **given: Any) -> Answer:
     """The answer to a question of the project, on compiled FMUs, in this process."""
     page = load(find(PROJECT.home, name))
-    return answer(page, made(page.Options, given, name), fmus_of(page), flavour="native", out=out)
+    o, modules = (
+        made(page.Options, given, name),
+        PROJECT._replace(fill=None).modules(page, "native"),
+    )
+    command = f"scenarios run {name}"
+    fmus = fmus_of(page)
+    return answer(page, o, fmus, flavour="native", out=out, modules=modules, command=command)
 
 
 def rewritten(fmu: Path, copy: Path, edit: Callable[[dict[str, Any]], Any]) -> Path:

@@ -43,7 +43,7 @@ def drawn(model: ModuleType, draw: random.Random, spread: float, **given: Any) -
             for name, d in declarations(model.Parameters)
             if d.kind == "Real"
         }
-        p = start(model.Parameters, **values, **given)
+        p = start(model.Parameters, **values | given)
         with contextlib.suppress(ValueError):
             list(model.check(p))
             return p

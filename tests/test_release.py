@@ -62,9 +62,10 @@ def test_checksums_name_every_file(dist: Path) -> None:
     for line in lines:
         told, name = line.split("  ")
         assert hashlib.sha256((dist / name).read_bytes()).hexdigest() == told
-    wheels, fmus = list(dist.glob("*.whl")), list(dist.rglob("*.fmu"))
+    wheels, fmus, modules = (list(dist.rglob(f"*.{kind}")) for kind in ("whl", "fmu", "wasm"))
     assert len(wheels) == 3
-    assert len(lines) == len(wheels) + len(fmus) > 10
+    assert len(lines) == len(wheels) + len(fmus) + len(modules)
+    assert len(fmus) > len(modules) > 5
 
 
 def test_master_runs_an_fmu_and_says_what_it_lacks(dist: Path, empty: Empty) -> None:

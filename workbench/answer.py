@@ -25,6 +25,8 @@ from .report.png import draw
 if TYPE_CHECKING:
     import pandas as pd
 
+    from .live import Live
+
 SPOKEN, PAGE = 3, "report.html"
 Rows = Callable[[Iterable[Sequence[float]]], None]
 
@@ -94,6 +96,7 @@ class Answer(Findings):
     """What was found, who asked, and what is said and shown of it.
 
     `show` is called for picture and page; names of parameters are those of the system, "motor.T".
+    `live` is what the page needs to ask again.
     """
 
     scenario: str
@@ -103,6 +106,7 @@ class Answer(Findings):
     options: Mapping[str, Parameter] = field(default_factory=dict)
     warnings: Sequence[str] = ()
     show: Callable[[], Show] = Show
+    live: Live | None = None
 
     @property
     def table(self) -> pd.DataFrame:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from functools import cache, partial
 from logging.handlers import BufferingHandler
 from pathlib import Path
-from types import ModuleType
+from types import MappingProxyType, ModuleType
 from typing import Any, TypeVar
 
 import cosim
@@ -20,7 +20,7 @@ from cosim import Result, SetupError, System
 from cosim.progress import bar
 from cosim.system import connect
 
-from . import question
+from . import live, question
 from .answer import Answer, Findings, Parameter, Show, Table, parameters, stream
 from .figure import Figure
 from .limit import coupling
@@ -160,10 +160,13 @@ def answer(
     flavour: str = "",
     engine: Engine = ALONE,
     out: Path | None = None,
+    modules: Mapping[str, Path] = MappingProxyType({}),
+    command: str = "",
 ) -> Answer:
     """The answer of a page to its options, with these FMUs by part; sweeps are done by the engine.
 
-    Rows are kept in the folder `out` on the way. Raises SetupError for what is refused, SimulationError
+    Rows are kept in the folder `out` on the way. The page lives where there are modules of the FMUs by
+    part; `command` is then the start of the command line that asks the same. Raises SetupError for what is refused, SimulationError
     for a run that fails, QuestionError where the page's own code raises.
     """
     own = getattr(page, "OWN", ())
@@ -185,6 +188,7 @@ def answer(
         verdict = page.verdict(o, found.figures, found.data) if hasattr(page, "verdict") else ""
         system = found.system or System({})
         told = parameters(system, own) if system.parts else {}
+        alive = live.of(page, o, found, told, modules, command)
     made = _provenance(system, found.algorithm, found.communication)
 
     def show() -> Show:
@@ -202,6 +206,7 @@ def answer(
         parameters=told,
         warnings=heard(),
         show=show,
+        live=alive,
     )
 
 

@@ -76,7 +76,11 @@ def run(words: Sequence[str], project: Project, program: str) -> int:
     jobs = told.get("jobs", None if quick else 1)
     engine = Engine(jobs, told.get("scheduler"), project.packages)
     fmus = project.fmus(page, found.flavour)
-    answer = ask.answer(page, o, fmus, flavour=found.flavour, engine=engine, out=out)
+    again = f"{program} run {words[0]}" + f" --flavour {found.flavour}" * (not quick)
+    modules = project.modules(page, found.flavour)
+    answer = ask.answer(
+        page, o, fmus, flavour=found.flavour, engine=engine, out=out, modules=modules, command=again
+    )
     with question.blamed(page):
         finish(answer, out, found.animate)
     return 0

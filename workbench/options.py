@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from argparse import ArgumentParser, BooleanOptionalAction
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
@@ -18,27 +17,11 @@ import cosim
 from cosim import SetupError
 from cosim.commandline import assignment, literal
 from cosim.system import Value
+from cosim.units import QUANTITY, multiples
 
 Start = dict[str, Value]
 HOLDS = {"above": gt, "at least": ge, "at most": le}
 KINDS = {float: "a finite number", int: "a whole number", str: "a text", bool: "true or false"}
-QUANTITY = re.compile(
-    r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?|[+-]?inf|nan)\s*([a-z%][\w./%]*)?\s*",
-    re.IGNORECASE,
-)
-SCALES: dict[str, dict[str, float]] = {
-    "rad/s": {"rpm": math.pi / 30, "deg/s": math.pi / 180},
-    "rad": {"deg": math.pi / 180, "turn": 2 * math.pi},
-    "s": {"ms": 1e-3, "us": 1e-6, "min": 60.0},
-    "m": {"mm": 1e-3, "cm": 1e-2},
-    "kg": {"g": 1e-3, "t": 1e3},
-    "N": {"mN": 1e-3, "kN": 1e3},
-    "N.m": {"mN.m": 1e-3, "kN.m": 1e3},
-    "N/m": {"N/mm": 1e3, "kN/m": 1e3},
-    "J": {"mJ": 1e-3, "kJ": 1e3},
-    "W": {"mW": 1e-3, "kW": 1e3},
-    "1": {"%": 0.01},
-}
 
 
 def option(
@@ -139,21 +122,13 @@ class Option:
         units = list(dict.fromkeys(match[2] for match in matches if match[2]))
         if len(units) > 1:
             raise SetupError(f"{said} must be in one unit, not {' and '.join(units)}")
-        scale = self._units().get("".join(units) or self.unit)
+        scale = multiples(self.unit).get("".join(units) or self.unit)
         if scale is None:
             raise SetupError(f"{said} must {self._expected()}")
         return [float(match[1]) * scale for match in matches]
 
-    def _units(self) -> dict[str, float]:
-        """The units that a number may be in, and what it is then multiplied by."""
-        for base, others in SCALES.items():
-            known = {base: 1.0} | others
-            if self.unit in known:
-                return {unit: scale / known[self.unit] for unit, scale in known.items()}
-        return {self.unit: 1.0}
-
     def _expected(self) -> str:
-        return f"be a number{' in ' * bool(self.unit)}{' or '.join(self._units())}"
+        return f"be a number{' in ' * bool(self.unit)}{' or '.join(multiples(self.unit))}"
 
     def _checked(self, value: Any, key: str) -> Any:
         """The value, unless it is not finite or out of bounds."""

@@ -19,12 +19,13 @@ from cosim import SetupError, SimulationError
 
 from .options import Options, declared
 
-FROM_FILE, FMU = "__question__", ".fmu"
+FROM_FILE, FMU, NATIVE, MODULES = "__question__", ".fmu", "native", "wasm"
 TAKEN = ("help", "start", "flavour", "jobs", "scheduler", "out", "animate")
 
 
 class Project(NamedTuple):
-    """A package of questions, by its folder, and the FMUs they stand on: folders of them by flavour.
+    """A package of questions, by its folder, and the FMUs they stand on: folders of them by flavour,
+    and under "wasm" that of their modules for WebAssembly.
 
     `fill` makes FMUs of these names and flavour that are missing or out of date, and raises SetupError
     with the reason where it cannot.
@@ -56,6 +57,17 @@ class Project(NamedTuple):
                     f"PARTS: {part} = {fmu!r}: no file {found[part]}; in its folder: {there or 'none'}"
                 )
         return found
+
+    def modules(self, page: ModuleType, flavour: str) -> dict[str, Path]:
+        """The modules for WebAssembly of a page with a live part, by part; none if it has no such part
+        or runs FMUs by path. Those beside native FMUs were made with them."""
+        own = dict(parts(page))
+        if not hasattr(page, "LIVE") or any(fmu.endswith(FMU) for fmu in own.values()):
+            return {}
+        if self.fill and flavour != NATIVE:
+            self.fill(list(dict.fromkeys(own.values())), MODULES)
+        found = {part: self.folders[MODULES] / f"{fmu}.wasm" for part, fmu in own.items()}
+        return {part: path for part, path in found.items() if path.is_file()}
 
 
 ALONE = Project()

@@ -95,11 +95,31 @@ class Chute:
 
 
 @record
+class Neglected:
+    mu_side: Ratio = real(0.0, "Friction coefficient between cup and side walls", min=0.0)
+    J_a: Inertia = real(
+        1.3e-5, "Moment of inertia of the cup about its axis, for the side walls", positive=True
+    )
+    mu_catcher: Ratio = real(0.0, "Friction coefficient between cup and catcher", min=0.0, max=1.0)
+    rim: Length = real(
+        0.0, "Radius of the rim's edge, on which the cup turns in the corner", min=0.0
+    )
+    creep: Velocity = real(
+        1e-3, "Speed far above which these frictions are Coulomb's", positive=True
+    )
+    anchored: bool = discrete(False, "The spring pulls at a fixed point instead of vertically")
+    length: Length = real(
+        0.1, "Length of the anchored spring with the catcher at its stop", positive=True
+    )
+
+
+@record
 class Parameters:
     cup: Cup
     catcher: Catcher
     spring: Spring
     chute: Chute
+    neglected: Neglected
     g: Acceleration = real(9.81, "Gravity", positive=True)
 
 
@@ -155,6 +175,17 @@ class Outputs:
     N_B: Force = real(0.0, "Force of the hook on the product, a pull if < 0", feedthrough=("w",))
     E_kin: Energy = real(0.0, "Kinetic energy of catcher and product relative to the rotor")
     E_pot: Energy = real(0.0, "Potential energy of the product's weight and the spring")
+    u_phi2: Ratio = real(0.0, "Transfer function of phi2 by phi1 in stage joint, else 0")
+    u_xc1: Length = real(0.0, "Transfer function of xc by phi1 in joint and turning, else 0")
+    u_xc2: Length = real(0.0, "Transfer function of xc by phi2 in stage turning, else 0")
+    u_yc1: Length = real(0.0, "Transfer function of yc by phi1 in joint and turning, else 0")
+    u_yc2: Length = real(0.0, "Transfer function of yc by phi2 in stage turning, else 0")
+    u_yK1: Length = real(
+        0.0, "Transfer function of the contact's height by phi1 in joint and turning, else 0"
+    )
+    u_yK2: Length = real(
+        0.0, "Transfer function of the contact's height by phi2 in stage turning, else 0"
+    )
 
 
 AFRESH = dict.fromkeys(
@@ -189,6 +220,10 @@ def check(p: Parameters) -> Iterator[str]:
             f"catcher.l = {catcher.l!r} m must be longer, or cup.h = {cup.h!r} m greater: the cup "
             f"would lie on the hook at phi1 = {flush(p)!r} rad, which must be below its dead centre "
             f"at {atan2(cup.h, r)!r} rad"
+        )
+    if p.neglected.mu_side > 0.0 and p.neglected.J_a >= 2 * cup.J:
+        raise ValueError(
+            f"neglected.J_a = {p.neglected.J_a!r} kg.m2 must be below 2 cup.J = {2 * cup.J!r} kg.m2"
         )
     mu = p.chute.mu
     least = cup.m * e * (mu * r + e / 2 * (sqrt(1 + mu * mu) - 1))
@@ -227,7 +262,50 @@ def loads(p: Parameters, phi1: float, w: float) -> tuple[float, float, float]:
     F_1 = p.catcher.m * w * w * (R - d - half * cos(phi10))
     F_2 = p.cup.m * w * w * (R - d / 2)
     spring = p.spring.c * half * (phi1 - phi10)
-    return -half * (F_1 * sin(phi1) + spring * cos(phi1)), F_2, p.chute.mu * F_2
+    pull = anchored(p, phi1)[0] if p.neglected.anchored else spring * cos(phi1)
+    return -half * (F_1 * sin(phi1) + pull), F_2, p.chute.mu * F_2
+
+
+def anchored(p: Parameters, phi1: float) -> tuple[float, float]:
+    """Pull of the spring across the arm, less the weight that it balances at the stop, and their
+    energy, where its upper end is fixed above the arm's middle at the stop."""
+    half, phi10, weight, length = (
+        p.catcher.l / 2,
+        p.catcher.phi,
+        p.catcher.m * p.g,
+        p.neglected.length,
+    )
+    down = half * (sin(phi1) - sin(phi10))
+    X, Y = half * (cos(phi10) - cos(phi1)), -length - down
+    far = sqrt(X * X + Y * Y)
+    stretch = far - length
+    tension = weight + p.spring.c * stretch
+    across = tension / far * (X * sin(phi1) - Y * cos(phi1)) - weight * cos(phi1)
+    return across, p.spring.c / 2 * stretch * stretch + weight * (stretch - down)
+
+
+def over_speed(p: Parameters, vx: float, vy: float) -> float:
+    """Coulomb friction over its push and the speed against which it acts; what would stick creeps."""
+    return 1 / sqrt(vx * vx + vy * vy + p.neglected.creep * p.neglected.creep)
+
+
+def sides(p: Parameters, x: State, w: float) -> tuple[float, float, float]:
+    """Force and moment on the product of its friction at the side walls, to which Coriolis forces
+    press rim and end of the cylinder."""
+    h, l2, m, e, mu = p.cup.h, p.cup.l, p.cup.m, p.cup.h - p.cup.l, p.neglected.mu_side
+    c2, s2 = cos(x.phi2), sin(x.phi2)
+    F, S = 2 * m * w * x.vxc, -2 * w * x.w2 * s2 * (p.cup.J - p.neglected.J_a / 2)
+    ux, uy = x.vxc - x.w2 * e * s2, x.vyc + x.w2 * e * c2
+    vx, vy = x.vxc + x.w2 * l2 * s2, x.vyc - x.w2 * l2 * c2
+    end = mu / h * abs(S + l2 * F) * over_speed(p, ux, uy)
+    rim = mu / h * abs(e * F - S) * over_speed(p, vx, vy)
+    turn = l2 * rim * (c2 * vy - s2 * vx) - e * end * (c2 * uy - s2 * ux)
+    return -(end * ux + rim * vx), -(end * uy + rim * vy), turn
+
+
+def share(k: float, tried: float, push: float, pushed: float) -> float:
+    """Friction k N over the one that was tried, where N is `push` without it and `pushed` with it."""
+    return k * push / (tried - k * (pushed - push)) if push > 0 * push else 0 * k * push / tried
 
 
 def falling(p: Parameters, x: State, w: float) -> Rates:
@@ -255,13 +333,28 @@ def joint(p: Parameters, x: State, w: float) -> Rates:
     """J w1' + J' w1^2 / 2 = Q; the wall's reaction from the product's moments about the corner."""
     l1, J_2, m, at = p.catcher.l, p.cup.J, p.cup.m, hinge(p, x.phi1)
     Q_1, F_2, F_f = loads(p, x.phi1, w)
+    fx, fy, turn = sides(p, x, w)
     Q = Q_1 + m * p.g * at.y.first + F_2 * at.x.first - F_f * at.path
-    a1 = (Q - at.half_dJ * x.w1 * x.w1) / at.J
-    a2, ax, ay = (q.first * a1 + q.second * x.w1 * x.w1 for q in (at.phi2, at.x, at.y))
-    beside, below = at.x.value - l1 * cos(x.phi1), at.y.value - l1 * sin(x.phi1)
-    moment = J_2 * a2 + beside * (m * (ay - p.g) + F_f) + below * (F_2 - m * ax)
-    moment += (bottom(p) + p.cup.d / 2 - at.x.value) * F_f
-    return Rates(a1, a2, ax, ay, -moment * at.phi2.first / (l1 * sin(x.phi1)), 0 * F_2)
+    Q += fx * at.x.first + fy * at.y.first + turn * at.phi2.first
+    c1, s1 = cos(x.phi1), sin(x.phi1)
+    beside, below = at.x.value - l1 * c1, at.y.value - l1 * s1
+
+    def rates(M: float) -> tuple[float, ...]:
+        """With the moment M of friction in the corner; last what arm and hook push together."""
+        a1 = (Q - M * (at.phi2.first - 1) - at.half_dJ * x.w1 * x.w1) / at.J
+        a2, ax, ay = (q.first * a1 + q.second * x.w1 * x.w1 for q in (at.phi2, at.x, at.y))
+        right, down = F_2 + fx - m * ax, m * (ay - p.g) + F_f - fy
+        moment = J_2 * a2 + M - turn + beside * down + below * right
+        moment += (bottom(p) + p.cup.d / 2 - at.x.value) * F_f
+        N_K = -moment * at.phi2.first / (l1 * s1)
+        return a1, a2, ax, ay, N_K, (N_K - right) * (s1 - c1) - down * (c1 + s1)
+
+    tried = m * p.g * l1
+    *free, push = rates(0 * tried)
+    *held, pushed = rates(tried)
+    part = share(p.neglected.mu_catcher * p.neglected.rim, tried, push, pushed)
+    a1, a2, ax, ay, N_K = (a + part * (b - a) for a, b in zip(free, held))
+    return Rates(a1, a2, ax, ay, N_K, 0 * F_2)
 
 
 def hook(p: Parameters, phi1: float, phi2: float) -> Turning:
@@ -290,12 +383,23 @@ def turning(p: Parameters, x: State, w: float) -> Rates:
     Q_1, F_2, F_f = loads(p, x.phi1, w)
     ax = e * c2 * x.w2 * x.w2
     ay = at.Y11 * x.w1 * x.w1 + 2 * at.Y12 * x.w1 * x.w2 + at.Y22 * x.w2 * x.w2
-    down = m * (p.g - ay) - F_f
-    Q_2 = at.z2 * down + at.x2 * (F_2 - m * ax) - F_f * (e * c2 + r)
-    a1, a2 = solve(at, Q_1 + at.z1 * down, Q_2)
-    ax, ay = ax + at.x2 * a2, ay + at.z1 * a1 + at.z2 * a2
-    N_B = (m * (p.g - ay) - F_f) / c2
-    return Rates(a1, a2, ax, ay, F_2 + N_B * s2 - m * ax, N_B)
+    fx, fy, turn = sides(p, x, w)
+    down = m * (p.g - ay) - F_f + fy
+    Q_2 = at.z2 * down + at.x2 * (F_2 - m * ax) - F_f * (e * c2 + r) + at.x2 * fx + turn
+    along, about = at.Y12 * c2, r + at.x1 * s2 / c2
+    slip = along * x.w1 + about * x.w2
+
+    def rates(F: float) -> tuple[float, ...]:
+        """With the friction F on the hook."""
+        a1, a2 = solve(at, Q_1 + at.z1 * down - F * along, Q_2 - F * about)
+        bx, by = ax + at.x2 * a2, ay + at.z1 * a1 + at.z2 * a2
+        N_B = (m * (p.g - by) - F_f + fy - F * s2) / c2
+        return a1, a2, bx, by, F_2 + fx + N_B * s2 - F * c2 - m * bx, N_B
+
+    free, held = rates(0 * F_f), rates(m * p.g)
+    k = p.neglected.mu_catcher * slip * over_speed(p, slip, 0 * slip)
+    part = share(k, m * p.g, free[-1], held[-1])
+    return Rates(*(a + part * (b - a) for a, b in zip(free, held)))
 
 
 def surplus(p: Parameters, w: float) -> float:
@@ -305,7 +409,9 @@ def surplus(p: Parameters, w: float) -> float:
 
 def pressure(p: Parameters, x: State, w: float) -> float:
     """What presses a released product to the wall, less what its turning takes."""
-    return loads(p, x.phi1, w)[1] - p.cup.m * (p.cup.h - p.cup.l) * cos(x.phi2) * x.w2 * x.w2
+    fx, _, turn = sides(p, x, w)
+    m, e, c2, s2 = p.cup.m, p.cup.h - p.cup.l, cos(x.phi2), sin(x.phi2)
+    return loads(p, x.phi1, w)[1] - m * e * c2 * x.w2 * x.w2 + fx - m * e * s2 * turn / p.cup.J
 
 
 def released(p: Parameters, x: State, w: float) -> Rates:
@@ -315,7 +421,9 @@ def released(p: Parameters, x: State, w: float) -> Rates:
     q = e * s2 - p.chute.mu * (e * c2 + p.cup.d / 2)
     N = J_2 * pressure(p, x, w) / (J_2 + q * m * e * s2) if x.contact else 0 * F_2
     a1 = 0 * w * w if x.phi1 == p.catcher.phi else Q_1 / p.catcher.J
-    return Rates(a1, q * N / J_2, (F_2 - N) / m, p.g - p.chute.mu * N / m, N, 0 * F_2)
+    fx, fy, turn = sides(p, x, w)
+    ax, ay = (F_2 - N + fx) / m, p.g - (p.chute.mu * N - fy) / m
+    return Rates(a1, (q * N + turn) / J_2, ax, ay, N, 0 * F_2)
 
 
 MECHANICS: dict[int, Callable[[Parameters, State, float], Rates]] = {
@@ -520,16 +628,40 @@ def notes(p: Parameters, t: float, old: State, new: State, u: Inputs) -> Iterato
         yield f"product jammed at t = {t!r} s, {Reason(new.reason).name}; later ones are only counted"
 
 
+def transfer(p: Parameters, x: State) -> tuple[float, ...]:
+    """Derivatives of phi2, xc, yc and the contact's height by phi1 and phi2, while the catcher leads."""
+    none, lever = 0 * p.cup.d, (p.cup.h - p.cup.l) * cos(x.phi2)
+    match x.stage:
+        case Stage.joint:
+            at = hinge(p, x.phi1)
+            u, y = at.phi2.first, at.y.first
+            return u, at.x.first, none, y, none, y + lever * u, none
+        case Stage.turning:
+            k = hook(p, x.phi1, x.phi2)
+            return 0.0, none, k.x2, k.z1, k.z2, k.z1, k.z2 + lever
+    return 0.0, none, none, none, none, none, none
+
+
 def outputs(p: Parameters, t: float, x: State, u: Inputs) -> Outputs:
     phi10, half, N_K, N_B = p.catcher.phi, p.catcher.l / 2, 0.0, 0.0
     if x.stage in MECHANICS:
         *_, N_K, N_B = MECHANICS[x.stage](p, x, u.w)
     J_1, J_2, m, square = p.catcher.J, p.cup.J, p.cup.m, x.vxc * x.vxc + x.vyc * x.vyc
     spring = (x.phi1 - phi10) * sin(x.phi1) + cos(x.phi1) - cos(phi10)
+    plain = p.spring.c * half * half * spring
+    stored = anchored(p, x.phi1)[1] if p.neglected.anchored else plain
+    u_phi2, u_xc1, u_xc2, u_yc1, u_yc2, u_yK1, u_yK2 = transfer(p, x)
     return Outputs(
         v_s=sliding(p, x),
         N_K=N_K,
         N_B=N_B,
         E_kin=(J_1 * x.w1 * x.w1 + J_2 * x.w2 * x.w2 + m * square) / 2,
-        E_pot=m * p.g * (landing(p) - x.yc) + p.spring.c * half * half * spring,
+        E_pot=m * p.g * (landing(p) - x.yc) + stored,
+        u_phi2=u_phi2,
+        u_xc1=u_xc1,
+        u_xc2=u_xc2,
+        u_yc1=u_yc1,
+        u_yc2=u_yc2,
+        u_yK1=u_yK1,
+        u_yK2=u_yK2,
     )

@@ -7,6 +7,8 @@ friction $K$ of the guide, which is proportional to the load $W_0 - m_y\ddot H$,
 
 $$ (J + K m_y H'^2)\,\dot\omega + \left(\tfrac12 J' + K m_y H'H''\right)\omega^2
    = M - \Pi' + K W_0 H' $$
+
+If it may, the follower leaves a cam that is too fast, flies, and lands on it.
 """
 
 from __future__ import annotations
@@ -25,11 +27,14 @@ from fmukit.si import (
     AngularVelocity,
     Energy,
     Force,
+    Impulse,
     Inertia,
     Length,
     LinearDensity,
     Mass,
     Ratio,
+    RotationalDamping,
+    Time,
     Torque,
     TranslationalStiffness,
     Velocity,
@@ -146,6 +151,23 @@ class Reducer:
 
 
 @record
+class Follower:
+    lifts: bool = discrete(False, "The follower may lift off the cam, fly and land on it")
+    e: Ratio = real(
+        0.3, "Restitution: impulse while they part over impulse while they meet", min=0.0, max=1.0
+    )
+    v: Velocity = real(1e-3, "Speed of a rebound below which it stays on the cam", positive=True)
+
+
+@record
+class Joints:
+    cam: RotationalDamping = real(0.0, "Viscous friction of the cam's shaft", min=0.0)
+    rocker: RotationalDamping = real(0.0, "Viscous friction of the rocker's axis", min=0.0)
+    link: RotationalDamping = real(0.0, "Viscous friction between rocker and link", min=0.0)
+    sprocket: RotationalDamping = real(0.0, "Viscous friction of the sprocket's axis", min=0.0)
+
+
+@record
 class Parameters:
     wrap: Wrap = discrete(Wrap.top, "Run to the top (0) or on the tangent (1) of the sprocket")
     on_invalid: OnInvalid = discrete(
@@ -161,6 +183,8 @@ class Parameters:
     iron: Iron
     spring: Spring
     friction: Friction
+    follower: Follower
+    joints: Joints
 
 
 @record
@@ -173,8 +197,23 @@ class State:
     phi: Angle = real(-pi / 3, "Angle of the cam, 0 where the rise begins", nominal=1.0)
     w_cam: AngularVelocity = real(0.0, "Speed of the cam", nominal=1.0)
     E_friction: Energy = real(0.0, "Energy dissipated by friction in the guide", nominal=1.0)
-    direction: int = discrete(0, "Sense of the cam's motion: 1 forwards, -1 backwards, 0 stuck")
+    direction: int = discrete(
+        0, "Sense of the cam's motion, in flight of the rocker's: 1 along its angle, -1, 0 stuck"
+    )
     valid: bool = discrete(True, "Follower and chain are loaded, so that the equations hold")
+    gap: Angle = real(0.0, "Angle of the rocker from where it meets the cam", min=0.0, nominal=0.1)
+    w_gap: AngularVelocity = real(
+        0.0, "Rate at which the rocker moves away from there", nominal=1.0
+    )
+    E_joints: Energy = real(0.0, "Energy dissipated by friction in the joints", nominal=1.0)
+    t_flight: Time = real(0.0, "Time that the follower has been off the cam", nominal=1.0)
+    E_landing: Energy = real(0.0, "Energy lost between cam and follower in landings", held=True)
+    v_landing: Velocity = real(0.0, "Speed of the last landing, along the normal", held=True)
+    S_landing: Impulse = real(
+        0.0, "Impulse of the cam on the follower at the last landing", held=True
+    )
+    landings: int = discrete(0, "Number of landings")
+    flying: bool = discrete(False, "The follower is off the cam")
 
 
 @record
@@ -201,6 +240,15 @@ class Outputs:
     E_pot: Energy = real(0.0, "Potential energy of the drive, weights and spring")
     motion: Motion = discrete(Motion.dwell, "Motion of the iron")
     top_dwell: bool = discrete(False, "The cam is in its top dwell")
+    alpha_1: Ratio = real(0.0, "First derivative of alpha by phi, on the cam")
+    alpha_2: Ratio = real(0.0, "Second derivative of alpha by phi, on the cam")
+    beta_1: Ratio = real(0.0, "First derivative of beta by phi, on the cam")
+    beta_2: Ratio = real(0.0, "Second derivative of beta by phi, on the cam")
+    H_1: Length = real(0.0, "First derivative of H by phi, on the cam, per radian")
+    H_2: Length = real(0.0, "Second derivative of H by phi, on the cam, per radian squared")
+    A_1: Inertia = real(0.0, "Factor of the cam's acceleration in the equation of motion")
+    B_1: Inertia = real(0.0, "Factor of the cam's squared speed in the equation of motion")
+    C_1: Torque = real(0.0, "Torque of weights, spring and friction in the equation of motion")
 
 
 def check(p: Parameters) -> Iterator[str]:
@@ -222,7 +270,7 @@ def check(p: Parameters) -> Iterator[str]:
             f"friction.K_down = {K.K_down!r}, friction.K_up = {K.K_up!r}"
         )
     turns(p)
-    slope = pi - min(position(p, phi).beta for phi in (0.0, c.rise))
+    slope = pi - min(position(p, phi).beta.value for phi in (0.0, c.rise))
     if p.wrap == Wrap.top and slope > 0.25:
         yield f"the run to the sprocket rises by {slope!r} rad: wrap = top (0) is a poor assumption"
 
@@ -268,7 +316,7 @@ def conditions(p: Parameters, phi: float) -> Iterator[tuple[bool, str]]:
         H > 0.0,
         f"chain too short: hanging part vanishes: H = {H!r} m of chain.l = {p.chain.l!r} m",
     )
-    yield at.H_a > 0.0, f"dead centre: beta - alpha = {at.beta - alpha!r} rad"
+    yield at.H_a > 0.0, f"dead centre: beta - alpha = {at.beta.value - alpha!r} rad"
     yield e >= 0.0, f"spring slack: stretch = {e!r} m with spring.e_0 = {p.spring.e_0!r} m"
     d = forces(p, at, 0.0, dynamics(p, at, 0.0, 0, at.Pi_1))
     pull = (1 + p.friction.K_down) * at.W_0
@@ -276,8 +324,9 @@ def conditions(p: Parameters, phi: float) -> Iterator[tuple[bool, str]]:
     yield taut, f"chain slack at standstill: T_iron = {pull!r} N"
 
 
-Position = namedtuple(  # what the cam angle says; alpha and H are jets along it
-    "Position", "slope top alpha n beta gamma H H_a lift e W_0 J_a J_aa J J_1 Pi Pi_a Pi_1"
+Position = namedtuple(  # what the cam angle says; alpha, beta and H are jets along it
+    "Position",
+    "slope top touch alpha n beta gamma H H_a H_aa lift e W_0 J_a J_aa J J_1 Pi Pi_a Pi_1 D_a D",
 )
 Dynamics = namedtuple("Dynamics", "eps K H_tt W")
 Forces = namedtuple("Forces", "T_iron T_hang T_span M_rocker N")
@@ -341,15 +390,15 @@ def prepare(p: Parameters, x: State) -> float:
 
 
 def position(p: Parameters, phi: float) -> Position:
-    """What the cam angle phi says."""
-    return placed(p, phi, lowest(p))
+    """What the cam angle phi says, with the follower on the cam."""
+    return placed(p, phi, 0.0, lowest(p))
 
 
-def placed(p: Parameters, phi: float, H_b: float) -> Position:
-    """What the cam angle phi says, with the hanging length H_b where the iron is down."""
+def placed(p: Parameters, phi: float, gap: float, H_b: float) -> Position:
+    """What the cam angle and the gap say, with the hanging length H_b where the iron is down."""
     g, r, T, rho, z, s = p.g, p.rocker, p.link, p.chain.rho, p.sprocket, p.spring
     slope, top, R = cam(p, phi)
-    alpha = rocker(p, R)
+    alpha = rocker(p, R) - gap
     x_K, y_K = r.l_K * cos(alpha.value), r.l_K * sin(alpha.value)
     y = Jet(y_K, x_K, -y_K)
     n, beta, gamma, H = run(p, Jet(x_K, -y_K, -x_K), y)
@@ -369,10 +418,24 @@ def placed(p: Parameters, phi: float, H_b: float) -> Position:
     W_0 = hanging * g + s.side * s.c * e.value
     J = J_a.along(alpha) * alpha.rate**2 + p.reducer.J * p.reducer.i_g * p.reducer.i_g + p.cam.J
     Pi_1 = g * p.cam.m * p.cam.r * cos(phi + p.cam.gamma) + Pi.first * alpha.first
+    joints, wound = p.joints, H.first / z.R
+    D_a = joints.rocker + joints.link * (beta.first - 1) ** 2 + joints.sprocket * wound * wound
     return Position(
-        slope, top, alpha, n.value, beta.value, gamma.value, H.along(alpha), H.first, lift.value,
-        e.value, W_0, J_a.value, J_a.first, J.value, J.first, Pi.value, Pi.first, Pi_1,
+        slope, top, 1.0, alpha, n.value, beta.along(alpha), gamma.value, H.along(alpha), H.first,
+        H.second, lift.value, e.value, W_0, J_a.value, J_a.first, J.value, J.first, Pi.value,
+        Pi.first, Pi_1, D_a, joints.cam + D_a * alpha.first * alpha.first,
     )  # fmt: skip
+
+
+def seen(p: Parameters, x: State, at: Position, M: float) -> tuple[Position, float, float]:
+    """Position, speed and torque along what the iron follows: the cam's angle, in flight the rocker's."""
+    if not x.flying:
+        return at, x.w_cam, M
+    rocker = at._replace(
+        slope=-1, touch=0.0, alpha=Jet(at.alpha.value, 1.0, 0.0),
+        H=Jet(at.H.value, at.H_a, at.H_aa), J=at.J_a, J_1=at.J_aa, Pi_1=at.Pi_a, D=at.D_a,
+    )  # fmt: skip
+    return rocker, at.alpha.first * x.w_cam - x.w_gap, 0 * M
 
 
 def friction(p: Parameters, at: Position, direction: float) -> float:
@@ -394,13 +457,13 @@ def sense(p: Parameters, at: Position, w: float, M: float) -> int:
 
 
 def dynamics(p: Parameters, at: Position, w: float, direction: float, M: float) -> Dynamics:
-    """Acceleration of the cam, friction K, second derivative of H by time, load W."""
+    """Acceleration along the position, friction K, second derivative of H by time, load W."""
     m, H = p.iron.m, at.H
     if direction:
         K = friction(p, at, direction)
         A = at.J + K * m * H.first * H.first
         B = at.J_1 / 2 + K * m * H.first * H.second
-        eps = (M - at.Pi_1 + K * at.W_0 * H.first - B * w * w) / A
+        eps = (M - at.Pi_1 + K * at.W_0 * H.first - B * w * w - at.D * w) / A
     else:
         K = (at.Pi_1 - M) / (at.W_0 * H.first) if H.first else 0.0
         K, eps = min(max(K, p.friction.K_down), p.friction.K_up), 0.0
@@ -421,33 +484,66 @@ def forces(p: Parameters, at: Position, w: float, d: Dynamics) -> Forces:
     T_hang = T_iron + rho * at.H.value * (p.g - d.H_tt)
     wrapped = z.J / (z.R * z.R) + rho * z.R * at.gamma
     T_span = T_hang + rho * p.g * z.R * sin(at.gamma) - wrapped * d.H_tt
+    T_span = T_span - p.joints.sprocket / (z.R * z.R) * at.H.first * w
     alpha_t, alpha_tt = alpha.first * w, alpha.first * d.eps + alpha.second * w * w
     M_rocker = at.J_a * alpha_tt + at.J_aa * alpha_t * alpha_t / 2 + at.Pi_a
-    M_rocker = M_rocker - d.K * d.W * at.H_a
+    M_rocker = (M_rocker - d.K * d.W * at.H_a + at.D_a * alpha_t) * at.touch
     across, along = slip(p, alpha)
     N = -M_rocker * sqrt(across * across + along * along) / (p.rocker.l * across)
     return Forces(T_iron, T_hang, T_span, M_rocker, N)
 
 
-def instant(p: Parameters, x: State, u: Inputs) -> tuple[Position, Dynamics, Forces]:
-    """Position, dynamics and forces of a state."""
-    at = position(p, x.phi)
-    d = dynamics(p, at, x.w_cam, x.direction, p.reducer.i_g * u.tau)
-    return at, d, forces(p, at, x.w_cam, d)
+def lever(p: Parameters, alpha: Jet) -> float:
+    """Distance of the contact's normal from the rocker's axis."""
+    across, along = slip(p, alpha)
+    return p.rocker.l * across / sqrt(across * across + along * along)
+
+
+def shaft(p: Parameters) -> float:
+    """Moment of inertia of cam, reducer and rotor at the cam's shaft."""
+    return p.reducer.J * p.reducer.i_g * p.reducer.i_g + p.cam.J
+
+
+def acceleration(p: Parameters, x: State, d: Dynamics, M: float) -> float:
+    """Acceleration of the cam, which in flight is alone with the motor."""
+    if not x.flying:
+        eps: float = d.eps
+        return eps
+    weight = p.g * p.cam.m * p.cam.r * cos(x.phi + p.cam.gamma)
+    return (M - weight - p.joints.cam * x.w_cam) / shaft(p)
+
+
+def instant(
+    p: Parameters, x: State, u: Inputs, H_b: float
+) -> tuple[Position, Position, float, float, Dynamics]:
+    """Position along the cam; position, speed and torque as the iron sees them, and its dynamics."""
+    at = placed(p, x.phi, x.gap, H_b)
+    own, w, M = seen(p, x, at, p.reducer.i_g * u.tau)
+    return at, own, w, M, dynamics(p, own, w, x.direction, M)
 
 
 def derivatives(p: Parameters, t: float, x: State, u: Inputs, H_b: float | None = None) -> State:
-    at = position(p, x.phi) if H_b is None else placed(p, x.phi, H_b)
-    d = dynamics(p, at, x.w_cam, x.direction, p.reducer.i_g * u.tau)
-    loss = -d.K * d.W * at.H.first * x.w_cam
-    return State(x.w_cam, d.eps, loss, 0, False)
+    at, own, w, _, d = instant(p, x, u, lowest(p) if H_b is None else H_b)
+    eps = acceleration(p, x, d, p.reducer.i_g * u.tau)
+    turned = own.alpha.first * d.eps + own.alpha.second * w * w
+    apart = at.alpha.first * eps + at.alpha.second * x.w_cam * x.w_cam - turned
+    rate = own.alpha.first * w
+    heat = p.joints.cam * x.w_cam * x.w_cam + at.D_a * rate * rate
+    loss = -d.K * d.W * own.H.first * w
+    return replace(
+        x, phi=x.w_cam, w_cam=eps, E_friction=loss, gap=x.w_gap, w_gap=apart, E_joints=heat,
+        t_flight=1.0 if x.flying else 0.0,
+    )  # fmt: skip
 
 
-def lost(x: State, W: float, f: Forces) -> str:
-    """What has lost its load, empty if nothing has."""
+def lost(p: Parameters, x: State, at: Position, W: float, f: Forces) -> str:
+    """What has lost its load or its place, empty if nothing has."""
     where = f"at phi = {x.phi!r} rad, omega = {x.w_cam!r} rad/s"
-    if f.N < 0.0:
+    if f.N < 0.0 and not p.follower.lifts:
         return f"cam follower lifts off {where}: N = {f.N!r} N"
+    if min(at.H.value, at.H_a) < 0.0:
+        far = f"H = {at.H.value!r} m, beta - alpha = {at.beta.value - at.alpha.value!r} rad"
+        return f"the follower flies too far {where}: {far}"
     slack = ", ".join(
         f"{name} = {pull!r} N"
         for name, pull in (("W", W), ("T_iron", f.T_iron), ("T_span", f.T_span))
@@ -458,64 +554,145 @@ def lost(x: State, W: float, f: Forces) -> str:
 
 def judged(p: Parameters, x: State, u: Inputs) -> State:
     """The state with `valid` as the forces say; raises ValueError where it is to stop."""
-    _, d, f = instant(p, x, u)
-    reason = lost(x, d.W, f)
+    _, own, w, _, d = instant(p, x, u, lowest(p))
+    reason = lost(p, x, own, d.W, forces(p, own, w, d))
     if reason and p.on_invalid == OnInvalid.stop:
         raise ValueError(reason)
     return replace(x, valid=not reason)
 
 
+def directed(p: Parameters, x: State, u: Inputs) -> State:
+    """The state with the direction in which the iron, or what moves it, goes or starts from rest."""
+    at = placed(p, x.phi, x.gap, lowest(p))
+    return replace(x, direction=sense(p, *seen(p, x, at, p.reducer.i_g * u.tau)))
+
+
 def sample(p: Parameters, t: float, x: State, before: Inputs | None, now: Inputs) -> State:
-    """The direction in which the cam starts from rest; at the beginning also the validity."""
-    if before is None or x.w_cam == 0.0:
-        direction = sense(p, position(p, x.phi), x.w_cam, p.reducer.i_g * now.tau)
-        x = replace(x, direction=direction)
-    return judged(p, x, now) if before is None else x
+    """The direction of a start from rest; at the beginning also flight and validity."""
+    if before is None:
+        flying = x.gap > 0.0 or x.w_gap != 0.0
+        if flying and not (p.follower.lifts and (x.gap > 0.0 or x.w_gap > 0.0)):
+            raise ValueError(
+                f"gap = {x.gap!r} rad, w_gap = {x.w_gap!r} rad/s: the follower can be off the cam "
+                "with follower.lifts alone, and cannot go into the cam"
+            )
+        x = replace(x, flying=flying)
+        return judged(p, directed(p, x, now), now)
+    return directed(p, x, now) if x.w_cam == 0.0 else x
 
 
-def guard(p: Parameters, t: float, x: State, u: Inputs) -> tuple[float, float]:
-    """Below zero: the cam leaves its direction or its rest; the model loses or regains validity."""
-    at, d, f = instant(p, x, u)
-    forwards, backwards = thresholds(p, at, p.reducer.i_g * u.tau)
-    held = x.direction * x.w_cam if x.direction else min(-forwards, backwards)
-    margin = min(f.N, f.T_span, f.T_iron, d.W)
-    return held, margin if x.valid else -margin
+def guard(p: Parameters, t: float, x: State, u: Inputs) -> tuple[float, float, float]:
+    """Below zero: the iron's drive leaves its direction or its rest; the model loses or regains
+    validity; the follower leaves the cam or meets it."""
+    _, own, w, M, d = instant(p, x, u, lowest(p))
+    f = forces(p, own, w, d)
+    forwards, backwards = thresholds(p, own, M)
+    held = x.direction * w if x.direction else min(-forwards, backwards)
+    margin = min(f.T_span, f.T_iron, d.W)
+    apart, margin = (
+        (x.gap if x.flying else f.N, min(margin, own.H.value, own.H_a))
+        if p.follower.lifts
+        else (1.0, min(margin, f.N))
+    )
+    return held, margin if x.valid else -margin, apart
 
 
 def jump(p: Parameters, t: float, x: State, u: Inputs, which: int) -> State:
     if which == 1:
         return judged(p, x, u)
-    direction = sense(p, position(p, x.phi), 0.0, p.reducer.i_g * u.tau)
-    return replace(x, w_cam=0.0, direction=direction)
+    if which == 2:
+        return directed(p, landed(p, x) if x.flying else replace(x, flying=True), u)
+    return directed(p, stopped(p, x), u)
+
+
+def stopped(p: Parameters, x: State) -> State:
+    """The state with the cam at rest, in flight the rocker."""
+    if not x.flying:
+        return replace(x, w_cam=0.0)
+    return replace(x, w_gap=placed(p, x.phi, x.gap, lowest(p)).alpha.first * x.w_cam)
+
+
+def landed(p: Parameters, x: State) -> State:
+    """The state after the follower met the cam: an impact with Poisson's restitution.
+
+    The impulse acts on the rocker against alpha, and times alpha' on the cam's shaft. The friction of
+    the guide takes its share: with K_down until the iron stands, from there on with K_up.
+    """
+    at, J_c, K, meets = position(p, x.phi), shaft(p), p.friction, x.w_gap
+    a_1, arm, load = at.alpha.first, lever(p, at.alpha), p.iron.m * at.H_a * at.H_a
+    down, up = at.J_a + K.K_down * load, at.J_a + K.K_up * load
+    yields_down, yields_up = a_1 * a_1 / J_c + 1 / down, a_1 * a_1 / J_c + 1 / up
+
+    first = a_1 * x.w_cam - meets
+    until_it_stands = max(first, 0 * first) * down
+    part = min(-meets / yields_down, until_it_stands)
+    meeting = part - (meets + part * yields_down) / yields_up
+    whole = meeting * (1 + p.follower.e)
+    P_down = min(whole, until_it_stands)
+    parts = meets + P_down * yields_down + (whole - P_down) * yields_up
+    leaves = parts * arm >= p.follower.v
+    P = whole if leaves else meeting
+    P_down, parts = min(P, until_it_stands), parts if leaves else 0 * parts
+    between, P_up = meets + P_down * yields_down, P - P_down
+    stands = first - P_down / down
+    last = stands - P_up / up
+    rubbed = K.K_up * (last * last - stands * stands) - K.K_down * (first * first - stands * stands)
+    return replace(
+        x,
+        w_cam=x.w_cam + a_1 * P / J_c,
+        gap=0 * x.gap,
+        w_gap=parts,
+        flying=leaves,
+        landings=x.landings + 1,
+        v_landing=-meets * arm,
+        S_landing=P / arm,
+        E_landing=x.E_landing - (P_down * (meets + between) + P_up * (between + parts)) / 2,
+        E_friction=x.E_friction + load * rubbed / 2,
+    )
 
 
 def notes(p: Parameters, t: float, old: State, new: State, u: Inputs) -> Iterator[str]:
     if old.valid and not new.valid:
-        _, d, f = instant(p, new, u)
-        reason = lost(new, d.W, f)
+        _, own, w, _, d = instant(p, new, u, lowest(p))
+        reason = lost(p, new, own, d.W, forces(p, own, w, d))
         yield f"{reason}, t = {t!r} s; the results are not valid until it is loaded again"
 
 
 def outputs(p: Parameters, t: float, x: State, u: Inputs) -> Outputs:
-    w, i_g, at = x.w_cam, p.reducer.i_g, position(p, x.phi)
-    direction = x.direction if w == 0 else 1 if w > 0 else -1
-    up = at.slope * direction
+    i_g, tau, H_b = p.reducer.i_g, p.reducer.i_g * u.tau, lowest(p)
+    on, at = placed(p, x.phi, 0 * x.gap, H_b), placed(p, x.phi, x.gap, H_b)
+    own, w, M = seen(p, x, at, tau)
+    forward = x.direction if w == 0 else 1 if w > 0 else -1
+    d = dynamics(p, own, w, forward, M)
+    up = own.slope * forward
     moving = Motion.up if up > 0 else Motion.down if up < 0 else Motion.stuck
-    d = dynamics(p, at, w, direction, i_g * u.tau)
-    across, along = slip(p, at.alpha)
+    eps = acceleration(p, x, d, tau)
+    across, along = slip(p, on.alpha)
+    K = friction(p, on, x.direction if x.w_cam == 0 else 1 if x.w_cam > 0 else -1)
+    H, m = on.H, p.iron.m
+    alone = shaft(p) * x.w_cam * x.w_cam / 2 if x.flying else 0 * on.J * w * w
     return Outputs(
-        w=i_g * w,
+        w=i_g * x.w_cam,
         alpha=at.alpha.value,
-        beta=at.beta,
+        beta=at.beta.value,
         H=at.H.value,
         lift=at.lift,
-        v=-at.H.first * w,
+        v=-own.H.first * w,
         a=-d.H_tt,
-        tau_cam=i_g * u.tau - i_g * i_g * p.reducer.J * d.eps,
-        **forces(p, at, w, d)._asdict(),
+        tau_cam=tau - i_g * i_g * p.reducer.J * eps,
+        **forces(p, own, w, d)._asdict(),
         pressure=atan(along / across),
-        E_kin=at.J * w * w / 2,
+        E_kin=own.J * w * w / 2 + alone,
         E_pot=at.Pi + p.g * p.cam.m * p.cam.r * sin(x.phi + p.cam.gamma),
-        motion=moving if at.slope else Motion.dwell,
+        motion=moving if own.slope else Motion.dwell,
         top_dwell=at.top,
+        alpha_1=on.alpha.first,
+        alpha_2=on.alpha.second,
+        beta_1=on.beta.first,
+        beta_2=on.beta.second,
+        H_1=H.first,
+        H_2=H.second,
+        A_1=on.J + K * m * H.first * H.first,
+        B_1=on.J_1 / 2 + K * m * H.first * H.second,
+        C_1=K * on.W_0 * H.first - on.Pi_1,
     )

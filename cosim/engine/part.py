@@ -319,6 +319,11 @@ class Part:
             self.library.fmi2FreeFMUstate(self.component, ctypes.byref(state))
             state.value = None
 
+    def end(self) -> None:
+        """Terminate; the last values can still be got."""
+        self._initialised = False
+        self.call("terminate")
+
     def close(self) -> None:
         """Terminate and free as far as the worst status of the FMU allows."""
         if not self.fmu.abandoned:
@@ -327,7 +332,7 @@ class Part:
                     self._free(state)
             if self._initialised and self._worst < ERROR:
                 with suppress(Exception):
-                    self.slave.terminate()
+                    self.end()
             with suppress(Exception):
                 self.slave.fmi2FreeInstance(self.slave.component)
         self.fmu.release()

@@ -74,7 +74,7 @@ def run_isolated(
             process.join(GRACE)
             process.kill()
             process.join()
-    dead = f"the process that ran the parts {', '.join(system.parts)} {_death(process)}"
+    dead = f"the process that ran the parts {', '.join(system.parts)} {death(process)}"
     after = _stamps(csv)
     if before == after:
         if pressed:
@@ -89,7 +89,7 @@ def _work(
     folder: str, pipe: Connection, system: System, csv: Path, settings: dict[str, Any]
 ) -> None:
     """Run in the child and tell the parent of the progress, the log and the end."""
-    threading.Thread(target=_die_with_parent, args=(folder,), daemon=True).start()
+    threading.Thread(target=die_with_parent, args=(folder,), daemon=True).start()
     signal.signal(signal.SIGINT, lambda *_: None)
     tempfile.tempdir = os.environ["TMPDIR"] = folder
     logging.getLogger().addHandler(_Forward(pipe))
@@ -118,7 +118,7 @@ def _work(
         pipe.send(("end", (ended and type(ended), str(ended), *facts)))
 
 
-def _die_with_parent(folder: str) -> None:
+def die_with_parent(folder: str) -> None:
     """Leave no trace when the parent is gone."""
     parent = multiprocessing.parent_process()
     assert parent is not None
@@ -185,7 +185,7 @@ def _messages(pipe: Connection, process: BaseProcess, pressed: Sequence[int]) ->
             return
 
 
-def _death(process: BaseProcess) -> str:
+def death(process: BaseProcess) -> str:
     """How a process ended."""
     code = process.exitcode or 0
     if code >= 0:

@@ -1,14 +1,35 @@
 """What makes FMUs of the same content the same: one rule for guids, fixed order and times of files."""
 
+import hashlib
+import os
 import uuid
 import zipfile
+from collections.abc import Iterable
 from pathlib import Path
 
 from fmpy.model_description import read_model_description
 
+from ..declare.variables import Interface
+from . import page, terminals
+from .load import about
+
 EPOCH = (1980, 1, 1, 0, 0, 0)
 KIT = Path(__file__).resolve().parents[1]
 LICENSE = next(path for path in (KIT / "LICENSE", KIT.parent / "LICENSE") if path.is_file())
+
+
+def digest_of(interface: Interface, flavour: str, makers: Iterable[Path]) -> str:
+    """The hash of all that an FMU is made from: the model and what lies beside it, the whole kit, and
+    these files of others. Nothing is traced for it.
+    """
+    source = Path(interface.model.__file__ or "")
+    kit = (file for pattern in ("*.py", "*.c") for file in KIT.rglob(pattern))
+    said = (flavour, page.html(interface), repr(terminals.entries(interface)),
+            repr(about(interface.model)), os.environ.get("SOURCE_DATE_EPOCH", ""))  # fmt: skip
+    digest = hashlib.sha256("\0".join(said).encode())
+    for file in (source, LICENSE, *sorted(kit), *makers):
+        digest.update(hashlib.sha256(file.read_bytes()).digest())
+    return digest.hexdigest()
 
 
 def guid_of(digest: str) -> str:

@@ -14,12 +14,13 @@ from .load import Refused, load, refusing
 from .native import build as native
 from .python import pack as python
 
-FLAVOURS = ("python", "native", "both")
+FLAVOURS = ("python", "native", "wasm", "both", "fmi3", "all")
 Build = TypeVar("Build", python.Build, native.NativeBuild)
 
 
 def make_all(models: Iterable[Path], flavour: str, out: Path, force: bool = False) -> int:
-    """Make NAME.fmu of every model, native ones in a folder of their own; how many failed."""
+    """Make NAME.fmu of every model, compiled ones in folders of their own, and NAME.wasm; how many
+    failed."""
     failed = 0
     for path in models:
         try:
@@ -33,25 +34,51 @@ def make_all(models: Iterable[Path], flavour: str, out: Path, force: bool = Fals
 
 
 def make(model: ModuleType, flavour: str, out: Path, force: bool) -> Iterator[bool]:
-    """Make the FMUs of one model; whether each is there."""
-    if flavour != "native":
+    """Make the FMUs and the module of one model; whether each is there."""
+    if flavour in ("python", "both", "all"):
         build = python.collect(model)
         yield kept(build, python.pack, out / f"{build.name}.fmu", force)
     if flavour == "python":
         return
     if hasattr(model, "PYTHON_ONLY"):
         print(f"{component(model)} has no native flavour: {model.PYTHON_ONLY}")
-        yield flavour != "native"
+        yield flavour in ("both", "all")
         return
     if why := only_steps(model):
         print(f"{component(model)} has no model exchange: {why}")
-    compiled = native.collect(model)
-    yield kept(compiled, native.pack, out / "native" / f"{compiled.name}.fmu", force)
+    if flavour != "fmi3":
+        compiled = native.collect(model)
+        if flavour != "wasm":
+            yield kept(compiled, native.pack, out / "native" / f"{compiled.name}.fmu", force)
+        yield module_kept(compiled, out / "wasm" / f"{compiled.name}.wasm", force)
+    if flavour in ("fmi3", "all"):
+        third = native.collect(model, 3)
+        yield kept(third, native.pack, out / "fmi3" / f"{third.name}.fmu", force)
+
+
+def module_kept(build: native.NativeBuild, path: Path, force: bool) -> bool:
+    """Make the module for WebAssembly unless it is up to date, which its guid tells; whether it is
+    there."""
+    if not force and path.is_file() and build.guid.encode() in path.read_bytes():
+        print(f"wasm/{path.name} is up to date")
+        return True
+    try:
+        content = native.module(build)
+    except RuntimeError as error:
+        print(f"wasm/{path.name} cannot be built: {error}", file=sys.stderr)
+        return False
+    path.parent.mkdir(parents=True, exist_ok=True)
+    candidate = path.with_suffix(".building")
+    candidate.write_bytes(content)
+    candidate.replace(path)
+    print(f"wasm/{path.name} built, {len(content) // 1024} KiB, guid {build.guid}")
+    return True
 
 
 def kept(build: Build, pack: Callable[[Build, Path], None], fmu: Path, force: bool) -> bool:
     """Make one FMU unless it is up to date; False if it is not valid, and then nothing is kept."""
-    label = f"{'native/' if fmu.parent.name == 'native' else ''}{fmu.name}"
+    folder = fmu.parent.name
+    label = f"{folder}/{fmu.name}" if folder in ("native", "fmi3") else fmu.name
     if not force and is_current(build.guid, fmu):
         print(f"{label} is up to date")
         return True

@@ -111,15 +111,19 @@ def text(interface: Interface, drawing: str, plot: str) -> str:
 
 
 def github(interface: Interface, plot: str, folder: Path) -> str:
-    """The page as GitHub shows it from this folder, formulas where Markdown cannot touch them."""
+    """The page as GitHub shows it from this folder."""
     picture = beside(interface.model, "drawing.svg")
     place = os.path.relpath(picture, folder) if picture else ""
     drawing = f"![Drawing]({Path(place).as_posix()})" if picture else ""
+    return written(text(interface, drawing, f"![Outputs over time]({plot})"))
+
+
+def written(page: str) -> str:
+    """A page as it stands in the documentation, formulas where Markdown cannot touch them."""
 
     def keep(match: re.Match[str]) -> str:
         return f"```math\n{match[1].strip()}\n```" if match[1] else f"$`{match[2]}`$"
 
-    page = text(interface, drawing, f"![Outputs over time]({plot})")
     return f"<!-- Written by build_fmus.py --docs -->\n\n{FORMULA.sub(keep, page)}"
 
 

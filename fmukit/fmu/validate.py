@@ -10,6 +10,7 @@ from pathlib import Path
 from fmpy import extract, platform, supported_platforms
 from fmpy.fmi1 import FMICallException
 from fmpy.fmi2 import FMU2Slave
+from fmpy.fmi3 import FMU3Slave
 from fmpy.model_description import ModelDescription, ScalarVariable, read_model_description
 from fmpy.validation import validate_fmu
 
@@ -21,6 +22,10 @@ DISPLAY_FACTORS = {
 BINARIES = {"linux64": "so", "win64": "dll"}
 NATIVE_BINARIES = BINARIES | {
     "aarch64-linux": "so", "darwin64": "dylib", "aarch64-darwin": "dylib"
+}  # fmt: skip
+BINARIES_3 = {
+    "x86_64-linux": "so", "x86_64-windows": "dll", "aarch64-linux": "so",
+    "x86_64-darwin": "dylib", "aarch64-darwin": "dylib",
 }  # fmt: skip
 DOCUMENTS = ("index.html", "externalDependencies.txt", "licenses/license.txt")
 
@@ -64,10 +69,10 @@ def play(
     stop, step = (
         float(getattr(description.defaultExperiment, n)) for n in ("stopTime", "stepSize")
     )
-    slave = description.coSimulation
+    slave, old = description.coSimulation, description.fmiVersion == "2.0"
     with tempfile.TemporaryDirectory(prefix="played_") as folder:
         extract(str(fmu), folder)
-        unit = FMU2Slave(
+        unit = (FMU2Slave if old else FMU3Slave)(
             guid=description.guid,
             unzipDirectory=folder,
             modelIdentifier=slave.modelIdentifier,
@@ -75,7 +80,8 @@ def play(
         )
         try:
             unit.instantiate()
-            unit.setupExperiment()
+            if old:
+                unit.setupExperiment()
             unit.enterInitializationMode()
             unit.exitInitializationMode()
             for n in range(round(stop / step) + 1):
@@ -89,8 +95,9 @@ def play(
             unit.freeInstance()
 
 
-def value_of(unit: FMU2Slave, variable: ScalarVariable) -> float:
-    kind = "Integer" if variable.type == "Enumeration" else variable.type
+def value_of(unit: FMU2Slave | FMU3Slave, variable: ScalarVariable) -> float:
+    number = "Integer" if isinstance(unit, FMU2Slave) else "Int64"
+    kind = number if variable.type == "Enumeration" else variable.type
     (value,) = getattr(unit, f"get{kind}")([variable.valueReference])
     return float(value)
 
@@ -101,6 +108,8 @@ def _files(fmu: Path, description: ModelDescription) -> Iterator[str]:
     slave = description.coSimulation
     identifier = slave.modelIdentifier
     libraries = BINARIES if slave.needsExecutionTool else NATIVE_BINARIES
+    if description.fmiVersion != "2.0":
+        libraries = BINARIES_3
     wanted = [f"binaries/{folder}/{identifier}.{end}" for folder, end in libraries.items()]
     wanted += [f"documentation/{name}" for name in DOCUMENTS]
     yield from (f"{name} is missing" for name in wanted if name not in names)

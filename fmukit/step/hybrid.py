@@ -166,6 +166,20 @@ def events(
     return [*seen, (inputs.h, end, end)]
 
 
+def stop(s: float, before: Any, after: Any) -> None:
+    """What `travel` takes to end at the first event."""
+
+
+def reach(model: ModuleType, p: Any, t: float, x: Any, inputs: Course) -> tuple[float, float, Any]:
+    """To the first event of a step, or its end: time since the beginning, guard or -1, state."""
+    if hasattr(model, "exact") and inputs.degree == 1:
+        end = model.exact(p, x, inputs.start, inputs.end, inputs.h)
+        if end is not None:
+            return inputs.h, -1.0, end
+    at = travel(model, p, t, x, inputs, silent, stop)
+    return at.walk.s, at.which, settle(model, p, at.x) if at.which < 0 else at.x
+
+
 class Stage(NamedTuple):
     """On the way: the guard that has fallen or -1, the state, the walk from it, events so far."""
 
@@ -186,7 +200,7 @@ def travel(
 ) -> Any:
     """The state at the end of a step, through its events, which `happened` may record.
 
-    Raises ArithmeticError for a system that chatters, and what `ode.substep` raises.
+    With `happened` = `stop` it is the Stage of the first event, or of the end. Raises ArithmeticError for a system that chatters, and what `ode.substep` raises.
     """
     places, tolerance = continuous(model.State), tolerances(model.State)
     h, longest, hybrid = inputs.h, getattr(model, "LONGEST_STEP", inf), hasattr(model, "guard")
@@ -199,6 +213,8 @@ def travel(
     def body(at: Stage) -> tuple[bool, Stage]:
         which, x, walk, events = at
         if hybrid and which >= 0:
+            if happened is stop:
+                return True, at
             if events >= MOST_EVENTS:
                 raise ArithmeticError(
                     f"more than {MOST_EVENTS} events, the last at {t + walk.s!r} s"
@@ -224,7 +240,8 @@ def travel(
         return False, Stage(fallen(model, p, t, s, x, inputs), x, further._replace(s=s), events)
 
     which = fallen(model, p, t, 0.0, x, inputs)
-    return repeat(body, Stage(which, x, begin(0.0, x), 0)).x
+    end = repeat(body, Stage(which, x, begin(0.0, x), 0))
+    return end if happened is stop else end.x
 
 
 def smaller(a: float, b: float) -> float:

@@ -27,11 +27,15 @@ BOUNDARIES = {
 
 
 class Written(NamedTuple):
-    """The sources of a model: C without guid, and a Python module with the entries of a step."""
+    """The sources of a model: C without guid, and a Python module with the entries of a step.
+
+    `indicators` are the event indicators; `reach` is the C that FMI 3.0 needs to end at an event.
+    """
 
     c: str
     python: str
     indicators: int
+    reach: str
 
 
 @cache
@@ -41,8 +45,10 @@ def written(model: ModuleType) -> Written:
     functions = traced(interface)
     entries = ("model_step", "model_outputs")
     indicators = next(size(f.shape) for f in functions if f.name == "model_guards")
-    code = source(interface, functions, indicators)
-    return Written(code, python.module(functions, entries), indicators)
+    last = next(n for n, f in enumerate(functions, 1) if f.name == "model_tangents")
+    code = source(interface, functions[:last], indicators)
+    more = "\n".join(map(c.definition, functions[last:]))
+    return Written(code, python.module(functions, entries), indicators, more)
 
 
 def source(interface: Interface, functions: list[Function], indicators: int) -> str:
@@ -143,6 +149,9 @@ def traced(interface: Interface) -> list[Function]:
         found = fallible(p, t, x, u)
         return found + [1.0] * (max(counts) - len(found))
 
+    def reach(p: Any, t: Any, x: Any, inputs: Any) -> Any:
+        return hybrid.reach(model, p, t, x, inputs)
+
     def event(p: Any, t: Any, x: Any, before: Any, now: Any, which: Any) -> Any:
         if not hasattr(model, "guard") or which < 0.0:
             return hybrid.sample(model, p, t, x, before, now, note)
@@ -177,4 +186,6 @@ def traced(interface: Interface) -> list[Function]:
             made = tangents.derived(tracer, tracer.trace(name, run, p=p, t=0.0, x=x, u=u), moving)
         tracer.functions = {k: v for k, v in tracer.functions.items() if v is not made}
         tracer.functions[name] = made._replace(name=name, entry=True)
+    if hasattr(model, "guard"):
+        tracer.entry("model_reach", reach, p=p, t=0.0, x=x, inputs=inputs)
     return [function for function in tracer.functions.values() if function]

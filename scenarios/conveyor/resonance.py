@@ -31,13 +31,14 @@ from workbench import (
     option,
 )  # fmt: skip
 from workbench.limit import limit
+from workbench.live import Slider
 from workbench.orbit import NotSteady
 from workbench.report import chart as colors
 from workbench.report.chart import Second, Span
 
 from . import mechanism, response
+from .drive import KLOSS, conveyor_drive, followed, linearised, start_values
 from .drive import PARTS as DRIVE
-from .drive import conveyor_drive, followed, linearised, start_values
 from .response import COARSER, LAG, SPEED, TORQUE, Line, Place, Point, Ripple, Setup
 from .theory import SETS, Machine
 
@@ -52,6 +53,15 @@ OPERATING = {"A": 40.0, "B": 60.0}
 TABLE = "resonance.csv"
 MARKS = {"nu_90": "90 deg lag", "nu_peak_tau": "torque peak", "nu_peak_w": "speed peak"}
 OWN = ("motor.A", "motor.tau", "conveyor.phi", "conveyor.w")
+LIVE = (
+    Slider("conveyor.spring.c", 2e5, 1.4e6),
+    Slider("speed", 20.0, 66.0),
+    Slider("conveyor.trough.m", 80.0, 400.0),
+    Slider("conveyor.rotor.J", 0.2, 1.2),
+    Slider("motor.T", 0.02, 0.2),
+    Slider("motor.B", 50.0, 500.0),
+    Slider("conveyor.trough.d", 1000.0, 12000.0),
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -198,6 +208,16 @@ def stretches(line: Line, edges: Sequence[Edge], above: bool) -> list[tuple[floa
     if edges[0][0].sort == "fall" if edges else above:
         ends.insert(0, line.first)
     return list(zip(ends[::2], [*ends[1::2], line.last]))
+
+
+def live(o: Options, found: Findings) -> dict[str, Any]:
+    """What resonance.js gets besides options and start values."""
+    return {
+        "speed": found.data.operating,
+        "speeds": [point.nu for point in found.data.points],
+        "rated": o.rated,
+        "kloss": KLOSS | {name: x for name, x in o.start.items() if name in KLOSS},
+    }
 
 
 def verdict(o: Options, f: Mapping[str, Figure], r: Sweep) -> str:

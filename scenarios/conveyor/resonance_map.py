@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
@@ -43,7 +43,7 @@ from . import mechanism
 from .drive import PARTS as DRIVE
 from .drive import conveyor_drive, followed
 from .plane import SPEED, Built, Plane, Sample, axis, interval, on_edge, shares, span
-from .response import COARSER, LAG, TORQUE, Ripple, Setup, orbit, places
+from .response import COARSER, LAG, TORQUE, Point, Ripple, Setup, orbit, places
 from .theory import FIELDS, SETS
 
 if TYPE_CHECKING:
@@ -241,20 +241,33 @@ def ridges(plane: Plane, setup: Setup) -> DataFrame:
     return Table.of_rows(rows, dict.fromkeys([plane.y.name, *RIDGES], x.unit)).frame
 
 
-def coupling_error(plane: Plane, setup: Setup) -> float:
-    """The largest relative coupling error of the torque ripple, by coarser runs all over the map."""
+def torque_ripple(point: Point) -> float:
+    """Of order 2 [N.m]."""
+    return abs(point.torque)
+
+
+def coupling_error(
+    plane: Plane,
+    setup: Setup,
+    told: Callable[[Point], float] = torque_ripple,
+    order: float | None = None,
+) -> float:
+    """The largest relative coupling error of what is told of orbits, by coarser runs all over the map.
+
+    It vanishes with the order of the algorithm, unless another one is given.
+    """
     x, y = (
         sorted({round(k) for k in np.linspace(0, len(axis.along.values) - 1, GRID).tolist()})
         for axis in (plane.x, plane.y)
     )
     every, width = plane.spots(), len(plane.x.along.values)
     spots = [(*every[n * width + k][:2], coarser) for n in y for k in x for coarser in COARSER]
-    found = [abs(orbit.torque) for orbit in setup.orbits(spots, "coupling error")]
+    found = [told(orbit) for orbit in setup.orbits(spots, "coupling error")]
     runs = np.array(found).reshape(-1, len(COARSER))
     runs = runs[np.isfinite(runs).all(axis=1)]
     if not len(runs):
         raise SetupError("no orbit is steady with a quarter of the steps per revolution: take more")
-    order = ORDERS[setup.algorithm]
+    order = order or ORDERS[setup.algorithm]
     return float(max(coupling(run, order) / run[0] for run in runs.tolist()))
 
 

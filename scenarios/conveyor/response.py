@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from itertools import islice, pairwise
 from pathlib import Path
@@ -37,9 +37,9 @@ Samples = NDArray[np.float64]
 ALGORITHMS = ("jacobi", "gauss-seidel", "strang")
 RATED = {"A": 100.0, "B": 88.0}
 RECORD = ("motor.tau", "conveyor.phi", "conveyor.w", "conveyor.f_rod")
-HIGHEST, PER_ORDER, EDGE, SECTORS = 40, 3, 8, 16
+HIGHEST, PER_ORDER, EDGE, SECTORS, COURSE = 40, 3, 8, 16, 64
 FEWEST, COARSER = 18, (1, 2, 4)
-FINE, CLOSELY, VANISHING = 8_000, 601, 0.02
+FINE, CLOSELY, VANISHING, TINY = 8_000, 601, 0.02, 1e-300
 NEAR, WIDEST, AROUND = 0.25, 0.05, (-2, -1, 0, 1, 2)
 ROUNDS, INSIDE, CLOSE = 8, 0.75, 0.1
 NONE = complex(math.nan, math.nan)
@@ -86,7 +86,7 @@ class Point(NamedTuple):
 
     Complex amplitudes of order 2 over the crank angle of torque [N.m] and speed [rad/s] with their
     settling errors, mean speed [rad/s], the largest rod forces of every sector of the crank angle, in
-    either sense [N], and what the rows leave open of these.
+    either sense [N], what the rows leave open of these, and the rod force at COURSE even angles.
     """
 
     nu: float
@@ -97,6 +97,7 @@ class Point(NamedTuple):
     torque_error: float = math.nan
     speed_error: float = math.nan
     force_errors: Sequence[float] = (math.nan,)
+    course: Sequence[float] = (math.nan,) * COURSE
     problem: str = ""
 
 
@@ -187,7 +188,9 @@ def read(turns: Turns, nu: float) -> Point:
     halves = [sector_tops(phi[k::2], force[k::2], edges) for k in (0, 1)]
     left = np.abs(np.array(halves) - tops).max(axis=0) / 4
     mean = TURN / turns.period()
-    return Point(nu, torque, speed, mean, tops.tolist(), torque_error, speed_error, left.tolist())
+    course = CubicSpline(phi, force)(turns.ends[-2] + TURN / COURSE * np.arange(COURSE)).tolist()
+    errors = torque_error, speed_error, left.tolist()
+    return Point(nu, torque, speed, mean, tops.tolist(), *errors, course)
 
 
 def sector_tops(phi: Samples, x: Samples, edges: Samples) -> Samples:
@@ -282,9 +285,10 @@ class Line:
         return machine.load_ripple(nu) + 0.0 * x
 
     def ideal(self, place: Place, x: Any) -> Any:
-        """Load over response by first-order theory."""
+        """Load over response by first-order theory, the same for every load: the spring's may cancel it."""
         machine, nu = self.at(x)
-        return self.load(x) / getattr(machine, f"{place.quantity}_ripple")(nu)
+        free = replace(machine, c=0.0)
+        return (free.load_ripple(nu) + 0.0 * x) / getattr(free, f"{place.quantity}_ripple")(nu)
 
     def curve(self, place: Place, known: Known) -> Curve:
         """Load over response by theory, and what orbits at known x say beside it: one polynomial
@@ -318,7 +322,8 @@ class Line:
             condition = CubicSpline(x, self.sense * inverse.real / np.abs(inverse))
         else:
             sign = -1.0 if place.sort == "rise" else 1.0
-            size = CubicSpline(x, sign * np.log(np.abs(self.load(x) / inverse) / place.level))
+            height = np.maximum(np.abs(self.load(x) / inverse), TINY)
+            size = CubicSpline(x, sign * np.log(height / place.level))
             condition = size.derivative() if place.sort == "peak" else size
         at = condition.roots(extrapolate=False)
         bend = condition.derivative()

@@ -8,7 +8,7 @@ arithmetic: machines whose fields are arrays, or an array of speeds, give arrays
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any, NamedTuple
@@ -19,6 +19,12 @@ from scipy.optimize import brentq
 
 from cosim.system import Value
 
+Samples = NDArray[np.float64]
+Amplitudes = NDArray[np.complex128]
+Position = Callable[[Samples], Samples]
+Path = tuple[Samples, Samples, Samples]
+HIGHEST, NODES, SLOPE = 16, 256, 1e-3
+ANGLES = np.linspace(0.0, 2 * math.pi, NODES, endpoint=False)
 FIELDS = {
     "motor.B": "B",
     "motor.T": "T",
@@ -105,6 +111,108 @@ class Machine:
             "conveyor.w": nu,
             **{name: getattr(self, field) for name, field in FIELDS.items()},
         }
+
+
+def rod_force(machine: Machine, nu: Any) -> Any:
+    """Q exp(i gamma) of (17) [N]: the rod force of order 1 at constant speed."""
+    return 2 * machine.load_ripple(nu) / machine.r
+
+
+def crank(r: float, l: float = math.inf) -> Position:
+    """The trough's position with a crank r and a rod l [m], by default much longer than the crank."""
+
+    def position(phi: Samples) -> Samples:
+        up = r * np.cos(phi)
+        return np.asarray(r * np.sin(phi) - up**2 / (l * (1 + np.sqrt(1 - (up / l) ** 2))))
+
+    return position
+
+
+def slotted_link(r: float, l: float = math.inf) -> Position:
+    """The trough's position with a crank pin at r and a link that swings about a pivot at l [m]."""
+    return lambda phi: np.asarray(r * np.sin(phi) / (1 + r / l * np.cos(phi)))
+
+
+class Ripples(NamedTuple):
+    """Complex amplitudes of the orders 1 .. HIGHEST: load torque at constant speed [N.m], speed
+    [rad/s], motor torque [N.m], and the speeds at which each order is in phase resonance [rad/s].
+    """
+
+    load: Amplitudes
+    speed: Amplitudes
+    torque: Amplitudes
+    resonances: Samples
+
+
+@dataclass(frozen=True, eq=False)
+class Mechanism:
+    """The motor of a machine on any mechanism that is given by the reduced inertia theta(phi) [kg.m2]
+    and the load torque M_c(phi, w, a) [N.m], with a = dw/dt, at the crank angles ANGLES.
+    """
+
+    machine: Machine
+    theta: Samples
+    load: Callable[[Any, Any], Samples]
+
+    @classmethod
+    def of(cls, machine: Machine, position: Position, pulled: float = 0.0) -> Mechanism:
+        """A mechanism that is given as a position function of the trough, x(phi).
+
+        Beside spring and resistance the trough pulls a load by `pulled` N per m/s2:
+        theta = theta1 + m x'^2, M_c = x' (c x + d x' w + pulled (x' a + x'' w^2)).
+        """
+        x, dx, _ = path = at_angles(position)
+        theta = machine.theta1 + machine.m * dx**2
+        spring, drag = machine.c * x * dx, machine.d * dx**2
+        return cls(machine, theta, lambda w, a: spring + drag * w + pulled * dx * along(path, w, a))
+
+    def ripples(self, nu: float) -> Ripples:
+        """The solution of (10) for every order at the mean speed nu, from Fourier coefficients.
+
+        The load's mean slope by the acceleration counts as inertia, which (10) leaves out as small; its
+        mean slope by the speed adds to that of the motor. Errors are of the second order in what swings.
+        """
+        k, m = np.arange(1, HIGHEST + 1), self.machine
+        steady, step = self.load(nu, 0.0), SLOPE * nu
+        slope = float(np.mean(self.load(nu + step, 0.0) - self.load(nu - step, 0.0))) / (2 * step)
+        pulled = float(np.mean(self.load(nu, step) - self.load(nu, -step))) / (2 * step)
+        inertia = float(np.mean(self.theta)) + pulled
+        load = amplitudes(steady) + 1j * k * nu**2 / 2 * amplitudes(self.theta)
+        lag = 1 + 1j * k * nu * m.T
+        damped = m.B + lag * (slope + 1j * k * nu * inertia)
+        resonances = np.sqrt((m.B + slope) / (inertia * m.T)) / k
+        return Ripples(load, np.asarray(-load * lag / damped), m.B * load / damped, resonances)
+
+    def motion(self, nu: float) -> tuple[Samples, Samples]:
+        """Speed [rad/s] and acceleration [rad/s2] at ANGLES, to first order in the ripple."""
+        k, speed = np.arange(1, HIGHEST + 1), self.ripples(nu).speed
+        waves = np.exp(1j * np.outer(ANGLES, k))
+        w = nu + (waves @ speed).imag
+        return w, w * (waves @ (1j * k * speed)).imag
+
+
+def push(machine: Machine, position: Position, w: Any, a: Any) -> Samples:
+    """Force along x that the trough takes at ANGLES, at a speed [rad/s] and acceleration [rad/s2] [N]."""
+    x, dx, _ = path = at_angles(position)
+    return np.asarray(machine.m * along(path, w, a) + machine.c * x + machine.d * dx * w)
+
+
+def along(path: Path, w: Any, a: Any) -> Samples:
+    """Acceleration of the trough [m/s2]."""
+    return np.asarray(path[1] * a + path[2] * w**2)
+
+
+def at_angles(position: Position) -> Path:
+    """x, dx/dphi and its derivative at ANGLES, by the Fourier series of x."""
+    wave, k = np.fft.rfft(position(ANGLES)), 1j * np.arange(NODES // 2 + 1)
+    k[-1] = 0.0
+    x, dx, ddx = np.array([np.fft.irfft(k**n * wave, NODES) for n in range(3)])
+    return x, dx, ddx
+
+
+def amplitudes(x: Samples) -> Amplitudes:
+    """Those of the orders 1 .. HIGHEST of values at ANGLES."""
+    return np.asarray(2j * np.fft.rfft(x, norm="forward")[1 : HIGHEST + 1])
 
 
 SETS: Mapping[str, Machine] = {"A": Machine(B=199.8, T=0.0625), "B": Machine(B=35.8, T=0.02)}

@@ -2,14 +2,17 @@
 
 import math
 from collections.abc import Mapping
+from itertools import accumulate, pairwise
+from typing import Any
 
 import numpy as np
 
 import cosim
-from cosim import Result, System
+from cosim import Result, SetupError, System
 from workbench import Figure
 from workbench.measure import largest
 from workbench.options import Start
+from workbench.report.chart import Span
 
 FLYWHEEL = 1e6
 NOMINAL = "40rpm"
@@ -17,6 +20,7 @@ PER_MINUTE = 30 / math.pi
 PARTS = {"motor": "DriveMotor", "iron": "IronDrive"}
 MOTOR: Start = {"motor.A": 4.0, "motor.B": 0.025, "motor.T": 0.012, "motor.tau": 0.0}
 WIRES = ("motor.tau -> iron.tau", "iron.w -> motor.w")
+PHASES = {"rise": "grey", "top dwell": "green", "return": "grey", "sealing": "gold"}
 IMPOSED = ("iron.tau", "iron.phi", "iron.w_cam", "iron.reducer.J")
 LETS_GO = {
     "follower": ("iron.N", "the follower lifts off", "force of the cam on its follower"),
@@ -25,7 +29,7 @@ LETS_GO = {
 }
 
 
-def imposed(system: System, speed: float) -> System:
+def imposed(system: System, speed: float, rotor: float = FLYWHEEL) -> System:
     """The iron drive of a system by itself, at a practically constant cam speed [rad/s], from phi = 0.
 
     A rotor a million times as heavy as any motor's imposes the speed: the acceleration left is
@@ -34,7 +38,7 @@ def imposed(system: System, speed: float) -> System:
     """
     others = tuple(f"{part}." for part in system.parts if part != "iron")
     start = {x: value for x, value in system.start.items() if not x.startswith(others)}
-    own = dict(zip(IMPOSED, (0.0, 0.0, speed, FLYWHEEL)))
+    own = dict(zip(IMPOSED, (0.0, 0.0, speed, rotor)))
     return System({"iron": system.parts["iron"]}, start={"iron.on_invalid": 1, **start, **own})
 
 
@@ -42,6 +46,13 @@ def turn(system: System, speed: float, samples: int = 1440) -> Result:
     """One turn at constant speed, sampled evenly over the cam angle; its last row is its first."""
     h = 2 * math.pi / (speed * samples)
     return cosim.run(imposed(system, speed), stop=h * samples, step=h)
+
+
+def phases(parameters: Mapping[str, Any]) -> list[Span]:
+    """The parts of a turn over the cam angle [deg]."""
+    widths = [math.degrees(parameters[f"cam.{x}"]) for x in ("rise", "top", "ret")]
+    ends = pairwise([0.0, *accumulate(widths), 360.0])
+    return [Span(*end, *phase) for end, phase in zip(ends, PHASES.items())]
 
 
 def limits(system: System) -> dict[str, Figure]:
@@ -62,6 +73,8 @@ def limits(system: System) -> dict[str, Figure]:
         )
         if f_0.min() > 0.0:
             top = largest(np.degrees(slow["iron.phi"]), -f_2 / f_0)
+            if not top.value > 0.0:
+                raise SetupError("iron.cam.h = 0 m: a cam without a rise lets nothing go")
             w = top.value**-0.5
             limit = limit._replace(value=w, error=w * top.error / (2 * top.value))
             found[f"{name}_limit_angle"] = top.at.figure("deg", at)

@@ -8,15 +8,16 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
-from itertools import accumulate, pairwise
+from typing import Any
 
 import numpy as np
 
 import workbench
 from cosim import Result, System
 from workbench import Bench, Chart, Figure, Findings, Mark, Run, Show, Table, option
+from workbench.live import Slider
 from workbench.measure import integral, largest, smallest
-from workbench.report.chart import FORCE, LIFT, SPEED, TORQUE, Span, recorded
+from workbench.report.chart import COLORS, FORCE, LIFT, SHOWN, SPEED, TORQUE, recorded
 
 from . import drive as iron
 from . import mechanism
@@ -28,7 +29,19 @@ FORCES = {
     "iron.T_span": ("chain at the link", SPEED),
     "iron.T_iron": ("chain at the iron", LIFT),
 }
-PHASES = {"rise": "grey", "top dwell": "green", "return": "grey", "sealing": "gold"}
+PANELS: dict[str, Mapping[str, tuple[str, ...] | str]] = {
+    "forces": FORCES,
+    "torque of the cam": {"iron.tau_cam": TORQUE},
+    "lift": {"iron.lift": LIFT},
+    "velocity": {"iron.v": SPEED},
+    "acceleration": {"iron.a": FORCE},
+}
+LIVE = (
+    Slider("speed", 1.0, 12.0),
+    Slider("iron.iron.m", 1.0, 10.0),
+    Slider("iron.spring.c", 0.0, 1200.0),
+    Slider("iron.friction.K_up", 0.0, 0.3),
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,6 +90,24 @@ def figures(r: Result) -> dict[str, Figure]:
     return found
 
 
+def live(o: Options, found: Findings) -> dict[str, Any]:
+    """What iron_cycle.js gets besides options and start values."""
+    scale = {"lift": SHOWN["m", "mm"]}
+    spans = iron.phases(found.provenance["parts"]["iron"]["parameters"])
+    return {
+        "curves": [
+            {"panel": k, "column": column, "scale": scale.get(quantity, 1.0),
+             "name": quantity if isinstance(told, str) else told[0]}
+            for k, (quantity, curves) in enumerate(PANELS.items(), 1)
+            for column, told in curves.items()
+        ],
+        "spans": [x._asdict() | {"color": COLORS[x.color]} for x in spans],
+        "letsGo": iron.LETS_GO,
+        "own": dict(zip(iron.IMPOSED, (0.0, 0.0, 0.0, iron.FLYWHEEL))),
+        "phases": mechanism.PHASES,
+    }  # fmt: skip
+
+
 def verdict(o: Options, f: Mapping[str, Figure], r: object) -> str:
     """Whether the speed is safe, and what the drive carries."""
     told, (limit, event) = {name: figure.text() for name, figure in f.items()}, iron.first(f)
@@ -98,16 +129,11 @@ def show(o: Options, f: Mapping[str, Figure], r: tuple[Result, System]) -> Show:
     panel = partial(recorded, result=result, x=phi)
     zero = [Mark(0.0, "0: contact or chain lets go")]
     panels = [
-        panel("forces", curves=FORCES, includes=(0.0,), levels=zero),
-        panel("torque of the cam", curves={"iron.tau_cam": TORQUE}),
-        panel("lift", curves={"iron.lift": LIFT}, unit="mm"),
-        panel("velocity", curves={"iron.v": SPEED}),
-        panel("acceleration", curves={"iron.a": FORCE}),
+        panel(quantity, curves=curves, unit="mm" if quantity == "lift" else "")
+        for quantity, curves in PANELS.items()
     ]
-    p = result.provenance["parts"]["iron"]["parameters"]
-    widths = [math.degrees(p[f"cam.{x}"]) for x in ("rise", "top", "ret")]
-    ends = pairwise([0.0, *accumulate(widths), 360.0])
-    spans = [Span(*end, *phase) for end, phase in zip(ends, PHASES.items())]
+    panels[0] = panels[0]._replace(includes=(0.0,), levels=zero)
+    spans = iron.phases(result.provenance["parts"]["iron"]["parameters"])
     now, pace = (f"{x:.1f} cycles/min" for x in (f["cycles"].value, iron.PER_MINUTE * limit.value))
     title = f"One turn of the cam at {now}; {event} at {pace}"
     moving = mechanism.motion("One turn of the cam", *r, result["time"][-1], 4.0)

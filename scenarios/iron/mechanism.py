@@ -28,7 +28,9 @@ def motion(title: str, result: Result, system: System, last: float, slow: float)
     """The mechanism up to a time [s] of a run."""
     picked = draw.rows(result["time"], 0.0, last)
     shapes, captions = drawn(result, system, picked)
-    return Motion(title, result["time"][picked], slow, captions, shapes, NOTE)
+    phi = result["iron.phi"][picked]
+    angles = (phi - phi[0]).tolist()
+    return Motion(title, result["time"][picked], slow, captions, shapes, NOTE, angles=angles)
 
 
 def drawn(

@@ -61,19 +61,34 @@ def solve(o: Options, bench: Bench) -> Findings:
 
 def sweep(machine: System, speeds: Sequence[float], mu: float) -> list[Sequence[float]]:
     """The products of a friction: at these speeds; in the gap between what works and what jams, which
-    is halved until it is narrower than NEAR; some before."""
+    is halved until it is narrower than NEAR; some before, and the same again if one of these jams."""
     rows = [simulate(machine, mu, n) for n in speeds]
-    oriented, jam = course(Table.of_rows(rows, UNITS).frame, mu)
+    while True:
+        oriented, jam = course(Table.of_rows(rows, UNITS).frame, mu)
+        if jam is None or jam.n - oriented[-1].n <= NEAR:
+            return rows
+        good, bad = oriented[-1].n, jam.n
+        first = max(0.0, 2 * good - bad)
+        while bad - good > NEAR:
+            middle = (good + bad) / 2
+            rows.append(simulate(machine, mu, middle))
+            good, bad = (middle, bad) if rows[-1][2] == orientator.ORIENTED else (good, middle)
+        before = np.linspace(first, good, 12)[1:-1].tolist()
+        rows += [simulate(machine, mu, n) for n in before]
+
+
+def fastest(machine: System, speeds: Sequence[float], mu: float) -> Figure:
+    """The fastest rotor that orients before the first of rising speeds [rpm] that jams, and why."""
+    return limit(*course(Table.of_rows(sweep(machine, speeds, mu), UNITS).frame, mu))
+
+
+def limit(oriented: Sequence[Row], jam: Row) -> Figure:
+    """The last product that is oriented, and the first that jams beyond it."""
+    which, meaning = "no product" if oriented else "every product", "fastest rotor that orients"
     if jam is None:
-        return rows
-    good, bad = oriented[-1].n, jam.n
-    first = max(0.0, 2 * good - bad)
-    while bad - good > NEAR:
-        middle = (good + bad) / 2
-        rows.append(simulate(machine, mu, middle))
-        good, bad = (middle, bad) if rows[-1][2] == orientator.ORIENTED else (good, middle)
-    before = np.linspace(first, good, 12)[1:-1].tolist()
-    return rows + [simulate(machine, mu, n) for n in before]
+        return Figure.refused("rpm", f"{which} of the sweep jams", meaning)
+    beyond = f"{meaning}; beyond it: {orientator.REASONS[jam.reason]}"
+    return Figure(oriented[-1].n, "rpm", jam.n - oriented[-1].n, beyond)
 
 
 def run(machine: System, mu: float, n: float, step: float) -> Result:
@@ -118,14 +133,10 @@ def figures(machine: System, products: Frame, courses: Mapping[float, Course]) -
         where = f"shortest time of orientation, friction {p.mu:g} at {p.n:g} rpm"
         found["shortest_time"] = takes(p, 0.0, where)
     for mu, (oriented, jam) in courses.items():
-        which, limit = "no product" if oriented else "every product", "fastest rotor that orients"
-        told = {"limit": Figure.refused("rpm", f"{which} of the sweep jams", limit)}
+        told = {"limit": limit(oriented, jam)}
         if jam is not None:
-            last, wide = oriented[-1], jam.n - oriented[-1].n
-            beyond = f"{limit}; beyond it: {orientator.REASONS[jam.reason]}"
-            time = takes(last, wide, "time of orientation there")
+            time = takes(oriented[-1], jam.n - oriented[-1].n, "time of orientation there")
             pace, off = 60 / time.value, 60 / time.value**2 * (time.error or 0.0)
-            told["limit"] = Figure(last.n, "rpm", wide, beyond)
             told["orientation_time"] = time
             told["products"] = Figure(pace, "1/min", off, "products per minute there, one catcher")
         for name, x in told.items():

@@ -7,16 +7,24 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from cosim import Result, System
-from workbench import Chart, Figure, Mark, Run, Show, option
-from workbench.report.chart import FORCE, SPEED, THEORY, TORQUE, recorded
+from workbench import Chart, Figure, Findings, Mark, Run, Show, option
+from workbench.live import Slider
+from workbench.report.chart import COLORS, FORCE, SHOWN, SPEED, THEORY, TORQUE, recorded
 
 from . import machine as orientator
 from . import mechanism
 
 PARTS = orientator.PARTS
 OWN = ("orientator.release",)
+LIVE = (
+    Slider("speed", 0.5, 12.0),
+    Slider("friction", 0.0, 1.0),
+    Slider("orientator.spring.c", 4.0, 40.0),
+    Slider("orientator.chute.H", 0.01, 0.1),
+)
 STAGES = orientator.STAGES[: orientator.ORIENTED]
 IMPULSES = {
     "corner_impulse": ("S_y", "landing on the corner of the catcher, down"),
@@ -28,6 +36,9 @@ CURVES = {
     "speed": {"orientator.w1": ("catcher", SPEED), "orientator.w2": ("cup", TORQUE)},
     "centre of mass": {"orientator.vyc": ("down", SPEED), "orientator.vxc": ("outwards", THEORY)},
 }
+
+
+WALL = {"orientator.N_K": ("wall", FORCE)}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,6 +72,22 @@ def figures(o: Options, r: Result) -> dict[str, Figure]:
     return found | {name: last(*impulse) for name, impulse in IMPULSES.items()}
 
 
+def live(o: Options, found: Findings) -> dict[str, Any]:
+    """What orientator_cycle.js gets besides options and start values."""
+    scale = {"angle": SHOWN["rad", "deg"]}
+    return {
+        "curves": [
+            {"panel": k, "column": column, "name": name, "scale": scale.get(quantity, 1.0)}
+            for k, (quantity, told) in enumerate([*CURVES.items(), ("wall", WALL)], 1)
+            for column, (name, _) in told.items()
+        ],
+        "stages": orientator.STAGES,
+        "colors": [COLORS[color] for color in orientator.COLORS],
+        "reasons": orientator.REASONS,
+        "impulses": {name: column for name, (column, _) in IMPULSES.items()},
+    }
+
+
 def ending(r: Result) -> str:
     """What became of the product, in words."""
     stage, reason = (int(r[f"orientator.{name}"][-1]) for name in ("stage", "reason"))
@@ -83,12 +110,9 @@ def show(o: Options, f: Mapping[str, Figure], r: Result) -> Show:
     course = orientator.shortened(r)
     stages, last = orientator.stages(course), float(course["time"][-1])
     panel = partial(recorded, result=course, x=1e3 * course["time"])
-    wall, zero = (
-        {"orientator.N_K": ("wall", FORCE)},
-        Mark(0.0, "below 0 a real cup leaves the wall"),
-    )
+    zero = Mark(0.0, "below 0 a real cup leaves the wall")
     panels = [panel(x, curves=CURVES[x], unit="deg" if x == "angle" else "") for x in CURVES]
-    panels.append(panel("reaction of the wall", curves=wall, levels=[zero], includes=(0.0,)))
+    panels.append(panel("reaction of the wall", curves=WALL, levels=[zero], includes=(0.0,)))
     spans = [x._replace(first=1e3 * x.first, last=1e3 * x.last) for x in stages]
     chart = Chart("Angles, speeds and the wall", "time [ms]", panels, spans=spans)
     moving = mechanism.motion("One product", {"": course}, last, stages)

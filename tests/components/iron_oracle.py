@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import namedtuple
 from math import pi
 from types import SimpleNamespace
 from typing import Any
@@ -12,8 +13,7 @@ from mpmath import mpf
 
 from components.drive_motor import model as drive_motor
 from components.iron_drive import model as iron
-from fmukit.declare.record import discrete, real, record, start
-from fmukit.si import Angle, AngularVelocity, Energy, Torque
+from fmukit.declare.record import real, record, start
 from fmukit.step import hybrid as motion
 
 TABLES = """
@@ -177,17 +177,13 @@ def by_material_points(p: Any, phi: float, w: float, eps: float, K: float) -> di
     }  # fmt: skip
 
 
-@record
-class State:
-    """Drive and motor as one system, in the order of the drive's State."""
+class State(namedtuple("State", [*iron.State._fields, "tau", "E_in"])):  # type: ignore[attr-defined,misc]
+    """Drive and motor as one system: the drive's State, the motor's torque and work."""
 
-    phi: Angle = real(-pi / 3, "Cam angle")
-    w_cam: AngularVelocity = real(0.0, "Cam speed")
-    E_friction: Energy = real(0.0, "Dissipated")
-    direction: int = discrete(0, "Direction")
-    valid: bool = discrete(True, "Valid")
-    tau: Torque = real(0.0, "Motor torque")
-    E_in: Energy = real(0.0, "Work of the motor")
+    _declared = iron.State._declared | {  # type: ignore[attr-defined]
+        "tau": real(0.0, "Motor torque")._replace(quantity=None),
+        "E_in": real(0.0, "Work of the motor")._replace(quantity=None),
+    }
 
 
 @record
@@ -202,7 +198,7 @@ class OneSystem:
         q, i_g = start(drive_motor.Parameters, **motor), p.reducer.i_g
 
         def parts(x: Any) -> tuple[Any, Any]:
-            return iron.State._make(x[:5]), iron.Inputs(x.tau)
+            return iron.State._make(x[:-2]), iron.Inputs(x.tau)
 
         def derivatives(_: Any, t: float, x: Any, u: Any) -> Any:
             w = i_g * x.w_cam

@@ -18,6 +18,7 @@ from components.gearbox import model as gearbox
 from components.gravity_orientator import model as gravity_orientator
 from components.iron_drive import model as iron_drive
 from components.shaft_link import model as shaft_link
+from components.slotted_link import model as slotted_link
 from components.speed_controller import model as speed_controller
 from components.unbalance_exciter import model as unbalance_exciter
 from fmukit.declare.record import Declaration, declarations, fill
@@ -43,10 +44,16 @@ CASES: list[tuple[ModuleType, dict[str, Any], dict[str, Any]]] = [
     ),
     *((drive_motor, {"characteristic": kind}, {}) for kind in (0, 1)),
     *((crank_conveyor, {"rod.finite": finite}, {}) for finite in (False, True)),
+    *((slotted_link, {"link.swings": swings}, {}) for swings in (False, True)),
     *(
         (iron_drive, {"wrap": wrap, "spring.side": side}, {"phi": phi, "direction": 1})
         for wrap, side in itertools.product(iron_drive.Wrap, iron_drive.Side)
         for phi in (0.9, 2.0, 3.5, 5.0)
+    ),
+    (
+        iron_drive,
+        {"follower.lifts": True},
+        {"phi": 3.5, "direction": 1, "flying": True, "gap": 0.1},
     ),
     *(
         (gravity_orientator, {}, {"stage": stage, "phi1": 0.6, "phi2": 6.3})
@@ -90,7 +97,7 @@ def test_every_equation_has_its_unit(
         for (name, d), value in zip(declarations(cls), values):
             if d.kind == "Real" and not d.held:
                 assert UNITS.Quantity(value).check(unit(d) / per), name
-    if model is gravity_orientator:
-        ends = copy.jump(p, 0.0 * UNITS.s, x, u, 0)
+    if model is gravity_orientator or state.get("flying"):
+        ends = copy.jump(p, 0.0 * UNITS.s, x, u, 2 if model is iron_drive else 0)
         for (name, d), value in zip(declarations(model.State), ends):
             assert not isinstance(value, pint.Quantity) or value.check(unit(d)), name

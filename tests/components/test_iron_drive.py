@@ -41,7 +41,7 @@ def quantities(p: Any, phi: float, w: float = NOMINAL, M: float | None = None) -
     A, B = at.J + K * p.iron.m * H_1**2, at.J_1 / 2 + K * p.iron.m * H_1 * H_2
     C = K * at.W_0 * H_1 - at.Pi_1
     M = B * w * w - C if M is None else M
-    y = iron.outputs(p, 0.0, iron.State(phi, w, 0.0, 0, True), iron.Inputs(M / p.reducer.i_g))
+    y = iron.outputs(p, 0.0, start(iron.State, phi=phi, w_cam=w), iron.Inputs(M / p.reducer.i_g))
     d = iron.dynamics(p, at, w, sense, M)
     return at._asdict() | d._asdict() | y._asdict() | {
         "alpha_1": at.alpha.first, "alpha_2": at.alpha.second, "H_1": H_1, "H_2": H_2, "M": M,
@@ -375,7 +375,8 @@ def test_every_bound_of_the_specification_is_declared() -> None:
     known = {name: d for name, d in declarations(iron.Parameters) if d.kind == "Real"}
     free = {"cam.gamma", "rocker.gamma", "rocker.alpha0", "spring.e_0"}
     free |= {"friction.K_down", "friction.K_up"}
-    zero = {"cam.h", "cam.top", "cam.r", "rocker.r", "spring.c", "spring.m"}
+    zero = {"cam.h", "cam.top", "cam.r", "rocker.r", "spring.c", "spring.m", "follower.e"}
+    zero |= {f"joints.{joint}" for joint in ("cam", "rocker", "link", "sprocket")}
     assert {name for name, d in known.items() if d.min is None} == free
     assert {name for name, d in known.items() if d.min == 0.0 and not d.positive} == zero
 
@@ -428,7 +429,7 @@ def test_slack_of_the_chain_is_named() -> None:
 
     def lost(**changed: float) -> str:
         W, *forces = (pulls | changed).values()
-        return iron.lost(x, W, iron.Forces(*forces))
+        return iron.lost(p, x, at, W, iron.Forces(*forces))
 
     assert lost() == ""
     for name in ("T_span", "T_iron", "W"):
@@ -445,7 +446,9 @@ def test_the_state_is_consistent_when_initialisation_ends(fmus: Path) -> None:
         unit = Unit(fmus / "IronDrive.fmu").start(phi=phi, w_cam=w, tau=tau)
         assert unit.get("motion") == iron.Motion[motion_]
         assert unit.get("direction") == direction
-        y = iron.outputs(p, 0.0, iron.State(phi, w, 0.0, direction, True), iron.Inputs(tau))
+        y = iron.outputs(
+            p, 0.0, start(iron.State, phi=phi, w_cam=w, direction=direction), iron.Inputs(tau)
+        )
         for name in ("T_iron", "N", "a", "tau_cam"):
             assert unit.get(name) == getattr(y, name)
     K = unit.get("T_iron") / iron.position(p, phi).W_0 - 1

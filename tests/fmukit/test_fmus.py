@@ -324,6 +324,8 @@ def test_the_pages_of_the_machines_are_up_to_date(tree: Path) -> None:
     )
     assert set(made) == {f"{name}.{end}" for name in MACHINES for end in ("md", "svg")}
     assert made == kept
+    made_papers, kept_papers = ((x / "docs" / "papers.md").read_text() for x in (tree, ROOT))
+    assert made_papers == kept_papers
 
 
 @each_fmu

@@ -21,6 +21,8 @@ from fmpy.fmi1 import FMICallException
 
 from components import MACHINES
 from fmukit.declare.variables import class_name
+from fmukit.fmu import make
+from fmukit.fmu.native import build
 from fmukit.fmu.python.instance import slave_class
 from fmukit.trace import tracer as trace
 from tests.conftest import ROOT
@@ -67,6 +69,8 @@ SCENARIOS = [
     ("CrankConveyor", {}, TORQUE, 1e-3, 1000),
     ("CrankConveyor", {"rod.finite": True, "input_hold": 2}, TORQUE, 1e-3, 500),
     ("CrankConveyor", {"crank.r": 0.05, "rod.l": 0.2, "input_hold": 1}, TORQUE, 0.05, 100),
+    *(("SlottedLink", {"link.swings": swings}, TORQUE, 1e-3, 500)
+      for swings in (False, True)),
     ("IronDrive", {}, wave(tau=(0.1, 0.0, 0.0)), 1e-3, 400),
     ("IronDrive", {"phi": 0.9, "friction.K_up": 0.6, "friction.K_down": -0.5},
      wave(tau=(0.0, 0.1, 2.0)), 1e-3, 3000),
@@ -91,6 +95,28 @@ SCENARIOS = [
        500) for b in (0.0, 0.02)),
     ("UnbalanceExciter", {}, wave(tau=(0.6, 0.3, 20.0)), 1e-2, 500),
 ]  # fmt: skip
+
+
+@each
+def test_an_fmu_carries_its_module_for_webassembly(name: str, fmus: Path) -> None:
+    module = (fmus / "wasm" / f"{name}.wasm").read_bytes()
+    with zipfile.ZipFile(fmus / "native" / f"{name}.fmu") as archive:
+        assert archive.read(f"{build.EXTRA}/{name}.wasm") == module
+        guid = ElementTree.fromstring(archive.read("modelDescription.xml")).get("guid")
+    assert module[:4] == b"\0asm"
+    assert guid is not None and guid.encode() in module
+
+
+def test_a_module_is_built_again_to_the_same_bytes_and_only_when_it_is_out_of_date(
+    tmp_path: Path, fmus: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = ROOT / "components" / "drive_motor" / "model.py"
+    for built in ("built", "up to date"):
+        assert make.make_all([file], "wasm", tmp_path) == 0
+        assert built in capsys.readouterr().out
+    module = tmp_path / "wasm" / "DriveMotor.wasm"
+    assert module.read_bytes() == (fmus / "wasm" / module.name).read_bytes()
+    assert [path.name for path in tmp_path.rglob("*.*")] == [module.name]
 
 
 def rows(fmu: Path, start: dict[str, Any], inputs: Any, h: float, steps: int) -> list[list[Any]]:
@@ -211,8 +237,11 @@ def test_directional_derivatives_at_the_start_match_finite_differences(
     start = {
         "DriveMotor": {"characteristic": seed % 2, "w": rng.uniform(30, 60)},
         "CrankConveyor": {"phi": rng.uniform(0, 6), "w": 35.0, "rod.finite": seed > 0},
-        "IronDrive": {"phi": [0.6, 3.5, -1.0][seed], "w_cam": [2.0, 3.0, 0.0][seed],
-                      "wrap": seed % 2, "direction": int(seed < 2)},
+        "SlottedLink": {"phi": rng.uniform(0, 6), "w": 35.0, "link.swings": seed > 0},
+        "IronDrive": {"phi": [0.6, 3.5, -1.0][seed], "w_cam": [2.0, 3.0, 0.5][seed],
+                      "wrap": seed % 2, "direction": int(seed < 2), "gap": 0.05, "w_gap": 0.1,
+                      "flying": seed == 1, "follower.lifts": seed == 1, "joints.cam": 0.1,
+                      "joints.rocker": 0.1, "joints.link": 0.1, "joints.sprocket": 0.1},
         "DCMotor": {"i": rng.uniform(5, 9)},
         "ShaftLink": {"twist": [0.03, -0.02, 0.012][seed]},
         "UnbalanceExciter": {"phi": rng.uniform(0, 6), "w": 35.0, "x": 0.01, "v": 1.0},
@@ -220,7 +249,8 @@ def test_directional_derivatives_at_the_start_match_finite_differences(
             {"stage": 1, "phi1": 0.7, "w1": 3.0},
             {"stage": 2, "phi1": 1.0, "phi2": 5.8, "w1": 4.0, "w2": 9.0},
             {"stage": 3, "phi1": 0.7, "phi2": 6.9, "w1": -1.0, "w2": 9.0, "vyc": 1.0},
-        ][seed],
+        ][seed] | {"neglected.mu_side": 0.2, "neglected.mu_catcher": 0.2, "neglected.rim": 1e-3,
+                   "neglected.anchored": seed > 0},
     }.get(name, {})  # fmt: skip
     unit = Unit(fmu)
     unit.fmi.setupExperiment()

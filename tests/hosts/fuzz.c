@@ -62,7 +62,7 @@ static void initialise(fmi2Component unit) {
 
 static void begin(Slot *s, const char *guid) {
     static const fmi2CallbackFunctions callbacks = {logger, allocate, release, NULL, NULL};
-    s->kind = any(2) ? fmi2CoSimulation : fmi2ModelExchange;
+    s->kind = (s - slots) % 2 ? fmi2CoSimulation : fmi2ModelExchange;
     s->unit = fmi2Instantiate("unit", s->kind, any(20) ? guid : "{another}", "file:///", &callbacks,
                               any(2), any(2));
     s->time = 0.0;

@@ -78,6 +78,21 @@ CASES = {
         ["motor.tau", "iron.phi", "iron.w_cam", "iron.w", "iron.E_friction", "iron.N"],
         steps=1200,
     ),
+    "bouncing follower": Case(
+        {"motor": "DriveMotor", "iron": "IronDrive"},
+        [("motor.tau", "iron.tau"), ("iron.w", "motor.w")],
+        {
+            "motor.A": 8.0,
+            "motor.B": 0.025,
+            "motor.T": 0.012,
+            "motor.tau": 0.0,
+            "iron.phi": 0.0,
+            "iron.w_cam": 8.0,
+            "iron.follower.lifts": True,
+        },
+        [f"iron.{name}" for name in ("phi", "w_cam", "gap", "t_flight", "E_landing", "S_landing")],
+        steps=600,
+    ),
     "orientator": Case(
         {"orientator": "GravityOrientator"},
         [],

@@ -35,14 +35,20 @@ CHANGED = {
     "mean_values": ("motor.T", 0.06),
     "classical": ("conveyor.spring.c", 7e5),
     "induction_motor": ("motor.kloss.tau_b", 180.0),
+    "rod_force": ("motor.T", 0.06),
     "run_up": ("motor.T", 0.03),
     "iron_cycle": ("iron.spring.side", -1),
     "iron_start": ("motor.T", 0.05),
     "iron_orders": ("motor.B", 0.03),
+    "iron_kinematics": ("iron.rocker.l", 0.091),
+    "iron_bounce": ("iron.spring.c", 280.0),
     "orientation_time": ("orientator.cup.m", 0.05),
     "orientator_cycle": ("orientator.cup.m", 0.05),
+    "orientator_limit": ("orientator.chute.R", 0.25),
+    "orientator_neglect": ("orientator.cup.m", 0.05),
     "packing_line": ("conveyor_motor.T", 0.03),
     "sommerfeld": ("exciter.mount.d", 82.0),
+    "identify": ("conveyor.crank.r", 0.0101),
 }
 EXACT = {"nu_res", "zeta", "build_up", "slope", "cycles", "oriented", "released", "lost"}
 EXACT |= {"theory_up", "theory_down", "torque_plain", "settling", "settling_16"}
@@ -55,9 +61,14 @@ EXACT |= {
     "heavy_flux",
     "least_slip",
 }
+EXACT |= {"theory_up", "theory_down", "spring", "spring_formula", "spring_theory"}
+EXACT |= {"f_rod_formula", "f_rod_formula_unloaded"}
+EXACT |= {"theory_up", "theory_down", "formula", "joint"}
+EXACT |= {"theory_up", "theory_down", "landings"}
 SAID = {
     "iron_orders": [(iron_orders.IMPORTANT, "%"), *((lag, "ms") for lag in iron_orders.LAGS)],
     "orientation_time": [(10.0, "%")],
+    "orientator_limit": [(1.0, "%")],
     "run_up": [(10.0, "%")],
     "resonance": [(90.0, "degrees"), (math.sqrt(720e3 / 200), "rad/s")],
 }
@@ -74,6 +85,10 @@ VARIABLES: dict[str, dict[str, str]] = {
     "induction_motor": {"resistance": "conveyor.trough.d", "breakdown_slip": "motor.kloss.s_b",
                         "load": "motor.tau", "lag": "motor.T", "slope": "motor.B",
                         "nu_kloss": "conveyor.w", "tau2_kloss": "motor.tau"},
+    "rod_force": {"nu": "conveyor.w", "tau2": "motor.tau", "tau2_theory": "motor.tau",
+                  **dict.fromkeys(("f_rod", "f_rod_formula", "f_rod_theory"), "conveyor.f_rod"),
+                  **dict.fromkeys(("c", "spring", "spring_unloaded"), "conveyor.spring.c"),
+                  "f_rod_unloaded": "conveyor.f_rod", "tau2_unloaded": "motor.tau"},
     "run_up": {f"{motor}_{name}": variable for motor in ("linear", "kloss") for name, variable in (
         ("w_max", "conveyor.w"), ("tau_max", "motor.tau"), ("f_rod_max", "conveyor.f_rod"),
         ("w_end_min", "conveyor.w"), ("tau_end_max", "motor.tau"))},
@@ -85,6 +100,12 @@ VARIABLES: dict[str, dict[str, str]] = {
                    "E_in": "iron.E_kin", "E_missing": "iron.E_kin", "energy_in": "iron.E_kin",
                    "energy_friction": "iron.E_friction"},
     "iron_orders": {"torque": "motor.tau", "speed": "iron.w_cam", "nu": "iron.w_cam"},
+    "iron_kinematics": {key: f"iron.{x}" for x in (
+        "alpha_1", "alpha_2", "beta_1", "beta_2", "H_1", "H_2", "A_1", "B_1", "C_1")
+        for key in (x, f"{x.lower()}_max")},
+    "iron_bounce": {"flight": "iron.t_flight", "force": "iron.N", "follower_limit": "iron.w_cam",
+                    "speed": "iron.v_landing", "impulse": "iron.S_landing",
+                    "loss": "iron.E_landing", "gap": "iron.gap"},
     "orientation_time": {name: f"orientator.{name}" for name in (
         "orientation_time", "t_falling", "t_joint", "t_turning", "t_released")},
     "orientator_cycle": {"orientation_time": "orientator.orientation_time",

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 from ..figure import Figure
 from .motion import Motion
 from .plot import MOST, Words, figure, told
-from .svg import svg
+from .svg import EDGE, scale_of, svg
 
 if TYPE_CHECKING:
     from ..answer import Answer, Table
@@ -27,14 +27,17 @@ SHEET, LEAST, LATER = 8.0, 3.2, 6.4
 
 def report(answer: Answer, path: Path) -> None:
     """Write the page of an answer."""
-    from jinja2 import Environment
+    from jinja2 import Environment, FileSystemLoader
 
     show = answer.show()
     pictures, most = [*show.charts, *show.more], [first_sheet(answer)]
     charts = [figure(each, room) for each, room in zip(pictures, most + [LATER] * len(pictures))]
-    content = {"charts": charts, "motions": list(map(_motion, show.motions))}
-    template = Path(__file__).with_name("page.html").read_text(encoding="utf-8")
-    page = Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True).from_string(template)
+    live = answer.live
+    content: dict[str, Any] = {"charts": charts, "motions": list(map(_motion, show.motions))}
+    content |= {"live": live.data} if live else {}
+    folder = FileSystemLoader(Path(__file__).parent)
+    made = Environment(loader=folder, autoescape=True, trim_blocks=True, lstrip_blocks=True)
+    page = made.get_template("page.html")
     text = page.render(
         answer=answer,
         charts=[{"title": x.title, "words": told(x, drawn)} for x, drawn in zip(pictures, charts)],
@@ -46,6 +49,8 @@ def report(answer: Answer, path: Path) -> None:
         open=OPEN,
         packed=_packed(json.dumps(content, separators=(",", ":")).encode()),
         plotly=_plotly(),
+        modules={part: _packed(module) for part, module in live.modules.items()} if live else {},
+        worker=_packed(live.script.encode()) if live else "",
     )
     path.write_text(text, encoding="utf-8")
 
@@ -121,7 +126,9 @@ def _motion(motion: Motion) -> Words:
     """A motion as the page's script gets it."""
     times = (motion.times - motion.times[0]).round(6).tolist()
     pace = "In real time." if motion.slow == 1 else f"{motion.slow:g} times slower than real."
+    low, high = motion.bounds
+    place = {"low": low[0], "high": high[1], "scale": scale_of(motion), "edge": EDGE}
     return {
         "svg": svg(motion), "slow": motion.slow, "times": times, "captions": list(motion.captions),
-        "note": f"{pace} {motion.note}",
+        "note": f"{pace} {motion.note}", "angles": list(motion.angles), "place": place,
     }  # fmt: skip

@@ -13,10 +13,16 @@ WIDE, EDGE, TALL = 1000.0, 28.0, 460.0
 SCREENS = {"wide": (928.0, 12.0), "narrow": (358.0, 9.0)}
 
 
+def scale_of(motion: Motion) -> float:
+    """Units of the drawing in a metre."""
+    low, high = motion.bounds
+    return float(WIDE / (high[0] - low[0]))
+
+
 def svg(motion: Motion) -> str:
     """The motion again and again over its ghosts, with letters of a size for wide and narrow screens."""
     low, high = motion.bounds
-    scale = WIDE / (high[0] - low[0])
+    scale = scale_of(motion)
     size = scale * (high - low) + 2 * EDGE
     since = motion.times - motion.times[0]
     times = ";".join(f"{share:.6g}" for share in since / since[-1])

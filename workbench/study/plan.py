@@ -18,9 +18,10 @@ from scipy import stats
 from scipy.stats import qmc
 
 from cosim import SetupError
+from cosim.units import QUANTITY
 
 from .. import question
-from ..options import KINDS, QUANTITY, Option, declared, shown, unknown
+from ..options import KINDS, Option, declared, shown, unknown
 from ..question import ALONE, Project
 
 Value = float | int | str | bool

@@ -1,14 +1,13 @@
-"""A native FMU: the C of a component, compiled for every platform with the Zig tool chain."""
+"""A native FMU of FMI 2.0 or 3.0: the C of a component, compiled for every platform with Zig."""
 
-import hashlib
 import importlib.metadata
-import os
 import struct
 import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from functools import cache
 from pathlib import Path
 from types import ModuleType
 from typing import NamedTuple
@@ -20,15 +19,14 @@ import fmpy
 from ...declare.variables import Interface, class_name, only_steps
 from ...write.entries import written
 from .. import page, plot, reference, terminals
-from ..archive import LICENSE, guid_of, write_archive
+from ..archive import LICENSE, digest_of, guid_of, write_archive
 from ..python.instance import slave_class
 from ..xml import NATIVE, to_xml
+from ..xml3 import translated
 
-RUNTIME = Path(__file__).with_name("fmi2.c")
-HEADERS = [
-    Path(fmpy.__file__).with_name("c-code") / name
-    for name in ("fmi2FunctionTypes.h", "fmi2TypesPlatform.h")
-]
+RUNTIMES = [Path(__file__).with_name(name) for name in ("fmi2.c", "fmi3.c")]
+NAMES = ("fmi2FunctionTypes", "fmi2TypesPlatform", "fmi3FunctionTypes", "fmi3PlatformTypes")
+HEADERS = [Path(fmpy.__file__).with_name("c-code") / f"{name}.h" for name in NAMES]
 TARGETS = {
     "linux64/{}.so": "x86_64-linux-gnu.2.17",
     "aarch64-linux/{}.so": "aarch64-linux-gnu.2.17",
@@ -36,10 +34,22 @@ TARGETS = {
     "x86_64-darwin/{}.dylib": "x86_64-macos",
     "aarch64-darwin/{}.dylib": "aarch64-macos",
 }
+PLATFORMS = {"linux64": "x86_64-linux", "win64": "x86_64-windows"}
+RECIPE = """\
+<?xml version="1.0" encoding="UTF-8"?>
+<fmiBuildDescription fmiVersion="3.0">
+  <BuildConfiguration modelIdentifier="{0}">
+    <SourceFileSet language="C99"><SourceFile name="{0}.c"/></SourceFileSet>
+  </BuildConfiguration>
+</fmiBuildDescription>
+"""
 OPTIONS = (
-    "-std=c99", "-O2", "-ffp-contract=off", "-fno-slp-vectorize", "-fvisibility=hidden", "-shared",
-    "-fPIC", "-s",
+    "-std=c99", "-O2", "-ffp-contract=off", "-fno-slp-vectorize", "-fvisibility=hidden", "-s",
 )  # fmt: skip
+LIBRARY = ("-shared", "-fPIC")
+FLAT = Path(__file__).with_name("wasm.c")
+MODULE = ("-mexec-model=reactor", "-Wl,--strip-all")
+EXTRA = "extra/org.webassembly.wasm32"
 DEPENDENCIES = """\
 linux64 and aarch64-linux with glibc 2.17 or newer, win64, darwin64 (universal): the C library and
 its mathematics, nothing else. Built from sources/, which any C99 compiler takes.
@@ -47,11 +57,10 @@ its mathematics, nothing else. Built from sources/, which any C99 compiler takes
 
 
 class NativeBuild(NamedTuple):
-    """A component ready to compile: its C but for the guid, and the hash of all it is made from."""
+    """A component to compile for a version of FMI, and the hash of all it is made from."""
 
     model: ModuleType
-    source: str
-    indicators: int | None
+    fmi: int
     digest: str
 
     @property
@@ -62,37 +71,40 @@ class NativeBuild(NamedTuple):
     def guid(self) -> str:
         return guid_of(self.digest)
 
+    @property
+    def source(self) -> str:
+        """Its C but for the guid."""
+        made = written(self.model)
+        if self.fmi == 2:
+            return made.c
+        return made.c.replace('#include "fmi2.c"', '#include "fmi3.c"') + made.reach
 
-def collect(model: ModuleType) -> NativeBuild:
-    """Trace a model and hash everything that its native FMU is made from."""
-    interface = Interface(model)
-    digest = hashlib.sha256(importlib.metadata.version("ziglang").encode())
-    makers = [*sorted(RUNTIME.parents[1].glob("*.py")), *sorted(RUNTIME.parent.glob("*.*"))]
-    makers += [*HEADERS]
-    for maker in (*makers, LICENSE):
-        digest.update(hashlib.sha256(maker.read_bytes()).digest())
-    source, _, indicators = written(model)
-    exchanged = None if only_steps(model) else indicators
-    digest.update(source.encode())
-    digest.update(ElementTree.tostring(to_xml(interface, "", NATIVE, exchanged)))
-    digest.update(page.html(interface).encode())
-    digest.update(repr(terminals.entries(interface)).encode())
-    digest.update(os.environ.get("SOURCE_DATE_EPOCH", "").encode())
-    return NativeBuild(model, source, exchanged, digest.hexdigest())
+    @property
+    def indicators(self) -> int | None:
+        """The number of its event indicators; None if it is not for model exchange."""
+        return None if only_steps(self.model) else written(self.model).indicators
+
+
+def collect(model: ModuleType, fmi: int = 2) -> NativeBuild:
+    """Hash everything that the native FMU of a model is made from."""
+    flavour = f"native {fmi}, Zig {importlib.metadata.version('ziglang')}"
+    return NativeBuild(model, fmi, digest_of(Interface(model), flavour, HEADERS))
+
+
+def sources_of(build: NativeBuild) -> dict[str, bytes]:
+    """All that is compiled, by file name."""
+    own = build.source.replace('#define GUID ""', f'#define GUID "{build.guid}"')
+    files = {file.name: file.read_bytes() for file in needed(build.fmi)}
+    return {f"{build.name}.c": own.encode(), **files}
 
 
 def pack(build: NativeBuild, fmu: Path) -> None:
     """Write the FMU; raises RuntimeError with the words of the compiler if it fails."""
-    interface = Interface(build.model)
+    interface, sources = Interface(build.model), sources_of(build)
     rows = reference.experiment(slave_class(build.model, build.guid))
     licence = f"{LICENSE.read_text()}\nThe headers of FMI in sources/ carry their own.\n"
-    sources = {
-        f"{build.name}.c": build.source.replace(
-            '#define GUID ""', f'#define GUID "{build.guid}"'
-        ).encode(),
-        RUNTIME.name: RUNTIME.read_bytes(),
-        **{header.name: header.read_bytes() for header in HEADERS},
-    }
+    libraries = binaries(build.name, sources, build.fmi)
+    recipe = {"sources/buildDescription.xml": RECIPE.format(build.name).encode()}
     contents = {
         "modelDescription.xml": description(interface, build),
         "documentation/index.html": page.html(interface, plot.svg(interface, rows)).encode(),
@@ -101,32 +113,50 @@ def pack(build: NativeBuild, fmu: Path) -> None:
         **{f"sources/{name}": content for name, content in sources.items()},
         **reference.entries(interface, rows),
         **terminals.entries(interface),
-        **{f"binaries/{path}": content for path, content in binaries(build.name, sources)},
+        **{f"binaries/{path}": content for path, content in libraries},
+        **(recipe if build.fmi == 3 else {f"{EXTRA}/{build.name}.wasm": module(build)}),
     }
     write_archive(contents, fmu)
 
 
+def needed(fmi: int) -> list[Path]:
+    """The files of ours and of the standard that go with the C of a component."""
+    return [
+        file
+        for file in (*RUNTIMES, *HEADERS, FLAT)
+        if (file != FLAT if fmi == 3 else "fmi3" not in file.name)
+    ]
+
+
 def description(interface: Interface, build: NativeBuild) -> bytes:
-    """modelDescription.xml with the list of sources."""
+    """modelDescription.xml; of FMI 2.0 with the list of sources."""
     root = to_xml(interface, build.guid, NATIVE, build.indicators)
-    for kind in (*root.iter("ModelExchange"), *root.iter("CoSimulation")):
+    if build.fmi == 3:
+        root = translated(root)
+    kinds = [*root.iter("ModelExchange"), *root.iter("CoSimulation")]
+    for kind in kinds if build.fmi == 2 else ():
         SubElement(SubElement(kind, "SourceFiles"), "File", name=f"{build.name}.c")
     ElementTree.indent(root)
     text: bytes = ElementTree.tostring(root, encoding="UTF-8", xml_declaration=True)
     return text
 
 
-def binaries(name: str, sources: dict[str, bytes]) -> Iterator[tuple[str, bytes]]:
-    """The shared libraries by their place in the FMU."""
+def binaries(name: str, sources: dict[str, bytes], fmi: int) -> Iterator[tuple[str, bytes]]:
+    """The shared libraries by their place in an FMU of this version of the standard."""
     with tempfile.TemporaryDirectory(prefix="native_") as temporary, ThreadPoolExecutor() as pool:
         folder = Path(temporary)
         for file, content in sources.items():
             (folder / file).write_bytes(content)
         places = [path.format(name) for path in TARGETS]
-        compiled = pool.map(
+        made = pool.map(
             lambda target, place: compile_for(target, place, name, folder), TARGETS.values(), places
         )
-        libraries = dict(zip(places, compiled))
+        libraries = dict(zip(places, made))
+    if fmi == 3:
+        for path, code in libraries.items():
+            place, file = path.split("/")
+            yield f"{PLATFORMS.get(place, place)}/{file}", code
+        return
     yield from ((path, code) for path, code in libraries.items() if "x86_64-darwin" not in path)
     slices = [code for path, code in libraries.items() if path.endswith(".dylib")]
     yield f"darwin64/{name}.dylib", universal(slices)
@@ -136,14 +166,30 @@ def compile_for(target: str, place: str, name: str, folder: Path) -> bytes:
     """The shared library for one target of Zig."""
     library = folder / place
     library.parent.mkdir()
-    command = [sys.executable, "-m", "ziglang", "cc", "-target", target, *OPTIONS]
-    command += ["-o", place, f"{name}.c"]
-    command += [] if "windows" in target else ["-lm"]
-    command += [f"-Wl,-install_name,@rpath/{library.name}"] if "macos" in target else []
+    options = [*LIBRARY] if "windows" in target else [*LIBRARY, "-lm"]
+    options += [f"-Wl,-install_name,@rpath/{library.name}"] if "macos" in target else []
+    return compiled(target, f"{name}.c", place, folder, options)
+
+
+@cache
+def module(build: NativeBuild) -> bytes:
+    """The module for WebAssembly, which needs no imports; `wasm.c` says what it exports."""
+    with tempfile.TemporaryDirectory(prefix="wasm_") as temporary:
+        folder = Path(temporary)
+        for file, content in sources_of(build).items():
+            (folder / file).write_bytes(content)
+        options = [*MODULE, f'-DMODEL="{build.name}.c"']
+        return compiled("wasm32-wasi", FLAT.name, f"{build.name}.wasm", folder, options)
+
+
+def compiled(target: str, source: str, place: str, folder: Path, options: list[str]) -> bytes:
+    """What the compiler makes of a source in a folder; raises RuntimeError with its words."""
+    command = [sys.executable, "-m", "ziglang", "cc", "-target", target, *OPTIONS, *options]
+    command += ["-o", place, source]
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
     if done.returncode:
-        raise RuntimeError(f"{name} does not compile for {target}:\n{done.stderr}")
-    return library.read_bytes()
+        raise RuntimeError(f"{Path(place).stem} does not compile for {target}:\n{done.stderr}")
+    return (folder / place).read_bytes()
 
 
 def universal(slices: list[bytes]) -> bytes:

@@ -20,7 +20,14 @@
 /* Numbers of a course of the inputs: start, end, length, degree, bends. */
 #define COURSE (2 * INPUTS + 2 + (HIGHEST_DEGREE - 1) * INPUTS)
 
-#ifdef FMI2_FUNCTION_PREFIX
+#ifdef FMI3 /* which is built of these functions: fmi3.c */
+#define API(name) name
+#ifdef __GNUC__
+#define EXPORT __attribute__((unused)) static
+#else
+#define EXPORT static
+#endif
+#elif defined(FMI2_FUNCTION_PREFIX)
 #define PASTED(a, b) a##b
 #define PASTE(a, b) PASTED(a, b)
 #define API(name) PASTE(FMI2_FUNCTION_PREFIX, name)
@@ -38,6 +45,12 @@
 #define INLINE static inline __attribute__((always_inline))
 #else
 #define INLINE static inline
+#endif
+
+#ifndef FMI3
+enum { FORMATS = 1, EVENTS_IN_STEPS = 0 };
+#define UPDATE "newDiscreteStates"
+#define RATES "getDerivatives"
 #endif
 
 enum { TEXT = 4096, ROOM = 64, NUMBER = 32 };
@@ -330,7 +343,7 @@ static void tell(fmi2CallbackLogger logger, fmi2ComponentEnvironment environment
     char text[2 * TEXT + 1], *at = text;
     if (!logger) return;
     for (; *message && at < text + sizeof text - 2; message++) {
-        if (*message == '%') *at++ = '%';
+        if (FORMATS && *message == '%') *at++ = '%';
         *at++ = *message;
     }
     *at = '\0';
@@ -389,8 +402,8 @@ INLINE fmi2Status finish(Instance *i) {
 
 /* The kind of instance that has this phase. */
 static int kind_of(int phase) {
-    return phase == STEPPING ? COSIMULATION
-           : phase == AT_EVENT || phase == INTEGRATING ? EXCHANGE : EITHER;
+    if (phase == STEPPING) return COSIMULATION;
+    return phase == INTEGRATING || (phase == AT_EVENT && !EVENTS_IN_STEPS) ? EXCHANGE : EITHER;
 }
 
 static void refuse(Instance *i, const char *call, int kind, int first, int last) {
@@ -419,9 +432,10 @@ INLINE void check_finite(Context *c, const Variable *v, double value) {
         fail(c, "%s = %v must be a finite number", v->name, v, value);
 }
 
-/* The inputs of this instant; in co-simulation, those at the end of the last step. */
+/* The inputs of this instant; after a step, those at its end. */
 static const double *present(Instance *i) {
-    return i->kind == EXCHANGE ? part(i, FIRST_INPUT) : i->state.end;
+    const int stepping = i->kind == COSIMULATION && i->state.phase != AT_EVENT;
+    return stepping ? i->state.end : part(i, FIRST_INPUT);
 }
 
 /* What an integrator tries may fail. */
@@ -739,6 +753,17 @@ static void explain(Instance *i, const char *what, double t) {
     }
 }
 
+/* Whether a step of h from t is in order. */
+static int ready(Instance *i, double t, double h) {
+    const double time = i->state.time;
+    if (!allowed(i, "doStep", COSIMULATION, STEPPING, STEPPING)) return 0;
+    if (!(h > 0.0 && h < INFINITY))
+        fail(&i->context, "communication step = %r s must be a finite number above 0", h);
+    else if (!(fabs(t - time) <= 1e-3 * h + 1e-9 * fabs(time)))
+        fail(&i->context, "communication point = %r s must be %r s, no jump", t, time);
+    return !i->context.failed;
+}
+
 EXPORT fmi2Status API(fmi2DoStep)(fmi2Component component, fmi2Real t, fmi2Real h, fmi2Boolean final) {
     Instance *i = component;
     Context *c;
@@ -747,13 +772,7 @@ EXPORT fmi2Status API(fmi2DoStep)(fmi2Component component, fmi2Real t, fmi2Real 
     (void)final;
     if (!i) return fmi2Error;
     c = &i->context, s = &i->state, x = part(i, FIRST_STATE), now = part(i, FIRST_INPUT);
-    if (!allowed(i, "doStep", COSIMULATION, STEPPING, STEPPING)) return finish(i);
-    if (!(h > 0.0 && h < INFINITY))
-        fail(c, "communication step = %r s must be a finite number above 0", h);
-    else if (!(fabs(t - s->time) <= 1e-3 * h + 1e-9 * fabs(s->time)))
-        fail(c, "communication point = %r s must be %r s, no jump", t, s->time);
-    if (c->failed) return finish(i);
-
+    if (!ready(i, t, h)) return finish(i);
     course(i, h, inputs, slopes);
     model_step(c, s->values, t, x, s->before, now, inputs, result);
     for (int k = 0; k < STATES; k++) check_finite(c, &variables[FIRST_STATE + k], result[k]);
@@ -881,18 +900,12 @@ EXPORT fmi2Status API(fmi2EnterEventMode)(fmi2Component component) {
 }
 
 /* What new inputs bring about, or the first guard that has fallen. */
-EXPORT fmi2Status API(fmi2NewDiscreteStates)(fmi2Component component, fmi2EventInfo *info) {
-    Instance *i = component;
-    Context *c;
-    State *s;
-    double *x, *now, result[SOME(STATES)];
-    int is_new, which;
-    if (!i || !info) return fmi2Error;
-    c = &i->context, s = &i->state, x = part(i, FIRST_STATE), now = part(i, FIRST_INPUT);
-    memset(info, 0, sizeof *info);
-    if (!allowed(i, "newDiscreteStates", EXCHANGE, AT_EVENT, AT_EVENT)) return finish(i);
-    is_new = memcmp(s->before, now, INPUTS * sizeof *now) != 0;
-    which = is_new ? -1 : fallen(i);
+static void update(Instance *i, fmi2EventInfo *info) {
+    Context *c = &i->context;
+    State *s = &i->state;
+    double *x = part(i, FIRST_STATE), *now = part(i, FIRST_INPUT), result[SOME(STATES)];
+    const int is_new = memcmp(s->before, now, INPUTS * sizeof *now) != 0;
+    const int which = is_new ? -1 : fallen(i);
     if (!c->failed && (is_new || which >= 0)) {
         if (++s->events > MOST_EVENTS)
             fail(c, "more than %d events, the last at %r s", (double)MOST_EVENTS, s->time);
@@ -907,6 +920,13 @@ EXPORT fmi2Status API(fmi2NewDiscreteStates)(fmi2Component component, fmi2EventI
         info->newDiscreteStatesNeeded = fallen(i) >= 0;
     }
     if (c->failed) explain(i, "event at", s->time);
+}
+
+EXPORT fmi2Status API(fmi2NewDiscreteStates)(fmi2Component component, fmi2EventInfo *info) {
+    Instance *i = component;
+    if (!i || !info) return fmi2Error;
+    memset(info, 0, sizeof *info);
+    if (allowed(i, UPDATE, EVENTS_IN_STEPS ? EITHER : EXCHANGE, AT_EVENT, AT_EVENT)) update(i, info);
     return finish(i);
 }
 
@@ -963,12 +983,11 @@ EXPORT fmi2Status API(fmi2SetContinuousStates)(fmi2Component component, const fm
 }
 
 /* Getters of all there are. */
-#define GET_ALL(Name, count, first, what)                                                      \
+#define GET_ALL(Name, name, count, first, what)                                                \
     EXPORT fmi2Status API(fmi2Get##Name)(fmi2Component component, fmi2Real value[], size_t n) { \
         Instance *i = component;                                                               \
         if (!i) return fmi2Error;                                                              \
-        if (allowed(i, "get" #Name, EXCHANGE, first, TERMINATED) &&                            \
-            of_length(i, "get" #Name, n, count))                                               \
+        if (allowed(i, name, EXCHANGE, first, TERMINATED) && of_length(i, name, n, count))     \
             what;                                                                              \
         return finish(i);                                                                      \
     }
@@ -989,10 +1008,10 @@ static void nominals(double *value) {
     for (int k = 0; k < DERIVATIVES; k++) value[k] = continuous[k].nominal;
 }
 
-GET_ALL(Derivatives, DERIVATIVES, INITIALIZING, derive(i, value))
-GET_ALL(EventIndicators, INDICATORS, INITIALIZING, indicate(i, value))
-GET_ALL(ContinuousStates, DERIVATIVES, INITIALIZING, continuous_states(i, value))
-GET_ALL(NominalsOfContinuousStates, DERIVATIVES, INSTANTIATED, nominals(value))
+GET_ALL(Derivatives, RATES, DERIVATIVES, INITIALIZING, derive(i, value))
+GET_ALL(EventIndicators, "getEventIndicators", INDICATORS, INITIALIZING, indicate(i, value))
+GET_ALL(ContinuousStates, "getContinuousStates", DERIVATIVES, INITIALIZING, continuous_states(i, value))
+GET_ALL(NominalsOfContinuousStates, "getNominalsOfContinuousStates", DERIVATIVES, INSTANTIATED, nominals(value))
 
 /* The state of an instance; as bytes: the guid, the state and a checksum. */
 

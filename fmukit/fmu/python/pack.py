@@ -5,9 +5,7 @@ so that two FMUs, two versions of one, or the host's own modules of the same nam
 `sys.modules`.
 """
 
-import hashlib
 import importlib.metadata
-import os
 import re
 from pathlib import Path
 from types import ModuleType
@@ -19,7 +17,7 @@ import pythonfmu
 from ...declare.variables import Interface, class_name, component
 from ...write import entries
 from .. import page, plot, reference, terminals
-from ..archive import KIT, LICENSE, guid_of, write_archive
+from ..archive import KIT, LICENSE, digest_of, guid_of, write_archive
 from ..xml import PYTHON, to_xml
 from .instance import slave_class
 
@@ -46,10 +44,9 @@ ctypes.pythonapi.Py_IncRef(ctypes.py_object(globals()))
 
 
 class Build(NamedTuple):
-    """A model ready to pack: its files by path in the private package, and their hash."""
+    """A model to pack, and the hash of all its FMU is made from."""
 
     model: ModuleType
-    files: dict[str, bytes]
     digest: str
 
     @property
@@ -64,32 +61,28 @@ class Build(NamedTuple):
     def package(self) -> str:
         return f"{component(self.model)}_{self.digest[:12]}"
 
+    @property
+    def files(self) -> dict[str, bytes]:
+        """The files of the model by their path in the private package."""
+        source = Path(self.model.__file__ or "").read_text(encoding="utf-8")
+        private = re.sub(r"^from fmukit\b", "from .fmukit", source, flags=re.MULTILINE)
+        found = {"__init__.py": b"", f"{component(self.model)}.py": private.encode()}
+        for file in sorted(file for pattern in RUNTIME for file in KIT.glob(pattern)):
+            found[f"fmukit/{file.relative_to(KIT).as_posix()}"] = file.read_bytes()
+        if not hasattr(self.model, "PYTHON_ONLY"):
+            found["straight.py"] = entries.written(self.model).python.encode()
+        return found
+
 
 def collect(model: ModuleType) -> Build:
-    """Read everything that the FMU of a model is made from."""
-    source = Path(model.__file__ or "").read_text(encoding="utf-8")
-    private = re.sub(r"^from fmukit\b", "from .fmukit", source, flags=re.MULTILINE)
-    files = {"__init__.py": b"", f"{component(model)}.py": private.encode()}
-    for file in sorted(file for pattern in RUNTIME for file in KIT.glob(pattern)):
-        files[f"fmukit/{file.relative_to(KIT).as_posix()}"] = file.read_bytes()
-    if not hasattr(model, "PYTHON_ONLY"):
-        files["straight.py"] = entries.written(model).python.encode()
-    digest = hashlib.sha256(importlib.metadata.version("pythonfmu").encode())
-    makers = [*sorted(KIT.joinpath("fmu").rglob("*.py")), LICENSE]
-    for maker in (*makers, *sorted(BINARIES.rglob("*.*"))):
-        digest.update(hashlib.sha256(maker.read_bytes()).digest())
-    for name, content in files.items():
-        digest.update(name.encode() + b"\0" + hashlib.sha256(content).digest())
-    digest.update(ElementTree.tostring(to_xml(Interface(model), "", PYTHON)))
-    digest.update(page.html(Interface(model)).encode())
-    digest.update(repr(terminals.entries(Interface(model))).encode())
-    digest.update(os.environ.get("SOURCE_DATE_EPOCH", "").encode())
-    return Build(model, files, digest.hexdigest())
+    """Hash everything that the Python FMU of a model is made from."""
+    flavour = f"python, pythonfmu {importlib.metadata.version('pythonfmu')}"
+    return Build(model, digest_of(Interface(model), flavour, sorted(BINARIES.rglob("*.*"))))
 
 
 def pack(build: Build, fmu: Path) -> None:
     """Write the FMU."""
-    interface, stub = Interface(build.model), f"{build.package}_fmu"
+    interface, stub, files = Interface(build.model), f"{build.package}_fmu", build.files
     rows = reference.experiment(slave_class(build.model, build.guid))
     root = to_xml(interface, build.guid, PYTHON)
     ElementTree.indent(root)
@@ -98,14 +91,14 @@ def pack(build: Build, fmu: Path) -> None:
         "externalDependencies.txt": page.EXTERNAL_DEPENDENCIES,
         "licenses/license.txt": licence(),
     }
-    straight = "straight" if "straight.py" in build.files else "None"
+    straight = "straight" if "straight.py" in files else "None"
     model = component(build.model)
     entry = (
         f"from . import {model}{', straight' if straight != 'None' else ''}\n"
         f"from .fmukit.fmu.python.instance import slave_class\n\n"
         f'{build.name} = slave_class({model}, "{build.guid}", {straight})\n'
     )
-    sources = {f"{build.package}/{name}": content for name, content in build.files.items()} | {
+    sources = {f"{build.package}/{name}": content for name, content in files.items()} | {
         f"{build.package}/fmu.py": entry.encode(),
         f"{stub}.py": STUB.format(package=build.package, name=build.name).encode(),
         "slavemodule.txt": stub.encode(),

@@ -1,0 +1,204 @@
+"""A record: measured columns of a file, in the units of variables, and the noise on them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from itertools import pairwise
+from math import comb
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import SetupError
+from ..inputs import COLUMN, Reading, Table, read_table
+from ..system import Network, Port, scale
+from ..units import multiples
+
+Samples = NDArray[np.float64]
+SECONDS = {"": 1.0} | multiples("s")
+ORDERS, FEWEST, EVEN = (2, 4, 6, 8), 30, 0.02
+CLIPPED, AGREE = 4.5, 2.0
+NORMAL = 1.4826
+
+
+class Noise(NamedTuple):
+    """The standard deviation of white noise on a column, in its unit, how it is known, and whether it
+    was given; `spread` is the variance of chi2 per row times the number of rows.
+    """
+
+    sigma: float
+    told: str
+    spread: float = 2.0
+    given: bool = False
+
+
+class Column(NamedTuple):
+    """What was measured of a variable: times [s], values in its unit, both of shape (n,), and noise."""
+
+    port: Port
+    times: Samples
+    values: Samples
+    noise: Noise
+
+    @property
+    def name(self) -> str:
+        return self.port.name
+
+
+def measured(
+    path: Path | str, columns: Mapping[str, str], *, time: str = "time", gaps: bool = False
+) -> dict[str, Table]:
+    """Columns of a CSV file by the variables that they show, all against one column of times.
+
+    A column is told by its name in the header, and where that is not enough by a factor, an offset
+    and a unit behind it: "n * 0.4:rpm", "n / 2.5:rpm". A header may have a unit too, "n [rpm]". Times are in s
+    unless they have another unit, "t:ms". With `gaps`, cells may be empty or nan.
+
+    Raises SetupError with file, row and column for times that do not rise, for what is no number, and
+    for a column that is named twice.
+    """
+    head, *rows = read_table(path)
+    heads = [match.groups() for match in map(COLUMN.fullmatch, head) if match]
+    names = [name for name, _ in heads]
+    places: dict[int, str] = {}
+
+    def found(variable: str, text: str) -> tuple[int, float, float, str]:
+        """Place in the header, factor, offset and unit of a column."""
+        name, factor, offset, unit = Reading.read(text, names, str(path))
+        place = names.index(name)
+        if names.count(name) > 1:
+            raise SetupError(f"{path} has two columns {name!r}")
+        if place in places:
+            raise SetupError(
+                f"{path}, column {name}: it is mapped twice, to {places[place]} and {variable}"
+            )
+        places[place] = variable
+        return place, factor, offset, unit or heads[place][1] or ""
+
+    def numbers(place: int, gaps: bool) -> Samples:
+        values = np.full(len(rows), math.nan)
+        for k, row in enumerate(rows):
+            text = row[place].strip() if place < len(row) else ""
+            here = f"{path}, row {k + 2}, column {names[place]}"
+            try:
+                values[k] = float(text or "nan")
+            except ValueError:
+                raise SetupError(f"{here}: {text!r} is no number") from None
+            if not math.isfinite(values[k]) and not (gaps and math.isnan(values[k])):
+                raise SetupError(
+                    f"{here}: {text or 'an empty cell'!r} is no finite number; "
+                    "gaps must be allowed, and times have none"
+                )
+        return values
+
+    place, factor, offset, unit = found("time", time)
+    if unit not in SECONDS:
+        known = ", ".join(filter(None, SECONDS))
+        raise SetupError(f"{path}, column {names[place]}: times are in {known}, not in {unit!r}")
+    times = (factor * numbers(place, False) + offset) * SECONDS[unit]
+    for k, (before, now) in enumerate(pairwise(times.tolist()), 3):
+        if not before < now:
+            raise SetupError(
+                f"{path}, row {k}, column {names[place]}: {now!r} s after {before!r} s does not rise"
+            )
+    tables = {}
+    for variable, text in columns.items():
+        place, factor, offset, unit = found(variable, text)
+        values = factor * numbers(place, gaps) + offset
+        source = f"{Path(path).name}, column {names[place]}"
+        tables[variable] = Table(times.tolist(), values.tolist(), unit=unit, source=source)
+    return tables
+
+
+def columns(
+    network: Network, data: Mapping[str, Table], noise: Mapping[str, float]
+) -> list[Column]:
+    """The measured columns in the units of their variables, each with its noise.
+
+    Raises SetupError for what is no Real output, a unit that does not fit, times that do not rise, a
+    column that never changes, and a noise that neither is given nor can be told.
+    """
+    if not data:
+        raise SetupError("a record needs a column")
+    for name, sigma in noise.items():
+        if name not in data or not 0.0 < sigma < math.inf:
+            raise SetupError(f"noise of {name} = {sigma!r} must be above 0, of a measured column")
+    return [_column(network.port(name), network, table, noise) for name, table in data.items()]
+
+
+def _column(port: Port, network: Network, table: Table, noise: Mapping[str, float]) -> Column:
+    what = table.source or f"the record of {port.name}"
+    if port.variable.causality != "output" or port.type != "Real":
+        raise SetupError(f"{what}: {port} is no Real output, so nothing can be compared with it")
+    factor, offset = scale(network, port, table.unit, "be compared with a column")
+    times, values = np.array(table.times), factor * np.array(table.values, float) + offset
+    there = np.isfinite(values)
+    times, values = times[there], values[there]
+    if len(times) < 2 or not (np.diff(times) > 0.0).all():
+        raise SetupError(f"{what}: its times must rise, and there must be two rows at least")
+    if np.ptp(values) == 0.0:
+        raise SetupError(f"{what}: it is {table.values[0]!r} in all rows, which tells nothing")
+    given = noise.get(port.name)
+    known = told(times, values, what) if given is None else Noise(given, "as given", given=True)
+    return Column(port, times, values, known)
+
+
+def told(times: Samples, values: Samples, what: str) -> Noise:
+    """The noise of a column from differences of neighbouring rows; raises SetupError if it hides it.
+
+    Differences of order k take away what is smooth over k + 1 rows, and leave white noise with
+    (2k over k) times its variance. Of several orders the first is taken with which the next agrees.
+    What lies far out counts for nothing. A column whose values stand on a grid has at least the noise
+    of rounding, q / sqrt(12).
+    """
+    gaps = np.diff(times)
+    even = np.abs(gaps / np.median(gaps) - 1.0) <= EVEN
+    quantum = _quantum(values)
+    found = []
+    for order in ORDERS:
+        whole = np.array([even[k : k + order].all() for k in range(len(even) - order + 1)], bool)
+        weights = np.array([(-1) ** k * comb(order, k) for k in range(order + 1)])
+        weights = weights / math.sqrt(comb(2 * order, order))
+        d = np.convolve(values, weights, "valid")[whole] if whole.any() else np.empty(0)
+        if len(d) < FEWEST:
+            break
+        rough = max(NORMAL * float(np.median(np.abs(d))), quantum / math.sqrt(12.0))
+        kept = d[np.abs(d) <= CLIPPED * rough]
+        rho = np.array([comb(2 * order, order + k) for k in range(order + 1)]) / comb(
+            2 * order, order
+        )
+        spread = 4.0 * float((rho[1:] ** 2).sum())
+        found.append((float(np.sqrt(np.mean(kept**2))), order, spread))
+    least = quantum / math.sqrt(12.0)
+    for (sigma, order, spread), (after, *_) in pairwise(found):
+        if sigma <= max(after, least) * (1.0 + AGREE * math.sqrt(spread / len(values))):
+            if sigma < least:
+                return Noise(least, f"that of rounding to {quantum:.4g}")
+            grid = f", on a grid of {quantum:.4g}" if quantum else ""
+            return Noise(sigma, f"told by differences of order {order} of the rows{grid}", spread)
+    raise SetupError(
+        f"{what}: its rows are too few, too uneven or too far apart to tell noise from signal; "
+        "give the noise"
+    )
+
+
+def _quantum(values: Samples) -> float:
+    """The distance of the grid on which values stand; 0 if there is none that is much of the noise."""
+    levels = np.unique(values)
+    steps = np.diff(levels)
+    least = float(steps.min())
+    if least <= 1e-9 * float(np.abs(values).max()) or len(levels) > len(values) / 2:
+        return 0.0
+    ratio = steps / least
+    return least if (np.abs(ratio - np.round(ratio)) < 0.05 * np.round(ratio)).all() else 0.0
+
+
+def segments(times: Samples, most: int) -> Iterator[slice]:
+    """A record in pieces of equal duration that hold rows, at most so many."""
+    edges = np.searchsorted(times, np.linspace(times[0], times[-1], most + 1)[1:-1])
+    for first, last in pairwise([0, *edges.tolist(), len(times)]):
+        if last > first:
+            yield slice(first, last)

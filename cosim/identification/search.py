@@ -1,0 +1,100 @@
+"""The least squares of a model: from several starts, some free values before the rest."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Literal, NamedTuple
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from .model import Model, Vector
+
+Loss = Literal["linear", "huber"]
+DRAWS, ENOUGH, SAME = 24, 3, 0.5
+FIRST, REST = 12, 40
+TIGHT, LOOSE = 1e-9, 1e-5
+
+
+class Minimum(NamedTuple):
+    """Where a start ended: free values and twice the cost, the sum of squared residuals."""
+
+    p: Vector
+    chi2: float
+
+
+def descend(
+    model: Model,
+    p: Vector,
+    which: Sequence[int],
+    most: int,
+    loss: Loss = "linear",
+    tight: float = TIGHT,
+) -> Minimum:
+    """The least squares over some of the free values, from p, with at most so many steps."""
+    which = list(which)
+
+    def whole(x: Vector) -> Vector:
+        moved = p.copy()
+        moved[which] = x
+        return moved
+
+    low, high = model.bounds
+
+    def residuals(x: Vector) -> Vector:
+        return model.residuals(whole(x))
+
+    def jacobian(x: Vector) -> Vector:
+        return model.jacobian(whole(x), which)
+
+    found = least_squares(
+        residuals,
+        np.clip(p[which], low[which], high[which]),
+        jac=jacobian,
+        bounds=(low[which], high[which]),
+        x_scale="jac",
+        loss=loss,
+        ftol=tight, xtol=1e-3 * tight, gtol=None,
+        max_nfev=most,
+    )  # fmt: skip
+    end = whole(np.asarray(found.x))
+    return Minimum(end, float(np.sum(model.residuals(end) ** 2)))
+
+
+def search(
+    model: Model, first: Sequence[int], starts: int, enough: float, seed: int, loss: Loss
+) -> list[Minimum]:
+    """Where starts end, the best first: the guess, then others that are drawn.
+
+    From each, the `first` free values are sought alone, from the best of DRAWS draws of them. It is
+    over when ENOUGH starts have ended in one place with chi2 below `enough`, or nearly twice as many
+    in one that is not. As many a machine looks nearly the same half a turn on, it is tried there too.
+    """
+    rows = sum(len(column.times) for column in model.columns)
+    rng = np.random.default_rng(seed)
+    low, high = np.array([f.drawn for f in model.free]).T
+    every = range(len(model.free))
+    found: list[Minimum] = []
+    for k in range(starts):
+        p = model.guess if k == 0 else rng.uniform(low, high)
+        if first:
+            drawn = [p]
+            for _ in range(DRAWS if k else DRAWS // 2):
+                other = p.copy()
+                other[list(first)] = rng.uniform(low, high)[list(first)]
+                drawn.append(other)
+            p = min(drawn, key=lambda x: float(np.sum(model.residuals(x) ** 2)))
+            p = descend(model, p, first, FIRST, loss, LOOSE).p
+        found.append(descend(model, p, every, REST, loss, LOOSE))
+        found.sort(key=lambda minimum: minimum.chi2)
+        best = found[0].chi2
+        alike = best + SAME * max(1.0, best / rows)
+        agree = sum(minimum.chi2 <= alike for minimum in found)
+        if agree >= (ENOUGH if best <= enough else 2 * ENOUGH - 1):
+            break
+    for k in (k for k in first if model.free[k].turns):
+        p = found[0].p.copy()
+        p[k] += math.pi if p[k] < model.free[k].guess else -math.pi
+        found.append(descend(model, p, every, REST, loss, LOOSE))
+    return sorted(found, key=lambda minimum: minimum.chi2)

@@ -1,0 +1,87 @@
+"""Does an FMU keep what it promises? Its checks run in a process of their own, which may crash or hang."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import tempfile
+import threading
+from collections.abc import Sequence
+from multiprocessing.connection import Connection
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from ...engine.part import quiet
+from ...errors import SetupError
+from ...scratch import scratch
+from ..isolated import death, die_with_parent
+from .checks import CHECKS, FAILED, NOT_RUN, Check, Subject, Verdict, checked
+from .report import Crosscheck
+
+__all__ = ["CHECKS", "Check", "Crosscheck", "Verdict", "crosscheck"]
+
+
+def crosscheck(fmu: Path | str, *, step: float | None = None, timeout: float = 60.0) -> Crosscheck:
+    """Check what an FMI 2.0 co-simulation FMU promises; one verdict for each of CHECKS.
+
+    Steps are of `step` [s], by default the one that the FMU prefers, or a hundredth of its default
+    experiment. A check that takes longer than `timeout` [s] has failed, and so has one that ends the
+    process. Raises SetupError for a file that is no such FMU, or not for this platform. As always with
+    child processes, a script needs `if __name__ == "__main__"`.
+    """
+    path = Path(fmu).absolute()
+    for name, number in (("step", step), ("timeout", timeout)):
+        if number is not None and not 0.0 < number < float("inf"):
+            raise SetupError(f"{name} = {number!r} s must be a finite number above 0")
+    subject = Subject(path, step)
+    verdicts: list[Verdict] = []
+    while names := list(CHECKS)[len(verdicts) :]:
+        found = _some(path, step, names, timeout)
+        verdicts += found
+        if found[-1].check == "run":  # after which the process ended
+            rest = (CHECKS[name] for name in names[len(found) :])
+            verdicts += [c.verdict(NOT_RUN, f"in the check run {found[-1].said}") for c in rest]
+    return Crosscheck(str(fmu), subject.description.modelName, subject.how(), tuple(verdicts))
+
+
+def _some(path: Path, step: float | None, names: Sequence[str], timeout: float) -> list[Verdict]:
+    """Verdicts of these checks, up to the first that does not come to its end."""
+    context = multiprocessing.get_context("spawn")
+    verdicts: list[Verdict] = []
+    with TemporaryDirectory(dir=scratch()) as folder:
+        ours, its = context.Pipe(duplex=False)
+        process = context.Process(target=_work, args=(folder, its, path, step, names))
+        process.start()
+        its.close()
+        try:
+            for name in names:
+                said = f"no answer within {timeout:g} s: it hangs, or needs a longer timeout"
+                try:
+                    if ours.poll(timeout):
+                        verdicts.append(ours.recv())
+                        continue
+                except EOFError:
+                    process.join()
+                    said = f"the process {death(process)}"
+                verdicts.append(CHECKS[name].verdict(FAILED, said))
+                break
+        finally:
+            ours.close()
+            process.kill()
+            process.join()
+    return verdicts
+
+
+def _work(
+    folder: str, pipe: Connection, path: Path, step: float | None, names: Sequence[str]
+) -> None:
+    """Run in the child and tell each verdict."""
+    threading.Thread(target=die_with_parent, args=(folder,), daemon=True).start()
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    tempfile.tempdir = os.environ["TMPDIR"] = folder
+    os.dup2(2, 1)  # what an FMU prints is no part of the answer
+    subject = Subject(path, step)
+    with quiet():
+        for name in names:
+            pipe.send(checked(subject, name))

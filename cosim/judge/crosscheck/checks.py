@@ -1,0 +1,699 @@
+"""What an FMU for co-simulation promises and whether it keeps it, one check a promise.
+
+Every check plays instances of the FMU by calls that the standard allows, and compares what they show.
+Clauses are those of FMI 2.0.4.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import math
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from functools import cached_property
+from itertools import count, pairwise
+from mmap import PAGESIZE
+from pathlib import Path
+from typing import NamedTuple
+
+from fmpy.model_description import ModelDescription, ScalarVariable
+from fmpy.validation import validate_fmu
+
+from ...engine.library import borrow
+from ...engine.part import DISCARD, LAST_SUCCESSFUL_TIME, OK, STATUS, TERMINATED, WARNING, Part
+from ...errors import PartFailure
+from ...system import Value, describe_fmu, enumeration, own_start
+
+STEPS, LONG = 60, 10_000
+SHAKE, NUDGE = 0.05, 0.01
+LEAK = 64 * 1024  # of resident memory, that so many steps may take [bytes]
+AGREES, NOISE = 0.01, 1e-7
+LONGER = (1, 8, 64)
+MOST_KNOWNS, MOST_INPUTS = 60, 20
+PASSED, FAILED, NOT_OFFERED, NOT_RUN = "passed", "failed", "not offered", "not run"
+
+
+class Verdict(NamedTuple):
+    """A check, the clause it stands on, how it ended, what was found, and how to see it by hand."""
+
+    check: str
+    clause: str
+    status: str
+    said: str
+    again: str
+
+
+class Broken(Exception):
+    """A promise that is not kept: what was found, and after which calls."""
+
+
+class NotOffered(Exception):
+    """The FMU does not promise this."""
+
+
+class NotRun(Exception):
+    """Nothing can be said, since the FMU does not run."""
+
+
+Row = tuple[Value, ...]
+
+
+class Subject:
+    """An FMU under test: its description, how it is excited and over which steps."""
+
+    def __init__(self, path: Path, step: float | None = None) -> None:
+        self.path = path
+        self.description: ModelDescription = describe_fmu("fmu", path)
+        self.can = self.description.coSimulation
+        variables = self.description.modelVariables
+        self.inputs = [v for v in variables if v.causality == "input" and v.type == "Real"]
+        self.shown = [v for v in variables if v.causality in ("output", "local")]
+        self.outputs = [v for v in variables if v.causality == "output"]
+        experiment = self.description.defaultExperiment
+        told = [getattr(experiment, name, None) for name in ("startTime", "stopTime", "stepSize")]
+        self.start = float(told[0] or 0.0)
+        self.stop = float(told[1] or self.start + 1.0)
+        self.h = float(step or told[2] or (self.stop - self.start) / 100)
+        self.shaken = True
+        self._numbers = count(1)
+
+    @contextmanager
+    def instance(self) -> Iterator[Part]:
+        """A new instance, which is terminated and freed."""
+        part = Part(
+            f"instance_{next(self._numbers)}", self.description, borrow(self.path, self.description)
+        )
+        try:
+            yield part
+        finally:
+            part.close()
+
+    @contextmanager
+    def running(self, number: int = 0) -> Iterator[Part]:
+        """A new instance after so many steps."""
+        with self.instance() as part:
+            self.initialise(part)
+            self.go(part, 0, number)
+            yield part
+
+    def initialise(self, part: Part) -> None:
+        """From instantiated to the first step."""
+        self.enter(part)
+        self.steer(part, self.inputs_at(0))
+        part.begin()
+
+    def enter(self, part: Part) -> None:
+        """Into initialisation mode, without a stop time."""
+        part.call("setupExperiment", None, self.start, None)
+        part.call("enterInitializationMode")
+
+    @staticmethod
+    def size(v: ScalarVariable) -> float:
+        """What is much for a variable."""
+        return abs(float(own_start(v) or 0.0)) or abs(float(v.nominal or 0.0)) or 1.0
+
+    def inputs_at(self, k: int) -> list[float]:
+        """The Real inputs at step k."""
+        wide = [SHAKE * self.size(v) * self.shaken for v in self.inputs]
+        return [
+            bounded(v, float(own_start(v) or 0.0) + w * math.sin(0.37 * (j + 1) * k + j))
+            for j, (v, w) in enumerate(zip(self.inputs, wide))
+        ]
+
+    def steer(self, part: Part, u: Sequence[float]) -> None:
+        """Set the Real inputs."""
+        for v, value in zip(self.inputs, u):
+            part.set(v, value)
+
+    def go(self, part: Part, first: int, last: int) -> list[Row]:
+        """The rows after the steps from number `first` to `last`, each with the inputs of its step."""
+        rows = []
+        for k in range(first, last):
+            self.steer(part, self.inputs_at(k))
+            self.step(part, self.start + k * self.h, self.h)
+            rows.append(self.row(part))
+        return rows
+
+    def step(self, part: Part, t: float, h: float) -> None:
+        """One step that must be OK; raises PartFailure."""
+        part.begin_of_step.value, part.size_of_step.value = t, h
+        status = part.do_step()
+        if status != OK:
+            part.stepped(t, h, status)
+
+    def row(self, part: Part) -> Row:
+        """What the FMU shows now."""
+        return tuple(part.values(self.shown).values())
+
+    @cached_property
+    def steps(self) -> int:
+        """How many steps it takes as it is excited, at most STEPS; raises PartFailure if none."""
+        for self.shaken in (True, False):
+            taken = 0
+            try:
+                with self.running() as part:
+                    for taken in range(STEPS):
+                        self.go(part, taken, taken + 1)
+                    return STEPS
+            except PartFailure:
+                if taken > STEPS // 2 or (not self.shaken and taken > 3):
+                    return taken
+                if not self.shaken:
+                    raise
+        raise AssertionError
+
+    @cached_property
+    def reference(self) -> list[Row]:
+        """What a new instance shows after each step."""
+        with self.running() as part:
+            return self.go(part, 0, self.steps)
+
+    def require_run(self) -> None:
+        """Raise NotRun if there is no reference."""
+        try:
+            self.reference  # noqa: B018
+        except PartFailure as error:
+            raise NotRun(f"it does not run: {error}") from error
+
+    def how(self) -> str:
+        """Over which steps and with which inputs it is run."""
+        inputs = (
+            f"; Real inputs j = 0, 1, ... in step k: start + {SHAKE:g} size sin(0.37 (j + 1) k + j)"
+        )
+        return f"steps of h = {self.h:g} s from {self.start:g} s{inputs if self.inputs else ''}"
+
+    def same(self, rows: Sequence[Row], wanted: Sequence[Row], what: str, first: int = 0) -> None:
+        """Raise Broken at the first value that differs in a bit; `first` is the number of the first row."""
+        for k, (row, other) in enumerate(zip(rows, wanted), first + 1):
+            for v, ours, theirs in zip(self.shown, row, other):
+                if ours != theirs and (ours == ours or theirs == theirs):  # noqa: PLR0124
+                    raise Broken(f"{v.name} after step {k} is {ours!r} {what}, not {theirs!r}")
+
+    def needs(self, ability: str) -> None:
+        """Raise NotOffered without a capability flag."""
+        if not getattr(self.can, ability):
+            raise NotOffered(f"{ability} is false")
+
+    def known(self, v: ScalarVariable) -> bool:
+        """Whether a variable may be set while initialising."""
+        exact: bool = v.initial == "exact" and v.variability != "constant"
+        return exact or v.causality == "input"
+
+    def after(self, n: int, u: Sequence[float], sizes: Sequence[float]) -> dict[str, float]:
+        """The Real outputs of a new instance after n steps and some of these sizes [s] with inputs u."""
+        with self.running(n) as part:
+            t = self.start + n * self.h
+            for h in sizes:
+                self.steer(part, u)
+                self.step(part, t, h)
+                t += h
+            return reals(part, [v for v in self.outputs if v.type == "Real"])
+
+    def slopes(
+        self, n: int, u: Sequence[float], j: int, h: float, share: float
+    ) -> dict[str, tuple[float, float]]:
+        """Of the Real outputs by input j, above and below its value, after n steps and one of h [s]."""
+        wide = share * self.size(self.inputs[j])
+        rows = []
+        for value in (u[j] + wide, u[j], u[j] - wide):
+            given = [*u[:j], value, *u[j + 1 :]]
+            rows.append(self.after(n, given, [h]))
+        up, middle, down = rows
+        return {x: ((up[x] - middle[x]) / wide, (middle[x] - down[x]) / wide) for x in up}
+
+    def agrees(
+        self,
+        x: ScalarVariable,
+        v: ScalarVariable,
+        told: float,
+        found: float,
+        error: float,
+        floor: float,
+        when: str,
+    ) -> None:
+        """Raise Broken if a derivative is not the slope that was found."""
+        if not abs(told - found) <= AGREES * abs(found) + 2.0 * error + floor:
+            raise Broken(
+                f"the derivative of {x.name} by {v.name} {when} is {told:.6g}, by differences {found:.6g}"
+            )
+
+    def size_of(self, x: ScalarVariable) -> float:
+        """The range of an output, or what is much for it."""
+        return self.ranges.get(x.name, self.size(x))
+
+    @cached_property
+    def ranges(self) -> dict[str, float]:
+        """How far each Real output moves, or its size if it does not."""
+        spans = {}
+        for v, column in zip(self.shown, zip(*self.reference)):
+            if v.type == "Real" and v.causality == "output":
+                spans[v.name] = max(column) - min(column) or max(map(abs, column)) or 1.0
+        return spans
+
+
+def reals(part: Part, variables: Sequence[ScalarVariable]) -> dict[str, float]:
+    """The values of Real variables."""
+    return {name: float(value) for name, value in part.values(variables).items()}
+
+
+def bounded(v: ScalarVariable, value: float) -> float:
+    """The nearest value that a variable may have."""
+    low = -math.inf if v.min is None else float(v.min)
+    high = math.inf if v.max is None else float(v.max)
+    return min(max(value, low), high)
+
+
+def nudged(v: ScalarVariable, share: float = NUDGE) -> Value | None:
+    """Another value that a variable may have, near its start; None for a text, or where there is none."""
+    own = own_start(v)
+    if v.type == "Boolean":
+        return not own
+    if v.type == "Enumeration":
+        return next((x for x in enumeration(v).values() if x != own), None)
+    if v.type not in ("Real", "Integer"):
+        return None
+    value = float(own or 0.0)
+    wide = share * Subject.size(v) if v.type == "Real" else 1.0
+    for other in (bounded(v, value + wide), bounded(v, value - wide)):
+        if other != value:
+            return other if v.type == "Real" else round(other)
+    return None
+
+
+def description(s: Subject) -> str:
+    """The XML schema, and what FMPy looks for beyond it."""
+    if problems := validate_fmu(str(s.path)):
+        raise Broken("; ".join(" ".join(problem.split()) for problem in problems[:3]))
+    return f"{len(s.description.modelVariables)} variables; FMPy has nothing to say"
+
+
+def binary(s: Subject) -> str:
+    """What the binary says of itself."""
+    with s.instance() as part:
+        told = part.slave.getTypesPlatform(), part.slave.getVersion()
+    if told != ("default", "2.0"):
+        raise Broken(f"types platform {told[0]!r} and version {told[1]!r}, not 'default' and '2.0'")
+    return f"version {told[1]}, types platform {told[0]}"
+
+
+def runs(s: Subject) -> str:
+    """Outputs that are finite numbers."""
+    for k, row in enumerate(s.reference, 1):
+        for v, value in zip(s.shown, row):
+            if v.causality == "output" and isinstance(value, float) and not math.isfinite(value):
+                raise Broken(f"{v.name} after step {k} is {value!r}")
+    shaken = "" if s.shaken or not s.inputs else "; its inputs had to stand still"
+    return f"{s.steps} steps of {s.h:g} s{shaken}"
+
+
+def starts(s: Subject) -> str:
+    """Of outputs while initialising, of parameters after it."""
+    exact = [
+        v for v in s.description.modelVariables if v.initial == "exact" and v.start is not None
+    ]
+    shown = [v for v in exact if v.causality == "output"]
+    parameters = [v for v in exact if v.causality == "parameter"]
+    with s.instance() as part:
+        s.enter(part)
+        found = part.values(shown)
+        part.begin()
+        found |= part.values(parameters)
+    for v in [*shown, *parameters]:
+        if found[v.name] != own_start(v):
+            raise Broken(f"{v.name} is {found[v.name]!r}, not {own_start(v)!r}")
+    return f"{len(found)} start values"
+
+
+def terminates(s: Subject) -> str:
+    """The last values, which stay."""
+    with s.running(s.steps - 1) as part:
+        last = s.go(part, s.steps - 1, s.steps)
+        part.end()
+        s.same([s.row(part)], last, "after fmi2Terminate", s.steps - 1)
+    return "the last values stay"
+
+
+def repeats(s: Subject) -> str:
+    """A second instance beside the first one's rows."""
+    with s.running() as part:
+        s.same(s.go(part, 0, s.steps), s.reference, "in a new instance")
+    return f"{s.steps} rows of {len(s.shown)} variables, to the bit"
+
+
+def looks(s: Subject) -> str:
+    """Values that are got again and again."""
+    with s.running() as part:
+        rows: list[Row] = []
+        for k in range(s.steps):
+            rows += s.go(part, k, k + 1)
+            s.same([s.row(part)], rows[-1:], "when it is got again", k)
+    s.same(rows, s.reference, "where values are got twice")
+    return f"{s.steps} rows got twice"
+
+
+def resets(s: Subject) -> str:
+    """After a run with other parameters, if it runs with them."""
+    others = [v for v in s.description.modelVariables if v.causality == "parameter"]
+    values = {v: nudged(v) for v in others if v.type == "Real" and v.variability != "constant"}
+    for given in ({v: x for v, x in values.items() if x is not None}, {}):
+        with s.instance() as part:
+            try:
+                for v, value in given.items():
+                    part.set(v, value)
+                s.initialise(part)
+                s.go(part, 0, s.steps // 2)
+            except PartFailure:
+                continue
+            part.call("reset")
+            s.initialise(part)
+            s.same(s.go(part, 0, s.steps), s.reference, "after a reset")
+            return f"{s.steps} rows after a run with {len(given)} other parameters, to the bit"
+    raise AssertionError
+
+
+def instances(s: Subject) -> str:
+    """One beside another whose inputs are ahead, step by step in turn."""
+    if s.can.canBeInstantiatedOnlyOncePerProcess:
+        raise NotOffered("canBeInstantiatedOnlyOncePerProcess is true")
+    with s.running() as part, s.running(s.steps // 3) as other:
+        rows: list[Row] = []
+        for k in range(s.steps):
+            rows += s.go(part, k, k + 1)
+            with suppress(PartFailure):
+                s.go(other, k + s.steps // 3, k + s.steps // 3 + 1)
+    s.same(rows, s.reference, "beside another instance")
+    return f"{s.steps} rows beside another instance, to the bit"
+
+
+def states(s: Subject) -> str:
+    """Two that are kept at once, each gone back to."""
+    s.needs("canGetAndSetFMUstate")
+    third = s.steps // 3
+    with s.running(third) as part:
+        early, late = part.state(), part.state()
+        part.save(early)
+        s.same(s.go(part, third, 2 * third), s.reference[third:], "after a state is saved", third)
+        part.save(late)
+        s.go(part, 2 * third, s.steps)
+        for state, first in ((early, third), (late, 2 * third), (early, third)):
+            part.restore(state)
+            s.same([s.row(part)], [s.reference[first - 1]], "when the state is set", first - 1)
+            rows = s.go(part, first, s.steps)
+            s.same(rows, s.reference[first:], "after the state is set", first)
+    return f"{s.steps - third} rows from two states, to the bit"
+
+
+def bytes_(s: Subject) -> str:
+    """From one instance to another."""
+    s.needs("canSerializeFMUstate")
+    half = s.steps // 2
+    with s.running(half) as part, s.running() as other:
+        state, copy = part.state(), other.state()
+        part.save(state)
+        content = part.call("serializeFMUstate", state)
+        other.call("deSerializeFMUstate", content, copy)
+        other.restore(copy)
+        rows = s.go(other, half, s.steps)
+    s.same(rows, s.reference[half:], "after the state came as bytes", half)
+    return f"{s.steps - half} rows from {len(content)} bytes, to the bit"
+
+
+def halves(s: Subject) -> str:
+    """One step of 4 h against two of 2 h, and one of 2 h against two of h; longer ones to see an order."""
+    s.needs("canHandleVariableCommunicationStepSize")
+    for h in (s.h * longer for longer in LONGER):
+        try:
+            apart, moved = split(s, h)
+        except PartFailure:
+            if h == s.h:
+                raise
+            break
+        moving = [name for name in moved if moved[name][1] > NOISE]
+        off = [x for x in moving if apart[x][1] > max(0.3 * moved[x][1], 0.5 * apart[x][0])]
+        if h == s.h and off and 2 * len(off) >= len(moving):
+            raise Broken(
+                f"{', '.join(off)}: one step and two of half the size differ by a third of the way and "
+                f"more, for {4 * h:g} s and for {2 * h:g} s"
+            )
+        far, near = (sum(apart[name][level] for name in moving) for level in (0, 1))
+        if near > NOISE:
+            order = math.log2(far / near) - 1.0
+            return f"order {order:.1f}: {far:.2g} and {near:.2g} of the range, {4 * h:g} and {2 * h:g} s"
+    return f"no difference above {NOISE:g} of the range: exact, or smaller steps inside"
+
+
+def split(s: Subject, h: float) -> tuple[dict[str, list[float]], dict[str, list[float]]]:
+    """By Real output, in its range, from three points: what one step of 4 h and two of 2 h are apart, and
+    then one of 2 h and two of h; and how far the one step moves it.
+    """
+    apart, moved = ({name: [0.0, 0.0] for name in s.ranges} for _ in range(2))
+    for n in (1, s.steps // 3, 2 * s.steps // 3):
+        u = s.inputs_at(n)
+        begin = s.after(n, u, [])
+        for level, size in enumerate((4 * h, 2 * h)):
+            whole, parts = s.after(n, u, [size]), s.after(n, u, [size / 2, size / 2])
+            for name, wide in s.ranges.items():
+                apart[name][level] += abs(whole[name] - parts[name]) / wide
+                moved[name][level] += abs(whole[name] - begin[name]) / wide
+    return apart, moved
+
+
+def outputs(s: Subject) -> str:
+    """What an input moves in a step so short that no state can."""
+    s.needs("canHandleVariableCommunicationStepSize")
+    declared = {unknown.variable.name: unknown for unknown in s.description.outputs}
+    reals = [v for v in s.outputs if v.type == "Real" and v.variability in (None, "continuous")]
+    for n in (0, s.steps // 2):
+        u = s.inputs_at(n)
+        for j, known in enumerate(s.inputs[:MOST_INPUTS]):
+            slopes = {h: s.slopes(n, u, j, h, SHAKE) for h in (s.h / 64, s.h / 1024)}
+            for v in reals:
+                (up, down), (long_up, _) = slopes[s.h / 1024][v.name], slopes[s.h / 64][v.name]
+                floor = NOISE * s.ranges[v.name] / s.size(known)
+                feels = abs(up) > max(0.5 * abs(long_up), floor)
+                unknown = declared.get(v.name)
+                names = None if unknown is None else unknown.dependencies
+                if feels and names is not None and known not in names:
+                    raise Broken(f"{v.name} feels {known.name} at once, by {up:.4g}, undeclared")
+                kinds = None if unknown is None else unknown.dependenciesKind
+                kind = kinds[names.index(known)] if kinds and names and known in names else ""
+                if kind in ("constant", "fixed") and abs(up - down) > AGREES * abs(up) + floor:
+                    raise Broken(
+                        f"{v.name} by {known.name} is {kind}, but its slope is {down:.6g} on one side and "
+                        f"{up:.6g} on the other"
+                    )
+    tried = min(len(s.inputs), MOST_INPUTS)
+    return f"{len(reals)} Real outputs by {tried} of {len(s.inputs)} Real inputs"
+
+
+def unknowns(s: Subject) -> str:
+    """What a value moves while initialising."""
+    entries = s.description.initialUnknowns
+    if not entries:
+        raise NotOffered("there are no InitialUnknowns")
+    known = [v for v in s.description.modelVariables if s.known(v)]
+    shown = [u.variable for u in entries]
+
+    def found(v: ScalarVariable | None = None, value: Value = 0) -> dict[str, Value]:
+        with s.instance() as part:
+            s.enter(part)
+            if v is not None:
+                part.set(v, value)
+            return part.values(shown)
+
+    base, tried = found(), 0
+    for v in known[:MOST_KNOWNS]:
+        if (value := nudged(v)) is None:
+            continue
+        with suppress(PartFailure):
+            other = found(v, value)
+            tried += 1
+            for u in entries:
+                name = u.variable.name
+                felt = other[name] != base[name] and base[name] == base[name]  # not so for nan
+                if felt and u.dependencies is not None and v not in u.dependencies:
+                    raise Broken(
+                        f"{name} is {other[name]!r}, not {base[name]!r}, with {v.name} = {value!r}, undeclared"
+                    )
+    return f"{len(entries)} unknowns by {tried} of {len(known)} values"
+
+
+def derivatives(s: Subject) -> str:
+    """While initialising by inputs and initial states, after a step by inputs."""
+    s.needs("providesDirectionalDerivative")
+    known = [v for v in s.description.modelVariables if s.known(v) and v.type == "Real"]
+    known = [v for v in known if v.causality != "parameter" and nudged(v) is not None]
+    real = [u.variable for u in s.description.initialUnknowns if u.variable.type == "Real"]
+    pairs = 0
+    with s.instance() as part:
+        s.enter(part)
+        for v in known if real else ():
+            own, slopes = float(own_start(v) or 0.0), []
+            told = part.call(
+                "getDirectionalDerivative",
+                [x.valueReference for x in real],
+                [v.valueReference],
+                [1.0],
+            )
+            for wide in (1e-4 * s.size(v), 2e-4 * s.size(v)):
+                ends = []
+                for value in (own + wide, own - wide):
+                    part.set(v, bounded(v, value))
+                    ends.append(reals(part, real))
+                span = bounded(v, own + wide) - bounded(v, own - wide)
+                part.set(v, own)
+                slopes.append([(ends[0][x.name] - ends[1][x.name]) / span for x in real])
+            for x, told_, near, far in zip(real, told, *slopes):
+                floor = NOISE * s.size_of(x) / s.size(v)
+                s.agrees(x, v, told_, near, abs(near - far), floor, "while initialising")
+                pairs += 1
+    if s.can.canHandleVariableCommunicationStepSize and s.inputs:
+        real = [v for v in s.outputs if v.type == "Real"]
+        for n in (1, s.steps // 2):
+            u = s.inputs_at(n)
+            for j, v in enumerate(s.inputs[:MOST_INPUTS]):
+                near, far = (s.slopes(n, u, j, s.h / d, 1e-3) for d in (1024, 64))
+                with s.running(n) as part:
+                    s.steer(part, u)
+                    s.step(part, s.start + n * s.h, s.h / 1024)
+                    told = part.call(
+                        "getDirectionalDerivative",
+                        [x.valueReference for x in real], [v.valueReference], [1.0],
+                    )  # fmt: skip
+                for x, told_ in zip(real, told):
+                    middle, other = sum(near[x.name]) / 2, sum(far[x.name]) / 2
+                    floor = NOISE * s.ranges[x.name] / s.size(v)
+                    s.agrees(x, v, told_, middle, abs(middle - other), floor, f"after step {n + 1}")
+                    pairs += 1
+    return f"{pairs} of them"
+
+
+def discards(s: Subject) -> str:
+    """Of one step over the whole experiment."""
+    s.needs("canHandleVariableCommunicationStepSize")
+    t, h = s.start, s.stop - s.start
+    with s.running() as part:
+        part.begin_of_step.value, part.size_of_step.value = t, h
+        status = part.do_step()
+        if status != DISCARD:
+            raise NotOffered(f"a step of {h:g} s is not discarded")
+        reached, ended = ctypes.c_double(math.nan), ctypes.c_int()
+        lib, real, flag = part.library, ctypes.c_int(LAST_SUCCESSFUL_TIME), ctypes.c_int(TERMINATED)
+        answer = lib.fmi2GetRealStatus(part.component, real, ctypes.byref(reached))
+        if answer > WARNING:
+            raise Broken(
+                f"a step of {h:g} s is discarded, fmi2LastSuccessfulTime not told: {STATUS[answer]}"
+            )
+        told = lib.fmi2GetBooleanStatus(part.component, flag, ctypes.byref(ended)) <= WARNING
+    if not t <= reached.value < t + h:
+        raise Broken(
+            f"fmi2LastSuccessfulTime is {reached.value!r} s after a step from {t!r} by {h!r} s"
+        )
+    if told and ended.value:
+        return f"a step of {h:g} s is discarded at {reached.value:g} s, where the FMU wants to end"
+    if reached.value > t:
+        with s.running() as part:
+            s.step(part, t, reached.value - t)
+    return f"a step of {h:g} s is discarded, one to {reached.value:g} s taken"
+
+
+def memory(s: Subject) -> str:
+    """Resident memory over many steps, the first ones left aside."""
+    try:
+        Path("/proc/self/statm").read_text()
+    except OSError:
+        raise NotOffered("the memory of a process cannot be read here") from None
+    sizes: list[int] = []
+    taken, life = 0, LONG
+    while taken < LONG:
+        with s.running() as part:
+            part.size_of_step.value = s.h
+            for k in range(min(life, LONG - taken)):
+                part.begin_of_step.value = s.start + k * s.h
+                if part.do_step() > WARNING:
+                    life = k
+                    break
+                taken += 1
+                if taken % (LONG // 5) == 0:
+                    sizes.append(int(Path("/proc/self/statm").read_text().split()[1]) * PAGESIZE)
+        if life <= s.steps // 2:
+            raise NotOffered(f"it takes no more than {life} steps with inputs that stand still")
+    grown = [after - before for before, after in pairwise(sizes)]
+    if sum(grown) > LEAK and sum(g > 0 for g in grown) > len(grown) / 2:
+        raise Broken(f"{sum(grown) / 1024:.0f} KiB more after {LONG} steps than after {LONG // 5}")
+    return f"{sum(grown) / 1024:.0f} KiB more after {LONG} steps than after {LONG // 5}"
+
+
+class Check(NamedTuple):
+    """A check, the clause it stands on, what it says, and how to see by hand what it does."""
+
+    name: str
+    clause: str
+    does: Callable[[Subject], str]
+    again: str
+
+    def verdict(self, status: str, said: str) -> Verdict:
+        """How the check ended."""
+        return Verdict(self.name, self.clause, status, said, self.again)
+
+
+CHECKS = {
+    check.name: check
+    for check in (
+        Check("description", "2.2", description, "validate the FMU with FMPy"),
+        Check("binary", "2.1.4", binary, "fmi2GetTypesPlatform, fmi2GetVersion"),
+        Check("run", "4.2.2", runs, "initialise; doStep and get the outputs"),
+        Check("termination", "2.1.6", terminates, "run, terminate, get the values again"),
+        Check(
+            "start values", "2.2.7", starts,
+            "enter initialization mode, set nothing; get exact outputs, and parameters after it",
+        ),
+        Check("repetition", "4.1.2", repeats, "run; free the instance, run a new one"),
+        Check("getting", "2.1.7", looks, "run, and get all values twice after each step"),
+        Check("reset", "2.1.6", resets, "set other parameters, run; fmi2Reset, run without them"),
+        Check("instances", "4.3.1", instances, "step two instances in turn, one a third ahead"),
+        Check(
+            "state", "2.1.8", states,
+            "fmi2GetFMUstate after a third and after two thirds of the steps; set each, step on",
+        ),
+        Check(
+            "serialization", "2.1.8", bytes_,
+            "after half the steps serialize the state; deserialize and set it in a new instance, step on",
+        ),
+        Check(
+            "step size", "4.2.2", halves,
+            "with inputs that stand still: one step of 4 h beside two of 2 h, one of 2 h beside two of h",
+        ),
+        Check(
+            "output dependencies", "2.2.8", outputs,
+            "a step of h / 1024 with an input, and in an instance alike with another; the same with h / 64",
+        ),
+        Check(
+            "initial dependencies", "2.2.8", unknowns,
+            "enter initialization mode, set one value, get the InitialUnknowns; the same without setting",
+        ),
+        Check(
+            "directional derivatives", "2.1.9", derivatives,
+            "fmi2GetDirectionalDerivative beside the difference for two values of the known",
+        ),
+        Check("discard", "4.2.3", discards, "initialise; one step over the whole default experiment"),
+        Check("memory", "2.1.5", memory, "10 000 steps; look at the resident memory on the way"),
+    )
+}  # fmt: skip
+
+
+def checked(s: Subject, name: str) -> Verdict:
+    """The verdict of one check; what needs a run is not tried where there is none."""
+    check = CHECKS[name]
+    status = PASSED
+    try:
+        if name not in ("description", "binary", "run"):
+            s.require_run()
+        said = check.does(s)
+    except NotRun as reason:
+        status, said = NOT_RUN, str(reason)
+    except NotOffered as reason:
+        status, said = NOT_OFFERED, str(reason)
+    except (Broken, PartFailure) as reason:
+        status, said = FAILED, str(reason)
+    return check.verdict(status, said)

@@ -1,0 +1,36 @@
+"""Units of measurements: what people and loggers write for what FMUs compute."""
+
+from __future__ import annotations
+
+import math
+import re
+
+QUANTITY = re.compile(
+    r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?|[+-]?inf|nan)\s*([a-z%][\w./%]*)?\s*",
+    re.IGNORECASE,
+)
+SCALES: dict[str, dict[str, float]] = {
+    "rad/s": {"rpm": math.pi / 30, "deg/s": math.pi / 180},
+    "rad": {"deg": math.pi / 180, "turn": 2 * math.pi},
+    "s": {"ms": 1e-3, "us": 1e-6, "min": 60.0, "h": 3600.0},
+    "m": {"mm": 1e-3, "cm": 1e-2},
+    "m/s": {"mm/s": 1e-3},
+    "kg": {"g": 1e-3, "t": 1e3},
+    "N": {"mN": 1e-3, "kN": 1e3},
+    "N.m": {"mN.m": 1e-3, "kN.m": 1e3, "N.mm": 1e-3},
+    "N/m": {"N/mm": 1e3, "kN/m": 1e3},
+    "J": {"mJ": 1e-3, "kJ": 1e3},
+    "W": {"mW": 1e-3, "kW": 1e3},
+    "1": {"%": 0.01},
+}
+
+
+def multiples(unit: str) -> dict[str, float]:
+    """The units that measure what this one does, and what a number in them is multiplied by to be in
+    this one. Itself first, where nothing else is known of it.
+    """
+    for base, others in SCALES.items():
+        known = {base: 1.0} | others
+        if unit in known:
+            return {other: scale / known[unit] for other, scale in known.items()}
+    return {unit: 1.0}

@@ -1,0 +1,472 @@
+"""Where is the electromechanical resonance of a measured drive, and what would get the drive clear of it?
+
+The drive is fitted to a record of its speed, and of its torque if that was measured: its parameters,
+its supply and how it stood at the start. The resonance follows with an interval, and so does the
+torque ripple at the operating speed. A record that no drive of this kind makes is refused.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+
+import cosim
+from cosim import Advice, Experiment, Identified, SetupError
+from cosim.inputs import Table as Measured
+from cosim.system import Value
+from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, Table, option
+from workbench.measure import Samples, harmonics
+from workbench.report import chart as colors
+from workbench.report.chart import Second, Span
+
+from . import response
+from .drive import PARTS as DRIVE
+from .drive import conveyor_drive, followed, induction, linearised
+from .mechanism import moving
+from .resonance import row
+from .response import COARSER, Ripple, Setup
+from .theory import FIELDS, SETS, Machine
+
+PARTS = DRIVE
+OWN = ("motor.A", "motor.tau", "conveyor.phi", "conveyor.w")
+SPEED, TORQUE = "conveyor.w", "motor.tau"
+STATES = ("conveyor.phi", SPEED, TORQUE)
+LINEAR, KLOSS = ("motor.A", "motor.B"), ("motor.kloss.w_s", "motor.kloss.s_b")
+FREE = ("motor.T", "conveyor.rotor.J", "conveyor.trough.d")
+DRAWN = ("conveyor.crank.r", "conveyor.trough.m", "conveyor.spring.c")
+CHANGED = {"conveyor.rotor.J": "rotor_j", "motor.T": "motor_t"}
+KNOWN = re.compile(
+    r"(?P<name>[^=\s]+)\s*=\s*(?P<value>[^\s±+%]+(?:e[+-]?\d+)?)\s*(?:±|\+-)\s*(?P<off>[^\s%]+)\s*(?P<share>%)?"
+)
+STEPS, WIDEST, FINE, CURVE = 512, (0.2, 2.5), 600, 121
+FACTORS, NOISE = (0.2, 5.0), 0.02
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options(Ripple):
+    data: str = option("", "CSV file of the record")
+    map: tuple[str, ...] = option(
+        (), "a column, conveyor.w=n:rpm or motor.tau=M*0.88:N.m; time=t names the times"
+    )
+    known: tuple[str, ...] = option(
+        (), "what is known, conveyor.trough.m=200+-5 or =200+-2.5%, one standard deviation"
+    )
+    free: tuple[str, ...] = option((), "what else is sought, conveyor.spring.c or gain(motor.tau)")
+    noise: tuple[str, ...] = option(
+        (), "noise of a column, conveyor.w=0.1, told from its rows if not"
+    )
+    gaps: bool = option(False, "whether cells may be empty")
+    outliers: float = option(
+        0.0, "share of the rows that may lie far out", "%", least=0.0, most=20.0
+    )
+    starts: int = option(12, "starts of the search, at most", least=2)
+    speed: float | None = option(
+        None, "operating speed, the mean of the record by default", "rad/s", above=0.0
+    )
+
+
+class Told(NamedTuple):
+    """A fit, the machine it found, the operating speed [rad/s], stretches of speed to avoid with the
+    figures of their ends, and what each further record would leave of the interval.
+    """
+
+    fit: Identified
+    machine: Callable[[Mapping[str, float]], Machine]
+    operating: float
+    edges: Sequence[tuple[Figure, Figure]]
+    advice: Sequence[Advice]
+
+
+def solve(o: Options, bench: Bench) -> Findings:
+    """Fit, and ask the machine that fits."""
+    record = read(o)
+    base = followed(bench.fmus, SETS[o.set], o.start)
+    w = np.array(record[SPEED].values) * (math.pi / 30 if record[SPEED].unit == "rpm" else 1.0)
+    nu = float(np.nanmean(w))
+    operating = o.speed or nu
+    supply, slope = KLOSS if induction(o.start) else LINEAR
+    known = dict(map(prior, o.known))
+    if not known and TORQUE not in record:
+        raise SetupError(
+            f"{o.data}: speed alone tells no mass and no torque; give what is known, as in "
+            "--known conveyor.trough.m=200+-5, or map a torque to motor.tau"
+        )
+    fit = cosim.identify(
+        conveyor_drive(bench.fmus, guess(o, base, record[SPEED].times, w)),
+        record,
+        free=list(dict.fromkeys([slope, *FREE, supply, *STATES, *o.free])),
+        known=known,
+        derived={"nu_res": lambda v, _: found(o, base, nu, v).nu_res},
+        units={"nu_res": "rad/s"},
+        noise=dict(map(number, o.noise)),
+        first=("conveyor.phi", supply),
+        outliers=o.outliers / 100,
+        starts=o.starts,
+        algorithm=o.algorithm,
+    )
+    machine = partial(found, o, base, nu)
+    told = Told(fit, machine, operating, edges(o, fit, machine), advice(o, fit))
+    table, further = (
+        rows(fit),
+        Table.of_rows([(x.name, x.error) for x in told.advice], {"record": "", "error": "rad/s"}),
+    )
+    return Findings(
+        figures(o, bench, told),
+        told,
+        fit.model.system,
+        fit.result.provenance,
+        tables={"identify.csv": table, "identify_next.csv": further},
+        facts=facts(o, told),
+    )
+
+
+def read(o: Options) -> dict[str, Measured]:
+    """The measured columns by variable."""
+    if not o.data:
+        raise SetupError("identify needs a record: --data FILE.csv --map conveyor.w=COLUMN:rpm")
+    columns: dict[str, str] = {}
+    for text in o.map:
+        name, equals, column = text.partition("=")
+        if not equals or name in columns:
+            why = "is mapped twice" if equals else "must read NAME=COLUMN"
+            raise SetupError(f"map {text!r}: {name} {why}")
+        columns[name.strip()] = column
+    if SPEED not in columns:
+        raise SetupError(f"{o.data}: no column is mapped to {SPEED}: --map {SPEED}=COLUMN:rpm")
+    time = columns.pop("time", "time")
+    return cosim.measured(o.data, columns, time=time, gaps=o.gaps)
+
+
+def number(text: str) -> tuple[str, float]:
+    """ "conveyor.w=0.1" as name and number."""
+    name, _, value = text.partition("=")
+    try:
+        return name.strip(), float(value)
+    except ValueError:
+        raise SetupError(f"noise {text!r} must read NAME=NUMBER") from None
+
+
+def prior(text: str) -> tuple[str, tuple[float, float]]:
+    """ "conveyor.trough.m=200+-5" as name, value and standard deviation."""
+    match = KNOWN.fullmatch(text.strip())
+    try:
+        value, off = (float(match[key]) for key in ("value", "off")) if match else (0.0, 0.0)
+    except ValueError:
+        match = None
+    if match is None:
+        raise SetupError(f"known {text!r} must read NAME=VALUE+-DEVIATION, or +- a share in %")
+    return match["name"], (value, abs(value) * off / 100 if match["share"] else off)
+
+
+def guess(o: Options, base: Machine, times: Sequence[float], w: Samples) -> dict[str, Value]:
+    """Start values near the motion of a record: the angle at its start by the order 2 of its speed,
+    the supply by its mean speed.
+    """
+    there = np.isfinite(w)
+    t, w = np.asarray(times)[there], w[there]
+    nu = float(w.mean())
+    turned = np.concatenate([[0.0], np.cumsum(np.diff(t) * (w[1:] + w[:-1]) / 2)])
+    if turned[-1] < 2 * math.pi:
+        raise SetupError(
+            f"{o.data}: the record holds {turned[-1] / (2 * math.pi):.2g} turns of the crank, and one "
+            "is the least that tells a drive"
+        )
+    machine = linearised(base, o.start, nu)
+    swing = complex(harmonics(turned, w, 2)[1]) / machine.speed_ripple(nu)
+    phi = float(np.angle(swing)) / 2
+    tau = machine.load_slope * nu + (machine.torque_ripple(nu) * np.exp(2j * phi)).imag
+    states = {"conveyor.phi": phi, "conveyor.w": float(np.median(w[:5])), "motor.tau": float(tau)}
+    start: dict[str, Value] = {**base.start(nu), **o.start, **states}
+    if induction(o.start):
+        start["motor.kloss.w_s"] = 1.02 * nu
+    return start
+
+
+def found(o: Options, base: Machine, nu: float, values: Mapping[str, float]) -> Machine:
+    """The machine of these values; its motor's slope is that at the mean speed nu [rad/s]."""
+    motor = {name: x for name, x in values.items() if name.startswith("motor.")}
+    return linearised(base.follow(values), {**o.start, **motor}, nu)
+
+
+def figures(o: Options, bench: Bench, told: Told) -> dict[str, Figure]:
+    """The resonance, how far the operating speed is from it, the torque ripple there, the stretch of
+    speed to avoid, what would change it, and all values that were free.
+    """
+    fit, machine, nu = told.fit, told.machine, told.operating
+    units = {
+        "nu_res": "rad/s",
+        "away": "%",
+        "tau2": "N.m",
+        "avoid_from": "rad/s",
+        "avoid_to": "rad/s",
+    }
+    meanings = {
+        "nu_res": "resonance by formula (22) of the machine found",
+        "away": "operating speed above the resonance",
+        "tau2": "torque ripple at the operating speed",
+        "avoid_from": "speed above which the torque ripple is too much",
+        "avoid_to": "speed below which the torque ripple is too much",
+    }
+    for name, key in CHANGED.items():
+        meanings[f"clear_{key}"] = f"{name} with which the torque ripple there is at its limit"
+        units[f"clear_{key}"] = fit.model.free[fit.names.index(name)].unit
+    if fit.misfit:
+        why = "no machine of this kind fits the record"
+        return {name: Figure.refused(units[name], why, meanings[name]) for name in units}
+    here = {"nu_res": said(fit.derived["nu_res"], meanings["nu_res"])}
+    away = fit.interval(lambda v: 100.0 * (nu / machine(v).nu_res - 1.0), "%")
+    here["away"] = said(away, meanings["away"])
+    here["tau2"] = ripple(o, bench, told, meanings["tau2"])
+    near = min(told.edges, key=partial(distance, nu), default=None)
+    for name, k in (("avoid_from", 0), ("avoid_to", 1)):
+        nowhere = Figure.refused("rad/s", "the torque ripple is below its limit everywhere")
+        here[name] = (near[k] if near else nowhere)._replace(meaning=meanings[name])
+    for name, key in CHANGED.items():
+        here[f"clear_{key}"] = cleared(o, told, name, units[f"clear_{key}"])._replace(
+            meaning=meanings[f"clear_{key}"]
+        )
+    for name, interval in fit.values.items():
+        key = re.sub(r"\W+", "_", name).strip("_").lower()
+        here[key] = said(interval, f"{name}, found")
+    return here
+
+
+def distance(nu: float, stretch: tuple[Figure, Figure]) -> float:
+    """How far a speed is from a stretch of speeds, whose ends may not be told [rad/s]."""
+    low, high = (end.value for end in stretch)
+    return low - nu if nu < low else nu - high if nu > high else 0.0
+
+
+def said(interval: Any, meaning: str) -> Figure:
+    """An interval as a figure, refused where the record does not tell the value."""
+    if not math.isfinite(interval.error) or interval.error > abs(interval.value) * 1e3 + 1e9:
+        return Figure.refused(interval.unit, "the record does not tell it", meaning)
+    return Figure(interval.value, interval.unit or "1", interval.error, meaning)
+
+
+def ripple(o: Options, bench: Bench, told: Told, meaning: str) -> Figure:
+    """The torque ripple of the machine found on its steady orbit at the operating speed."""
+    fit, nu = told.fit, told.operating
+    values = fit.model.values(fit.local.p)
+    start = {
+        **o.start,
+        **{name: x for name, x in values.items() if name not in OWN and "(" not in name},
+    }
+    setup, machine = Setup(bench, start, o.algorithm, STEPS), told.machine(values)
+    points = [response.simulate(setup.case(machine, nu, k)) for k in COARSER]
+    if points[0].problem:
+        return Figure.refused("N.m", points[0].problem, meaning)
+    told_row = row(machine, points, cosim.ORDERS[o.algorithm])
+    (value, unit), (error, _) = told_row["tau2"], told_row["tau2_error"]
+    if math.isnan(error):
+        return Figure.refused(unit, "the coupling error is not known", meaning)
+    wide = fit.interval(lambda v: float(abs(told.machine(v).torque_ripple(nu)))).error
+    return Figure(value, unit, error + wide, meaning)
+
+
+def edges(
+    o: Options, fit: Identified, machine: Callable[[Mapping[str, float]], Machine]
+) -> list[tuple[Figure, Figure]]:
+    """The stretches of speed in which first-order theory has the torque ripple above its limit."""
+    if fit.misfit:
+        return []
+    values = fit.model.values(fit.local.p)
+    nus = machine(values).nu_res * np.geomspace(WIDEST[0], WIDEST[1], FINE)
+
+    def passed(v: Mapping[str, float]) -> Samples:
+        over = np.log(np.abs(machine(v).torque_ripple(nus)) / o.most)
+        k = np.flatnonzero((over[1:] > 0) != (over[:-1] > 0))
+        share = over[k] / (over[k] - over[k + 1])
+        return np.asarray(nus[k] + share * (nus[k + 1] - nus[k]))
+
+    def edge(near: float, v: Mapping[str, float]) -> float:
+        return float(min(passed(v), key=lambda x: abs(x - near), default=math.nan))
+
+    ends = [said(fit.interval(partial(edge, x), "rad/s"), "") for x in passed(values).tolist()]
+    if abs(machine(values).torque_ripple(nus[0])) > o.most:
+        ends.insert(0, Figure.refused("rad/s", "it is above its limit at every speed below"))
+    if len(ends) % 2:
+        ends.append(Figure.refused("rad/s", "it is above its limit at every speed above"))
+    return list(zip(ends[::2], ends[1::2]))
+
+
+def cleared(o: Options, told: Told, name: str, unit: str) -> Figure:
+    """What a parameter would have to be for the torque ripple at the operating speed to be at its
+    limit.
+    """
+    fit, nu = told.fit, told.operating
+    values = fit.model.values(fit.local.p)
+    factors = np.geomspace(FACTORS[0], FACTORS[1], FINE)
+
+    def over(v: Mapping[str, float]) -> Samples:
+        many: dict[str, Any] = {FIELDS[name]: v[name] * factors}
+        each = replace(told.machine(v), **many)
+        return np.asarray(np.log(np.abs(each.torque_ripple(nu)) / o.most))
+
+    def passed(v: Mapping[str, float]) -> float:
+        y = over(v)
+        k = np.flatnonzero((y[1:] > 0) != (y[:-1] > 0))
+        at = factors[k] * (factors[k + 1] / factors[k]) ** (y[k] / (y[k] - y[k + 1]))
+        return float(v[name] * min(at, key=lambda x: abs(math.log(x)), default=math.nan))
+
+    if abs(told.machine(values).torque_ripple(nu)) <= o.most:
+        return Figure.refused(unit, "the operating speed is clear as it is")
+    if math.isnan(passed(values)):
+        return Figure.refused(unit, f"no value from a fifth to five times that of {name} does it")
+    return said(fit.interval(passed, unit), "")
+
+
+def advice(o: Options, fit: Identified) -> list[Advice]:
+    """What further records would leave of the interval of the resonance, the best first."""
+    if fit.misfit:
+        return []
+    values = fit.model.values(fit.local.p)
+    base = SETS[o.set].follow(o.start)
+    times = fit.model.columns[0].times
+    stop, last = float(times[-1] - times[0]), {name: float(fit.result[name][-1]) for name in STATES}
+    noise = {column.name: column.noise.sigma for column in fit.model.columns}
+    both = {SPEED: noise[SPEED], TORQUE: noise.get(TORQUE, NOISE * o.rated)}
+    supply = KLOSS[0] if induction(o.start) else LINEAR[0]
+    rest = {"conveyor.phi": 0.0, SPEED: 0.0, TORQUE: 0.0}
+    kinds: dict[str, Mapping[str, Value]] = {
+        "the same once more": last,
+        "a run-up from rest": rest,
+        "a step of the supply to 120 %": {**last, supply: 1.2 * values[supply]},
+    }
+    if not induction(o.start):
+        kinds["a run-down with the supply off"] = {**last, supply: 0.0}
+    nu = float(np.mean(fit.result[SPEED]))
+    experiments = {}
+    for word, start in kinds.items():
+        own = (supply,) if supply in start else ()
+        experiments[word] = Experiment(start, noise, stop, own)
+        if TORQUE not in noise:
+            experiments[f"{word}, with the torque"] = Experiment(start, both, stop, own)
+    return cosim.advise(fit, experiments, lambda v: found(o, base, nu, v).nu_res)
+
+
+def rows(fit: Identified) -> Table:
+    """Measured and fitted values and what is between them, by time."""
+    frame, units = None, {"time": "s"}
+    for name, seen in fit.residuals.items():
+        mine = pd.DataFrame(
+            {"time": seen.times, name: seen.measured, f"{name}_fitted": seen.fitted,
+             f"{name}_residual": seen.fitted - seen.measured}
+        )  # fmt: skip
+        units |= dict.fromkeys(mine.columns[1:], seen.unit)
+        frame = mine if frame is None else frame.merge(mine, on="time", how="outer")
+    assert frame is not None
+    return Table(frame, units)
+
+
+def facts(o: Options, told: Told) -> dict[str, Any]:
+    """What else stands in the JSON."""
+    fit = told.fit
+    exact = {name: x for name, x in fit.model.values(fit.local.p).items() if name in DRAWN}
+    return {
+        "operating_speed": told.operating,
+        "rated_torque": o.rated,
+        "limit": o.most,
+        "chi2": {"sum": fit.chi2, "degrees": fit.dof, "band": list(fit.band)},
+        "minima": list(fit.minima),
+        "misfit": list(fit.misfit),
+        "notes": list(fit.notes),
+        "exact": {name: x for name, x in exact.items() if name not in fit.names},
+        "alike": [list(group) for group in fit.alike],
+        "correlations": {
+            name: dict(zip(fit.names, map(float, row)))
+            for name, row in zip(fit.names, fit.correlations)
+        },
+        "next": {x.name: x.error for x in told.advice},
+    }
+
+
+def verdict(o: Options, f: Mapping[str, Figure], r: Told) -> str:
+    """The answer in plain words."""
+    if r.fit.misfit:
+        return "\n".join(["No drive of this kind makes this record:", *r.fit.misfit])
+    away, nu = f["away"], r.operating
+    over = f["tau2"].value > o.most
+    lines = [
+        f"The resonance is at {f['nu_res'].text()}, and the operating speed of {nu:.4g} rad/s "
+        f"lies {away._replace(value=abs(away.value)).text()} "
+        f"{'above' if away.value > 0 else 'below'} it.",
+        f"The torque ripple there is {f['tau2'].text()}; the limit is {o.most:g} N.m.",
+    ]
+    ends = [f[name] for name in ("avoid_from", "avoid_to")]
+    if over:
+        near = sorted((e for e in ends if e.error is not None), key=lambda e: abs(e.value - nu))
+        ways = [f"to a speed of {end.text()}" for end in near[:1]]
+        for name, key in CHANGED.items():
+            if f[f"clear_{key}"].error is not None:
+                ways.append(f"to {name} = {f[f'clear_{key}'].text()}")
+        lines.append(
+            f"To get clear, go {', or '.join(ways)}." if ways else "Nothing gets it clear."
+        )
+    elif ends[0].error is not None and ends[1].error is not None:
+        lines.append(f"Avoid speeds from {ends[0].text()} to {ends[1].text()}.")
+    for group in r.fit.alike:
+        lines.append(f"The record cannot tell {' and '.join(group)} apart.")
+    best = r.advice[0]
+    lines.append(
+        f"Next: {best.name} would narrow the interval of the resonance to {best.error:.2g} rad/s."
+    )
+    return "\n".join(lines)
+
+
+def show(o: Options, f: Mapping[str, Figure], r: Told) -> Show:
+    """Each column measured, fitted and what is between them; the resonance curve with its band; the
+    conveyor in motion.
+    """
+    charts = []
+    for (name, seen), color in zip(r.fit.residuals.items(), (colors.SPEED, colors.TORQUE)):
+        what = "speed" if name == SPEED else "torque"
+        off = seen.fitted - seen.measured
+        panels = [
+            Panel(what, seen.unit, [Curve("measured", seen.times, seen.measured, "grey", "points"),
+                                    Curve("fitted", seen.times, seen.fitted, color)]),
+            Panel("fitted less measured", seen.unit, [Curve("residual", seen.times, off, color, "points")],
+                  [Mark(s * 2 * seen.sigma, f"{2 * s:+d} sigma of the noise") for s in (-1, 1)]),
+        ]  # fmt: skip
+        charts.append(Chart(f"The {what}, measured and fitted", "time [s]", panels))
+    if not r.fit.misfit:
+        charts.insert(0, band(o, f, r))
+    first, last = (float(t) for t in r.fit.result["time"][[0, -1]])
+    return Show(
+        charts, [moving("The conveyor as it was fitted", {"": r.fit.result}, first, last, 25.0)]
+    )
+
+
+def band(o: Options, f: Mapping[str, Figure], r: Told) -> Chart:
+    """The torque ripple over the speed of the machine found, with the band of its interval."""
+    nus = np.linspace(0.4, 1.8, CURVE) * f["nu_res"].value
+
+    def height(nu: float, v: Mapping[str, float]) -> float:
+        return float(abs(r.machine(v).torque_ripple(nu)))
+
+    each = [r.fit.interval(partial(height, nu), "N.m") for nu in nus.tolist()]
+    curve = Curve(
+        "first-order theory of the machine found", nus, [x.value for x in each], colors.TORQUE,
+        "line", [x.error for x in each],
+    )  # fmt: skip
+    limit = Mark(o.most, f"limit {o.most:g} N.m")
+    marks = [
+        Mark.of("resonance", f["nu_res"]),
+        Mark(r.operating, f"operating speed {r.operating:.4g} rad/s"),
+    ]
+    spans = [Span(a.value, b.value, "avoid", "red") for a, b in r.edges if a.error and b.error]
+    return Chart(
+        "Torque ripple of the machine found, with its 95 % band",
+        "operating speed [rad/s]",
+        [Panel("torque ripple", "N.m", [curve], [limit], (0.0,))],
+        marks,
+        spans,
+        Second("rpm", 30 / math.pi),
+    )

@@ -1,0 +1,267 @@
+"""Transfer functions of the iron drive, and its follower in the air and landing."""
+
+from __future__ import annotations
+
+import math
+import random
+from math import pi, radians
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import sympy as sp
+
+from components.iron_drive import model as iron
+from cosim import System, run
+from fmukit.declare.record import start
+from fmukit.step import hybrid
+from tests.components.iron_flight import DIMENSIONS, Reference, numbers, transfer
+from tests.components.test_iron_drive import MOTOR
+from tests.hosts.host import Unit
+from tests.oracle import drawn
+
+FLIES: dict[str, Any] = {"follower.lifts": True}
+RUBS = {"joints.cam": 0.05, "joints.rocker": 0.1, "joints.link": 0.02, "joints.sprocket": 0.01}
+ABOVE: dict[str, Any] = {"wrap": iron.Wrap.tangent, "spring.side": iron.Side.above}
+STORED = ("E_kin", "E_pot", "E_friction", "E_joints", "E_landing")
+TRANSFER = ("alpha_1", "alpha_2", "beta_1", "beta_2", "H_1", "H_2")
+
+
+@pytest.mark.parametrize("wrap", iron.Wrap)
+def test_transfer_functions_are_the_derivatives_of_the_papers_positions(wrap: iron.Wrap) -> None:
+    draw = random.Random(3)
+    for p in [start(iron.Parameters, wrap=wrap), *(drawn(iron, draw, 0.1, wrap=wrap),) * 3]:
+        phi = draw.uniform(0.05, 0.95) * p.cam.rise
+        wanted = map(float, transfer(wrap)(phi, *(numbers(p)[name] for name in DIMENSIONS)))
+        y = iron.outputs(p, 0.0, start(iron.State, phi=phi, w_cam=1.0), iron.Inputs(0.1))
+        assert [getattr(y, name) for name in TRANSFER] == pytest.approx(list(wanted), rel=1e-9)
+
+
+def test_derivatives_of_the_link_are_those_that_the_paper_prints() -> None:
+    """Formulas (6) and (8), with the run to the top of the sprocket, chained with (2) and (3)."""
+    p = start(iron.Parameters)
+    l_K, A_1, C = p.rocker.l_K, p.sprocket.A + p.sprocket.R, p.sprocket.C
+    for degrees in (20, 70, 170, 220):
+        state = start(iron.State, phi=radians(degrees), w_cam=1.0)
+        y = iron.outputs(p, 0.0, state, iron.Inputs(0.1))
+        c, s = math.cos(y.alpha), math.sin(y.alpha)
+        square = (C + l_K * c) ** 2 + (A_1 - l_K * s) ** 2
+        first = l_K * (l_K - A_1 * s + C * c) / square
+        second = l_K * (l_K**2 - A_1**2 - C**2) * (A_1 * c + C * s) / square**2
+        assert y.beta_1 == pytest.approx(first * y.alpha_1, rel=1e-12)
+        assert y.beta_2 == pytest.approx(second * y.alpha_1**2 + first * y.alpha_2, rel=1e-9)
+
+
+def test_coefficients_of_the_equation_of_motion_give_its_acceleration() -> None:
+    """A_1 eps + B_1 w^2 + D w = M + C_1, with the friction of the joints in D."""
+    p, draw = start(iron.Parameters, **RUBS), random.Random(4)
+    for _ in range(20):
+        w, u = draw.uniform(-9, 9), iron.Inputs(draw.uniform(-1, 1))
+        x = start(iron.State, phi=draw.uniform(-9, 9), w_cam=w, direction=1 if w > 0 else -1)
+        y, rates = iron.outputs(p, 0.0, x, u), iron.derivatives(p, 0.0, x, u)
+        M = p.reducer.i_g * u.tau + y.C_1 - rates.E_joints / w
+        assert y.A_1 * rates.w_cam + y.B_1 * w * w == pytest.approx(M, rel=1e-9)
+
+
+CASES: dict[str, tuple[dict[str, Any], float, float, float, float, int]] = {
+    # parameters, tau, phi, w_cam, until, landings
+    "below": ({"follower.e": 0.3}, 0.1, 0.0, 9.0, 0.5, 5),
+    "above, tangent, with friction in the joints": (
+        {"follower.e": 0.8, "on_invalid": 1} | ABOVE | RUBS, 0.1, 0.0, 6.0, 0.9, 3,
+    ),
+    "reversing in the air": ({"follower.e": 0.5}, 0.3, 0.0, 14.0, 0.6, 4),
+}  # fmt: skip
+
+
+REVERSING = pytest.param("reversing in the air", marks=pytest.mark.slow)
+
+
+@pytest.mark.parametrize("name", [*list(CASES)[:2], REVERSING])
+def test_flight_and_landings_are_those_of_another_integration(name: str, fmus: Path) -> None:
+    values, tau, phi, w, stop, landings = CASES[name]
+    end = Reference(start(iron.Parameters, **FLIES, **values), tau).run(phi, w, stop)
+    python, native, ends = fmus, fmus / "native", []
+    for folder, steps in [(native, 100), *[(python, 10)] * (name == "below"), (native, 10)]:
+        unit = Unit(folder / "IronDrive.fmu").start(tau=tau, phi=phi, w_cam=w, **FLIES, **values)
+        for n in range(steps):
+            unit.step(n * stop / steps, stop / steps)
+        ends.append([float(value) for value in unit.outputs()])
+    assert ends[-1] == pytest.approx(ends[0], rel=1e-8, abs=1e-8)
+    assert all(end == ends[-1] for end in ends[1:])
+    assert unit.get("landings") == len(end["landed"]) == landings
+    for key in ("phi", "w_cam", "alpha", "gap", "E_friction", "E_landing", "t_flight"):
+        assert unit.get(key) == pytest.approx(end[key], rel=2e-9, abs=2e-9), key
+    _, speed, impulse, _ = end["landed"][-1]
+    assert unit.get("v_landing") == pytest.approx(speed, rel=1e-8)
+    assert unit.get("S_landing") == pytest.approx(impulse, rel=1e-8)
+
+
+def test_energy_of_a_bouncing_drive_is_the_work_of_its_torque(fmus: Path) -> None:
+    """Stored, rubbed off in guide and joints, and lost at landings."""
+    for values, tau, phi, w, _, _ in CASES.values():
+        inputs = {"tau": tau, "phi": phi, "w_cam": w} | FLIES | values
+        given = {f"iron.{name}": value for name, value in inputs.items()}
+        r = run(System({"iron": fmus / "native" / "IronDrive.fmu"}, [], given), stop=1.0, step=1e-3)
+        energy = sum(r[f"iron.{name}"] for name in STORED)
+        work = 36 * tau * (r["iron.phi"] - phi)
+        assert r["iron.landings"][-1] >= 3
+        assert np.abs(energy - energy[0] - work).max() < 1e-9 * energy.max()
+
+
+def met(p: Any, phi: float, w: float, w_gap: float) -> tuple[Any, Any, Any]:
+    """A state in which the follower meets the cam, the one after, and the position."""
+    x = start(iron.State, phi=phi, w_cam=w, w_gap=w_gap, flying=True)
+    return x, iron.landed(p, x), iron.position(p, phi)
+
+
+def test_an_impact_is_the_closed_solution_of_two_bodies() -> None:
+    """Momentum along the transfer function, relative speed, loss; at a guide without friction."""
+    w, v, w_1, v_1, P, a, J, I, e = sp.symbols("w v w_1 v_1 P a J I e")
+    equations = [J * (w_1 - w) - a * P, I * (v_1 - v) + P, a * w_1 - v_1 + e * (a * w - v)]
+    found = sp.solve(equations, [w_1, v_1, P])
+    closed = sp.lambdify([w, v, a, J, I, e], [found[x] for x in (w_1, v_1, P)])
+    draw = random.Random(5)
+    for _ in range(30):
+        rest = {"friction.K_up": 0.0, "friction.K_down": 0.0, "reducer.J": draw.uniform(0, 1e-3)}
+        p = start(iron.Parameters, **FLIES, **rest, **{"follower.e": draw.uniform(0.05, 1.0)})
+        x, y, at = met(p, draw.uniform(-9, 9), draw.uniform(-9, 9), -draw.uniform(0.1, 9.0))
+        a_1, J_c = at.alpha.first, iron.shaft(p)
+        meets, parts = (a_1 * s.w_cam - s.w_gap for s in (x, y))
+        wanted = closed(x.w_cam, meets, a_1, J_c, at.J_a, p.follower.e)
+        arm = iron.lever(p, at.alpha)
+        assert [y.w_cam, parts, y.S_landing * arm] == pytest.approx(wanted, rel=1e-12)
+        reduced = 1 / (a_1**2 / J_c + 1 / at.J_a)
+        loss = (1 - p.follower.e**2) / 2 * reduced * x.w_gap**2
+        before, after = (J_c * s.w_cam**2 / 2 for s in (x, y))
+        kinetic = before - after + at.J_a * (meets**2 - parts**2) / 2
+        assert y.E_landing == pytest.approx(loss, rel=1e-12)
+        assert kinetic == pytest.approx(loss, rel=1e-9)
+        assert (y.E_friction, y.gap, y.flying) == (0.0, 0.0, True)
+
+
+def test_a_heavy_cam_throws_the_follower_back_as_a_moving_flank_does_a_ball() -> None:
+    """v' = (1 + e) v_flank - e v, along the normal, whatever the follower weighs."""
+    rigid = {"reducer.J": 1e9, "friction.K_up": 0.0, "friction.K_down": 0.0, "follower.e": 0.6}
+    for mass in (1.0, 4.0):
+        p = start(iron.Parameters, **FLIES, **rigid, **{"iron.m": mass})
+        for degrees in (30, 200):
+            x, y, at = met(p, radians(degrees), 8.0, -2.0)
+            flank, arm = at.alpha.first * 8.0, iron.lever(p, at.alpha)
+            ball, back = (at.alpha.first * s.w_cam - s.w_gap for s in (x, y))
+            assert back == pytest.approx(1.6 * flank - 0.6 * ball, rel=1e-8)
+            assert y.v_landing == pytest.approx(2.0 * arm, rel=1e-12)
+
+
+def test_the_friction_of_the_guide_takes_its_share_of_an_impact() -> None:
+    """Kinetic energy lost = between cam and follower + in the guide, neither ever made; the share of
+    the contact is (1 - e^2) / 2 m v^2 where the iron does not reverse."""
+    draw, reversed_ = random.Random(6), 0
+    for _ in range(200):
+        p = start(iron.Parameters, **FLIES, **{"follower.e": draw.uniform(0.0, 1.0)})
+        x, y, at = met(p, draw.uniform(-9, 9), draw.uniform(-9, 9), -draw.uniform(0.1, 9.0))
+        a_1, J_c = at.alpha.first, iron.shaft(p)
+        v, v_1 = (a_1 * s.w_cam - s.w_gap for s in (x, y))
+        kinetic = (J_c * (x.w_cam**2 - y.w_cam**2) + at.J_a * (v**2 - v_1**2)) / 2
+        assert kinetic == pytest.approx(y.E_landing + y.E_friction, abs=1e-10)
+        assert y.E_friction > 0.0
+        assert y.E_landing >= -1e-12
+        if v * v_1 > 0.0:
+            K = p.friction.K_down if v > 0 else p.friction.K_up
+            inertia = at.J_a + K * p.iron.m * at.H_a**2
+            reduced = 1 / (a_1**2 / J_c + 1 / inertia)
+            e = p.follower.e
+            assert y.E_landing == pytest.approx((1 - e * e) / 2 * reduced * x.w_gap**2, abs=1e-10)
+        reversed_ += v > 0.0 > v_1
+    assert 20 < reversed_ < 190
+
+
+def test_a_landing_is_the_limit_of_a_stiff_contact() -> None:
+    """Up to the end of the approach: iron rising, reversing, and brought to rest; with a spring whose
+    stiffness grows, the forces of the drive and the friction of the guide act as in flight."""
+    p = start(iron.Parameters, **FLIES, **{"follower.e": 0.0, "reducer.J": 1e-5})
+    reference = Reference(p, 0.1)
+    for degrees, w, w_gap in ((50, 3.0, -0.4), (180, 3.0, -2.0), (300, 9.0, -1.0)):
+        _, y, at = met(p, radians(degrees), w, w_gap)
+        rigid = y.w_cam, at.alpha.first * y.w_cam
+        soft, stiff = (
+            np.array(reference.stopped(radians(degrees), w, w_gap, c)) for c in (1e10, 1e12)
+        )
+        assert stiff + (stiff - soft) / 9 == pytest.approx(rigid, abs=1e-7)
+
+
+def test_bounces_on_a_cam_at_rest_end_as_a_ball_does() -> None:
+    """Dropped from a small gap in a dwell: all bounces last 2 e v / (a (1 - e)), and v^2 falls by e^2."""
+    rest = {"reducer.J": 1e9, "friction.K_up": 0.0, "friction.K_down": 0.0}
+    p = start(iron.Parameters, **FLIES, **rest, **{"follower.e": 0.25, "follower.v": 5e-9})
+    u, gap = iron.Inputs(0.0), 1e-6
+    x = iron.sample(p, 0.0, start(iron.State, phi=5.0, gap=gap), None, u)
+    fall = -iron.derivatives(p, 0.0, x, u).w_gap
+    course = hybrid.Course(u, u, 2e-3)
+    events = hybrid.events(iron, p, 0.0, x, course)
+    seen = [(t, old, new) for t, old, new in events if new.landings > old.landings]
+    first, v = math.sqrt(2 * gap / fall), math.sqrt(2 * gap * fall)
+    times, bounces = [t for t, _, _ in seen], [-old.w_gap for _, old, _ in seen]
+    assert bounces[:6] == pytest.approx([v * 0.25**k for k in range(6)], rel=1e-5)
+    assert times[-1] == pytest.approx(first + 2 * v / fall / 3, rel=1e-5)
+    end = seen[-1][2]
+    assert not end.flying and (end.gap, end.w_gap) == (0.0, 0.0)
+    J = iron.position(p, 5.0).J_a
+    assert end.E_landing == pytest.approx(J * v * v / 2, rel=1e-5)
+
+
+def test_where_nothing_lifts_the_option_changes_no_bit(fmus: Path) -> None:
+    """A start, a turn back and a stall, motor and drive."""
+    for values in ({"motor.A": 4.0, "motor.B": 0.025}, {"motor.A": 0.1, "motor.B": 0.0025}):
+        rows = []
+        for lifts in (False, True):
+            parts = {"motor": fmus / "DriveMotor.fmu", "iron": fmus / "native" / "IronDrive.fmu"}
+            wires = ["motor.tau -> iron.tau", "iron.w -> motor.w"]
+            given = values | {"motor.T": 0.012, "motor.tau": 0.0, "iron.follower.lifts": lifts}
+            rows.append(run(System(parts, wires, given), stop=1.5, step=5e-3).data)
+        assert np.array_equal(*rows)
+
+
+def test_a_follower_off_its_cam_needs_the_option(fmus: Path) -> None:
+    for values in (
+        {"gap": 0.1},
+        {"w_gap": 0.1},
+        {"w_gap": -0.1} | FLIES,
+    ):
+        unit = Unit(fmus / "IronDrive.fmu")
+        reason = unit.refusal(lambda u, values=values: u.start(**values))
+        assert "the follower can be off the cam with follower.lifts alone" in reason
+        unit.fmi.freeInstance()
+
+
+def test_a_motor_drives_a_bouncing_follower_as_one_system(fmus: Path) -> None:
+    """Two FMUs, Strang, extrapolated from two steps, beside SciPy's one system."""
+    motor = MOTOR | {"A": 8.0}
+    p = start(iron.Parameters, **FLIES)
+    end = Reference(p, 0.0, motor).run(0.0, 8.0, 0.6)
+    given = {f"motor.{name}": value for name, value in motor.items()}
+    given |= {"iron.phi": 0.0, "iron.w_cam": 8.0, "motor.tau": 0.0, "iron.follower.lifts": True}
+    parts = {"motor": fmus / "native/DriveMotor.fmu", "iron": fmus / "native/IronDrive.fmu"}
+    system = System(parts, ["motor.tau -> iron.tau", "iron.w -> motor.w"], given)
+    fine, coarse = (run(system, stop=0.6, step=h, algorithm="strang") for h in (1e-4, 2e-4))
+    assert fine["iron.landings"][-1] == len(end["landed"]) >= 2
+    for name in ("phi", "w_cam", "E_landing", "E_friction", "t_flight"):
+        a, b = (r[f"iron.{name}"][-1] for r in (fine, coarse))
+        assert a + (a - b) / 3 == pytest.approx(end[name], rel=1e-5, abs=1e-5), name
+
+
+def test_the_chain_stays_taut_above_the_speed_of_lift_off(fmus: Path) -> None:
+    """Held to the cam, the run of the chain would go slack at 8.54 rad/s, the iron at 9.11 rad/s."""
+    for w in (8.6, 9.4, 12.0):
+        given = {"w_cam": w, "tau": 0.0, "reducer.J": 1e3, "phi": 0.0} | FLIES
+        given = {f"iron.{name}": value for name, value in given.items()}
+        system = System({"iron": fmus / "native" / "IronDrive.fmu"}, [], given)
+        r = run(system, stop=2 * pi / w, step=1e-3)
+        assert r["iron.landings"][-1] > 0
+        assert min(r["iron.T_span"].min(), r["iron.T_iron"].min()) > 5.0
+
+
+def test_the_follower_flies_above_the_speed_where_its_force_vanishes() -> None:
+    reference = Reference(start(iron.Parameters, **FLIES, **{"reducer.J": 1e6}), 0.0)
+    for w, lifts in ((7.89, 0), (7.91, 1)):
+        assert len(reference.run(0.0, w, 2 * pi / w)["lifted"]) == lifts

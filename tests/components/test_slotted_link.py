@@ -1,0 +1,162 @@
+"""The slotted link against Lagrange's equation, the balances of its link, and the crank conveyor."""
+
+from __future__ import annotations
+
+import math
+import random
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import sympy
+
+from components.crank_conveyor import model as crank_conveyor
+from components.slotted_link import model as link
+from cosim import System, run
+from fmukit.declare.record import start
+from tests.oracle import joined, part, symbolic
+
+NAMES = "J r l m d c m_L tau phi w"
+EACH = pytest.mark.parametrize("swings", [False, True])
+
+
+def points(swings: bool, count: int = 50) -> Iterator[tuple[list[float], Any, Any, Any]]:
+    """Random machines in random states: numbers in the order of NAMES, and as records."""
+    draw = random.Random(5)
+    for _ in range(count):
+        r = draw.uniform(0.005, 0.1)
+        body = [draw.uniform(0.1, 2.0), r, r * draw.uniform(1.2, 9.0), draw.uniform(1.0, 300.0)]
+        load = [draw.uniform(0.0, 9e3), draw.uniform(0.0, 1e6), draw.uniform(0.0, 90.0)]
+        state = [draw.uniform(-300, 300), draw.uniform(-9, 9), draw.uniform(-90, 90)]
+        names = ("rotor.J", "crank.r", "link.l", "trough.m", "trough.d", "spring.c", "load.m")
+        p = start(link.Parameters, **dict(zip(names, body + load)), **{"link.swings": swings})
+        yield body + load + state, p, link.State(*state[1:]), link.Inputs(state[0])
+
+
+def geometry(swings: bool, angle: Any, r: Any, l: Any) -> Any:
+    """Where the trough is: its block lies on the line from the pivot through the pin."""
+    pin, x = sympy.Matrix([r * sympy.sin(angle), r * sympy.cos(angle)]), sympy.Symbol("place")
+    if not swings:
+        return pin[0]
+    pivot, block = sympy.Matrix([0, -l]), sympy.Matrix([x, 0])
+    return sympy.solve(sympy.Matrix.hstack(pin - pivot, block - pivot).det(), x)[0]
+
+
+@EACH
+def test_link_obeys_lagrange_with_a_load_that_depends_on_the_acceleration(swings: bool) -> None:
+    """The load's force -m_L x.. does its work along the trough's position; it is no part of T."""
+    t, place = sympy.Symbol("t"), sympy.Function("phi")(sympy.Symbol("t"))
+    J, r, l, m, d, c, m_L, tau, phi, w = symbols = sympy.symbols(NAMES, real=True)
+    a = sympy.Symbol("a")
+    x, spin = geometry(swings, place, r, l), place.diff(t)
+    v = x.diff(t)
+    lagrangian = (J * spin**2 + m * v**2 - c * x**2) / 2
+
+    def balance(sense: int) -> Any:
+        load = -(d * v + sense * m_L * v.diff(t)) * x.diff(place)
+        whole = lagrangian.diff(spin).diff(t) - lagrangian.diff(place) - load - tau
+        whole = whole.subs([(place.diff(t, 2), a), (spin, w), (place, phi)])
+        return -whole.subs(a, 0) / whole.diff(a)
+
+    told = sympy.lambdify(symbols, [balance(1), balance(-1), x.subs(place, phi)])
+    for numbers, p, state, u in points(swings):
+        wanted, wrong, at = told(*numbers)
+        y = link.outputs(p, 0.0, state, u)
+        assert link.derivatives(p, 0.0, state, u) == (state.w, y.a)
+        assert (y.a, y.x) == pytest.approx((wanted, at), rel=1e-9, abs=1e-9)
+        assert abs(wrong - wanted) > 1e-7 * abs(wanted)
+
+
+@EACH
+def test_force_of_the_pin_balances_crank_link_and_trough(swings: bool) -> None:
+    """On the crank by its lever, on the link by moments about the pivot, on the trough along x."""
+    for (J, r, l, m, d, c, m_L, tau, phi, w), p, state, u in points(swings):
+        y = link.outputs(p, 0.0, state, u)
+        psi = math.atan2(r * math.sin(phi), l + r * math.cos(phi)) if swings else 0.0
+        reach = math.hypot(r * math.sin(phi), l + r * math.cos(phi)) if swings else 1.0
+        block = l / math.cos(psi) if swings else 1.0
+        pushed = y.f_pin * reach / block * math.cos(psi)
+        lever = r * math.cos(phi - psi)
+        assert J * y.a == pytest.approx(tau - y.f_pin * lever, rel=1e-9, abs=1e-8)
+        near = [link.outputs(p, 0.0, link.State(phi + k, w), u).x for k in (-1e-4, 0.0, 1e-4)]
+        slope, bend = (near[2] - near[0]) / 2e-4, (near[2] - 2 * near[1] + near[0]) / 1e-8
+        along = slope * y.a + bend * w * w
+        size = m * (abs(slope * y.a) + r * w * w)
+        assert pushed == pytest.approx(m * along + y.f_load, abs=1e-4 * size)
+        assert y.f_load == pytest.approx(c * y.x + d * y.v + m_L * along, abs=1e-4 * size)
+
+
+@EACH
+def test_power_of_the_link_balances_and_alone_it_keeps_its_energy(swings: bool) -> None:
+    model = symbolic(link)
+    phi, w, tau = sympy.symbols("phi w tau", real=True)
+    p = start(model.Parameters, **{"link.swings": swings, "crank.r": 0.02, "load.m": 30.0})
+    x, u = model.State(phi, w), model.Inputs(tau)
+    rates, y = model.derivatives(p, 0.0, x, u), model.outputs(p, 0.0, x, u)
+    flow = sum((y.E_kin + y.E_pot).diff(q) * rate for q, rate in zip(x, rates))
+    left = sympy.lambdify((phi, w, tau), flow + y.P_loss - tau * w)
+    draw = random.Random(6)
+    assert [
+        left(draw.uniform(-9, 9), draw.uniform(-60, 60), draw.uniform(-99, 99)) for _ in range(20)
+    ] == pytest.approx([0.0] * 20, abs=1e-7)
+    values = {"trough.d": 0.0, "load.m": 30.0, "tau": 0.0, "w": 90.0, "phi": 0.3}
+    it = part(link, **values, **{"link.swings": swings})
+    told = [
+        link.outputs(it.p, 0.0, link.State(*state), it.u)
+        for state in zip(*joined({"it": it}, lambda x: [it.u], np.linspace(0.0, 1.0, 101))["it"])
+    ]
+    stored = [y.E_kin + y.E_pot for y in told]
+    assert stored == pytest.approx([stored[0]] * 101, rel=1e-9)
+    assert np.ptp([y.E_kin for y in told]) > 0.01 * stored[0]
+
+
+def coupled(fmus: Path, conveyor: str, **values: Any) -> Any:
+    """Motor and machine over four revolutions: crank angle, speed, torque."""
+    parts = {"motor": fmus / "DriveMotor.fmu", "conveyor": fmus / f"{conveyor}.fmu"}
+    wires = ["motor.tau -> conveyor.tau", "conveyor.w -> motor.w"]
+    given = {f"conveyor.{name}": value for name, value in values.items()}
+    r = run(System(parts, wires, given), stop=0.6, step=1e-3, algorithm="strang")
+    return np.stack([r[f"conveyor.{name}"] for name in ("phi", "w", "x", "v", "tau_load", "E_kin")])
+
+
+def test_a_yoke_is_the_crank_with_an_infinite_rod(fmus: Path) -> None:
+    """Coupled with a motor, and whether the mass is the trough's or the load's; a finite rod is not."""
+    native = fmus / "native"
+    crank = coupled(native, "CrankConveyor")
+    size = np.abs(crank).max(axis=1, keepdims=True)
+    for shared in ({"trough.m": 200.0, "load.m": 0.0}, {"trough.m": 140.0, "load.m": 60.0}):
+        yoke = coupled(native, "SlottedLink", **shared)
+        assert np.abs((yoke - crank) / size).max() < 1e-11
+    finite = coupled(native, "CrankConveyor", **{"rod.finite": True})
+    assert np.abs((finite - crank) / size).max() > 1e-3
+    for numbers, p, x, u in points(False):
+        J, r, _, m, d, c, m_L, *_ = numbers
+        names = {"rotor.J": J, "crank.r": r, "trough.m": m + m_L, "trough.d": d, "spring.c": c}
+        other = crank_conveyor.outputs(
+            start(crank_conveyor.Parameters, **names),
+            0.0,
+            crank_conveyor.State(*x),
+            crank_conveyor.Inputs(*u),
+        )
+        y = link.outputs(p, 0.0, x, u)
+        assert (y.a, y.f_pin, y.tau_load) == pytest.approx(
+            (other.a, other.f_rod, other.tau_load), rel=1e-9, abs=1e-9
+        )
+
+
+def test_a_swinging_link_with_a_far_pivot_becomes_a_yoke_as_its_distance_grows() -> None:
+    """In proportion to r/l; and a pin that would pass below the pivot is refused."""
+    x, u = link.State(0.7, 40.0), link.Inputs(30.0)
+    yoke = link.outputs(start(link.Parameters), 0.0, x, u)
+    off = []
+    for l in (10.0, 100.0, 1000.0):
+        p = start(link.Parameters, **{"link.swings": True, "link.l": l})
+        off.append(link.outputs(p, 0.0, x, u).f_pin / yoke.f_pin - 1.0)
+    assert off[1] / off[0] == pytest.approx(0.1, rel=0.01)
+    assert off[2] / off[1] == pytest.approx(0.1, rel=0.001)
+    short = start(link.Parameters, **{"link.swings": True, "link.l": 0.01})
+    with pytest.raises(ValueError, match=r"crank.r = 0.01 m must be below link.l = 0.01 m"):
+        list(link.check(short))
+    assert not list(link.check(short._replace(link=link.Link(0.01, False))))

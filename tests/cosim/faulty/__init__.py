@@ -1,0 +1,105 @@
+"""An FMU that keeps all its promises, and one for each way to break one."""
+
+import subprocess
+import sys
+from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from zipfile import ZipFile
+
+import fmpy
+
+DESCRIPTION = """<?xml version="1.0" encoding="UTF-8"?>
+<fmiModelDescription fmiVersion="2.0" modelName="faulty" guid="faulty {fault}">
+<CoSimulation modelIdentifier="faulty" canHandleVariableCommunicationStepSize="true"
+ canGetAndSetFMUstate="true" canSerializeFMUstate="true" providesDirectionalDerivative="true"/>
+<DefaultExperiment startTime="0" stopTime="5" stepSize="0.01"/>
+<ModelVariables>
+<ScalarVariable name="u" valueReference="0" causality="input"><Real start="1"/></ScalarVariable>
+<ScalarVariable name="w" valueReference="1" causality="input"><Real start="0.5"/></ScalarVariable>
+<ScalarVariable name="a" valueReference="2" causality="parameter" variability="fixed"
+ initial="exact"><Real start="2"/></ScalarVariable>
+<ScalarVariable name="b" valueReference="3" causality="parameter" variability="fixed"
+ initial="exact"><Real start="1"/></ScalarVariable>
+<ScalarVariable name="c" valueReference="4" causality="parameter" variability="fixed"
+ initial="exact"><Real start="0.5"/></ScalarVariable>
+<ScalarVariable name="x0" valueReference="5" causality="parameter" variability="fixed"
+ initial="exact"><Real start="1"/></ScalarVariable>
+<ScalarVariable name="y" valueReference="6" causality="output" initial="calculated"><Real/></ScalarVariable>
+<ScalarVariable name="z" valueReference="7" causality="output" initial="calculated"><Real/></ScalarVariable>
+<ScalarVariable name="n" valueReference="0" causality="output" variability="discrete"
+ initial="calculated"><Integer/></ScalarVariable>
+</ModelVariables>
+<ModelStructure>
+<Outputs><Unknown index="7" dependencies=""/>
+<Unknown index="8" dependencies="1 2" dependenciesKind="fixed dependent"/>
+<Unknown index="9" dependencies=""/></Outputs>
+<InitialUnknowns><Unknown index="7" dependencies="6"/><Unknown index="8" dependencies="1 2 5"/>
+<Unknown index="9" dependencies=""/></InitialUnknowns>
+</ModelStructure>
+</fmiModelDescription>
+"""
+FAULTS = {
+    "not valid": "description",
+    "version": "binary",
+    "not finite": "run, directional derivatives",
+    "terminate refused": "termination",
+    "fails": "run",
+    "other start": "start values, reset",
+    "not repeatable": "repetition, getting, reset, instances, state, serialization",
+    "getting moves": "getting, state",
+    "reset keeps a parameter": "reset",
+    "reset keeps a count": "reset",
+    "shared state": "instances, state",
+    "state lacks a value": "state, serialization",
+    "one place for states": "state",
+    "bytes lack a value": "serialization",
+    "ignores the step size": "step size, output dependencies, directional derivatives",
+    "one step size": "step size, output dependencies, directional derivatives",
+    "undeclared feedthrough": "output dependencies",
+    "kind": "output dependencies",
+    "hidden start": "initial dependencies",
+    "wrong sign": "directional derivatives",
+    "derivative of another point": "directional derivatives",
+    "does not tell its time": "discard",
+    "tells a wrong time": "discard",
+    "leaks": "memory",
+}
+DEADLY = {
+    "crashes": "memory",
+    "freeing a state crashes": "state, serialization",
+    "hangs in reset": "reset",
+}
+SWAPS = {
+    "not valid": ('<Unknown index="9" dependencies=""/></InitialUnknowns>', "</InitialUnknowns>"),
+    "undeclared feedthrough": ('"1 2" dependenciesKind="fixed dependent"', '"1"'),
+    "kind": ('"fixed dependent"', '"fixed fixed"'),
+}
+
+
+@cache
+def library(version: str = "2.0") -> bytes:
+    """The binary for this platform, compiled once per process."""
+    with TemporaryDirectory(prefix="faulty_") as folder:
+        binary = Path(folder, f"faulty{fmpy.sharedLibraryExtension}")
+        command = [
+            sys.executable, "-m", "ziglang", "cc", "-shared", "-fPIC", "-O2", "-std=c11", "-Wall",
+            "-Wextra", "-Werror", f'-DVERSION="{version}"',
+            f"-I{Path(fmpy.__file__).with_name('c-code')}",
+            str(Path(__file__).with_name("faulty.c")), "-o", str(binary),
+        ]  # fmt: skip
+        subprocess.run(command, check=True)
+        return binary.read_bytes()
+
+
+def pack(path: Path, fault: str = "") -> Path:
+    """Write an FMU with this fault, or with none."""
+    text = DESCRIPTION.format(fault=fault)
+    if fault in SWAPS:
+        assert SWAPS[fault][0] in text
+        text = text.replace(*SWAPS[fault])
+    binary = library("2.1") if fault == "version" else library()
+    with ZipFile(path, "w") as archive:
+        archive.writestr("modelDescription.xml", text)
+        archive.writestr(f"binaries/{fmpy.platform}/faulty{fmpy.sharedLibraryExtension}", binary)
+    return path

@@ -1,0 +1,152 @@
+"""Which broken promises of an FMU are found, by which check, and that none is seen where all are kept."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+
+from cosim import Crosscheck, SetupError, crosscheck
+from cosim.__main__ import main
+from cosim.engine.part import quiet
+from cosim.judge.crosscheck.checks import (
+    CHECKS,
+    FAILED,
+    NOT_OFFERED,
+    NOT_RUN,
+    PASSED,
+    Subject,
+    checked,
+)
+from tests.conftest import described, rewritten
+from tests.cosim.faulty import DEADLY, FAULTS, pack
+from tests.cosim.foreign import pack as foreign
+
+QUICK = ("CrankConveyor", "DriveMotor", "GravityOrientator")
+
+
+def verdicts(path: Path, *names: str) -> Crosscheck:
+    """What the checks say, in this process."""
+    subject = Subject(path)
+    with quiet():
+        return Crosscheck(
+            str(path), "", "", tuple(checked(subject, name) for name in names or CHECKS)
+        )
+
+
+def failed(found: Crosscheck) -> list[str]:
+    return [verdict.check for verdict in found.verdicts if verdict.status == FAILED]
+
+
+def test_an_fmu_that_keeps_its_promises_passes_every_check(tmp_path: Path) -> None:
+    found = verdicts(pack(tmp_path / "sound.fmu"))
+    assert {verdict.status for verdict in found.verdicts} == {PASSED}, found.text()
+    assert found["discard"].said == "a step of 5 s is discarded, one to 2 s taken"
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_every_fault_is_found_by_its_checks_and_by_no_other(fault: str, tmp_path: Path) -> None:
+    found = verdicts(pack(tmp_path / "faulty.fmu", fault))
+    assert ", ".join(failed(found)) == FAULTS[fault], found.text()
+    if fault == "fails":
+        assert {v.status for v in found.verdicts[3:]} == {NOT_RUN}
+
+
+def test_every_check_has_a_fault_that_fails_it() -> None:
+    assert len(FAULTS) + len(DEADLY) >= 20
+    assert {check for checks in FAULTS.values() for check in checks.split(", ")} == CHECKS.keys()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("fault", DEADLY)
+def test_a_crash_or_a_hang_fails_its_check_alone(fault: str, tmp_path: Path) -> None:
+    found = crosscheck(pack(tmp_path / "deadly.fmu", fault), timeout=8.0)
+    assert ", ".join(failed(found)) == DEADLY[fault], found.text()
+    said = "no answer within 8 s" if "hangs" in fault else "killed by signal SIG"
+    assert all(said in found[check].said for check in failed(found))
+    assert len(found.verdicts) == len(CHECKS)
+
+
+def test_the_command_survives_a_crash_and_writes_its_reports(tmp_path: Path, capsys) -> None:
+    fmu, page, junit = (tmp_path / name for name in ("deadly.fmu", "it.html", "it.xml"))
+    pack(fmu, "crashes")
+    assert main(["crosscheck", str(fmu), "--out", str(page), "--out", str(junit)]) == 1
+    text = capsys.readouterr().out
+    assert "memory                   2.1.5  FAILED  the process was killed by signal SIG" in text
+    assert "memory, FMI 2.0.4, 2.1.5: 10 000 steps" in text and "16 passed, 1 failed" in text
+    suite = ElementTree.parse(junit).getroot()
+    assert (suite.get("tests"), suite.get("failures"), suite.get("skipped")) == ("17", "1", "0")
+    (case,) = [case for case in suite if case.find("failure") is not None]
+    assert case.get("name") == "memory" and "2.1.5" in str(case.findtext("failure"))
+    assert page.read_text().count("<tr>") == 18 and "an FMU crashed" in page.read_text()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["gone.fmu"], "there is no file"),
+        (["sound.fmu", "--step", "0"], "step = 0.0 s must be a finite number above 0"),
+        (["sound.fmu", "--timeout", "nan"], "timeout = nan s must be a finite number above 0"),
+        (["sound.fmu", "--out", "it.pdf"], "it.pdf must end in .txt or .xml or .html"),
+        (["other.fmu"], "offers model exchange only; this master runs FMI 2.0 co-simulation"),
+    ],
+)
+def test_bad_input_is_one_line(arguments: list[str], said: str, tmp_path: Path, capsys) -> None:
+    sound = pack(tmp_path / "sound.fmu")
+    other = (r"(?s)<CoSimulation.*?/>", '<ModelExchange modelIdentifier="faulty"/>')
+    rewritten(sound, tmp_path / "other.fmu", described(other))
+    assert main(["crosscheck", str(tmp_path / arguments[0]), *arguments[1:]]) == 2
+    error = capsys.readouterr().err
+    assert said in error and error.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("flag", "checks"),
+    [
+        ("canGetAndSetFMUstate", "state"),
+        ("canSerializeFMUstate", "serialization"),
+        ("providesDirectionalDerivative", "directional derivatives"),
+        ("canHandleVariableCommunicationStepSize", "step size, output dependencies, discard"),
+    ],
+)
+def test_what_is_not_offered_is_not_passed(flag: str, checks: str, tmp_path: Path) -> None:
+    without = described((f'{flag}="true"', f'{flag}="false"'))
+    fmu = rewritten(pack(tmp_path / "sound.fmu"), tmp_path / "less.fmu", without)
+    found = verdicts(fmu, *checks.split(", "))
+    assert [(v.status, v.said) for v in found.verdicts] == [
+        (NOT_OFFERED, f"{flag} is false") for _ in found.verdicts
+    ]
+    with pytest.raises(SetupError, match="must end in"):
+        found.write(tmp_path / "it.pdf")
+
+
+@pytest.mark.parametrize("name", QUICK)
+def test_no_check_fails_on_a_native_fmu_of_the_project(name: str, fmus: Path) -> None:
+    found = verdicts(fmus / "native" / f"{name}.fmu")
+    assert failed(found) == [], found.text()
+
+
+@pytest.mark.slow
+def test_no_check_fails_on_any_fmu_of_the_project(fmus: Path) -> None:
+    all_of_them = sorted(fmus.rglob("*.fmu"))
+    assert len(all_of_them) >= 19
+    for path in all_of_them:
+        found = crosscheck(path)
+        assert found.passed and found["run"].status == PASSED, found.text()
+
+
+@pytest.mark.parametrize("step", [0.01, 1e-7])
+def test_the_order_of_an_fmu_in_its_step_is_told(step: float, tmp_path: Path) -> None:
+    """Of Euler's method, with which nothing is wrong; by longer steps where those asked for show none."""
+    subject = Subject(pack(tmp_path / "euler.fmu", "one Euler step"), step)
+    found = checked(subject, "step size")
+    assert found.status == PASSED and found.said.startswith("order 1.0: ")
+    assert ("0.04 and 0.02 s" in found.said) is (step == 0.01)
+
+
+def test_what_counts_an_instance_s_life_is_found_by_reset_and_state(tmp_path: Path) -> None:
+    found = verdicts(foreign(tmp_path / "foreign.fmu"))
+    assert failed(found) == ["reset", "state"]
+    assert "steps after step 1 is 31 after a reset, not 1" in found["reset"].said
+    assert "states_alive after step 21 is 1 after a state is saved" in found["state"].said

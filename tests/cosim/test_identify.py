@@ -1,0 +1,254 @@
+"""Machines are found from records that an independent integrator made."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.integrate import solve_ivp
+
+from benchmarks.identify import KINDS, trial
+from cosim import Experiment, SetupError, System, Table, advise, identify, measured
+from cosim.identification.evidence import alike, covariance, spectrum
+from cosim.identification.record import told
+
+Samples = NDArray[np.float64]
+WIRES = ["motor.tau -> conveyor.tau", "conveyor.w -> motor.w"]
+MACHINE = {
+    "motor.A": 7200.0, "motor.B": 199.8, "motor.T": 0.0625, "conveyor.rotor.J": 0.49,
+    "conveyor.trough.m": 200.0, "conveyor.trough.d": 4000.0, "conveyor.spring.c": 720e3,
+    "conveyor.phi": 0.3, "conveyor.w": 36.0, "motor.tau": 60.0,
+}  # fmt: skip
+FREE = ["motor.B", "motor.T", "conveyor.rotor.J", "motor.A", "conveyor.phi", "conveyor.w"]
+KNOWN = {"conveyor.trough.d": (4000.0, 200.0)}
+
+
+def moved(p: Mapping[str, float], t: Samples) -> Samples:
+    """Angle, speed and torque of motor and conveyor at times t, shape (3, n), by scipy."""
+    m, c, d, r = (p[f"conveyor.{x}"] for x in ("trough.m", "spring.c", "trough.d", "crank.r"))
+
+    def slope(_: float, y: Samples) -> list[float]:
+        x, dx = r * np.sin(y[0]), r * np.cos(y[0])
+        load = c * x * dx + d * dx**2 * y[1] - m * dx * x * y[1] ** 2
+        a = (y[2] - load) / (p["conveyor.rotor.J"] + m * dx**2)
+        return [y[1], a, (p["motor.A"] - p["motor.B"] * y[1] - y[2]) / p["motor.T"]]
+
+    start = [p["conveyor.phi"], p["conveyor.w"], p["motor.tau"]]
+    run = solve_ivp(slope, (t[0], t[-1]), start, "DOP853", t, rtol=1e-9, atol=1e-9)
+    return np.asarray(run.y)
+
+
+def resonance(p: Mapping[str, float], _: object = None) -> float:
+    """Where motor and load swing against each other, from the mean machine [rad/s]."""
+    half = p.get("conveyor.crank.r", 0.01) ** 2 / 2
+    slope = p["motor.B"] + p["conveyor.trough.d"] * half
+    inertia = p["conveyor.rotor.J"] + p.get("conveyor.trough.m", 200.0) * half
+    return float((slope / (inertia * p["motor.T"])) ** 0.5 / 2)
+
+
+def system(fmus: Path, **off: float) -> System:
+    """The machine as one would guess it."""
+    parts = {"motor": fmus / "native/DriveMotor.fmu", "conveyor": fmus / "native/CrankConveyor.fmu"}
+    guess = MACHINE | {"motor.B": 170.0, "motor.T": 0.075, "conveyor.rotor.J": 0.55}
+    return System(parts, WIRES, guess | {"motor.A": 6100.0, "conveyor.phi": 0.0} | off)
+
+
+@pytest.fixture(scope="module")
+def record() -> dict[str, Samples]:
+    """One second of the machine at 1 kHz, without noise."""
+    t = np.arange(1001) * 1e-3
+    phi, w, tau = moved({"conveyor.crank.r": 0.01} | MACHINE, t)
+    return {"t": t, "phi": phi, "w": w, "tau": tau}
+
+
+def noisy(x: Samples, sigma: float, seed: int = 1) -> Samples:
+    return x + sigma * np.random.default_rng(seed).standard_normal(len(x))
+
+
+def test_the_resonance_is_found_though_its_parts_are_not(
+    fmus: Path, record: dict[str, Samples]
+) -> None:
+    table = Table(record["t"], noisy(record["w"], 0.1) * 30 / np.pi, unit="rpm")
+    fit = identify(
+        system(fmus), {"conveyor.w": table}, free=FREE, known=KNOWN,
+        derived={"resonance": resonance}, first=["conveyor.phi", "motor.A"],
+    )  # fmt: skip
+    assert not fit.misfit
+    found, truth = fit.derived["resonance"], resonance(MACHINE)
+    assert found.low < truth < found.high
+    assert found.error < 0.01 * truth
+    for name, value in fit.values.items():
+        off = value.value - MACHINE[name]
+        if name == "conveyor.phi":
+            off -= round(off / np.pi) * np.pi  # the machine is the same half a turn later
+        assert abs(off) < 2.5 * value.error, name
+    assert any({"motor.B", "motor.A"} <= set(group) for group in fit.alike)
+
+
+def test_what_is_wrong_with_a_record_is_one_line_with_file_row_and_column(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+
+    def refused(text: str, message: str, columns: dict[str, str], time: str = "t") -> None:
+        path.write_text(text)
+        with pytest.raises(SetupError, match=re.escape(message)):
+            measured(path, columns, time=time)
+
+    w = {"conveyor.w": "n:rpm"}
+    refused("t,n\n0,1\n2,1\n1,1\n", "log.csv, row 4, column t: 1.0 s after 2.0 s does not rise", w)
+    refused("t,n\n0,1\n1,nan\n", "log.csv, row 3, column n: 'nan' is no finite number", w)
+    refused("t,n\n0,1\n1,x\n", "log.csv, row 3, column n: 'x' is no number", w)
+    refused("t,n\n0,1\n", "log.csv has no column 'time', only t, n", w, "time")
+    refused("t,n\n0,1\n", "column n: it is mapped twice, to conveyor.w and motor.w",
+            w | {"motor.w": "n"})  # fmt: skip
+
+
+def test_noise_is_told_from_the_rows_and_from_their_grid() -> None:
+    t = np.arange(2000) * 1e-3
+    signal = 40.0 + 3.0 * np.sin(80.0 * t) + t**2
+    white = told(t, noisy(signal, 0.05), "it")
+    assert white.sigma == pytest.approx(0.05, rel=0.08)
+    assert "grid" not in white.told
+    coarse = told(t, np.round(signal / 0.5) * 0.5, "it")
+    assert coarse.sigma >= 0.5 / np.sqrt(12.0)
+    spiked = noisy(signal, 0.05)
+    spiked[::100] += 5.0
+    assert told(t, spiked, "it").sigma == pytest.approx(0.05, rel=0.15)
+    with pytest.raises(SetupError, match="too far apart to tell noise from signal; give the noise"):
+        told(t, 3.0 * np.sin(1500.0 * t), "it")
+
+
+def test_the_spectrum_of_white_noise_is_1_over_even_and_uneven_rows() -> None:
+    rng = np.random.default_rng(3)
+    even = np.arange(1000) * 1e-3
+    uneven = np.delete(even, rng.choice(1000, 200, replace=False))
+    for t in (even, uneven):
+        frequencies, power = spectrum(t, rng.standard_normal(len(t)))
+        assert power.mean() == pytest.approx(1.0, abs=0.15)
+        assert frequencies[-1] < 0.5 / np.median(np.diff(t))
+        line = np.sin(2 * np.pi * 50.0 * t)
+        frequencies, power = spectrum(t, line)
+        assert frequencies[np.argmax(power)] == pytest.approx(50.0, abs=1.0)
+        assert power.max() == pytest.approx(len(t) / 4, rel=0.1)
+
+
+def test_the_covariance_is_that_of_linear_least_squares_and_knows_no_bounds() -> None:
+    rng = np.random.default_rng(4)
+    J = rng.standard_normal((50, 3)) * [1.0, 1e3, 1e-6]
+    assert covariance(J) == pytest.approx(np.linalg.inv(J.T @ J), rel=1e-9)
+    J[:, 2] = 0.0
+    assert covariance(J)[2, 2] > 1e12
+    assert alike(["a", "b", "c"], np.array([[1, -0.97, 0], [-0.97, 1, 0.2], [0, 0.2, 1]])) == [
+        ["a", "b"]
+    ]
+
+
+WRONG: list[tuple[dict[str, Any], str]] = [
+    ({"free": ["motor.X"]}, "motor has no variable 'X', only"),
+    ({"free": ["conveyor.x"]}, "conveyor.x [m] cannot be free: it must be a Real start value"),
+    ({"free": {"motor.T": (0.1, 0.1)}}, "motor.T is not free to move between 0.1 and 0.1 s"),
+    ({"free": {"motor.T": (0.1, 0.2)}}, "motor.T = 0.075 s must lie between 0.1 and 0.2 s"),
+    ({"free": []}, "no value is free"),
+    ({"free": ["gain(motor.tau)"]}, "motor.tau is no measured column, only conveyor.w"),
+    ({"first": ["motor.T"]}, "first: motor.T is not free, only motor.B"),
+    ({"known": {"motor.B": (200.0, -1.0)}}, "the deviation must be above 0"),
+    ({"noise": {"conveyor.w": 0.0}}, "noise of conveyor.w = 0.0 must be above 0"),
+    ({"values": [40.0] * 60}, "it is 40.0 in all rows, which tells nothing"),
+    ({"unit": "N.m"}, "conveyor.w [rad/s] cannot be compared with a column in N.m"),
+    ({"times": [0.0] * 60}, "its times must rise"),
+    ({"times": [0.0], "values": [1.0]}, "there must be two rows at least"),
+    ({"times": [0.0, 0.1, 0.2], "values": [1.0, 2.0, 1.0], "noise": {"conveyor.w": 1.0},
+      "free": ["motor.B", "motor.T", "motor.A"]}, "has 3 rows, fewer than are needed for 3 free"),
+    ({"column": "conveyor.rod.l"}, "conveyor.rod.l [m] is no Real output"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("given", "message"), WRONG, ids=[message for _, message in WRONG])
+def test_what_cannot_be_identified_is_refused_in_one_line(
+    given: dict[str, Any], message: str, fmus: Path
+) -> None:
+    given = {"free": ["motor.B"]} | given
+    values = noisy(np.linspace(40.0, 41.0, 60), 0.1).tolist()
+    times = given.pop("times", (np.arange(60) * 1e-3).tolist())
+    table = Table(times, given.pop("values", values), unit=given.pop("unit", ""))
+    with pytest.raises(SetupError, match=re.escape(message)) as raised:
+        identify(system(fmus), {given.pop("column", "conveyor.w"): table}, **given)
+    assert "\n" not in str(raised.value)
+
+
+def test_a_sensor_with_a_delay_and_a_gain_is_found_with_outliers_and_gaps(
+    fmus: Path, record: dict[str, Samples]
+) -> None:
+    """The torque comes 3 ms late and 4 % too large, on times of its own; some rows are wrong."""
+    t, late = record["t"], record["t"][20:-20:2]
+    tau = 1.04 * np.interp(late - 3e-3, t, record["tau"])
+    tau = noisy(tau, 1.0, 2)
+    tau[5::97] += 60.0
+    w = noisy(record["w"], 0.05)
+    w[300:340] = np.nan
+    start = {**MACHINE, "motor.B": 190.0, "motor.A": 6900.0}
+    fit = identify(
+        system(fmus, **start),
+        {"conveyor.w": Table(t, w), "motor.tau": Table(late, tau)},
+        free=["motor.B", "motor.A", "gain(motor.tau)"],
+        known={"delay(motor.tau)": (0.0, 2e-3)},
+        noise={"conveyor.w": 0.05, "motor.tau": 1.0},
+        outliers=0.02,
+        starts=2,
+    )
+    assert not fit.misfit
+    for name, truth in (("gain(motor.tau)", 1.04), ("delay(motor.tau)", 3e-3), ("motor.B", 199.8)):
+        assert abs(fit.values[name].value - truth) < 1.5 * fit.values[name].error, name
+    assert "motor.tau: 5 of 481 rows lie far out and are left out." in fit.notes
+
+
+def test_what_a_next_record_would_tell_is_what_it_tells(
+    fmus: Path, record: dict[str, Samples]
+) -> None:
+    """A run-up, foretold from a record of steady running, then made and identified."""
+    table = Table(record["t"], noisy(record["w"], 0.1))
+    settings: dict[str, Any] = {"free": FREE, "noise": {"conveyor.w": 0.1}, "starts": 2}
+    settings |= {"derived": {"resonance": resonance}}
+    near = {"conveyor.phi": 0.3, "motor.A": 7100.0, "motor.B": 197.0}
+    fit = identify(system(fmus, **near), {"conveyor.w": table}, known=KNOWN, **settings)
+    rest = {"conveyor.phi": 0.3, "conveyor.w": 0.0, "motor.tau": 0.0}
+    steady = {name: float(fit.result[name][-1]) for name in rest}
+    experiments = {
+        name: Experiment(start, {"conveyor.w": 0.1}, 1.0)
+        for name, start in {"steady": steady, "run-up": rest}.items()
+    }
+    best, other = advise(fit, experiments, resonance)
+    assert (best.name, other.name) == ("run-up", "steady")
+    assert best.error < 0.5 * other.error < 0.5 * fit.derived["resonance"].error
+    _, w, _ = moved({"conveyor.crank.r": 0.01} | MACHINE | rest, record["t"])
+    following = identify(
+        system(fmus, **{**fit.model.values(fit.local.p), **rest}),
+        {"conveyor.w": Table(record["t"], noisy(w, 0.1, 5))},
+        known=fit.known(),
+        **settings,
+    )
+    found = following.derived["resonance"]
+    assert found.error == pytest.approx(best.error, rel=0.2)
+    assert abs(found.value - resonance(MACHINE)) < 1.5 * found.error
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", KINDS)
+def test_intervals_hold_the_truth_of_machines_drawn_at_random(kind: str) -> None:
+    trials = [trial(seed, kind) for seed in (1, 2, 3)]
+    answered = [x for x in trials if not x["misfit"]]
+    assert len(answered) >= 2
+    assert sum(x["held"] for x in answered) >= len(answered) - 1
+    assert not any(x["wrong"] for x in answered)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("error", ["drift", "saturation"])
+def test_what_the_model_lacks_is_named_where_it_moves_the_resonance(error: str) -> None:
+    trials = [trial(seed, "droop", error) for seed in (1000, 1001)]
+    for x in trials:
+        assert x["misfit"] or abs(x["shift"]) < 1.0

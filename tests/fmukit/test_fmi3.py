@@ -1,0 +1,292 @@
+"""FMUs of FMI 3.0: the numbers of those of 2.0, and what 3.0 has more."""
+
+from __future__ import annotations
+
+import functools
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from fmpy import extract, fmi3, read_model_description, simulate_fmu
+from fmpy.fmi1 import FMICallException
+from fmpy.validation import validate_fmu
+
+from fmukit.declare.variables import component
+from fmukit.fmu.validate import problems
+from tests.conftest import ROOT
+from tests.fmukit.test_exchange import STUCK, events_of
+from tests.fmukit.test_native import MODELS, NAMES, SCENARIOS
+from tests.hosts.host import Unit
+
+TRIED = ("DriveMotor", "IronDrive", "GravityOrientator")
+sampled = pytest.mark.parametrize(
+    "name", [n if n in TRIED else pytest.param(n, marks=pytest.mark.slow) for n in NAMES]
+)
+SAID: list[str] = []
+FOLDERS: list[Any] = []
+
+
+@functools.cache
+def built(name: str) -> Path:
+    """The FMU of this machine, made if it is not up to date."""
+    command = [sys.executable, "build_fmus.py", component(MODELS[name]), "--flavour", "fmi3"]
+    subprocess.run(command, cwd=ROOT, check=True, capture_output=True)
+    return ROOT / "fmus" / "fmi3" / f"{name}.fmu"
+
+
+@functools.cache
+def unpacked(fmu: Path) -> tuple[Any, str]:
+    FOLDERS.append(tempfile.TemporaryDirectory(prefix="fmi3_"))
+    return read_model_description(str(fmu)), extract(str(fmu), FOLDERS[-1].name)
+
+
+class Unit3:
+    """One instance for co-simulation, its variables by name."""
+
+    def __init__(self, name: str, kind: Any = fmi3.FMU3Slave, **options: Any) -> None:
+        self.description, folder = unpacked(built(name))
+        self.variables = {v.name: v for v in self.description.modelVariables}
+        self.fmi = kind(
+            guid=self.description.guid, unzipDirectory=folder, modelIdentifier=name,
+            instanceName="unit",
+        )  # fmt: skip
+        SAID.clear()
+        log = lambda environment, status, category, text: SAID.append(text.decode())
+        self.fmi.instantiate(logMessage=log, **options)
+
+    def _access(self, verb: str, name: str) -> tuple[Callable[..., Any], list[int]]:
+        kind = self.variables[name].type.replace("Enumeration", "Int64")
+        return getattr(self.fmi, verb + kind), [self.variables[name].valueReference]
+
+    def get(self, name: str) -> Any:
+        getter, reference = self._access("get", name)
+        return getter(reference)[0]
+
+    def set(self, **values: Any) -> Unit3:
+        for name, value in values.items():
+            setter, reference = self._access("set", name)
+            setter(reference, [value])
+        return self
+
+    def start(self, **values: Any) -> Unit3:
+        self.set(**values).fmi.enterInitializationMode(startTime=0.0)
+        self.fmi.exitInitializationMode()
+        return self
+
+    def outputs(self) -> list[Any]:
+        return [self.get(n) for n, v in self.variables.items() if v.causality == "output"]
+
+    def update(self) -> None:
+        """Events until there are none, then steps."""
+        while self.fmi.updateDiscreteStates()[0]:
+            pass
+        self.fmi.enterStepMode()
+
+
+@sampled
+def test_the_description_is_valid_and_has_the_same_variables(name: str, fmus: Path) -> None:
+    fmu = built(name)
+    assert validate_fmu(str(fmu)) == []
+    assert problems(fmu) == []
+    new, _ = unpacked(fmu)
+    old = read_model_description(str(fmus / "native" / f"{name}.fmu"))
+    more = new.modelVariables[len(old.modelVariables) :]
+    for mine, theirs in zip(old.modelVariables, new.modelVariables):
+        assert (mine.name, mine.valueReference) == (theirs.name, theirs.valueReference)
+        assert (mine.start, mine.unit, mine.nominal) == (theirs.start, theirs.unit, theirs.nominal)
+        assert (mine.derivative and mine.derivative.name) == (
+            theirs.derivative and theirs.derivative.name
+        )
+    assert [v.name for v in more] == [
+        *(f"event_indicator_{n + 1}" for n in range(old.numberOfEventIndicators)),
+        "time",
+    ]
+    assert new.numberOfEventIndicators == old.numberOfEventIndicators
+    assert new.numberOfContinuousStates == old.numberOfContinuousStates
+
+
+@sampled
+def test_steps_are_those_of_fmi_2_to_the_last_bit(name: str, fmus: Path) -> None:
+    for case in [case for case in SCENARIOS if case[0] == name][:3]:
+        _, start, inputs, h, steps = case
+        old = Unit(fmus / "native" / f"{name}.fmu").start(**start, **inputs(0.0))
+        new = Unit3(name).start(**start, **inputs(0.0))
+        for n in range(min(steps, 400)):
+            old.set(**inputs(n * h)).step(n * h, h)
+            new.set(**inputs(n * h)).fmi.doStep(n * h, h)
+            assert new.outputs() == old.outputs()
+
+
+def played(fmu: Path, name: str, kind: str, **options: Any) -> Any:
+    """All outputs of the default experiment, by FMPy."""
+    stop, step = MODELS[name].EXPERIMENT
+    outputs = [v.name for v in read_model_description(str(fmu)).modelVariables]
+    return simulate_fmu(
+        str(fmu), fmi_type=kind, stop_time=stop, output_interval=step, relative_tolerance=1e-10,
+        output=[n for n in outputs if n != "time" and "indicator" not in n], **options,
+    )  # fmt: skip
+
+
+@sampled
+@pytest.mark.parametrize("kind", ["ModelExchange", "CoSimulation"])
+def test_fmpy_plays_both_versions_to_the_last_bit(kind: str, name: str, fmus: Path) -> None:
+    new = played(built(name), name, kind)
+    old = played(fmus / "native" / f"{name}.fmu", name, kind)
+    assert len(new) > 100
+    assert {*new.dtype.names} == {*old.dtype.names}
+    for variable in new.dtype.names:
+        assert np.array_equal(new[variable], old[variable])
+
+
+def test_fmpy_plays_event_mode_with_early_return(fmus: Path) -> None:
+    name = "GravityOrientator"
+    options = {"use_event_mode": True, "early_return_allowed": True}
+    new = played(built(name), name, "CoSimulation", **options)
+    old = played(fmus / "native" / f"{name}.fmu", name, "CoSimulation")
+    for variable in ("orientation_time", "phi2", "stage"):
+        assert new[variable][-1] == pytest.approx(old[variable][-1], rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("name", "start", "stop"),
+    [
+        ("IronDrive", STUCK | {"tau": 0.03}, 0.3),
+        ("IronDrive", {"tau": 0.1, "on_invalid": 1, "phi": 1.0, "w_cam": 12.0}, 0.2),
+        ("GravityOrientator", {}, 0.3),
+    ],
+)
+def test_a_step_ends_at_its_first_event_where_the_importer_allows_it(
+    name: str, start: dict[str, Any], stop: float, fmus: Path
+) -> None:
+    unit = Unit3(name, eventModeUsed=True, earlyReturnAllowed=True).start(**start)
+    unit.update()
+    found, t, h = [], 0.0, 0.05
+    for n in range(1, round(stop / h) + 1):
+        while t < n * h:
+            event, terminate, early, t_new = unit.fmi.doStep(t, n * h - t)
+            assert event == early == (t_new < n * h) and not terminate
+            t = t_new
+            if event:
+                found.append(t)
+                unit.fmi.enterEventMode()
+                unit.update()
+    expected = events_of(name, start, stop, h)
+    assert found == pytest.approx(expected, rel=0.0, abs=1e-11)
+    assert found
+    plain = Unit(fmus / "native" / f"{name}.fmu").start(**start)
+    for n in range(round(stop / h)):
+        plain.step(n * h, h)
+    for mine, theirs in zip(unit.outputs(), plain.outputs(), strict=True):
+        assert mine == pytest.approx(theirs, rel=1e-9, abs=1e-9)
+
+
+def test_new_inputs_act_in_event_mode() -> None:
+    unit = Unit3("GravityOrientator", eventModeUsed=True).start(release=False)
+    unit.update()
+    unit.fmi.doStep(0.0, 0.1)
+    assert unit.get("stage") == 6
+    unit.fmi.enterEventMode()
+    unit.set(release=True).update()
+    assert unit.get("stage") == 0
+    assert unit.get("since") == unit.get("time") == 0.1
+
+
+@pytest.mark.parametrize("events", [False, True])
+def test_an_importer_sees_within_a_step_what_shorter_steps_reach(events: bool) -> None:
+    seen: list[tuple[float, float]] = []
+
+    def look(_: Any, time: float, settable: bool, gettable: bool, done: bool, *rest: Any) -> None:
+        assert (settable, gettable, done) == (False, True, True)
+        seen.append((time, unit.get("w_cam")))
+
+    start = {"phi": 0.6, "w_cam": 2.0}
+    options = {"eventModeUsed": events, "earlyReturnAllowed": events}
+    unit = Unit3("IronDrive", intermediateUpdate=look, **options).start(**start)
+    if events:
+        unit.update()
+    unit.fmi.doStep(0.0, 0.04)
+    assert [t for t, _ in seen] == pytest.approx([0.005 * n for n in range(1, 8)], rel=1e-12)
+    for time, w in seen:
+        shorter = Unit3("IronDrive").start(**start)
+        shorter.fmi.doStep(0.0, time)
+        assert w == pytest.approx(shorter.get("w_cam"), rel=1e-10)
+    plain = Unit3("IronDrive").start(**start)
+    plain.fmi.doStep(0.0, 0.04)
+    assert unit.outputs() == plain.outputs()
+
+
+def test_an_importer_may_end_a_step_where_it_looks() -> None:
+    def look(_: Any, time: float, *rest: Any) -> None:
+        *_, allowed, wanted, until = rest
+        assert allowed
+        wanted[0] = time > 0.02
+
+    options = {"earlyReturnAllowed": True, "intermediateUpdate": look}
+    unit = Unit3("IronDrive", **options).start(phi=0.6, w_cam=2.0)
+    event, _, early, t = unit.fmi.doStep(0.0, 0.04)
+    assert (event, early, t) == (False, True, 0.025)
+    assert unit.get("time") == 0.025
+    shorter = Unit3("IronDrive").start(phi=0.6, w_cam=2.0)
+    shorter.fmi.doStep(0.0, 0.025)
+    assert unit.outputs() == shorter.outputs()
+
+
+def test_what_is_not_in_order_is_refused_with_the_reason() -> None:
+    def refusal(unit: Any, call: Callable[[], Any]) -> str:
+        with pytest.raises(FMICallException) as raised:
+            call()
+        assert raised.value.status == fmi3.fmi3Error
+        unit.fmi.reset()
+        return SAID[-1]
+
+    unit = Unit3("DriveMotor").start()
+    assert "made without event mode" in refusal(unit, unit.fmi.enterEventMode)
+    unit.start()
+    assert "A is of type Float64, not Int32" in refusal(unit, lambda: unit.fmi.getInt32([1]))
+    said = refusal(unit, lambda: unit.set(**{"der(tau)": 1.0}))
+    assert "unit: der(tau) = 1.0 N.m/s cannot be set: continuous local, before init" in said
+    assert "time, but by setTime, cannot be set" in refusal(unit, lambda: unit.set(time=1.0))
+    unit.start()
+    assert "communication step = 0.0 s must be a finite number above 0" in refusal(
+        unit, lambda: unit.fmi.doStep(0.0, 0.0)
+    )
+    refused: list[str] = []
+
+    def meddle(*_: Any) -> None:
+        with pytest.raises(FMICallException):
+            meddled.set(w=1.0)
+        refused.append(SAID[-1])
+
+    meddled = Unit3("DriveMotor", intermediateUpdate=meddle).start()
+    meddled.fmi.doStep(0.0, 0.01)
+    assert refused == 7 * ["unit: setFloat64 is not allowed within a step"]
+    assert meddled.get("w") == 40.0
+    with pytest.raises(Exception, match="Failed to instantiate"):
+        Unit3("DriveMotor", fmi3.FMU3ScheduledExecution)
+    assert "not for scheduled execution" in SAID[-1]
+
+
+def test_states_are_kept_and_jacobians_are_those_of_fmi_2(fmus: Path) -> None:
+    unit = Unit3("IronDrive").start(phi=0.6, w_cam=2.0)
+    unit.fmi.doStep(0.0, 0.01)
+    state, outputs = unit.fmi.getFMUState(), unit.outputs()
+    unit.fmi.doStep(0.01, 0.01)
+    unit.fmi.setFMUState(state)
+    assert unit.outputs() == outputs
+    unit.fmi.setFMUState(unit.fmi.deserializeFMUState(unit.fmi.serializeFMUState(state)))
+    assert unit.outputs() == outputs
+    old = Unit(fmus / "native" / "IronDrive.fmu").start(phi=0.6, w_cam=2.0).step(0.0, 0.01)
+    unknowns = [
+        v.valueReference
+        for v in old.variables.values()
+        if v.causality == "output" and v.type == "Real"
+    ]
+    known = [old.variables["tau"].valueReference]
+    assert list(unit.fmi.getDirectionalDerivative(unknowns, known, [1.0])) == list(
+        old.fmi.getDirectionalDerivative(unknowns, known, [1.0])
+    )

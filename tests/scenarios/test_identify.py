@@ -1,0 +1,136 @@
+"""What a record tells of the conveyor's drive, in rpm and percent as a logger writes it."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cosim import SetupError
+from scenarios.conveyor import identify
+from scenarios.conveyor.identify import prior
+from scenarios.conveyor.theory import Machine
+from tests.conftest import QUICK, ROOT, ask, fmus_of
+from tests.cosim.test_identify import Samples, moved, noisy
+from workbench.answer import Answer
+from workbench.ask import row
+
+RECORD, RATED = ROOT / "examples/conveyor_record.csv", 80.0
+TRUTH = {
+    "motor.A": 38.0 * 180.215, "motor.B": 180.0, "motor.T": 0.066, "conveyor.rotor.J": 0.52,
+    "conveyor.trough.m": 196.0, "conveyor.trough.d": 4300.0, "conveyor.spring.c": 7.1e5,
+    "conveyor.crank.r": 0.01, "conveyor.phi": 1.0, "conveyor.w": 38.0, "motor.tau": 30.0,
+}  # fmt: skip
+MACHINE = Machine(B=180.0, T=0.066, theta1=0.52, m=196.0, r=0.01, c=7.1e5, d=4300.0)
+
+
+def text(t: Samples, w: Samples, tau: Samples) -> str:
+    """The file of a logger: times in ms, speed in rpm in steps of 0.5, torque in percent."""
+    n = np.round(noisy(w * 30 / math.pi, 1.0, 3) / 0.5) * 0.5
+    M = noisy(tau * 100 / RATED, 0.8, 4)
+    rows = [f"{1e3 * a:.0f},{b:.1f},{c:.1f}" for a, b, c in zip(t, n, M)]
+    return "\n".join(["t [ms],n [rpm],M", *rows, ""])
+
+
+@pytest.fixture(scope="module")
+def answer() -> Answer:
+    return ask("identify", **QUICK["identify"])
+
+
+def test_the_record_of_the_examples_is_that_of_a_machine_integrated_without_fmus() -> None:
+    t = np.arange(601) * 2e-3
+    _, w, tau = moved(TRUTH, t)
+    assert RECORD.read_text() == text(t, w, tau)
+
+
+def test_the_truth_lies_within_the_errors(answer: Answer) -> None:
+    f, nu = answer.figures, answer.facts["operating_speed"]
+    assert abs(f["nu_res"].value - MACHINE.nu_res) < f["nu_res"].error < 0.01 * MACHINE.nu_res
+    away = 100 * (nu / MACHINE.nu_res - 1)
+    assert abs(f["away"].value - away) < f["away"].error
+    ripple = abs(MACHINE.torque_ripple(nu))
+    assert abs(f["tau2"].value - ripple) < f["tau2"].error < 0.05 * ripple
+    for name in ("motor.B", "motor.T", "conveyor.rotor.J", "conveyor.spring.c"):
+        found = f[name.replace(".", "_").lower()]
+        assert abs(found.value - TRUTH[name]) < 1.5 * found.error
+
+
+def test_what_would_get_it_clear_does(answer: Answer) -> None:
+    """With each value as it is told, the machine has the ripple that is the limit."""
+    f, nu, most = answer.figures, answer.facts["operating_speed"], answer.facts["limit"]
+    assert f["tau2"].value > most
+    for name in ("avoid_from", "avoid_to"):
+        at = f[name].value
+        assert abs(MACHINE.torque_ripple(at)) == pytest.approx(most, rel=0.05)
+        assert (at < nu) == (name == "avoid_from")
+    for name, field in (("clear_rotor_j", "theta1"), ("clear_motor_t", "T")):
+        changed = replace(MACHINE, **{field: f[name].value})
+        assert abs(changed.torque_ripple(nu)) == pytest.approx(most, rel=0.05)
+        assert f[name].text() in answer.verdict
+
+
+def test_the_next_record_is_one_in_which_the_speed_changes(answer: Answer) -> None:
+    rows = answer.tables["identify_next.csv"].frame
+    assert rows["error"].is_monotonic_increasing
+    assert list(rows["record"])[-1] == "the same once more"
+    assert rows["record"][0] in answer.verdict
+    assert rows["error"].iloc[-1] < answer.figures["nu_res"].error
+
+
+def test_the_table_holds_measured_and_fitted_values(answer: Answer) -> None:
+    rows = answer.tables["identify.csv"].frame
+    assert len(rows) == 601
+    off = rows["conveyor.w_fitted"] - rows["conveyor.w"]
+    assert off.to_list() == pytest.approx(rows["conveyor.w_residual"].to_list())
+    assert off.std() == pytest.approx(math.pi / 30, rel=0.1)
+
+
+def test_a_record_of_another_machine_is_refused(tmp_path: Path) -> None:
+    """One whose supply drifts: no number is told, and where the misfit lies is."""
+    t = np.arange(601) * 2e-3
+    _, w, tau = moved(TRUTH, t)
+    path = tmp_path / "drift.csv"
+    path.write_text(text(t, w * (1.0 + 0.01 * t), tau))
+    answer = ask("identify", **{**QUICK["identify"], "data": str(path)})
+    assert answer.verdict.startswith("No drive of this kind makes this record:\nchi2 = ")
+    assert "conveyor.w: " in answer.verdict
+    assert all(figure.error is None for figure in answer.figures.values())
+
+
+REFUSED: list[tuple[dict[str, Any], str]] = [
+    ({"data": ""}, "identify needs a record: --data FILE.csv"),
+    ({"data": "none.csv"}, "none.csv cannot be read as a table"),
+    ({"map": ["time=t", "motor.tau=M:N.m"]}, "no column is mapped to conveyor.w"),
+    ({"map": ["conveyor.w=n", "conveyor.w=M"]}, "map 'conveyor.w=M': conveyor.w is mapped twice"),
+    ({"map": ["time=t", "conveyor.w=n", "motor.tau=n:N.m"]}, "column n: it is mapped twice"),
+    ({"map": ["time=t", "conveyor.w=n:kg"]}, "conveyor.w [rad/s] cannot be compared with a column"),
+    ({"map": ["time=t", "conveyor.w=n"], "known": []}, "speed alone tells no mass and no torque"),
+    ({"known": ["conveyor.trough.m=200"]}, "must read NAME=VALUE+-DEVIATION"),
+    ({"known": ["conveyor.trough.m=200+-0"]}, "the deviation must be above 0"),
+    ({"known": ["conveyor.x=0+-1"]}, "conveyor.x [m] cannot be free"),
+    ({"noise": ["conveyor.w=some"]}, "noise 'conveyor.w=some' must read NAME=NUMBER"),
+]
+
+
+@pytest.mark.parametrize(("given", "message"), REFUSED, ids=[str(x) for x, _ in REFUSED])
+def test_bad_input_is_one_line(given: dict[str, Any], message: str) -> None:
+    with pytest.raises(SetupError, match=re.escape(message)) as raised:
+        ask("identify", **{**QUICK["identify"], **given})
+    assert "\n" not in str(raised.value)
+
+
+def test_what_is_known_is_read_in_shares_too() -> None:
+    assert prior("conveyor.trough.m = 200 ± 5") == ("conveyor.trough.m", (200.0, 5.0))
+    assert prior("conveyor.spring.c=7.2e5+-2%") == ("conveyor.spring.c", (7.2e5, 14400.0))
+
+
+@pytest.mark.slow
+def test_a_study_varies_the_record() -> None:
+    page = "scenarios.conveyor.identify"
+    told = row(page, fmus_of(identify), QUICK["identify"])
+    assert told["figures"]["nu_res"][0] == pytest.approx(MACHINE.nu_res, rel=0.01)

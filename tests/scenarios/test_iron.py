@@ -1,0 +1,128 @@
+"""What the questions about the sealing iron say, against references that know no FMU."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import mpmath
+import numpy as np
+import pytest
+from scipy.optimize import minimize_scalar
+
+from components.iron_drive import model as iron
+from cosim import SetupError
+from fmukit.declare.record import start
+from scenarios.iron import iron_kinematics
+from tests.components.iron_flight import DIMENSIONS, Reference, numbers, transfer
+from tests.components.iron_oracle import tables
+from tests.conftest import QUICK, ask
+
+FUNCTIONS = list(iron_kinematics.FUNCTIONS)[:6]
+
+
+def largest(tell: Any, last: float) -> float:
+    """The largest absolute value of a function from 0 on, near the best of 16 places."""
+    places = np.linspace(0.0, last, 17)
+    best = max(places[1:-1], key=lambda x: abs(float(tell(x))))
+    ends = best - places[1], best + places[1]
+    found = minimize_scalar(
+        lambda x: -abs(float(tell(x))), bounds=ends, method="bounded", options={"xatol": 1e-6}
+    )
+    return float(-found.fun)
+
+
+SLOW = pytest.mark.slow
+
+
+@pytest.mark.parametrize(
+    "dimension", ["cam.R_b", *(pytest.param(x, marks=SLOW) for x in ("rocker.l", "sprocket.C"))]
+)
+def test_iron_kinematics_and_its_shares_are_those_of_the_papers_formulas(dimension: str) -> None:
+    """Largest on the return, which is a rise backwards; derivatives with 30 digits."""
+    answer = ask("iron_kinematics", samples=360)
+    shares = answer.tables["iron_kinematics_shares.csv"].frame
+    known = numbers(start(iron.Parameters))
+    last = known["cam.ret"]
+    values = {name: known[name] for name in DIMENSIONS} | {"cam.rise": last}
+    place = list(DIMENSIONS).index(dimension)
+    for k, name in enumerate(FUNCTIONS):
+
+        def value(phi: float, share: Any = 1, k: int = k) -> Any:
+            given = [mpmath.mpf(x) for x in values.values()]
+            given[place] *= share
+            return transfer(0)(mpmath.mpf(phi), *given)[k]
+
+        def slope(phi: float, value: Any = value) -> float:
+            with mpmath.workdps(30):
+                h = mpmath.mpf("1e-8")
+                return float((value(phi, 1 + h) - value(phi, 1 - h)) / (2 * h))
+
+        top, figure = largest(value, last), answer.figures[f"{name.lower()}_max"]
+        assert figure.error and figure.error < 1e-4 * figure.value
+        assert abs(figure.value - top) <= figure.error
+        row = shares[(shares["dimension"] == dimension) & (shares["function"] == name)].iloc[0]
+        assert row["change_error"] < 1e-3 * row["change"] + 1e-8
+        wanted = largest(slope, last) / top
+        assert abs(row["change"] - wanted) <= row["change_error"] + 1e-8
+
+
+def test_iron_kinematics_meets_every_reference_row() -> None:
+    rows = ask("iron_kinematics", samples=360).tables["iron_kinematics.csv"].frame
+    for degrees, wanted in tables().items():
+        row = rows.iloc[round(degrees)]
+        assert row["phi"] == degrees
+        for name in ("H_1", "H_2", "A_1", "B_1", "C_1"):
+            value = wanted["C_load" if name == "C_1" else name]
+            assert row[name] == pytest.approx(value, rel=1e-6, abs=1e-7), (degrees, name)
+
+
+@pytest.mark.parametrize("name", ["iron_kinematics", "iron_bounce"])
+def test_a_cam_without_a_rise_is_refused(name: str) -> None:
+    with pytest.raises(SetupError, match=r"^iron.cam.h = 0 m: a cam without a rise "):
+        ask(name, **QUICK[name], start={"iron.cam.h": 0.0})
+
+
+@pytest.mark.parametrize("v", [1e-3, pytest.param(2e-5, marks=SLOW)])
+def test_iron_bounce_tells_what_the_reference_integrates(v: float) -> None:
+    """The last of three turns at 90 cycles/min; bounces that go on change no figure by more than its
+    error."""
+    answer, w = ask("iron_bounce", speeds="80rpm", samples=720), 3 * math.pi
+    heavy = {"reducer.J": 1e4, "follower.lifts": True}
+    reference = Reference(start(iron.Parameters, **heavy, **{"follower.v": v}), 0.0)
+    found = {name: figure for name, figure in answer.figures.items() if figure.error}
+    turn = 2 * math.pi / w
+    two, three = (reference.run(0.0, w, n * turn) for n in (2, 3))
+    landed = [x for x in three["landed"] if x[0] > 2 * turn]
+    hardest = max(landed, key=lambda x: x[1])
+    for name, wanted in (
+        ("flight", three["t_flight"] - two["t_flight"]),
+        ("speed", hardest[1]),
+        ("impulse", hardest[2]),
+        ("loss", three["E_landing"] - two["E_landing"]),
+    ):
+        error = found[name].error or 0.0
+        assert abs(found[name].value - wanted) <= error + 1e-6 * wanted, name
+    assert answer.figures["landings"].value == 5
+    e, c, mass = 0.3, 1e7, hardest[2] / (1.3 * hardest[1])
+    assert e == start(iron.Parameters).follower.e
+    assert answer.figures["force"].value == pytest.approx(
+        math.sqrt(c * mass) * hardest[1], rel=1e-5
+    )
+
+
+def test_iron_bounce_says_where_nothing_bounces_and_where_no_turn_is_like_the_next() -> None:
+    quiet = ask("iron_bounce", speeds="70rpm", speed="70rpm", samples=360)
+    assert quiet.verdict.endswith("it stays on the cam.")
+    assert quiet.figures["loss"].value == 0.0
+    never = ask(
+        "iron_bounce", speeds="70rpm", start={"iron.rocker.m": 40.0, "iron.rocker.gamma": -1.5}
+    )
+    assert never.verdict.endswith("of each turn and does not land.")
+    wild = ask("iron_bounce", speeds="70rpm", speed="160rpm", start={"iron.follower.e": 0.7})
+    assert wild.verdict.endswith("one turn is not like the next.")
+    assert wild.figures["force"].error is None
+    near = ask(
+        "iron_bounce", speeds="70rpm", speed="9", samples=360, start={"iron.follower.e": 0.02}
+    )
+    assert near.verdict.endswith("take more samples to tell apart.")

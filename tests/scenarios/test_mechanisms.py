@@ -1,0 +1,196 @@
+"""First-order theory of any mechanism: closed coefficients, a derivation, exact orbits and FMUs."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import sympy
+
+from cosim import System
+from scenarios.conveyor.resonance import SPEEDS
+from scenarios.conveyor.theory import (
+    ANGLES,
+    SETS,
+    Machine,
+    Mechanism,
+    amplitudes,
+    at_angles,
+    crank,
+    slotted_link,
+)
+from tests.scenarios.orbit_oracle import Drive, orbit
+from workbench.measure import harmonics
+from workbench.orbit import steady
+
+Real = np.typing.NDArray[np.float64]
+LINK = 0.05
+
+
+class Link(Drive):
+    """An exact drive whose trough a swinging link moves, its pivot at l: tan(psi) l, by hand."""
+
+    @property
+    def slope(self) -> float:
+        return self.B + self.d * float(np.mean(self.trough(ANGLES)[1] ** 2))
+
+    def trough(self, phi: Any) -> tuple[Any, Any, Any, Any]:
+        q, s, c = self.r / self.l, np.sin(phi), np.cos(phi)
+        below = 1 + q * c
+        bend = s * (2 * q * q - 1 + q * c) / below**3
+        return self.r * s / below, self.r * (c + q) / below**2, self.r * bend, np.ones_like(s)
+
+
+def speeds(name: str) -> list[float]:
+    """Those of the sweep of a set."""
+    return [float(nu) for nu in SPEEDS[name].split(",")]
+
+
+def exact(drive: Drive, nu: float) -> tuple[Any, Any]:
+    """Amplitudes of the orders 1, 2, .. of speed and torque on the periodic orbit."""
+    found = orbit(drive, nu)
+    return tuple(2j * np.fft.rfft(x, norm="forward")[1:7] for x in (found.v, found.M))
+
+
+def weakened(machine: Machine, share: float) -> Machine:
+    """The machine with all that swings, as a share, at the same mean inertia and slope."""
+    m, d = share * machine.m, share * machine.d
+    mean = machine.theta0 - m * machine.r**2 / 2
+    rest = machine.slope - d * machine.r**2 / 2
+    return replace(machine, B=rest, theta1=mean, m=m, c=share * machine.c, d=d)
+
+
+def drive(machine: Machine, kind: type[Drive] = Drive, **more: Any) -> Drive:
+    """The same machine in the independent theory of periodic orbits."""
+    return kind(
+        machine.B, machine.T, machine.theta1, machine.m, machine.r, machine.c, machine.d, **more
+    )
+
+
+@pytest.mark.parametrize("name", SETS)
+def test_quadrature_of_the_crank_gives_its_closed_coefficients(name: str) -> None:
+    """At every speed of the set, with all other orders zero; also as a link with a far pivot."""
+    machine = SETS[name]
+    for position in (crank(machine.r), slotted_link(machine.r)):
+        any_ = Mechanism.of(machine, position)
+        for nu in speeds(name):
+            found = any_.ripples(nu)
+            for ours, closed in zip(
+                found,
+                (machine.load_ripple(nu), machine.speed_ripple(nu), machine.torque_ripple(nu)),
+            ):
+                assert ours[1] == pytest.approx(closed, rel=1e-11)
+                assert np.abs(np.delete(ours, 1)).max() < 1e-11 * abs(closed)
+            assert found.resonances[:4] == pytest.approx(2 * machine.nu_res / np.arange(1, 5))
+
+
+def test_finite_rod_and_link_have_the_closed_series_of_their_position() -> None:
+    """Of the rod to the order of r/l; of the link sin phi / (1 + q cos phi) = -2/q sum (-p)^k sin k phi."""
+    share = 1e-4
+    x, dx, _ = at_angles(crank(1.0, 1 / share))
+    inertia, spring = amplitudes(dx**2), amplitudes(x * dx)
+    assert inertia[[0, 2]] == pytest.approx([share / 2] * 2, rel=1e-6)
+    assert spring[[0, 2]] == pytest.approx([-1j * share / 8, -3j * share / 8], rel=1e-6)
+    assert inertia[1] == pytest.approx(0.5j) and spring[1] == pytest.approx(0.5)
+    q = 0.4
+    p, k = (1 - math.sqrt(1 - q * q)) / q, np.arange(1, 17)
+    series = -2 / q * (-p) ** k
+    for n, values in enumerate(at_angles(slotted_link(1.0, 1 / q))):
+        assert amplitudes(values) == pytest.approx((1j * k) ** n * series, rel=1e-8, abs=1e-9)
+
+
+def test_equation_10_follows_with_its_minus_and_the_inertia_of_the_load() -> None:
+    """(1), (2) and (5) expanded in eps: a load of one order, its amplitudes compared with `ripples`."""
+    eps, phi, k, nu = sympy.symbols("eps phi k nu", positive=True)
+    T, B, theta0, s, j = sympy.symbols("T B theta0 s j", positive=True)
+    h, L = sympy.symbols("h L", complex=True)
+    v, M = sympy.symbols("v M", complex=True)
+    wave = sympy.exp(sympy.I * k * phi)
+    w, torque = nu + eps * v * wave, s * nu + eps * M * wave
+    theta = theta0 + eps * h * wave
+    load = s * w + j * w * w.diff(phi) + eps * L * wave
+    mechanism = theta * w * w.diff(phi) + theta.diff(phi) * w**2 / 2 + load - torque
+    motor = T * w * torque.diff(phi) + torque - (s * nu + B * nu) + B * w
+    first = [sympy.expand(one.diff(eps).subs(eps, 0) / wave) for one in (mechanism, motor)]
+    solved = sympy.solve(first, [v, M])
+    told = sympy.lambdify((k, nu, T, B, theta0, s, j, h, L), [solved[v], solved[M]])
+    values = {"T": 0.05, "B": 150.0, "theta0": 0.5, "s": 0.3, "j": 0.2}
+    size, swing = 0.01 - 0.02j, 3.0 + 5.0j
+    for order in (1, 3):
+        shape = np.exp(1j * order * ANGLES)
+        any_ = Mechanism(
+            Machine(B=values["B"], T=values["T"]),
+            values["theta0"] + (size * shape).imag,
+            lambda w, a: values["s"] * w + values["j"] * a + (swing * shape).imag,  # noqa: B023
+        )
+        found = any_.ripples(33.0)
+        wanted = told(order, 33.0, *values.values(), size, swing)
+        assert (found.speed[order - 1], found.torque[order - 1]) == pytest.approx(wanted, rel=1e-9)
+        printed = told(order, 33.0, *(values | {"j": 0.0}).values(), size, swing)
+        assert abs(printed[0] / wanted[0] - 1) > 0.05
+
+
+@pytest.mark.parametrize("name", SETS)
+def test_ripples_of_a_link_are_those_of_exact_orbits_to_the_order_that_theory_neglects(
+    name: str,
+) -> None:
+    """The error of every amplitude is of the second order of the swing, over the speeds of the set."""
+    whole = SETS[name]
+    for nu in speeds(name)[::6]:
+        errors = []
+        for share in (0.25, 0.125, 0.0625):
+            machine = weakened(whole, share)
+            ripples = Mechanism.of(machine, slotted_link(machine.r, LINK)).ripples(nu)
+            found = exact(drive(machine, Link, l=LINK), nu)
+            pairs = zip((ripples.speed, ripples.torque), found)
+            errors.append([np.abs(ours[:4] - true[:4]).max() for ours, true in pairs])
+        first, second, third = np.array(errors)
+        assert np.log2(second / third) == pytest.approx([2.0, 2.0], abs=0.25)
+        largest = np.abs(np.array(found)[:, :4]).max(axis=1)
+        assert (third < 0.01 * largest).all()
+
+
+def test_load_that_depends_on_the_acceleration_is_inertia() -> None:
+    """Mass of the trough or of its load: the same ripples but for what (10) leaves out."""
+    whole, nu = SETS["A"], 36.0
+    position = slotted_link(whole.r, LINK)
+    one = Mechanism.of(whole, position).ripples(nu)
+    parted = Mechanism.of(replace(whole, m=120.0), position, 80.0)
+    shared = parted.ripples(nu)
+    for ours, theirs in zip(shared, one):
+        assert ours == pytest.approx(theirs, rel=1e-9, abs=1e-12)
+    still = replace(parted, load=lambda w, a: parted.load(w, 0.0)).ripples(nu)
+    assert abs(still.torque[1] / one.torque[1] - 1) > 0.01
+
+
+@pytest.mark.parametrize("name", SETS)
+def test_coupled_link_has_the_ripple_of_exact_orbits_and_that_of_theory(
+    name: str, fmus: Path
+) -> None:
+    """The link swings and pulls a load by its acceleration; over the speeds of both sets."""
+    machine, parts = SETS[name], ("DriveMotor", "SlottedLink")
+    fmus_ = dict(zip(("motor", "conveyor"), (fmus / "native" / f"{part}.fmu" for part in parts)))
+    wires = ["motor.tau -> conveyor.tau", "conveyor.w -> motor.w"]
+    values = {"trough.m": 150.0, "load.m": 50.0, "link.l": LINK, "link.swings": True}
+    link = Mechanism.of(machine, slotted_link(machine.r, LINK))
+    for nu in speeds(name)[::4]:
+        mean = float(np.mean(link.load(nu, 0.0)))
+        start = machine.start(nu) | {f"conveyor.{key}": value for key, value in values.items()}
+        start["motor.A"] = machine.B * nu + mean
+
+        def system(at: Any, start: Any = start) -> System:
+            return System(fmus_, wires, {**start, **at})
+
+        near = {"conveyor.w": nu, "motor.tau": mean}
+        turns = steady(system, near, "conveyor.phi", nu, 512, ["conveyor.f_pin"])
+        phi, torque = (turns.result[key][turns.window()] for key in ("conveyor.phi", "motor.tau"))
+        found, theory = harmonics(phi, torque, 12)[:4], link.ripples(nu).torque[:4]
+        true = exact(drive(machine, Link, l=LINK), nu)[1][:4]
+        largest = np.abs(true).max()
+        assert np.abs(found - true).max() < 5e-4 * largest
+        assert np.abs(found - theory).max() < 0.035 * largest
+        assert np.abs(found[[0, 2]]).max() > 0.05 * largest

@@ -1,0 +1,197 @@
+"""The limit of the orientator's speed: the formula against simulations, integrations and closed limits."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from cosim import System
+from scenarios.orientator import machine as orientator
+from scenarios.orientator import orientator_limit, orientator_neglect
+from scenarios.orientator.orientation_time import fastest, run, simulate
+from scenarios.orientator.theory import DOWN, UP, Machine, rpm
+from tests.conftest import ask, fmus_of
+
+LIMITS = {0.1: 126.38634, 0.2: 100.23145, 0.3: 84.54107, 0.35: 77.75026, 0.4: 71.75820,
+          0.5: 62.12296, 0.6: 55.29936}  # fmt: skip
+JOINT = {0.1: 132.078, 0.2: 103.739, 0.3: 88.210, 0.35: 82.672, 0.5: 70.762, 0.6: 65.191}
+WITHIN = 2.03
+
+
+def system(mu: float, **start: Any) -> System:
+    """The orientator's native FMU at a friction."""
+    return orientator.system(fmus_of(orientator_limit), 0.0, mu, start)
+
+
+def off(machine: Machine, limit: float) -> float:
+    """How far the formula is from a limit [%]."""
+    return 100 * (rpm(machine.limit()[0]) / limit - 1)
+
+
+def test_the_formula_is_within_two_percent_of_the_reference_limits() -> None:
+    for mu, limit in LIMITS.items():
+        machine = Machine.of(system(mu))
+        assert abs(off(machine, limit)) < WITHIN
+        assert machine.limit()[1] == (6 if mu <= 0.25 else 7)
+        assert rpm(machine.sticks) > rpm(machine.lies_down) > limit
+
+
+class Upside(Machine):
+    """Friction that moves with the height of the contact, as printed."""
+
+    def energy(self, phi1: Any, phi2: Any, yc: Any) -> tuple[Any, Any]:
+        still, turning = super().energy(phi1, phi2, yc)
+        return still, turning - self.forces[1] * self.mu * self.r * phi2
+
+
+class Outwards(Machine):
+    """The centrifugal force on the cup with the other sign, as printed."""
+
+    @property
+    def forces(self) -> tuple[float, float]:
+        return super().forces[0], -super().forces[1]
+
+
+@pytest.mark.parametrize("wrong", [Upside, Outwards])
+def test_a_wrong_sign_or_a_term_that_is_missing_leaves_the_limits(wrong: Any) -> None:
+    machine = wrong(**vars(Machine.of(system(0.35))))
+    assert not abs(off(machine, LIMITS[0.35])) < 5.0
+
+
+@pytest.mark.parametrize("mu", JOINT)
+def test_joint_fails_where_its_closed_bound_has_it(mu: float) -> None:
+    bound = rpm(Machine.of(system(mu)).lies_down)
+    assert bound == pytest.approx(JOINT[mu], abs=6e-4)
+    below, above = (simulate(system(mu), mu, bound + x) for x in (-1e-5, 1e-5))
+    assert below[3] != orientator.REASONS.index("catcher stopped")
+    assert above[2:4] == (orientator.JAMMED, orientator.REASONS.index("catcher stopped"))
+
+
+def test_friction_holds_the_cup_in_the_chute_where_the_bound_has_it() -> None:
+    bound = rpm(Machine.of(system(0.35)).sticks)
+    assert simulate(system(0.35), 0.35, bound - 1e-6)[3] != 1
+    assert simulate(system(0.35), 0.35, bound + 1e-6)[3] == 1
+
+
+def jacobi(m: Machine, W: float) -> tuple[float, float, float] | None:
+    """Angles of catcher and cup and the square of the cup's speed at its release, from the equation
+    of motion over phi2 and the energy at the hook contact; None where the catcher comes back first."""
+    slope, a, b, share = m.laid
+    phi1, phi2, _ = m.begun
+    k = m.hook(phi1, phi2)
+    mass = (k["M11"] * slope + 2 * k["M12"]) * slope + k["M22"]
+    half, (F_1, F_2) = m.l1 / 2, (W * x for x in m.forces)
+
+    def rates(phi2: float, z: Any) -> list[float]:
+        phi1, p, y = z
+        k = m.hook(phi1, phi2)
+        ay = ((k["Y11"] * p + 2 * k["Y12"]) * p + k["Y22"]) * y
+        down = m.m2 * (m.g - ay) - m.mu * F_2
+        pull = F_1 * math.sin(phi1) + m.c * half * (phi1 - m.phi10) * math.cos(phi1)
+        lever = m.e * math.cos(phi2)
+        Q_2 = k["z2"] * down + k["x2"] * (F_2 - m.m2 * lever * y) - m.mu * F_2 * (lever + m.r)
+        matrix = [[k["M11"], k["M12"]], [k["M12"], k["M22"]]]
+        a1, a2 = np.linalg.solve(matrix, [k["z1"] * down - half * pull, Q_2])
+        return [p, (a1 - p * a2) / y, 2 * a2]
+
+    def leaves(phi2: float, z: Any) -> float:
+        return float(m.h - m.hook(z[0], phi2)["x1"])
+
+    def back(phi2: float, z: Any) -> float:
+        return float(z[0] - m.phi10)
+
+    def stands(phi2: float, z: Any) -> float:
+        return float(z[2] - 1e-3)
+
+    ends = (leaves, back, stands)
+    for end in ends:
+        end.terminal = True  # type: ignore[attr-defined]
+    began = [phi1, slope, 2 * share * (a + W * b) / mass]
+    told = solve_ivp(rates, (phi2, DOWN), began, events=ends, rtol=1e-9, atol=1e-10)
+    if not len(told.t_events[0]):
+        return None
+    return float(told.y[0, -1]), float(told.t[-1]), float(told.y[2, -1])
+
+
+@pytest.mark.parametrize("mu", [0.2, 0.5])
+def test_an_integration_over_the_angle_jams_where_the_simulation_does(mu: float) -> None:
+    machine = Machine.of(system(mu))
+
+    def orients(n: float) -> bool:
+        W = (n * math.pi / 30) ** 2
+        end = jacobi(machine, W)
+        return end is not None and end[2] >= W * machine.needed(end[1])
+
+    assert orients(LIMITS[mu] - 2e-3)
+    assert not orients(LIMITS[mu] + 2e-3)
+
+
+def test_the_release_is_that_of_the_simulation() -> None:
+    n, machine = 60.0, Machine.of(system(0.5))
+    result = run(system(0.5), 0.5, n, 1e-4)
+    W = (n * math.pi / 30) ** 2
+    phi1, phi2, square = jacobi(machine, W) or (0.0, 0.0, 0.0)
+    row = int(np.flatnonzero(result["orientator.stage"] == 3)[0])
+    w2 = result["orientator.w2"][row]
+    assert result["orientator.phi2"][row] == pytest.approx(phi2, abs=1e-4 * w2)
+    assert result["orientator.phi1"][row] == pytest.approx(phi1, abs=1e-4 * 10)
+    assert w2**2 == pytest.approx(square, rel=1e-3)
+    assert machine.begun[1] - machine.begun[0] == pytest.approx(UP, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    "frictions",
+    [(0.3,), pytest.param(np.linspace(0.05, 0.6, 23).tolist(), marks=pytest.mark.slow)],
+    ids=["one friction", "all"],
+)
+def test_the_formula_holds_for_three_cups(frictions: Any) -> None:
+    cups = [system(0.35, **cup) for cup, _ in orientator_limit.CUPS.values()]
+    assert len(cups) == 3
+    for cup, mu in itertools.product(cups, frictions):
+        *_, limit, error, formula, joint = orientator_limit.limits((cup, mu))
+        assert abs(100 * (formula / limit - 1)) < WITHIN + 100 * error / limit
+        assert joint > limit + error
+        assert 0.0 < error < 0.01
+
+
+def test_a_smaller_chute_raises_the_limit_as_the_centrifugal_force_says() -> None:
+    """Only R - r and R - d - l1 cos(phi10)/2 hold R: with F_1 and F_2 in proportion W R would be kept."""
+    plain, small = (system(0.35, **{"orientator.chute.R": R}) for R in (0.27, 0.2646))
+    slow, fast = (fastest(x, np.arange(74.0, 82.0).tolist(), 0.35).value for x in (plain, small))
+    gain = math.log(fast / slow) / math.log(0.2646 / 0.27)
+    assert gain == pytest.approx(-0.522, abs=0.01)
+    assert gain == pytest.approx(-0.5 * 0.27 / (0.27 - 0.02), abs=0.03)
+
+
+def test_effects_have_the_sense_of_their_cause() -> None:
+    answer = ask("orientator_neglect", speeds="0rpm")
+    f, row = answer.figures, answer.table.iloc[0]
+    assert row["coriolis"] == pytest.approx(row["paper"], abs=1e-12), (
+        "no rotation, no Coriolis force"
+    )
+    assert f["coriolis"].value == pytest.approx(2.296, abs=1e-3)
+    assert f["hook"].value == pytest.approx(-11.643, abs=5e-3)
+    assert 0.0 < f["corner"].value < 0.05
+    assert f["spring"].value == pytest.approx(-0.0323, abs=1e-4)
+    assert f["limit_coriolis"].value < f["limit_paper"].value
+    assert f["limit_paper"].value <= LIMITS[0.35] <= f["limit_paper"].value + f["limit_paper"].error
+
+
+def test_what_is_neglected_has_the_same_bits_in_both_flavours() -> None:
+    names = {"mu_side": 0.35, "mu_catcher": 0.35, "rim": 5e-4, "anchored": True}
+    start = {f"orientator.neglected.{name}": value for name, value in names.items()}
+    native, python = (
+        orientator.system(fmus_of(orientator_neglect, flavour), 0.0, 0.35, start)
+        for flavour in ("native", "python")
+    )
+    one, other = (run(x, 0.35, 40.0, 5e-3) for x in (native, python))
+    assert one.data.tobytes() == other.data.tobytes()
+    plain = run(replace(native, start=system(0.35).start), 0.35, 40.0, 5e-3)
+    assert plain["orientator.orientation_time"][-1] == pytest.approx(0.2638050034, abs=1e-9)
+    assert one["orientator.orientation_time"][-1] == pytest.approx(0.254603, abs=2e-5)

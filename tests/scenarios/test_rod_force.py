@@ -1,0 +1,239 @@
+"""The rod force against a derivation, exact orbits and one system; the spring that unloads the rod."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+import sympy
+from scipy.integrate import solve_ivp
+from scipy.optimize import minimize_scalar
+
+from scenarios.conveyor import rod_force as page
+from scenarios.conveyor.resonance import SPEEDS
+from scenarios.conveyor.response import Setup
+from scenarios.conveyor.rod import course, peak, unloading
+from scenarios.conveyor.theory import ANGLES, SETS, Machine, rod_force
+from tests.conftest import ask, fmus_of
+from tests.scenarios.orbit_oracle import Drive, orbit
+from tests.scenarios.test_mechanisms import drive, weakened
+from workbench import Bench
+from workbench.answer import Answer
+
+QUICK = {"speeds": "30:60:4", "springs": "1e5:1e6:4"}
+SETUP = Setup(Bench(fmus_of(page)), {}, "strang", 256)
+
+
+class Short(Drive):
+    """A drive whose line is set for the mean load of its finite rod."""
+
+    @property
+    def slope(self) -> float:
+        return self.B + self.d * float(np.mean(self.trough(ANGLES)[1] ** 2))
+
+
+@pytest.fixture(scope="module")
+def answers() -> dict[str, Answer]:
+    return {name: ask("rod_force", set=name, **QUICK) for name in SETS}
+
+
+def test_formula_17_is_the_amplitude_of_the_force_and_its_lever_the_load_ripple() -> None:
+    """By SymPy from the trough's balance at constant speed; its mean square, and its least."""
+    m, r, c, d, nu, phi = sympy.symbols("m r c d nu phi", positive=True)
+    x = r * sympy.sin(phi)
+    force = m * nu**2 * x.diff(phi, 2) + c * x + d * nu * x.diff(phi)
+    sine, cosine = (sympy.expand(force).coeff(f(phi)) for f in (sympy.sin, sympy.cos))
+    square = sine**2 + cosine**2
+    assert sympy.solve(square.diff(c), c) == [m * nu**2]
+    turned = sine * sympy.sin(2 * phi) + cosine * (1 + sympy.cos(2 * phi))
+    lever = force * x.diff(phi) - r / 2 * turned
+    assert sympy.expand(lever.rewrite(sympy.exp)) == 0
+    values = {m: 200.0, r: 0.01, c: 7.2e5, d: 4000.0, nu: 40.0}
+    told = rod_force(SETS["A"], 40.0)
+    assert abs(told) == pytest.approx(math.sqrt(square.subs(values)), rel=1e-12)
+    assert abs(told) == pytest.approx(4308.131845708, rel=1e-12)
+    at = [float(force.subs(values).subs(phi, angle)) for angle in ANGLES]
+    assert (told * np.exp(1j * ANGLES)).imag == pytest.approx(at, rel=1e-9, abs=1e-6)
+    assert SETS["A"].load_ripple(40.0) == pytest.approx(told * 0.01 / 2, rel=1e-12)
+    wrong = replace(SETS["A"], c=-7.2e5)
+    assert abs(abs(rod_force(wrong, 40.0)) / abs(told) - 1) > 1.0
+
+
+@pytest.mark.parametrize("name", SETS)
+def test_theory_is_off_by_the_order_that_it_neglects(name: str) -> None:
+    """Beside exact orbits at every speed of the set: formula (17) in first, with the ripple in second
+    order of the trough's share of the inertia.
+    """
+    whole = SETS[name]
+    for nu in (float(one) for one in SPEEDS[name].split(",")):
+        errors = []
+        for share in (1.0, 0.5, 0.25):
+            machine = weakened(whole, share)
+            true = orbit(drive(machine), nu).f_rod(ANGLES)
+            errors.append(
+                [
+                    np.abs(course(machine, math.inf, nu, steady) - true).max() / np.abs(true).max()
+                    for steady in (True, False)
+                ]
+            )
+        first, second, third = np.array(errors)
+        assert first[0] < 0.13 and first[1] < 7e-3
+        assert np.log2(second / third) == pytest.approx([1.0, 2.0], abs=0.1)
+
+
+@pytest.mark.parametrize("name", SETS)
+def test_the_force_of_a_short_rod_is_along_it(name: str) -> None:
+    """Three times as long as the crank, where it is up to 6 % larger than the push on the trough."""
+    errors = []
+    for share in (0.1, 0.05):
+        machine = weakened(SETS[name], share)
+        true = orbit(drive(machine, Short, l=0.03, finite=True), 35.0).f_rod(ANGLES)
+        off = np.abs(course(machine, 0.03, 35.0) - true).max() / np.abs(true).max()
+        errors.append(off)
+    assert errors[1] < 1e-3
+    assert math.log2(errors[0] / errors[1]) == pytest.approx(2.0, abs=0.1)
+
+
+@pytest.mark.parametrize("name", SETS)
+def test_cosimulated_forces_are_those_of_exact_orbits_and_of_theory(
+    name: str, answers: dict[str, Answer]
+) -> None:
+    """At every point of a map, within the errors that are told."""
+    rows, told = answers[name].tables["rod_force.csv"].frame, answers[name].figures
+    error, off = (told["theory_off"].error or 0.0) / 100, abs(told["theory_off"].value) / 100
+    assert 0.0 < error < 3e-3 and off < 0.01
+    for row in rows.itertuples():
+        machine = replace(SETS[name], c=row.c)
+        true = orbit(drive(machine), row.nu).f_rod_max
+        assert row.f_rod == pytest.approx(true, rel=error)
+        assert row.f_rod_theory == pytest.approx(row.f_rod, rel=off + 1e-12)
+        assert row.f_rod_formula == pytest.approx(abs(rod_force(machine, row.nu)), rel=1e-12)
+        assert row.tau2_theory == abs(machine.torque_ripple(row.nu))
+
+
+def test_peak_of_the_force_is_that_of_one_system(answers: dict[str, Answer]) -> None:
+    """Motor and trough integrated from Newton's laws, with no equation of the project."""
+    m, r, c, d, J, B, T, nu = 200.0, 0.01, 7.2e5, 4000.0, 0.49, 199.8, 0.0625, 40.0
+
+    def force(phi: Any, w: Any, a: Any) -> Any:
+        x, v = r * np.sin(phi), r * w * np.cos(phi)
+        return m * (r * a * np.cos(phi) - r * w**2 * np.sin(phi)) + c * x + d * v
+
+    def rates(t: float, y: Any) -> Any:
+        phi, w, M = y
+        lever = r * math.cos(phi)
+        a = (M - force(phi, w, 0.0) * lever) / (J + m * lever**2)
+        return [w, a, ((B + 0.2) * nu - B * w - M) / T]
+
+    t = np.linspace(0.0, 4.0, 20001)
+    done = solve_ivp(rates, (0.0, 4.0), [0.0, nu, 8.0], "DOP853", t, rtol=1e-11, atol=1e-11)
+    late = done.y[:, -4000:]
+    a = np.array([rates(0.0, y)[1] for y in late.T])
+    one = float(np.abs(force(late[0], late[1], a)).max())
+    told = answers["A"].figures["f_rod"]
+    assert one == pytest.approx(4651.8145, rel=1e-6)
+    assert told.error is not None and abs(told.value - one) < told.error < 3e-4 * one
+    assert peak(course(SETS["A"], math.inf, nu)) == pytest.approx(one, rel=1e-3)
+    assert abs(rod_force(SETS["A"], nu)) < 0.95 * one
+
+
+@pytest.mark.parametrize(
+    ("machine", "nu", "rod"),
+    [
+        (SETS["A"], 40.0, math.inf),
+        (SETS["B"], 60.0, math.inf),
+        (SETS["A"], 48.0, 0.1),
+        (replace(SETS["B"], d=500.0), 30.0, 0.4),
+    ],
+)
+def test_the_spring_that_unloads_the_rod_is_that_of_exact_orbits(
+    machine: Machine, nu: float, rod: float
+) -> None:
+    """Within its error; (17) misses it where the speed swings, and no spring near by is better."""
+    finite = {"finite": True, "l": rod} if math.isfinite(rod) else {}
+    start = {"conveyor.rod.finite": True, "conveyor.rod.l": rod} if finite else {}
+    told = unloading(replace(SETUP, start=start, known={}), machine, nu)
+    formula = machine.m * nu**2
+
+    def exact(c: float) -> float:
+        found: Drive = drive(replace(machine, c=c), **finite)
+        return orbit(found, nu).f_rod_max
+
+    options = {"xatol": 1e-7 * formula}
+    best = minimize_scalar(
+        exact, (), (0.7 * formula, 1.3 * formula), (), "bounded", options=options
+    )
+    assert told.error is not None and told.error < 1e-3 * formula
+    assert abs(told.value - best.x) < told.error
+    if nu == 40.0:
+        assert told.value == pytest.approx(0.9015 * formula, rel=1e-3)
+    for beside in (0.97, 1.03):
+        assert exact(beside * told.value) > exact(told.value)
+
+
+def test_advice_names_the_spring_what_it_spares_and_what_it_leaves(
+    answers: dict[str, Answer],
+) -> None:
+    take, keep = (answers[name] for name in ("A", "B"))
+    f = take.figures
+    assert take.verdict.startswith(
+        f"Take a spring of {f['spring_unloaded'].text()} instead of 720000"
+    )
+    assert "advises 320000 N/m and gives the rod 4308.13 N with 720000 N/m" in take.verdict
+    for name in ("f_rod", "tau2", "nu_90", "tau2_peak"):
+        assert f[name].text() in take.verdict and f[f"{name}_unloaded"].text() in take.verdict
+    assert f["f_rod_unloaded"].value < 0.4 * f["f_rod"].value
+    assert f["tau2_unloaded"].value == pytest.approx(39.733, rel=1e-3)
+    for name in ("nu_90", "nu_90_unloaded"):
+        assert f[name].value == pytest.approx(40.0, rel=1e-4)
+    assert keep.verdict.startswith(
+        "Keep the spring of 720000 N/m: at 60 rad/s (573 rpm) the rod bears"
+    )
+    assert keep.figures["spring_unloaded"].value == pytest.approx(719640.0, abs=30.0)
+
+
+def test_maps_show_the_valley_beside_the_formula(answers: dict[str, Answer]) -> None:
+    angle, over, force, ripple = answers["A"].show().charts
+    names = ["formula (17)", "least rod force", "machine's spring", "spring that unloads the rod"]
+    for field in (force, ripple):
+        assert [curve.name for curve in field.curves] == names
+        formula, valley, own, best = field.curves
+        assert list(formula.y) == pytest.approx(0.2 * np.array(formula.x) ** 2)
+        ratio = np.array(valley.y) / (0.2 * np.array(valley.x) ** 2)
+        assert len(ratio) == 4 and ((ratio > 0.85) & (ratio < 1.005)).all()
+        assert (own.x, own.y) == ([40.0], [720.0]) and best.y[0] == pytest.approx(288.46, abs=0.05)
+    assert force.values.shape == (4, 4)
+    assert np.nanmin(force.values) == pytest.approx(answers["A"].table["f_rod"].min() / 1e3)
+    for panel in angle.panels:
+        steady, swinging, seen = panel.curves
+        size = np.abs(seen.y).max()
+        assert np.abs(np.array(swinging.y)[::8] - seen.y).max() < 0.01 * size
+        assert np.abs(np.array(steady.y)[::8] - seen.y).max() > 0.03 * size
+    assert [mark.at for mark in over.marks] == [40.0, 40.0]
+
+
+FEW = QUICK | {"steps_per_rev": 80}
+
+
+@pytest.mark.slow
+def test_a_spring_far_from_formula_17_is_not_told() -> None:
+    light = {"conveyor.trough.m": 20.0, "motor.B": 1.0}
+    far = ask("rod_force", speed=8.0, start=light, **FEW)
+    assert far.figures["spring_unloaded"].reason == "it lies far from that of formula (17)"
+    assert far.verdict.startswith("Which spring unloads the rod at 8 rad/s (76 rpm) is not told: ")
+    assert far.show().title == ""
+
+
+@pytest.mark.slow
+def test_without_damping_the_rod_is_freed_and_a_spring_that_stalls_the_crank_is_named() -> None:
+    """The load's ripple is exactly 0 at an end of the sweep."""
+    free = ask("rod_force", speed=50.0, start={"conveyor.trough.d": 0.0}, **QUICK)
+    assert free.figures["spring_unloaded"].value == pytest.approx(5e5, rel=1e-5)
+    assert free.figures["f_rod_unloaded"].value < 0.1
+    assert free.figures["f_rod"].error is not None
+    assert free.show().charts
+    stalled = ask("rod_force", speed=4.0, start={"motor.B": 0.5}, **QUICK)
+    assert "with that of the machine: not told (there is no steady orbit at 4" in stalled.verdict

@@ -1,0 +1,138 @@
+"""Every formula of the papers has a home, which exists, and says how well it is met."""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+
+import pytest
+from fmpy.model_description import read_model_description
+
+from build_fmus import FORMULAS
+from scenarios.__main__ import PROJECT
+from tests.conftest import ROOT
+from workbench.question import names
+
+LETTERS = "abcdefghijklmno"
+PRINTED = {
+    # the numbers of a paper, and how many formulas without one follow which number
+    "crank_conveyor": (26, {26: 1}, 1),
+    "iron_drive": (48, {9: 2, 48: 4}, 3),
+    "gravity_orientator": (10, {1: 2, 4: 1, 6: 3, 7: 4, 9: 2, 10: 15}, 4),
+}
+DATA = {"iron_drive", "gravity_orientator"}
+COLUMNS = ["no.", "what it says", "home", "erratum", "how well met"]
+
+
+def printed(machine: str) -> list[str]:
+    """All that a paper prints, by number and letter, its data, its figures."""
+    last, unnumbered, figures = PRINTED[machine]
+    formulas = [
+        f"{number}{letter}"
+        for number in range(1, last + 1)
+        for letter in ("", *LETTERS[: unnumbered.get(number, 0)])
+    ]
+    pictures = [f"Fig. {k}" for k in range(1, figures + 1)]
+    return formulas + ["data"] * (machine in DATA) + pictures
+
+
+def rows(page: str, heading: str) -> list[list[str]]:
+    """The cells of the first table under a heading, its head among them."""
+    section = page.partition(f"\n## {heading}\n")[2].partition("\n## ")[0]
+    lines = [line for line in section.splitlines() if line.startswith("|")]
+    return [
+        [cell.strip() for cell in line.strip("|").split("|")] for line in lines if "---" not in line
+    ]
+
+
+@cache
+def variables() -> set[str]:
+    """All variables of the FMUs, "IronDrive.alpha"."""
+    found = set()
+    for fmu in (ROOT / "fmus").glob("*.fmu"):
+        described = read_model_description(str(fmu), validate=False)
+        found |= {f"{fmu.stem}.{v.name}" for v in described.modelVariables}
+    return found
+
+
+@cache
+def known_tests() -> set[str]:
+    """The names of all tests."""
+    text = "".join(path.read_text() for path in (ROOT / "tests").rglob("test_*.py"))
+    return set(re.findall(r"^def (test_\w+)\(", text, re.MULTILINE))
+
+
+def exists(home: str) -> bool:
+    """Whether there is such a function in a file, such a file, variable of an FMU or question."""
+    if "/" not in home:
+        return home in variables() or home in names(PROJECT.home)
+    path, _, name = home.partition(":")
+    file = ROOT / path
+    if not name or not file.is_file():
+        return file.is_file() and not name
+    return any(getattr(node, "name", "") == name for node in ast.walk(ast.parse(file.read_text())))
+
+
+def faults(machine: str, page: str) -> Iterator[str]:
+    """What is wrong with the table of formulas in the page of a machine."""
+    head, *table = rows(page, FORMULAS) or [[]]
+    if head != COLUMNS:
+        yield f"the columns are {head}"
+    numbers = [row[0] for row in table]
+    if numbers != printed(machine):
+        yield f"not in the table, or not in the paper, or out of order: {numbers}"
+    errata = {row[0].rstrip(" †") for row in rows(page, "Errata of the paper")[1:]}
+    for number, says, home, erratum, met in (row for row in table if len(row) == len(COLUMNS)):
+        homes = re.findall(r"`([^`]+)`", home)
+        if not says or not homes or re.sub(r"`[^`]+`|[, ]", "", home):
+            yield f"{number} has no home: {home!r}"
+        yield from (f"{number}: there is no {x}" for x in homes if not exists(x))
+        named = re.split(r"; |, (?=\d)", erratum) if erratum else []
+        yield from (f"{number}: there is no erratum {x}" for x in named if x not in errata)
+        held = set(re.findall(r"`(test_\w+)`", met))
+        if not met or not (held or number.startswith("Fig.")):
+            yield f"{number} does not say how well it is met, and what holds that"
+        yield from (f"{number}: there is no {x}" for x in held - known_tests())
+    yield from (f"{row[0]} has {len(row)} cells" for row in table if len(row) != len(COLUMNS))
+
+
+def page_of(machine: str) -> str:
+    return (ROOT / "components" / machine / "page.md").read_text()
+
+
+@pytest.mark.parametrize("machine", PRINTED)
+def test_every_formula_of_a_paper_has_a_home_that_exists(machine: str) -> None:
+    assert list(faults(machine, page_of(machine))) == []
+
+
+def test_no_machine_has_a_table_that_is_not_checked() -> None:
+    pages = Path(ROOT / "components").glob("*/page.md")
+    assert {p.parent.name for p in pages if f"## {FORMULAS}" in p.read_text()} == set(PRINTED)
+
+
+WRONG = [
+    # what is replaced in a page, and what is said about it
+    ("`CrankConveyor.tau_load`", "", "5 has no home"),
+    ("`CrankConveyor.tau_load`", "somewhere", "5 has no home"),
+    ("`CrankConveyor.tau_load`", "`CrankConveyor.tau_lod`", "5: there is no CrankConveyor.tau_lod"),
+    ("`scenarios/conveyor/theory.py:A`", "`scenarios/conveyor/theory.py:a`", "18: there is no"),
+    ("`scenarios/conveyor/theory.py:A`", "`scenarios/conveyor/theori.py`", "18: there is no"),
+    ("`resonance`, `run_up`", "`resonanz`", "3: there is no resonanz"),
+    ("| 25 | ", "| 25b | ", "out of order"),
+    ("| (22) | 0.006 %", "| (23) | 0.006 %", "22: there is no erratum (23)"),
+    ("0.006 %: `test_", "0.006 %: `test_no_", "22: there is no test_no_"),
+    ("1e-9: `test_motor_with_linear_characteristic_steps_exactly`", "well", "15 does not say"),
+    ("| no. | what it says |", "| no. | what |", "the columns are"),
+]
+
+
+@pytest.mark.parametrize(("old", "new", "fault"), WRONG, ids=[fault for _, _, fault in WRONG])
+def test_a_table_that_is_wrong_is_found_out(old: str, new: str, fault: str) -> None:
+    page = page_of("crank_conveyor")
+    assert old in page.partition(FORMULAS)[2]
+    before, heading, after = page.partition(FORMULAS)
+    changed = before + heading + after.replace(old, new, 1)
+    assert any(fault in found for found in faults("crank_conveyor", changed))

@@ -1,0 +1,125 @@
+"""The live part of a page: a question asked again in the browser, of the modules of its FMUs.
+
+A page declares `LIVE`, sliders over its options and start values, and has a script of its name beside
+it that answers as its Python does. `live(o, findings)`, where it has that, gives the script facts by
+name; an option without a value of its own stands there too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cache
+from pathlib import Path
+from types import ModuleType
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from cosim import SetupError
+from cosim.master import stepping_order
+from cosim.system import connect
+
+from .options import Options, declared
+
+if TYPE_CHECKING:
+    from .answer import Findings, Parameter
+
+FOLDER = Path(__file__).with_name("report") / "live"
+ENGINE = ("numbers.js", "master.js")
+
+
+class Slider(NamedTuple):
+    """An option, or a start value of an FMU, "motor.T", and from where to where it may be moved; the
+    ends give way to a value that was asked for beyond them.
+    """
+
+    name: str
+    low: float
+    high: float
+
+
+class Live(NamedTuple):
+    """What the browser gets: modules by part, the worker's script, and data, sliders among them."""
+
+    modules: Mapping[str, bytes]
+    script: str
+    data: dict[str, Any]
+
+
+def script_of(script: Path) -> str:
+    """What a worker runs, with the script of a page."""
+    texts = map(_read, [*(FOLDER / name for name in ENGINE), script, FOLDER / "worker.js"])
+    return "\n".join(text.replace('"use strict";\n', "", 1) for text in texts)
+
+
+@cache
+def _read(path: Path) -> str:
+    return path.read_text(encoding="utf-8")
+
+
+def of(
+    page: ModuleType,
+    o: Options,
+    found: Findings,
+    parameters: Mapping[str, Parameter],
+    modules: Mapping[str, Path],
+    command: str,
+) -> Live | None:
+    """The live part of an answer; None where the page has none or a module of its parts is not there.
+
+    `command` is the start of the command line that asked for it. Raises SetupError for a slider that
+    moves nothing, and without the script.
+    """
+    sliders: tuple[Slider, ...] = getattr(page, "LIVE", ())
+    if not sliders or found.system is None or not set(found.system.parts) <= set(modules):
+        return None
+    script = Path(str(page.__file__)).with_suffix(".js")
+    if not script.is_file():
+        raise SetupError(f"LIVE needs the script {script}")
+    network = connect(found.system)
+    facts = page.live(o, found) if hasattr(page, "live") else {}
+    facts |= {"figures": {name: (x.unit, x.meaning) for name, x in found.figures.items()}}
+    facts |= {"order": found.provenance.get("convergence_order")}
+    told = declared(type(o))
+    options = {name: getattr(o, name) for name in told}
+    changed = {name: x for name, x in options.items() if x != told[name].read(told[name].default)}
+    words = []
+    for name, low, high in sliders:
+        if name not in told and name not in parameters:
+            raise SetupError(f"LIVE: {name!r} is neither an option nor a start value")
+        known = told.get(name) or parameters[name]
+        value = parameters[name].value if name in parameters else options[name]
+        value = float(facts[name] if value is None else value)
+        words.append({
+            "name": name, "meaning": _heading(known.meaning), "unit": known.unit, "value": value,
+            "low": min(low, value), "high": max(high, value), "option": name in told,
+        })  # fmt: skip
+    data = {
+        "sliders": words,
+        "options": options,
+        "start": {name: x.value for name, x in parameters.items() if "." in name},
+        "facts": facts,
+        "sequence": stepping_order(network, None),
+        "wires": [
+            {"from": w.source.name, "to": w.target.name, "factor": w.factor, "offset": w.offset}
+            for w in network.wires
+        ],
+        "command": [command, *(_words(name, x) for name, x in changed.items())],
+        "asked": dict(o.start),
+    }
+    taken = {part: modules[part].read_bytes() for part in network.descriptions}
+    return Live(taken, script_of(script), data)
+
+
+def _heading(meaning: str) -> str:
+    """A meaning above a slider: without what is said of its default."""
+    first = meaning.partition(", ")[0]
+    return first[:1].upper() + first[1:]
+
+
+def _words(name: str, value: Any) -> str:
+    """An option as a command line has it."""
+    flag = f"--{name.replace('_', '-')}"
+    if isinstance(value, bool):
+        return flag if value else f"--no-{flag[2:]}"
+    if isinstance(value, tuple):
+        value = ",".join(map(str, value))
+    return f"{flag} {value}"

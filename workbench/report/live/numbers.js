@@ -1,0 +1,317 @@
+"use strict";
+// What the live part of a page computes with; each function does what its namesake in Python does.
+
+const TURN = 2 * Math.PI;
+const last = list => list[list.length - 1];
+const range = (n, make = k => k) => Array.from({ length: n }, (_, k) => make(k));
+const linspace = (first, end, n) => range(n, k => k === n - 1 ? end : first + k * ((end - first) / (n - 1)));
+const geomspace = (first, end, n) =>
+  range(n, k => k === n - 1 ? end : k ? first * Math.pow(end / first, k / (n - 1)) : first);
+const most = (list, of = x => x) => {
+  let top = -Infinity;
+  for (const x of list) {
+    const value = of(x);
+    if (Number.isNaN(value)) return NaN;
+    if (value > top) top = value;
+  }
+  return top;
+};
+const searchsorted = (list, x) => {
+  let low = 0, high = list.length;
+  while (low < high) { const k = (low + high) >> 1; if (list[k] < x) low = k + 1; else high = k; }
+  return low;
+};
+
+// Complex numbers are pairs [real, imaginary].
+const add = (a, b) => [a[0] + b[0], a[1] + b[1]];
+const sub = (a, b) => [a[0] - b[0], a[1] - b[1]];
+const mul = (a, b) => [a[0] * b[0] - a[1] * b[1], a[0] * b[1] + a[1] * b[0]];
+const div = (a, b) => {
+  const size = b[0] * b[0] + b[1] * b[1];
+  return [(a[0] * b[0] + a[1] * b[1]) / size, (a[1] * b[0] - a[0] * b[1]) / size];
+};
+const times = (x, a) => [x * a[0], x * a[1]];
+const abs = a => Math.hypot(...a);
+const degrees = a => Math.atan2(a[1], a[0]) * 180 / Math.PI;
+const turned = x => ((x % 360) + 360) % 360;
+
+// x of A x = b for the columns b, of a symmetric positive A whose rows are filled up to the diagonal.
+const solve = (A, columns) => {
+  const n = A.length;
+  for (let i = 0; i < n; i++) for (let j = 0; j <= i; j++) {
+    const a = A[i], b = A[j];
+    let rest = a[j];
+    for (let k = 0; k < j; k++) rest -= a[k] * b[k];
+    a[j] = i === j ? Math.sqrt(rest) : rest / b[j];
+  }
+  for (const x of columns) {
+    for (let i = 0; i < n; i++) {
+      for (let k = 0; k < i; k++) x[i] -= A[i][k] * x[k];
+      x[i] /= A[i][i];
+    }
+    for (let i = n - 1; i >= 0; i--) {
+      for (let k = i + 1; k < n; k++) x[i] -= A[k][i] * x[k];
+      x[i] /= A[i][i];
+    }
+  }
+  return columns;
+};
+
+// The least x of least |A x - b|: A (m, n), b (m, columns); directions below rcond are left out.
+const lstsq = (A, b, rcond) => {
+  const n = A[0].length, U = A.map(row => [...row]), V = range(n, i => range(n, j => +(i === j)));
+  const turn = (M, p, q, c, s) => {
+    for (const row of M) [row[p], row[q]] = [c * row[p] - s * row[q], s * row[p] + c * row[q]];
+  };
+  const dot = (p, q) => U.reduce((sum, row) => sum + row[p] * row[q], 0);
+  for (let sweep = 0, moved = true; moved && sweep < 60; sweep++) {
+    moved = false;
+    for (let p = 0; p < n; p++) for (let q = p + 1; q < n; q++) {
+      const a = dot(p, p), d = dot(q, q), off = dot(p, q);
+      if (Math.abs(off) <= 1e-16 * Math.sqrt(a * d)) continue;
+      moved = true;
+      const zeta = (d - a) / (2 * off), t = (zeta < 0 ? -1 : 1) / (Math.abs(zeta) + Math.hypot(1, zeta));
+      const c = 1 / Math.hypot(1, t);
+      turn(U, p, q, c, c * t);
+      turn(V, p, q, c, c * t);
+    }
+  }
+  const sizes = range(n, k => Math.sqrt(dot(k, k))), least = rcond * most(sizes);
+  const shares = range(n, k => b[0].map((_, j) =>
+    sizes[k] > least ? U.reduce((sum, row, i) => sum + row[k] * b[i][j], 0) / sizes[k] ** 2 : 0));
+  return V.map(row => b[0].map((_, j) => row.reduce((sum, v, k) => sum + v * shares[k][j], 0)));
+};
+
+// The largest size of an eigenvalue of M: what a very high power of M grows by at each factor.
+const radius = M => {
+  let power = M, log = 0;
+  for (let k = 0; k < 52; k++) {
+    const size = most(power.flat(), Math.abs);
+    if (!(size > 0)) return size;
+    log += Math.log(size) / 2 ** k;
+    const unit = power.map(row => row.map(x => x / size));
+    power = unit.map(row => unit.map((_, j) => row.reduce((sum, x, i) => sum + x * unit[i][j], 0)));
+  }
+  return Math.exp(log);
+};
+
+// The polynomial through points, as a function.
+const through = (x, y) => {
+  const weight = x.map((at, k) => 1 / x.reduce((p, other, j) => j === k ? p : p * (at - other), 1));
+  return at => {
+    let over = 0, under = 0;
+    for (let k = 0; k < x.length; k++) {
+      if (at === x[k]) return y[k];
+      const share = weight[k] / (at - x[k]);
+      over += share * y[k];
+      under += share;
+    }
+    return over / under;
+  };
+};
+
+// Cubics between knots x; `pieces` are [a, b, c, d] of a s^3 + b s^2 + c s + d from each knot on.
+class Cubics {
+  constructor(x, pieces) { this.x = x; this.pieces = pieces; }
+
+  // The spline through points whose third derivative is also continuous beside both ends.
+  static spline(x, y) {
+    const n = x.length, h = range(n - 1, k => x[k + 1] - x[k]), m = range(n - 1, k => (y[k + 1] - y[k]) / h[k]);
+    if (n < 4) {
+      const curve = n < 3 ? 0 : (m[1] - m[0]) / (x[2] - x[0]);
+      return new Cubics(x, h.map((step, k) => [0, curve, m[k] - curve * step, y[k]]));
+    }
+    const low = new Float64Array(n), mid = new Float64Array(n), up = new Float64Array(n), s = new Float64Array(n);
+    for (let k = 1; k < n - 1; k++) {
+      low[k] = h[k]; mid[k] = 2 * (h[k - 1] + h[k]); up[k] = h[k - 1];
+      s[k] = 3 * (h[k] * m[k - 1] + h[k - 1] * m[k]);
+    }
+    let d = x[2] - x[0];
+    mid[0] = h[1]; up[0] = d;
+    s[0] = ((h[0] + 2 * d) * h[1] * m[0] + h[0] ** 2 * m[1]) / d;
+    d = x[n - 1] - x[n - 3];
+    mid[n - 1] = h[n - 3]; low[n - 1] = d;
+    s[n - 1] = (h[n - 2] ** 2 * m[n - 3] + (2 * d + h[n - 2]) * h[n - 3] * m[n - 2]) / d;
+    for (let k = 1; k < n; k++) {
+      const factor = low[k] / mid[k - 1];
+      mid[k] -= factor * up[k - 1];
+      s[k] -= factor * s[k - 1];
+    }
+    s[n - 1] /= mid[n - 1];
+    for (let k = n - 2; k >= 0; k--) s[k] = (s[k] - up[k] * s[k + 1]) / mid[k];
+    return new Cubics(x, h.map((step, k) => {
+      const bend = (s[k] + s[k + 1] - 2 * m[k]) / step;
+      return [bend / step, (m[k] - s[k]) / step - bend, s[k], y[k]];
+    }));
+  }
+
+  at(x) {
+    const k = Math.min(Math.max(searchsorted(this.x, x) - 1, 0), this.pieces.length - 1);
+    const [a, b, c, d] = this.pieces[k], s = x - this.x[k];
+    return ((a * s + b) * s + c) * s + d;
+  }
+
+  derivative() { return new Cubics(this.x, this.pieces.map(([a, b, c]) => [0, 3 * a, 2 * b, c])); }
+
+  roots(level = 0) {
+    const found = [];
+    this.pieces.forEach(([a, b, c, d], k) => {
+      const long = this.x[k + 1] - this.x[k];
+      if (Math.abs(d - level) > ((Math.abs(a) * long + Math.abs(b)) * long + Math.abs(c)) * long) return;
+      const cuts = [0, long], value = s => ((a * s + b) * s + c) * s + (d - level);
+      const inner = b * b - 3 * a * c;
+      if (inner > 0) {
+        const q = -(b + (b < 0 ? -1 : 1) * Math.sqrt(inner));
+        for (const s of [q / (3 * a), c / q]) if (s > 0 && s < long) cuts.push(s);
+      }
+      cuts.sort((p, q) => p - q);
+      for (let j = 1; j < cuts.length; j++) {
+        let low = cuts[j - 1], high = cuts[j], first = value(low);
+        const end = value(high), closed = j === cuts.length - 1 && k === this.pieces.length - 1;
+        if (first === 0 ? j > 1 : !(first < 0 ? end > 0 || (closed && end === 0) : end < 0 || (closed && end === 0))) continue;
+        while (first !== 0) {
+          const s = (low + high) / 2;
+          if (s <= low || s >= high) break;
+          if ((value(s) < 0) === (first < 0)) low = s; else high = s;
+        }
+        found.push(this.x[k] + (first === 0 ? low : high));
+      }
+    });
+    return found;
+  }
+}
+
+// What `tell` makes of columns, and how much every second row would change it: measure.measured.
+const measured = (tell, ...columns) => {
+  const value = tell(...columns), rows = columns[0].length;
+  const away = [0, 1].map(half => {
+    const kept = k => k === 0 || k === rows - 1 || k % 2 === half;
+    return Math.abs(value - tell(...columns.map(x => x.filter((_, k) => kept(k)))));
+  });
+  return { value, error: Math.max(...away, 1e-12 * Math.abs(value)) };
+};
+
+// The largest x and its place, on the spline through rows, which rises no further than at a smooth peak.
+const top = (t, x) => {
+  let row = 0;
+  x.forEach((value, k) => { if (value > x[row]) row = k; });
+  let [value, time] = [x[row], t[row]];
+  const curve = Cubics.spline(t, x);
+  curve.pieces.forEach(([a, b, c], k) => {
+    const high = Math.max(x[k], x[k + 1]), low = Math.max(x[k - 1] ?? -Infinity, x[k + 2] ?? -Infinity);
+    const most = high + 0.25 * (high - low), inner = b * b - 3 * a * c;
+    if (!(most > value) || !(inner >= 0)) return;
+    const q = -(b + (b < 0 ? -1 : 1) * Math.sqrt(inner));
+    for (const s of [q / (3 * a), c / q]) if (s > 0 && s < t[k + 1] - t[k]) {
+      const peak = Math.min(curve.at(t[k] + s), most);
+      if (peak > value) [value, time] = [peak, t[k] + s];
+    }
+  });
+  return [value, time];
+};
+const largest = (t, x) => ({ ...measured((t, x) => top(t, x)[0], t, x), at: measured((t, x) => top(t, x)[1], t, x) });
+const smallest = (t, x) => {
+  const found = largest(t, x.map(y => -y));
+  return { ...found, value: -found.value };
+};
+const integral = (t, x) => measured((t, x) => Cubics.spline(t, x).pieces.reduce((sum, [a, b, c, d], k) => {
+  const s = t[k + 1] - t[k];
+  return sum + (((a * s / 4 + b / 3) * s + c / 2) * s + d) * s;
+}, 0), t, x);
+
+// Complex amplitudes of the orders 1..highest of columns x over phi, Im(X exp(i k phi)), fitted
+// together with the mean; of each column a list. The normal equations are sums of exp(i m phi).
+const harmonics = (phi, columns, highest) => {
+  const size = 2 * highest + 1, real = new Float64Array(size), imag = new Float64Array(size);
+  const right = columns.map(() => new Float64Array(size));
+  for (let n = 0; n < phi.length; n++) {
+    const c = Math.cos(phi[n]), s = Math.sin(phi[n]);
+    for (let m = 0, re = 1, im = 0; m < size; m++) {
+      real[m] += re;
+      imag[m] += im;
+      if (m <= highest) for (let j = 0; j < columns.length; j++) {
+        const x = columns[j][n];
+        if (m) right[j][m] += im * x;
+        right[j][m ? highest + m : 0] += re * x;
+      }
+      const before = re;
+      re = re * c - im * s;
+      im = before * s + im * c;
+    }
+  }
+  const A = range(size, i => {
+    const row = new Float64Array(i + 1);
+    if (i <= highest) {
+      row[0] = i ? imag[i] : real[0];
+      for (let j = 1; j <= i; j++) row[j] = (real[i - j] - real[i + j]) / 2;
+      return row;
+    }
+    const m = i - highest;
+    row[0] = real[m];
+    for (let j = 1; j <= highest; j++) row[j] = (imag[j + m] + (j < m ? -imag[m - j] : imag[j - m])) / 2;
+    for (let j = 1; j <= m; j++) row[highest + j] = (real[m - j] + real[m + j]) / 2;
+    return row;
+  });
+  return solve(A, right).map(fit => range(highest, k => [fit[k + 1], fit[k + 1 + highest]]));
+};
+
+// Where values at steps h, 2 h, 4 h go as h vanishes, its error or null, and the reason for that.
+const limit = (values, order) => {
+  if (values.length < 3) return [values[0], null, "the coupling is not stable with a quarter of the steps"];
+  const [fine, middle, coarse] = values, move = fine - middle, before = middle - coarse;
+  const size = Math.max(Math.abs(move), Math.abs(before));
+  if (Math.abs(before) < 1.5 * Math.abs(move) || size <= 1e-9 * Math.abs(fine)) {
+    if (size > 1e-3 * Math.abs(fine)) return [fine, null, "it does not converge with smaller steps"];
+    return [fine, 4 * size, ""];
+  }
+  const gain = 2 ** order - 1, better = fine + move / gain, rough = middle + before / gain;
+  return [better, Math.abs(better - rough) + 0.02 * Math.abs(move), ""];
+};
+
+// The coupling error of the first of values at steps h, 2 h, 4 h, as cosim.estimate states it.
+const coupling = (values, order) => {
+  const [fine, middle, coarse] = values, spread = Math.max(...values) - Math.min(...values);
+  if (spread === 0 && fine === Math.round(fine)) return 0;
+  const move = fine - middle, before = middle - coarse, least = 1e-10 * (Math.abs(fine) || 1);
+  if (Math.max(Math.abs(move), Math.abs(before)) <= least) return least;
+  const falls = before ? Math.log2(Math.abs(before) / Math.max(Math.abs(move), least)) : -Infinity;
+  const same = move * before >= 0;
+  const bound = same ? Math.max(Math.abs(move), Math.abs(before) / 2 ** order) / (2 ** Math.min(Math.max(falls, 0.5), order) - 1)
+    : Math.abs(before);
+  const fails = same ? !(falls >= 0.5) : !(falls > 0), regular = same && falls <= order + 1.5;
+  if (fails || (!regular && bound > 0.1 * Math.abs(fine))) return 2 * spread;
+  return Math.max(1.5 * bound, least);
+};
+
+const figure = (value, unit, error, meaning = "", reason = "") => ({ value, unit, error, meaning, reason });
+const refused = (unit, reason, meaning) => figure(NaN, unit, null, meaning, reason);
+
+// A number as "%.6g" writes it.
+const six = (value, digits = 6) => {
+  if (!value) return String(value);
+  const [mantissa, exponent] = value.toExponential(digits - 1).split("e");
+  const trimmed = text => text.includes(".") ? text.replace(/\.?0+$/, "") : text;
+  if (exponent < -4 || exponent >= digits) return power(`${trimmed(mantissa)}e${exponent}`);
+  return trimmed(value.toFixed(digits - 1 - exponent));
+};
+
+const power = text => text.replace(/e([+-])(\d)$/, "e$10$2");
+
+// Value and error as texts: the error rounded up to two digits, the value as far as it reaches.
+const rounded = (value, error) => {
+  let place = Math.floor(Math.log10(error)) - 1;
+  const end = value ? Math.floor(Math.log10(Math.abs(value))) - 5 : place;
+  let up = Math.ceil(error / 10 ** place - 1e-9);
+  if (end > place) { place = end; up = Math.ceil(error / 10 ** end + 0.5); }
+  if (up >= 100) { place += 1; up = 10; }
+  if (place > 0) return [(Math.round(value / 10 ** place) * 10 ** place).toFixed(0), (up * 10 ** place).toFixed(0)];
+  if (place >= -7) return [value.toFixed(-place), (up * 10 ** place).toFixed(-place)];
+  return [power(value.toExponential(Math.floor(Math.log10(Math.max(Math.abs(value), error))) - place)),
+    power((up * 10 ** place).toExponential(1))];
+};
+
+const text = ({ value, unit, error, reason }, as = unit) => {
+  as = as && as !== "1" ? ` ${as}` : "";
+  if (error === null) return `not told (${reason})`;
+  return error === 0 ? `${six(value)}${as}` : `${rounded(value, error).join(" ± ")}${as}`;
+};
