@@ -208,6 +208,8 @@ class Whole:
         for change in self.changes:
             if change.time == t:
                 change.part.set(change.variable, change.value)
+        for block in chain.from_iterable(part.inputs for part in self.parts):
+            block.move()  # what arrived on the way to the event, when only Real inputs are set
         while again:
             again = self._settle(lambda block: True)
             for part in self.parts:
