@@ -25,6 +25,8 @@ from .judge.compare import Comparison, Deviation, compare
 from .judge.crosscheck import Crosscheck, Verdict, crosscheck
 from .judge.diagnose import Diagnosis, diagnose
 from .judge.isolated import run_isolated
+from .judge.linearize import Linear, linearize
+from .judge.oracle import Judged, oracle, true_errors
 from .master import run, versions
 from .result import Interrupted, Result, SimulationError
 from .system import System, Wire
@@ -57,6 +59,8 @@ __all__ = [
     "Identified",
     "Interrupted",
     "Interval",
+    "Judged",
+    "Linear",
     "Package",
     "Result",
     "SetupError",
@@ -74,8 +78,10 @@ __all__ = [
     "estimate",
     "identify",
     "largest",
+    "linearize",
     "mean",
     "measured",
+    "oracle",
     "quiet",
     "read_osp",
     "read_ssp",
@@ -86,6 +92,7 @@ __all__ = [
     "summary",
     "time_of_largest",
     "time_of_smallest",
+    "true_errors",
     "versions",
     "write_container",
     "write_osp",

@@ -1,4 +1,4 @@
-"""python -m cosim info | check | run | diagnose | export FILE; crosscheck, compare, verify."""
+"""python -m cosim info | check | run | diagnose | oracle | export FILE; crosscheck, compare, verify."""
 
 from __future__ import annotations
 
@@ -34,6 +34,7 @@ from .judge.crosscheck import crosscheck
 from .judge.crosscheck.report import writer
 from .judge.diagnose import diagnose
 from .judge.isolated import run_isolated
+from .judge.oracle import METHODS, Compared, true_errors
 from .master import Settings
 from .progress import bar
 from .result import Interrupted, Result, SimulationError
@@ -182,6 +183,17 @@ def parser() -> Parser:
         default=0.0,
         help="time [s] to a steady motion before the measurement",
     )
+
+    truths = command("oracle", judge, "the true errors of a run, from model exchange")
+    add = truths.add_argument
+    add("--start", type=float, help="start time [s]; the file's by default")
+    add("--stop", type=float, help="stop time [s]; the file's by default")
+    add("--step", type=float, help="communication step [s]; the file's, or the FMUs', by default")
+    add("--algorithm", choices=ALGORITHMS, default="strang", help="coupling algorithm")
+    add("--method", choices=METHODS, default=METHODS[0], help="integrator; the last two if stiff")
+    add("--record", type=names, help="columns by dotted names, a,b,c; all outputs by default")
+    add("--out", type=Path, help=".csv or .parquet of the oracle's rows")
+    truths.set_defaults(adaptive=None, output_step=None, plot=None, part=None, certify=True)
 
     exports = command("export", export, "write a system in another format")
     exports.add_argument("--to", choices=("ssp", "osp", "container"), required=True, help="format")
@@ -440,6 +452,39 @@ def measure(options: argparse.Namespace) -> int:
         )
     print(found.text())
     return 0
+
+
+def judge(options: argparse.Namespace) -> int:
+    """python -m cosim oracle."""
+    require_files(options, System({}))
+    with opened(options) as task:
+        chosen = plan(task, options)
+        with quiet():
+            found = true_errors(
+                task.system,
+                start=chosen.start,
+                stop=chosen.stop,
+                step=task.step(options.step),
+                record=options.record,
+                method=options.method,
+                algorithm=options.algorithm,
+            )
+    if options.out is not None:
+        found.result.write(options.out)
+    print("the oracle's figure, the certified one, its true error")
+    print("\n".join(compared(found.result, found.figures)))
+    warn(found.result)
+    return 0
+
+
+def compared(result: Result, figures: Mapping[str, Compared]) -> Iterator[str]:
+    """The figures of the oracle beside those of the runs, in columns."""
+    rows = []
+    for column, what in ((c, w) for c in result.columns[1:] for w in SUMMARY):
+        unit, found = result.units[column], figures[f"{column}{what}"]
+        true, error = f"{found.true:.9g} {unit}", f"{found.error:.2g} {unit}"
+        rows.append((f"{column}{what}", true, found.certified.text(unit), error))
+    yield from (f"  {line}" for line in describe.table(rows))
 
 
 def export(options: argparse.Namespace) -> int:

@@ -128,6 +128,12 @@ def fmus() -> Path:
 
 
 @pytest.fixture(scope="session")
+def native(fmus: Path) -> Path:
+    """The folder of the native FMUs."""
+    return fmus / "native"
+
+
+@pytest.fixture(scope="session")
 def echo(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """An FMU with Integer and String parameters, which the project's own do not have."""
     folder = tmp_path_factory.mktemp("echo")

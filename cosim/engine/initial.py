@@ -37,6 +37,7 @@ def initialise(
     tolerance: float | None = None,
     substeps: Mapping[str, int] | None = None,
     input_order: int = 0,
+    kind: type[Coupled] = Coupled,
 ) -> dict[str, Coupled]:
     """All parts at `start`, their coupled start values consistent, ready for the first step.
 
@@ -50,7 +51,7 @@ def initialise(
             fmu = borrow(Path(path), description)
         except PartFailure as error:
             raise PartFailure(f"{name}: {error}") from error
-        parts[name] = Coupled(name, description, fmu, (substeps or {}).get(name, 1))
+        parts[name] = kind(name, description, fmu, (substeps or {}).get(name, 1))
         stack.callback(parts[name].close)
     given = {port.name: (port, value) for port, value in network.start}
     given |= {port.name: (port, profile.at(start)) for port, profile in network.inputs}

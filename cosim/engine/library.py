@@ -10,10 +10,11 @@ from pathlib import Path
 from shutil import rmtree
 from tempfile import mkdtemp
 from threading import RLock
+from typing import Any
 from zipfile import ZipFile
 
 import fmpy
-from fmpy.fmi2 import FMU2Slave
+from fmpy.fmi2 import FMU2Model, FMU2Slave
 from fmpy.model_description import ModelDescription
 
 from ..errors import PartFailure
@@ -41,7 +42,9 @@ class Library:
         self.folder = Path(mkdtemp(dir=scratch()))
         try:
             unpack(path, self.folder)
-            self._slave = _loaded(self.folder, description)
+            self._slave = _loaded(
+                FMU2Slave, self.folder, description.guid, description.coSimulation
+            )
         except BaseException:
             rmtree(self.folder)
             raise
@@ -55,6 +58,12 @@ class Library:
         slave = copy.copy(self._slave)
         slave.instanceName = name
         return slave
+
+    def model(self, name: str, description: ModelDescription) -> FMU2Model:
+        """The same for model exchange; whoever takes it frees its library."""
+        model = _loaded(FMU2Model, self.folder, description.guid, description.modelExchange)
+        model.instanceName = name
+        return model
 
     def release(self) -> None:
         """One user less; what is not kept goes with the last one."""
@@ -122,13 +131,15 @@ def unpack(path: Path, folder: Path) -> None:
         raise PartFailure(f"{path} cannot be unpacked: {error}") from error
 
 
-def _loaded(folder: Path, description: ModelDescription) -> FMU2Slave:
+def _loaded(kind: Any, folder: Path, guid: str, interface: Any) -> Any:
+    """The binary of one of an FMU's interfaces."""
     here = Path.cwd()
     try:
-        return FMU2Slave(
-            guid=description.guid,
+        return kind(
+            guid=guid,
             unzipDirectory=str(folder),
-            modelIdentifier=description.coSimulation.modelIdentifier,
+            modelIdentifier=interface.modelIdentifier,
+            instanceName=None,
         )
     except Exception as error:
         raise PartFailure(str(error)) from error

@@ -167,7 +167,7 @@ class Part:
         self._initialised = False
         number = next(NUMBERS)
         PARTS[number] = self
-        self.slave, self.library = fmu.slave(name), fmu.functions
+        self.slave, self.library = self.unit(fmu)
         try:
             self.slave.instantiate(callbacks=_callbacks(number), loggingOn=True)
         except Exception as error:
@@ -184,6 +184,10 @@ class Part:
         self.forward = ctypes.c_int()
         times = (self.begin_of_step, self.size_of_step)
         self.do_step = partial(fmu.free.fmi2DoStep, self.component, *times, self.forward)
+
+    def unit(self, fmu: Library) -> tuple[Any, ctypes.PyDLL]:
+        """What makes the instance and calls it, and the functions of its library."""
+        return fmu.slave(self.name), fmu.functions
 
     def hear(self, status: int, message: str) -> None:
         """Keep the last line of a log message, without the name that FMUs may put before it."""
