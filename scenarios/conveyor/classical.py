@@ -190,13 +190,13 @@ def verdict(o: Options, f: Mapping[str, Figure], r: Found) -> str:
             parts.append(f"the {name} {where}")
             tops.append(top.text())
         lines.append(
-            f"{words.capitalize()} for a load, {o.tolerance:g} % are kept by {', '.join(parts)}; the largest "
-            f"errors, in this order, are {', '.join(tops)}."
+            f"{words.capitalize()} as its load, the calculation is within {o.tolerance:g} % for "
+            f"{', '.join(parts)}. Its largest errors are {', '.join(tops)}."
         )
     if f["share"].error is not None:
         lines.append(
-            "The spring alone stops being good enough for the torque ripple where the inertia force of "
-            f"the trough is {f['share'].text()} of the spring's."
+            "The spring alone no longer gives the torque ripple once the inertia force of the trough is "
+            f"{f['share'].text()} of the spring's."
         )
     return "\n".join(lines)
 

@@ -153,9 +153,9 @@ def strongest(f: Mapping[str, Figure], names: Sequence[str]) -> str:
 def verdict(o: Options, f: Mapping[str, Figure], r: object) -> str:
     """The limit, how well the formula tells it, and which dimension raises it most."""
     return (
-        f"With friction {o.friction:g} the rotor may turn at {f['limit'].text()}; the formula says "
-        f"{f['formula'].text()}. Over all cups and frictions it is within {f['off'].text()} of the "
-        f"simulated limits; the closed bound is from {f['above_least'].text()} to "
+        f"With friction {o.friction:g} the rotor may turn at up to {f['limit'].text()}; the formula says "
+        f"{f['formula'].text()}. Over all cups and frictions the formula is within {f['off'].text()} of "
+        f"the simulated limits, and the closed bound {f['above_least'].text()} to "
         f"{f['above_most'].text()} above them. The dimension that moves the limit most is "
         f"{strongest(f, LENGTHS)}; of the cup itself it is {strongest(f, LENGTHS[:3])}."
     )

@@ -133,7 +133,7 @@ def verdict(o: Options, f: Mapping[str, Figure], r: object) -> str:
         return " ".join(refusals({"the equations of the paper": f["orientation_time"]}))
     costs = [
         f"{words} {f[name].text()} ({f[f'{name}_share'].text()})"
-        for name, words in WORDS.items()
+        for name, words in reversed(WORDS.items())
         if f[name].error is not None
     ]
     limits = [
@@ -143,9 +143,10 @@ def verdict(o: Options, f: Mapping[str, Figure], r: object) -> str:
     ]
     lines = [
         f"At {o.speed * 30 / math.pi:g} rpm and friction {o.friction:g} a product takes "
-        f"{f['orientation_time'].text()} by the equations of the paper. To that add: {', '.join(costs)}."
+        f"{f['orientation_time'].text()} by the equations of the paper. What they neglect changes that: "
+        f"{', '.join(costs)}."
     ]
-    lines += [f"The rotor may turn at up to {', '.join(limits)}."] if limits else []
+    lines += [f"The fastest rotor turns at {', '.join(limits)}."] if limits else []
     return " ".join(lines)
 
 

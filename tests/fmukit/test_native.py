@@ -151,7 +151,14 @@ def equations(name: str, start: dict[str, Any], inputs: Any, h: float, steps: in
     return found
 
 
-@pytest.mark.parametrize("case", SCENARIOS, ids=lambda c: f"{c[0]}-{c[1]}-{c[3]}")
+@pytest.mark.parametrize(
+    "case",
+    [
+        pytest.param(c, id=f"{c[0]}-{c[1]}-{c[3]}", marks=[pytest.mark.slow] if spare else [])
+        for k, c in enumerate(SCENARIOS)
+        for spare in [k % 2 and c[0] in ("IronDrive", "GravityOrientator")]
+    ],
+)
 def test_equations_and_both_flavours_agree_to_the_last_bit(case: Any, fmus: Path) -> None:
     name, *scenario = case
     expected = equations(name, *scenario)

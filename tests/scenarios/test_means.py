@@ -307,7 +307,7 @@ def test_a_tolerance_that_nothing_keeps_has_no_limit() -> None:
     answer = ask("classical", speeds="20,40", steps_per_rev=128, tolerance=1.0)
     end = answer.figures["limit_spring_torque"]
     assert (end.error, end.reason) == (None, "it is not at the lowest speed of the sweep")
-    assert "1 % are kept by the torque ripple at no speed that is told" in answer.verdict
+    assert "within 1 % for the torque ripple at no speed that is told" in answer.verdict
 
 
 MOTOR = {"tau_b": 190.0, "s_b": 0.16, "w_s": 65.4}

@@ -60,6 +60,7 @@ def test_one_system_passes_just_above_the_supply_that_is_told(
     assert (ends["exciter"].w > 80.0) == passes
 
 
+@pytest.mark.slow
 def test_a_strong_motor_is_not_caught() -> None:
     """Its line falls more steeply than any load behind the peak, and every supply has one speed."""
     strong = {"motor.R": 0.1, "motor.L": 5e-4}
