@@ -17,7 +17,6 @@ from fmukit.declare.variables import Interface, class_name, component
 from fmukit.fmu import page, plot, reference
 from fmukit.fmu.load import load
 from fmukit.fmu.make import FLAVOURS, make_all
-from fmukit.fmu.python.instance import slave_class
 
 ROOT = Path(__file__).resolve().parent
 FORMULAS = "Formulas of the paper"
@@ -42,18 +41,24 @@ def main() -> int:
     parser.add_argument("--into", type=Path, default=ROOT / "fmus", help="folder of the FMUs")
     parser.add_argument("--force", action="store_true", help="build also what is up to date")
     parser.add_argument(
-        "--docs", action="store_true", help="also write docs/machines and docs/papers.md"
+        "--docs", action="store_true", help="also write their docs/machines, and docs/papers.md"
     )
     options = parser.parse_args()
     known = {plain(name): file for name, file in MACHINES.items()}
     unknown = [name for name in options.component if plain(name) not in known]
     if unknown:
         parser.error(f"unknown component {unknown[0]!r}; there are {', '.join(MACHINES)}")
-    if options.docs:
-        write_pages([load(file) for file in MACHINES.values()])
-        write_papers()
+    if options.docs and options.flavour == "wasm":
+        parser.error(
+            "--docs draws the results that an FMU carries: choose a flavour other than wasm"
+        )
     models = [known[plain(name)] for name in options.component or MACHINES]
-    return min(1, make_all(models, options.flavour, options.into, options.force))
+    if failed := make_all(models, options.flavour, options.into, options.force):
+        return min(1, failed)
+    if options.docs:
+        write_pages([load(file) for file in models], options.into)
+        write_papers()
+    return 0
 
 
 def plain(name: str) -> str:
@@ -61,13 +66,13 @@ def plain(name: str) -> str:
     return name.replace("_", "").lower()
 
 
-def write_pages(models: list[ModuleType]) -> None:
-    """Write the page of every component, with the plot of its default experiment."""
+def write_pages(models: list[ModuleType], fmus: Path) -> None:
+    """Write the pages of components, with the default experiment that their FMUs carry."""
     folder = ROOT / "docs" / "machines"
     folder.mkdir(parents=True, exist_ok=True)
     for model in models:
         interface = Interface(model)
-        rows = reference.experiment(slave_class(model, "page"))
+        rows = reference.carried(next(fmus.rglob(f"{class_name(model)}.fmu")))
         picture = folder / f"{component(model)}.svg"
         picture.write_text(plot.svg(interface, rows), encoding="utf-8")
         text = page.github(interface, picture.name, folder)

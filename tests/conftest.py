@@ -61,6 +61,10 @@ QUICK: dict[str, dict[str, Any]] = {
     },
 }
 
+COSTLY = {"sommerfeld", "identify", "induction_motor", "orientator_limit", "rod_force"}
+SAMPLED = [pytest.param(x, marks=[pytest.mark.slow] if x in COSTLY else []) for x in QUICK]
+"""Every question; those whose shortest answer takes seconds are looked at again in slow tests."""
+
 
 def fmus_of(page: ModuleType, flavour: str = "native") -> dict[str, Path]:
     """The FMUs of a page, which are built already."""

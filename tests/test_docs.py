@@ -62,6 +62,12 @@ SLOW = {
     ".venv/bin/python build_fmus.py --docs",
     ".venv/bin/python build_fmus.py --flavour fmi3",
     ".venv/bin/python release.py",
+    "scenarios study studies/rotor_speed.toml",
+    ".venv/bin/python -m fmukit build results/my_wheel.py --flavour both --out results",
+    ".venv/bin/python -m scenarios run identify --flavour native "
+    "--data examples/conveyor_record.csv --map time=t --map conveyor.w=n "
+    "--map motor.tau=M*0.8:N.m --rated-torque 80 --known conveyor.trough.m=200+-5 "
+    "--known conveyor.spring.c=720e3+-2%",
     "python3 -m venv own",
     'own/bin/pip install -q --find-links dist "drive-fmus[page]"',
     "own/bin/scenarios run resonance --flavour native",

@@ -2,6 +2,8 @@
 
 import csv
 import io
+from pathlib import Path
+from zipfile import ZipFile
 
 from ..declare.variables import Interface, Variable, class_name
 from .python.instance import ModelSlave
@@ -28,6 +30,14 @@ def entries(interface: Interface, rows: Rows) -> dict[str, bytes]:
         f"{FOLDER}/fmi-ls-manifest.xml": MANIFEST.encode(),
         f"{FOLDER}/{class_name(interface.model)}_ref.csv": text.getvalue().encode(),
     }
+
+
+def carried(fmu: Path) -> Rows:
+    """The rows that an FMU carries: time and outputs."""
+    with ZipFile(fmu) as archive:
+        (name,) = [n for n in archive.namelist() if n.endswith("_ref.csv")]
+        lines = archive.read(name).decode().splitlines()
+    return [[float(number) for number in line.split(",")] for line in lines[1:]]
 
 
 def outputs(interface: Interface) -> list[Variable]:

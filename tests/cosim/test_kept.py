@@ -57,9 +57,9 @@ def test_two_runs_do_not_write_one_file(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("one", "other"),
     [
-        (["r.parquet"], ["r.parquet"]),
+        pytest.param(["r.parquet"], ["r.parquet"], marks=pytest.mark.slow),
         (["r.parquet"], ["r.csv"]),
-        (["r.csv"], ["r.parquet"]),
+        pytest.param(["r.csv"], ["r.parquet"], marks=pytest.mark.slow),
         (["r.csv", "--part", "A"], ["r.csv", "--part", "A"]),
     ],
 )

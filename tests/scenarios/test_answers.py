@@ -22,7 +22,7 @@ from scenarios.iron import drive as iron
 from scenarios.iron import iron_orders
 from scenarios.orientator import machine as orientator
 from scenarios.packing_line import packing_line
-from tests.conftest import QUICK, ask, fmus_of
+from tests.conftest import QUICK, SAMPLED, ask, fmus_of
 from workbench.answer import Answer, content, finish, write
 from workbench.figure import rounded
 from workbench.measure import harmonics
@@ -134,7 +134,7 @@ def variables(name: str) -> dict[str, Any]:
     return {f"{part}.{v.name}": v for part, x in read.items() for v in x.modelVariables}
 
 
-@pytest.mark.parametrize("name", QUESTIONS)
+@pytest.mark.parametrize("name", SAMPLED)
 def test_an_answer_is_given_by_value_without_a_word_or_a_file(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
