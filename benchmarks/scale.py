@@ -21,7 +21,6 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
 from cosim import System, run
-from cosim.engine.stepping import Plan
 from cosim.judge import describe
 from cosim.master import Settings
 from cosim.system import connect
@@ -76,7 +75,7 @@ def set_up(system: System) -> None:
     """Describe, check and connect."""
     network = connect(system)
     list(describe.info(network))
-    describe.check(network, Plan(0.0, 1.0, H, None), Settings("jacobi"))
+    describe.check(network, Settings(1.0, H, algorithm="jacobi"))
 
 
 def costs(count: int) -> tuple[float, float]:

@@ -19,7 +19,7 @@ from .engine.adaptive import Adaptive
 from .engine.algorithms import ALGORITHMS
 from .engine.changes import changes, fed
 from .engine.clock import same
-from .engine.initial import initialise
+from .engine.initial import initialise, shown
 from .engine.ledger import balance, bonds, complaints
 from .engine.part import Part
 from .engine.rows import Recorder
@@ -35,13 +35,33 @@ HIGHEST = 8
 
 
 class Settings(NamedTuple):
-    """How a system is stepped, see `run`."""
+    """How a system is run, see `run`: all that `problems` judges and a run takes."""
 
+    stop: float
+    step: float | Adaptive
+    start: float = 0.0
     algorithm: str = "strang"
     order: Sequence[str] | None = None
     input_order: int = 0
     substeps: Mapping[str, int] = MappingProxyType({})
     tolerance: float | None = None
+    record: Sequence[str] | None = None
+    output_step: float | None = None
+
+    @property
+    def plan(self) -> Plan:
+        """Its times."""
+        return Plan(self.start, self.stop, self.step, self.output_step)
+
+    def ports(self, network: Network) -> list[Port]:
+        """What is recorded; raises SetupError for what cannot be."""
+        if self.record is None:
+            return _outputs(network)
+        ports = [network.port(name) for name in self.record]
+        for port in ports:
+            if port.type == "String":
+                raise SetupError(f"{port} is a String and cannot be recorded")
+        return ports
 
 
 def run(
@@ -76,17 +96,13 @@ def run(
     Raises SetupError before the first step; SimulationError or Interrupted with the rows so far.
     """
     network = connect(system)
-    plan = Plan(start, stop, step, output_step)
-    plan.check()
     rates = dict(substeps or {})
-    settings = Settings(algorithm, order, input_order, rates, tolerance)
-    for problem in problems(network, plan, settings):
+    settings = Settings(
+        stop, step, start, algorithm, order, input_order, rates, tolerance, record, output_step
+    )
+    for problem in problems(network, settings):
         raise SetupError(problem)
-    sequence = stepping_order(network, order)
-    ports = [network.port(name) for name in record] if record is not None else _outputs(network)
-    if any(port.type == "String" for port in ports):
-        raise SetupError("a String cannot be recorded")
-
+    plan, ports, sequence = settings.plan, settings.ports(network), stepping_order(network, order)
     began = clock.perf_counter()
     with ExitStack() as stack:
         interrupted = stack.enter_context(interrupts())
@@ -156,9 +172,16 @@ def run(
     return result
 
 
-def problems(network: Network, plan: Plan, settings: Settings) -> Iterator[str]:
+def problems(network: Network, settings: Settings) -> Iterator[str]:
     """What keeps these FMUs from being run in this way."""
-    algorithm, order, input_order, substeps, tolerance = settings
+    plan, algorithm, order = settings.plan, settings.algorithm, settings.order
+    input_order, tolerance = settings.input_order, settings.tolerance
+    try:
+        settings.ports(network)
+        plan.check()
+    except SetupError as error:
+        yield str(error)
+        return
     parts = ", ".join(network.descriptions)
     if order is not None and sorted(order) != sorted(network.descriptions):
         yield f"order {list(order)} must name each of {parts} once"
@@ -168,7 +191,7 @@ def problems(network: Network, plan: Plan, settings: Settings) -> Iterator[str]:
         yield f"algorithm {algorithm!r} must be one of {', '.join(ALGORITHMS)}"
     if not 0 <= input_order <= HIGHEST:
         yield f"input_order = {input_order!r} must be at least 0 and at most {HIGHEST}"
-    for name, count in substeps.items():
+    for name, count in settings.substeps.items():
         if name not in network.descriptions:
             yield f"substeps: there is no part {name!r}, only {parts}"
         if not 1 <= count < MOST_SUBSTEPS:
@@ -197,6 +220,10 @@ def problems(network: Network, plan: Plan, settings: Settings) -> Iterator[str]:
                 yield f"step doubling needs the FMU state, which {name} cannot save"
         elif (plan.step.control == "energy" or lost) and not bonds(network):
             yield "step control by energy needs a power bond, and the system has none"
+        watched = [p.name for ports in shown(network).values() for p in ports if p.type == "Real"]
+        for name in plan.step.absolute:
+            if name not in watched:
+                yield f"absolute tolerance of {name}: only {', '.join(watched)}"
     elif steady:
         moving = [port for port, _ in fed(network)]
         times = {

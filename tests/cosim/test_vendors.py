@@ -134,6 +134,8 @@ def test_an_fmu_whose_file_is_no_name_gets_one(
         (["--tolerance", "-1"], "tolerance = -1.0 must be above 0"),
         (["--substeps", "A=9999999999"], "substeps of A = 9999999999 must be at least 1 and below"),
         (["--input-order", "1000000"], "input_order = 1000000 must be at least 0 and at most 8"),
+        (["--record", "A.t"], "A has no variable 't', only"),
+        (["--output-step", "-1"], "output_step = -1.0 s must be above 0"),
     ],
 )
 def test_check_refuses_what_run_refuses(
