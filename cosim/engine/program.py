@@ -8,6 +8,7 @@ import platform
 import subprocess
 import sys
 import tempfile
+from array import array
 from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
@@ -107,7 +108,7 @@ class Loop:
 
     def run(
         self, start: float, h: float, first: int, last: int
-    ) -> tuple[list[float], int, PartFailure | None]:
+    ) -> tuple[array[float], int, PartFailure | None]:
         """Take steps first + 1 to last of size h [s] from `start` on.
 
         Returns the rows, one after the other, the last step that was completed, and the failure
@@ -139,7 +140,9 @@ class Loop:
                 operation.answered(start + n * h + at * h, size * h, answer)
         except PartFailure as error:
             failure = error
-        return rows[: count * self._width], done, failure
+        taken = array("d")
+        taken.frombytes(memoryview(rows).cast("B")[: taken.itemsize * count * self._width])
+        return taken, done, failure
 
 
 def possible(program: Sequence[Timed]) -> bool:
