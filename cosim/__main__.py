@@ -166,6 +166,12 @@ def parser() -> Parser:
         stepping(one)
     add = runs.add_argument
     add("--out", type=Path, help=".csv or .parquet; JSON with units and provenance beside it")
+    add(
+        "--timeout",
+        type=float,
+        default=math.inf,
+        help="longest time of a step before it is ended [s]",
+    )
     add("--part", help="write this part's columns only, under their bare names")
     add("--plot", type=Path, help="image of all columns")
     add("--certify", action="store_true", help="run with smaller steps too, tell coupling errors")
@@ -299,7 +305,7 @@ def simulate(options: argparse.Namespace) -> int:
         figures: dict[str, Estimate] = {}
         later = None if whole else options.out
         with TemporaryDirectory(dir=scratch()) as folder, claimed(later):
-            runner = partial(run_isolated, csv=Path(folder) / "rows.csv")
+            runner = partial(run_isolated, csv=Path(folder) / "rows.csv", timeout=options.timeout)
             if whole:
                 given["csv"] = options.out
             try:

@@ -24,6 +24,7 @@ from .engine.ledger import balance, bonds, complaints
 from .engine.part import Part
 from .engine.rows import Recorder
 from .engine.stepping import Plan, Row, Run
+from .engine.surroundings import Surroundings
 from .errors import PartFailure, SetupError
 from .loops import algebraic_loops, describe
 from .result import Interrupted, Result, SimulationError
@@ -105,7 +106,8 @@ def run(
     plan, ports, sequence = settings.plan, settings.ports(network), stepping_order(network, order)
     began = clock.perf_counter()
     with ExitStack() as stack:
-        interrupted = stack.enter_context(interrupts())
+        interrupted, around = stack.enter_context(interrupts()), Surroundings()
+        stack.callback(around.restore)
         if tolerance is None and isinstance(step, Adaptive):
             tolerance = step.tolerance
         try:
@@ -114,6 +116,7 @@ def run(
                 tolerance=tolerance, substeps=rates, input_order=input_order,
             )  # fmt: skip
             identities = {name: _identity(p, system.parts[name]) for name, p in parts.items()}
+            around.restore()
         except PartFailure as error:
             raise SetupError(str(error)) from error
         provenance: dict[str, Any] = {
@@ -143,12 +146,14 @@ def run(
         status, reason = "failed", "stopped by an error outside the FMUs"
         try:
             for share in run.steps():
+                around.require()
                 if progress is not None:
                     progress(share)
                 if interrupted:
                     status, reason = "interrupted", "interrupted by the user"
                     break
             else:
+                around.require_now()
                 recorder.flush()
                 status, reason = "complete", ""
         except PartFailure as failure:
@@ -157,6 +162,7 @@ def run(
             energy = balance(end for part in parts.values() for end in part.ends)
             heard = [f"{name}: {text}" for name, text in network.blemishes.items()]
             heard += [f"{part.name}: {text}" for part in parts.values() for text in part.warnings]
+            heard += around.warnings
             result = recorder.finish(
                 provenance
                 | run.statistics()
