@@ -410,7 +410,7 @@ def told(result: Result) -> Iterator[str]:
     pace = (ran["stop"] - ran["start"]) / ran["wall_time"]
     yield (
         f"{ran['algorithm']}, {ran['communication']}: {did} in {ran['wall_time']:.3g} s "
-        f"({pace:.3g} x real time), {len(result.data)} rows"
+        f"({pace:.3g} x real time), {ran['rows']} rows"
     )
     for bond, energy in result.energy.items():
         yield (

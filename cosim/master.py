@@ -163,11 +163,17 @@ def run(
             heard = [f"{name}: {text}" for name, text in network.blemishes.items()]
             heard += [f"{part.name}: {text}" for part in parts.values() for text in part.warnings]
             heard += around.warnings
+            if not ports:
+                heard.append("no FMU has an output that could be recorded: the rows hold the time")
             result = recorder.finish(
                 provenance
                 | run.statistics()
                 | {"status": status, "reason": reason, "reached": run.t}
-                | {"bonds": energy, "warnings": [*heard, *complaints(energy)]}
+                | {
+                    "rows": recorder.count,
+                    "bonds": energy,
+                    "warnings": [*heard, *complaints(energy)],
+                }
                 | {"wall_time": clock.perf_counter() - began}
             )
     stopped = f"{reason}; stopped at t = {run.t!r} s, {recorder.count} rows kept"

@@ -42,20 +42,31 @@ TARGETS = {
 OPTIONS = ("-O2", "-ffp-contract=off", "-shared", "-fPIC", "-s")
 
 
-@cache
 def library() -> Any:
     """The compiled loop: the one that came with the package, or one made here of its source.
 
     Raises OSError with the reason if there is none.
     """
+    found = _library()
+    if isinstance(found, OSError):
+        raise found
+    return found
+
+
+@cache
+def _library() -> Any:
+    """The same, or the reason: what cannot be made is tried once."""
     here = file_name(sys.platform, platform.machine())
     path = SOURCE.parent / "compiled" / here
-    if not path.exists():
-        made_of = hashlib.sha256(f"{SOURCE.read_text()}{OPTIONS}".encode()).hexdigest()[:16]
-        path = SOURCE.parent / "__pycache__" / f"{made_of}-{here}"
-    if not path.exists():
-        compile_loop(path)
-    loop = ctypes.CDLL(str(path))
+    try:
+        if not path.exists():
+            made_of = hashlib.sha256(f"{SOURCE.read_text()}{OPTIONS}".encode()).hexdigest()[:16]
+            path = SOURCE.parent / "__pycache__" / f"{made_of}-{here}"
+            if not path.exists() or not path.stat().st_size:
+                compile_loop(path)
+        loop = ctypes.CDLL(str(path))
+    except OSError as error:
+        return error
     loop.advance.argtypes = ARGUMENTS
     return loop
 

@@ -269,3 +269,12 @@ def test_an_fmu_that_is_never_freed_does_not_hold_the_result(
         run_isolated(alone(fmu), stop=1.0, step=0.1, csv=tmp_path / "r.csv")
     assert len(pd.read_csv(tmp_path / "r.csv")) == 11
     assert json.loads((tmp_path / "r.json").read_text())["status"] == "complete"
+
+
+def test_rows_in_a_file_are_counted_without_reading_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.delattr(isolated, "read_rows")
+    told = ["--stop", "1", "--step", "0.1", "--out", str(tmp_path / "r.csv")]
+    assert main(["run", str(pack(tmp_path / "A.fmu")), *told]) == 0
+    assert ", 11 rows" in capsys.readouterr().out

@@ -220,3 +220,9 @@ def test_the_version_is_the_project_s(capsys: pytest.CaptureFixture[str]) -> Non
         main(["--version"])
     text = (ROOT / "pyproject.toml").read_text()
     assert capsys.readouterr().out == f"cosim {tomllib.loads(text)['project']['version']}\n"
+
+
+def test_an_fmu_without_outputs_says_that_nothing_is_recorded(tmp_path: Path) -> None:
+    edit = described((r'causality="output"', 'causality="local"'), ("<Outputs>.*</Outputs>", ""))
+    fmu = rewritten(pack(tmp_path / "A.fmu"), tmp_path / "B.fmu", edit)
+    assert "no FMU has an output" in run(alone(fmu), stop=1.0, step=0.5).warnings[-1]
