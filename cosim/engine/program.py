@@ -125,7 +125,7 @@ class Loop:
         Returns the rows, one after the other, the last step that was completed, and the failure
         that ended it there.
         """
-        rows = (ctypes.c_double * (self._width * ((last - first) // self._every + 1)))()
+        rows = array("d", [0.0]) * (self._width * ((last - first) // self._every + 1))
         kept = []
         for k in self._feeds:
             feed, at, size = self._operations[k]
@@ -137,7 +137,8 @@ class Loop:
         report = (ctypes.c_longlong * 3)()
         count = self._advance(
             self._layouts, self._warned, len(self._layouts), self._row_begin,
-            self._columns, len(self._columns), start, h, first, last, self._every, rows, report,
+            self._columns, len(self._columns), start, h, first, last, self._every,
+            rows.buffer_info()[0], report,
         )  # fmt: skip
         done, failed, status = report
         for part in self._parts:
@@ -151,9 +152,8 @@ class Loop:
                 operation.answered(start + n * h + at * h, size * h, answer)
         except PartFailure as error:
             failure = error
-        taken = array("d")
-        taken.frombytes(memoryview(rows).cast("B")[: taken.itemsize * count * self._width])
-        return taken, done, failure
+        del rows[count * self._width :]
+        return rows, done, failure
 
 
 def possible(program: Sequence[Timed]) -> bool:
