@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from tempfile import TemporaryDirectory
+from tempfile import TemporaryDirectory, TemporaryFile, mkdtemp
 from typing import Any, NamedTuple
 
 from . import __version__
@@ -318,10 +318,10 @@ def simulate(options: argparse.Namespace) -> int:
             except (SimulationError, Interrupted) as stopped:
                 warn(stopped.result)
                 if later is not None:
-                    stopped.result.write(partial_file(later), part=options.part)
+                    keep(stopped.result, partial_file(later), options.part)
                 raise
             if later is not None:
-                result.write(later, part=options.part)
+                keep(result, later, options.part)
             if options.plot is not None:
                 result.plot(path=options.plot)
             print("\n".join(told(result)))
@@ -333,6 +333,18 @@ def simulate(options: argparse.Namespace) -> int:
         print("\n".join(certified(result, figures)))
     warn(result)
     return 0
+
+
+def keep(result: Result, path: Path, part: str | None) -> None:
+    """Write a result at the end of its run, into a folder for temporary files if its own is full."""
+    try:
+        result.write(path, part=part)
+    except OSError as error:
+        other = Path(mkdtemp(prefix="rows_")) / f"{path.stem}.csv"
+        result.write(other, part=part)
+        raise OSError(
+            f"{path} cannot be written: {error.strerror or error}; see {other}"
+        ) from error
 
 
 @contextmanager
@@ -369,7 +381,12 @@ def require_place(path: Path) -> None:
     """Raise SetupError for a path that no file can have; make its folder."""
     if path.is_dir():
         raise SetupError(f"{path} is a folder")
-    path.absolute().parent.mkdir(parents=True, exist_ok=True)
+    folder = path.absolute().parent
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        TemporaryFile(dir=folder).close()
+    except OSError as error:
+        raise SetupError(f"{path} cannot be written: {error.strerror}") from error
 
 
 def require_image(path: Path | None) -> None:
@@ -479,6 +496,8 @@ def compared(result: Result, figures: Mapping[str, Compared]) -> Iterator[str]:
 def export(options: argparse.Namespace) -> int:
     """python -m cosim export."""
     with opened(options) as task:
+        if options.to != "osp":
+            require_place(options.out)
         start, stop = task.start, task.package.stop
         if options.to == "ssp":
             step = task.package.step if options.step is None else options.step

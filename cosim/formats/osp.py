@@ -186,10 +186,13 @@ def write_osp(
     network = still(system, "an OSP system structure")
     files = archived(network)
     structure = _structure(network, files, step, start, stop)
-    folder.mkdir(parents=True, exist_ok=True)
-    for fmu, name in files.items():
-        shutil.copyfile(fmu, folder / name)
-    (folder / FILE).write_bytes(structure)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for fmu, name in files.items():
+            shutil.copyfile(fmu, folder / name)
+        (folder / FILE).write_bytes(structure)
+    except OSError as error:
+        raise OSError(f"{folder} cannot be written: {error.strerror}") from error
 
 
 def _structure(

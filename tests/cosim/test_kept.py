@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import locale
 import os
@@ -9,6 +10,7 @@ import resource
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
 from shutil import rmtree
@@ -19,6 +21,7 @@ import pandas as pd
 import pytest
 
 from cosim import Interrupted, SetupError, SimulationError, run, run_isolated
+from cosim import __main__ as main_module
 from cosim.__main__ import alone, main
 from cosim.engine import stepping, surroundings
 from cosim.judge import isolated
@@ -278,3 +281,29 @@ def test_rows_in_a_file_are_counted_without_reading_them(
     told = ["--stop", "1", "--step", "0.1", "--out", str(tmp_path / "r.csv")]
     assert main(["run", str(pack(tmp_path / "A.fmu")), *told]) == 0
     assert ", 11 rows" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("options", [["q.parquet"], ["q.csv", "--part", "A"]])
+def test_rows_for_which_there_is_no_room_at_the_end_are_kept_elsewhere(
+    options: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
+) -> None:
+    """And what is half written does not stand there under the name of the whole."""
+
+    def full(frame: pd.DataFrame, path: Path, **_: Any) -> None:
+        if path.parent == tmp_path / "full":
+            path.write_text("half")
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        path.write_text(written(frame, index=False))
+
+    written = pd.DataFrame.to_csv
+    for name in ("to_csv", "to_parquet"):
+        monkeypatch.setattr(pd.DataFrame, name, full)
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    monkeypatch.setattr(main_module, "scratch", lambda: tmp_path)
+    told = ["--stop", "1", "--step", "0.1", "--out", str(tmp_path / "full" / options[0])]
+    assert main(["run", str(pack(tmp_path / "A.fmu")), *told, *options[1:]]) == 1
+    said = capsys.readouterr().err.splitlines()
+    assert len(said) == 1
+    assert "cannot be written: No space left on device; see " in said[0]
+    assert len(pd.read_csv(said[0].partition("; see ")[2])) == 11
+    assert [*(tmp_path / "full").iterdir()] == []
