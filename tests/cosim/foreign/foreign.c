@@ -179,7 +179,7 @@ void fmi2FreeInstance(fmi2Component p) {
     Foreign *c = p;
     if (c->m.mode == FATAL) note(c, "used after fatal");
     if (c->m.states_alive) note(c, "leaked states");
-    if (c->m.hang_at_end) for (;;);
+    if (c->m.hang_at_end && c->m.mode == TERMINATED) for (;;);
     note(c, "freed");
     instances--, c->host->freeMemory(c);
 }
