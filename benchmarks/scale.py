@@ -1,18 +1,23 @@
-"""What a large system costs: python benchmarks/scale.py.
+"""What a large system costs, and many small runs: python benchmarks/scale.py [PICTURE].
 
 First, systems of 2 to 1 000 parts, pairs of native motor and conveyor under Jacobi: milliseconds to
 describe, check, connect and start them, microseconds per step, per part and against two parts.
 All is processor time.
 Then 3 000 parts with 10 000 wires, described, checked and connected, and one FMU with 100 000
-variables.
+variables. Then runs of 100 steps of the pair, all included, after the first; and runs in two
+threads against one after the other: in wall time, which other programs spoil, and the share of
+processor time that only one thread at a time can have, for rows at every step and at every tenth.
 """
 
 from __future__ import annotations
 
+import statistics
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 from typing import Any
 from zipfile import ZipFile
@@ -21,7 +26,7 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
 from cosim import System, run
-from cosim.engine.stepping import Plan
+from cosim.engine import program
 from cosim.judge import describe
 from cosim.master import Settings
 from cosim.system import connect
@@ -76,7 +81,7 @@ def set_up(system: System) -> None:
     """Describe, check and connect."""
     network = connect(system)
     list(describe.info(network))
-    describe.check(network, Plan(0.0, 1.0, H, None), Settings("jacobi"))
+    describe.check(network, Settings(1.0, H, algorithm="jacobi"))
 
 
 def costs(count: int) -> tuple[float, float]:
@@ -94,11 +99,57 @@ def costs(count: int) -> tuple[float, float]:
     return (described + started) / count, (whole - started) / steps / count
 
 
+def threads(every: int) -> tuple[float, float]:
+    """Two threads against one after the other; the share of processor time under Python's lock."""
+    tasks = [partial(run, pairs(2), stop=100.0, step=H, output_step=every * H) for _ in range(2)]
+    advance, free = program.library().advance, [0.0]
+
+    class Timed:
+        """The compiled loop, which runs without the lock."""
+
+        @staticmethod
+        def advance(*arguments: Any) -> int:
+            began = time.thread_time()
+            count: int = advance(*arguments)
+            free[0] += time.thread_time() - began
+            return count
+
+    with ThreadPoolExecutor(2) as pool:
+        rounds = []
+        for _ in range(4 * ROUNDS):
+            began = time.perf_counter()
+            for task in tasks:
+                task()
+            middle = time.perf_counter()
+            list(pool.map(lambda task: task(), tasks))
+            rounds.append((middle - began, time.perf_counter() - middle))
+    own, program.library = program.library, lambda: Timed
+    whole = seconds(tasks[0])
+    program.library = own
+    alone, together = map(min, zip(*rounds))
+    return together / alone, 1.0 - free[0] / whole
+
+
+def draw(rows: Sequence[tuple[int, float, float]], path: Path) -> None:
+    """Set-up and step per part over the number of parts."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(8, 3.2), layout="constrained")
+    counts, *columns = zip(*rows)
+    names = (("set-up per part / ms", 1e3), ("a step per part / us", 1e6))
+    for axis, (name, unit), values in zip(figure.subplots(1, 2), names, columns):
+        axis.semilogx(counts, [unit * value for value in values], "o-")
+        axis.set(xlabel="parts", ylabel=name, ylim=(0.0, None))
+        axis.grid(alpha=0.3)
+    figure.savefig(path, dpi=150)
+
+
 def main() -> None:
     print(f"{'parts':>6}{'start ms/part':>15}{'ratio':>7}{'step us/part':>14}{'ratio':>7}")
-    first = costs(2)
+    first, rows = costs(2), []
     for count in (2, 4, 10, 20, 50, 100, 200, 500, 1000):
         start, step = costs(count)
+        rows.append((count, start, step))
         print(
             f"{count:>6}{1e3 * start:>15.3f}{start / first[0]:>7.2f}"
             f"{1e6 * step:>14.3f}{step / first[1]:>7.2f}"
@@ -107,6 +158,14 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         system = wide(100_000, Path(folder))
         print(f"100 000 variables: {seconds(lambda: set_up(system)):.1f} s")
+    short = partial(run, pairs(2), stop=0.1, step=H)
+    times = [seconds(short) for _ in range(50)]
+    print(f"100 steps of the pair, all included: {1e3 * statistics.median(times):.2f} ms")
+    for every in (1, 10):
+        ratio, locked = threads(every)
+        print(f"two threads, a row every {every}: {ratio:.2f} of the time, {locked:.2f} locked")
+    for path in sys.argv[1:]:
+        draw(rows, Path(path))
 
 
 if __name__ == "__main__":

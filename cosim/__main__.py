@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from tempfile import TemporaryDirectory
+from tempfile import TemporaryDirectory, TemporaryFile, mkdtemp
 from typing import Any, NamedTuple
 
 from . import __version__
@@ -20,7 +20,6 @@ from .engine.adaptive import Adaptive
 from .engine.algorithms import ALGORITHMS
 from .engine.part import quiet
 from .engine.rows import Stream
-from .engine.stepping import Plan
 from .errors import SetupError
 from .formats.container import write_container
 from .formats.osp import FILE, read_osp, write_osp
@@ -167,9 +166,14 @@ def parser() -> Parser:
         stepping(one)
     add = runs.add_argument
     add("--out", type=Path, help=".csv or .parquet; JSON with units and provenance beside it")
+    add(
+        "--timeout",
+        type=float,
+        default=math.inf,
+        help="longest time of a step before it is ended [s]",
+    )
     add("--part", help="write this part's columns only, under their bare names")
     add("--plot", type=Path, help="image of all columns")
-    add("--record", type=names, help="columns by dotted names, a,b,c; all outputs by default")
     add("--certify", action="store_true", help="run with smaller steps too, tell coupling errors")
 
     measures = command("diagnose", measure, "what the coupling does to the damping")
@@ -245,11 +249,12 @@ def stepping(one: Parser) -> None:
     add("--map", action="append", default=[], metavar="NAME=COLUMN", help="input and its column")
     add("--held", action="store_true", help="hold values of --input to the next row, no lines")
     add("--at", action="append", default=[], metavar="'TIME NAME=VALUE'", help="change on the way")
+    add("--record", type=names, help="columns by dotted names, a,b,c; all outputs by default")
     add("--output-step", type=float, help="distance of rows [s]; every step by default")
 
 
-def plan(task: Task, options: argparse.Namespace) -> Plan:
-    """Times and steps as asked for, as the file says, or as the FMUs prefer."""
+def settings(task: Task, options: argparse.Namespace) -> Settings:
+    """How to run, as asked for, as the file says, or as the FMUs prefer."""
     start = task.start if options.start is None else options.start
     stop = task.package.stop if options.stop is None else options.stop
     if stop is None:
@@ -258,9 +263,9 @@ def plan(task: Task, options: argparse.Namespace) -> Plan:
         raise SetupError("--step and --adaptive exclude each other")
     adaptive = options.adaptive is not None
     step = Adaptive(options.adaptive) if adaptive else task.step(options.step)
-    chosen = Plan(start, stop, step, options.output_step)
-    chosen.check()
-    return chosen
+    own = {name: value for name, value in vars(options).items() if name in Settings._fields}
+    own |= {"substeps": rates(own.get("substeps", []))}
+    return Settings(**own | {"start": start, "stop": stop, "step": step})
 
 
 def show(options: argparse.Namespace) -> int:
@@ -279,11 +284,7 @@ def show(options: argparse.Namespace) -> int:
 def examine(options: argparse.Namespace) -> int:
     """python -m cosim check; exit code 1 if something stands in the way."""
     with opened(options) as task:
-        substeps = rates(options.substeps)
-        way = Settings(
-            options.algorithm, options.order, options.input_order, substeps, options.tolerance
-        )
-        errors, notes = describe.check(task.network, plan(task, options), way)
+        errors, notes = describe.check(task.network, settings(task, options))
         if task.package.step is not None:
             notes.append(f"communication step: {task.package.step!r} s, which the file gives")
     for note in notes:
@@ -297,42 +298,30 @@ def examine(options: argparse.Namespace) -> int:
 def simulate(options: argparse.Namespace) -> int:
     """python -m cosim run."""
     with opened(options) as task:
-        chosen = plan(task, options)
-        settings: dict[str, Any] = {
-            "start": chosen.start,
-            "stop": chosen.stop,
-            "step": chosen.step,
-            "algorithm": options.algorithm,
-            "order": options.order,
-            "input_order": options.input_order,
-            "substeps": rates(options.substeps),
-            "tolerance": options.tolerance,
-            "record": options.record,
-        }
-        if chosen.output_step is not None:
-            settings["output_step"] = chosen.output_step
+        way = settings(task, options)
+        given: dict[str, Any] = {k: v for k, v in way._asdict().items() if v is not None}
         require_files(options, task.system)
         whole = options.out is not None and options.part is None and options.out.suffix == ".csv"
         figures: dict[str, Estimate] = {}
         later = None if whole else options.out
         with TemporaryDirectory(dir=scratch()) as folder, claimed(later):
-            runner = partial(run_isolated, csv=Path(folder) / "rows.csv")
+            runner = partial(run_isolated, csv=Path(folder) / "rows.csv", timeout=options.timeout)
             if whole:
-                settings["csv"] = options.out
+                given["csv"] = options.out
             try:
-                with quiet(), bar(options.file.stem, chosen.start, chosen.stop) as progress:
-                    settings["progress"] = progress
+                with quiet(), bar(options.file.stem, way.start, way.stop) as progress:
+                    given["progress"] = progress
                     if options.certify:
-                        result, figures = certify(task.system, summary, runner=runner, **settings)
+                        result, figures = certify(task.system, summary, runner=runner, **given)
                     else:
-                        result = runner(task.system, **settings)
+                        result = runner(task.system, **given)
             except (SimulationError, Interrupted) as stopped:
                 warn(stopped.result)
                 if later is not None:
-                    stopped.result.write(partial_file(later), part=options.part)
+                    keep(stopped.result, partial_file(later), options.part)
                 raise
             if later is not None:
-                result.write(later, part=options.part)
+                keep(result, later, options.part)
             if options.plot is not None:
                 result.plot(path=options.plot)
             print("\n".join(told(result)))
@@ -344,6 +333,18 @@ def simulate(options: argparse.Namespace) -> int:
         print("\n".join(certified(result, figures)))
     warn(result)
     return 0
+
+
+def keep(result: Result, path: Path, part: str | None) -> None:
+    """Write a result at the end of its run, into a folder for temporary files if its own is full."""
+    try:
+        result.write(path, part=part)
+    except OSError as error:
+        other = Path(mkdtemp(prefix="rows_")) / f"{path.stem}.csv"
+        result.write(other, part=part)
+        raise OSError(
+            f"{path} cannot be written: {error.strerror or error}; see {other}"
+        ) from error
 
 
 @contextmanager
@@ -380,7 +381,12 @@ def require_place(path: Path) -> None:
     """Raise SetupError for a path that no file can have; make its folder."""
     if path.is_dir():
         raise SetupError(f"{path} is a folder")
-    path.absolute().parent.mkdir(parents=True, exist_ok=True)
+    folder = path.absolute().parent
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        TemporaryFile(dir=folder).close()
+    except OSError as error:
+        raise SetupError(f"{path} cannot be written: {error.strerror}") from error
 
 
 def require_image(path: Path | None) -> None:
@@ -421,7 +427,7 @@ def told(result: Result) -> Iterator[str]:
     pace = (ran["stop"] - ran["start"]) / ran["wall_time"]
     yield (
         f"{ran['algorithm']}, {ran['communication']}: {did} in {ran['wall_time']:.3g} s "
-        f"({pace:.3g} x real time), {len(result.data)} rows"
+        f"({pace:.3g} x real time), {ran['rows']} rows"
     )
     for bond, energy in result.energy.items():
         yield (
@@ -458,12 +464,12 @@ def judge(options: argparse.Namespace) -> int:
     """python -m cosim oracle."""
     require_files(options, System({}))
     with opened(options) as task:
-        chosen = plan(task, options)
+        way = settings(task, options)
         with quiet():
             found = true_errors(
                 task.system,
-                start=chosen.start,
-                stop=chosen.stop,
+                start=way.start,
+                stop=way.stop,
                 step=task.step(options.step),
                 record=options.record,
                 method=options.method,
@@ -490,6 +496,8 @@ def compared(result: Result, figures: Mapping[str, Compared]) -> Iterator[str]:
 def export(options: argparse.Namespace) -> int:
     """python -m cosim export."""
     with opened(options) as task:
+        if options.to != "osp":
+            require_place(options.out)
         start, stop = task.start, task.package.stop
         if options.to == "ssp":
             step = task.package.step if options.step is None else options.step

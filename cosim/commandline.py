@@ -24,8 +24,8 @@ class Parser(argparse.ArgumentParser):
 
 
 def exit_code(action: Callable[[], int]) -> int:
-    """What the action returns; 1 for a run that failed on the way, 2 for bad input, 130 for Ctrl-C and
-    the like, 141 where nobody reads the output any more.
+    """What the action returns; 1 for a run that failed on the way or a file that cannot be written, 2 for
+    bad input, 130 for Ctrl-C and the like, 141 where nobody reads the output any more.
     """
     try:
         with heard(signal.default_int_handler):
@@ -40,6 +40,10 @@ def exit_code(action: Callable[[], int]) -> int:
         return 2
     except SimulationError as error:
         print(f"error: {error}", file=sys.stderr)
+        return 1
+    except OSError as error:
+        where = "" if error.filename is None else f"{error.filename}: "
+        print(f"error: {where}{error.strerror or error}", file=sys.stderr)
         return 1
     except KeyboardInterrupt as interrupt:
         kept = f", what was computed is kept: {interrupt}" if interrupt.args else ""

@@ -19,11 +19,12 @@ from .engine.adaptive import Adaptive
 from .engine.algorithms import ALGORITHMS
 from .engine.changes import changes, fed
 from .engine.clock import same
-from .engine.initial import initialise
+from .engine.initial import initialise, shown
 from .engine.ledger import balance, bonds, complaints
 from .engine.part import Part
 from .engine.rows import Recorder
 from .engine.stepping import Plan, Row, Run
+from .engine.surroundings import Surroundings
 from .errors import PartFailure, SetupError
 from .loops import algebraic_loops, describe
 from .result import Interrupted, Result, SimulationError
@@ -35,13 +36,33 @@ HIGHEST = 8
 
 
 class Settings(NamedTuple):
-    """How a system is stepped, see `run`."""
+    """How a system is run, see `run`: all that `problems` judges and a run takes."""
 
+    stop: float
+    step: float | Adaptive
+    start: float = 0.0
     algorithm: str = "strang"
     order: Sequence[str] | None = None
     input_order: int = 0
     substeps: Mapping[str, int] = MappingProxyType({})
     tolerance: float | None = None
+    record: Sequence[str] | None = None
+    output_step: float | None = None
+
+    @property
+    def plan(self) -> Plan:
+        """Its times."""
+        return Plan(self.start, self.stop, self.step, self.output_step)
+
+    def ports(self, network: Network) -> list[Port]:
+        """What is recorded; raises SetupError for what cannot be."""
+        if self.record is None:
+            return _outputs(network)
+        ports = [network.port(name) for name in self.record]
+        for port in ports:
+            if port.type == "String":
+                raise SetupError(f"{port} is a String and cannot be recorded")
+        return ports
 
 
 def run(
@@ -76,20 +97,17 @@ def run(
     Raises SetupError before the first step; SimulationError or Interrupted with the rows so far.
     """
     network = connect(system)
-    plan = Plan(start, stop, step, output_step)
-    plan.check()
     rates = dict(substeps or {})
-    settings = Settings(algorithm, order, input_order, rates, tolerance)
-    for problem in problems(network, plan, settings):
+    settings = Settings(
+        stop, step, start, algorithm, order, input_order, rates, tolerance, record, output_step
+    )
+    for problem in problems(network, settings):
         raise SetupError(problem)
-    sequence = stepping_order(network, order)
-    ports = [network.port(name) for name in record] if record is not None else _outputs(network)
-    if any(port.type == "String" for port in ports):
-        raise SetupError("a String cannot be recorded")
-
+    plan, ports, sequence = settings.plan, settings.ports(network), stepping_order(network, order)
     began = clock.perf_counter()
     with ExitStack() as stack:
-        interrupted = stack.enter_context(interrupts())
+        interrupted, around = stack.enter_context(interrupts()), Surroundings()
+        stack.callback(around.restore)
         if tolerance is None and isinstance(step, Adaptive):
             tolerance = step.tolerance
         try:
@@ -98,6 +116,7 @@ def run(
                 tolerance=tolerance, substeps=rates, input_order=input_order,
             )  # fmt: skip
             identities = {name: _identity(p, system.parts[name]) for name, p in parts.items()}
+            around.restore()
         except PartFailure as error:
             raise SetupError(str(error)) from error
         provenance: dict[str, Any] = {
@@ -127,12 +146,14 @@ def run(
         status, reason = "failed", "stopped by an error outside the FMUs"
         try:
             for share in run.steps():
+                around.require()
                 if progress is not None:
                     progress(share)
                 if interrupted:
                     status, reason = "interrupted", "interrupted by the user"
                     break
             else:
+                around.require_now()
                 recorder.flush()
                 status, reason = "complete", ""
         except PartFailure as failure:
@@ -141,11 +162,18 @@ def run(
             energy = balance(end for part in parts.values() for end in part.ends)
             heard = [f"{name}: {text}" for name, text in network.blemishes.items()]
             heard += [f"{part.name}: {text}" for part in parts.values() for text in part.warnings]
+            heard += around.warnings
+            if not ports:
+                heard.append("no FMU has an output that could be recorded: the rows hold the time")
             result = recorder.finish(
                 provenance
                 | run.statistics()
                 | {"status": status, "reason": reason, "reached": run.t}
-                | {"bonds": energy, "warnings": [*heard, *complaints(energy)]}
+                | {
+                    "rows": recorder.count,
+                    "bonds": energy,
+                    "warnings": [*heard, *complaints(energy)],
+                }
                 | {"wall_time": clock.perf_counter() - began}
             )
     stopped = f"{reason}; stopped at t = {run.t!r} s, {recorder.count} rows kept"
@@ -156,9 +184,16 @@ def run(
     return result
 
 
-def problems(network: Network, plan: Plan, settings: Settings) -> Iterator[str]:
+def problems(network: Network, settings: Settings) -> Iterator[str]:
     """What keeps these FMUs from being run in this way."""
-    algorithm, order, input_order, substeps, tolerance = settings
+    plan, algorithm, order = settings.plan, settings.algorithm, settings.order
+    input_order, tolerance = settings.input_order, settings.tolerance
+    try:
+        settings.ports(network)
+        plan.check()
+    except SetupError as error:
+        yield str(error)
+        return
     parts = ", ".join(network.descriptions)
     if order is not None and sorted(order) != sorted(network.descriptions):
         yield f"order {list(order)} must name each of {parts} once"
@@ -168,7 +203,7 @@ def problems(network: Network, plan: Plan, settings: Settings) -> Iterator[str]:
         yield f"algorithm {algorithm!r} must be one of {', '.join(ALGORITHMS)}"
     if not 0 <= input_order <= HIGHEST:
         yield f"input_order = {input_order!r} must be at least 0 and at most {HIGHEST}"
-    for name, count in substeps.items():
+    for name, count in settings.substeps.items():
         if name not in network.descriptions:
             yield f"substeps: there is no part {name!r}, only {parts}"
         if not 1 <= count < MOST_SUBSTEPS:
@@ -197,6 +232,10 @@ def problems(network: Network, plan: Plan, settings: Settings) -> Iterator[str]:
                 yield f"step doubling needs the FMU state, which {name} cannot save"
         elif (plan.step.control == "energy" or lost) and not bonds(network):
             yield "step control by energy needs a power bond, and the system has none"
+        watched = [p.name for ports in shown(network).values() for p in ports if p.type == "Real"]
+        for name in plan.step.absolute:
+            if name not in watched:
+                yield f"absolute tolerance of {name}: only {', '.join(watched)}"
     elif steady:
         moving = [port for port, _ in fed(network)]
         times = {

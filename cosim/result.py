@@ -76,10 +76,10 @@ class Result:
         return pd.DataFrame(self.data, columns=self.columns)
 
     def write(self, path: Path | str, part: str | None = None) -> None:
-        """Write NAME.csv or NAME.parquet, and units and provenance to NAME.json.
+        """Write NAME.csv or NAME.parquet, and units and provenance to NAME.json, both whole or none.
 
         With a part, only its columns, under their bare names. Raises SetupError for another suffix
-        or a part without columns.
+        or a part without columns, OSError if there is no room.
         """
         path, frame, units = Path(path), self.frame, self.units
         if part is not None:
@@ -89,19 +89,27 @@ class Result:
                 raise SetupError(f"no column of part {part!r}, only {', '.join(self.columns)}")
             frame = frame[["time", *own]].rename(columns=own)
             units = {"time": "s"} | {bare: units[name] for name, bare in own.items()}
-        path.parent.mkdir(parents=True, exist_ok=True)
-        if path.suffix == ".csv":
-            frame.to_csv(path, index=False)
-        elif path.suffix == ".parquet":
-            try:
-                frame.to_parquet(path)
-            except ImportError:
-                raise SetupError(
-                    f"{path}: Parquet needs the package pyarrow, the extra `parquet`"
-                ) from None
-        else:
+        if path.suffix not in (".csv", ".parquet"):
             raise SetupError(f"{path} must end in .csv or .parquet")
-        write_json(path.with_suffix(".json"), {**self.provenance, "units": units})
+        path.parent.mkdir(parents=True, exist_ok=True)
+        rows = partial(path)
+        facts = rows.with_suffix(".json")
+        try:
+            if path.suffix == ".csv":
+                frame.to_csv(rows, index=False)
+            else:
+                frame.to_parquet(rows)
+            write_json(facts, {**self.provenance, "units": units})
+            facts.replace(path.with_suffix(".json"))
+            rows.replace(path)
+        except ImportError:
+            raise SetupError(
+                f"{path}: Parquet needs the package pyarrow, the extra `parquet`"
+            ) from None
+        except OSError:
+            for file in (rows, facts):
+                file.unlink(missing_ok=True)
+            raise
 
     def plot(
         self, names: Sequence[str] | str | None = None, path: Path | str | None = None

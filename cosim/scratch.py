@@ -8,14 +8,14 @@ from __future__ import annotations
 
 import os
 import sys
+from contextlib import suppress
 from functools import cache
 from multiprocessing.util import Finalize
 from pathlib import Path
 from shutil import rmtree
 from tempfile import gettempdir, mkdtemp
-from typing import IO
 
-PREFIX, LOCK = "cosim_", "lock"
+PREFIX = "cosim_"
 
 
 def scratch() -> Path:
@@ -25,43 +25,47 @@ def scratch() -> Path:
 
 @cache
 def _made(_process: int) -> Path:
-    for lock in Path(gettempdir()).glob(f"{PREFIX}*/{LOCK}"):
-        if _abandoned(lock):
-            rmtree(lock.parent, ignore_errors=True)
-    folder = Path(mkdtemp(prefix=PREFIX))
-    fresh = folder / "new"
-    file = fresh.open("w")
-    _locks(file)
-    fresh.rename(folder / LOCK)  # nobody sees a lock that is not held
-    Finalize(None, _remove, (folder, file), exitpriority=-1)
-    return folder
+    for left in Path(gettempdir()).glob(f"{PREFIX}*"):
+        with suppress(OSError):
+            _remove(left, _locked(left))
+    while True:
+        folder = Path(mkdtemp(prefix=PREFIX))
+        lock: int | None = None
+        try:
+            lock = _locked(folder)
+        except BlockingIOError:  # another process takes it for one that is left
+            continue
+        except OSError:  # no locks there, so that nobody removes what is left
+            pass
+        if folder.is_dir():
+            Finalize(None, _remove, (folder, lock), exitpriority=-1)
+            return folder
 
 
-def _remove(folder: Path, file: IO[str]) -> None:
+def _remove(folder: Path, lock: int | None) -> None:
+    if lock is not None and sys.platform == "win32":
+        os.close(lock)  # an open file cannot be removed there
     rmtree(folder, ignore_errors=True)
-    file.close()
+    if lock is not None and sys.platform != "win32":
+        os.close(lock)
 
 
-def _abandoned(lock: Path) -> bool:
-    """Whether the process that held a lock is gone."""
+def _locked(folder: Path) -> int:
+    """What holds a folder until it is closed; raises BlockingIOError if another process holds it."""
+    if sys.platform == "win32":
+        import msvcrt
+
+        lock = os.open(folder / "lock", os.O_RDWR | os.O_CREAT)
+    else:
+        lock = os.open(folder, os.O_RDONLY)
     try:
         if sys.platform == "win32":
-            lock.unlink()  # an open file cannot be
-            return True
-        with lock.open("a") as file:
-            return _locks(file)
+            msvcrt.locking(lock, msvcrt.LK_NBLCK, 1)
+        else:
+            import fcntl
+
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError:
-        return False
-
-
-def _locks(file: IO[str]) -> bool:
-    """Lock a file until it is closed; False if another process holds it."""
-    if sys.platform == "win32":
-        return True
-    import fcntl
-
-    try:
-        fcntl.flock(file.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return False
-    return True
+        os.close(lock)
+        raise
+    return lock

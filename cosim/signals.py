@@ -30,6 +30,14 @@ def heard(handler: Callable[[int, Any], Any]) -> Iterator[None]:
             signal.signal(number, old)
 
 
+def hear_again() -> None:
+    """Install what hears these signals anew, in place of what an FMU may have put there."""
+    if threading.current_thread() is threading.main_thread():
+        for number in STOPS:
+            if (handler := signal.getsignal(number)) is not None:
+                signal.signal(number, handler)
+
+
 @contextmanager
 def interrupts() -> Iterator[list[int]]:
     """A list that fills with the signals that ask to stop, so that no FMU is left half-way."""

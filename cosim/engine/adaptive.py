@@ -54,9 +54,6 @@ class Scale:
         self.blocks = [block for part in parts for block in part.outputs if block.real]
         self.names = [name for block in self.blocks for name in block.names]
         self.tolerance = settings.tolerance
-        for name in settings.absolute:
-            if name not in self.names:
-                raise SetupError(f"absolute tolerance of {name}: only {', '.join(self.names)}")
         self.absolute = [settings.absolute.get(name) for name in self.names]
         nominal = {
             f"{part.name}.{v.name}": abs(float(v.nominal or 1.0))

@@ -104,26 +104,14 @@ def _lost(
 def _connect(network: Network, parts: Mapping[str, Coupled], start: float) -> None:
     """Give every part the buffers of its wired variables, and let every input follow its source.
 
-    Inputs begin at their declared start. A part that only follows inputs over time shows its Real
-    outputs, for step control to see; but not those on which an input acts at once, which show it as
-    it was within the step.
+    Inputs begin at their declared start.
     """
-    sources: dict[str, dict[Port, None]] = {name: {} for name in parts}
+    sources, driven = shown(network), fed(network)
     targets: dict[str, list[Port]] = {name: [] for name in parts}
-    driven = fed(network)
     for wire in network.wires:
-        sources[wire.source.part][wire.source] = None
         targets[wire.target.part].append(wire.target)
     for port, _ in driven:
         targets[port.part].append(port)
-    for name in {port.part for port, _ in driven}:
-        if not any(port.type == "Real" for port in sources[name]):
-            acting = feedthrough(parts[name].description)
-            sources[name] |= {
-                Port(name, v): None
-                for v in parts[name].description.modelVariables
-                if v.causality == "output" and v.type == "Real" and not acting.get(v.name)
-            }
     for name, part in parts.items():
         part.outputs = part.blocks("Get", [port.variable for port in sources[name]])
         part.inputs = part.blocks("Set", [port.variable for port in targets[name]])
@@ -139,6 +127,28 @@ def _connect(network: Network, parts: Mapping[str, Coupled], start: float) -> No
         (target, i), feed = place[port.name], Feed(port.name, profile, start)
         parts[port.part].feeds.append(feed)
         parts[port.part].links.append(Link(target.cells, i, feed.cell, 0))
+
+
+def shown(network: Network) -> dict[str, list[Port]]:
+    """By part the outputs that are read at every communication point.
+
+    These are the wired ones. A part that only follows inputs over time shows its Real outputs, for
+    step control to see; but not those on which an input acts at once, which show it as it was within
+    the step.
+    """
+    sources: dict[str, dict[Port, None]] = {name: {} for name in network.descriptions}
+    for wire in network.wires:
+        sources[wire.source.part][wire.source] = None
+    for name in {port.part for port, _ in fed(network)}:
+        if not any(port.type == "Real" for port in sources[name]):
+            description = network.descriptions[name]
+            acting = feedthrough(description)
+            sources[name] |= {
+                Port(name, v): None
+                for v in description.modelVariables
+                if v.causality == "output" and v.type == "Real" and not acting.get(v.name)
+            }
+    return {name: list(ports) for name, ports in sources.items()}
 
 
 def _places(parts: Mapping[str, Coupled]) -> dict[str, tuple[Block, int]]:

@@ -75,12 +75,12 @@ def bonds(network: Network) -> list[Bond]:
 
     Raises SetupError for a declared bond that is not two wires there and back.
     """
-    declared = [_declared(network, text) for text in network.system.bonds]
-    taken = {wire.target.name for bond in declared for wire in bond}
+    named = [declared(network, text) for text in network.system.bonds]
+    taken = {wire.target.name for bond in named for wire in bond}
     free = [w for w in network.wires if w.target.name not in taken and w.source.type == "Real"]
     pairs = [bond for bond in _pairs(free) if _is_power(network, *bond)]
     shared = Counter(wire.target.name for bond in pairs for wire in bond)
-    return declared + [b for b in pairs if all(shared[wire.target.name] == 1 for wire in b)]
+    return named + [b for b in pairs if all(shared[wire.target.name] == 1 for wire in b)]
 
 
 def _pairs(wires: Sequence[Connection]) -> Iterator[Bond]:
@@ -94,7 +94,8 @@ def _pairs(wires: Sequence[Connection]) -> Iterator[Bond]:
                 yield Bond(there, back)
 
 
-def _declared(network: Network, text: str) -> Bond:
+def declared(network: Network, text: str) -> Bond:
+    """The bond of a text; raises SetupError if it is none."""
     factors = [network.port(name) for name in text.split("*")]
     if len(factors) != 2:
         raise SetupError(f"bond {text!r} must read 'part.output * part.output'")

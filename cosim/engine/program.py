@@ -8,6 +8,7 @@ import platform
 import subprocess
 import sys
 import tempfile
+from array import array
 from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
@@ -41,20 +42,31 @@ TARGETS = {
 OPTIONS = ("-O2", "-ffp-contract=off", "-shared", "-fPIC", "-s")
 
 
-@cache
 def library() -> Any:
     """The compiled loop: the one that came with the package, or one made here of its source.
 
     Raises OSError with the reason if there is none.
     """
+    found = _library()
+    if isinstance(found, OSError):
+        raise found
+    return found
+
+
+@cache
+def _library() -> Any:
+    """The same, or the reason: what cannot be made is tried once."""
     here = file_name(sys.platform, platform.machine())
     path = SOURCE.parent / "compiled" / here
-    if not path.exists():
-        made_of = hashlib.sha256(f"{SOURCE.read_text()}{OPTIONS}".encode()).hexdigest()[:16]
-        path = SOURCE.parent / "__pycache__" / f"{made_of}-{here}"
-    if not path.exists():
-        compile_loop(path)
-    loop = ctypes.CDLL(str(path))
+    try:
+        if not path.exists():
+            made_of = hashlib.sha256(f"{SOURCE.read_text()}{OPTIONS}".encode()).hexdigest()[:16]
+            path = SOURCE.parent / "__pycache__" / f"{made_of}-{here}"
+            if not path.exists() or not path.stat().st_size:
+                compile_loop(path)
+        loop = ctypes.CDLL(str(path))
+    except OSError as error:
+        return error
     loop.advance.argtypes = ARGUMENTS
     return loop
 
@@ -107,13 +119,13 @@ class Loop:
 
     def run(
         self, start: float, h: float, first: int, last: int
-    ) -> tuple[list[float], int, PartFailure | None]:
+    ) -> tuple[array[float], int, PartFailure | None]:
         """Take steps first + 1 to last of size h [s] from `start` on.
 
         Returns the rows, one after the other, the last step that was completed, and the failure
         that ended it there.
         """
-        rows = (ctypes.c_double * (self._width * ((last - first) // self._every + 1)))()
+        rows = array("d", [0.0]) * (self._width * ((last - first) // self._every + 1))
         kept = []
         for k in self._feeds:
             feed, at, size = self._operations[k]
@@ -125,7 +137,8 @@ class Loop:
         report = (ctypes.c_longlong * 3)()
         count = self._advance(
             self._layouts, self._warned, len(self._layouts), self._row_begin,
-            self._columns, len(self._columns), start, h, first, last, self._every, rows, report,
+            self._columns, len(self._columns), start, h, first, last, self._every,
+            rows.buffer_info()[0], report,
         )  # fmt: skip
         done, failed, status = report
         for part in self._parts:
@@ -139,7 +152,8 @@ class Loop:
                 operation.answered(start + n * h + at * h, size * h, answer)
         except PartFailure as error:
             failure = error
-        return rows[: count * self._width], done, failure
+        del rows[count * self._width :]
+        return rows, done, failure
 
 
 def possible(program: Sequence[Timed]) -> bool:

@@ -27,7 +27,7 @@ CHECKPOINT = 1000
 SHORTEST_TIME = 2.0**-46
 SHORTEST = 2.0**-20
 PATIENCE = 0.05
-MOST_ROWS = 1 << 16
+MOST_ROWS = 1 << 12
 
 
 class Plan(NamedTuple):

@@ -5,12 +5,14 @@ from __future__ import annotations
 import logging
 import shutil
 from collections import defaultdict
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
+from ..engine.ledger import declared
 from ..errors import SetupError
 from ..system import READ, Connection, Network, Port, System, Value, connect, describe_fmu, still
 from .ssp.files import Room, load, locate, plain
@@ -18,13 +20,23 @@ from .ssp.parameters import Parameter
 from .ssp.plan import Arrow, Connector, Node, Plan, dotted
 from .ssp.read import Package
 from .ssp.units import Step
-from .ssp.write import archived
+from .ssp.write import archived, scaled
 
 NAMESPACE = "http://opensimulationplatform.com/MSMI/OSPSystemStructure"
 FILE = "OspSystemStructure.xml"
 TIMES = ("StartTime", "EndTime", "BaseStepSize")
 HOLDERS = ("OspSystemStructure", "Simulators", "InitialValues", "Functions", "Connections")
-CONTENTS = ("Algorithm", "Real", "Integer", "Boolean", "String", "Variable", "Signal")
+CONTENTS = (
+    "Algorithm",
+    "Real",
+    "Integer",
+    "Boolean",
+    "String",
+    "Variable",
+    "Signal",
+    "VariableGroup",
+)
+GROUPS = "{}_OspModelDescription.xml"
 SOURCES = ("output", "calculatedParameter")
 log = logging.getLogger("cosim")
 
@@ -33,9 +45,10 @@ def read_osp(path: Path) -> Package:
     """The system of an OspSystemStructure.xml, or of the folder that holds one.
 
     Wires hand numbers over as they stand, since libcosim converts no units; inputs that nothing
-    drives keep the start value of their FMU; the connections of a `powerBond` are a bond. Raises
-    SetupError with file and line for what is invalid or not supported: sums, groups of variables,
-    FMUs that are not files.
+    drives keep the start value of their FMU; the connections of a `powerBond` are a bond. Two groups
+    of variables, which a MODEL_OspModelDescription.xml beside the FMU or the structure defines, are
+    connected one by one in their order. Raises SetupError with file and line for what is invalid or
+    not supported: sums, FMUs that are not files.
     """
     file = Path(path) / FILE if Path(path).is_dir() else Path(path)
     root, reader = load(file), _Reader(file)
@@ -95,7 +108,14 @@ class _Reader:
             scale = float(given.get("factor", 1.0)), float(given.get("offset", 0.0))
             self.plan.add_arrow(Arrow(entry, leave, Step(tag, None, False, *scale)))
         elif tag in ("VariableConnection", "SignalConnection"):
-            self._connection(element)
+            self._connection(element, map(self._end, element.iterchildren("*")))
+        elif tag == "VariableGroupConnection":
+            groups = [[*self._group(end)] for end in element.iterchildren("*")]
+            if len(groups) != 2 or len(groups[0]) != len(groups[1]):
+                sizes = " and ".join(str(len(group)) for group in groups)
+                raise ValueError(f"groups of {sizes or 'no'} variables, not two of as many")
+            for ends in zip(*groups):
+                self._connection(element, ends)
         elif tag == "Algorithm" and element.text != "fixedStep":
             log.warning("algorithm %s is ignored", element.text)
         elif tag not in HOLDERS + CONTENTS:
@@ -115,15 +135,30 @@ class _Reader:
         if not self.plan.bind(part, Parameter(f"{part}.{name}", name, kind, value, None)):
             raise KeyError(f"{part}.{name}")
 
-    def _connection(self, element: Any) -> None:
+    def _end(self, element: Any) -> Node:
+        """The connector that a variable or a signal of a connection names."""
+        end = element.attrib
+        owner = end.get("simulator") or f"function {end['function']}"
+        return self.plan.elements[""][owner], end["name"]
+
+    def _group(self, element: Any) -> Iterator[Node]:
+        """The variables of a group, in their order; those of groups within it, too."""
+        part, name = self._end(element)
+        file = GROUPS.format(self.plan.descriptions[part].modelName)
+        places = [folder / file for folder in (self.plan.fmus[part].parent, self.file.parent)]
+        path = next((path for path in places if path.is_file()), None)
+        if path is None:
+            raise ValueError(f"there is no file {file}, which defines groups")
+        groups = load(path).iterfind("{*}VariableGroups//*[@name]")
+        group = next((group for group in groups if group.get("name") == name), None)
+        if group is None:
+            raise KeyError(f"{part}.{name}")
+        for variable in group.iter("{*}Variable"):
+            yield part, variable.attrib["ref"]
+
+    def _connection(self, element: Any, given: Iterable[Node]) -> None:
         """A connection, which may be written from either end."""
-        ends = [
-            (
-                self.plan.elements[""][end.get("simulator") or f"function {end['function']}"],
-                end["name"],
-            )
-            for end in (inner.attrib for inner in element.iterchildren("*"))
-        ]
+        ends = [*given]
         if missing := [dotted(end) for end in ends if end not in self.plan.connectors]:
             raise KeyError(missing[0])
         kinds = [self.plan.connectors[end].kind for end in ends]
@@ -142,8 +177,8 @@ def write_osp(
 ) -> None:
     """Write OspSystemStructure.xml and the FMUs into `folder`; step, start and stop in s.
 
-    Factors, offsets and unit conversions of wires become linear transformations. Raises what
-    `connect` raises, and SetupError for what libcosim cannot do: enumerations that differ from the
+    Factors, offsets and unit conversions of wires become linear transformations, and declared bonds
+    those of a `powerBond`, unless they go through one. Raises what `connect` raises, and SetupError for what libcosim cannot do: enumerations that differ from the
     FMU's start value, and enumerations on wires. Then nothing is written.
     """
     if not 0.0 < step < float("inf"):
@@ -151,10 +186,13 @@ def write_osp(
     network = still(system, "an OSP system structure")
     files = archived(network)
     structure = _structure(network, files, step, start, stop)
-    folder.mkdir(parents=True, exist_ok=True)
-    for fmu, name in files.items():
-        shutil.copyfile(fmu, folder / name)
-    (folder / FILE).write_bytes(structure)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for fmu, name in files.items():
+            shutil.copyfile(fmu, folder / name)
+        (folder / FILE).write_bytes(structure)
+    except OSError as error:
+        raise OSError(f"{folder} cannot be written: {error.strerror}") from error
 
 
 def _structure(
@@ -174,8 +212,14 @@ def _structure(
             if port.part == part:
                 _initial(initial, port, value)
     functions, connections = Element("Functions"), Element("Connections")
+    named: dict[str, str] = {}
+    for bond in (declared(network, text) for text in network.system.bonds):
+        if any(scaled(wire) for wire in bond):
+            log.warning("bond %s goes through a function and is left out", bond.name)
+        else:
+            named |= {wire.target.name: bond.name for wire in bond}
     for number, wire in enumerate(network.wires, 1):
-        _connection(functions, connections, wire, f"wire{number}")
+        _connection(functions, connections, wire, f"wire{number}", named.get(wire.target.name))
     root.extend(group for group in (functions, connections) if len(group))
     ElementTree.indent(root)
     text: bytes = ElementTree.tostring(root, encoding="UTF-8", xml_declaration=True)
@@ -191,13 +235,21 @@ def _initial(values: Element, port: Port, value: Value) -> None:
     SubElement(initial, port.type, value=port.text(value))
 
 
-def _connection(functions: Element, connections: Element, wire: Connection, name: str) -> None:
+def _connection(
+    functions: Element, connections: Element, wire: Connection, name: str, bond: str | None
+) -> None:
+    """One connection, or two over a function. That of a bond tells what libcosim's ECCO takes for its
+    ends' causality: a source is an input.
+    """
     if wire.source.type == "Enumeration":
         raise SetupError(f"{wire.source} -> {wire.target}: libcosim cannot wire an Enumeration")
-    if (wire.factor, wire.offset) == (1.0, 0.0):
+    if not scaled(wire):
         connection = SubElement(connections, "VariableConnection")
-        for port in (wire.source, wire.target):
-            _variable(connection, port)
+        for port, causality in ((wire.source, "input"), (wire.target, "output")):
+            variable = _variable(connection, port)
+            if bond is not None:
+                connection.set("powerBond", bond)
+                variable.set("causality", causality)
         return
     factor, offset = repr(wire.factor), repr(wire.offset)
     SubElement(functions, "LinearTransformation", name=name, factor=factor, offset=offset)
@@ -207,5 +259,5 @@ def _connection(functions: Element, connections: Element, wire: Connection, name
         _variable(connection, port)
 
 
-def _variable(connection: Element, port: Port) -> None:
-    SubElement(connection, "Variable", simulator=port.part, name=port.variable.name)
+def _variable(connection: Element, port: Port) -> Element:
+    return SubElement(connection, "Variable", simulator=port.part, name=port.variable.name)

@@ -10,7 +10,6 @@ from fmpy import supported_platforms
 from fmpy.model_description import ModelDescription
 
 from ..engine.ledger import bonds
-from ..engine.stepping import Plan
 from ..inputs import Course, Table
 from ..loops import algebraic_loops, describe
 from ..master import Settings, problems, stepping_order
@@ -79,9 +78,9 @@ def _wire(wire: Connection) -> str:
     return f"{wire.source}{scaled}{shifted} -> {wire.target}"
 
 
-def check(network: Network, plan: Plan, settings: Settings) -> tuple[list[str], list[str]]:
+def check(network: Network, settings: Settings) -> tuple[list[str], list[str]]:
     """What keeps the system from being run like this, and what is worth knowing about it."""
-    return list(problems(network, plan, settings)), list(_notes(network, settings))
+    return list(problems(network, settings)), list(_notes(network, settings))
 
 
 def _notes(network: Network, settings: Settings) -> Iterator[str]:

@@ -141,9 +141,8 @@ def diagnose(
     modes of the deviations from that motion. Raises SetupError for what cannot be run.
     """
     network = connect(system)
-    plan = Plan(start, start + step, step, None)
-    plan.check()
-    for problem in problems(network, plan, Settings(algorithm, order, input_order)):
+    settings = Settings(start + step, step, start, algorithm, order, input_order)
+    for problem in problems(network, settings):
         raise SetupError(problem)
     if not 0.0 < share < math.inf:
         raise SetupError(f"share = {share!r} must be a finite number above 0")

@@ -39,17 +39,23 @@ def run_isolated(
     *,
     csv: Path | str,
     progress: Callable[[float], None] | None = None,
+    timeout: float = math.inf,
     **settings: Any,
 ) -> Result:
     """What `run` does with these settings, in a child process; the rows stream to `csv`.
 
-    Raises what `run` raises. If an FMU ends the process, SimulationError with the rows that reached
-    the file, or SetupError before the first step. Ctrl-C ends the child, a second one kills it, and so
-    does SIGTERM or SIGHUP after a while; all keep the rows. If this process dies, so does the child. As always with child processes, a script needs `if __name__ == "__main__"`.
+    Raises what `run` raises. If an FMU ends the process, or takes longer than `timeout` [s] for a step
+    or GRACE to close, SimulationError with the rows that reached the file, or SetupError before the
+    first step. Ctrl-C ends the child, a second one kills it, and so does SIGTERM or SIGHUP after a
+    while; all keep the rows. If this process dies, so does the child. As always with child processes,
+    a script needs `if __name__ == "__main__"`.
     """
+    if not timeout > 0.0:
+        raise SetupError(f"timeout = {timeout!r} s must be above 0")
     csv = Path(csv).absolute()
     before = _stamps(csv)
     heard: list[logging.LogRecord] = []
+    ended = ""
     context = multiprocessing.get_context("spawn")
     with TemporaryDirectory(dir=scratch()) as folder, interrupts() as pressed:
         ours, its = context.Pipe(duplex=False)
@@ -58,7 +64,7 @@ def run_isolated(
             process.start()
         its.close()
         try:
-            for kind, content in _messages(ours, process, pressed):
+            for kind, content in _messages(ours, process, pressed, timeout, csv, before):
                 if kind == "progress" and progress is not None:
                     progress(content)
                 elif kind == "log":
@@ -69,12 +75,15 @@ def run_isolated(
                     return _end(csv, *content)
                 elif kind == "error":
                     raise content
+                elif kind == "silent":
+                    ended = f"did nothing for {content:g} s and was ended"
+                    process.kill()
         finally:
             ours.close()
             process.join(GRACE)
             process.kill()
             process.join()
-    dead = f"the process that ran the parts {', '.join(system.parts)} {death(process)}"
+    dead = f"the process that ran the parts {', '.join(system.parts)} {ended or death(process)}"
     after = _stamps(csv)
     if before == after:
         if pressed:
@@ -94,6 +103,7 @@ def _work(
     tempfile.tempdir = os.environ["TMPDIR"] = folder
     logging.getLogger().addHandler(_Forward(pipe))
     told = clock.perf_counter()
+    pipe.send(("progress", 0.0))
 
     def progress(share: float) -> None:
         nonlocal told
@@ -165,11 +175,25 @@ def _deaf() -> Iterator[None]:
         signal.signal(signal.SIGINT, before)
 
 
-def _messages(pipe: Connection, process: BaseProcess, pressed: Sequence[int]) -> Iterator[Any]:
-    """What the child tells until it ends; hands Ctrl-C on to it until it hears."""
-    asked = math.inf
+def _messages(
+    pipe: Connection,
+    process: BaseProcess,
+    pressed: Sequence[int],
+    timeout: float,
+    csv: Path,
+    before: list[int],
+) -> Iterator[Any]:
+    """What the child tells until it ends, and that it is silent; hands Ctrl-C on to it until it hears."""
+    asked = heard = math.inf
     while True:
         ready = wait([pipe, process.sentinel], PATIENCE)
+        silent = clock.monotonic() - heard
+        if ready:
+            heard = clock.monotonic()
+        elif silent > timeout:
+            yield "silent", timeout
+        elif silent > GRACE and _over(csv, before):
+            yield "silent", GRACE
         if pressed and pressed[0] != signal.SIGINT:
             asked = min(asked, clock.monotonic())
         if len(pressed) > 1 or clock.monotonic() > asked + GRACE:
@@ -198,6 +222,17 @@ def _stamps(csv: Path) -> list[int]:
     """When the facts of a partial and of a complete run were written last [ns]."""
     facts = [path.with_suffix(".json") for path in (partial(csv), csv)]
     return [path.stat().st_mtime_ns if path.exists() else 0 for path in facts]
+
+
+def _over(csv: Path, before: list[int]) -> bool:
+    """Whether the run has come to an end and only closes its parts."""
+    after = _stamps(csv)
+    if after[1] != before[1]:
+        return True
+    with suppress(OSError, ValueError):
+        facts = partial(csv).with_suffix(".json")
+        return after[0] != before[0] and json.loads(facts.read_text())["status"] != "running"
+    return False
 
 
 def _remains(

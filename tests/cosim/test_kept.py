@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import errno
 import json
+import locale
 import os
 import resource
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
 from shutil import rmtree
@@ -17,8 +20,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from cosim import SetupError, SimulationError, run
+from cosim import Interrupted, SetupError, SimulationError, run, run_isolated
+from cosim import __main__ as main_module
 from cosim.__main__ import alone, main
+from cosim.engine import stepping, surroundings
+from cosim.judge import isolated
 from tests.conftest import ROOT, hear_ctrl_c, until
 from tests.cosim.foreign import pack
 
@@ -199,3 +205,105 @@ def test_an_fmu_that_changes_the_folder_does_not_move_the_rows(
         progress=lambda _: os.chdir("/"),
     )  # fmt: skip
     assert (tmp_path / "a.csv").exists()
+
+
+@pytest.fixture
+def watched(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
+    """A folder to be in, and a master that looks after every step."""
+    monkeypatch.setattr(surroundings, "BETWEEN", 0.0)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.mark.parametrize("when", [0.0, 0.35])
+def test_what_an_fmu_changes_in_its_process_is_brought_back(
+    when: float, watched: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whose numbers stay the same, and which hears Ctrl-C all the same."""
+    before = locale.setlocale(locale.LC_ALL)
+
+    def interrupt(share: float) -> None:
+        assert Path.cwd() == watched or share < 0.4
+        if share > 0.55:
+            signal.raise_signal(signal.SIGINT)
+
+    monkeypatch.setattr(stepping, "possible", lambda _: False)
+    meddler, other = (pack(watched / f"{k}.fmu", meddle_at=t) for k, t in ((1, when), (2, 9.0)))
+    handler = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        with pytest.raises(Interrupted) as caught:
+            run(alone(meddler), stop=1.0, step=0.1, record=["part_1.y"], progress=interrupt)
+    finally:
+        signal.signal(signal.SIGINT, handler)
+    assert locale.setlocale(locale.LC_ALL) == before
+    told = "an FMU has changed {} of the whole process, which was brought back"
+    assert caught.value.result.warnings == [
+        told.format(what) for what in ("the working directory", "the locale")
+    ]
+    calm = run(alone(other), stop=1.0, step=0.1, record=["part_2.y"])
+    assert calm.warnings == []
+    assert np.array_equal(calm.data[:7], caught.value.result.data)
+
+
+def test_numbers_that_are_rounded_otherwise_end_a_run(watched: Path) -> None:
+    """In an FMU's steps; what it does while it starts is brought back before the first one."""
+    with pytest.raises(SimulationError, match=r"has changed the rounding .* stopped at") as caught:
+        run(alone(pack(watched / "A.fmu", round_at=0.35)), stop=1.0, step=0.1, csv="a.csv")
+    assert (watched / "a.partial.csv").read_text().count("\n") == len(caught.value.result.data) + 1
+    started = run(alone(pack(watched / "B.fmu", round_at=0.0)), stop=1.0, step=0.1)
+    assert "the rounding of floating-point numbers" in started.warnings[0]
+    calm = run(alone(pack(watched / "C.fmu")), stop=1.0, step=0.1)
+    assert np.array_equal(calm["C.y"], started["B.y"])
+
+
+def test_an_fmu_that_hangs_is_ended_on_request(tmp_path: Path) -> None:
+    fmu = pack(tmp_path / "A.fmu", hang_at=0.55)
+    with pytest.raises(SimulationError, match=r"A did nothing for 3 s and was ended after t = 0"):
+        run_isolated(alone(fmu), stop=1.0, step=0.1, csv=tmp_path / "r.csv", timeout=3.0)
+    assert json.loads((tmp_path / "r.partial.json").read_text())["status"] == "failed"
+
+
+def test_an_fmu_that_is_never_freed_does_not_hold_the_result(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(isolated, "GRACE", 0.5)
+    fmu = pack(tmp_path / "A.fmu", hang_at_end=True)
+    with pytest.raises(SimulationError, match=r"was ended when it closed them after t = 1.0 s"):
+        run_isolated(alone(fmu), stop=1.0, step=0.1, csv=tmp_path / "r.csv")
+    assert len(pd.read_csv(tmp_path / "r.csv")) == 11
+    assert json.loads((tmp_path / "r.json").read_text())["status"] == "complete"
+
+
+def test_rows_in_a_file_are_counted_without_reading_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.delattr(isolated, "read_rows")
+    told = ["--stop", "1", "--step", "0.1", "--out", str(tmp_path / "r.csv")]
+    assert main(["run", str(pack(tmp_path / "A.fmu")), *told]) == 0
+    assert ", 11 rows" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("options", [["q.parquet"], ["q.csv", "--part", "A"]])
+def test_rows_for_which_there_is_no_room_at_the_end_are_kept_elsewhere(
+    options: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
+) -> None:
+    """And what is half written does not stand there under the name of the whole."""
+
+    def full(frame: pd.DataFrame, path: Path, **_: Any) -> None:
+        if path.parent == tmp_path / "full":
+            path.write_text("half")
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        path.write_text(written(frame, index=False))
+
+    written = pd.DataFrame.to_csv
+    for name in ("to_csv", "to_parquet"):
+        monkeypatch.setattr(pd.DataFrame, name, full)
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    monkeypatch.setattr(main_module, "scratch", lambda: tmp_path)
+    told = ["--stop", "1", "--step", "0.1", "--out", str(tmp_path / "full" / options[0])]
+    assert main(["run", str(pack(tmp_path / "A.fmu")), *told, *options[1:]]) == 1
+    said = capsys.readouterr().err.splitlines()
+    assert len(said) == 1
+    assert "cannot be written: No space left on device; see " in said[0]
+    assert len(pd.read_csv(said[0].partition("; see ")[2])) == 11
+    assert [*(tmp_path / "full").iterdir()] == []

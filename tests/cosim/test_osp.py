@@ -6,10 +6,10 @@ from pathlib import Path
 import pytest
 from numpy.testing import assert_array_equal
 
-from cosim import SetupError, System, read_osp, run, write_osp
+from cosim import SetupError, System, read_osp, read_ssp, run, write_osp, write_ssp
 from cosim.__main__ import main
 from cosim.system import connect
-from tests.cosim.test_ssp import everything, pair
+from tests.cosim.test_ssp import everything, pair, ssd
 
 FILE = "OspSystemStructure.xml"
 SPACE = "http://opensimulationplatform.com/MSMI/OSPSystemStructure"
@@ -125,6 +125,61 @@ def test_connections_functions_and_bonds(fmus: Path, place: Path) -> None:
     assert_array_equal(result.data, run(pair(fmus / "native"), stop=0.02, step=1e-3).data)
 
 
+GROUPS = """<OspModelDescription xmlns="{}" version="1.0"><VariableGroups>
+<RotationalMechanicalPort name="shaft"><Torque name="moment"><Variable ref="tau"/></Torque>
+<AngularVelocity name="speed"><Variable ref="w"/></AngularVelocity></RotationalMechanicalPort>
+</VariableGroups></OspModelDescription>"""
+
+
+def grouped(*names: str) -> str:
+    """A bond of two groups, of the motor and the conveyor."""
+    pairs = zip(("motor", "conveyor"), names)
+    ends = "".join(f'<VariableGroup simulator="{part}" name="{name}"/>' for part, name in pairs)
+    return f'<VariableGroupConnection powerBond="b">{ends}</VariableGroupConnection>'
+
+
+def test_groups_are_connected_variable_by_variable(
+    place: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """In the order of their file, which stands beside the FMU."""
+    for name in ("DriveMotor", "CrankConveyor"):
+        text = GROUPS.format("http://opensimulationplatform.com/MSMI/OSPModelDescription")
+        (place / f"{name}_OspModelDescription.xml").write_text(text)
+    (place / FILE).write_text(osp(MOTOR + CONVEYOR, grouped("shaft", "shaft")))
+    system = read_osp(place).system
+    assert [*map(str, system.wires)] == ["motor.tau -> conveyor.tau", "conveyor.w -> motor.w"]
+    assert system.bonds == ["motor.tau * conveyor.w"]
+    for names, message in (
+        (("shaft", "moment"), "groups of 2 and 1 variables, not two of as many"),
+        (("shaft", "axle"), "there is no 'conveyor.axle'"),
+    ):
+        (place / FILE).write_text(osp(MOTOR + CONVEYOR, grouped(*names)))
+        with pytest.raises(SetupError, match=rf"line 1: VariableGroupConnection: {message}"):
+            read_osp(place)
+
+
+@pytest.mark.parametrize("factor", ["", " * 0.5"])
+def test_bonds_are_written_and_read(
+    factor: str, fmus: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """But one that goes through a function, for which an OSP structure has no place."""
+    plain = pair(fmus / "native")
+    wires = [f"motor.tau{factor} -> conveyor.tau", "conveyor.w -> motor.w"]
+    system = System(plain.parts, wires, bonds=["motor.tau * conveyor.w"])
+    write_osp(system, tmp_path / "osp", step=1e-3)
+    assert read_osp(tmp_path / "osp").system.bonds == ([] if factor else system.bonds)
+    left = "bond motor.tau * conveyor.w goes through a function and is left out"
+    assert caplog.messages == ([left] if factor else [])
+    write_ssp(system, tmp_path / "pair.ssp")
+    assert read_ssp(tmp_path / "pair.ssp", tmp_path / "ssp").system.bonds == system.bonds
+    inner = (tmp_path / "ssp" / "SystemStructure.ssd").read_text()
+    assert inner.index("</ssd:Connections>") < inner.index("Bond>")
+    nested = '<ssd:Component name="line" type="application/x-ssp-package" source="pair.ssp"/>'
+    (tmp_path / "SystemStructure.ssd").write_text(ssd(nested))
+    read = read_ssp(tmp_path / "SystemStructure.ssd", tmp_path / "nested")
+    assert read.system.bonds == ["line.motor.tau * line.conveyor.w"]
+
+
 def test_names_that_no_part_can_have_are_changed(place: Path) -> None:
     motor = simulator("DP motor", "DriveMotor", "T Real 0.05")
     wires = wired(("DP motor", "tau"), ("conveyor", "tau"))
@@ -171,7 +226,7 @@ BAD: dict[str, tuple[str, str]] = {
     "type": (simulator("motor", "DriveMotor", "T Boolean true"), "motor.T: Boolean does not fit T"),
     "time": (osp(MOTOR, times="<StartTime>soon</StartTime>"), "StartTime: could not convert"),
     "sum": (osp(MOTOR, functions='<Sum name="s" inputCount="2"/>'), f"{LINE}Sum s: is not supported"),
-    "groups": (osp(MOTOR, wired(kind="VariableGroup")), "VariableGroupConnection: is not supported"),
+    "groups": (osp(MOTOR, wired(kind="VariableGroup")), "VariableGroupConnection: groups of no variables, not two"),
     "element": ("<Motor/>", f"{LINE}Motor: is not supported"),
     "two outputs": (osp(MOTOR + CONVEYOR, wired(("motor", "tau"), ("conveyor", "w"))),
         "output motor.tau and output conveyor.w cannot be connected"),

@@ -13,7 +13,6 @@ from typing import Any
 import pytest
 
 from cosim import System, run
-from cosim.engine.stepping import Plan
 from cosim.judge import describe
 from cosim.loops import strongly_connected
 from cosim.master import Settings, stepping_order
@@ -56,7 +55,7 @@ def ring(folder: Path, count: int) -> System:
 def checked(system: System) -> None:
     network = connect(system)
     list(describe.info(network))
-    describe.check(network, Plan(0.0, 1.0, 1e-3, None), Settings("jacobi"))
+    describe.check(network, Settings(1.0, 1e-3, algorithm="jacobi"))
 
 
 def started(system: System) -> None:

@@ -6,6 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+from cosim.scratch import PREFIX
 from tests.conftest import ROOT
 
 WAIT = "from cosim.scratch import scratch; print(scratch(), flush=True); input()"
@@ -30,8 +31,11 @@ def test_a_folder_goes_with_its_process_or_with_the_next_one(tmp_path: Path) -> 
     killed.send_signal(signal.SIGKILL)
     killed.communicate()
     assert left.is_dir()
+    unlocked = tmp_path / f"{PREFIX}killed_before_it_was_locked"
+    unlocked.mkdir()
     ends, last = begin()
     assert not left.exists()
+    assert not unlocked.exists()
     assert own.is_dir()
     for process in (ends, lives):
         process.communicate("\n")

@@ -134,6 +134,8 @@ def test_an_fmu_whose_file_is_no_name_gets_one(
         (["--tolerance", "-1"], "tolerance = -1.0 must be above 0"),
         (["--substeps", "A=9999999999"], "substeps of A = 9999999999 must be at least 1 and below"),
         (["--input-order", "1000000"], "input_order = 1000000 must be at least 0 and at most 8"),
+        (["--record", "A.t"], "A has no variable 't', only"),
+        (["--output-step", "-1"], "output_step = -1.0 s must be above 0"),
     ],
 )
 def test_check_refuses_what_run_refuses(
@@ -218,3 +220,9 @@ def test_the_version_is_the_project_s(capsys: pytest.CaptureFixture[str]) -> Non
         main(["--version"])
     text = (ROOT / "pyproject.toml").read_text()
     assert capsys.readouterr().out == f"cosim {tomllib.loads(text)['project']['version']}\n"
+
+
+def test_an_fmu_without_outputs_says_that_nothing_is_recorded(tmp_path: Path) -> None:
+    edit = described((r'causality="output"', 'causality="local"'), ("<Outputs>.*</Outputs>", ""))
+    fmu = rewritten(pack(tmp_path / "A.fmu"), tmp_path / "B.fmu", edit)
+    assert "no FMU has an output" in run(alone(fmu), stop=1.0, step=0.5).warnings[-1]

@@ -22,7 +22,7 @@ from workbench import Bench
 from workbench.ask import answer
 from workbench.question import load
 from workbench.runs import identity, journal
-from workbench.runs.cargo import Call, sealed
+from workbench.runs.cargo import Call, Cargo, sealed
 from workbench.runs.engine import Engine
 from workbench.runs.worker import Worker
 
@@ -346,3 +346,15 @@ def test_a_failure_in_a_child_brings_its_traceback(tmp_path: Path) -> None:
         list(Engine(2).each(plane.be, tasks, "moods"))
     with pytest.raises(ZeroDivisionError):
         list(Engine(1).each(plane.be, tasks, "moods"))
+
+
+def test_a_damaged_file_among_the_inputs_is_written_anew(tmp_path: Path) -> None:
+    """Runs would be refused for it, for ever."""
+    (tmp_path / "A.fmu").write_bytes(b"an FMU")
+    cargo = Cargo.of([tmp_path / "A.fmu"])
+    place = cargo.unpacked(tmp_path / "inputs")
+    for spoil in (lambda file: file.write_bytes(b"an"), lambda file: file.unlink()):
+        spoil(place / "A.fmu")
+        assert cargo.unpacked(tmp_path / "inputs") == place
+        assert (place / "A.fmu").read_bytes() == b"an FMU"
+    assert [path.name for path in (tmp_path / "inputs").iterdir()] == [cargo.name]

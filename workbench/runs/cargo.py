@@ -81,9 +81,11 @@ class Cargo(NamedTuple):
         return cls(files, digest(b"".join(told)))
 
     def unpacked(self, folder: Path) -> Path:
-        """The files in a folder of their own, in this folder; they may be there already."""
+        """The files in a folder of their own, in this folder; they may be there already, whole."""
         target = folder.resolve() / self.name
-        if not target.is_dir():
+        there = {file: target / file for file in self.files if (target / file).is_file()}
+        if {file: path.read_bytes() for file, path in there.items()} != self.files:
+            shutil.rmtree(target, ignore_errors=True)
             folder.mkdir(parents=True, exist_ok=True)
             fresh = Path(tempfile.mkdtemp(dir=folder, prefix=f"{self.name}."))
             for file, content in self.files.items():

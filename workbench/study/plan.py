@@ -7,7 +7,7 @@ import tomllib
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from math import isfinite
+from math import isfinite, prod
 from pathlib import Path
 from types import ModuleType
 from typing import Any, NamedTuple
@@ -34,8 +34,9 @@ TOLERANCES = (
 RANGE = "a list of values or { from, to, number }"
 WIDTH = 'a number above 0, or a share of the nominal value such as "5 %"'
 METHODS, LEAST = ("lhs", "sobol", "saltelli"), 2.0**-31
-TIMEOUT = Option("timeout", float, unit="s", bounds={"above": 0.0})
-NUMBER = Option("number", int, default=0, bounds={"at least": 2})
+MOST_RUNS = 1 << 20
+TIMEOUT = Option("timeout", float, unit="s", bounds={"above": 0.0, "at most": 1e6})
+NUMBER = Option("number", int, default=0, bounds={"at least": 2, "at most": MOST_RUNS})
 SPACING = Option("spacing", str, choices=("linear", "log"))
 SAMPLING = {
     "method": Option("method", str, default="", choices=METHODS),
@@ -133,7 +134,7 @@ def load(path: Path, project: Project = ALONE) -> Study:
         content = tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise SetupError(f"{path} cannot be read: {error.strerror}") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
         raise SetupError(f"{path} is no TOML file: {error}") from None
     try:
         return _study(path, content, project)
@@ -177,6 +178,9 @@ def _study(path: Path, content: Spec, project: Project) -> Study:
     if bool(read["tolerances"]) != ("sampling" in content):
         raise SetupError("[tolerances] and [sampling] need each other")
     sampling = _sampling(tables["sampling"]) if "sampling" in content else None
+    count = prod(map(len, read["grid"].values())) * (sampling.number if sampling else 1)
+    if count > MOST_RUNS:
+        raise SetupError(f"{count} runs are more than {MOST_RUNS}")
     timeout = TIMEOUT.read(content.get("timeout"))
     return Study(path, content, project, page, sampling, timeout, figures, **read)
 

@@ -22,6 +22,7 @@ NAMESPACES = {
     "ssv": f"{STANDARD}ParameterValues",
     "ssm": f"{STANDARD}ParameterMapping",
 }
+BOND = "{urn:cosim}Bond"
 SCHEMAS = {
     f"{{{NAMESPACES['ssd']}}}SystemStructureDescription": "SystemStructureDescription.xsd",
     f"{{{NAMESPACES['ssv']}}}ParameterSet": "SystemStructureParameterValues.xsd",

@@ -67,6 +67,7 @@ class Plan:
     declared: set[Node] = field(default_factory=set)
     out: dict[Node, list[Arrow]] = field(default_factory=lambda: defaultdict(list))
     start: dict[Node, Value] = field(default_factory=dict)
+    bonds: list[str] = field(default_factory=list)
 
     def add_element(self, outer: str, name: str) -> str:
         """The path of a new element, a name for a part; raises SetupError for one that is taken."""

@@ -17,7 +17,7 @@ from urllib.parse import unquote, urldefrag
 
 from ...errors import SetupError
 from ...system import System, connect, describe_fmu, fits
-from .files import NAMESPACES, Element, Room, children, locate, parse, plain, unpack
+from .files import BOND, NAMESPACES, Element, Room, children, locate, parse, plain, unpack
 from .parameters import bound, linear
 from .plan import DOWNWARD, Arrow, Connector, Node, Plan, dotted
 from .units import Definitions, definitions, same
@@ -127,7 +127,7 @@ def _read(path: Path, folder: Path) -> Package:
         document = document.inside((_digest(path), ROOT), path.name)
     (whole,) = children(document.content, "ssd:System")
     _system(plan, document, whole, "")
-    system = System(plan.fmus, plan.wires(), plan.starts())
+    system = System(plan.fmus, plan.wires(), plan.starts(), plan.bonds)
     connect(system)
     experiment = document.content.find("ssd:DefaultExperiment", NAMESPACES)
     given = {} if experiment is None else experiment.attrib
@@ -169,6 +169,9 @@ def _system(plan: Plan, document: Document, system: Element, path: str) -> None:
         with document.placed(connection):
             _connection(plan, document, connection, path)
     _bind(plan, document, system, path, None)
+    inside = f"{path}." if path else ""
+    for note in children(system, "ssd:Annotations", "ssc:Annotation", BOND):
+        plan.bonds.append(" * ".join(inside + x.strip() for x in (note.text or "").split("*")))
 
 
 def _element(plan: Plan, document: Document, element: Element, outer: str) -> None:

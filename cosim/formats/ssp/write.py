@@ -11,7 +11,7 @@ from xml.etree.ElementTree import Element, SubElement
 
 from ...errors import SetupError
 from ...system import Connection, Network, Port, System, Value, enumeration, still
-from .files import NAMESPACES, qualified
+from .files import BOND, NAMESPACES, qualified
 
 OSP = "http://opensimulationplatform.com/SSP/OSPAnnotations"
 Enumerations = dict[str, dict[str, int]]
@@ -26,7 +26,8 @@ def write_ssp(
 ) -> None:
     """Write the system with its FMUs, wires and start values; `start` and `stop` [s] as experiment.
 
-    The communication step [s] goes into an annotation of OSP, where libcosim finds it.
+    The communication step [s] goes into an annotation of OSP, where libcosim finds it, the bonds into
+    one of our own.
 
     Factors, offsets and unit conversions of the wires become linear transformations, which stand in
     for the reading tool's own unit conversion; a dotted part name is written as it is, as the name
@@ -63,7 +64,7 @@ def _structure(
     name: str,
     times: tuple[float, float | None, float | None],
 ) -> bytes:
-    for prefix, uri in {**NAMESPACES, "osp": OSP}.items():
+    for prefix, uri in {**NAMESPACES, "osp": OSP, "cosim": "urn:cosim"}.items():
         ElementTree.register_namespace(prefix, uri)
     root = Element(qualified("ssd:SystemStructureDescription"), name=name, version="1.0")
     whole = SubElement(root, qualified("ssd:System"), name=name)
@@ -75,6 +76,11 @@ def _structure(
         connections = SubElement(whole, qualified("ssd:Connections"))
         for wire in network.wires:
             _connection(connections, wire)
+    if network.system.bonds:
+        notes = SubElement(whole, qualified("ssd:Annotations"))
+        note = SubElement(notes, qualified("ssc:Annotation"), type="cosim")
+        for bond in network.system.bonds:
+            SubElement(note, BOND).text = bond
     _enumerations(root, "ssd", known)
     start, stop, step = times
     if (stop, step) != (None, None):
@@ -150,6 +156,11 @@ def _parameter(parameters: Element, port: Port, value: Value, known: Enumeration
     parameter[0].set("value", text)
 
 
+def scaled(wire: Connection) -> bool:
+    """Whether it changes the numbers that it carries."""
+    return (wire.factor, wire.offset) != (1.0, 0.0)
+
+
 def _connection(connections: Element, wire: Connection) -> None:
     """Numbers as our master makes them: no reading tool is to convert units once more."""
     ends = {
@@ -158,10 +169,9 @@ def _connection(connections: Element, wire: Connection) -> None:
         "endElement": wire.target.part,
         "endConnector": wire.target.variable.name,
     }
-    scaled = (wire.factor, wire.offset) != (1.0, 0.0)
-    if scaled or wire.source.unit != wire.target.unit:
+    if scaled(wire) or wire.source.unit != wire.target.unit:
         ends["suppressUnitConversion"] = "true"
     connection = SubElement(connections, qualified("ssd:Connection"), ends)
-    if scaled:
+    if scaled(wire):
         factor, offset = repr(wire.factor), repr(wire.offset)
         SubElement(connection, qualified("ssc:LinearTransformation"), factor=factor, offset=offset)

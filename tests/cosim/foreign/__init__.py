@@ -7,7 +7,8 @@ step mode outputs are those of the last step (`fresh`: z follows u at once). Ste
 `longest_step` end there with Discard (`stubborn`: do not start); afterwards only a saved state helps.
 So do steps beyond `pause_at`, once. Discard at `end_at` says Terminated. A `..._at` is the time at
 which the call that reaches it, also the end of initialisation, logs and returns that status (`talks`: and says more), kills
-the process (`crash`: SIGSEGV, also `crash_at_end`, when terminated; `exit`: code 3), never returns (`hang`), or makes y NaN, as do steps above `nan_above`. `needs_input`: u must be set while
+the process (`crash`: SIGSEGV, also `crash_at_end`, when terminated; `exit`: code 3), never returns (`hang`, also `hang_at_end`, when freed),
+changes folder, locale and what hears Ctrl-C (`meddle`) or rounds upwards (`round`), or makes y NaN, as do steps above `nan_above`. `needs_input`: u must be set while
 initialising. One that `forgets` goes back to the start values of its file when an experiment is set up,
 one that `overrules` takes its own x0 at the end of initialisation, one that `commits` steps only where noSetFMUStatePriorToCurrentPoint is true, and then never goes back, one that is `punctual` steps
 to the stop time and no bit further, one that `chats` logs from a thread that its step waits for. Other calls out of order, wrong times, steps beyond the stop time and, of one that commits,
@@ -87,7 +88,15 @@ VARIABLES = [
     Variable("diary", "String", "parameter", ""),
     *(
         Variable(name, "Boolean", "parameter", False)
-        for name in ("fresh", "counts", "stubborn", "needs_input", "talks", "crash_at_end")
+        for name in (
+            "fresh",
+            "counts",
+            "stubborn",
+            "needs_input",
+            "talks",
+            "crash_at_end",
+            "hang_at_end",
+        )
     ),
     *(
         Variable(name, "Boolean", "parameter", False)
@@ -104,6 +113,8 @@ VARIABLES = [
             "nan_above",
             "crash_at",
             "hang_at",
+            "meddle_at",
+            "round_at",
             "exit_at",
             "end_at",
             "pause_at",

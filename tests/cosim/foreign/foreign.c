@@ -1,10 +1,16 @@
 /* x' = a x + b u, y = x, z = x + d u, and on request what goes wrong in FMUs of others.
    Names and causalities of the variables come as macros from the table in __init__.py. */
 
+#include <fenv.h>
+#include <locale.h>
 #include <math.h>
 #ifndef _WIN32
 #include <pthread.h>
+#include <unistd.h>
+#else
+#include <direct.h>
 #endif
+#include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -99,6 +105,8 @@ static fmi2Status reach(Foreign *c, double from, double to) {
     if (NOW(crash_at)) *(volatile int *)NULL = 0;
     if (NOW(exit_at)) exit(3);
     if (NOW(hang_at)) for (note(c, "hangs");;);
+    if (NOW(meddle_at) && !chdir("/")) setlocale(LC_ALL, "C"), signal(SIGINT, SIG_IGN);
+    if (NOW(round_at)) fesetround(FE_UPWARD);
     if (NOW(fatal_at)) END(FATAL, fmi2Fatal, "%s broke down at t = %g s", c->name, c->m.fatal_at);
     if (NOW(error_at)) FAIL("error at t = %g s, step %d", c->m.error_at, c->m.steps);
     if (NOW(warn_at)) END(c->m.mode, fmi2Warning, "t = %g s in %s", c->m.warn_at, c->name);
@@ -171,6 +179,7 @@ void fmi2FreeInstance(fmi2Component p) {
     Foreign *c = p;
     if (c->m.mode == FATAL) note(c, "used after fatal");
     if (c->m.states_alive) note(c, "leaked states");
+    if (c->m.hang_at_end && c->m.mode == TERMINATED) for (;;);
     note(c, "freed");
     instances--, c->host->freeMemory(c);
 }

@@ -1,0 +1,69 @@
+"""What an FMU shares with its whole process: rounding, folder, locale, what hears signals."""
+
+from __future__ import annotations
+
+import ctypes
+import locale
+import os
+import sys
+import time as clock
+from contextlib import suppress
+from pathlib import Path
+
+from ..errors import PartFailure
+from ..signals import hear_again
+from .library import LOCK
+
+BETWEEN = 0.1
+C = ctypes.CDLL("ucrtbase" if sys.platform == "win32" else None)
+
+
+class Surroundings:
+    """They are as they were when this was made, or brought back; `warnings` tells what was not."""
+
+    def __init__(self) -> None:
+        self.warnings: list[str] = []
+        self._rounding, self._locale = C.fegetround(), locale.setlocale(locale.LC_ALL)
+        with LOCK:  # while an FMU is loaded, the folder is another
+            self._folder = _folder()
+        self._looked = clock.perf_counter()
+
+    def restore(self) -> None:
+        """Bring back what an FMU has changed."""
+        self._looked = clock.perf_counter()
+        hear_again()
+        with LOCK:
+            if self._folder is not None and _folder() != self._folder:
+                with suppress(OSError):
+                    os.chdir(self._folder)
+                self._warn("the working directory")
+        if locale.setlocale(locale.LC_ALL) != self._locale:
+            locale.setlocale(locale.LC_ALL, self._locale)
+            self._warn("the locale")
+        if C.fegetround() != self._rounding:
+            C.fesetround(self._rounding)
+            self._warn("the rounding of floating-point numbers")
+
+    def require(self) -> None:
+        """Look now and then during a run; raises PartFailure if its numbers are rounded otherwise."""
+        if clock.perf_counter() > self._looked + BETWEEN:
+            self.require_now()
+
+    def require_now(self) -> None:
+        """Look now; raises PartFailure."""
+        rounding = C.fegetround()
+        self.restore()
+        if rounding != self._rounding:
+            raise PartFailure(self.warnings[-1])
+
+    def _warn(self, what: str) -> None:
+        sentence = f"an FMU has changed {what} of the whole process, which was brought back"
+        if sentence not in self.warnings:
+            self.warnings.append(sentence)
+
+
+def _folder() -> Path | None:
+    """The working directory; None if it has been removed."""
+    with suppress(FileNotFoundError):
+        return Path.cwd()
+    return None
