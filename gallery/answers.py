@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import hashlib
-import io
 import json
 import os
 import re
-from contextlib import redirect_stdout
+import subprocess
+import sys
 from functools import cache
 from pathlib import Path
 from shutil import rmtree
@@ -16,7 +16,6 @@ from typing import Any, NamedTuple
 
 from cosim import SetupError, versions
 from scenarios.__main__ import HOME, PROJECT, ROOT
-from workbench.command import main
 from workbench.question import find, load, parts
 
 KEY = "made_of.txt"
@@ -35,6 +34,11 @@ class Answered(NamedTuple):
         """What its JSON holds."""
         text = (self.folder / f"{self.name}.json").read_text(encoding="utf-8")
         return dict(json.loads(text))
+
+    @property
+    def picture(self) -> Path:
+        """Its picture."""
+        return self.folder / f"{self.name}.png"
 
     @property
     def lives(self) -> bool:
@@ -58,17 +62,13 @@ def answered(name: str, folder: Path) -> Answered:
     if not made.is_file() or made.read_text() != key.hexdigest():
         print(f"{name} ...", flush=True)
         rmtree(folder, ignore_errors=True)
-        jobs, before = str(os.cpu_count()), Path.cwd()
-        os.chdir(ROOT)
-        try:
-            with redirect_stdout(io.StringIO()):
-                failed = main(
-                    [*words, "--jobs", jobs, "--out", str(folder)], PROJECT, "python -m scenarios"
-                )
-        finally:
-            os.chdir(before)
-        if failed:
-            raise SetupError(f"{asked.command} has no answer")
+        options = ["--jobs", str(os.cpu_count()), "--out", str(folder)]
+        done = subprocess.run(
+            [sys.executable, "-m", "scenarios", *words, *options], cwd=ROOT, check=False,
+            capture_output=True, text=True,
+        )  # fmt: skip
+        if done.returncode:
+            raise SetupError(f"{asked.command}: {done.stderr.strip()}")
         made.write_text(key.hexdigest())
     return asked
 

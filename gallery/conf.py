@@ -19,13 +19,12 @@ myst_heading_anchors = 3
 autodoc_default_options = {"members": True, "member-order": "bysource"}
 autodoc_preserve_defaults = True
 autodoc_typehints_format = "short"
-python_maximum_signature_line_length = 80
 html_math_renderer = "mathml"
 html_theme = "furo"
 html_title = project
 html_static_path = [str(Path(__file__).with_name("static"))]
 html_css_files, html_js_files = ["gallery.css"], [("gallery.js", {"defer": "defer"})]
-html_copy_source = False
+html_copy_source = html_use_index = html_domain_indices = False
 html_show_sphinx = html_show_copyright = False
 html_show_search_summary = False  # it asks for pages, which a browser refuses on a file
 html_theme_options = {"navigation_with_keys": False}

@@ -74,12 +74,12 @@ def live(one: Answered, root: str) -> str:
 
 def landing(answers: Sequence[Answered]) -> str:
     """The first page."""
-    (first,) = [one for one in answers if one.name == LANDING]
+    first = next((one for one in answers if one.name == LANDING), answers[0])
     guides = re.findall(r"\]\(([\w/]+)\.md\)", (ROOT / "docs" / "README.md").read_text("utf-8"))
     guides = [f"docs/{name}" for name in dict.fromkeys(guides) if "/" not in name]
     trees = {
         "Look": ["machines", "questions"],
-        "Read": ["README", "docs/README", *guides],
+        "Read": ["The project <README>", "All guides <docs/README>", *guides],
         "Look up": ["commands", *(f"reference/{name}" for name in reference.API), "CONTRIBUTING",
                     "CHANGELOG"],
     }  # fmt: skip
@@ -117,14 +117,13 @@ def question(one: Answered) -> str:
         for fmu in dict.fromkeys(parts(one.page).values())
     )
     verdict = "\n".join(f"> {line}\n>" for line in found["verdict"])
-    picture = one.folder / f"{one.name}.png"
     shown = [f'<p class="way"><a class="button" href="{one.name}/report.html">Open the whole '
              "answer</a> with curves, motion, data and how it was made.</p>"]  # fmt: skip
     if one.lives:
         shown = [live(one, "../")]
-    if picture.is_file():
+    if one.picture.is_file():
         alt = " ".join(re.sub(r"[\[\]]", "", "; ".join(charts(one))).split())
-        shown.append(f"![{alt}](../{EXTRA}/questions/{one.name}/{picture.name})")
+        shown.append(f"![{alt}](../{EXTRA}/questions/{one.name}/{one.picture.name})")
     figures = "\n".join(
         f"| {cell(f['meaning'] or key)} | {cell(value(f))} |" for key, f in found["figures"].items()
     )
@@ -144,13 +143,21 @@ def value(figure: dict[str, object]) -> str:
     """A figure of the JSON in words."""
     from workbench import Figure
 
-    return Figure(**{"value": float("nan"), **{k: v for k, v in figure.items() if v is not None}, "error": figure["error"]}).text()  # type: ignore[arg-type]
+    return Figure(
+        **{
+            "value": float("nan"),
+            **{k: v for k, v in figure.items() if v is not None},
+            "error": figure["error"],
+        }
+    ).text()  # type: ignore[arg-type]
 
 
 def charts(one: Answered) -> list[str]:
     """The titles of the charts of an answer."""
     page = html.parse(str(one.folder / "report.html"))
-    return [title.text_content() for title in page.xpath("//section[@aria-labelledby='charts']//h3")]
+    return [
+        title.text_content() for title in page.xpath("//section[@aria-labelledby='charts']//h3")
+    ]
 
 
 def page_of(fmu: str) -> str:
@@ -191,9 +198,9 @@ def question_list(answers: Sequence[Answered], folder: Path) -> str:
     """The page that shows all questions by their pictures."""
     cards = []
     for one in answers:
-        place, picture = Path(EXTRA, "pictures", f"{one.name}.png"), one.folder / f"{one.name}.png"
+        place = Path(EXTRA, "pictures", one.picture.name)
         (folder / place).parent.mkdir(parents=True, exist_ok=True)
-        with Image.open(picture) as whole:
+        with Image.open(one.picture) as whole:
             whole.convert("RGB").resize(
                 (THUMB[0], round(whole.height * THUMB[0] / whole.width)), Image.Resampling.LANCZOS
             ).quantize(64).save(folder / place, optimize=True)

@@ -73,8 +73,12 @@ def api(package: str) -> str:
     title, modules = API[package]
     module = import_module(package)
     public = sorted(set(module.__all__) - {"VERSION"}, key=str.lower)
-    rows = [f"# {title}: `{package}`\n\n{inspect.getdoc(module)}\n\n| name | what it is |\n| --- | --- |"]
-    rows[0] += "".join(f"\n| [`{name}`](#{package}.{name}) | {first(getattr(module, name))} |" for name in public)
+    rows = [
+        f"# {title}: `{package}`\n\n{inspect.getdoc(module)}\n\n| name | what it is |\n| --- | --- |"
+    ]
+    rows[0] += "".join(
+        f"\n| [`{name}`](#{package}.{name}) | {first(getattr(module, name))} |" for name in public
+    )
     blocks = "\n".join(line for name in public for line in directive(package, name))
     rows.append(f"## One by one\n\n```{{eval-rst}}\n{blocks}\n```")
     for name in modules:

@@ -15,3 +15,4 @@ addEventListener("message", ({ source, data }) => {
 });
 new MutationObserver(() => frames.forEach(tell)).observe(document.body, { attributeFilter: ["data-theme"] });
 dark.addEventListener("change", () => frames.forEach(tell));
+document.documentElement.dataset.ready = "yes";
