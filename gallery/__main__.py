@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from shutil import copyfile, rmtree
 
-from cosim.commandline import Parser, exit_code
+from cosim.commandline import Parser, exit_code, require
 from scenarios.__main__ import HOME, ROOT
 from workbench.answer import PAGE
 from workbench.question import names
@@ -46,6 +46,7 @@ def main() -> int:
     for name in options.questions:
         if name not in known:
             parser.error(f"unknown question {name!r}; there are {', '.join(known)}")
+    require("sphinx", "python -m gallery")
     answers = [answered(name, options.out / "answers" / name) for name in options.questions]
     for one in answers if options.pictures else ():
         if (kept := ROOT / "docs" / one.picture.name).is_file():

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Sequence
 from html import escape
 from pathlib import Path
 from shutil import copyfile, copytree, ignore_patterns
+from typing import Any
 
 from lxml import html
 from PIL import Image
 
 from scenarios.__main__ import ROOT
+from workbench import Figure
 from workbench.question import asked, parts
 
 from . import reference
@@ -90,19 +93,14 @@ def landing(answers: Sequence[Answered]) -> str:
 Drop-in FMI 2.0 co-simulation FMUs of electromechanical drives, and a co-simulation master that
 reports how much error the coupling adds to every result.
 
+[Machines](machines.md) · [Questions](questions.md) · [The project on one page](README.md) ·
+[All guides](docs/README.md) · [Commands](commands.md) · Python: [cosim](reference/cosim.md),
+[workbench](reference/workbench.md), [fmukit](reference/fmukit.md)
+
 Below runs the C of two FMUs, a motor and a vibrating conveyor, in your browser. Does the operating
 speed sit on the resonance of the drive? Move a slider: the question is asked again. {NEEDS}
 
 {live(first, "")}
-
-## Where to go
-
-* [Machines](machines.md): equations, drawings, a live model of each.
-* [Questions](questions.md): what was asked of them, with the answers.
-* [The project on one page](README.md): the commands to set it up, to run and to test it.
-* [All guides](docs/README.md): coupling, studies, identification, hosts, a component of your own.
-* Reference of [commands](commands.md) and of Python: [cosim](reference/cosim.md),
-  [workbench](reference/workbench.md), [fmukit](reference/fmukit.md).
 
 {contents}
 """
@@ -122,8 +120,8 @@ def question(one: Answered) -> str:
     if one.lives:
         shown = [live(one, "../")]
     if one.picture.is_file():
-        alt = " ".join(re.sub(r"[\[\]]", "", "; ".join(charts(one))).split())
-        shown.append(f"![{alt}](../{EXTRA}/questions/{one.name}/{one.picture.name})")
+        alt = escape("; ".join(charts(one)))
+        shown.append(f'<img src="{one.name}/{one.picture.name}" alt="{alt}" loading="lazy">')
     figures = "\n".join(
         f"| {cell(f['meaning'] or key)} | {cell(value(f))} |" for key, f in found["figures"].items()
     )
@@ -139,17 +137,9 @@ def cell(text: str) -> str:
     return text.replace("|", "\\|").replace("*", "\\*").replace("$", "\\$")
 
 
-def value(figure: dict[str, object]) -> str:
+def value(told: dict[str, Any]) -> str:
     """A figure of the JSON in words."""
-    from workbench import Figure
-
-    return Figure(
-        **{
-            "value": float("nan"),
-            **{k: v for k, v in figure.items() if v is not None},
-            "error": figure["error"],
-        }
-    ).text()  # type: ignore[arg-type]
+    return Figure(**told | {"value": math.nan if told["value"] is None else told["value"]}).text()
 
 
 def charts(one: Answered) -> list[str]:

@@ -43,7 +43,7 @@ def commands() -> str:
     for name, words in SCRIPTS.items():
         command = [sys.executable, *words, "--help"]
         done = subprocess.run(
-            command, cwd=ROOT, env=os.environ | {"COLUMNS": "96"}, check=True, capture_output=True
+            command, cwd=ROOT, env=os.environ | {"COLUMNS": "88"}, check=True, capture_output=True
         )
         parts.append(section(name, done.stdout.decode()))
     return "\n\n".join(parts) + "\n"
@@ -63,7 +63,7 @@ def question(name: str) -> str:
 def help_of(call: Callable[[], object]) -> str:
     """What a parser prints before it ends the program."""
     said = io.StringIO()
-    with patch.dict(os.environ, COLUMNS="96"), redirect_stdout(said), suppress(SystemExit):
+    with patch.dict(os.environ, COLUMNS="88"), redirect_stdout(said), suppress(SystemExit):
         call()
     return said.getvalue()
 
@@ -92,7 +92,7 @@ def first(thing: object) -> str:
     if not callable(thing):
         return f"`{thing!r}`"
     words = " ".join((inspect.getdoc(thing) or "").split())
-    return re.split(r"(?<=\.)\s|; ", words)[0].replace("|", "\\|")
+    return re.split(r"(?<=\.)\s", words)[0].replace("|", "\\|")
 
 
 def directive(package: str, name: str) -> Iterator[str]:

@@ -20,6 +20,7 @@ from gallery.__main__ import build
 from gallery.answers import Answered
 from tests.conftest import QUICK, ROOT, ask
 from tests.pictures import differ
+from tests.test_docs import SITE_COMMAND
 from tests.workbench.browser import Browser
 from tests.workbench.test_report import shown
 from workbench.answer import PAGE, write
@@ -48,9 +49,10 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """What the command makes when nothing is there yet."""
+    """What the command of the README makes when nothing is there yet."""
     folder = tmp_path_factory.mktemp("gallery")
-    command = [sys.executable, "-m", "gallery", "--out", str(folder)]
+    _, _, words = SITE_COMMAND.partition(" python ")
+    command = [sys.executable, *words.split(), "--out", str(folder)]
     subprocess.run(command, cwd=ROOT, check=True)
     return folder
 
@@ -103,16 +105,14 @@ def wrong(page: Path, site: Path) -> Iterator[str]:
 def weight(page: Path) -> int:
     """How many bytes a page loads, with what stands in its frames."""
     loaded = parsed(page).xpath("//script/@src | //link[@rel='stylesheet']/@href | //iframe/@src")
-    return sum(
-        (page.parent / urlsplit(link).path).stat().st_size for link in {*loaded, page.name}
-    )
+    return sum((page.parent / urlsplit(link).path).stat().st_size for link in {*loaded, page.name})
 
 
 def problems(site: Path) -> dict[str, list[str]]:
     found = {page: list(wrong(page, site)) for page in pages(site) if page.name != PAGE}
-    for page in found:
+    for page, said in found.items():
         if (heavy := weight(page)) > LARGEST:
-            found[page].append(f"loads {heavy} bytes")
+            said.append(f"loads {heavy} bytes")
     return {str(page.relative_to(site)): said for page, said in found.items() if said}
 
 
