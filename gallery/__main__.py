@@ -43,15 +43,16 @@ def main() -> int:
     )
     parser.add_argument("--out", type=Path, default=ROOT / "results" / "gallery", help="folder")
     options = parser.parse_args()
+    out = options.out.resolve()
     for name in options.questions:
         if name not in known:
             parser.error(f"unknown question {name!r}; there are {', '.join(known)}")
     require("sphinx", "python -m gallery")
-    answers = [answered(name, options.out / "answers" / name) for name in options.questions]
+    answers = [answered(name, out / "answers" / name) for name in options.questions]
     for one in answers if options.pictures else ():
         if (kept := ROOT / "docs" / one.picture.name).is_file():
             copyfile(one.picture, kept)
-    site = build(answers, options.out)
+    site = build(answers, out)
     print(f"{len([*site.rglob('*.html')])} pages in {site}: open index.html")
     return 0
 

@@ -28,7 +28,7 @@ html_copy_source = html_use_index = html_domain_indices = False
 html_show_sphinx = html_show_copyright = False
 html_show_search_summary = False  # it asks for pages, which a browser refuses on a file
 html_theme_options = {"navigation_with_keys": False}
-exclude_patterns = ["components", "fmus", "tests"]
+include_patterns = ["*.md", "docs/**", "questions/**", "reference/**"]
 
 
 def formula(writer: Any, node: nodes.math | nodes.math_block) -> None:

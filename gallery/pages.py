@@ -22,7 +22,7 @@ from .answers import Answered
 
 EXTRA, THUMB = "_extra", (480, 360)
 LANDING = "resonance"
-NEEDS = "It needs no network; every figure carries its error."
+MOVE = "Move a slider: the question is asked again, of the C of the FMUs, in your browser. It needs no\nnetwork, and every figure carries its error."
 
 
 def write(answers: Sequence[Answered], folder: Path) -> None:
@@ -46,8 +46,8 @@ def write(answers: Sequence[Answered], folder: Path) -> None:
     write_text(folder / "questions.md", question_list(answers, folder))
     write_text(folder / "index.md", landing(answers))
     hosts = "\n".join(f"hosts/{page.stem}" for page in sorted((folder / "docs/hosts").glob("*.md")))
-    with (folder / "docs" / "hosts.md").open("a", encoding="utf-8") as page:
-        page.write(f"\n{tree('', hosts)}\n")
+    with (folder / "docs" / "hosts.md").open("a", encoding="utf-8") as text:
+        text.write(f"\n{tree('', hosts)}\n")
     write_text(folder / "commands.md", reference.commands())
     for package in reference.API:
         write_text(folder / "reference" / f"{package}.md", reference.api(package))
@@ -97,8 +97,7 @@ reports how much error the coupling adds to every result.
 [All guides](docs/README.md) · [Commands](commands.md) · Python: [cosim](reference/cosim.md),
 [workbench](reference/workbench.md), [fmukit](reference/fmukit.md)
 
-Below runs the C of two FMUs, a motor and a vibrating conveyor, in your browser. Does the operating
-speed sit on the resonance of the drive? Move a slider: the question is asked again. {NEEDS}
+{asked(first.page)} {MOVE}
 
 {live(first, "")}
 
@@ -119,9 +118,8 @@ def question(one: Answered) -> str:
              "answer</a> with curves, motion, data and how it was made.</p>"]  # fmt: skip
     if one.lives:
         shown = [live(one, "../")]
-    if one.picture.is_file():
-        alt = escape("; ".join(charts(one)))
-        shown.append(f'<img src="{one.name}/{one.picture.name}" alt="{alt}" loading="lazy">')
+    alt = escape("; ".join(charts(one)))
+    shown.append(f'<img src="{one.name}/{one.picture.name}" alt="{alt}" loading="lazy">')
     figures = "\n".join(
         f"| {cell(f['meaning'] or key)} | {cell(value(f))} |" for key, f in found["figures"].items()
     )
@@ -165,7 +163,7 @@ def machine(page: Path, answers: Sequence[Answered]) -> str:
     asked_of = "\n".join(f"* [{asked(one.page)}](../../questions/{one.name}.md)" for one in about)
     shown = f"## Questions asked of it\n\n{asked_of}\n"
     for one in [one for one in about if one.lives][:1]:
-        shown = f"## Live model\n\n{asked(one.page)} {NEEDS}\n\n{live(one, '../../')}\n\n{shown}"
+        shown = f"## Live model\n\n{MOVE}\n\n{live(one, '../../')}\n\n{shown}"
     before, heading, after = text.partition("\n## ")
     return f"{before}\n{shown}{heading}{after}"
 
@@ -174,7 +172,7 @@ def machine_list(machines: Sequence[Path], folder: Path) -> str:
     """The page that shows all machines by their drawings."""
     cards = []
     for page in machines:
-        name, title = re.search(r"# (\w+)\n\n\*\*(.+)\.\*\*", page.read_text("utf-8")).groups()  # type: ignore[union-attr]
+        ((name, title),) = re.findall(r"(?m)^# (\w+)\n\n\*\*(.+)\.\*\*", page.read_text("utf-8"))
         drawing = ROOT / "components" / page.stem / "drawing.svg"
         place = Path(EXTRA, "pictures", drawing.with_stem(page.stem).name)
         (folder / place).parent.mkdir(parents=True, exist_ok=True)

@@ -10,14 +10,15 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import redirect_stdout, suppress
+from functools import partial
 from importlib import import_module
 from unittest.mock import patch
 
 import cosim.__main__
-from scenarios.__main__ import HOME, PROJECT, ROOT
+from scenarios.__main__ import PROJECT, ROOT
 from workbench.command import main
-from workbench.question import names
 
+PROGRAM = "python -m scenarios"
 API = {
     "cosim": ("The master", ()),
     "workbench": ("Questions", ("measure", "live", "report.motion")),
@@ -35,10 +36,10 @@ def commands() -> str:
     parts = ["# Commands\n\nEach tells the same with `--help`. Those of a question: see its page."]
     coupling = cosim.__main__.parser()
     for name in coupling._actions[-1].choices or ():
-        said = help_of(lambda name=name: coupling.parse_args([name, "--help"]))
+        said = help_of(partial(coupling.parse_args, [name, "--help"]))
         parts.append(section(f"python -m cosim {name}", said))
     for name in ("run", "study"):
-        said = help_of(lambda name=name: main([name, "--help"], PROJECT, "python -m scenarios"))
+        said = help_of(partial(main, [name, "--help"], PROJECT, PROGRAM))
         parts.append(section(f"python -m scenarios {name}", said))
     for name, words in SCRIPTS.items():
         command = [sys.executable, *words, "--help"]
@@ -55,8 +56,7 @@ def section(title: str, said: str) -> str:
 
 def question(name: str) -> str:
     """The options of a question, as its command tells them."""
-    assert name in names(HOME)
-    said = help_of(lambda: main(["run", name, "--help"], PROJECT, "python -m scenarios"))
+    said = help_of(partial(main, ["run", name, "--help"], PROJECT, PROGRAM))
     return said[said.index("options:") :].strip()
 
 
