@@ -22,7 +22,7 @@ from .answers import Answered
 
 EXTRA, THUMB = "_extra", (480, 360)
 LANDING = "resonance"
-MOVE = "Move a slider: the question is asked again, of the C of the FMUs, in your browser. It needs no\nnetwork, and every figure carries its error."
+MOVE = "Move a slider: all of it runs in your browser, offline, and every figure carries its error."
 
 
 def write(answers: Sequence[Answered], folder: Path) -> None:
