@@ -16,6 +16,8 @@ import pytest
 
 from fmukit.fmu.page import EXTERNAL_DEPENDENCIES
 from tests.conftest import ROOT, ask
+from tests.pictures import differ
+from workbench.report.png import draw
 
 PAGES = sorted(
     str(path.relative_to(ROOT))
@@ -23,6 +25,7 @@ PAGES = sorted(
     if path.name != "CHANGELOG.md"
 )
 TEST_COMMAND = " pytest"
+SITE_COMMAND = ".venv/bin/uv run --no-dev --group site python -m gallery"
 NOT_TRIED = {"docs/hosts/omsimulator.md": "lua"}
 SLOW = {
     "python3 -m venv .venv && .venv/bin/pip install -q uv && "
@@ -127,7 +130,9 @@ def executable(block: Block, slow: bool) -> tuple[str, str, str] | None:
         return None
     if language == "sh":
         kept = [
-            "" if TEST_COMMAND in command or (command in SLOW and not slow) else line
+            ""
+            if TEST_COMMAND in command or command == SITE_COMMAND or (command in SLOW and not slow)
+            else line
             for line, command in zip(block.text.splitlines(), commands(block.text))
         ]
         return ("sh", block.place, "\n".join(kept) + "\n")
@@ -210,7 +215,7 @@ INLINE = sorted({span for page in PAGES for span in spans(page) if span.startswi
     [
         pytest.param(command, marks=[pytest.mark.slow] if command in SLOW else [])
         for command in INLINE
-        if TEST_COMMAND not in command
+        if TEST_COMMAND not in command and command != SITE_COMMAND
     ],
 )
 def test_a_command_within_the_text_works(command: str, tree: Path) -> None:
@@ -236,6 +241,7 @@ def test_nothing_is_left_out() -> None:
     assert left == NOT_TRIED
     assert seen >= SLOW
     assert any(TEST_COMMAND in command for command in seen)
+    assert SITE_COMMAND in seen
 
 
 @pytest.mark.parametrize("page", PAGES)
@@ -279,16 +285,19 @@ def test_the_tutorial_prints_what_it_says(tree: Path) -> None:
     assert (tree / "results" / "tutorial.png").stat().st_size > 20_000
 
 
-def test_the_first_command_answers_as_the_readme_shows() -> None:
-    """Word by word; figures within the errors that stand behind them."""
+def test_the_first_command_answers_as_the_readme_shows(tmp_path: Path) -> None:
+    """Word by word; figures within the errors that stand behind them; and with its picture."""
+    answer = ask("resonance")
     (block,) = (block for block in blocks("README.md") if block.info == "text")
-    shown, said = (" ".join(text.split()) for text in (block.text, ask("resonance").verdict))
+    shown, said = (" ".join(text.split()) for text in (block.text, answer.verdict))
     figure = r"([\d.]+) ± ([\d.]+)"
     assert re.sub(figure, "#", said).startswith(re.sub(figure, "#", shown))
     pairs = list(zip(re.findall(figure, shown), re.findall(figure, said)))
     assert len(pairs) == 4
     for (value, error), (found, _) in pairs:
         assert abs(float(found) - float(value)) <= float(error)
+    draw(answer.show(), answer.question, tmp_path / "resonance.png")
+    assert not differ(ROOT / "docs" / "resonance.png", tmp_path / "resonance.png")
 
 
 def test_what_fails_on_a_page_is_seen(tree: Path) -> None:

@@ -73,8 +73,8 @@ class Estimate(NamedTuple):
 def estimate(values: Sequence[float], order: float, ratio: float = HALVED) -> Estimate:
     """The estimate from runs with steps h, r h and r^2 h, in this order, of an algorithm's order p.
 
-    The differences d = |v(h) - v(r h)| and D = |v(r h) - v(r^2 h)| are those of errors that fall with
-    the observed order q, but no faster than with p: the error is the larger of d and D / r^p, over
+    The differences `d = |v(h) - v(r h)|` and `D = |v(r h) - v(r^2 h)|` are those of errors that fall
+    with the observed order q, but no faster than with p: the error is the larger of d and D / r^p, over
     r^q - 1, times SAFETY. Where they have opposite signs and fall, it is D times SAFETY. What does
     not fall has no error, nor what falls in no known order and leaves more than VAGUE of the value.
     """

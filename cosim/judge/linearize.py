@@ -54,7 +54,7 @@ class Linear:
 
     @property
     def modes(self) -> pd.DataFrame:
-        """Eigenvalue [1/s], natural frequency |s| [rad/s], damping ratio -Re s/|s|; a pair as one."""
+        """Eigenvalue [1/s], natural frequency `|s|` [rad/s], damping ratio `-Re s/|s|`; a pair as one."""
         import pandas as pd
 
         s = self.eigenvalues

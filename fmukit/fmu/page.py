@@ -114,8 +114,10 @@ def github(interface: Interface, plot: str, folder: Path) -> str:
     """The page as GitHub shows it from this folder."""
     picture = beside(interface.model, "drawing.svg")
     place = os.path.relpath(picture, folder) if picture else ""
-    drawing = f"![Drawing]({Path(place).as_posix()})" if picture else ""
-    return written(text(interface, drawing, f"![Outputs over time]({plot})"))
+    drawing = f"![Drawing: {title(interface.model)}]({Path(place).as_posix()})" if picture else ""
+    return written(
+        text(interface, drawing, f"![Outputs over time in the default experiment]({plot})")
+    )
 
 
 def written(page: str) -> str:

@@ -1,11 +1,11 @@
 """Carry a component over one communication step: its own exact update, or the integrator.
 
-A component whose equations repeat costly work may do it once, in
+A component whose equations repeat costly work may do it once, in::
 
     prepare(p, x) -> Any             what `derivatives` may take as a fifth argument throughout a step
                                      that begins with the state x
 
-A hybrid component adds to its equations
+A hybrid component adds to its equations::
 
     guard(p, t, x, u) -> tuple       each positive; an event is where one falls below zero
     jump(p, t, x, u, which) -> State the state just after guard number `which` fell

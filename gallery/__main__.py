@@ -1,0 +1,91 @@
+"""python -m gallery [--questions NAME,NAME] [--pictures] [--out DIR]: make the site of the project.
+
+DIR/site is the site: guides, machines with their live models, the answers of the questions, reference,
+search. It needs no server and no network: open index.html, or publish the folder as it is. Answers are
+kept in DIR/answers and asked for again when code or FMUs have changed.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from shutil import copyfile, rmtree
+
+from cosim.commandline import Parser, exit_code, require
+from scenarios.__main__ import HOME, ROOT
+from workbench.answer import PAGE
+from workbench.question import names
+
+from . import pages
+from .answers import Answered, answered
+
+MENDED = {
+    'class="caption" role="heading"': 'class="caption" role="heading" aria-level="2"',
+    '<aside class="sidebar-drawer"': '<aside class="sidebar-drawer" aria-label="Pages"',
+    '<aside class="toc-drawer"': '<aside class="toc-drawer" aria-label="On this page"',
+    "<pre>": '<pre tabindex="0">',
+    '<div class="table-wrapper': '<div tabindex="0" class="table-wrapper',
+    '<div id="search-results">': '<h1>Search</h1>\n<div id="search-results">',
+}
+
+
+def main() -> int:
+    """Make the site as the command line says; its exit code."""
+    known = [*names(HOME)]
+    parser = Parser(prog="python -m gallery", description="Make the site.")
+    parser.add_argument(
+        "--questions", type=lambda text: text.split(","), default=known, metavar="NAME,NAME",
+        help="answer these alone (default: all)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--pictures", action="store_true", help="also renew the pictures of answers in docs"
+    )
+    parser.add_argument("--out", type=Path, default=ROOT / "results" / "gallery", help="folder")
+    options = parser.parse_args()
+    out = options.out.resolve()
+    for name in options.questions:
+        if name not in known:
+            parser.error(f"unknown question {name!r}; there are {', '.join(known)}")
+    require("sphinx", "python -m gallery")
+    answers = [answered(name, out / "answers" / name) for name in options.questions]
+    for one in answers if options.pictures else ():
+        if (kept := ROOT / "docs" / one.picture.name).is_file():
+            copyfile(one.picture, kept)
+    site = build(answers, out)
+    print(f"{len([*site.rglob('*.html')])} pages in {site}: open index.html")
+    return 0
+
+
+def build(answers: Sequence[Answered], out: Path) -> Path:
+    """Make the site that shows these answers in out/site; raises SphinxError for any warning."""
+    from sphinx.application import Sphinx
+    from sphinx.util.docutils import docutils_namespace, patch_docutils
+
+    source, made = out / "pages", out / "site"
+    for folder in (source, made):
+        rmtree(folder, ignore_errors=True)
+    pages.write(answers, source)
+    settings = Path(pages.__file__).parent
+    extra = {"html_extra_path": [str(source / pages.EXTRA)]}
+    with patch_docutils(settings), docutils_namespace():
+        site = Sphinx(
+            source, settings, made, out / "doctrees", "html", confoverrides=extra, status=None,
+            warning=sys.stderr, freshenv=True, warningiserror=True,
+        )  # fmt: skip
+        site.build(force_all=True)
+    for page in made.rglob("*.html"):
+        if page.name != PAGE:
+            page.write_text(mended(page.read_text(encoding="utf-8")), encoding="utf-8")
+    return made
+
+
+def mended(text: str) -> str:
+    """A page of the theme with what people need who do not see it or use no mouse."""
+    for less, more in MENDED.items():
+        text = text.replace(less, more)
+    return text
+
+
+if __name__ == "__main__":
+    sys.exit(exit_code(main))

@@ -1,0 +1,93 @@
+"""The answers that the site shows: each question with the options it has by default, asked once."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import re
+import subprocess
+import sys
+from functools import cache
+from pathlib import Path
+from shutil import rmtree
+from types import ModuleType
+from typing import Any, NamedTuple
+
+from cosim import SetupError, versions
+from scenarios.__main__ import HOME, PROJECT, ROOT
+from workbench.question import find, load, parts
+
+KEY = "made_of.txt"
+
+
+class Answered(NamedTuple):
+    """A question, its page of Python, the command that asked it, and the folder of its files."""
+
+    name: str
+    page: ModuleType
+    command: str
+    folder: Path
+
+    @property
+    def found(self) -> dict[str, Any]:
+        """What its JSON holds."""
+        text = (self.folder / f"{self.name}.json").read_text(encoding="utf-8")
+        return dict(json.loads(text))
+
+    @property
+    def picture(self) -> Path:
+        """Its picture."""
+        return self.folder / f"{self.name}.png"
+
+    @property
+    def lives(self) -> bool:
+        """Whether its page has a live part."""
+        return hasattr(self.page, "LIVE")
+
+
+def answered(name: str, folder: Path) -> Answered:
+    """The answer in that folder, asked for again unless it is that of this code and these FMUs.
+
+    Raises SetupError where the question has no answer.
+    """
+    page = load(find(HOME, name))
+    words = ["run", name, *given(name), "--flavour", "native"]
+    asked = Answered(name, page, f"python -m scenarios {' '.join(words)}", folder)
+    fmus = PROJECT.fmus(page, "native")
+    key = hashlib.sha256(repr((words, code(), versions())).encode())
+    for part in parts(page):
+        key.update(fmus[part].read_bytes())
+    made = folder / KEY
+    if not made.is_file() or made.read_text() != key.hexdigest():
+        print(f"{name} ...", flush=True)
+        rmtree(folder, ignore_errors=True)
+        options = ["--jobs", str(os.cpu_count()), "--out", str(folder)]
+        done = subprocess.run(
+            [sys.executable, "-m", "scenarios", *words, *options], cwd=ROOT, check=False,
+            capture_output=True, text=True,
+        )  # fmt: skip
+        if done.returncode:
+            raise SetupError(f"{asked.command}: {done.stderr.strip()}")
+        made.write_text(key.hexdigest())
+    return asked
+
+
+def given(name: str) -> list[str]:
+    """The record that a question cannot do without, and what else its guide gives with it."""
+    for guide in sorted((ROOT / "docs").glob("*.md")):
+        text = guide.read_text(encoding="utf-8")
+        if found := re.search(rf"scenarios run {name} (.*--data .*)", text):
+            return found[1].replace("--flavour native", "").split()
+    return []
+
+
+@cache
+def code() -> str:
+    """A hash of all that makes an answer of a question and its FMUs."""
+    found = hashlib.sha256()
+    for package in ("cosim", "workbench", "scenarios", "examples"):
+        for path in sorted((ROOT / package).rglob("*.*")):
+            if path.suffix in (".py", ".c", ".js", ".html", ".csv"):
+                found.update(path.read_bytes())
+    return found.hexdigest()

@@ -1,0 +1,55 @@
+"""Sphinx makes the site: Markdown by MyST, docstrings by autodoc, formulas as MathML, no network."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+from docutils import nodes
+from latex2mathml.converter import convert
+from sphinx.application import Sphinx
+
+project, author = "Drive FMUs", "The drive FMU authors"
+extensions = ["myst_parser", "sphinx.ext.autodoc"]
+default_role = "code"
+myst_enable_extensions = ["attrs_block", "colon_fence", "dollarmath"]
+myst_fence_as_directive = ["math"]
+myst_heading_anchors = 3
+autodoc_default_options = {"members": True, "member-order": "bysource"}
+autodoc_preserve_defaults = True
+autodoc_typehints_format = "short"
+html_math_renderer = "mathml"
+html_theme = "furo"
+html_title = project
+html_static_path = [str(Path(__file__).with_name("static"))]
+html_css_files, html_js_files = ["gallery.css"], [("gallery.js", {"defer": "defer"})]
+html_copy_source = html_use_index = html_domain_indices = False
+html_show_sphinx = html_show_copyright = False
+html_show_search_summary = False  # it asks for pages, which a browser refuses on a file
+html_theme_options = {"navigation_with_keys": False}
+include_patterns = ["*.md", "docs/**", "questions/**", "reference/**"]
+
+
+def formula(writer: Any, node: nodes.math | nodes.math_block) -> None:
+    """Write a formula as MathML, which browsers draw and readers read aloud."""
+    block = isinstance(node, nodes.math_block)
+    drawn = convert(node.astext(), display="block" if block else "inline")
+    writer.body.append(f'<div class="formula" tabindex="0">{drawn}</div>' if block else drawn)
+    raise nodes.SkipNode
+
+
+def plain_formulas(_app: Sphinx, _name: str, text: list[str]) -> None:
+    """Turn the formulas that GitHub protects, $`x`$, into those of MyST, $x$."""
+    text[0] = re.sub(r"\$`(.+?)`\$", r"$\1$", text[0], flags=re.DOTALL)
+
+
+def no_aliases(_app: Sphinx, _what: str, _name: str, member: object, skip: bool, _: object) -> Any:
+    """Leave out what Python says of the fields of a named tuple; its docstring tells them."""
+    return skip or (getattr(member, "__doc__", None) or "").startswith("Alias for field") or None
+
+
+def setup(app: Sphinx) -> None:
+    app.add_html_math_renderer("mathml", (formula, None), (formula, None))
+    app.connect("source-read", plain_formulas)
+    app.connect("autodoc-skip-member", no_aliases)

@@ -1,0 +1,208 @@
+"""What Sphinx is given: the guides as they are, and pages made of machines, answers and docstrings."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+from html import escape
+from pathlib import Path
+from shutil import copyfile, copytree, ignore_patterns
+from typing import Any
+
+from lxml import html
+from PIL import Image
+
+from scenarios.__main__ import ROOT
+from workbench import Figure
+from workbench.question import asked, parts
+
+from . import reference
+from .answers import Answered
+
+EXTRA, THUMB = "_extra", (480, 360)
+LANDING = "resonance"
+MOVE = "Move a slider: all of it runs in your browser, offline, and every figure carries its error."
+
+
+def write(answers: Sequence[Answered], folder: Path) -> None:
+    """Write all pages into a folder, in which links lead where they lead in the project."""
+    folder.mkdir(parents=True)
+    for path in ROOT.iterdir():
+        if path.suffix in (".md", ".py", ".toml") or path.name == "LICENSE":
+            copyfile(path, folder / path.name)
+        elif path.is_dir() and path.name not in ("docs", "results") and path.name[0] != ".":
+            (folder / path.name).symlink_to(path)
+    copytree(ROOT / "docs", folder / "docs")
+    for asked_of in answers:
+        extra = folder / EXTRA / "questions" / asked_of.name
+        copytree(asked_of.folder, extra, ignore=ignore_patterns("*.txt"))
+        (folder / "questions").mkdir(exist_ok=True)
+        write_text(folder / "questions" / f"{asked_of.name}.md", question(asked_of))
+    machines = sorted((folder / "docs" / "machines").glob("*.md"))
+    for page in machines:
+        write_text(page, machine(page, answers))
+    write_text(folder / "machines.md", machine_list(machines, folder))
+    write_text(folder / "questions.md", question_list(answers, folder))
+    write_text(folder / "index.md", landing(answers))
+    hosts = "\n".join(f"hosts/{page.stem}" for page in sorted((folder / "docs/hosts").glob("*.md")))
+    with (folder / "docs" / "hosts.md").open("a", encoding="utf-8") as text:
+        text.write(f"\n{tree('', hosts)}\n")
+    write_text(folder / "commands.md", reference.commands())
+    for package in reference.API:
+        write_text(folder / "reference" / f"{package}.md", reference.api(package))
+
+
+def write_text(path: Path, text: str) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text, encoding="utf-8")
+
+
+def tree(caption: str, pages: str) -> str:
+    """A part of the list of pages."""
+    head = f":caption: {caption}\n" if caption else ""
+    return f":::{{toctree}}\n:hidden:\n{head}\n{pages}\n:::"
+
+
+def live(one: Answered, root: str) -> str:
+    """The live part of a question's page, and the way to the whole of it."""
+    page = f"{root}questions/{one.name}/report.html"
+    title = escape(f"Live model: {asked(one.page)}")
+    return (
+        f'<iframe class="live" src="{page}" title="{title}" loading="lazy"></iframe>\n\n'
+        f'<p class="way"><a href="{page}">Open the live page alone</a>, with all curves, '
+        "figures and data.</p>"
+    )
+
+
+def landing(answers: Sequence[Answered]) -> str:
+    """The first page."""
+    first = next((one for one in answers if one.name == LANDING), answers[0])
+    guides = re.findall(r"\]\(([\w/]+)\.md\)", (ROOT / "docs" / "README.md").read_text("utf-8"))
+    guides = [f"docs/{name}" for name in dict.fromkeys(guides) if "/" not in name]
+    trees = {
+        "Look": ["machines", "questions"],
+        "Read": ["The project <README>", "All guides <docs/README>", *guides],
+        "Look up": ["commands", *(f"reference/{name}" for name in reference.API), "CONTRIBUTING",
+                    "CHANGELOG"],
+    }  # fmt: skip
+    contents = "\n\n".join(tree(caption, "\n".join(names)) for caption, names in trees.items())
+    return f"""\
+# Drive FMUs
+
+Drop-in FMI 2.0 co-simulation FMUs of electromechanical drives, and a co-simulation master that
+reports how much error the coupling adds to every result.
+
+[Machines](machines.md) · [Questions](questions.md) · [The project on one page](README.md) ·
+[All guides](docs/README.md) · [Commands](commands.md) · Python: [cosim](reference/cosim.md),
+[workbench](reference/workbench.md), [fmukit](reference/fmukit.md)
+
+{asked(first.page)} {MOVE}
+
+{live(first, "")}
+
+{contents}
+"""
+
+
+def question(one: Answered) -> str:
+    """The page of a question: its answer, live where it can be, its figures and options."""
+    found, text = one.found, (one.page.__doc__ or "").strip()
+    head, _, rest = text.partition("\n")
+    used = ", ".join(
+        f"[{fmu}](../docs/machines/{page_of(fmu)}.md)"
+        for fmu in dict.fromkeys(parts(one.page).values())
+    )
+    verdict = "\n".join(f"> {line}\n>" for line in found["verdict"])
+    shown = [f'<p class="way"><a class="button" href="{one.name}/report.html">Open the whole '
+             "answer</a> with curves, motion, data and how it was made.</p>"]  # fmt: skip
+    if one.lives:
+        shown = [live(one, "../")]
+    alt = escape("; ".join(charts(one)))
+    shown.append(f'<img src="{one.name}/{one.picture.name}" alt="{alt}" loading="lazy">')
+    figures = "\n".join(
+        f"| {cell(f['meaning'] or key)} | {cell(value(f))} |" for key, f in found["figures"].items()
+    )
+    return "\n\n".join([
+        f"# {head}", rest.strip(), f"Machines: {used}.", verdict, *shown,
+        f"## Figures\n\n| figure | value |\n| --- | --- |\n{figures}",
+        f"## Ask it\n\n```sh\n{one.command}\n```\n\n```text\n{reference.question(one.name)}\n```",
+    ]) + "\n"  # fmt: skip
+
+
+def cell(text: str) -> str:
+    """Text in a table."""
+    return text.replace("|", "\\|").replace("*", "\\*").replace("$", "\\$")
+
+
+def value(told: dict[str, Any]) -> str:
+    """A figure of the JSON in words."""
+    return Figure(**told | {"value": math.nan if told["value"] is None else told["value"]}).text()
+
+
+def charts(one: Answered) -> list[str]:
+    """The titles of the charts of an answer."""
+    page = html.parse(str(one.folder / "report.html"))
+    return [
+        title.text_content() for title in page.xpath("//section[@aria-labelledby='charts']//h3")
+    ]
+
+
+def page_of(fmu: str) -> str:
+    """The name of a machine's page, "drive_motor", from that of its FMU."""
+    pages = (ROOT / "docs" / "machines").glob("*.md")
+    return next(page.stem for page in pages if page.stem.replace("_", "").lower() == fmu.lower())
+
+
+def machine(page: Path, answers: Sequence[Answered]) -> str:
+    """The page of a machine, with its live model and the questions asked of it."""
+    text = page.read_text(encoding="utf-8")
+    about = [one for one in answers if page.stem in map(page_of, parts(one.page).values())]
+    if not about:
+        return text
+    asked_of = "\n".join(f"* [{asked(one.page)}](../../questions/{one.name}.md)" for one in about)
+    shown = f"## Questions asked of it\n\n{asked_of}\n"
+    for one in [one for one in about if one.lives][:1]:
+        shown = f"## Live model\n\n{MOVE}\n\n{live(one, '../../')}\n\n{shown}"
+    before, heading, after = text.partition("\n## ")
+    return f"{before}\n{shown}{heading}{after}"
+
+
+def machine_list(machines: Sequence[Path], folder: Path) -> str:
+    """The page that shows all machines by their drawings."""
+    cards = []
+    for page in machines:
+        ((name, title),) = re.findall(r"(?m)^# (\w+)\n\n\*\*(.+)\.\*\*", page.read_text("utf-8"))
+        drawing = ROOT / "components" / page.stem / "drawing.svg"
+        place = Path(EXTRA, "pictures", drawing.with_stem(page.stem).name)
+        (folder / place).parent.mkdir(parents=True, exist_ok=True)
+        copyfile(drawing, folder / place)
+        cards.append(card(f"docs/machines/{page.stem}.html", place, name, title))
+    pages = tree("", "\n".join(f"docs/machines/{page.stem}" for page in machines))
+    return f"# Machines\n\nOne FMU each, from a page of equations.\n\n{deck(cards)}\n\n{pages}\n"
+
+
+def question_list(answers: Sequence[Answered], folder: Path) -> str:
+    """The page that shows all questions by their pictures."""
+    cards = []
+    for one in answers:
+        place = Path(EXTRA, "pictures", one.picture.name)
+        (folder / place).parent.mkdir(parents=True, exist_ok=True)
+        with Image.open(one.picture) as whole:
+            whole.convert("RGB").resize(
+                (THUMB[0], round(whole.height * THUMB[0] / whole.width)), Image.Resampling.LANCZOS
+            ).quantize(64).save(folder / place, optimize=True)
+        title = asked(one.page) + (" Live." if one.lives else "")
+        cards.append(card(f"questions/{one.name}.html", place, one.name, title))
+    pages = tree("", "\n".join(f"{one.name} <questions/{one.name}>" for one in answers))
+    return f"# Questions\n\nEach is a page of Python, [answered](docs/scenarios.md) with errors.\n\n{deck(cards)}\n\n{pages}\n"
+
+
+def deck(cards: Sequence[str]) -> str:
+    return f'<ul class="cards">{"".join(cards)}</ul>'
+
+
+def card(page: str, picture: Path, name: str, title: str) -> str:
+    """A picture that leads to a page."""
+    drawn = f'<img src="{picture.relative_to(EXTRA).as_posix()}" alt="" loading="lazy">'
+    return f'<li><a href="{page}">{drawn}<b>{name}</b></a><span>{escape(title)}</span></li>'

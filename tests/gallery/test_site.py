@@ -1,0 +1,194 @@
+"""The site: it builds without a warning, every link leads somewhere, and everybody can use it, from a
+file and offline."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Iterator, Sequence
+from functools import cache
+from importlib.resources import files
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+from urllib.parse import unquote, urlsplit
+
+import pytest
+from lxml import html
+
+from gallery.__main__ import build
+from gallery.answers import Answered
+from tests.conftest import QUICK, ROOT, ask
+from tests.pictures import differ
+from tests.test_docs import SITE_COMMAND
+from tests.workbench.browser import Browser
+from tests.workbench.test_report import shown
+from workbench.answer import PAGE, write
+from workbench.question import find, load
+
+__all__ = ["shown"]
+pytestmark = pytest.mark.filterwarnings("ignore:'myst_parser")
+LARGEST = 3_000_000
+LOOKED_AT = ("machines.html", "docs/machines/shaft_link.html", "search.html")
+AXE = """axe.run(document, {iframes: false, resultTypes: ["violations"]}).then(found =>
+    found.violations.map(({id, nodes}) => `${id}: ${nodes[0].target}`))"""
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The site with one answer, to a question with short options."""
+    folder = tmp_path_factory.mktemp("gallery")
+    answers = folder / "answers"
+    write(ask("resonance", answers, **QUICK["resonance"]), answers)
+    page = load(find(ROOT / "scenarios", "resonance"))
+    return build([Answered("resonance", page, "scenarios run resonance", answers)], folder)
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """What the command of the README makes when nothing is there yet."""
+    folder = tmp_path_factory.mktemp("gallery")
+    _, _, words = SITE_COMMAND.partition(" python ")
+    command = [sys.executable, *words.split(), "--out", str(folder)]
+    subprocess.run(command, cwd=ROOT, check=True)
+    return folder
+
+
+@cache
+def parsed(page: Path) -> Any:
+    return html.parse(str(page)).getroot()
+
+
+@cache
+def names(page: Path) -> frozenset[str]:
+    """What a link may lead to within a page."""
+    return frozenset(parsed(page).xpath("//@id"))
+
+
+def pages(site: Path) -> list[Path]:
+    return sorted(site.rglob("*.html"))
+
+
+def wrong(page: Path, site: Path) -> Iterator[str]:
+    """What is missing in a page, and the links that lead nowhere or fetch something."""
+    tree = parsed(page)
+    for what in ("/html[@lang]", "//title[string-length() > 3]", "//meta[@name='viewport']"):
+        if not tree.xpath(what):
+            yield f"no {what}"
+    headings = [(int(x.tag[1]), x.text_content()) for x in tree.iter("h1", "h2", "h3", "h4", "h5")]
+    if [level for level, _ in headings].count(1) != 1:
+        yield f"not one h1: {headings}"
+    for (upper, _), (lower, words) in pairwise(headings):
+        if lower > upper + 1:
+            yield f"{words!r} skips a level"
+    for image in tree.iter("img"):
+        beside = "".join(image.xpath("ancestor::a//text()")).strip()
+        if not (image.get("alt") or (image.get("alt") == "" and beside)):
+            yield f"no alternative text: {image.get('src')}"
+    yield from (f"no title: {frame.get('src')}" for frame in tree.xpath("//iframe[not(@title)]"))
+    for element, _, link, _ in tree.iterlinks():
+        to = urlsplit(link)
+        if to.scheme in ("http", "https"):
+            if element.tag != "a" and element.get("rel") != "license":
+                yield f"fetches {link}"
+        elif to.scheme not in ("data", "blob", "mailto"):
+            target = (page.parent / unquote(to.path)).resolve() if to.path else page
+            if not target.is_file() or site.resolve() not in target.parents:
+                yield f"leads nowhere: {link}"
+            elif to.fragment and unquote(to.fragment) not in names(target):
+                yield f"leads to no place of {target.name}: {link}"
+
+
+def weight(page: Path) -> int:
+    """How many bytes a page loads, with what stands in its frames."""
+    loaded = parsed(page).xpath("//script/@src | //link[@rel='stylesheet']/@href | //iframe/@src")
+    return sum((page.parent / urlsplit(link).path).stat().st_size for link in {*loaded, page.name})
+
+
+def problems(site: Path) -> dict[str, list[str]]:
+    found = {page: list(wrong(page, site)) for page in pages(site) if page.name != PAGE}
+    for page, said in found.items():
+        if (heavy := weight(page)) > LARGEST:
+            said.append(f"loads {heavy} bytes")
+    return {str(page.relative_to(site)): said for page, said in found.items() if said}
+
+
+def looked_at(browser: Browser, pages: Sequence[Path]) -> dict[str, list[str]]:
+    """What a browser and axe, on light and dark screens and on a phone, find wrong with pages."""
+    axe, found = (files("axe_core_python") / "axe.min.js").read_text(encoding="utf-8"), {}
+    for page in pages:
+        said = found[str(page)] = []
+        for scheme in ("dark", "light"):
+            browser.open(page, 390 if scheme == "dark" else 1280)
+            media = [{"name": "prefers-color-scheme", "value": scheme}]
+            browser.call("Emulation.setEmulatedMedia", features=media)
+            browser.value(f"{axe}; 0")
+            said += browser.value(AXE)
+            wide = browser.value("document.documentElement.scrollWidth - innerWidth")
+            said += [f"{wide} pixels too wide"] * (wide > 0)
+            said += map(str, browser.reported("Runtime.exceptionThrown"))
+            said += map(str, browser.reported("Log.entryAdded"))
+            asked = [x["request"]["url"] for x in browser.reported("Network.requestWillBeSent")]
+            said += [url for url in asked if not url.startswith(("file:", "data:", "blob:"))]
+    return {page: said for page, said in found.items() if said}
+
+
+def test_pages_are_whole_and_every_link_leads_somewhere(site: Path) -> None:
+    assert not problems(site)
+    there = {str(page.relative_to(site)) for page in pages(site)}
+    made = ("index", "questions", "questions/resonance", "questions/resonance/report", "commands")
+    assert {*LOOKED_AT, *(f"{name}.html" for name in made)} <= there
+    guides = [*(ROOT / "docs").rglob("*.md"), *ROOT.glob("*.md")]
+    assert {str(guide.relative_to(ROOT).with_suffix(".html")) for guide in guides} <= there
+    text = (site / "reference" / "cosim.html").read_text(encoding="utf-8")
+    assert 'id="cosim.run"' in text
+    assert "Alias for field" not in text
+
+
+def test_pages_are_for_everybody_and_need_no_network(site: Path, shown: Browser) -> None:
+    assert not looked_at(shown, [site / name for name in LOOKED_AT])
+
+
+def test_the_live_model_on_the_first_page_fills_its_frame(site: Path, shown: Browser) -> None:
+    shown.open(site / "index.html", 1280)
+    frame = "document.querySelector('iframe.live')"
+    shown.until(f"parseFloat({frame}.style.height) > 800")
+    shown.open(site / "questions/resonance/report.html", 1280)
+    assert shown.value("document.documentElement.className") == ""
+
+
+def test_the_search_finds_a_page_from_a_file(site: Path, shown: Browser) -> None:
+    shown.open(site / "search.html", 1280)
+    shown.call("Page.navigate", url=f"{(site / 'search.html').as_uri()}?q=backlash")
+    shown.until("document.querySelectorAll('#search-results li a').length > 2")
+    found = shown.value("[...document.querySelectorAll('#search-results li a')].map(x => x.href)")
+    assert any("shaft_link" in link for link in found)
+
+
+def test_what_is_wrong_with_a_page_is_seen(tmp_path: Path) -> None:
+    (tmp_path / "other.html").write_text("<html><body><p id='here'></body></html>")
+    page = tmp_path / "page.html"
+    page.write_text(
+        "<html><body><h2>A</h2><h4>B</h4><img src='other.html'><a href='other.html#here'>x</a>"
+        "<a href='other.html#gone'>x</a><a href='gone.html'>x</a><a href='../tmp'>x</a>"
+        "<script src='https://far.org/x.js'></script><a href='https://far.org'>x</a></body></html>"
+    )
+    said = "\n".join(wrong(page, tmp_path))
+    for what in ("no /html[@lang]", "no //title", "no //meta", "not one h1", "'B' skips a level",
+                 "no alternative text", "other.html#gone", "nowhere: gone.html", "nowhere: ../tmp",
+                 "fetches https://far.org/x.js"):  # fmt: skip
+        assert what in said
+    assert len(said.splitlines()) == 10
+
+
+@pytest.mark.slow
+def test_so_is_the_whole_site_that_the_command_makes(whole: Path, shown: Browser) -> None:
+    site = whole / "site"
+    assert not problems(site)
+    assert not looked_at(shown, [page for page in pages(site) if page.name != PAGE])
+
+
+@pytest.mark.slow
+def test_pictures_of_the_guides_are_those_of_the_answers(whole: Path) -> None:
+    for picture in (ROOT / "docs").glob("*.png"):
+        assert not differ(picture, whole / "answers" / picture.stem / picture.name)
