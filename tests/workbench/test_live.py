@@ -32,9 +32,14 @@ from workbench.report import html
 __all__ = ["shown"]
 SWEEP = {"speeds": "34,38,40,42,46", "steps_per_rev": 128}
 LIVE: dict[str, Mapping[str, Any]] = {
+    "iron_bounce": {},
     "iron_cycle": {},
+    "iron_start": {},
     "orientator_cycle": {},
+    "packing_line": {},
     "resonance": {"speeds": "36,40,44", "steps_per_rev": 72, "limit": 120},
+    "run_up": {},
+    "sommerfeld": {"supplies": "18:32:8"},
 }
 SAMPLE = ("CrankConveyor", "GravityOrientator")
 PART = "document.getElementById('live-part')"
@@ -47,6 +52,14 @@ MOVED = [
     ("orientator_cycle", {"friction": 0.1, "orientator.chute.H": 0.06, "speed": 6.0}),
     ("orientator_cycle", {"friction": 0.8, "speed": 9.0}),
     ("orientator_cycle", {"orientator.spring.c": 35.0, "speed": 2.0}),
+    ("iron_bounce", {"speed": 11.0, "iron.follower.e": 0.6}),
+    ("iron_start", {"motor_A": 2.0, "iron.iron.m": 7.0}),
+    ("packing_line", {"gear": 2.2, "orientator.chute.mu": 0.7}),
+    ("packing_line", {"iron_speed": 5.0, "iron.iron.m": 6.0, "speed": 50.0}),
+    ("run_up", {"motor.T": 0.03, "conveyor.spring.c": 5e5}),
+    ("run_up", {"conveyor.trough.m": 390.0, "speed": 45.0}),
+    ("sommerfeld", {"motor.R": 3.0}),
+    ("sommerfeld", {"exciter.mount.d": 150.0}),
 ]
 OTHERS = [
     ("resonance", {**SWEEP, "algorithm": "gauss-seidel", "steps_per_rev": 256}),
@@ -282,7 +295,7 @@ def test_a_module_computes_what_its_fmu_does(name: str, shown: Browser, tmp_path
     shown.value(f"window.letters = '{letters}', 0")
     imports, values, once, again = shown.value(f"""(() => {{ {engine}
         const bytes = Uint8Array.from(atob(letters), x => x.charCodeAt(0));
-        const module = new WebAssembly.Module(bytes), system = new System({{ m: module }}, [], ["m"]);
+        const module = new WebAssembly.Module(bytes), system = new Network({{ m: module }}, [], ["m"]);
         system.start({{}});
         const rows = system.run({50 * step!r}, {step!r}, "strang", {columns});
         const {{ flat, instance }} = system.parts.m, kept = flat.save(instance);

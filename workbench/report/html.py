@@ -33,7 +33,7 @@ def report(answer: Answer, path: Path) -> None:
     pictures, most = [*show.charts, *show.more], [first_sheet(answer)]
     charts = [figure(each, room) for each, room in zip(pictures, most + [LATER] * len(pictures))]
     live = answer.live
-    content: dict[str, Any] = {"charts": charts, "motions": list(map(_motion, show.motions))}
+    content: dict[str, Any] = {"charts": charts, "motions": list(map(motion, show.motions))}
     content |= {"live": live.data} if live else {}
     folder = FileSystemLoader(Path(__file__).parent)
     made = Environment(loader=folder, autoescape=True, trim_blocks=True, lstrip_blocks=True)
@@ -122,13 +122,13 @@ def _provenance(known: Mapping[str, Any]) -> list[tuple[str, str]]:
     return [*rows, *known["versions"].items(), ("curves", drawn)]
 
 
-def _motion(motion: Motion) -> Words:
+def motion(it: Motion) -> Words:
     """A motion as the page's script gets it."""
-    times = (motion.times - motion.times[0]).round(6).tolist()
-    pace = "In real time." if motion.slow == 1 else f"{motion.slow:g} times slower than real."
-    low, high = motion.bounds
-    place = {"low": low[0], "high": high[1], "scale": scale_of(motion), "edge": EDGE}
+    times = (it.times - it.times[0]).round(6).tolist()
+    pace = "In real time." if it.slow == 1 else f"{it.slow:g} times slower than real."
+    low, high = it.bounds
+    place = {"low": low[0], "high": high[1], "scale": scale_of(it), "edge": EDGE}
     return {
-        "svg": svg(motion), "slow": motion.slow, "times": times, "captions": list(motion.captions),
-        "note": f"{pace} {motion.note}", "angles": list(motion.angles), "place": place,
+        "svg": svg(it), "slow": it.slow, "times": times, "captions": list(it.captions),
+        "note": f"{pace} {it.note}", "angles": list(it.angles), "place": place,
     }  # fmt: skip

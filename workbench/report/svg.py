@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from html import escape
 
 import numpy as np
@@ -28,7 +29,7 @@ def svg(motion: Motion) -> str:
     times = ";".join(f"{share:.6g}" for share in since / since[-1])
     clock = f'dur="{since[-1] * motion.slow:.6g}s" repeatCount="indefinite" keyTimes="{times}"'
 
-    def element(tag: str, look: str, inside: str, **moving: Samples) -> str:
+    def element(tag: str, look: str, inside: str, moving: Mapping[str, Samples]) -> str:
         """An element whose attributes move if they have several frames, shape (frames, n)."""
         for name, values in moving.items():
             frames = [" ".join(f"{x:g}" for x in row) for row in np.round(values, 1)]
@@ -43,14 +44,14 @@ def svg(motion: Motion) -> str:
         points, name = placed.reshape(len(placed), -1), escape(shape.name)
         look = f'stroke="{COLORS[shape.color]}" stroke-width="{shape.width:g}"'
         tag = "polygon" if shape.closed else "polyline"
-        lines += element(tag, look, f"<title>{name}</title>", points=points)
+        lines += element(tag, look, f"<title>{name}</title>", {"points": points})
         if len(points) > 1:
             for frame in motion.ghosts:
-                ghosts += element(tag, f'{look} opacity="0.22"', "", points=points[[frame]])
+                ghosts += element(tag, f'{look} opacity="0.22"', "", {"points": points[[frame]]})
         if shape.label is not None:
             x, y = placed[:, shape.label, :1], placed[:, shape.label, 1:]
             side = 'dx="-.5em" text-anchor="end"' if x.max() > 0.8 * WIDE else 'dx=".5em"'
-            names += element("text", f'{side} dy="-.5em"', name, x=x, y=y)
+            names += element("text", f'{side} dy="-.5em"', name, {"x": x, "y": y})
     letters = [
         f"--{screen}: {height / min(wide / size[0], TALL / size[1]):.1f}px"
         for screen, (wide, height) in SCREENS.items()

@@ -37,7 +37,7 @@ class Part {
 }
 
 // Parts by name, in the sequence of their turns, and wires {from, to, factor, offset}.
-class System {
+class Network {
   constructor(modules, wires, sequence) {
     this.parts = Object.fromEntries(sequence.map(name => [name, new Part(name, modules[name])]));
     this.sequence = sequence.map(name => this.parts[name]);

@@ -289,6 +289,8 @@ const refused = (unit, reason, meaning) => figure(NaN, unit, null, meaning, reas
 // A number as "%.6g" writes it.
 const six = (value, digits = 6) => {
   if (!value) return String(value);
+  const near = Number(value.toPrecision(digits)), size = Math.abs(near);
+  if (size >= 1e-4 && size < 10 ** digits) return String(near);
   const [mantissa, exponent] = value.toExponential(digits - 1).split("e");
   const trimmed = text => text.includes(".") ? text.replace(/\.?0+$/, "") : text;
   if (exponent < -4 || exponent >= digits) return power(`${trimmed(mantissa)}e${exponent}`);
