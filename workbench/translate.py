@@ -123,13 +123,17 @@ class _Script:
             self.functions.append(_Function(self, it).declared(name))
         return name
 
-    def _class(self, it: type, name: str) -> str:
-        """A NamedTuple or dataclass: its fields, and its methods and those above it."""
+    def _class(self, it: Any, name: str) -> str:
+        """A NamedTuple or dataclass: its fields, and its methods and those above it; an exception."""
+        kind: type = it
+        if issubclass(kind, Exception):
+            return f"class {name} extends Raised {{}}"
         if hasattr(it, "_fields"):
             base, known, above = "py.Tuple", list(it._fields), [it]
             defaults = dict(it._field_defaults)
         elif is_dataclass(it):
-            base, known, above = "py.Record", [x.name for x in fields(it)], list(it.__mro__)
+            base, known = "py.Record", [x.name for x in fields(it)]
+            above = list(type.mro(kind))
             defaults = {x.name: x.default for x in fields(it) if x.default is not MISSING}
             empty = {x.name: x.default_factory for x in fields(it)}
             defaults |= {key: x() for key, x in empty.items() if x is not MISSING}
@@ -148,10 +152,10 @@ class _Script:
         more = []
         for key, member in members.items():
             if isinstance(member, (property, cached_property)):
-                got = member.fget if isinstance(member, property) else member.func
+                got: Any = member.fget if isinstance(member, property) else member.func
                 body.append(f"get {key}{_Function(self, got).method()}")
             elif isinstance(member, (FunctionType, classmethod, staticmethod)):
-                function = member if isinstance(member, FunctionType) else member.__func__
+                function: Any = getattr(member, "__func__", member)
                 if function.__module__ not in ("collections", "namedtuple") and not key.startswith(
                     "_"
                 ):
@@ -274,8 +278,8 @@ class _Function:
             case ast.Try(body, handlers, [], []) if len(handlers) == 1:
                 (handler,) = handlers
                 kind, name = see(handler.type), _safe(handler.name or "error$")
-                body, caught = self._block(body), self._block(handler.body)
-                return f"try {body} catch ({name}) {{ if (!py.caught({name}, {kind})) throw {name};\n{caught} }}"
+                tried, caught = self._block(body), self._block(handler.body)
+                return f"try {tried} catch ({name}) {{ if (!py.caught({name}, {kind})) throw {name};\n{caught} }}"
         raise self._refuse(node, f"{type(node).__name__} here")
 
     def _within_else(self, node: ast.Break) -> bool:
@@ -291,8 +295,8 @@ class _Function:
             return f"{_safe(target.id)} = {value};"
         if isinstance(target, (ast.Tuple, ast.List)):
             if any(isinstance(x, ast.Subscript) for x in target.elts):
-                each = (self._assigned(x, f"held$[{k}]") for k, x in enumerate(target.elts))
-                return f"{{ const held$ = [...py.iter({value})]; {' '.join(each)} }}"
+                texts = (self._assigned(x, f"held$[{k}]") for k, x in enumerate(target.elts))
+                return f"{{ const held$ = [...py.iter({value})]; {' '.join(texts)} }}"
             starred = [k for k, x in enumerate(target.elts) if isinstance(x, ast.Starred)]
             if starred and starred[0] < len(target.elts) - 1:
                 value = f"py.unpacked({value}, {starred[0]}, {len(target.elts) - 1 - starred[0]})"

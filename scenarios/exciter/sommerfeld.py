@@ -39,7 +39,7 @@ RUNS = ((1.0, 1), (1.0, 2), (1.0, 4), (0.5, 1))
 FINEST, NEAR, SMALL, STEADY, MOST = 256, 1.05, 0.02, 0.01, 40
 STARTS = (0.8, 1.05)
 LIVE = (
-    Slider("motor.R", 2.0, 10.0),
+    Slider("motor.R", 4.0, 8.0),
     Slider("exciter.rotor.m", 0.3, 1.0),
     Slider("exciter.mount.d", 20.0, 200.0),
 )

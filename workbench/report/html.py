@@ -21,7 +21,7 @@ from .svg import EDGE, scale_of, svg
 if TYPE_CHECKING:
     from ..answer import Answer, Table
 
-LARGEST, OPEN = 3_000_000, 12
+LARGEST, OPEN = 250_000, 12
 SHEET, LEAST, LATER = 8.0, 3.2, 6.4
 
 
@@ -43,7 +43,7 @@ def report(answer: Answer, path: Path) -> None:
         charts=[{"title": x.title, "words": told(x, drawn)} for x, drawn in zip(pictures, charts)],
         motions=show.motions,
         figures=[_figure(name, x) for name, x in answer.figures.items()],
-        tables={name: limited(table) for name, table in answer.tables.items()},
+        tables={name: limited(x, len(answer.tables)) for name, x in answer.tables.items()},
         parameters=_parameters(answer),
         provenance=_provenance(answer.provenance),
         open=OPEN,
@@ -98,12 +98,13 @@ def _value(value: object) -> str:
     return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
-def limited(table: Table) -> tuple[str, str]:
-    """The CSV packed, of every k-th row if it is too large, and a note that says so."""
+def limited(table: Table, among: int = 1) -> tuple[str, str]:
+    """The CSV packed, of every k-th row if it is too large, and a note that says so; all tables of
+    a page together stay below LARGEST."""
     rows, k = len(table.frame), 1
     while True:
         packed = _packed(table.frame.iloc[::k].to_csv(index=False).encode())
-        if len(packed) <= LARGEST:
+        if len(packed) * among <= LARGEST:
             part = f"one row in {k} of {rows}; the whole file lies beside this page"
             return packed, f"{rows} rows" if k == 1 else part
         k *= 2

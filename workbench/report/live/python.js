@@ -83,7 +83,7 @@ const py = (() => {
     if (f.called) return f.called(...args);
     if (words && f.words) return f.words(args, words);
     args = placed(f, args, words);
-    return f.fields ? new f(...args) : f(...args);
+    return f.fields || f.prototype instanceof Failure ? new f(...args) : f(...args);
   };
   const placed = (f, args, words) => {
     if (!words) return args;
@@ -335,7 +335,9 @@ const py = (() => {
       const rest = shape.filter((_, k) => k !== axis), out = new Float64Array(this.size / long);
       for (let k = 0; k < out.length; k++) {
         const first = Math.floor(k / inner) * inner * long + k % inner;
-        out[k] = f(Float64Array.from({ length: long }, (_, n) => this.re[first + n * inner]));
+        const row = new Float64Array(long);
+        for (let n = 0; n < long; n++) row[n] = this.re[first + n * inner];
+        out[k] = f(row);
       }
       return new ND(rest, out, null, flags);
     }
@@ -477,7 +479,12 @@ const py = (() => {
     if (kind === "d") return String(x);
     return six(x, digits || 1);
   };
-  const fixed = (x, digits) => digits ? x.toFixed(digits) : Object.is(rounding(x), -0) || (x < 0 && rounding(x) === 0) ? "-0" : String(rounding(x));
+  // Halves go to the even digit, as those of Python do and those of toFixed do not.
+  const fixed = (x, digits) => {
+    const text = x.toFixed(digits), half = x.toFixed(digits + 1).endsWith("5") && /^50*$/.test(x.toFixed(Math.min(100, digits + 60)).slice(-Math.min(100 - digits, 60)));
+    if (!half || +text.at(-1) % 2 === 0) return text;
+    return (x - Math.sign(x) * 10 ** -digits / 4).toFixed(digits);
+  };
   const said = it => {
     if (typeof it === "number") return Number.isNaN(it) ? "nan" : power(String(it));
     return it === null ? "None" : it === true ? "True" : it === false ? "False" : String(it);
