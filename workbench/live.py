@@ -8,6 +8,7 @@ gives that script facts by name, and an option without a value of its own stands
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
@@ -60,8 +61,16 @@ def script_of(page: ModuleType) -> str:
         roots = {name: getattr(page, name, None) for name in ASKED}
         roots |= {"record": getattr(page, "RECORD", None), "certified": certified}
         roots |= {"picture": figure, "moving": motion}
-        texts += [_read(FOLDER / "python.js"), script(roots, [page.__name__.partition(".")[0]])]
-        texts.append(_read(FOLDER / "answer.js"))
+        runtime, made = (
+            _read(FOLDER / "python.js"),
+            script(roots, [page.__name__.partition(".")[0]]),
+        )
+        for name in sorted(set(re.findall(r"\b(?:np|math|lib)\.(\w+)", made))):
+            if not re.search(rf"\b{name}\b", runtime):
+                raise SetupError(
+                    f"LIVE cannot use {name}, which report/live/python.js does not have"
+                )
+        texts += [runtime, made, _read(FOLDER / "answer.js")]
     texts.append(_read(FOLDER / "worker.js"))
     return "\n".join(text.replace('"use strict";\n', "", 1) for text in texts)
 

@@ -334,6 +334,8 @@ class _Function:
                 return f"{see(value)}.{name}"
             case ast.BinOp(left, op, right):
                 return f"py.{BINARY[type(op)]}({see(left)}, {see(right)})"
+            case ast.UnaryOp(ast.USub(), ast.Constant(int() | float() as value)):
+                return f"-{value!r}"
             case ast.UnaryOp(op, operand):
                 return f"{UNARY[type(op)]}({see(operand)})"
             case ast.BoolOp(op, values):

@@ -5,8 +5,9 @@ from __future__ import annotations
 import base64
 import json
 import shlex
+import shutil
 from argparse import ArgumentParser
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
@@ -21,6 +22,7 @@ from cosim.system import connect
 from scenarios.__main__ import FMUS, PROJECT
 from tests.conftest import ask, fmus_of
 from tests.workbench.browser import Browser
+from tests.workbench.firefox import Firefox, firefox
 from tests.workbench.test_report import one, shown
 from workbench import live
 from workbench.answer import Answer, Findings
@@ -42,6 +44,9 @@ LIVE: dict[str, Mapping[str, Any]] = {
     "sommerfeld": {"supplies": "18:32:8"},
 }
 SAMPLE = ("CrankConveyor", "GravityOrientator")
+TRIED = [
+    name if name == "iron_cycle" else pytest.param(name, marks=pytest.mark.slow) for name in LIVE
+]
 PART = "document.getElementById('live-part')"
 MOVED = [
     ("iron_cycle", {"speed": 9.0, "iron.iron.m": 2.0}),
@@ -103,7 +108,7 @@ def opened(shown: Browser, name: str, folder: Path, width: int = 1000) -> Answer
     return answer
 
 
-def answered(shown: Browser, number: int = 1) -> None:
+def answered(shown: Browser | Firefox, number: int = 1) -> None:
     shown.until(f"{PART}.dataset.answered === '{number}'")
 
 
@@ -112,7 +117,7 @@ def move(shown: Browser, values: Mapping[str, float]) -> None:
     shown.value(f"location.hash = '#live:{quote(words)}'")
 
 
-def agrees(shown: Browser, answer: Answer) -> None:
+def agrees(shown: Browser | Firefox, answer: Answer) -> None:
     """Live figures and verdict are those of Python; errors to what their differences leave."""
     cells = shown.value(f"""Object.fromEntries([...{PART}.querySelectorAll('tr[data-figure]')].map(
         row => [row.dataset.figure, [row.querySelector('td').textContent, {{...row.querySelector('td').dataset}}]]))""")
@@ -158,7 +163,7 @@ def moved(shown: Browser, name: str, values: Mapping[str, float], number: int = 
     agrees(shown, ask(name, **asked))
 
 
-@pytest.mark.parametrize("name", LIVE)
+@pytest.mark.parametrize("name", TRIED)
 def test_the_live_answer_is_the_still_one_and_follows_the_sliders(
     name: str, shown: Browser, folder: Path
 ) -> None:
@@ -234,6 +239,52 @@ def test_boxes_keys_and_links_move_the_machine_and_what_it_does_is_spoken(
     said = shown.value(f"{PART}.querySelector('.live-alarm').textContent")
     assert said == "The link sets cup.x, which this page does not have."
     assert shown.value(f"{PART}.querySelector('.wrong').textContent") == "must be at most 12 rad/s"
+
+
+@pytest.fixture(scope="module")
+def fox(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Firefox]:
+    """Firefox for all pages."""
+    program = shutil.which("firefox-esr") or shutil.which("firefox")
+    if program is None:
+        pytest.skip("neither firefox-esr nor firefox is installed: no page was opened in it")
+    with firefox(program, tmp_path_factory.mktemp("fox") / "profile") as page:
+        yield page
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", LIVE)
+def test_firefox_tells_the_same(name: str, fox: Firefox, folder: Path) -> None:
+    answer, file = page(name, folder, **LIVE[name])
+    fox.open(file)
+    answered(fox)
+    agrees(fox, answer)
+
+
+def test_the_page_goes_on_while_the_worker_computes(shown: Browser, folder: Path) -> None:
+    opened(shown, "iron_cycle", folder)
+    shown.value("""(window.ticks = 0, setInterval(() => {
+        if (document.getElementById('live-part').ariaBusy === 'true') ticks++; }, 5), 0)""")
+    move(shown, {"speed": 6.0})
+    answered(shown, 2)
+    assert shown.value("ticks") > 5
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "values", "words"),
+    [
+        ("orientator_cycle", {"friction": 1.0, "speed": 12.0}, "The product jams: "),
+        ("packing_line", {"orientator.chute.mu": 1.0}, "does not keep pace: 0 of "),
+        ("iron_cycle", {"speed": 9.0}, "is NOT possible: the follower lifts off at "),
+        ("iron_bounce", {"speed": 11.0}, "it is off the cam for "),
+    ],
+)
+def test_a_jam_and_a_lift_off_are_the_sentences_that_python_says(
+    name: str, values: Mapping[str, float], words: str, shown: Browser, folder: Path
+) -> None:
+    opened(shown, name, folder)
+    moved(shown, name, values)
+    assert words in shown.value(f"{PART}.querySelector('.verdict p').textContent")
 
 
 @pytest.mark.slow

@@ -470,9 +470,10 @@ const py = (() => {
     const [, fill, , zero, places, kind] = /^(?:(.?)([<>^]))?(\+?z?)0?\d*,?(?:\.(\d+))?([gfeds%]?)$/.exec(form) ?? fail(`format ${form}`);
     if (typeof it === "string") return it;
     if (it instanceof Complex || typeof it !== "number" && typeof it !== "boolean") fail(`format ${form} of ${it}`);
-    if (zero.startsWith("+")) return (it >= 0 ? "+" : "") + format(it, form.replace("+", ""));
+    if (Object.is(it, -0) && !zero.includes("z")) return `-${format(0, form.replace("+", ""))}`;
+    if (zero.startsWith("+")) return (it < 0 ? "" : "+") + format(it, form.replace("+", ""));
     const x = +it, digits = places === undefined ? 6 : +places;
-    if (!Number.isFinite(x)) return Number.isNaN(x) ? "nan" : x > 0 ? "inf" : "-inf";
+    if (!Number.isFinite(x)) return (Number.isNaN(x) ? "nan" : x > 0 ? "inf" : "-inf") + (kind === "%" ? "%" : "");
     if (kind === "%") return `${fixed(100 * x, digits)}%`;
     if (kind === "f") { const text = fixed(x, digits); return zero && +text === 0 ? text.replace("-", "") : text; }
     if (kind === "e") return power(x.toExponential(digits));
@@ -672,7 +673,7 @@ const np = (() => {
       return at <= xs.re[0] ? ys.re[0] : at >= xs.re[xs.size - 1] ? ys.re[xs.size - 1] : ys.re[k - 1] + share * (ys.re[k] - ys.re[k - 1]); }),
     corrcoef: (a, b) => { const [p, q] = [a, b].map(x => py.sub(x, x.mean())), of = (x, y) => py.mul(x, y).sum();
       const c = of(p, q) / Math.sqrt(of(p, p) * of(q, q)); return nd([[1, c], [c, 1]]); },
-    delete: (x, k) => x.item(range(x.size).filter(n => n !== k)), cumprod: named((x, axis) => nd(x).cumprod(axis), "x axis"),
+    masked_invalid: x => x, ndarray: ND, delete: (x, k) => x.item(range(x.size).filter(n => n !== k)), cumprod: named((x, axis) => nd(x).cumprod(axis), "x axis"),
   };
 })();
 
@@ -745,8 +746,10 @@ const lib = (() => {
     get c() { return range(4, k => nd(Float64Array.from(this.cubics.pieces, piece => piece[k]))); }
     called(x) { return py.each1(x, at => this.cubics.at(at)); }
     derivative() { return new Piecewise().of(this.cubics.derivative()); }
-    solve(level = 0) { return nd(Float64Array.from(this.cubics.roots(level))); }
-    roots() { return this.solve(); }
+    solve(level = 0, extrapolate = true) {
+      return extrapolate ? py.fail("zeros beyond the ends of a spline") : nd(Float64Array.from(this.cubics.roots(level)));
+    }
+    roots(discontinuity, extrapolate = true) { return this.solve(0, extrapolate); }
     get sums() {
       if (this.kept) return this.kept;
       const all = new Float64Array(this.x.length);
@@ -899,6 +902,6 @@ const lib = (() => {
     type: it => it.constructor, getattr: (it, name, other) => it[name] === undefined ? other : it[name], escape: text => text.replaceAll("&", "&amp;")
       .replaceAll("<", "&lt;").replaceAll(">", "&gt;").replaceAll('"', "&quot;").replaceAll("'", "&#x27;"), CubicSpline: Piecewise, SetupError, System, Result, Table,
     run, connect: system => begun(system) && null, parameters: named(parameters, "system own"), replace, getLogger: () => warns, write_ssp: () => null, Bench,
-    complex: (re, im) => new py.Complex(re, im), ValueError: Raised, KeyError: Raised, ArithmeticError: Raised,
+    contour_generator: () => py.fail("a live chart has no plane"), LineType: null, complex: (re, im) => new py.Complex(re, im), ValueError: Raised, KeyError: Raised, ArithmeticError: Raised,
   };
 })();
