@@ -270,6 +270,16 @@ def test_the_page_goes_on_while_the_worker_computes(shown: Browser, folder: Path
 
 
 @pytest.mark.slow
+def test_a_move_in_the_middle_of_a_long_answer_is_answered_alone(
+    shown: Browser, folder: Path
+) -> None:
+    opened(shown, "sommerfeld", folder)
+    move(shown, {"motor.R": 7.0})
+    shown.value("new Promise(resolve => setTimeout(resolve, 1600))")
+    moved(shown, "sommerfeld", {"exciter.mount.d": 100.0}, 3)
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "values", "words"),
     [

@@ -173,13 +173,15 @@ const shown = value => String(Number(value.toPrecision(6)));
 
 // The lines of the still chart in grey below those of the live one; the axes fit both.
 const beside = (still, one, screen) => {
-  const grey = still.data.filter(trace => !trace.type && !trace.fill && trace.name && trace.line?.width !== 0)
-    .map(trace => ({ ...trace, opacity: 0.5, hoverinfo: "skip", hovertemplate: null, showlegend: false, legendgroup: "still",
+  const layout = structuredClone(one[screen]), titles = laid => key => laid[key]?.title?.text;
+  const now = titles(layout), before = titles(still[screen]), axes = Object.keys(layout).filter(key => /^yaxis/.test(key));
+  const twin = key => axes.includes(key) && now(key) === before(key) ? key : axes.find(other => now(other) === before(key));
+  const grey = still.data.filter(trace => !trace.type && !trace.fill && trace.name && trace.line?.width !== 0 && twin(`yaxis${trace.yaxis.slice(1)}`))
+    .map(trace => ({ ...trace, yaxis: `y${twin(`yaxis${trace.yaxis.slice(1)}`).slice(5)}`, opacity: 0.5, hoverinfo: "skip", hovertemplate: null, showlegend: false, legendgroup: "still",
       marker: { ...trace.marker, color: GREY }, line: { ...trace.line, color: GREY } }));
-  const layout = structuredClone(one[screen]);
-  for (const key of Object.keys(layout).filter(key => /^[xy]axis/.test(key) && still[screen][key])) {
-    const [now, before] = [layout[key].range, still[screen][key].range], pick = now[0] > now[1] ? [Math.max, Math.min] : [Math.min, Math.max];
-    layout[key].range = now.map((x, k) => pick[k](x, before[k]));
+  for (const key of Object.keys(still[screen]).filter(key => /^[xy]axis/.test(key))) {
+    const axis = layout[key[0] === "x" ? key : twin(key)], { range: other } = still[screen][key];
+    if (axis) axis.range = axis.range.map((x, k) => (axis.range[0] > axis.range[1]) === (k === 0) ? Math.max(x, other[k]) : Math.min(x, other[k]));
   }
   return { data: [...grey, ...one.data], layout: { ...layout, dragmode: false } };
 };
