@@ -9,7 +9,7 @@ from cosim import Result
 from scenarios.conveyor import run_up
 from tests.conftest import ask
 from workbench import Figure, measure
-from workbench.ask import certified
+from workbench.limit import certified
 from workbench.limit import coupling, limit
 
 
