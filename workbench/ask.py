@@ -23,7 +23,7 @@ from cosim.system import connect
 from . import live, question
 from .answer import Answer, Findings, Parameter, Show, Table, parameters, stream
 from .figure import Figure
-from .limit import coupling
+from .limit import certified
 from .options import Options, Run, declared, made, refuse
 from .question import QuestionError, blamed, name, where
 from .runs.engine import Engine
@@ -122,21 +122,6 @@ def _heard(function: Callable[[Case], Found], case: Case) -> tuple[Found, list[s
     """What a function makes of a case, and the warnings of its runs."""
     with hearing() as heard:
         return function(case), heard()
-
-
-def certified(runs: Sequence[Figure | None], order: float) -> Figure:
-    """The figure of the last of three runs, each with half the step of the one before, with the
-    coupling error added to its own.
-    """
-    fine = runs[-1]
-    assert fine is not None
-    if fine.error is None:
-        return fine
-    values = [run.value for run in reversed(runs) if run is not None and run.error is not None]
-    if len(values) < len(runs):
-        reason = "only some of the three runs with different communication steps have it"
-        return Figure.refused(fine.unit, reason, fine.meaning)
-    return fine._replace(error=fine.error + coupling(values, order))
 
 
 @contextmanager

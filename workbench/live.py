@@ -1,12 +1,14 @@
 """The live part of a page: a question asked again in the browser, of the modules of its FMUs.
 
-A page declares `LIVE`, sliders over its options and start values, and has a script of its name beside
-it that answers as its Python does. `live(o, findings)`, where it has that, gives the script facts by
-name; an option without a value of its own stands there too.
+A page declares `LIVE`, sliders over its options and start values. Its functions are translated, and
+with them what they use of the workbench and draw with. A page that shows what it knows before it knows
+all has a script of its name beside it instead, which answers as its Python does; `live(o, findings)`
+gives that script facts by name, and an option without a value of its own stands there too.
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
@@ -15,15 +17,20 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from cosim import SetupError
 from cosim.master import stepping_order
-from cosim.system import connect
+from cosim.system import Network, connect
 
+from .limit import certified
 from .options import Options, declared
+from .report.html import motion
+from .report.plot import figure
+from .translate import script
 
 if TYPE_CHECKING:
     from .answer import Findings, Parameter
 
 FOLDER = Path(__file__).with_name("report") / "live"
 ENGINE = ("numbers.js", "master.js")
+ASKED = ("solve", "system", "figures", "verdict", "show", "Options")
 
 
 class Slider(NamedTuple):
@@ -44,9 +51,27 @@ class Live(NamedTuple):
     data: dict[str, Any]
 
 
-def script_of(script: Path) -> str:
-    """What a worker runs, with the script of a page."""
-    texts = map(_read, [*(FOLDER / name for name in ENGINE), script, FOLDER / "worker.js"])
+def script_of(page: ModuleType) -> str:
+    """What a worker runs to answer a page; raises SetupError for what cannot be translated."""
+    own = Path(str(page.__file__)).with_suffix(".js")
+    texts = [_read(FOLDER / name) for name in ENGINE]
+    if own.is_file():
+        texts.append(_read(own))
+    else:
+        roots = {name: getattr(page, name, None) for name in ASKED}
+        roots |= {"record": getattr(page, "RECORD", None), "certified": certified}
+        roots |= {"picture": figure, "moving": motion}
+        runtime, made = (
+            _read(FOLDER / "python.js"),
+            script(roots, [page.__name__.partition(".")[0]]),
+        )
+        for name in sorted(set(re.findall(r"\b(?:np|math|lib)\.(\w+)", made))):
+            if not re.search(rf"\b{name}\b", runtime):
+                raise SetupError(
+                    f"LIVE cannot use {name}, which report/live/python.js does not have"
+                )
+        texts += [runtime, made, _read(FOLDER / "answer.js")]
+    texts.append(_read(FOLDER / "worker.js"))
     return "\n".join(text.replace('"use strict";\n', "", 1) for text in texts)
 
 
@@ -66,14 +91,11 @@ def of(
     """The live part of an answer; None where the page has none or a module of its parts is not there.
 
     `command` is the start of the command line that asked for it. Raises SetupError for a slider that
-    moves nothing, and without the script.
+    moves nothing, and for what cannot be translated.
     """
     sliders: tuple[Slider, ...] = getattr(page, "LIVE", ())
     if not sliders or found.system is None or not set(found.system.parts) <= set(modules):
         return None
-    script = Path(str(page.__file__)).with_suffix(".js")
-    if not script.is_file():
-        raise SetupError(f"LIVE needs the script {script}")
     network = connect(found.system)
     facts = page.live(o, found) if hasattr(page, "live") else {}
     facts |= {"figures": {name: (x.unit, x.meaning) for name, x in found.figures.items()}}
@@ -97,6 +119,15 @@ def of(
         "options": options,
         "start": {name: x.value for name, x in parameters.items() if "." in name},
         "facts": facts,
+        "machine": {
+            "order": found.provenance.get("convergence_order"),
+            "outputs": _variables(network, "output"),
+            "parameters": _variables(network, "parameter"),
+            "units": {
+                part: {x.name: network.port(f"{part}.{x.name}").unit for x in told.modelVariables}
+                for part, told in network.descriptions.items()
+            },
+        },
         "sequence": stepping_order(network, None),
         "wires": [
             {"from": w.source.name, "to": w.target.name, "factor": w.factor, "offset": w.offset}
@@ -106,7 +137,15 @@ def of(
         "asked": dict(o.start),
     }
     taken = {part: modules[part].read_bytes() for part in network.descriptions}
-    return Live(taken, script_of(script), data)
+    return Live(taken, script_of(page), data)
+
+
+def _variables(network: Network, causality: str) -> dict[str, list[str]]:
+    """Names by part, of what is no text."""
+    return {
+        part: [x.name for x in d.modelVariables if x.causality == causality and x.type != "String"]
+        for part, d in network.descriptions.items()
+    }
 
 
 def _heading(meaning: str) -> str:

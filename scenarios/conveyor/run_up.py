@@ -28,6 +28,7 @@ from workbench import (
     Table,
     option,
 )  # fmt: skip
+from workbench.live import Slider
 from workbench.measure import Samples, crossings, largest, measured, smallest
 from workbench.report.chart import THEORY, recorded
 
@@ -51,6 +52,13 @@ LOADS = {
     "f_rod": ("conveyor.f_rod", "rod force"),
 }
 END = 0.8
+LIVE = (
+    Slider("speed", 30.0, 90.0),
+    Slider("motor.T", 0.01, 0.15),
+    Slider("conveyor.trough.m", 100.0, 400.0),
+    Slider("conveyor.spring.c", 2e5, 1.2e6),
+    Slider("conveyor.rotor.J", 0.2, 2.0),
+)
 
 
 @dataclass(frozen=True, kw_only=True)

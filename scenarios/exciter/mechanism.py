@@ -1,5 +1,6 @@
 """The unbalanced rotor on its mount as lines, from the outputs and the parameters of its FMU."""
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -17,6 +18,7 @@ def exciter(p: Mapping[str, Any], at: Columns) -> list[Shape]:
     r, x, phi = p["rotor.r"], ENLARGED * at["x"], at["phi"]
     half, wall, floor = 1.8 * r, -5.0 * r, -2.2 * r
     body = line((x - half, -half), (x + half, -half), (x + half, half), (x - half, half))
+    turns = motion.arrow(motion.arc(0.0, 0.0, 2.4 * r, 0.35 * math.pi, 0.65 * math.pi), 0.4 * r)
     mass = (x + r * np.cos(phi), r * np.sin(phi))
     return [
         Shape("wall", motion.ground(wall, half, wall, floor, 0.3 * r), "grey", 1.5),
@@ -26,6 +28,7 @@ def exciter(p: Mapping[str, Any], at: Columns) -> list[Shape]:
         ),
         Shape("body", body, "blue", 4.0, closed=True, label=2),
         Shape("arm", line((x, 0.0), mass), "red", 4.0),
+        Shape("turns", turns, "red", 1.5),
         Shape("mass", line(mass, mass), "red", 12.0),
     ]
 

@@ -19,6 +19,7 @@ from cosim.system import connect
 from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, Table, option
 from workbench.answer import parameters
 from workbench.limit import coupling
+from workbench.live import Slider
 from workbench.measure import Measured, Samples
 
 from . import mechanism
@@ -37,6 +38,11 @@ TOLD = {
 RUNS = ((1.0, 1), (1.0, 2), (1.0, 4), (0.5, 1))
 FINEST, NEAR, SMALL, STEADY, MOST = 256, 1.05, 0.02, 0.01, 40
 STARTS = (0.8, 1.05)
+LIVE = (
+    Slider("motor.R", 4.0, 8.0),
+    Slider("exciter.rotor.m", 0.3, 1.0),
+    Slider("exciter.mount.d", 20.0, 200.0),
+)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -17,6 +17,7 @@ import workbench
 from cosim import Result, System
 from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, Table, option
 from workbench.answer import parameters
+from workbench.live import Slider
 from workbench.measure import ROUNDING, of_rows
 from workbench.report.chart import FORCE, LIFT, POWER, SPEED, TORQUE, recorded
 
@@ -46,6 +47,13 @@ AXES = {
     "impulse": ("impulse", TORQUE, 1.0, "N.s"),
     "loss": ("lost in a turn", POWER, 1.0, "J"),
 }
+LIVE = (
+    Slider("speed", 7.0, 13.0),
+    Slider("stiffness", 1e5, 1e8),
+    Slider("iron.follower.e", 0.0, 0.9),
+    Slider("iron.spring.c", 0.0, 1200.0),
+    Slider("iron.iron.m", 1.0, 10.0),
+)
 UNLIKE = "one turn is not like the next"
 HIDDEN = "several landings fall between two rows, and take more samples to tell apart"
 

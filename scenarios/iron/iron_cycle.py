@@ -8,7 +8,6 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 import numpy as np
 
@@ -17,7 +16,7 @@ from cosim import Result, System
 from workbench import Bench, Chart, Figure, Findings, Mark, Run, Show, Table, option
 from workbench.live import Slider
 from workbench.measure import integral, largest, smallest
-from workbench.report.chart import COLORS, FORCE, LIFT, SHOWN, SPEED, TORQUE, recorded
+from workbench.report.chart import FORCE, LIFT, SPEED, TORQUE, recorded
 
 from . import drive as iron
 from . import mechanism
@@ -88,24 +87,6 @@ def figures(r: Result) -> dict[str, Figure]:
         found[f"{name}_force_min"] = least.figure(r.units[force], f"least {meaning}")
         found[f"{name}_force_max"] = most.figure(r.units[force], f"largest {meaning}")
     return found
-
-
-def live(o: Options, found: Findings) -> dict[str, Any]:
-    """What iron_cycle.js gets besides options and start values."""
-    scale = {"lift": SHOWN["m", "mm"]}
-    spans = iron.phases(found.provenance["parts"]["iron"]["parameters"])
-    return {
-        "curves": [
-            {"panel": k, "column": column, "scale": scale.get(quantity, 1.0),
-             "name": quantity if isinstance(told, str) else told[0]}
-            for k, (quantity, curves) in enumerate(PANELS.items(), 1)
-            for column, told in curves.items()
-        ],
-        "spans": [x._asdict() | {"color": COLORS[x.color]} for x in spans],
-        "letsGo": iron.LETS_GO,
-        "own": dict(zip(iron.IMPOSED, (0.0, 0.0, 0.0, iron.FLYWHEEL))),
-        "phases": mechanism.PHASES,
-    }  # fmt: skip
 
 
 def verdict(o: Options, f: Mapping[str, Figure], r: object) -> str:

@@ -15,6 +15,7 @@ from scipy.interpolate import CubicSpline
 
 from cosim import Result, System
 from workbench import Bench, Chart, Figure, Findings, Run, Show, Table, option
+from workbench.live import Slider
 from workbench.measure import Measured, Samples, extended, integral, largest, measured
 from workbench.report.chart import LIFT, SPEED, THEORY, TORQUE, recorded
 
@@ -24,6 +25,13 @@ from . import mechanism
 PARTS = iron.PARTS
 STANDS = 0.01
 FIRST = 0.3
+LIVE = (
+    Slider("motor_A", 1.0, 8.0),
+    Slider("motor_T", 0.002, 0.1),
+    Slider("iron.iron.m", 1.0, 10.0),
+    Slider("iron.spring.c", 0.0, 1200.0),
+    Slider("iron.reducer.J", 0.0, 0.003),
+)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,12 +7,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from cosim import Result, System
-from workbench import Chart, Figure, Findings, Mark, Run, Show, option
+from workbench import Chart, Figure, Mark, Run, Show, option
 from workbench.live import Slider
-from workbench.report.chart import COLORS, FORCE, SHOWN, SPEED, THEORY, TORQUE, recorded
+from workbench.report.chart import FORCE, SPEED, THEORY, TORQUE, recorded
 
 from . import machine as orientator
 from . import mechanism
@@ -70,22 +69,6 @@ def figures(o: Options, r: Result) -> dict[str, Figure]:
         reached = r[f"orientator.t_{x}"][-1] > 0.0
         found[f"t_{x}"] = last(f"t_{x}", f"duration of the stage {x}", reached)
     return found | {name: last(*impulse) for name, impulse in IMPULSES.items()}
-
-
-def live(o: Options, found: Findings) -> dict[str, Any]:
-    """What orientator_cycle.js gets besides options and start values."""
-    scale = {"angle": SHOWN["rad", "deg"]}
-    return {
-        "curves": [
-            {"panel": k, "column": column, "name": name, "scale": scale.get(quantity, 1.0)}
-            for k, (quantity, told) in enumerate([*CURVES.items(), ("wall", WALL)], 1)
-            for column, (name, _) in told.items()
-        ],
-        "stages": orientator.STAGES,
-        "colors": [COLORS[color] for color in orientator.COLORS],
-        "reasons": orientator.REASONS,
-        "impulses": {name: column for name, (column, _) in IMPULSES.items()},
-    }
 
 
 def ending(r: Result) -> str:

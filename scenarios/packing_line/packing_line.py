@@ -6,11 +6,11 @@ orientator takes no power from the shaft in its model, so that the supply gives 
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -18,6 +18,7 @@ from scipy.interpolate import CubicSpline
 import cosim
 from cosim import Result, SetupError, System
 from workbench import Bench, Chart, Figure, Findings, Mark, Panel, Run, Show, Table, option
+from workbench.live import Slider
 from workbench.measure import extended, harmonics, largest, of_rows, over_rows, smallest
 from workbench.options import Start
 from workbench.report.chart import LIFT, POWER, Lanes, Span, recorded
@@ -29,7 +30,6 @@ from ..iron import mechanism as iron_mechanism
 from ..orientator import machine as orientator
 from ..orientator import mechanism as orientator_mechanism
 
-Frame = Any
 PARTS = {
     "iron_motor": "DriveMotor",
     "iron": "IronDrive",
@@ -61,6 +61,13 @@ POWERS = {
 HIGHEST = {"iron": 12, "conveyor": 4}
 UNITS = {"drive": "1", "order": "1", "frequency": "Hz", "own": "W", "supply": "W"}
 MAIN, AROUND = 0.1, 0.05
+LIVE = (
+    Slider("gear", 0.5, 3.0),
+    Slider("iron_speed", 4.0, 8.0),
+    Slider("iron.iron.m", 1.0, 10.0),
+    Slider("orientator.chute.mu", 0.0, 1.0),
+    Slider("speed", 30.0, 80.0),
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -101,7 +108,8 @@ def solve(o: Options, bench: Bench) -> Findings:
         )
     line = system(o, bench.fmus)
     result, found = bench.certify(line, figures, o, RECORD, "packing_line.csv")
-    r, orders = supplied(result), Table(ripple(supplied(result)), UNITS)
+    r = supplied(result)
+    orders = Table.of_rows(ripple(r), UNITS)
     tables = {"packing_line.csv": Table.of(r), "packing_line_orders.csv": orders}
     files = {"line.ssp": partial(cosim.write_ssp, line, stop=o.stop)}
     return Findings(found, (r, line), line, r.provenance, tables=tables, files=files)
@@ -156,7 +164,8 @@ def cycles(r: Result) -> dict[str, Figure]:
     t, phi, inside, orders = r["time"], r["iron.phi"], window(r), ripple(r)
     turns = int((phi[-1] - FIRST_RELEASE) / (2 * math.pi))
     began, ended = CubicSpline(phi, t)(FIRST_RELEASE + 2 * math.pi * np.array([0, turns])).tolist()
-    cycle, near = (ended - began) / turns, nearest(orders)
+    cycle, (x, y) = (ended - began) / turns, nearest(orders)
+    gap = abs(x.frequency - y.frequency)
 
     def mean(x: Any) -> float:
         return float(CubicSpline(t, x).integrate(began, ended) / (ended - began))
@@ -169,10 +178,11 @@ def cycles(r: Result) -> dict[str, Figure]:
         told[f"mean_{name}"] = mean(r[column]), "W", f"mean power of {who}"
         rms = math.sqrt(mean((r[column] - mean(r[column])) ** 2))
         told[f"rms_{name}"] = rms, "W", f"ripple of the power of {who}"
-    for _, main in orders.loc[orders.groupby("drive")["own"].idxmax()].iterrows():
-        name, who = f"main_{main['drive']}", POWERS[main["drive"]][1]
-        told[name] = main["own"], "W", f"largest order in the power of {who}"
-        told[f"{name}_frequency"] = main["frequency"], "Hz", f"frequency of that order of {who}"
+    for drive in sorted(HIGHEST):
+        main, who = largest_order(orders, drive), POWERS[drive][1]
+        told[f"main_{drive}"] = main.own, "W", f"largest order in the power of {who}"
+        meaning = f"frequency of that order of {who}"
+        told[f"main_{drive}_frequency"] = main.frequency, "Hz", meaning
     orientation, reason = (r[f"orientator.{x}"][inside][-2] for x in ("orientation_time", "reason"))
     made = np.ptp(r["orientator.oriented"][inside]) / (len(releases(r)) - 1)
     cam, crank = (r[POWERS[drive][0]][inside] for drive in HIGHEST)
@@ -182,9 +192,9 @@ def cycles(r: Result) -> dict[str, Figure]:
         "products": (60 / cycle * made, "1/min", "oriented products"),
         "lost": (60 / cycle * (1 - made), "1/min", "products lost to jams"),
         "work": (told["mean_supply"][0] * cycle, "J", "work of the supply in a cycle"),
-        "gap": (near["gap"], "Hz", "distance of the nearest main orders of cam and crank"),
-        "beat": (60 * near["gap"], "1/min", "how often they beat"),
-        "together": (near["own_x"] + near["own_y"], "W", "what they add to at worst"),
+        "gap": (gap, "Hz", "distance of the nearest main orders of cam and crank"),
+        "beat": (60 * gap, "1/min", "how often they beat"),
+        "together": (x.own + y.own, "W", "what they add to at worst"),
         "correlation": (np.corrcoef(cam, crank)[0, 1], "1", "correlation of the motors' powers"),
     }
     found = {name: Figure(float(x), unit, 0.0, what) for name, (x, unit, what) in told.items()}
@@ -196,26 +206,42 @@ def cycles(r: Result) -> dict[str, Figure]:
     return found
 
 
-def ripple(r: Result) -> Frame:
-    """The orders of cam and crank over the whole cycles, a row each: the drive whose angle counts
-    it, frequency [Hz], amplitude in its motor's power and in the supply's [W]."""
+class Order(NamedTuple):
+    """An order of the angle of a drive: its frequency [Hz], its amplitude in the power of the drive's
+    motor and in that of the supply [W]."""
+
+    drive: str
+    order: int
+    frequency: float
+    own: float
+    supply: float
+
+
+def ripple(r: Result) -> list[Order]:
+    """The orders of cam and crank over the whole cycles."""
     inside, orders = window(r), []
     for drive, highest in HIGHEST.items():
         phi = r[f"{drive}.phi"][inside]
         rate = float(np.ptp(phi) / (2 * math.pi * np.ptp(r["time"][inside])))
         powers = (r[column][inside] for column in (POWERS[drive][0], "P_supply"))
-        sizes = zip(*(np.abs(harmonics(phi, power, highest)) for power in powers))
-        orders += [(drive, k, k * rate, *size) for k, size in enumerate(sizes, 1)]
-    return Table.of_rows(orders, UNITS).frame
+        sizes = zip(*(np.abs(harmonics(phi, power, highest)).tolist() for power in powers))
+        orders += [Order(drive, k, k * rate, *size) for k, size in enumerate(sizes, 1)]
+    return orders
 
 
-def nearest(orders: Frame) -> Frame:
-    """Of the strong orders of cam and crank, "_x" and "_y", the two nearest in frequency."""
-    strong = orders[orders["own"] > MAIN * orders.groupby("drive")["own"].transform("max")]
-    cam, crank = (strong[strong["drive"] == drive] for drive in HIGHEST)
-    pairs = cam.merge(crank, how="cross")
-    pairs["gap"] = (pairs["frequency_x"] - pairs["frequency_y"]).abs()
-    return pairs.loc[pairs["gap"].idxmin()]
+def largest_order(orders: Sequence[Order], drive: str) -> Order:
+    """The order of a drive that its motor feels most."""
+    return max((x for x in orders if x.drive == drive), key=lambda x: x.own)
+
+
+def nearest(orders: Sequence[Order]) -> tuple[Order, Order]:
+    """Of the strong orders of cam and crank the two nearest in frequency."""
+    strong = [x for x in orders if x.own > MAIN * largest_order(orders, x.drive).own]
+    cam, crank = ([x for x in strong if x.drive == drive] for drive in HIGHEST)
+    return min(
+        ((x, y) for x in cam for y in crank),
+        key=lambda pair: abs(pair[0].frequency - pair[1].frequency),
+    )
 
 
 def verdict(o: Options, f: Mapping[str, Figure], r: tuple[Result, System]) -> str:
@@ -230,10 +256,10 @@ def verdict(o: Options, f: Mapping[str, Figure], r: tuple[Result, System]) -> st
             f"The line does not keep pace: {told['oriented']} of {told['released']} products are "
             f"oriented, {f['orientation'].reason}."
         )
-    near, meets = nearest(ripple(r[0])), ""
-    if near["gap"] < near["frequency_x"] / near["order_x"] / 2:
+    (cam, crank), meets = nearest(ripple(r[0])), ""
+    if abs(cam.frequency - crank.frequency) < cam.frequency / cam.order / 2:
         meets = (
-            f", where order {near['order_x']} of the cam and order {near['order_y']} of the crank "
+            f", where order {cam.order} of the cam and order {crank.order} of the crank "
             f"meet and beat {f['beat'].text('times a minute')}"
         )
     return (

@@ -9,8 +9,7 @@ from cosim import Result
 from scenarios.conveyor import run_up
 from tests.conftest import ask
 from workbench import Figure, measure
-from workbench.ask import certified
-from workbench.limit import coupling, limit
+from workbench.limit import certified, coupling, limit
 
 
 def test_the_largest_value_and_its_time_lie_between_the_rows() -> None:

@@ -5,8 +5,9 @@ from __future__ import annotations
 import base64
 import json
 import shlex
+import shutil
 from argparse import ArgumentParser
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
@@ -21,6 +22,7 @@ from cosim.system import connect
 from scenarios.__main__ import FMUS, PROJECT
 from tests.conftest import ask, fmus_of
 from tests.workbench.browser import Browser
+from tests.workbench.firefox import Firefox, firefox
 from tests.workbench.test_report import one, shown
 from workbench import live
 from workbench.answer import Answer, Findings
@@ -32,11 +34,19 @@ from workbench.report import html
 __all__ = ["shown"]
 SWEEP = {"speeds": "34,38,40,42,46", "steps_per_rev": 128}
 LIVE: dict[str, Mapping[str, Any]] = {
+    "iron_bounce": {},
     "iron_cycle": {},
+    "iron_start": {},
     "orientator_cycle": {},
+    "packing_line": {},
     "resonance": {"speeds": "36,40,44", "steps_per_rev": 72, "limit": 120},
+    "run_up": {},
+    "sommerfeld": {"supplies": "18:32:8"},
 }
 SAMPLE = ("CrankConveyor", "GravityOrientator")
+TRIED = [
+    name if name == "iron_cycle" else pytest.param(name, marks=pytest.mark.slow) for name in LIVE
+]
 PART = "document.getElementById('live-part')"
 MOVED = [
     ("iron_cycle", {"speed": 9.0, "iron.iron.m": 2.0}),
@@ -47,6 +57,14 @@ MOVED = [
     ("orientator_cycle", {"friction": 0.1, "orientator.chute.H": 0.06, "speed": 6.0}),
     ("orientator_cycle", {"friction": 0.8, "speed": 9.0}),
     ("orientator_cycle", {"orientator.spring.c": 35.0, "speed": 2.0}),
+    ("iron_bounce", {"speed": 11.0, "iron.follower.e": 0.6}),
+    ("iron_start", {"motor_A": 2.0, "iron.iron.m": 7.0}),
+    ("packing_line", {"gear": 2.2, "orientator.chute.mu": 0.7}),
+    ("packing_line", {"iron_speed": 5.0, "iron.iron.m": 6.0, "speed": 50.0}),
+    ("run_up", {"motor.T": 0.03, "conveyor.spring.c": 5e5}),
+    ("run_up", {"conveyor.trough.m": 390.0, "speed": 45.0}),
+    ("sommerfeld", {"motor.R": 4.5}),
+    ("sommerfeld", {"exciter.mount.d": 150.0}),
 ]
 OTHERS = [
     ("resonance", {**SWEEP, "algorithm": "gauss-seidel", "steps_per_rev": 256}),
@@ -71,15 +89,12 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("live")
 
 
-def test_a_slider_that_moves_nothing_and_a_missing_script_are_refused(tmp_path: Path) -> None:
+def test_a_slider_that_moves_nothing_is_refused(tmp_path: Path) -> None:
     page = load(names(PROJECT.home)["orientator_cycle"])
     o, modules = made(page.Options, {}, "it"), PROJECT._replace(fill=None).modules(page, "native")
     found = Findings({}, None, page.system(o, fmus_of(page)))
     copy = SimpleNamespace(__file__=str(tmp_path / "it.py"), Options=page.Options)
     copy.LIVE = (Slider("orientator.cup.x", 0.0, 1.0),)
-    with pytest.raises(SetupError, match=r"LIVE needs the script .*it\.js"):
-        live.of(copy, o, found, {}, modules, "")  # type: ignore[arg-type]
-    (tmp_path / "it.js").touch()
     with pytest.raises(SetupError, match=r"'orientator.cup.x' is neither an option nor a start"):
         live.of(copy, o, found, {}, modules, "")  # type: ignore[arg-type]
     assert live.of(copy, o, found, {}, {}, "") is None  # type: ignore[arg-type]
@@ -93,7 +108,7 @@ def opened(shown: Browser, name: str, folder: Path, width: int = 1000) -> Answer
     return answer
 
 
-def answered(shown: Browser, number: int = 1) -> None:
+def answered(shown: Browser | Firefox, number: int = 1) -> None:
     shown.until(f"{PART}.dataset.answered === '{number}'")
 
 
@@ -102,7 +117,7 @@ def move(shown: Browser, values: Mapping[str, float]) -> None:
     shown.value(f"location.hash = '#live:{quote(words)}'")
 
 
-def agrees(shown: Browser, answer: Answer) -> None:
+def agrees(shown: Browser | Firefox, answer: Answer) -> None:
     """Live figures and verdict are those of Python; errors to what their differences leave."""
     cells = shown.value(f"""Object.fromEntries([...{PART}.querySelectorAll('tr[data-figure]')].map(
         row => [row.dataset.figure, [row.querySelector('td').textContent, {{...row.querySelector('td').dataset}}]]))""")
@@ -148,7 +163,7 @@ def moved(shown: Browser, name: str, values: Mapping[str, float], number: int = 
     agrees(shown, ask(name, **asked))
 
 
-@pytest.mark.parametrize("name", LIVE)
+@pytest.mark.parametrize("name", TRIED)
 def test_the_live_answer_is_the_still_one_and_follows_the_sliders(
     name: str, shown: Browser, folder: Path
 ) -> None:
@@ -157,6 +172,9 @@ def test_the_live_answer_is_the_still_one_and_follows_the_sliders(
     assert shown.value("document.documentElement.scrollWidth") == 390
     assert shown.value(f"{PART}.querySelectorAll('.live-chart .trace').length") > 0
     assert shown.value(f"{PART}.querySelectorAll('.live-motion animate').length") > 0
+    if name != "resonance":
+        drawn = "[...document.querySelectorAll('{} svg')].map(x => x.outerHTML).join()"
+        assert shown.value(f"{drawn.format('.motion')} === {drawn.format('.live-motion')}")
     moved(shown, name, next(values for question, values in MOVED if question == name))
     _, file = page(name, folder, **LIVE[name])
     quiet(shown, file)
@@ -226,6 +244,62 @@ def test_boxes_keys_and_links_move_the_machine_and_what_it_does_is_spoken(
     assert shown.value(f"{PART}.querySelector('.wrong').textContent") == "must be at most 12 rad/s"
 
 
+@pytest.fixture(scope="module")
+def fox(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Firefox]:
+    """Firefox for all pages."""
+    program = shutil.which("firefox-esr") or shutil.which("firefox")
+    if program is None:
+        pytest.skip("neither firefox-esr nor firefox is installed: no page was opened in it")
+    with firefox(program, tmp_path_factory.mktemp("fox") / "profile") as page:
+        yield page
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", LIVE)
+def test_firefox_tells_the_same(name: str, fox: Firefox, folder: Path) -> None:
+    answer, file = page(name, folder, **LIVE[name])
+    fox.open(file)
+    answered(fox)
+    agrees(fox, answer)
+
+
+def test_the_page_goes_on_while_the_worker_computes(shown: Browser, folder: Path) -> None:
+    opened(shown, "iron_cycle", folder)
+    shown.value("""(window.ticks = 0, setInterval(() => {
+        if (document.getElementById('live-part').ariaBusy === 'true') ticks++; }, 5), 0)""")
+    move(shown, {"speed": 6.0})
+    answered(shown, 2)
+    assert shown.value("ticks") > 5
+
+
+@pytest.mark.slow
+def test_a_move_in_the_middle_of_a_long_answer_is_answered_alone(
+    shown: Browser, folder: Path
+) -> None:
+    opened(shown, "sommerfeld", folder)
+    move(shown, {"motor.R": 7.0})
+    shown.value("new Promise(resolve => setTimeout(resolve, 1600))")
+    moved(shown, "sommerfeld", {"exciter.mount.d": 100.0}, 3)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "values", "words"),
+    [
+        ("orientator_cycle", {"friction": 1.0, "speed": 12.0}, "The product jams: "),
+        ("packing_line", {"orientator.chute.mu": 1.0}, "does not keep pace: 0 of "),
+        ("iron_cycle", {"speed": 9.0}, "is NOT possible: the follower lifts off at "),
+        ("iron_bounce", {"speed": 11.0}, "it is off the cam for "),
+    ],
+)
+def test_a_jam_and_a_lift_off_are_the_sentences_that_python_says(
+    name: str, values: Mapping[str, float], words: str, shown: Browser, folder: Path
+) -> None:
+    opened(shown, name, folder)
+    moved(shown, name, values)
+    assert words in shown.value(f"{PART}.querySelector('.verdict p').textContent")
+
+
 @pytest.mark.slow
 def test_an_unstable_step_is_the_sentence_that_python_says(shown: Browser, tmp_path: Path) -> None:
     given = {"speeds": "38,40,42", "steps_per_rev": 128, "algorithm": "jacobi"}
@@ -282,7 +356,7 @@ def test_a_module_computes_what_its_fmu_does(name: str, shown: Browser, tmp_path
     shown.value(f"window.letters = '{letters}', 0")
     imports, values, once, again = shown.value(f"""(() => {{ {engine}
         const bytes = Uint8Array.from(atob(letters), x => x.charCodeAt(0));
-        const module = new WebAssembly.Module(bytes), system = new System({{ m: module }}, [], ["m"]);
+        const module = new WebAssembly.Module(bytes), system = new Network({{ m: module }}, [], ["m"]);
         system.start({{}});
         const rows = system.run({50 * step!r}, {step!r}, "strang", {columns});
         const {{ flat, instance }} = system.parts.m, kept = flat.save(instance);

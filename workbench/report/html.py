@@ -21,7 +21,7 @@ from .svg import EDGE, scale_of, svg
 if TYPE_CHECKING:
     from ..answer import Answer, Table
 
-LARGEST, OPEN = 3_000_000, 12
+LARGEST, OPEN = 250_000, 12
 SHEET, LEAST, LATER = 8.0, 3.2, 6.4
 
 
@@ -33,7 +33,7 @@ def report(answer: Answer, path: Path) -> None:
     pictures, most = [*show.charts, *show.more], [first_sheet(answer)]
     charts = [figure(each, room) for each, room in zip(pictures, most + [LATER] * len(pictures))]
     live = answer.live
-    content: dict[str, Any] = {"charts": charts, "motions": list(map(_motion, show.motions))}
+    content: dict[str, Any] = {"charts": charts, "motions": list(map(motion, show.motions))}
     content |= {"live": live.data} if live else {}
     folder = FileSystemLoader(Path(__file__).parent)
     made = Environment(loader=folder, autoescape=True, trim_blocks=True, lstrip_blocks=True)
@@ -43,7 +43,7 @@ def report(answer: Answer, path: Path) -> None:
         charts=[{"title": x.title, "words": told(x, drawn)} for x, drawn in zip(pictures, charts)],
         motions=show.motions,
         figures=[_figure(name, x) for name, x in answer.figures.items()],
-        tables={name: limited(table) for name, table in answer.tables.items()},
+        tables={name: limited(x, len(answer.tables)) for name, x in answer.tables.items()},
         parameters=_parameters(answer),
         provenance=_provenance(answer.provenance),
         open=OPEN,
@@ -98,12 +98,13 @@ def _value(value: object) -> str:
     return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
-def limited(table: Table) -> tuple[str, str]:
-    """The CSV packed, of every k-th row if it is too large, and a note that says so."""
+def limited(table: Table, among: int = 1) -> tuple[str, str]:
+    """The CSV packed, of every k-th row if it is too large, and a note that says so; all tables of
+    a page together stay below LARGEST."""
     rows, k = len(table.frame), 1
     while True:
         packed = _packed(table.frame.iloc[::k].to_csv(index=False).encode())
-        if len(packed) <= LARGEST:
+        if len(packed) * among <= LARGEST:
             part = f"one row in {k} of {rows}; the whole file lies beside this page"
             return packed, f"{rows} rows" if k == 1 else part
         k *= 2
@@ -122,13 +123,13 @@ def _provenance(known: Mapping[str, Any]) -> list[tuple[str, str]]:
     return [*rows, *known["versions"].items(), ("curves", drawn)]
 
 
-def _motion(motion: Motion) -> Words:
+def motion(it: Motion) -> Words:
     """A motion as the page's script gets it."""
-    times = (motion.times - motion.times[0]).round(6).tolist()
-    pace = "In real time." if motion.slow == 1 else f"{motion.slow:g} times slower than real."
-    low, high = motion.bounds
-    place = {"low": low[0], "high": high[1], "scale": scale_of(motion), "edge": EDGE}
+    times = (it.times - it.times[0]).round(6).tolist()
+    pace = "In real time." if it.slow == 1 else f"{it.slow:g} times slower than real."
+    low, high = it.bounds
+    place = {"low": low[0], "high": high[1], "scale": scale_of(it), "edge": EDGE}
     return {
-        "svg": svg(motion), "slow": motion.slow, "times": times, "captions": list(motion.captions),
-        "note": f"{pace} {motion.note}", "angles": list(motion.angles), "place": place,
+        "svg": svg(it), "slow": it.slow, "times": times, "captions": list(it.captions),
+        "note": f"{pace} {it.note}", "angles": list(it.angles), "place": place,
     }  # fmt: skip

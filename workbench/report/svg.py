@@ -1,15 +1,16 @@
-"""Motions in SVG, which browsers animate by themselves."""
+"""Motions in SVG, which browsers animate by themselves: the one drawing of page, live page and GIF."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from html import escape
 
 import numpy as np
 
 from .chart import COLORS, Samples
-from .motion import Motion
+from .motion import Motion, Shape
 
-WIDE, EDGE, TALL = 1000.0, 28.0, 460.0
+WIDE, EDGE, TALL, CAPTION = 1000.0, 28.0, 460.0, 60.0
 SCREENS = {"wide": (928.0, 12.0), "narrow": (358.0, 9.0)}
 
 
@@ -21,36 +22,18 @@ def scale_of(motion: Motion) -> float:
 
 def svg(motion: Motion) -> str:
     """The motion again and again over its ghosts, with letters of a size for wide and narrow screens."""
-    low, high = motion.bounds
-    scale = scale_of(motion)
-    size = scale * (high - low) + 2 * EDGE
+    size, shapes = _placed(motion)
     since = motion.times - motion.times[0]
     times = ";".join(f"{share:.6g}" for share in since / since[-1])
     clock = f'dur="{since[-1] * motion.slow:.6g}s" repeatCount="indefinite" keyTimes="{times}"'
-
-    def element(tag: str, look: str, inside: str, **moving: Samples) -> str:
-        """An element whose attributes move if they have several frames, shape (frames, n)."""
-        for name, values in moving.items():
-            frames = [" ".join(f"{x:g}" for x in row) for row in np.round(values, 1)]
-            look += f' {name}="{frames[0]}"'
-            if len(frames) > 1:
-                inside += f'<animate attributeName="{name}" {clock} values="{";".join(frames)}"/>'
-        return f"<{tag} {look}>{inside}</{tag}>"
-
-    ghosts, lines, names = "", "", ""
-    for shape in motion.shapes:
-        placed = (shape.points - [low[0], high[1]]) * [scale, -scale] + EDGE
-        points, name = placed.reshape(len(placed), -1), escape(shape.name)
-        look = f'stroke="{COLORS[shape.color]}" stroke-width="{shape.width:g}"'
-        tag = "polygon" if shape.closed else "polyline"
-        lines += element(tag, look, f"<title>{name}</title>", points=points)
-        if len(points) > 1:
-            for frame in motion.ghosts:
-                ghosts += element(tag, f'{look} opacity="0.22"', "", points=points[[frame]])
-        if shape.label is not None:
-            x, y = placed[:, shape.label, :1], placed[:, shape.label, 1:]
-            side = 'dx="-.5em" text-anchor="end"' if x.max() > 0.8 * WIDE else 'dx=".5em"'
-            names += element("text", f'{side} dy="-.5em"', name, x=x, y=y)
+    ghosts = [
+        _line(shape, placed[[frame]], "", ' opacity="0.22"')
+        for shape, placed in shapes
+        if len(placed) > 1
+        for frame in motion.ghosts
+    ]
+    lines = [_line(shape, placed, clock) for shape, placed in shapes]
+    names = [_name(shape, placed, clock) for shape, placed in shapes]
     letters = [
         f"--{screen}: {height / min(wide / size[0], TALL / size[1]):.1f}px"
         for screen, (wide, height) in SCREENS.items()
@@ -58,5 +41,60 @@ def svg(motion: Motion) -> str:
     label = escape(f"{motion.title}: {', '.join(shape.name for shape in motion.shapes)}")
     return (
         f'<svg role="img" aria-label="{label}" viewBox="0 0 {size[0]:.1f} {size[1]:.1f}" '
-        f'style="{"; ".join(letters)}">{ghosts}{lines}{names}</svg>'
+        f'style="{"; ".join(letters)}">{"".join([*ghosts, *lines, *names])}</svg>'
     )
+
+
+def still(motion: Motion, frame: int, pixels: float) -> str:
+    """A frame below its caption as a picture, on its longer side so many pixels long."""
+    size, shapes = _placed(motion)
+    unit = max(size) / pixels
+    now = [(shape, placed[[min(frame, len(placed) - 1)]]) for shape, placed in shapes]
+    lines = [_line(shape, placed, "", thick=unit) for shape, placed in now]
+    names = [_name(shape, placed, "") for shape, placed in now]
+    wide, tall = size[0], size[1] + CAPTION * unit / 2
+    return (
+        f'<svg xmlns="http://www.w3.org/2000/svg" width="{wide / unit:.0f}" '
+        f'height="{tall / unit:.0f}" viewBox="0 {size[1] - tall:.1f} {wide:.1f} {tall:.1f}">'
+        f'<rect y="{size[1] - tall:.1f}" width="100%" height="100%" fill="white"/>{"".join(lines)}'
+        f'<g font-family="DejaVu Sans" font-size="{11 * unit:.1f}">{"".join(names)}'
+        f'<text x="{EDGE}" y="0">{escape(motion.captions[frame])}</text></g></svg>'
+    )
+
+
+def _placed(motion: Motion) -> tuple[Samples, list[tuple[Shape, Samples]]]:
+    """Width and height of the drawing, and every shape with its points there, of shape
+    (frames or 1, n, 2)."""
+    (low, high), scale = motion.bounds, scale_of(motion)
+    corner, ways = np.array([low[0], high[1]]), np.array([scale, -scale])
+    placed = [(shape, (shape.points - corner) * ways + EDGE) for shape in motion.shapes]
+    return scale * (high - low) + 2 * EDGE, placed
+
+
+def _line(shape: Shape, placed: Samples, clock: str, more: str = "", thick: float = 1.0) -> str:
+    """A shape as it moves, with its name for those who point at it or do not see it."""
+    look = (
+        f'fill="none" stroke="{COLORS[shape.color]}" stroke-width="{shape.width * thick:g}"{more}'
+    )
+    inside = "" if more else f"<title>{escape(shape.name)}</title>"
+    tag = "polygon" if shape.closed else "polyline"
+    return _element(tag, look, inside, {"points": placed.reshape(len(placed), -1)}, clock)
+
+
+def _name(shape: Shape, placed: Samples, clock: str) -> str:
+    """The name of a shape beside it, if it is to be read."""
+    if shape.label is None:
+        return ""
+    x, y = placed[:, shape.label, :1], placed[:, shape.label, 1:]
+    side = 'dx="-.5em" text-anchor="end"' if x.max() > 0.8 * WIDE else 'dx=".5em"'
+    return _element("text", f'{side} dy="-.5em"', escape(shape.name), {"x": x, "y": y}, clock)
+
+
+def _element(tag: str, look: str, inside: str, moving: Mapping[str, Samples], clock: str) -> str:
+    """An element whose attributes move if they have several frames, shape (frames, n)."""
+    for name, values in moving.items():
+        frames = [" ".join(f"{x:g}" for x in row) for row in np.round(values, 1)]
+        look += f' {name}="{frames[0]}"'
+        if len(frames) > 1:
+            inside += f'<animate attributeName="{name}" {clock} values="{";".join(frames)}"/>'
+    return f"<{tag} {look}>{inside}</{tag}>"

@@ -37,7 +37,7 @@ class Part {
 }
 
 // Parts by name, in the sequence of their turns, and wires {from, to, factor, offset}.
-class System {
+class Network {
   constructor(modules, wires, sequence) {
     this.parts = Object.fromEntries(sequence.map(name => [name, new Part(name, modules[name])]));
     this.sequence = sequence.map(name => this.parts[name]);
@@ -135,28 +135,6 @@ class System {
     }
     return { time, ...Object.fromEntries(record.map((name, k) => [name, rows[k].values])) };
   }
-}
-
-// The finest of three runs and its figures, whose errors hold that of the coupling: Bench.certify.
-// `figures` tells them of rows; a generator that yields after every run.
-function* certify(system, start, { stop, step, algorithm, order }, record, figures) {
-  const told = [];
-  let rows, warnings;
-  for (const coarser of [4, 2, 1]) {
-    system.start(start);
-    rows = system.run(stop, coarser * step, algorithm, record);
-    warnings = system.heard();
-    told.unshift(figures(rows));
-    yield;
-  }
-  const certain = Object.fromEntries(Object.entries(told[0]).map(([name, fine]) => {
-    const values = told.map(one => one[name]).filter(one => one && one.error !== null).map(one => one.value);
-    if (fine.error === null) return [name, fine];
-    if (values.length < told.length)
-      return [name, refused(fine.unit, "only some of the three runs with different communication steps have it", fine.meaning)];
-    return [name, { ...fine, error: fine.error + coupling(values, order) }];
-  }));
-  return { rows, figures: certain, warnings };
 }
 
 // Whole revolutions on a steady orbit, as workbench/orbit.py finds it: `start` makes start values of

@@ -181,44 +181,6 @@ class Cubics {
   }
 }
 
-// What `tell` makes of columns, and how much every second row would change it: measure.measured.
-const measured = (tell, ...columns) => {
-  const value = tell(...columns), rows = columns[0].length;
-  const away = [0, 1].map(half => {
-    const kept = k => k === 0 || k === rows - 1 || k % 2 === half;
-    return Math.abs(value - tell(...columns.map(x => x.filter((_, k) => kept(k)))));
-  });
-  return { value, error: Math.max(...away, 1e-12 * Math.abs(value)) };
-};
-
-// The largest x and its place, on the spline through rows, which rises no further than at a smooth peak.
-const top = (t, x) => {
-  let row = 0;
-  x.forEach((value, k) => { if (value > x[row]) row = k; });
-  let [value, time] = [x[row], t[row]];
-  const curve = Cubics.spline(t, x);
-  curve.pieces.forEach(([a, b, c], k) => {
-    const high = Math.max(x[k], x[k + 1]), low = Math.max(x[k - 1] ?? -Infinity, x[k + 2] ?? -Infinity);
-    const most = high + 0.25 * (high - low), inner = b * b - 3 * a * c;
-    if (!(most > value) || !(inner >= 0)) return;
-    const q = -(b + (b < 0 ? -1 : 1) * Math.sqrt(inner));
-    for (const s of [q / (3 * a), c / q]) if (s > 0 && s < t[k + 1] - t[k]) {
-      const peak = Math.min(curve.at(t[k] + s), most);
-      if (peak > value) [value, time] = [peak, t[k] + s];
-    }
-  });
-  return [value, time];
-};
-const largest = (t, x) => ({ ...measured((t, x) => top(t, x)[0], t, x), at: measured((t, x) => top(t, x)[1], t, x) });
-const smallest = (t, x) => {
-  const found = largest(t, x.map(y => -y));
-  return { ...found, value: -found.value };
-};
-const integral = (t, x) => measured((t, x) => Cubics.spline(t, x).pieces.reduce((sum, [a, b, c, d], k) => {
-  const s = t[k + 1] - t[k];
-  return sum + (((a * s / 4 + b / 3) * s + c / 2) * s + d) * s;
-}, 0), t, x);
-
 // Complex amplitudes of the orders 1..highest of columns x over phi, Im(X exp(i k phi)), fitted
 // together with the mean; of each column a list. The normal equations are sums of exp(i m phi).
 const harmonics = (phi, columns, highest) => {
@@ -268,27 +230,14 @@ const limit = (values, order) => {
   return [better, Math.abs(better - rough) + 0.02 * Math.abs(move), ""];
 };
 
-// The coupling error of the first of values at steps h, 2 h, 4 h, as cosim.estimate states it.
-const coupling = (values, order) => {
-  const [fine, middle, coarse] = values, spread = Math.max(...values) - Math.min(...values);
-  if (spread === 0 && fine === Math.round(fine)) return 0;
-  const move = fine - middle, before = middle - coarse, least = 1e-10 * (Math.abs(fine) || 1);
-  if (Math.max(Math.abs(move), Math.abs(before)) <= least) return least;
-  const falls = before ? Math.log2(Math.abs(before) / Math.max(Math.abs(move), least)) : -Infinity;
-  const same = move * before >= 0;
-  const bound = same ? Math.max(Math.abs(move), Math.abs(before) / 2 ** order) / (2 ** Math.min(Math.max(falls, 0.5), order) - 1)
-    : Math.abs(before);
-  const fails = same ? !(falls >= 0.5) : !(falls > 0), regular = same && falls <= order + 1.5;
-  if (fails || (!regular && bound > 0.1 * Math.abs(fine))) return 2 * spread;
-  return Math.max(1.5 * bound, least);
-};
-
 const figure = (value, unit, error, meaning = "", reason = "") => ({ value, unit, error, meaning, reason });
 const refused = (unit, reason, meaning) => figure(NaN, unit, null, meaning, reason);
 
 // A number as "%.6g" writes it.
 const six = (value, digits = 6) => {
   if (!value) return String(value);
+  const near = Number(value.toPrecision(digits)), size = Math.abs(near);
+  if (size >= 1e-4 && size < 10 ** digits) return String(near);
   const [mantissa, exponent] = value.toExponential(digits - 1).split("e");
   const trimmed = text => text.includes(".") ? text.replace(/\.?0+$/, "") : text;
   if (exponent < -4 || exponent >= digits) return power(`${trimmed(mantissa)}e${exponent}`);

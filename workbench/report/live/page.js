@@ -1,14 +1,25 @@
 // The live part of a page: sliders, a worker that answers, and what it told, beside the still answer.
-// Stands in the script of page.html, whose functions it uses.
+// Stands in the script of page.html, whose functions it uses. A worker that is asked anew and has told
+// nothing for so many ms is left for another.
+const PATIENCE = 1500;
 
 const live = async content => {
   const section = document.getElementById("live-part"), told = content.live, $ = name => section.querySelector(name);
   if (!section || typeof WebAssembly !== "object" || typeof Worker !== "function") return;
-  const source = URL.createObjectURL(new Blob([await unpack("worker")], { type: "text/javascript" }));
-  const worker = new Worker(source), modules = {};
+  const source = URL.createObjectURL(new Blob([await unpack("worker")], { type: "text/javascript" })), modules = {};
   for (const script of section.querySelectorAll("script[data-part]"))
     modules[script.dataset.part] = await (await unpacked(script.id)).arrayBuffer();
-  worker.postMessage({ modules, wires: told.wires, sequence: told.sequence });
+  let worker = null, since = 0;
+  const begin = () => {
+    worker?.terminate();
+    worker = new Worker(source);
+    worker.onmessage = hear;
+    worker.onerror = event => {
+      alarm.hidden = false;
+      alarm.textContent = `The live part of this page broke down: ${event.message}`;
+    };
+    worker.postMessage({ modules, wires: told.wires, sequence: told.sequence, machine: told.machine });
+  };
   section.hidden = false;
 
   const state = $(".live-state"), alarm = $(".live-alarm"), spoken = $(".live-spoken"), PREFIX = "#live:";
@@ -42,13 +53,15 @@ const live = async content => {
   });
   const moved = () => rows.filter(one => one.now !== one.value);
 
-  let id = 0, shape = null, strange = [];
+  let id = 0, strange = [];
   const ask = () => {
     const options = { ...told.options }, asked = { ...told.asked };
     for (const one of moved()) (one.option ? options : asked)[one.name] = one.now;
     for (const one of rows) if (one.option && options[one.name] === null) options[one.name] = one.now;
     state.textContent = "Running …";
     section.setAttribute("aria-busy", "true");
+    if (since && performance.now() - since > PATIENCE) begin(), since = 0;
+    since ||= performance.now();
     worker.postMessage({ id: ++id, options, asked, start: { ...told.start, ...asked }, facts: told.facts });
   };
 
@@ -83,12 +96,11 @@ const live = async content => {
     ask();
   };
 
-  worker.onmessage = ({ data }) => {
+  const hear = ({ data }) => {
+    if (data.id === id && data.done) since = 0; else if (data.figures) since = performance.now();
     if (data.charts) data.charts.forEach((one, k) => paint(k, one));
-    if (data.motion) {
-      const next = moving(content.motions[0], data.motion);
-      if (shape) shape(next); else shape = animate($(".live-motion"), next);
-    }
+    const motions = data.motions ?? (data.motion ? [moving(content.motions[0], data.motion)] : []);
+    motions.forEach((next, k) => move(k, next));
     if (data.figures) fill(data.figures);
     if (data.verdict) $(".verdict div").replaceChildren(...data.verdict.map(line => element("p", {}, line)));
     if (data.note) state.textContent = `Running: ${data.note} …`;
@@ -104,11 +116,6 @@ const live = async content => {
     section.dataset.answered = id;
     keep();
   };
-  worker.onerror = event => {
-    alarm.hidden = false;
-    alarm.textContent = `The live part of this page broke down: ${event.message}`;
-  };
-
   const fill = figures => {
     const rows = [...section.querySelectorAll("tr[data-figure]")], names = rows.map(row => row.dataset.figure);
     for (const [name, { meaning }] of Object.entries(figures)) if (!names.includes(name)) {
@@ -124,6 +131,14 @@ const live = async content => {
     }
   };
 
+  const shapes = [];
+  const move = (k, next) => {
+    if (shapes[k]) return shapes[k](next);
+    const place = element("div", { class: "moving" });
+    $(".live-motion").append(place);
+    shapes[k] = animate(place, next);
+  };
+
   const charts = [], last = [];
   const paint = (k, one) => {
     if (!charts[k]) {
@@ -131,7 +146,7 @@ const live = async content => {
       $(".live-charts").append(charts[k]);
     }
     last[k] = one;
-    const drawn = overlaid(content.charts[k], one, small.matches ? "narrow" : "wide");
+    const drawn = (one.data ? beside : overlaid)(content.charts[k], one, small.matches ? "narrow" : "wide");
     Plotly.react(charts[k], drawn.data, drawn.layout, { responsive: true, displayModeBar: false });
   };
   small.addEventListener("change", () => last.forEach((one, k) => paint(k, one)));
@@ -150,12 +165,28 @@ const live = async content => {
   addEventListener("hashchange", arrive);
   $(".live-command code").textContent = command();
   rows.forEach(one => one.set(one.value));
+  begin();
   if (location.hash.startsWith(PREFIX)) arrive(); else ask();
 };
 
 const shown = value => String(Number(value.toPrecision(6)));
 
-// The still chart in grey, and over it the live curves in its colours; the axes fit both.
+// The lines of the still chart in grey below those of the live one; the axes fit both.
+const beside = (still, one, screen) => {
+  const layout = structuredClone(one[screen]), titles = laid => key => laid[key]?.title?.text;
+  const now = titles(layout), before = titles(still[screen]), axes = Object.keys(layout).filter(key => /^yaxis/.test(key));
+  const twin = key => axes.includes(key) && now(key) === before(key) ? key : axes.find(other => now(other) === before(key));
+  const grey = still.data.filter(trace => !trace.type && !trace.fill && trace.name && trace.line?.width !== 0 && twin(`yaxis${trace.yaxis.slice(1)}`))
+    .map(trace => ({ ...trace, yaxis: `y${twin(`yaxis${trace.yaxis.slice(1)}`).slice(5)}`, opacity: 0.5, hoverinfo: "skip", hovertemplate: null, showlegend: false, legendgroup: "still",
+      marker: { ...trace.marker, color: GREY }, line: { ...trace.line, color: GREY } }));
+  for (const key of Object.keys(still[screen]).filter(key => /^[xy]axis/.test(key))) {
+    const axis = layout[key[0] === "x" ? key : twin(key)], { range: other } = still[screen][key];
+    if (axis) axis.range = axis.range.map((x, k) => (axis.range[0] > axis.range[1]) === (k === 0) ? Math.max(x, other[k]) : Math.min(x, other[k]));
+  }
+  return { data: [...grey, ...one.data], layout: { ...layout, dragmode: false } };
+};
+
+// The still chart in grey, and over it the live curves of a script in its colours; the axes fit both.
 const overlaid = (still, one, screen) => {
   const layout = structuredClone(still[screen]), fresh = new Map(), before = [];
   for (const curve of one.curves) {

@@ -1,7 +1,8 @@
 "use strict";
 // Answers the newest request; what is asked meanwhile waits until the first of an answer is told.
 
-let machine = null, newest = null, busy = false;
+const machine = {};
+let newest = null, busy = false;
 
 const breath = () => new Promise(resolve => {
   const { port1, port2 } = new MessageChannel();
@@ -13,13 +14,14 @@ const work = async () => {
   busy = true;
   while (newest) {
     const { id, ...asked } = newest;
+    machine.note = note => postMessage({ id, note });
     newest = null;
     let told = false, rested = performance.now();
     const began = rested;
     try {
-      for (const stage of answer(asked, machine)) {
+      for (const stage of answer(asked, machine.system)) {
         if (stage) {
-          for (const figure of Object.values(stage.figures ?? {})) figure.text = text(figure);
+          for (const figure of Object.values(stage.figures ?? {})) figure.text ??= text(figure);
           postMessage({ id, ...stage, took: performance.now() - began });
           told = true;
         }
@@ -38,8 +40,8 @@ const work = async () => {
 
 onmessage = ({ data }) => {
   if (data.modules) {
-    const modules = Object.entries(data.modules).map(([part, bytes]) => [part, new WebAssembly.Module(bytes)]);
-    machine = new System(Object.fromEntries(modules), data.wires, data.sequence);
+    const modules = Object.fromEntries(Object.entries(data.modules).map(([part, bytes]) => [part, new WebAssembly.Module(bytes)]));
+    Object.assign(machine, data.machine, { modules, system: new Network(modules, data.wires, data.sequence) });
   }
   if (data.id) {
     newest = data;

@@ -1,0 +1,121 @@
+"""Python that was translated, in a browser, beside Python."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable
+from functools import partial
+from itertools import count
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+from scipy.interpolate import CubicSpline
+
+from cosim import SetupError
+from tests.workbench.browser import Browser
+from tests.workbench.test_report import shown
+from workbench.live import FOLDER
+from workbench.translate import script
+
+__all__ = ["shown"]
+NUMBERS = (0.0, -0.0, 0.0625, 2.5, -1234.5678, 1e-7, 123456789.0, math.nan, math.inf)
+SIZES = {("m", "mm"): 1e3, ("rad", "deg"): 180 / math.pi}
+
+
+class Place(NamedTuple):
+    x: float
+    y: float = 2.0
+
+    @property
+    def far(self) -> float:
+        return math.hypot(self.x, self.y)
+
+    def moved(self, by: float, *, up: bool = False) -> Place:
+        return self._replace(y=self.y + by) if up else self._replace(x=self.x + by)
+
+
+def formats() -> Any:
+    forms = [f"{x:g} {x:.3g} {x:.3f} {x:z.1f} {x:+.2f} {x:.0%} {x:.2e}" for x in NUMBERS]
+    return [*forms, f"{3!r} {'a'!r} {round(2.5)} {round(-1.25, 1)} {7 // 2} {-7 % 5}"]
+
+
+def collections() -> Any:
+    first, *rest = [3, 1, 2]
+    *front, last = "a", "b", "c"
+    seen = {x: k for k, x in enumerate(sorted(rest), 1)} | {"far": Place(3.0, 4.0).far}
+    seen |= {key: value for (key, _), value in SIZES.items()}
+    numbers = [*range(2, 9, 3)]
+    numbers += [10] * 2
+    numbers[0], other = -1, numbers[-2:]
+    place, pairs = Place(1.0).moved(2.0, up=True), list(zip("ab", count(5)))
+    least = min(((abs(x - 4), x) for x in numbers), default=None)
+    none = max((x for x in numbers if x > 99), default=-1)
+    words = [first, front, last, seen["far"], seen["m"], place, pairs, least, none, other]
+    inside = 1 in seen and "far" in seen and not (0 < len(words) <= 2) and "c" not in front
+    return [*words, inside, SIZES["m", "mm"], "-".join(words[2:1] + front).partition("-"), numbers]
+
+
+def arrays() -> Any:
+    x = np.linspace(0.0, 1.0, 5)
+    grid = np.stack([x, x**2, -x], axis=-1)
+    grid[:, 0] -= 1.0
+    turned = np.exp(1j * x) * (2.0 - 1j) / (1 + x)
+    spline = CubicSpline(x, np.sin(3 * x))
+    told = [grid[1:, -1], grid[[0, 2]], grid[x > 0.3].T, grid.max(axis=0), grid[None, :2, 1]]
+    told += [turned.real, abs(turned), np.outer(x, x)[-1], np.where(x > 0.5, x, -x), x[::-1]]
+    told += [np.diff(x), np.flatnonzero(x > 0.4), np.clip(3 * x, 0.5, 2.0), x[:, None] + x[:2]]
+    told += [spline(0.3), spline.derivative().roots(extrapolate=False), spline.integrate(0.1, 0.9)]
+    told += [spline.solve(0.5, extrapolate=False), np.roots([1.0, -3.0, 2.0]), (x > 2).any()]
+    return [y.tolist() if isinstance(y, np.ndarray) else float(y) for y in told]
+
+
+def running() -> Any:
+    total = 0
+    for k in count():
+        if k % 2:
+            continue
+        for j in range(k):
+            if j > 5:
+                break
+            total += j
+        else:
+            total += 100
+        if k > 12:
+            break
+    add = partial(lambda a, b, c=0: a + 10 * b + 100 * c, 1, c=3)
+    return [total, add(2), (found := 5) + found, None if total else 1]
+
+
+def leaves() -> None:
+    with Path("x").open():
+        pass
+
+
+@pytest.mark.parametrize("tell", [formats, collections, arrays, running])
+def test_translated_python_tells_what_python_tells(
+    tell: Callable[[], Any], shown: Browser, tmp_path: Path
+) -> None:
+    texts = [(FOLDER / f"{name}.js").read_text() for name in ("numbers", "master", "python")]
+    made = "".join(text.replace('"use strict";', "") for text in texts)
+    empty = tmp_path / "empty.html"
+    empty.write_text("<!doctype html><html data-ready='yes'>")
+    shown.open(empty, 1000)
+    body = f"{made}; {script({'tell': tell}, ['tests'])}; return py.plain(py.call(page.tell, []));"
+    seen, wanted = shown.value(f"(() => {{ {body} }})()"), json.loads(json.dumps(tell()))
+    for one, other in zip(flat(seen), flat(wanted), strict=True):
+        number = isinstance(other, float | int)
+        assert one == (pytest.approx(other, rel=1e-12, abs=1e-14) if number else other)
+
+
+def flat(told: Any) -> list[Any]:
+    """All that is in lists of lists."""
+    return [x for one in told for x in flat(one)] if isinstance(told, list) else [told]
+
+
+def test_what_cannot_be_translated_is_refused_by_file_and_line() -> None:
+    line = leaves.__code__.co_firstlineno + 1
+    with pytest.raises(SetupError, match=rf"test_translate\.py:{line}: LIVE cannot use With here"):
+        script({"leaves": leaves}, ["tests"])
