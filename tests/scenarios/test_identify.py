@@ -13,12 +13,12 @@ import pytest
 
 from cosim import SetupError
 from scenarios.conveyor import identify
-from scenarios.conveyor.identify import prior
 from scenarios.conveyor.theory import Machine
 from tests.conftest import QUICK, ROOT, ask, fmus_of
 from tests.cosim.test_identify import Samples, moved, noisy
 from workbench.answer import Answer
 from workbench.ask import row
+from workbench.recorded import prior
 
 RECORD, RATED = ROOT / "examples/conveyor_record.csv", 80.0
 TRUTH = {
@@ -103,7 +103,7 @@ def test_a_record_of_another_machine_is_refused(tmp_path: Path) -> None:
 
 
 REFUSED: list[tuple[dict[str, Any], str]] = [
-    ({"data": ""}, "identify needs a record: --data FILE.csv"),
+    ({"data": ""}, "a record is needed: --data FILE.csv --map conveyor.w="),
     ({"data": "none.csv"}, "none.csv cannot be read as a table"),
     ({"map": ["time=t", "motor.tau=M:N.m"]}, "no column is mapped to conveyor.w"),
     ({"map": ["conveyor.w=n", "conveyor.w=M"]}, "map 'conveyor.w=M': conveyor.w is mapped twice"),
@@ -113,7 +113,7 @@ REFUSED: list[tuple[dict[str, Any], str]] = [
     ({"known": ["conveyor.trough.m=200"]}, "must read NAME=VALUE+-DEVIATION"),
     ({"known": ["conveyor.trough.m=200+-0"]}, "the deviation must be above 0"),
     ({"known": ["conveyor.x=0+-1"]}, "conveyor.x [m] cannot be free"),
-    ({"noise": ["conveyor.w=some"]}, "noise 'conveyor.w=some' must read NAME=NUMBER"),
+    ({"noise": ["conveyor.w=some"]}, "noise 'conveyor.w=some' must read NAME=NUMBER, or"),
 ]
 
 
