@@ -142,6 +142,18 @@ class Table:
         other.unit = ""
         return other
 
+    def between(self, first: float, last: float) -> Table:
+        """The rows between two times [s]; raises SetupError if there are none."""
+        rows = [(t, v) for t, v in zip(self.times, self.values) if first <= t <= last]
+        if not rows:
+            raise SetupError(
+                f"{self.source or 'a table'}: it has no rows from {first:g} to {last:g} s, only from "
+                f"{self.times[0]:g} to {self.times[-1]:g} s"
+            )
+        other = copy(self)
+        other.times, other.values = [t for t, _ in rows], [v for _, v in rows]
+        return other
+
     def at(self, t: float) -> Any:
         """The value at time t [s], after a jump there."""
         return self._on(bisect_right(self.times, t) - 1, t)

@@ -26,6 +26,7 @@ from workbench.question import find, load
 
 ROOT = Path(__file__).resolve().parents[1]
 DESCRIPTION = "modelDescription.xml"
+STAGES = ("falling", "joint", "turning", "released")
 QUICK: dict[str, dict[str, Any]] = {
     "resonance": {"speeds": "30,44", "steps_per_rev": 64},
     "resonance_map": {
@@ -57,6 +58,19 @@ QUICK: dict[str, dict[str, Any]] = {
         "map": ["time=t", "conveyor.w=n", "motor.tau=M*0.8:N.m"],
         "known": ["conveyor.trough.m=200+-5", "conveyor.spring.c=720e3+-2%"],
         "rated_torque": 80.0,
+        "starts": 2,
+    },
+    "iron_identify": {
+        "data": str(ROOT / "examples/iron_record.csv"),
+        "map": ["time=t", "iron.w=n", "motor.tau=M*0.02:N.m"],
+        "known": ["iron.iron.m=4.4+-1%"],
+        "until": 1.65,
+        "starts": 2,
+    },
+    "orientator_identify": {
+        "data": str(ROOT / "examples/orientator_record.csv"),
+        "map": ["orientator.w=n", *(f"orientator.t_{x}={x}" for x in STAGES)],
+        "noise": [f"orientator.t_{x}=0.5ms" for x in STAGES],
         "starts": 2,
     },
 }

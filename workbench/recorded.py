@@ -46,6 +46,8 @@ class Recorded(Options):
     outliers: float = option(
         0.0, "share of the rows that may lie far out", "%", least=0.0, most=20.0
     )
+    since: float | None = option(None, "time from which on rows count", "s")
+    until: float | None = option(None, "time up to which rows count", "s")
     starts: int = option(12, "starts of the search, at most", least=2)
 
     def columns(self, *wanted: str, timed: bool = True) -> dict[str, Measured]:
@@ -68,7 +70,10 @@ class Recorded(Options):
             if name not in columns:
                 raise SetupError(f"{self.data}: no column is mapped to {name}: --map {name}=COLUMN")
         time = columns.pop("time", "time") if timed else None
-        return cosim.measured(self.data, columns, time=time, gaps=self.gaps)
+        found = cosim.measured(self.data, columns, time=time, gaps=self.gaps)
+        first = -math.inf if self.since is None else self.since
+        last = math.inf if self.until is None else self.until
+        return {name: table.between(first, last) for name, table in found.items()}
 
     @property
     def priors(self) -> dict[str, tuple[float, float]]:
@@ -175,7 +180,8 @@ def next_one(advice: Sequence[Advice], now: float, what: str, unit: str) -> str:
     error = max(x.error for x in best)
     if error >= now / (1 + SAME):
         return f"Next: no record of these narrows the interval of {what} by much."
-    names = " or ".join(x.name for x in best)
+    *others, name = (x.name for x in best)
+    names = f"{', '.join(others)} or {name}, all alike," if others else name
     return f"Next: {names} would narrow the interval of {what} to {error:.2g} {unit}".rstrip() + "."
 
 

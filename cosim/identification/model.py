@@ -277,13 +277,17 @@ def build(
     prior: Prior,
     step: float | None,
     settings: Mapping[str, Any],
+    begin: float | None = None,
 ) -> Model:
     """The model, with rows as far apart as the record's median ones unless a step [s] is given.
 
-    It begins with the first row of all; rows of a delayed column that may show what was before, or
+    It begins with the first row of all, or before it; rows of a delayed column that may show what was before, or
     what comes after the last, are left out.
     """
-    span = min(float(c.times[0]) for c in columns), max(float(c.times[-1]) for c in columns)
+    first, last = min(float(c.times[0]) for c in columns), max(float(c.times[-1]) for c in columns)
+    if begin is not None and not begin <= first:
+        raise SetupError(f"begin = {begin!r} s must not be after the first row, at {first!r} s")
+    span = first if begin is None else begin, last
     kept = []
     for column in columns:
         delay = next((f for f in free if f.name == f"delay({column.name})"), None)
