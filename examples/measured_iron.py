@@ -100,13 +100,13 @@ def rates(p: Mapping[str, float], t: float, y: Samples) -> list[float]:
     return [w, a, (static - M) / p["motor.T"]]
 
 
-def record(seed: int = 1) -> pd.DataFrame:
+def record(seed: int = 1, truth: Mapping[str, float] = TRUTH) -> pd.DataFrame:
     """The rows of the logger."""
     number = round((STOP - FIRST) / SAMPLE)
     halves = FIRST + SAMPLE / 2 * np.arange(2 * number + 1)
     start = list(STATES.values())
     run = solve_ivp(
-        lambda t, y: rates(TRUTH, t, y), (0.0, STOP), start, "DOP853", halves,
+        lambda t, y: rates(truth, t, y), (0.0, STOP), start, "DOP853", halves,
         rtol=1e-9, atol=1e-9, max_step=5e-3,
     )  # fmt: skip
     counts = np.floor(GEAR * (run.y[0] - start[0])[::2] * COUNTS / (2 * pi))

@@ -23,7 +23,7 @@ noise; nothing else is drawn. Who identifies the machine has to find `TRUTH`.
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from math import cos, pi, sin, sqrt
 from pathlib import Path
 from typing import Any
@@ -154,12 +154,14 @@ def times(n: float, mu: float, fall: float) -> list[float]:
         on = not on
 
 
-def record(seed: int = 1) -> pd.DataFrame:
+def record(
+    seed: int = 1, truth: Mapping[str, float] = TRUTH, speeds: Sequence[float] = SPEEDS
+) -> pd.DataFrame:
     """The rows of the camera."""
     rng = np.random.default_rng(seed)
-    rows = np.array([times(n, *TRUTH.values()) for n in SPEEDS])
+    rows = np.array([times(n, *truth.values()) for n in speeds])
     seen = np.round((1e3 * rows + rng.normal(0.0, NOISE, rows.shape)) / GRID) * GRID
-    table = {"n [rpm]": SPEEDS} | {f"{x} [ms]": seen[:, k] for k, x in enumerate(STAGES)}
+    table = {"n [rpm]": speeds} | {f"{x} [ms]": seen[:, k] for k, x in enumerate(STAGES)}
     return pd.DataFrame(table).round(3)
 
 

@@ -21,7 +21,7 @@ Samples = NDArray[np.float64]
 SECONDS = {"": 1.0} | multiples("s")
 ORDERS, FEWEST, EVEN = (2, 4, 6, 8), 30, 0.02
 CLIPPED, AGREE = 4.5, 2.0
-NORMAL = 1.4826
+NORMAL, MOST = 1.4826, 1e30
 
 
 class Noise(NamedTuple):
@@ -86,10 +86,10 @@ def measured(
                 values[k] = float(text or "nan")
             except ValueError:
                 raise SetupError(f"{here}: {text!r} is no number") from None
-            if not math.isfinite(values[k]) and not (gaps and math.isnan(values[k])):
+            if not abs(values[k]) < MOST and not (gaps and math.isnan(values[k])):
                 raise SetupError(
-                    f"{here}: {text or 'an empty cell'!r} is no finite number; "
-                    "gaps must be allowed, and times have none"
+                    f"{here}: {text or 'an empty cell'!r} is no finite number "
+                    f"below {MOST:g}; gaps must be allowed, and times have none"
                 )
         return values
 

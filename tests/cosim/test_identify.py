@@ -9,15 +9,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
-from scipy.integrate import solve_ivp
 
 from benchmarks.identify import KINDS, trial
 from cosim import Experiment, SetupError, System, Table, advise, identify, measured
 from cosim.identification.evidence import alike, covariance, spectrum
 from cosim.identification.record import told
+from examples.measured_conveyor import Samples, moved
 
-Samples = NDArray[np.float64]
 WIRES = ["motor.tau -> conveyor.tau", "conveyor.w -> motor.w"]
 MACHINE = {
     "motor.A": 7200.0, "motor.B": 199.8, "motor.T": 0.0625, "conveyor.rotor.J": 0.49,
@@ -26,21 +24,6 @@ MACHINE = {
 }  # fmt: skip
 FREE = ["motor.B", "motor.T", "conveyor.rotor.J", "motor.A", "conveyor.phi", "conveyor.w"]
 KNOWN = {"conveyor.trough.d": (4000.0, 200.0)}
-
-
-def moved(p: Mapping[str, float], t: Samples) -> Samples:
-    """Angle, speed and torque of motor and conveyor at times t, shape (3, n), by scipy."""
-    m, c, d, r = (p[f"conveyor.{x}"] for x in ("trough.m", "spring.c", "trough.d", "crank.r"))
-
-    def slope(_: float, y: Samples) -> list[float]:
-        x, dx = r * np.sin(y[0]), r * np.cos(y[0])
-        load = c * x * dx + d * dx**2 * y[1] - m * dx * x * y[1] ** 2
-        a = (y[2] - load) / (p["conveyor.rotor.J"] + m * dx**2)
-        return [y[1], a, (p["motor.A"] - p["motor.B"] * y[1] - y[2]) / p["motor.T"]]
-
-    start = [p["conveyor.phi"], p["conveyor.w"], p["motor.tau"]]
-    run = solve_ivp(slope, (t[0], t[-1]), start, "DOP853", t, rtol=1e-9, atol=1e-9)
-    return np.asarray(run.y)
 
 
 def resonance(p: Mapping[str, float], _: object = None) -> float:
