@@ -93,25 +93,31 @@ def rates(p: Mapping[str, float], t: float, y: Samples) -> list[float]:
     (J, _, H), (J1, U1, H1), (_, _, H2) = (drawn()(at, k) for k in range(3))
     K = p["iron.friction.K_down"] if H1 > 0 else p["iron.friction.K_up"]
     m, load = p["iron.iron.m"], (1 + K) * p["iron.iron.m"]
-    F = m * G + p["iron.spring.c"] * (STRETCH + drawn()(0.0)[2] - H)
+    F = m * G + p["iron.spring.c"] * (STRETCH + drawn().c[-1, 0, 2] - H)
     torque = GEAR * M - U1 + ((1 + K) * F + K * SPRING * G / 2) * H1
     a = (torque - (J1 / 2 + load * H1 * H2) * w * w) / (J + load * H1**2)
     static = p["motor.A"] - p["motor.B"] * GEAR * w
     return [w, a, (static - M) / p["motor.T"]]
 
 
+def moved(p: Mapping[str, float], t: Samples) -> Samples:
+    """Angle and speed of the cam and torque of the motor at times t after it starts, shape (3, n)."""
+    start = list(STATES.values())
+    run = solve_ivp(
+        lambda t, y: rates(p, t, y), (0.0, t[-1]), start, "DOP853", t,
+        rtol=1e-9, atol=1e-9, max_step=1e-2,
+    )  # fmt: skip
+    return np.asarray(run.y)
+
+
 def record(seed: int = 1, truth: Mapping[str, float] = TRUTH) -> pd.DataFrame:
     """The rows of the logger."""
     number = round((STOP - FIRST) / SAMPLE)
     halves = FIRST + SAMPLE / 2 * np.arange(2 * number + 1)
-    start = list(STATES.values())
-    run = solve_ivp(
-        lambda t, y: rates(truth, t, y), (0.0, STOP), start, "DOP853", halves,
-        rtol=1e-9, atol=1e-9, max_step=5e-3,
-    )  # fmt: skip
-    counts = np.floor(GEAR * (run.y[0] - start[0])[::2] * COUNTS / (2 * pi))
+    phi, _, M = moved(truth, halves)
+    counts = np.floor(GEAR * (phi[::2] - STATES["iron.phi"]) * COUNTS / (2 * pi))
     noise = np.random.default_rng(seed).normal(0.0, NOISE, number)
-    percent = 100 * run.y[2, 1::2] / RATED + noise
+    percent = 100 * M[1::2] / RATED + noise
     return pd.DataFrame(
         {
             "t [ms]": 1e3 * halves[1::2],

@@ -32,7 +32,7 @@ TIMES = ("t_falling", "t_joint", "t_turning", "t_released", "orientation_time")
 OWN = (SPEED, DROP, FRICTION)
 EXACT = ("orientator.chute.H", "orientator.chute.R", "orientator.cup.m")
 PERIOD, BEFORE, LEAST = 1.6, 0.25, 1e-3
-FRICTIONS, NEXT = np.linspace(0.0, 1.0, 41), (0.5, 0.8, 0.9, 0.95)
+FRICTIONS, NEXT = np.linspace(0.0, 1.0, 21), (0.5, 0.8, 0.9, 0.95)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,6 +68,12 @@ def solve(o: Options, bench: Bench) -> Findings:
     speeds = [scale * x for x in w.values]
     data = {name: dropped(name, table) for name, table in record.items()}
     system = System(bench.fmus, start={**o.start}, inputs=products(speeds))
+    given = [recorded.noise(system, text)[0] for text in o.noise]
+    for name in data:
+        if name not in given:
+            raise SetupError(
+                f"{data[name].source}: give the noise of its times, as in --noise {name}=1ms"
+            )
     found = guess(system, data)
     fit = o.identify(found, data, [FRICTION], begin=0.0, step=PERIOD * BEFORE)
     mine = {name: x for name, x in fit.model.values(fit.local.p).items() if "(" not in name}
