@@ -1,6 +1,6 @@
 """Make conveyor_record.csv as a logger at a conveyor near its resonance would.
 
-    python examples/measured_conveyor.py [FILE.csv]
+    python examples/measured_conveyor.py [FILE.csv [SEED]]
 
 No FMU has a part in it. SciPy integrates a motor that drives, through a belt, a crank far shorter than
 its rod, for the angle phi and the speed w of the crank and the torque M on it:
@@ -92,14 +92,16 @@ def record(seed: int = 1, drift: float = 0.0) -> pd.DataFrame:
     ).round(3)
 
 
-def main(path: Path) -> None:
+def main(path: Path, seed: int = 1) -> None:
     """Write the record."""
-    rows = record()
+    path.parent.mkdir(parents=True, exist_ok=True)
+    rows = record(seed)
     rows.to_csv(path, index=False)
     print(f"{path}: {len(rows)} rows")
 
 
 if __name__ == "__main__":
-    main(
+    path = (
         Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).with_name("conveyor_record.csv")
     )
+    main(path, *map(int, sys.argv[2:]))

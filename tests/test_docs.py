@@ -68,6 +68,7 @@ SLOW = {
     "own/bin/cosim --version",
     ".venv/bin/python benchmarks/coupling.py",
     ".venv/bin/python benchmarks/identify.py",
+    ".venv/bin/python benchmarks/identify_machines.py",
     ".venv/bin/python benchmarks/published.py",
     ".venv/bin/python benchmarks/scale.py",
     ".venv/bin/python benchmarks/resonance.py --number 110",

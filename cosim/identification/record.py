@@ -118,7 +118,7 @@ def measured(
         place, factor, offset, unit = found(variable, text)
         values = factor * numbers(place, gaps) + offset
         source = f"{Path(path).name}, column {names[place]}"
-        tables[variable] = Table(times, values, unit=unit, source=source)
+        tables[variable] = Table(times.tolist(), values.tolist(), unit=unit, source=source)
     return tables
 
 

@@ -92,7 +92,7 @@ def guess(o: Options, fmus: Mapping[str, Path], speed: cosim.Table) -> System:
     w, t = w[there], np.array(speed.times)[there]
     own: dict[str, Any] = {"iron.on_invalid": 1, **iron.MOTOR, **o.start}
     gear = float(own.get("iron.reducer.i_g", 36.0))
-    turned = cumulative_trapezoid(w / gear, t, initial=0.0)
+    turned = cumulative_trapezoid(w / gear, t, initial=0)
     if turned[-1] < 2 * math.pi:
         raise SetupError(
             f"{o.data}: the record holds {turned[-1] / (2 * math.pi):.2g} turns of the cam, and one "
