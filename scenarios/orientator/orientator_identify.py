@@ -218,7 +218,7 @@ def show(o: Options, f: Mapping[str, Figure], r: Told) -> Show:
         n = np.array(r.speeds)[rows]
         order = np.argsort(n)
         ms: list[Samples] = [1e3 * x[order] for x in (seen.measured, seen.fitted)]
-        what = name.removeprefix("orientator.").replace("_", " ")
+        what = name.removeprefix("orientator.").removeprefix("t_").replace("_", " ")
         wide = [2e3 * seen.sigma] * len(n)
         curves = [
             Curve("measured", n[order], ms[0], "grey", "points", wide),
