@@ -21,7 +21,7 @@ import numpy as np
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
-from cosim import System
+from cosim import System, quiet
 from examples import measured_iron, measured_orientator
 from scenarios.__main__ import PROJECT
 from scenarios.iron import drive
@@ -59,7 +59,8 @@ def orientator(rng: np.random.Generator, seed: int) -> tuple[Any, dict[str, Any]
     H = 0.04 * (1 + 0.01 * rng.standard_normal())
     p = {"orientator.chute.mu": rng.uniform(0.15, 0.55), "orientator.chute.H": H}
     system = System({"orientator": PROJECT.folders["native"] / "GravityOrientator.fmu"}, start=p)
-    limit = orientator_limit.limit(system, p["orientator.chute.mu"])[1].value
+    with quiet():
+        limit = orientator_limit.limit(system, p["orientator.chute.mu"])[1].value
     speeds = np.linspace(LEAST, 0.9 * limit, COUNT).round(1).tolist()
     asked = {
         "map": ["orientator.w=n", *(f"orientator.{x}={x[2:]}" for x in STAGES)],
