@@ -76,6 +76,9 @@ QUICK: dict[str, dict[str, Any]] = {
 }
 
 
+COSTLY = {"iron_identify"}  # ten seconds of processor time, which only slow tests take
+
+
 def fmus_of(page: ModuleType, flavour: str = "native") -> dict[str, Path]:
     """The FMUs of a page, which are built already."""
     return PROJECT._replace(fill=None).fmus(page, flavour)

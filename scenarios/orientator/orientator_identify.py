@@ -69,10 +69,10 @@ def solve(o: Options, bench: Bench) -> Findings:
     data = {name: dropped(name, table) for name, table in record.items()}
     system = System(bench.fmus, start={**o.start}, inputs=products(speeds))
     given = [recorded.noise(system, text)[0] for text in o.noise]
-    for name in data:
+    for name, table in data.items():
         if name not in given:
             raise SetupError(
-                f"{data[name].source}: give the noise of its times, as in --noise {name}=1ms"
+                f"{table.source}: give the noise of its times, as in --noise {name}=1ms"
             )
     found = guess(system, data)
     fit = o.identify(found, data, [FRICTION], begin=0.0, step=PERIOD * BEFORE)

@@ -22,13 +22,12 @@ from scenarios.iron import drive as iron
 from scenarios.iron import iron_orders
 from scenarios.orientator import machine as orientator
 from scenarios.packing_line import packing_line
-from tests.conftest import QUICK, ask, fmus_of
+from tests.conftest import COSTLY, QUICK, ask, fmus_of
 from workbench.answer import Answer, content, finish, write
 from workbench.figure import rounded
 from workbench.measure import harmonics
 from workbench.question import find, load, names
 
-COSTLY = {"iron_identify"}
 QUESTIONS = [
     pytest.param(name, marks=pytest.mark.slow) if name in COSTLY else name
     for name in names(PROJECT.home)

@@ -29,7 +29,7 @@ from scenarios.conveyor import resonance
 from scenarios.conveyor.drive import conveyor_drive
 from scenarios.conveyor.theory import SETS
 from scenarios.iron import mechanism as iron_mechanism
-from tests.conftest import QUICK, ask, fmus_of
+from tests.conftest import COSTLY, QUICK, ask, fmus_of
 from tests.workbench.browser import Browser, browser
 from workbench.answer import Answer, Parameter, Show, Table, write
 from workbench.figure import Figure
@@ -386,7 +386,10 @@ def lines(tree: Any, place: str) -> list[list[str]]:
     return [[cell.text_content() for cell in row] for row in tree.xpath(place)]
 
 
-@pytest.mark.parametrize("name", QUESTIONS)
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(x, marks=[pytest.mark.slow] if x in COSTLY else []) for x in QUESTIONS],
+)
 def test_the_page_of_every_question_holds_all_that_was_found(name: str, tmp_path: Path) -> None:
     answer, show = answered(name)
     html.report(answer, tmp_path / "report.html")
