@@ -22,6 +22,7 @@ NUMBER = r"\s*(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 SCALED = re.compile(
     rf"(?P<name>.*?)\s*(?:(?P<sign>[*/])\s*(?P<factor>[+-]?{NUMBER}))?\s*(?P<offset>[+-]{NUMBER})?\s*"
 )
+DECIMAL = re.compile(r"^\s*([+-]?\d*),(\d+)")
 GAUSS = 0.5 / math.sqrt(3.0)
 
 
@@ -39,15 +40,18 @@ class Reading(NamedTuple):
     def read(cls, text: str, names: Sequence[str], where: str) -> Reading:
         """The column of "M", or of "M * 0.73 + 5:N.m", which scales it and gives it a unit.
 
-        Raises SetupError for a column that `where` does not have, and for a factor of 0.
+        Raises SetupError for a column that `where` does not have or has twice, and for a factor of 0.
         """
         text = text.strip()
-        if text in names:
-            return cls(text)
         scaled, colon, unit = text.rpartition(":")
         match = SCALED.fullmatch(scaled if colon else text)
-        if match is None or match["name"] not in names:
+        name = match["name"] if match and text not in names else text
+        if name not in names:
             raise SetupError(f"{where} has no column {text!r}, only {', '.join(names)}")
+        if names.count(name) > 1:
+            raise SetupError(f"{where} has two columns {name!r}")
+        if match is None or name == text:
+            return cls(name)
         factor = float(re.sub(r"\s", "", match["factor"] or "1"))
         if not factor:
             raise SetupError(f"column {text!r}: the factor must not be 0")
@@ -95,32 +99,32 @@ class Table:
     def read(
         cls, path: Path | str, column: str, *, unit: str | None = None, held: bool = False
     ) -> Table:
-        """A column of a CSV file, whose first column is the time [s].
+        """A column of a CSV file, whose first column is the time [s]: its name, or "M * 0.73:N.m".
 
         A header may give a unit, "torque [N.mm]", which holds unless another is given here. A table
         that is `held` may have truth values and texts. Raises SetupError with file and line for what
         is no number otherwise.
         """
         header, *rows = read_table(path)
-        heads = [match.groups() for match in map(COLUMN.fullmatch, header) if match]
+        (_, time), *heads = [match.groups() for match in map(COLUMN.fullmatch, header) if match]
         names = [name for name, _ in heads]
-        if column not in names[1:]:
-            raise SetupError(f"{path} has no column {column!r}, only {', '.join(names[1:])}")
-        if names[1:].count(column) > 1:
-            raise SetupError(f"{path} has two columns {column!r}")
-        if heads[0][1] not in (None, "", "s"):
-            raise SetupError(f"{path}: time must be in s, not {heads[0][1]}")
-        place = names.index(column, 1)
+        wanted = Reading.read(column, names, str(path))
+        if time not in (None, "", "s"):
+            raise SetupError(f"{path}: time must be in s, not {time}")
+        place = names.index(wanted.name)
         pairs = []
         for line, row in enumerate(rows, 2):
             try:
-                pairs.append((float(row[0]), _cell(row[place].strip(), held)))
+                value = _cell(row[place + 1].strip(), held)
+                if (wanted.factor, wanted.offset) != (1.0, 0.0):
+                    value = wanted.factor * float(value) + wanted.offset
+                pairs.append((float(row[0]), value))
             except (IndexError, ValueError):
                 raise SetupError(
-                    f"{path}, line {line}: time and {column} must be numbers"
+                    f"{path}, line {line}: time and {wanted.name} must be numbers"
                 ) from None
-        own = heads[place][1] or ""
-        source = f"{Path(path).name}, column {column}"
+        own = wanted.unit or heads[place][1] or ""
+        source = f"{Path(path).name}, column {wanted.name}"
         times, values = zip(*pairs) if pairs else ((), ())
         return cls(times, values, unit=own if unit is None else unit, held=held, source=source)
 
@@ -136,6 +140,18 @@ class Table:
         other = copy(self)
         other.times, other.values = list(self.times), [change(v) for v in self.values]
         other.unit = ""
+        return other
+
+    def between(self, first: float, last: float) -> Table:
+        """The rows between two times [s]; raises SetupError if there are none."""
+        rows = [(t, v) for t, v in zip(self.times, self.values) if first <= t <= last]
+        if not rows:
+            raise SetupError(
+                f"{self.source or 'a table'}: it has no rows from {first:g} to {last:g} s, only from "
+                f"{self.times[0]:g} to {self.times[-1]:g} s"
+            )
+        other = copy(self)
+        other.times, other.values = [t for t, _ in rows], [v for _, v in rows]
         return other
 
     def at(self, t: float) -> Any:
@@ -195,16 +211,31 @@ class Table:
         return {"source": self.source, "rows": len(rows), "held": self.held, "sha256": digest}
 
 
+def separator(path: Path | str) -> str:
+    """What stands between the cells of a CSV file: a semicolon or a tab if its first line has one, as
+    where the comma is a decimal one; else a comma.
+    """
+    with Path(path).open(encoding="utf-8-sig") as file:
+        first = file.readline()
+    return next((mark for mark in ";\t" if mark in first), ",")
+
+
 def read_table(path: Path | str) -> list[list[str]]:
     """The cells of a CSV file, one row at least; raises SetupError if it is none."""
     try:
+        mark = separator(path)
         with Path(path).open(newline="", encoding="utf-8-sig") as file:
-            rows = list(csv.reader(file, skipinitialspace=True))
+            rows = list(csv.reader(file, delimiter=mark, skipinitialspace=True))
     except (OSError, ValueError, csv.Error) as error:
         raise SetupError(f"{path} cannot be read as a table: {error}") from error
-    if not rows:
+    while rows and not rows[-1]:
+        rows.pop()
+    if not rows or not rows[0]:
         raise SetupError(f"{path} cannot be read as a table: it is empty")
-    return rows
+    if mark == ",":
+        return rows
+    head, *rows = rows
+    return [head, *([DECIMAL.sub(r"\1.\2", cell) for cell in row] for row in rows)]
 
 
 def _cell(text: str, held: bool) -> float | bool | str:

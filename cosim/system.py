@@ -18,6 +18,7 @@ from fmpy.model_description import ModelDescription, ScalarVariable, read_model_
 
 from .errors import SetupError
 from .inputs import NUMBER, Course, Table, change
+from .units import multiples
 
 Value = float | int | bool | str
 Name = str | tuple[str, str]
@@ -532,7 +533,7 @@ def _input(
 
 def scale(network: Network, port: Port, unit: str, what: str) -> tuple[float, float]:
     """Factor and offset from a unit to that of a port, which is to do `what` in that unit: its display
-    units and all units that an FMU of the network defines are known. Raises SetupError for others.
+    units, common multiples of its own and all units that an FMU of the network defines are known. Raises SetupError for others.
     """
     if unit in ("", port.unit):
         return 1.0, 0.0
@@ -540,6 +541,9 @@ def scale(network: Network, port: Port, unit: str, what: str) -> tuple[float, fl
     for shown in (s for known in units if known.name == port.unit for s in known.displayUnits):
         if shown.name == unit:
             return 1.0 / shown.factor, -shown.offset / shown.factor
+    common = multiples(port.unit)
+    if unit in common:
+        return common[unit], 0.0
     here = next((known.baseUnit for known in units if known.name == unit), None)
     there = network.base_unit(port)
     if here is None or there is None:

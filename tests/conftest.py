@@ -26,6 +26,7 @@ from workbench.question import find, load
 
 ROOT = Path(__file__).resolve().parents[1]
 DESCRIPTION = "modelDescription.xml"
+STAGES = ("falling", "joint", "turning", "released")
 QUICK: dict[str, dict[str, Any]] = {
     "resonance": {"speeds": "30,44", "steps_per_rev": 64},
     "resonance_map": {
@@ -59,9 +60,24 @@ QUICK: dict[str, dict[str, Any]] = {
         "rated_torque": 80.0,
         "starts": 2,
     },
+    "iron_identify": {
+        "data": str(ROOT / "examples/iron_record.csv"),
+        "map": ["time=t", "iron.w=n", "motor.tau=M*0.02:N.m"],
+        "known": ["iron.iron.m=4.4+-1%"],
+        "until": 1.65,
+        "starts": 2,
+    },
+    "orientator_identify": {
+        "data": str(ROOT / "examples/orientator_record.csv"),
+        "map": ["orientator.w=n", *(f"orientator.t_{x}={x}" for x in STAGES)],
+        "noise": [f"orientator.t_{x}=0.5ms" for x in STAGES],
+        "starts": 2,
+    },
 }
 
-COSTLY = {"sommerfeld", "identify", "induction_motor", "orientator_limit", "rod_force"}
+LONG = {"iron_identify"}
+"""Questions of ten seconds of processor time, which only slow tests take."""
+COSTLY = LONG | {"sommerfeld", "identify", "induction_motor", "orientator_limit", "rod_force"}
 SAMPLED = [pytest.param(x, marks=[pytest.mark.slow] if x in COSTLY else []) for x in QUICK]
 """Every question; those whose shortest answer takes seconds are looked at again in slow tests."""
 

@@ -46,6 +46,21 @@ SLOW = {
     "scenarios study studies/rotor_speed.toml --scheduler tcp://localhost:8786 --out results/cluster",
     "kill %1 %2",
     ".venv/bin/uv run --no-dev python -m cosim verify",
+    ".venv/bin/python -m scenarios study studies/records.toml --flavour native",
+    ".venv/bin/python -m scenarios run resonance --flavour native --speed 38.0 "
+    "--rated-torque 80 --start motor.B=166.6 --start motor.T=0.09 --start "
+    "conveyor.rotor.J=0.52 --start conveyor.trough.m=201.7 --start conveyor.trough.d=4286 "
+    "--start conveyor.spring.c=717e3",
+    ".venv/bin/python -m scenarios run iron_identify --flavour native --data "
+    "examples/iron_record.csv --map time=t --map iron.w=n --map motor.tau=M*0.02:N.m "
+    "--known iron.iron.m=4.4+-1%",
+    ".venv/bin/python -m scenarios run orientator_identify --flavour native --data "
+    "examples/orientator_record.csv --map orientator.w=n --map "
+    "orientator.t_falling=falling --map orientator.t_joint=joint --map "
+    "orientator.t_turning=turning --map orientator.t_released=released --noise "
+    "orientator.t_falling=0.5ms --noise orientator.t_joint=0.5ms --noise "
+    "orientator.t_turning=0.5ms --noise orientator.t_released=0.5ms --known "
+    "orientator.chute.H=0.04+-1%",
     "scenarios run mean_values",
     "scenarios run classical",
     "scenarios run induction_motor",
@@ -77,6 +92,7 @@ SLOW = {
     "own/bin/cosim --version",
     ".venv/bin/python benchmarks/coupling.py",
     ".venv/bin/python benchmarks/identify.py",
+    ".venv/bin/python benchmarks/identify_machines.py",
     ".venv/bin/python benchmarks/published.py",
     ".venv/bin/python benchmarks/scale.py",
     ".venv/bin/python benchmarks/resonance.py --number 110",

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from types import MappingProxyType
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -17,13 +18,15 @@ from .record import Column, Noise
 
 class Experiment(NamedTuple):
     """A record that might be made: start values over the identified ones, the noise of each column in
-    its unit, how long it lasts [s], and which free parameters it has for itself, such as a supply.
+    its unit, how long it lasts [s], which free parameters it has for itself, such as a supply, and
+    inputs over those of the system.
     """
 
     start: Mapping[str, Value]
     noise: Mapping[str, float]
     stop: float
     own: Sequence[str] = ()
+    inputs: Mapping[str, Any] = MappingProxyType({})
 
 
 class Advice(NamedTuple):
@@ -67,7 +70,11 @@ def _model(fit: Identified, experiment: Experiment, gap: float) -> tuple[Model, 
     """The model of an experiment, and its free values."""
     old = fit.model
     values = {k: v for k, v in old.values(fit.local.p).items() if not sensor(k)}
-    system = replace(old.system, start={**old.system.start, **values, **experiment.start})
+    system = replace(
+        old.system,
+        start={**old.system.start, **values, **experiment.start},
+        inputs={**old.system.inputs, **experiment.inputs},
+    )
     network = connect(system)
     times = np.linspace(0.0, experiment.stop, round(experiment.stop / gap) + 1)
     columns = [

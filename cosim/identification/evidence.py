@@ -128,7 +128,7 @@ def looking(model: Model, derived: Mapping[str, Derived]) -> Look:
 
 
 def close_by(model: Model, p: Vector, look: Look, order: float) -> Local:
-    """The minimum at p, from central differences."""
+    """The minimum at p, from central differences; from one side where the FMUs refuse the other."""
     residuals, told = look(p)
     columns, gradients = [], []
     for k, free in enumerate(model.free):
@@ -136,10 +136,13 @@ def close_by(model: Model, p: Vector, look: Look, order: float) -> Local:
         for sign in (-1.0, 1.0):
             moved = p.copy()
             moved[k] = min(max(p[k] + sign * CENTRAL * free.size, free.low), free.high)
-            ends.append((moved[k], *look(moved)))
+            try:
+                ends.append((moved[k], *look(moved)))
+            except (SimulationError, SetupError):
+                ends.append((p[k], residuals, told))
         (a, r, d), (b, s, e) = ends
-        columns.append((s - r) / (b - a))
-        gradients.append((e - d) / (b - a))
+        columns.append((s - r) / ((b - a) or 1.0))
+        gradients.append((e - d) / ((b - a) or 1.0))
     J = np.stack(columns, axis=1)
     C = covariance(J)
     finer = [model.play(p, model.step / n) for n in (2.0, 4.0)]

@@ -118,6 +118,7 @@ def identify(
     first: Sequence[str] = (),
     outliers: float = 0.0,
     starts: int = STARTS,
+    begin: float | None = None,
     step: float | None = None,
     seed: int = 0,
     **settings: Any,
@@ -134,8 +135,8 @@ def identify(
     `derived` are functions of all values and of the fitted run, "resonance", in `units`. `noise` are
     standard deviations of columns in the units of their variables, by default told from the rows.
     The values named `first`, such as an angle at the start and the supply, are sought before the
-    rest, from each of several starts. `outliers` is the share of rows that may lie far out.
-    Runs are those of `run` with these settings; steps are halved until the coupling moves nothing by
+    rest, from each of several starts. `outliers` is the share of rows that may lie far out. Runs begin
+    with the first row of all, or at the time `begin` [s] before it. They are those of `run` with these settings; steps are halved until the coupling moves nothing by
     more than a tenth of its interval.
 
     Raises SetupError for a record or values that cannot be used, and what `run` raises at the guess.
@@ -148,7 +149,7 @@ def identify(
     for name in first:
         if name not in names:
             raise SetupError(f"first: {name} is not free, only {', '.join(names)}")
-    model = build(system, record, unknown, before, step, settings)
+    model = build(system, record, unknown, before, step, settings, begin)
     checked(model)
     loss: Loss = "huber" if outliers else "linear"
     _, _, enough = evidence.band(model.columns, len(before.names), len(unknown))

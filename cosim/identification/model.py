@@ -226,7 +226,7 @@ def _free(
         port = network.port(name)
         variable = port.variable
         settable = variable.causality == "parameter" or variable.initial in ("exact", "approx")
-        driven = name in {p.name for p, _ in network.inputs}
+        driven = name in {p.name for p, _ in network.inputs} | {x[1].name for x in network.wires}
         if port.type != "Real" or not settable or variable.variability == "constant" or driven:
             raise SetupError(
                 f"{port} cannot be free: it must be a Real start value that can be set"
@@ -251,8 +251,9 @@ def _free(
         drawn = (guess - off, guess + off)
     if name in known:
         guess, deviation = known[name]
-        drawn = (guess - DEVIATIONS * deviation, guess + DEVIATIONS * deviation)
-        size = max(abs(guess), deviation)
+        size = max(abs(guess), min(deviation, size))
+        off = DEVIATIONS * min(deviation, WIDTH * size)
+        drawn = (guess - off, guess + off)
         if sensor(name) and name.startswith("delay("):
             low, high = guess - 8 * deviation, guess + 8 * deviation
     if isinstance(names, Mapping) and name in names:
@@ -277,13 +278,17 @@ def build(
     prior: Prior,
     step: float | None,
     settings: Mapping[str, Any],
+    begin: float | None = None,
 ) -> Model:
     """The model, with rows as far apart as the record's median ones unless a step [s] is given.
 
-    It begins with the first row of all; rows of a delayed column that may show what was before, or
+    It begins with the first row of all, or before it; rows of a delayed column that may show what was before, or
     what comes after the last, are left out.
     """
-    span = min(float(c.times[0]) for c in columns), max(float(c.times[-1]) for c in columns)
+    first, last = min(float(c.times[0]) for c in columns), max(float(c.times[-1]) for c in columns)
+    if begin is not None and not begin <= first:
+        raise SetupError(f"begin = {begin!r} s must not be after the first row, at {first!r} s")
+    span = first if begin is None else begin, last
     kept = []
     for column in columns:
         delay = next((f for f in free if f.name == f"delay({column.name})"), None)
@@ -297,7 +302,10 @@ def build(
 def checked(model: Model) -> None:
     """Run the guess once, so that what the FMUs or the master refuse is told as it is."""
     connect(model.system)
-    model.play(model.guess)
+    try:
+        model.play(model.guess)
+    except SimulationError as error:
+        raise SetupError(f"the first guess cannot be run: {error}") from error
     rows, unknown = sum(len(c.times) for c in model.columns), len(model.free)
     if rows <= unknown:
         raise SetupError(

@@ -21,7 +21,7 @@ Samples = NDArray[np.float64]
 SECONDS = {"": 1.0} | multiples("s")
 ORDERS, FEWEST, EVEN = (2, 4, 6, 8), 30, 0.02
 CLIPPED, AGREE = 4.5, 2.0
-NORMAL = 1.4826
+NORMAL, MOST = 1.4826, 1e30
 
 
 class Noise(NamedTuple):
@@ -49,9 +49,10 @@ class Column(NamedTuple):
 
 
 def measured(
-    path: Path | str, columns: Mapping[str, str], *, time: str = "time", gaps: bool = False
+    path: Path | str, columns: Mapping[str, str], *, time: str | None = "time", gaps: bool = False
 ) -> dict[str, Table]:
-    """Columns of a CSV file by the variables that they show, all against one column of times.
+    """Columns of a CSV file by the variables that they show, all against one column of times, or
+    against the number of the row, from 0, if that is None.
 
     A column is told by its name in the header, and where that is not enough by a factor, an offset
     and a unit behind it: "n * 0.4:rpm", "n / 2.5:rpm". A header may have a unit too, "n [rpm]". Times are in s
@@ -69,8 +70,6 @@ def measured(
         """Place in the header, factor, offset and unit of a column."""
         name, factor, offset, unit = Reading.read(text, names, str(path))
         place = names.index(name)
-        if names.count(name) > 1:
-            raise SetupError(f"{path} has two columns {name!r}")
         if place in places:
             raise SetupError(
                 f"{path}, column {name}: it is mapped twice, to {places[place]} and {variable}"
@@ -87,23 +86,33 @@ def measured(
                 values[k] = float(text or "nan")
             except ValueError:
                 raise SetupError(f"{here}: {text!r} is no number") from None
-            if not math.isfinite(values[k]) and not (gaps and math.isnan(values[k])):
+            if not abs(values[k]) < MOST and not (gaps and math.isnan(values[k])):
                 raise SetupError(
-                    f"{here}: {text or 'an empty cell'!r} is no finite number; "
-                    "gaps must be allowed, and times have none"
+                    f"{here}: {text or 'an empty cell'!r} is no finite number "
+                    f"below {MOST:g}; gaps must be allowed, and times have none"
                 )
         return values
 
-    place, factor, offset, unit = found("time", time)
-    if unit not in SECONDS:
-        known = ", ".join(filter(None, SECONDS))
-        raise SetupError(f"{path}, column {names[place]}: times are in {known}, not in {unit!r}")
-    times = (factor * numbers(place, False) + offset) * SECONDS[unit]
-    for k, (before, now) in enumerate(pairwise(times.tolist()), 3):
-        if not before < now:
+    def rising(time: str) -> Samples:
+        """The column of times [s]."""
+        place, factor, offset, unit = found("time", time)
+        if unit not in SECONDS:
+            known = ", ".join(filter(None, SECONDS))
             raise SetupError(
-                f"{path}, row {k}, column {names[place]}: {now!r} s after {before!r} s does not rise"
+                f"{path}, column {names[place]}: times are in {known}, not in {unit!r}"
             )
+        times = (factor * numbers(place, False) + offset) * SECONDS[unit]
+        for k, (before, now) in enumerate(pairwise(times.tolist()), 3):
+            if not before < now:
+                raise SetupError(
+                    f"{path}, row {k}, column {names[place]}: {now!r} s after {before!r} s "
+                    "does not rise"
+                )
+        return times
+
+    if not rows:
+        raise SetupError(f"{path} has no rows below its header")
+    times = np.arange(float(len(rows))) if time is None else rising(time)
     tables = {}
     for variable, text in columns.items():
         place, factor, offset, unit = found(variable, text)

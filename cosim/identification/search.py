@@ -12,7 +12,7 @@ from scipy.optimize import least_squares
 from .model import Model, Vector
 
 Loss = Literal["linear", "huber"]
-DRAWS, ENOUGH, SAME = 24, 3, 0.5
+DRAWS, ENOUGH, SAME, UNLIKE = 24, 3, 0.5, 100.0
 FIRST, REST = 12, 40
 TIGHT, LOOSE = 1e-9, 1e-5
 
@@ -69,7 +69,8 @@ def search(
 
     From each, the `first` free values are sought alone, from the best of DRAWS draws of them. It is
     over when ENOUGH starts have ended in one place with chi2 below `enough`, or nearly twice as many
-    in one that is not. As many a machine looks nearly the same half a turn on, it is tried there too.
+    in one that is not. As many a machine looks nearly the same half a turn on, it is tried there too,
+    unless it looks quite different.
     """
     rows = sum(len(column.times) for column in model.columns)
     rng = np.random.default_rng(seed)
@@ -96,5 +97,7 @@ def search(
     for k in (k for k in first if model.free[k].turns):
         p = found[0].p.copy()
         p[k] += math.pi if p[k] < model.free[k].guess else -math.pi
-        found.append(descend(model, p, every, REST, loss, LOOSE))
+        turned = descend(model, p, first, FIRST, loss, LOOSE)
+        if turned.chi2 < UNLIKE * found[0].chi2:
+            found.append(descend(model, turned.p, every, REST, loss, LOOSE))
     return sorted(found, key=lambda minimum: minimum.chi2)

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import SetupError
-from ..inputs import COLUMN, Reading
+from ..inputs import COLUMN, Reading, separator
 from ..result import Result, Rows
 from ..units import QUANTITY, multiples
 from .describe import table
@@ -307,7 +307,14 @@ def _read(source: Source, label: str) -> Record:
         if path.suffix == ".parquet":
             frame = pd.read_parquet(path)
         else:
-            frame = pd.read_csv(path, skipinitialspace=True, encoding="utf-8-sig")
+            mark = separator(path)
+            frame = pd.read_csv(
+                path,
+                sep=mark,
+                decimal="." if mark == "," else ",",
+                skipinitialspace=True,
+                encoding="utf-8-sig",
+            )
         if beside.is_file():
             told = json.loads(beside.read_text())
             units = told.get("units", {}) if isinstance(told, dict) else {}

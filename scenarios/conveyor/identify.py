@@ -8,21 +8,20 @@ torque ripple at the operating speed. A record that no drive of this kind makes 
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
-import pandas as pd
 
 import cosim
 from cosim import Advice, Experiment, Identified, SetupError
-from cosim.inputs import Table as Measured
 from cosim.system import Value
-from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, Table, option
+from cosim.units import multiples
+from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, option, recorded
 from workbench.measure import Samples, harmonics
+from workbench.recorded import Recorded, said
 from workbench.report import chart as colors
 from workbench.report.chart import Second, Span
 
@@ -42,31 +41,12 @@ LINEAR, KLOSS = ("motor.A", "motor.B"), ("motor.kloss.w_s", "motor.kloss.s_b")
 FREE = ("motor.T", "conveyor.rotor.J", "conveyor.trough.d")
 DRAWN = ("conveyor.crank.r", "conveyor.trough.m", "conveyor.spring.c")
 CHANGED = {"conveyor.rotor.J": "rotor_j", "motor.T": "motor_t"}
-KNOWN = re.compile(
-    r"(?P<name>[^=\s]+)\s*=\s*(?P<value>[^\s±+%]+(?:e[+-]?\d+)?)\s*(?:±|\+-)\s*(?P<off>[^\s%]+)\s*(?P<share>%)?"
-)
 STEPS, WIDEST, FINE, CURVE = 512, (0.2, 2.5), 600, 121
-FACTORS, NOISE = (0.2, 5.0), 0.02
+FACTORS, NOISE, SLIGHT = (0.2, 5.0), 0.02, 1e-3
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options(Ripple):
-    data: str = option("", "CSV file of the record")
-    map: tuple[str, ...] = option(
-        (), "a column, conveyor.w=n:rpm or motor.tau=M*0.88:N.m; time=t names the times"
-    )
-    known: tuple[str, ...] = option(
-        (), "what is known, conveyor.trough.m=200+-5 or =200+-2.5%, one standard deviation"
-    )
-    free: tuple[str, ...] = option((), "what else is sought, conveyor.spring.c or gain(motor.tau)")
-    noise: tuple[str, ...] = option(
-        (), "noise of a column, conveyor.w=0.1, told from its rows if not"
-    )
-    gaps: bool = option(False, "whether cells may be empty")
-    outliers: float = option(
-        0.0, "share of the rows that may lie far out", "%", least=0.0, most=20.0
-    )
-    starts: int = option(12, "starts of the search, at most", least=2)
+class Options(Recorded, Ripple):
     speed: float | None = option(
         None, "operating speed, the mean of the record by default", "rad/s", above=0.0
     )
@@ -86,83 +66,36 @@ class Told(NamedTuple):
 
 def solve(o: Options, bench: Bench) -> Findings:
     """Fit, and ask the machine that fits."""
-    record = read(o)
+    record = o.columns(SPEED)
     base = followed(bench.fmus, SETS[o.set], o.start)
-    w = np.array(record[SPEED].values) * (math.pi / 30 if record[SPEED].unit == "rpm" else 1.0)
+    w = np.array(record[SPEED].values) * multiples("rad/s").get(record[SPEED].unit, 1.0)
     nu = float(np.nanmean(w))
     operating = o.speed or nu
     supply, slope = KLOSS if induction(o.start) else LINEAR
-    known = dict(map(prior, o.known))
-    if not known and TORQUE not in record:
+    if not o.known and TORQUE not in record:
         raise SetupError(
             f"{o.data}: speed alone tells no mass and no torque; give what is known, as in "
             "--known conveyor.trough.m=200+-5, or map a torque to motor.tau"
         )
-    fit = cosim.identify(
+    fit = o.identify(
         conveyor_drive(bench.fmus, guess(o, base, record[SPEED].times, w)),
         record,
-        free=list(dict.fromkeys([slope, *FREE, supply, *STATES, *o.free])),
-        known=known,
+        [slope, *FREE, supply, *STATES],
         derived={"nu_res": lambda v, _: found(o, base, nu, v).nu_res},
         units={"nu_res": "rad/s"},
-        noise=dict(map(number, o.noise)),
         first=("conveyor.phi", supply),
-        outliers=o.outliers / 100,
-        starts=o.starts,
         algorithm=o.algorithm,
     )
     machine = partial(found, o, base, nu)
     told = Told(fit, machine, operating, edges(o, fit, machine), advice(o, fit))
-    table, further = (
-        rows(fit),
-        Table.of_rows([(x.name, x.error) for x in told.advice], {"record": "", "error": "rad/s"}),
-    )
     return Findings(
         figures(o, bench, told),
         told,
         fit.model.system,
         fit.result.provenance,
-        tables={"identify.csv": table, "identify_next.csv": further},
+        tables=recorded.tables(fit, told.advice, "identify", "rad/s"),
         facts=facts(o, told),
     )
-
-
-def read(o: Options) -> dict[str, Measured]:
-    """The measured columns by variable."""
-    if not o.data:
-        raise SetupError("identify needs a record: --data FILE.csv --map conveyor.w=COLUMN:rpm")
-    columns: dict[str, str] = {}
-    for text in o.map:
-        name, equals, column = text.partition("=")
-        if not equals or name in columns:
-            why = "is mapped twice" if equals else "must read NAME=COLUMN"
-            raise SetupError(f"map {text!r}: {name} {why}")
-        columns[name.strip()] = column
-    if SPEED not in columns:
-        raise SetupError(f"{o.data}: no column is mapped to {SPEED}: --map {SPEED}=COLUMN:rpm")
-    time = columns.pop("time", "time")
-    return cosim.measured(o.data, columns, time=time, gaps=o.gaps)
-
-
-def number(text: str) -> tuple[str, float]:
-    """ "conveyor.w=0.1" as name and number."""
-    name, _, value = text.partition("=")
-    try:
-        return name.strip(), float(value)
-    except ValueError:
-        raise SetupError(f"noise {text!r} must read NAME=NUMBER") from None
-
-
-def prior(text: str) -> tuple[str, tuple[float, float]]:
-    """ "conveyor.trough.m=200+-5" as name, value and standard deviation."""
-    match = KNOWN.fullmatch(text.strip())
-    try:
-        value, off = (float(match[key]) for key in ("value", "off")) if match else (0.0, 0.0)
-    except ValueError:
-        match = None
-    if match is None:
-        raise SetupError(f"known {text!r} must read NAME=VALUE+-DEVIATION, or +- a share in %")
-    return match["name"], (value, abs(value) * off / 100 if match["share"] else off)
 
 
 def guess(o: Options, base: Machine, times: Sequence[float], w: Samples) -> dict[str, Value]:
@@ -224,18 +157,23 @@ def figures(o: Options, bench: Bench, told: Told) -> dict[str, Figure]:
     away = fit.interval(lambda v: 100.0 * (nu / machine(v).nu_res - 1.0), "%")
     here["away"] = said(away, meanings["away"])
     here["tau2"] = ripple(o, bench, told, meanings["tau2"])
+    best = machine(fit.model.values(fit.local.p))
+
+    def changed(name: str, x: float) -> tuple[Machine, float]:
+        many: dict[str, Any] = {FIELDS[name]: x}
+        return replace(best, **many), nu
+
     near = min(told.edges, key=partial(distance, nu), default=None)
     for name, k in (("avoid_from", 0), ("avoid_to", 1)):
         nowhere = Figure.refused("rad/s", "the torque ripple is below its limit everywhere")
-        here[name] = (near[k] if near else nowhere)._replace(meaning=meanings[name])
+        edge = (near[k] if near else nowhere)._replace(meaning=meanings[name])
+        here[name] = simulated(o, bench, told, edge, lambda x: (best, x))
     for name, key in CHANGED.items():
-        here[f"clear_{key}"] = cleared(o, told, name, units[f"clear_{key}"])._replace(
-            meaning=meanings[f"clear_{key}"]
+        clear = cleared(o, told, name, units[f"clear_{key}"])
+        here[f"clear_{key}"] = simulated(
+            o, bench, told, clear._replace(meaning=meanings[f"clear_{key}"]), partial(changed, name)
         )
-    for name, interval in fit.values.items():
-        key = re.sub(r"\W+", "_", name).strip("_").lower()
-        here[key] = said(interval, f"{name}, found")
-    return here
+    return here | recorded.values(fit)
 
 
 def distance(nu: float, stretch: tuple[Figure, Figure]) -> float:
@@ -244,23 +182,22 @@ def distance(nu: float, stretch: tuple[Figure, Figure]) -> float:
     return low - nu if nu < low else nu - high if nu > high else 0.0
 
 
-def said(interval: Any, meaning: str) -> Figure:
-    """An interval as a figure, refused where the record does not tell the value."""
-    if not math.isfinite(interval.error) or interval.error > abs(interval.value) * 1e3 + 1e9:
-        return Figure.refused(interval.unit, "the record does not tell it", meaning)
-    return Figure(interval.value, interval.unit or "1", interval.error, meaning)
+def orbits(
+    o: Options, bench: Bench, told: Told, machine: Machine, nu: float, coarser: Sequence[int]
+) -> list[response.Point]:
+    """Steady orbits of a machine like the one found at a mean speed nu [rad/s]."""
+    values = told.fit.model.values(told.fit.local.p)
+    mine = {name: x for name, x in values.items() if name not in OWN and "(" not in name}
+    mine |= {name: getattr(machine, field) for name, field in FIELDS.items() if name in mine}
+    setup = Setup(bench, {**o.start, **mine}, o.algorithm, STEPS)
+    return [response.simulate(setup.case(machine, nu, k)) for k in coarser]
 
 
 def ripple(o: Options, bench: Bench, told: Told, meaning: str) -> Figure:
     """The torque ripple of the machine found on its steady orbit at the operating speed."""
     fit, nu = told.fit, told.operating
-    values = fit.model.values(fit.local.p)
-    start = {
-        **o.start,
-        **{name: x for name, x in values.items() if name not in OWN and "(" not in name},
-    }
-    setup, machine = Setup(bench, start, o.algorithm, STEPS), told.machine(values)
-    points = [response.simulate(setup.case(machine, nu, k)) for k in COARSER]
+    machine = told.machine(fit.model.values(fit.local.p))
+    points = orbits(o, bench, told, machine, nu, COARSER)
     if points[0].problem:
         return Figure.refused("N.m", points[0].problem, meaning)
     told_row = row(machine, points, cosim.ORDERS[o.algorithm])
@@ -269,6 +206,32 @@ def ripple(o: Options, bench: Bench, told: Told, meaning: str) -> Figure:
         return Figure.refused(unit, "the coupling error is not known", meaning)
     wide = fit.interval(lambda v: float(abs(told.machine(v).torque_ripple(nu)))).error
     return Figure(value, unit, error + wide, meaning)
+
+
+def simulated(
+    o: Options,
+    bench: Bench,
+    told: Told,
+    figure: Figure,
+    at: Callable[[float], tuple[Machine, float]],
+) -> Figure:
+    """A place where first-order theory has the torque ripple at its limit, and its error with what
+    theory leaves out: the machine and speed `at` that place are run, and so far away is the limit.
+    """
+    if figure.error is None:
+        return figure
+    x = figure.value
+
+    def theory(x: float) -> float:
+        machine, nu = at(x)
+        return float(np.log(np.abs(machine.torque_ripple(nu))))
+
+    (point,) = orbits(o, bench, told, *at(x), COARSER[-1:])
+    if point.problem:
+        return Figure.refused(figure.unit, point.problem, figure.meaning)
+    slope = (theory(x * (1 + SLIGHT)) - theory(x * (1 - SLIGHT))) / (2 * SLIGHT * x)
+    off = abs((math.log(abs(point.torque)) - math.log(o.most)) / slope)
+    return figure._replace(error=figure.error + off)
 
 
 def edges(
@@ -352,40 +315,10 @@ def advice(o: Options, fit: Identified) -> list[Advice]:
     return cosim.advise(fit, experiments, lambda v: found(o, base, nu, v).nu_res)
 
 
-def rows(fit: Identified) -> Table:
-    """Measured and fitted values and what is between them, by time."""
-    frame, units = None, {"time": "s"}
-    for name, seen in fit.residuals.items():
-        mine = pd.DataFrame(
-            {"time": seen.times, name: seen.measured, f"{name}_fitted": seen.fitted,
-             f"{name}_residual": seen.fitted - seen.measured}
-        )  # fmt: skip
-        units |= dict.fromkeys(mine.columns[1:], seen.unit)
-        frame = mine if frame is None else frame.merge(mine, on="time", how="outer")
-    assert frame is not None
-    return Table(frame, units)
-
-
 def facts(o: Options, told: Told) -> dict[str, Any]:
     """What else stands in the JSON."""
-    fit = told.fit
-    exact = {name: x for name, x in fit.model.values(fit.local.p).items() if name in DRAWN}
-    return {
-        "operating_speed": told.operating,
-        "rated_torque": o.rated,
-        "limit": o.most,
-        "chi2": {"sum": fit.chi2, "degrees": fit.dof, "band": list(fit.band)},
-        "minima": list(fit.minima),
-        "misfit": list(fit.misfit),
-        "notes": list(fit.notes),
-        "exact": {name: x for name, x in exact.items() if name not in fit.names},
-        "alike": [list(group) for group in fit.alike],
-        "correlations": {
-            name: dict(zip(fit.names, map(float, row)))
-            for name, row in zip(fit.names, fit.correlations)
-        },
-        "next": {x.name: x.error for x in told.advice},
-    }
+    own = {"operating_speed": told.operating, "rated_torque": o.rated, "limit": o.most}
+    return own | recorded.facts(told.fit, told.advice, DRAWN)
 
 
 def verdict(o: Options, f: Mapping[str, Figure], r: Told) -> str:
@@ -414,10 +347,8 @@ def verdict(o: Options, f: Mapping[str, Figure], r: Told) -> str:
         lines.append(f"Avoid speeds from {ends[0].text()} to {ends[1].text()}.")
     for group in r.fit.alike:
         lines.append(f"The record cannot tell {' and '.join(group)} apart.")
-    best = r.advice[0]
-    lines.append(
-        f"Next: {best.name} would narrow the interval of the resonance to {best.error:.2g} rad/s."
-    )
+    now = f["nu_res"].error or math.inf
+    lines.append(recorded.next_one(r.advice, now, "the resonance", "rad/s"))
     return "\n".join(lines)
 
 
@@ -425,17 +356,8 @@ def show(o: Options, f: Mapping[str, Figure], r: Told) -> Show:
     """Each column measured, fitted and what is between them; the resonance curve with its band; the
     conveyor in motion.
     """
-    charts = []
-    for (name, seen), color in zip(r.fit.residuals.items(), (colors.SPEED, colors.TORQUE)):
-        what = "speed" if name == SPEED else "torque"
-        off = seen.fitted - seen.measured
-        panels = [
-            Panel(what, seen.unit, [Curve("measured", seen.times, seen.measured, "grey", "points"),
-                                    Curve("fitted", seen.times, seen.fitted, color)]),
-            Panel("fitted less measured", seen.unit, [Curve("residual", seen.times, off, color, "points")],
-                  [Mark(s * 2 * seen.sigma, f"{2 * s:+d} sigma of the noise") for s in (-1, 1)]),
-        ]  # fmt: skip
-        charts.append(Chart(f"The {what}, measured and fitted", "time [s]", panels))
+    drawn = {SPEED: ("speed", colors.SPEED), TORQUE: ("torque", colors.TORQUE)}
+    charts = recorded.charts(r.fit, drawn)
     if not r.fit.misfit:
         charts.insert(0, band(o, f, r))
     first, last = (float(t) for t in r.fit.result["time"][[0, -1]])

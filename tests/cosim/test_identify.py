@@ -9,15 +9,15 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
-from scipy.integrate import solve_ivp
 
 from benchmarks.identify import KINDS, trial
 from cosim import Experiment, SetupError, System, Table, advise, identify, measured
-from cosim.identification.evidence import alike, covariance, spectrum
-from cosim.identification.record import told
+from cosim.identification.evidence import alike, close_by, covariance, looking, spectrum
+from cosim.identification.model import build, frees, independent
+from cosim.identification.record import columns, told
+from cosim.system import connect
+from examples.measured_conveyor import Samples, moved
 
-Samples = NDArray[np.float64]
 WIRES = ["motor.tau -> conveyor.tau", "conveyor.w -> motor.w"]
 MACHINE = {
     "motor.A": 7200.0, "motor.B": 199.8, "motor.T": 0.0625, "conveyor.rotor.J": 0.49,
@@ -26,21 +26,6 @@ MACHINE = {
 }  # fmt: skip
 FREE = ["motor.B", "motor.T", "conveyor.rotor.J", "motor.A", "conveyor.phi", "conveyor.w"]
 KNOWN = {"conveyor.trough.d": (4000.0, 200.0)}
-
-
-def moved(p: Mapping[str, float], t: Samples) -> Samples:
-    """Angle, speed and torque of motor and conveyor at times t, shape (3, n), by scipy."""
-    m, c, d, r = (p[f"conveyor.{x}"] for x in ("trough.m", "spring.c", "trough.d", "crank.r"))
-
-    def slope(_: float, y: Samples) -> list[float]:
-        x, dx = r * np.sin(y[0]), r * np.cos(y[0])
-        load = c * x * dx + d * dx**2 * y[1] - m * dx * x * y[1] ** 2
-        a = (y[2] - load) / (p["conveyor.rotor.J"] + m * dx**2)
-        return [y[1], a, (p["motor.A"] - p["motor.B"] * y[1] - y[2]) / p["motor.T"]]
-
-    start = [p["conveyor.phi"], p["conveyor.w"], p["motor.tau"]]
-    run = solve_ivp(slope, (t[0], t[-1]), start, "DOP853", t, rtol=1e-9, atol=1e-9)
-    return np.asarray(run.y)
 
 
 def resonance(p: Mapping[str, float], _: object = None) -> float:
@@ -107,6 +92,33 @@ def test_what_is_wrong_with_a_record_is_one_line_with_file_row_and_column(tmp_pa
             w | {"motor.w": "n"})  # fmt: skip
 
 
+def test_a_file_with_semicolons_and_decimal_commas_is_read_as_it_is(tmp_path: Path) -> None:
+    path = tmp_path / "german.csv"
+    path.write_text("\ufefft [ms];n [rpm]\n0,5;1,25\n1;-2,5e1\n2;3\n\n", encoding="utf-8")
+    (table,) = measured(path, {"conveyor.w": "n*2"}, time="t").values()
+    assert table.times == pytest.approx([5e-4, 1e-3, 2e-3])
+    assert (table.values, table.unit) == ([2.5, -50.0, 6.0], "rpm")
+    (rows,) = measured(path, {"conveyor.w": "n"}, time=None).values()
+    assert rows.times == [0.0, 1.0, 2.0]
+    path.write_text("t\tn\n0\t1,25\n1\t-25\n2\t3\n")
+    plain = Table.read(path, "n / 0.5 + 1:1")
+    assert (plain.values, plain.unit) == ([3.5, -49.0, 7.0], "1")
+
+
+def test_what_fmus_refuse_on_one_side_is_seen_from_the_other(
+    fmus: Path, record: dict[str, Samples]
+) -> None:
+    """A mass that the record cannot tell runs to its bound, where the FMU refuses it."""
+    guess = system(fmus, **{**MACHINE, "conveyor.trough.m": 1e-9})
+    table = Table(record["t"][:200], noisy(record["w"][:200], 0.1))
+    network = connect(guess)
+    data = columns(network, {"conveyor.w": table}, {"conveyor.w": 0.1})
+    unknown = frees(network, data, ["conveyor.trough.m", "motor.B"], independent({}))
+    model = build(guess, data, unknown, independent({}), None, {})
+    local = close_by(model, model.guess, looking(model, {}), 2.0)
+    assert np.isfinite(local.J).all() and np.abs(local.J[:, 1]).max() > 0.0
+
+
 def test_noise_is_told_from_the_rows_and_from_their_grid() -> None:
     t = np.arange(2000) * 1e-3
     signal = 40.0 + 3.0 * np.sin(80.0 * t) + t**2
@@ -154,6 +166,8 @@ WRONG: list[tuple[dict[str, Any], str]] = [
     ({"free": {"motor.T": (0.1, 0.2)}}, "motor.T = 0.075 s must lie between 0.1 and 0.2 s"),
     ({"free": []}, "no value is free"),
     ({"free": ["gain(motor.tau)"]}, "motor.tau is no measured column, only conveyor.w"),
+    ({"free": ["motor.w"]}, "motor.w [rad/s] cannot be free"),
+    ({"begin": 1.0}, "begin = 1.0 s must not be after the first row, at 0.0 s"),
     ({"first": ["motor.T"]}, "first: motor.T is not free, only motor.B"),
     ({"known": {"motor.B": (200.0, -1.0)}}, "the deviation must be above 0"),
     ({"noise": {"conveyor.w": 0.0}}, "noise of conveyor.w = 0.0 must be above 0"),

@@ -12,29 +12,18 @@ import numpy as np
 import pytest
 
 from cosim import SetupError
+from examples import measured_conveyor, measured_iron
 from scenarios.conveyor import identify
-from scenarios.conveyor.identify import prior
 from scenarios.conveyor.theory import Machine
 from tests.conftest import QUICK, ROOT, ask, fmus_of
-from tests.cosim.test_identify import Samples, moved, noisy
 from workbench.answer import Answer
 from workbench.ask import row
+from workbench.recorded import prior
 
-RECORD, RATED = ROOT / "examples/conveyor_record.csv", 80.0
-TRUTH = {
-    "motor.A": 38.0 * 180.215, "motor.B": 180.0, "motor.T": 0.066, "conveyor.rotor.J": 0.52,
-    "conveyor.trough.m": 196.0, "conveyor.trough.d": 4300.0, "conveyor.spring.c": 7.1e5,
-    "conveyor.crank.r": 0.01, "conveyor.phi": 1.0, "conveyor.w": 38.0, "motor.tau": 30.0,
-}  # fmt: skip
-MACHINE = Machine(B=180.0, T=0.066, theta1=0.52, m=196.0, r=0.01, c=7.1e5, d=4300.0)
-
-
-def text(t: Samples, w: Samples, tau: Samples) -> str:
-    """The file of a logger: times in ms, speed in rpm in steps of 0.5, torque in percent."""
-    n = np.round(noisy(w * 30 / math.pi, 1.0, 3) / 0.5) * 0.5
-    M = noisy(tau * 100 / RATED, 0.8, 4)
-    rows = [f"{1e3 * a:.0f},{b:.1f},{c:.1f}" for a, b, c in zip(t, n, M)]
-    return "\n".join(["t [ms],n [rpm],M", *rows, ""])
+TRUTH = measured_conveyor.seen()
+MACHINE = Machine(
+    B=TRUTH["motor.B"], T=TRUTH["motor.T"], theta1=0.52, m=196.0, r=0.01, c=7.1e5, d=4300.0
+)
 
 
 @pytest.fixture(scope="module")
@@ -42,10 +31,24 @@ def answer() -> Answer:
     return ask("identify", **QUICK["identify"])
 
 
-def test_the_record_of_the_examples_is_that_of_a_machine_integrated_without_fmus() -> None:
-    t = np.arange(601) * 2e-3
-    _, w, tau = moved(TRUTH, t)
-    assert RECORD.read_text() == text(t, w, tau)
+@pytest.mark.parametrize("maker", ["conveyor", "iron"])
+def test_the_record_of_the_examples_is_what_its_script_makes(maker: str) -> None:
+    made = {"conveyor": measured_conveyor, "iron": measured_iron}[maker].record()
+    path = ROOT / f"examples/{maker}_record.csv"
+    assert path.read_text() == made.to_csv(index=False)
+
+
+def test_the_record_of_the_conveyor_has_counts_of_an_encoder_and_a_belt_that_creeps() -> None:
+    rows = measured_conveyor.record()
+    counts = rows["n [rpm]"] / 60 * measured_conveyor.SAMPLE * measured_conveyor.COUNTS
+    assert np.abs(counts - counts.round()).max() < 0.01
+    _, w, M = measured_conveyor.moved(
+        measured_conveyor.TRUTH, np.array([0.0, 1.2]), measured_conveyor.CREEP
+    )
+    _, plain, other = measured_conveyor.moved(TRUTH, np.array([0.0, 1.2]))
+    assert abs(w[1] - plain[1]) < 1e-3 * w[1] and abs(M[1] - other[1]) < 0.5
+    _, stiff, _ = measured_conveyor.moved(measured_conveyor.TRUTH, np.array([0.0, 1.2]))
+    assert abs(stiff[1] - w[1]) > 5 * abs(w[1] - plain[1])
 
 
 def test_the_truth_lies_within_the_errors(answer: Answer) -> None:
@@ -84,18 +87,17 @@ def test_the_next_record_is_one_in_which_the_speed_changes(answer: Answer) -> No
 
 def test_the_table_holds_measured_and_fitted_values(answer: Answer) -> None:
     rows = answer.tables["identify.csv"].frame
-    assert len(rows) == 601
+    assert len(rows) == 600
     off = rows["conveyor.w_fitted"] - rows["conveyor.w"]
     assert off.to_list() == pytest.approx(rows["conveyor.w_residual"].to_list())
-    assert off.std() == pytest.approx(math.pi / 30, rel=0.1)
+    grid = 60 / measured_conveyor.COUNTS / measured_conveyor.SAMPLE * math.pi / 30
+    assert 0.5 * grid / math.sqrt(12) < off.std() < 2.5 * grid / math.sqrt(12)
 
 
 def test_a_record_of_another_machine_is_refused(tmp_path: Path) -> None:
     """One whose supply drifts: no number is told, and where the misfit lies is."""
-    t = np.arange(601) * 2e-3
-    _, w, tau = moved(TRUTH, t)
     path = tmp_path / "drift.csv"
-    path.write_text(text(t, w * (1.0 + 0.01 * t), tau))
+    measured_conveyor.record(drift=0.01).to_csv(path, index=False)
     answer = ask("identify", **{**QUICK["identify"], "data": str(path)})
     assert answer.verdict.startswith("No drive of this kind makes this record:\nchi2 = ")
     assert "conveyor.w: " in answer.verdict
@@ -103,7 +105,7 @@ def test_a_record_of_another_machine_is_refused(tmp_path: Path) -> None:
 
 
 REFUSED: list[tuple[dict[str, Any], str]] = [
-    ({"data": ""}, "identify needs a record: --data FILE.csv"),
+    ({"data": ""}, "a record is needed: --data FILE.csv --map conveyor.w="),
     ({"data": "none.csv"}, "none.csv cannot be read as a table"),
     ({"map": ["time=t", "motor.tau=M:N.m"]}, "no column is mapped to conveyor.w"),
     ({"map": ["conveyor.w=n", "conveyor.w=M"]}, "map 'conveyor.w=M': conveyor.w is mapped twice"),
@@ -113,7 +115,7 @@ REFUSED: list[tuple[dict[str, Any], str]] = [
     ({"known": ["conveyor.trough.m=200"]}, "must read NAME=VALUE+-DEVIATION"),
     ({"known": ["conveyor.trough.m=200+-0"]}, "the deviation must be above 0"),
     ({"known": ["conveyor.x=0+-1"]}, "conveyor.x [m] cannot be free"),
-    ({"noise": ["conveyor.w=some"]}, "noise 'conveyor.w=some' must read NAME=NUMBER"),
+    ({"noise": ["conveyor.w=some"]}, "noise 'conveyor.w=some' must read NAME=NUMBER, or"),
 ]
 
 

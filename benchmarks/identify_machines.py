@@ -1,0 +1,124 @@
+"""How often the questions of iron and orientator hold the truth: python benchmarks/identify_machines.py.
+
+Machines are drawn at random, recorded by `examples/measured_iron.py` and `examples/measured_orientator.py`,
+which share no equation with the FMUs, and asked about by the question, with no guess of its own. Shown
+are how many were answered, how many intervals hold the truth, and how wide they are.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from collections.abc import Mapping
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT))
+
+from cosim import System, quiet
+from examples import measured_iron, measured_orientator
+from scenarios.__main__ import PROJECT
+from scenarios.iron import drive
+from scenarios.orientator import orientator_limit
+from workbench.ask import answer
+from workbench.options import made
+from workbench.question import find, load
+
+STAGES = [f"t_{stage}" for stage in measured_orientator.STAGES]
+LEAST, COUNT = 25.0, 10
+
+
+def iron(rng: np.random.Generator, seed: int) -> tuple[Any, dict[str, Any], dict[str, float]]:
+    """A record of an iron drive, what is asked, and what is true."""
+    p = {x: v * 1.2 ** rng.uniform(-1.0, 1.0) for x, v in measured_iron.TRUTH.items()}
+    m = p["iron.iron.m"]
+    asked = {
+        "map": ["time=t", "iron.w=n", f"motor.tau=M*{measured_iron.RATED / 100}:N.m"],
+        "known": [f"iron.iron.m={m * (1 + 0.01 * rng.standard_normal())}+-{0.01 * m}"],
+    }
+    up, down = 1 + p["iron.friction.K_up"], 1 + p["iron.friction.K_down"]
+    system = System({"iron": PROJECT.folders["native"] / "IronDrive.fmu"},
+                    start={x: v for x, v in p.items() if x.startswith("iron.")})  # fmt: skip
+    true = {
+        "mu": (up - down) / (up + down),
+        "loss": float(drive.turn(system, 1.0, 360)["iron.E_friction"][-1]),
+        "follower_limit": drive.limits(system)["follower_limit"].value,
+        **{x.replace(".", "_").lower(): p[x] for x in ("iron.spring.c", "iron.friction.K_up")},
+    }
+    return measured_iron.record(seed, p), asked, true
+
+
+def orientator(rng: np.random.Generator, seed: int) -> tuple[Any, dict[str, Any], dict[str, float]]:
+    """Stage times of products at speeds up to nine tenths of the limit, what is asked, what is true."""
+    H = 0.04 * (1 + 0.01 * rng.standard_normal())
+    p = {"orientator.chute.mu": rng.uniform(0.15, 0.55), "orientator.chute.H": H}
+    system = System({"orientator": PROJECT.folders["native"] / "GravityOrientator.fmu"}, start=p)
+    with quiet():
+        limit = orientator_limit.limit(system, p["orientator.chute.mu"])[1].value
+    speeds = np.linspace(LEAST, 0.9 * limit, COUNT).round(1).tolist()
+    asked = {
+        "map": ["orientator.w=n", *(f"orientator.{x}={x[2:]}" for x in STAGES)],
+        "known": ["orientator.chute.H=0.04+-1%"],
+        "noise": [f"orientator.{x}={measured_orientator.NOISE}ms" for x in STAGES],
+    }
+    true = {"orientator_chute_mu": p["orientator.chute.mu"], "limit": limit}
+    return measured_orientator.record(seed, p, speeds), asked, true
+
+
+KINDS = {"iron_identify": iron, "orientator_identify": orientator}
+
+
+def trial(name: str, seed: int) -> dict[str, Any]:
+    """One machine, asked about: for each figure whether it holds the truth and how wide it is."""
+    rng = np.random.default_rng([seed, [*KINDS].index(name)])
+    rows, asked, true = KINDS[name](rng, seed)
+    page = load(find(PROJECT.home, name))
+    began = time.process_time()
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "record.csv"
+        rows.to_csv(path, index=False)
+        o = made(page.Options, {**asked, "data": str(path), "starts": 6}, name)
+        found = answer(page, o, PROJECT._replace(fill=None).fmus(page, "native"))
+    told: dict[str, Any] = {"seed": seed, "seconds": time.process_time() - began}
+    told["verdict"] = found.verdict
+    for key, x in true.items():
+        figure = found.figures.get(key)
+        if figure is not None and figure.error is not None:
+            told[key] = abs(figure.value - x) <= figure.error, figure.error / abs(x)
+    return told
+
+
+def table(name: str, trials: list[Mapping[str, Any]]) -> None:
+    """A line for each figure."""
+    for key in dict.fromkeys(key for x in trials for key in x):
+        mine = [x[key] for x in trials if isinstance(x.get(key), tuple)]
+        if mine:
+            held, wide = sum(h for h, _ in mine) / len(mine), float(np.median([w for _, w in mine]))
+            print(f"| {name} | `{key}` | {len(mine)} of {len(trials)} | {held:.0%} | {wide:.2%} |")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--number", type=int, default=30, help="records of each machine")
+    parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--verbose", action="store_true")
+    o = parser.parse_args()
+    seeds = range(1000 * o.seed, 1000 * o.seed + o.number)
+    print("| question | figure | answered | held | half-width, median |\n|---|---|---|---|---|")
+    with ProcessPoolExecutor(o.jobs) as pool:
+        for name in KINDS:
+            trials = list(pool.map(trial, [name] * o.number, seeds))
+            table(name, trials)
+            for x in trials if o.verbose else ():
+                print(x)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,107 @@
+"""Make conveyor_record.csv as a logger at a conveyor near its resonance would.
+
+    python examples/measured_conveyor.py [FILE.csv [SEED]]
+
+No FMU has a part in it. SciPy integrates a motor that drives, through a belt, a crank far shorter than
+its rod, for the angle phi and the speed w of the crank and the torque M on it:
+
+    (J + m x'^2) dw/dt = M - c x x' - d x'^2 w - m x' x'' w^2,   x = r sin phi,   ' = d/dphi
+    T dM/dt + M = A - B w (1 + s M)
+
+The belt creeps: under the torque M the motor runs ahead of the crank by the share s M, 0.1 % at the
+rated 80 N.m. No FMU here knows of that. To first order it is a motor with A, B and T less by the factor
+1 + B s w, and this is the drive that a record tells, belt and all: `seen` is that drive.
+
+What the logger makes of it, every 2 ms:
+
+* `n [rpm]`: of the crank, from the counts that an encoder of 16384 a turn passes in these 2 ms: their
+  mean, in steps of 1.8 rpm; `t [ms]` is their middle;
+* `M`: what the inverter takes for the torque then, in percent of 80 N.m, with noise of 0.8 %, to 0.1 %.
+
+The seed makes the noise; nothing else is drawn.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping
+from math import cos, pi, sin
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from scipy.integrate import solve_ivp
+
+Samples = NDArray[np.float64]
+TRUTH = {
+    "motor.A": 38.0 * 180.215,  # [N.m]
+    "motor.B": 180.0,  # [N.m.s/rad]
+    "motor.T": 0.066,  # [s]
+    "conveyor.rotor.J": 0.52,  # [kg.m2]
+    "conveyor.trough.m": 196.0,  # [kg]
+    "conveyor.trough.d": 4300.0,  # [N.s/m]
+    "conveyor.spring.c": 7.1e5,  # [N/m]
+    "conveyor.crank.r": 0.01,  # [m]
+    "conveyor.phi": 1.0,  # these three at t = 0
+    "conveyor.w": 38.0,
+    "motor.tau": 30.0,
+}
+RATED, CREEP = 80.0, 0.001  # torque [N.m]; share of the speed at it
+NOISE, RESOLUTION = 0.8, 0.1  # of the torque [%]
+STOP, SAMPLE, COUNTS = 1.2, 0.002, 16384  # [s]; [s]; a turn
+
+
+def moved(p: Mapping[str, float], t: Samples, creep: float = 0.0) -> Samples:
+    """Angle, speed and torque at times t from the first, shape (3, n)."""
+    m, c, d, r = (p[f"conveyor.{x}"] for x in ("trough.m", "spring.c", "trough.d", "crank.r"))
+
+    def rates(_: float, y: Samples) -> list[float]:
+        phi, w, M = y
+        x, dx = r * sin(phi), r * cos(phi)
+        load = c * x * dx + d * dx**2 * w - m * dx * x * w**2
+        ahead = 1.0 + creep * M / RATED
+        a = (M - load) / (p["conveyor.rotor.J"] + m * dx**2)
+        return [w, a, (p["motor.A"] - p["motor.B"] * w * ahead - M) / p["motor.T"]]
+
+    start = [p["conveyor.phi"], p["conveyor.w"], p["motor.tau"]]
+    run = solve_ivp(rates, (t[0], t[-1]), start, "DOP853", t, rtol=1e-9, atol=1e-9)
+    return np.asarray(run.y)
+
+
+def seen(p: Mapping[str, float] = TRUTH) -> dict[str, float]:
+    """What a record tells of a motor with its belt."""
+    speed = p["motor.A"] / (p["motor.B"] + p["conveyor.trough.d"] * p["conveyor.crank.r"] ** 2 / 2)
+    less = 1.0 + p["motor.B"] * CREEP / RATED * speed
+    return {**p, **{f"motor.{x}": p[f"motor.{x}"] / less for x in "ABT"}}
+
+
+def record(seed: int = 1, drift: float = 0.0) -> pd.DataFrame:
+    """The rows of the logger; with a drift, its clock of the speed loses that share a second."""
+    number = round(STOP / SAMPLE)
+    halves = SAMPLE / 2 * np.arange(2 * number + 1)
+    phi, _, M = moved(TRUTH, halves, CREEP)
+    counts = np.floor(phi[::2] * COUNTS / (2 * pi))
+    percent = 100 * M[1::2] / RATED + np.random.default_rng(seed).normal(0.0, NOISE, number)
+    return pd.DataFrame(
+        {
+            "t [ms]": 1e3 * halves[1::2],
+            "n [rpm]": np.diff(counts) / COUNTS / SAMPLE * 60 * (1.0 + drift * halves[1::2]),
+            "M": RESOLUTION * (percent / RESOLUTION).round(),
+        }
+    ).round(3)
+
+
+def main(path: Path, seed: int = 1) -> None:
+    """Write the record."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    rows = record(seed)
+    rows.to_csv(path, index=False)
+    print(f"{path}: {len(rows)} rows")
+
+
+if __name__ == "__main__":
+    path = (
+        Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).with_name("conveyor_record.csv")
+    )
+    main(path, *map(int, sys.argv[2:]))

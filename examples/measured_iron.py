@@ -1,0 +1,139 @@
+"""Make a record as a logger at a sealing iron's drive would: something to identify it from.
+
+    python examples/measured_iron.py [FILE.csv]
+
+No FMU has a part in it. The mechanism is a drawing in the complex plane, with the rocker's axis at 0.
+Inertia J and potential energy U of all but the iron, and the hanging length H of the chain, come from
+splines through drawings of 1440 positions, and so do their derivatives, ' = d/dphi, by the angle phi of
+the cam. With an iron of mass m, a spring of stiffness c and mass m_s, and friction K,
+
+    (J + (1 + K) m H'^2) dw/dt + (J'/2 + (1 + K) m H' H'') w^2 = i M - U' + ((1 + K) F + K m_s g / 2) H'
+    F = m g + c (e_0 + H(0) - H),   K = K_down where H' > 0, else K_up
+    T dM/dt + M = A - B i w
+
+SciPy integrates them. The drive stands in the middle of its bottom dwell; at t = 0 the motor is
+switched on, and 0.1 s later the logger begins.
+
+What the logger makes of it, every 2 ms:
+
+* `n [rpm]`: of the motor's shaft, from the counts that an encoder of 16384 a turn passes in
+  these 2 ms: their mean, in steps of 1.8 rpm; `t [ms]` is their middle;
+* `M`: the torque of the motor then, in percent of 2 N.m, with noise of 2 %, to 0.1 %.
+
+The seed makes the noise; nothing else is drawn. Who identifies the drive has to find `TRUTH`, whose
+names are those of a system of DriveMotor and IronDrive. The rest is as these have it by default.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping
+from functools import cache
+from math import pi, sin
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from scipy.integrate import solve_ivp
+from scipy.interpolate import CubicSpline
+
+Samples = NDArray[np.float64]
+TRUTH = {
+    "motor.A": 3.7,  # [N.m]
+    "motor.B": 0.0235,  # [N.m.s/rad]
+    "motor.T": 0.0135,  # [s]
+    "iron.iron.m": 4.4,  # [kg]
+    "iron.spring.c": 345.0,  # [N/m]
+    "iron.friction.K_up": 0.105,
+    "iron.friction.K_down": -0.0868,
+}
+STATES = {"iron.phi": -pi / 3, "iron.w_cam": 0.0, "motor.tau": 0.0}
+GEAR, G = 36.0, 9.80665
+STRETCH, SPRING = 0.080, 0.15  # of the spring with the iron down [m]; its mass [kg]
+RATED, NOISE, RESOLUTION = 2.0, 2.0, 0.1  # torque [N.m]; of the torque [%]
+FIRST, STOP, SAMPLE, COUNTS = 0.1, 2.5, 0.002, 16384  # [s]; [s]; [s]; a turn
+
+
+@cache
+def drawn() -> CubicSpline:
+    """J [kg.m2], U [J] and H [m] by the angle of the cam [rad], without iron and spring's force."""
+    phi = np.linspace(0.0, 2 * pi, 1441)
+    up, top, down = np.radians([100.0, 60.0, 80.0])
+    back = (phi - up - top) / down
+    x = np.clip(np.where(back < 0, phi / up, 1 - back), 0, 1)
+    R = 0.100 + 0.020 * x**4 * (35 - 84 * x + 70 * x**2 - 20 * x**3)
+    a = 2.38 - np.arccos((0.150**2 + 0.090**2 - R**2) / (2 * 0.150 * 0.090))
+    wheel = 0.0127 / (2 * sin(pi / 20))
+    end, over = 0.280 * np.exp(1j * a), complex(-0.400, 0.280 + wheel)
+    n = abs(over - end)
+    along = (over - end) / n
+    run, H = n - 0.200, 0.700 - (n - 0.200) - wheel * pi / 2
+
+    def rate(x: Samples) -> Samples:
+        return np.asarray(CubicSpline(phi, x)(phi, 1))
+
+    ends, turns, hangs = rate(end), rate(along), rate(H)
+    middle, s = 0.200 + run / 2, 0.200 / 2
+    inertia = 0.025 * rate(a) ** 2 + 0.25 * abs(ends + s * turns) ** 2
+    inertia += 0.25 * 0.200**2 / 12 * abs(turns) ** 2
+    inertia += 0.70 * run * (abs(ends + middle * turns) ** 2 + run**2 / 12 * abs(turns) ** 2)
+    carried = 6.0e-4 / wheel**2 + 0.70 * (wheel * pi / 2 + H) + SPRING / 3
+    inertia += carried * hangs**2 + 3.0e-4 * GEAR**2 + 0.0125
+    height = 2.5 * 0.008 * np.sin(phi + 0.6) + 1.2 * 0.090 * np.sin(a + 0.10)
+    height += 0.25 * (end + s * along).imag + 0.70 * run * (end + middle * along).imag
+    height += 0.70 * wheel * (pi / 2 * 0.280 + wheel) + 0.70 * H * (0.280 - H / 2) - SPRING * H / 2
+    return CubicSpline(phi, np.stack([inertia, G * height, H], axis=1))
+
+
+def rates(p: Mapping[str, float], t: float, y: Samples) -> list[float]:
+    """Of the cam's angle and speed, and of the torque of the motor."""
+    phi, w, M = y
+    at = phi % (2 * pi)
+    (J, _, H), (J1, U1, H1), (_, _, H2) = (drawn()(at, k) for k in range(3))
+    K = p["iron.friction.K_down"] if H1 > 0 else p["iron.friction.K_up"]
+    m, load = p["iron.iron.m"], (1 + K) * p["iron.iron.m"]
+    F = m * G + p["iron.spring.c"] * (STRETCH + drawn().c[-1, 0, 2] - H)
+    torque = GEAR * M - U1 + ((1 + K) * F + K * SPRING * G / 2) * H1
+    a = (torque - (J1 / 2 + load * H1 * H2) * w * w) / (J + load * H1**2)
+    static = p["motor.A"] - p["motor.B"] * GEAR * w
+    return [w, a, (static - M) / p["motor.T"]]
+
+
+def moved(p: Mapping[str, float], t: Samples) -> Samples:
+    """Angle and speed of the cam and torque of the motor at times t after it starts, shape (3, n)."""
+    start = list(STATES.values())
+    run = solve_ivp(
+        lambda t, y: rates(p, t, y), (0.0, t[-1]), start, "DOP853", t,
+        rtol=1e-9, atol=1e-9, max_step=1e-2,
+    )  # fmt: skip
+    return np.asarray(run.y)
+
+
+def record(seed: int = 1, truth: Mapping[str, float] = TRUTH) -> pd.DataFrame:
+    """The rows of the logger."""
+    number = round((STOP - FIRST) / SAMPLE)
+    halves = FIRST + SAMPLE / 2 * np.arange(2 * number + 1)
+    phi, _, M = moved(truth, halves)
+    counts = np.floor(GEAR * (phi[::2] - STATES["iron.phi"]) * COUNTS / (2 * pi))
+    noise = np.random.default_rng(seed).normal(0.0, NOISE, number)
+    percent = 100 * M[1::2] / RATED + noise
+    return pd.DataFrame(
+        {
+            "t [ms]": 1e3 * halves[1::2],
+            "n [rpm]": np.diff(counts) / COUNTS / SAMPLE * 60,
+            "M": RESOLUTION * (percent / RESOLUTION).round(),
+        }
+    ).round(3)
+
+
+def main(path: Path) -> None:
+    """Write the record."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    rows = record()
+    rows.to_csv(path, index=False)
+    print(f"{path}: {len(rows)} rows")
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1] if len(sys.argv) > 1 else "results/measured_iron.csv"))

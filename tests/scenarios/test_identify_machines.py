@@ -1,0 +1,146 @@
+"""What records of the iron drive and of the orientator tell, which no FMU had a part in."""
+
+from __future__ import annotations
+
+import math
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from benchmarks.identify_machines import KINDS, trial
+from cosim import SetupError, System, run
+from examples import measured_iron, measured_orientator
+from scenarios.iron import drive as iron
+from scenarios.iron import iron_identify
+from scenarios.orientator import orientator_identify
+from tests.conftest import QUICK, ROOT, ask, fmus_of
+from workbench.answer import Answer
+
+IRON, ORIENTATOR = measured_iron.TRUTH, measured_orientator.TRUTH
+MU = "orientator_chute_mu"
+
+
+@pytest.fixture(scope="module")
+def products() -> Answer:
+    return ask(
+        "orientator_identify", **QUICK["orientator_identify"], known=["orientator.chute.H=0.04+-1%"]
+    )
+
+
+def test_the_iron_of_the_examples_moves_as_the_fmu_does() -> None:
+    """They share no line of code; the coupling error of order 2 is all that is between them."""
+    system = System(fmus_of(iron_identify), iron.WIRES, {**IRON, **measured_iron.STATES})
+    off = []
+    for step in (2e-3, 1e-3):
+        found = run(system, stop=0.5, step=step)
+        mine = measured_iron.moved(IRON, found["time"])
+        off.append([abs(mine[k] - found[x]).max() for k, x in enumerate(measured_iron.STATES)])
+    assert np.divide(*off) == pytest.approx(4.0, abs=0.2)
+    assert max(off[1]) < 3e-3
+
+
+@pytest.mark.parametrize(("n", "mu"), [(0.0, 0.35), (40.0, 0.5)])
+def test_the_orientator_of_the_examples_takes_the_times_of_the_fmu(n: float, mu: float) -> None:
+    """One with flight, one without; two bodies with constraints, and a formula for each stage."""
+    start = {"orientator.chute.mu": mu, "orientator.w": n * math.pi / 30}
+    found = run(System(fmus_of(orientator_identify), start=start), stop=0.4, step=0.4)
+    times = [found[f"orientator.t_{x}"][-1] for x in measured_orientator.STAGES]
+    assert measured_orientator.times(n, mu, 0.04) == pytest.approx(times, abs=2e-7)
+
+
+def test_the_rows_of_the_camera_are_those_times_with_its_noise() -> None:
+    few = measured_orientator.record(speeds=(20, 60)).to_numpy()
+    whole = np.loadtxt(ROOT / "examples/orientator_record.csv", delimiter=",", skiprows=1)
+    assert few[0] == pytest.approx(whole[0])
+    true = [1e3 * x for x in measured_orientator.times(60, *ORIENTATOR.values())]
+    assert np.abs(few[1][1:] - true).max() < 4 * measured_orientator.NOISE
+
+
+def test_friction_and_fall_of_the_orientator_are_found(products: Answer) -> None:
+    f = products.figures
+    for name, key in zip(ORIENTATOR, (MU, "orientator_chute_h")):
+        assert abs(f[key].value - ORIENTATOR[name]) < f[key].error < 0.05 * ORIENTATOR[name]
+    assert f["limit"].error < 1.0 and f["away"].value > 10.0
+    following = products.tables["orientator_identify_next.csv"].frame
+    assert following["record"][0] in products.verdict
+    fast = f"12 products at {max(products.facts['tried'])} rpm"
+    assert following["record"][0] == fast
+    assert following["error"].iloc[-1] < f[MU].error
+
+
+def test_more_friction_makes_later_stages_longer_and_is_what_is_told(tmp_path: Path) -> None:
+    """With the times of another friction the answer follows it."""
+    speeds = (30.0, 50.0)
+    rows = measured_orientator.record(2, {"mu": 0.45, "H": 0.04}, speeds)
+    rows.to_csv(tmp_path / "other.csv", index=False)
+    asked = {**QUICK["orientator_identify"], "data": str(tmp_path / "other.csv")}
+    found = ask("orientator_identify", **asked)
+    assert abs(found.figures[MU].value - 0.45) < found.figures[MU].error
+    rows["turning [ms]"] *= 1.2
+    rows.to_csv(tmp_path / "other.csv", index=False)
+    other = ask("orientator_identify", **asked)
+    assert other.verdict.startswith("No friction explains these stage times:\nchi2 = ")
+    assert "orientator.t_turning: off by" in other.verdict
+    assert all(figure.error is None for figure in other.figures.values())
+
+
+def test_the_turn_of_the_iron_is_found_before_the_fit() -> None:
+    """The guess is of default values, and of the phase of the last turn."""
+    given = {k: v for k, v in QUICK["iron_identify"].items() if k != "starts"}
+    o = iron_identify.Options(**given)
+    system = iron_identify.guess(o, fmus_of(iron_identify), o.columns("iron.w")["iron.w"])
+    at = measured_iron.FIRST + measured_iron.SAMPLE / 2
+    phi = measured_iron.moved(IRON, np.array([0.0, at]))[0, -1]
+    assert abs(system.start["iron.phi"] - phi) < 0.5  # type: ignore[operator]
+
+
+REFUSED: list[tuple[str, dict[str, Any], str]] = [
+    ("iron_identify", {"known": []}, "the record shows (1 + K) m and (1 + K) c alone"),
+    ("iron_identify", {"known": ["motor.B=0.02+-1%"]}, "give what is known, as in --known iron.iron.m"),
+    ("iron_identify", {"until": 1.0}, "turns of the cam, and one is the least that tells a drive"),
+    ("iron_identify", {"known": ["iron.iron.m=-4+-1"]}, "iron.iron.m = -4.0 kg must lie between"),
+    ("iron_identify", {"map": ["time=t", "motor.tau=M"]}, "no column is mapped to iron.w"),
+    ("iron_identify", {"free": ["iron.tau"]}, "iron.tau [N.m] cannot be free"),
+    ("orientator_identify", {"noise": []}, "give the noise"),
+    ("orientator_identify", {"noise": ["orientator.t_joint=1kg"]}, "must be in s or ms"),
+    ("orientator_identify", {"map": ["orientator.w=n"]}, "no stage time is mapped"),
+    ("orientator_identify", {"map": ["orientator.t_joint=joint"]}, "no column is mapped to orientator.w"),
+    ("orientator_identify", {"map": ["orientator.w=n:kg", "orientator.t_joint=joint"]},
+     "each product needs a speed of the rotor, in rad/s or rpm"),
+    ("orientator_identify", {"map": ["orientator.w=n", "orientator.xc=joint"]},
+     "orientator.xc is no time of a product"),
+    ("orientator_identify", {"data": "none.csv"}, "none.csv cannot be read as a table"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("name", "given", "message"), REFUSED)
+def test_bad_input_is_one_line(name: str, given: dict[str, Any], message: str) -> None:
+    with pytest.raises(SetupError, match=re.escape(message)) as raised:
+        ask(name, **{**QUICK[name], **given})
+    assert "\n" not in str(raised.value)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", KINDS)
+def test_intervals_hold_the_truth_of_machines_drawn_at_random(name: str) -> None:
+    held = [x for seed in (1, 2, 3) for x in trial(name, seed).values() if isinstance(x, tuple)]
+    assert len(held) >= 6
+    assert np.mean([inside for inside, _ in held]) > 0.7
+    assert max(wide for _, wide in held) < 1.0
+
+
+@pytest.mark.slow
+def test_friction_mass_and_spring_of_the_iron_are_found_and_what_cannot_be_told_is_said() -> None:
+    answer = ask("iron_identify", **QUICK["iron_identify"])
+    f = answer.figures
+    up, down = 1 + IRON["iron.friction.K_up"], 1 + IRON["iron.friction.K_down"]
+    mu = (up - down) / (up + down)
+    assert abs(f["mu"].value - mu) < f["mu"].error < 0.05 * mu
+    for name in ("iron.iron.m", "iron.spring.c", "motor.T", "iron.friction.K_up"):
+        found = f[name.replace(".", "_").lower()]
+        assert abs(found.value - IRON[name]) < 1.5 * found.error
+    assert f["iron_friction_k_up"].error > 5 * f["mu"].error
+    assert "cannot tell iron.friction.K_up and iron.friction.K_down apart" in answer.verdict
