@@ -86,6 +86,10 @@ def test_resonance_22_where_a_constant_inertia_and_no_slope_of_the_spring_show_i
     assert load == pytest.approx(exact, rel=1e-8)
     lag = -np.angle(-found.frequency_response("conveyor.tau", "motor.tau", 2 * m.nu_res))
     assert math.degrees(lag) == pytest.approx(90.0, abs=1e-8)
+    phase = found.plot("conveyor.tau", "motor.tau").axes[1].lines[0]
+    w, shown = phase.get_xdata(), phase.get_ydata()
+    read = np.interp(90.0, 180.0 * round(shown[0] / 180.0) - shown, w)
+    assert read == pytest.approx(2 * m.nu_res, rel=1e-5)
 
 
 def test_a_stiff_shaft_between_two_masses(native: Path) -> None:
