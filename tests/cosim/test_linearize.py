@@ -96,9 +96,11 @@ def test_a_stiff_shaft_between_two_masses(native: Path) -> None:
     """Undamped w = sqrt(c (1/J1 + 1/J2)); with damping the ratio d w / (2 c)."""
     w = math.sqrt(STIFF * (1 / J_1 + 1 / J_2))
     assert fastest(linearize(two_masses(native))) == pytest.approx(1j * w, rel=1e-8)
-    damped = linearize(two_masses(native, shaft__d=50.0))
-    assert abs(fastest(damped)) == pytest.approx(w, rel=1e-8)
-    assert -fastest(damped).real / w == pytest.approx(50.0 * w / (2 * STIFF), rel=1e-8)
+    for c, d in ((STIFF, 50.0), (1e4, 1.0), (1e4, 100.0)):
+        w = math.sqrt(c * (1 / J_1 + 1 / J_2))
+        damped = fastest(linearize(two_masses(native, shaft__c=c, shaft__d=d)))
+        assert abs(damped) == pytest.approx(w, rel=1e-8)
+        assert -damped.real / w == pytest.approx(d * w / (2 * c), rel=1e-8)
 
 
 def test_factors_and_ratios_reduce_inertias(native: Path) -> None:
