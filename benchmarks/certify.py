@@ -1,8 +1,8 @@
 """How often a stated error holds the true one: python benchmarks/certify.py [--seed N].
 
-Coupled systems whose solution is known, linear ones by the matrix exponential and nonlinear ones by
-DOP853 at 1e-12, are certified with three algorithms and five steps each. The truth is that of
-continuous time. Shown are the figures that were stated and refused, the share of those stated that
+Coupled systems whose solution is known, linear ones by the matrix exponential, nonlinear ones by
+DOP853 at 1e-12, and the machines of the scenarios by the oracle, are certified with three algorithms
+and five steps each. The truth is that of continuous time. Shown are the figures that were stated and refused, the share of those stated that
 lie within their error, the worst ratio of true to stated error, and how wide the errors are.
 """
 
@@ -14,7 +14,7 @@ import sys
 import tempfile
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -35,6 +35,7 @@ from cosim import (
     crossing,
     largest,
     mean,
+    oracle,
     quiet,
     rms,
     run,
@@ -43,23 +44,31 @@ from cosim import (
 )
 from cosim.verification import systems as linear
 from cosim.verification.ideal import Ideal, Scheme
+from scenarios.conveyor import drive
+from scenarios.conveyor.theory import SETS
+from scenarios.exciter import sommerfeld as exciter
+from scenarios.iron import drive as iron
+from scenarios.orientator import machine as orientator
+from scenarios.packing_line import packing_line as line
 
 FMUS = ROOT / "fmus"
 ALGORITHMS = ("jacobi", "gauss-seidel", "strang")
 HALVINGS = 5
-FINE = 20001
+FINE, SHOWN = 20001, 4001
 KNOWN = 1e-7
 
 
 @dataclass(frozen=True)
 class Case:
-    """A system, its longest step and its stop [s], and the truth of some columns: x(t)."""
+    """A system, its longest step and its stop [s], the truth of some columns, x(t), and of discrete
+    ones the level that they pass, and when first [s]."""
 
     system: System
     stop: float
     step: float
     exact: Mapping[str, Callable[[Any], Any]]
     runner: Callable[..., Result] = run
+    changes: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
 
 class Half(NamedTuple):
@@ -230,7 +239,6 @@ def exact_units(units: Any, stop: float, step: float) -> Case:
 
 def conveyor(draw: Callable[[float, float], float], native: Path) -> Case:
     """DriveMotor and CrankConveyor, run up from rest."""
-    from scenarios.conveyor.theory import SETS
     from tests.oracle import monolithic
 
     start = SETS["A"].start(draw(30.0, 50.0)) | {"motor.tau": 0.0}
@@ -241,6 +249,80 @@ def conveyor(draw: Callable[[float, float], float], native: Path) -> Case:
     parts = {"motor": native / "DriveMotor.fmu", "conveyor": native / "CrankConveyor.fmu"}
     wires = ["motor.tau -> conveyor.tau", "conveyor.w -> motor.w"]
     return Case(System(parts, wires, start), 1.0, 2e-3, {"motor.tau": tau, "conveyor.w": w})
+
+
+def machines(
+    draw: Callable[[float, float], float], native: Path
+) -> dict[str, tuple[System, float, float, list[str], dict[str, float]]]:
+    """Systems of the scenarios, a stop and a longest step [s], columns, and levels of discrete ones."""
+
+    def of(parts: Mapping[str, str], wires: Sequence[str], start: Mapping[str, Any]) -> System:
+        return System({k: native / f"{v}.fmu" for k, v in parts.items()}, wires, start)
+
+    drives: dict[str, tuple[System, float, float, list[str], dict[str, float]]] = {
+        f"conveyor of set {name}, {nu:.0f} rad/s": (
+            of(drive.PARTS, drive.WIRES, SETS[name].start(nu) | {"conveyor.w": 0.8 * nu}),
+            0.5, 2e-3, ["motor.tau", "conveyor.w"], {},
+        )
+        for name, speeds in {"A": (20.0, 40.0, 60.0), "B": (25.0, 50.0, 75.0)}.items()
+        for nu in (speed * draw(0.9, 1.1) for speed in speeds)
+    }  # fmt: skip
+    rest = {"motor.characteristic": 1, "motor.tau": 0.0, "conveyor.w": 0.0}
+    stuck = {"motor.A": 0.12, "motor.B": 6e-4, "motor.T": 0.01, "motor.tau": 0.0, "iron.phi": 0.3}
+    w, mu = draw(3.0, 5.0), draw(0.3, 0.4)
+    dropped = {"orientator.w": w, "orientator.release": 1, "orientator.chute.mu": mu}
+    packing = line.system(
+        line.Options(gear=draw(1.2, 1.3)), {k: native / f"{v}.fmu" for k, v in line.PARTS.items()}
+    )
+    play = {"shaft.b": 0.01, "shaft.c": draw(5e3, 2e4), "shaft.d": 5.0, "shaft.twist": 0.02,
+            "one.J": 1.1, "two.J": 2.2, "one.w_a": 0.0, "two.w_a": 0.0, "one.tau_a": 0.0,
+            "two.tau_b": 0.0, "one.i": 1.0, "two.i": 1.0, "one.eta": 1.0, "two.eta": 1.0}  # fmt: skip
+    shaft = ["one.w_b -> shaft.w_a", "two.w_a -> shaft.w_b", "shaft.tau_a -> one.tau_b",
+             "shaft.tau_b -> two.tau_a"]  # fmt: skip
+    return drives | {
+        "conveyor from rest": (
+            of(drive.PARTS, drive.WIRES, SETS["B"].start(60.0) | rest), 0.5, 2e-3,
+            ["motor.tau", "conveyor.w"], {},
+        ),
+        "iron from rest": (
+            of(iron.PARTS, iron.WIRES, iron.MOTOR | {"motor.A": draw(3.8, 4.2)}), 1.0, 2e-3,
+            ["motor.tau", "iron.w_cam"], {"iron.top_dwell": 0.5},
+        ),
+        "iron that falls back": (
+            of(iron.PARTS, iron.WIRES, stuck), 0.8, 2e-3, ["motor.tau", "iron.w"],
+            {"iron.direction": 0.0},
+        ),
+        "exciter": (
+            of(exciter.PARTS, exciter.WIRES, {"motor.R": 5.0, "motor.v": draw(20.0, 28.0)}), 0.6,
+            4e-3, ["exciter.w", "exciter.x"], {},
+        ),
+        "orientator": (
+            of(orientator.PARTS, [], dropped), 0.4, 4e-3, ["orientator.phi2", "orientator.yc"],
+            {"orientator.stage": 0.5},
+        ),
+        "packing line": (
+            packing, 0.9, 2e-3, ["iron.w_cam", "conveyor.w"],
+            {"iron.top_dwell": 0.5, "orientator.stage": 5.5},
+        ),
+        "masses with play": (
+            of({"one": "Gearbox", "shaft": "ShaftLink", "two": "Gearbox"}, shaft, play), 0.15, 1e-3,
+            ["one.w_a", "shaft.twist"], {},
+        ),
+    }  # fmt: skip
+
+
+def integrated(
+    system: System, stop: float, step: float, columns: list[str], levels: Mapping[str, float]
+) -> Case:
+    """Parts for model exchange, and the oracle's solution."""
+    got = oracle(system, stop=stop, output_step=stop / (SHOWN - 1), record=[*columns, *levels])
+    last = np.append(np.diff(got["time"]) > 0.0, True)
+    exact = {c: CubicSpline(got["time"][last], got[c][last]) for c in columns}
+    changes = {}
+    for name, level in levels.items():
+        above = got[name] > level
+        changes[name] = level, float(got["time"][int(np.argmax(above != above[0]))])
+    return Case(system, stop, step, exact, changes=changes)
 
 
 def truth(x: Callable[[Any], Any], stop: float) -> dict[str, float]:
@@ -333,6 +415,9 @@ def judged(
             for column, true in truths.items()
             for way, seen in WAYS.items()
             for figure, value in seen(t, result[column], true["level"]).items()
+        } | {
+            f"between rows|{column}|event": crossing(t, result[column], level)
+            for column, (level, _) in case.changes.items()
         }
 
     for algorithm in algorithms:
@@ -342,15 +427,15 @@ def judged(
             try:
                 found = certify(
                     case.system, figures, step=h, stop=case.stop, algorithm=algorithm,
-                    record=list(case.exact), runner=case.runner,
+                    record=[*case.exact, *case.changes], runner=case.runner,
                 ).figures  # fmt: skip
             except SimulationError as error:  # a step beyond the limit of stability
                 print(name, algorithm, h, error, file=sys.stderr)
                 continue
             for key, got in found.items():
                 way, column, figure = key.split("|")
-                true = truths[column]
-                size = case.stop if "time" in figure or figure == "crossing" else max(
+                true = truths.get(column) or {"event": case.changes[column][1]}
+                size = case.stop if figure in ("crossing", "event") or "time" in figure else max(
                     abs(true["max"]), abs(true["min"]))  # fmt: skip
                 yield Verdict(
                     f"{name} {column}", algorithm, h, way, figure, true[figure], got.value,
@@ -359,17 +444,19 @@ def judged(
 
 
 def cases(seed: int, half: Path) -> Iterator[tuple[str, Case]]:
-    """All systems, with parameters drawn by a seed; 0 takes the middle of their bounds."""
-    random = np.random.default_rng(seed)
-
-    def draw(low: float, high: float) -> float:
-        return float(random.uniform(low, high)) if seed else (low + high) / 2
-
+    """Systems whose solution is known, with parameters drawn by a seed."""
+    draw = drawn(seed)
     yield "conveyor", conveyor(draw, FMUS / "native")
     for name, whole in nonlinear(draw).items():
         yield name, coupled(whole, half)
     for name, (units, stop, step) in matrices(draw).items():
         yield name, exact_units(units, stop, step)
+
+
+def drawn(seed: int) -> Callable[[float, float], float]:
+    """Numbers between bounds; their middle for a seed of 0."""
+    random = np.random.default_rng(seed)
+    return lambda low, high: float(random.uniform(low, high)) if seed else (low + high) / 2
 
 
 def table(verdicts: Sequence[Verdict], key: Callable[[Verdict], str]) -> Iterator[str]:
@@ -404,8 +491,12 @@ def main() -> None:
             if options.only in name:
                 verdicts += judged(name, case)
                 print(name, len(verdicts), file=sys.stderr, flush=True)
+        for name, machine in machines(drawn(options.seed), FMUS / "native").items():
+            if options.only in name:
+                verdicts += judged(name, integrated(*machine))
+                print(name, len(verdicts), file=sys.stderr, flush=True)
     for key in (
-        lambda v: v.system.split()[0] + " " + v.way,
+        lambda v: f"{v.system}, {v.way}",
         lambda v: f"{v.figure}, {v.way}",
         lambda v: f"{v.algorithm}, {v.way}",
         lambda v: v.way,

@@ -302,7 +302,7 @@ def _read(path: Path, _: tuple[int, int]) -> Fmu:
     if description.fmiVersion != "2.0":
         raise SetupError(f"is FMI {description.fmiVersion}; {wanted}")
     if description.coSimulation is None:
-        raise SetupError(f"offers model exchange only; {wanted}")
+        raise SetupError(f"offers model exchange only; {wanted}: export it for that, too")
     library = f"{description.coSimulation.modelIdentifier}{fmpy.sharedLibraryExtension}"
     if f"binaries/{fmpy.platform}/{library}" not in files:
         there = ", ".join(fmpy.supported_platforms(str(path))) or "no platform"

@@ -22,9 +22,7 @@ DISPLAY_FACTORS = {
     ("Pa", "bar"): 1e-5,
 }
 BINARIES = {"linux64": "so", "win64": "dll"}
-NATIVE_BINARIES = BINARIES | {
-    "aarch64-linux": "so", "darwin64": "dylib", "aarch64-darwin": "dylib"
-}  # fmt: skip
+NATIVE_BINARIES = BINARIES | {"aarch64-linux": "so", "darwin64": "dylib"}
 BINARIES_3 = {
     "x86_64-linux": "so", "x86_64-windows": "dll", "aarch64-linux": "so",
     "x86_64-darwin": "dylib", "aarch64-darwin": "dylib",

@@ -178,12 +178,10 @@ def traced(interface: Interface) -> list[Function]:
     tracer.trace("count", count, p=p, t=0.0, x=x, u=u)
     tracer.entry("model_guards", guards, p=p, t=0.0, x=x, u=u)
     tracer.entry("model_event", event, p=p, t=0.0, x=x, before=u, now=u, which=0.0)
-    for name, run, moving in (
-        ("model_directional", at_start, ("p", "x", "u")),
-        ("model_tangents", at_once, ("t", "x", "u")),
-    ):
+    for name, run in (("model_directional", at_start), ("model_tangents", at_once)):
         with tracer.patched():
-            made = tangents.derived(tracer, tracer.trace(name, run, p=p, t=0.0, x=x, u=u), moving)
+            whole = tracer.trace(name, run, p=p, t=0.0, x=x, u=u)
+            made = tangents.derived(tracer, whole, ("p", "t", "x", "u"))
         tracer.functions = {k: v for k, v in tracer.functions.items() if v is not made}
         tracer.functions[name] = made._replace(name=name, entry=True)
     if hasattr(model, "guard"):

@@ -680,7 +680,10 @@ EXCHANGE = ("<CoSimulation.*?/>", '<ModelExchange modelIdentifier="foreign"/>')
 REFUSED: dict[str, tuple[Callable[[dict[str, Any]], Any], str]] = {
     "FMI 1.0": (described((WHOLE, FMI1)), "is FMI 1.0; this master runs FMI 2.0 co-simulation"),
     "FMI 3.0": (described((WHOLE, FMI3)), "is FMI 3.0; this master runs FMI 2.0 co-simulation"),
-    "model exchange only": (described(EXCHANGE), "offers model exchange only; this master runs"),
+    "model exchange only": (
+        described(EXCHANGE),
+        "offers model exchange only; this master runs FMI 2.0 co-simulation: export it for that, too",
+    ),
     "wrong GUID": (
         described(("guid=.*?}", 'guid="{1}')),
         "A: instantiate failed: the GUID {1} is not {",

@@ -86,15 +86,21 @@ def test_resonance_22_where_a_constant_inertia_and_no_slope_of_the_spring_show_i
     assert load == pytest.approx(exact, rel=1e-8)
     lag = -np.angle(-found.frequency_response("conveyor.tau", "motor.tau", 2 * m.nu_res))
     assert math.degrees(lag) == pytest.approx(90.0, abs=1e-8)
+    phase = found.plot("conveyor.tau", "motor.tau").axes[1].lines[0]
+    w, shown = phase.get_xdata(), phase.get_ydata()
+    read = np.interp(90.0, 180.0 * round(shown[0] / 180.0) - shown, w)
+    assert read == pytest.approx(2 * m.nu_res, rel=1e-5)
 
 
 def test_a_stiff_shaft_between_two_masses(native: Path) -> None:
     """Undamped w = sqrt(c (1/J1 + 1/J2)); with damping the ratio d w / (2 c)."""
     w = math.sqrt(STIFF * (1 / J_1 + 1 / J_2))
     assert fastest(linearize(two_masses(native))) == pytest.approx(1j * w, rel=1e-8)
-    damped = linearize(two_masses(native, shaft__d=50.0))
-    assert abs(fastest(damped)) == pytest.approx(w, rel=1e-8)
-    assert -fastest(damped).real / w == pytest.approx(50.0 * w / (2 * STIFF), rel=1e-8)
+    for c, d in ((STIFF, 50.0), (1e4, 1.0), (1e4, 100.0)):
+        w = math.sqrt(c * (1 / J_1 + 1 / J_2))
+        damped = fastest(linearize(two_masses(native, shaft__c=c, shaft__d=d)))
+        assert abs(damped) == pytest.approx(w, rel=1e-8)
+        assert -damped.real / w == pytest.approx(d * w / (2 * c), rel=1e-8)
 
 
 def test_factors_and_ratios_reduce_inertias(native: Path) -> None:

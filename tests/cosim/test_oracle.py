@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from benchmarks import certify as benchmark
 from components.drive_motor import model as drive_motor
 from components.gearbox import model as gearbox
 from components.shaft_link import model as shaft_link
@@ -125,6 +126,22 @@ def test_a_coupled_drive_that_sticks_and_falls_back_is_inside_its_interval(nativ
     for name, figure in found.figures.items():
         assert figure.certified.error is not None, name
         assert 1e-9 < figure.error <= figure.certified.error, name
+
+
+@pytest.mark.parametrize("only", ["orientator", pytest.param("", marks=pytest.mark.slow)])
+def test_stated_errors_of_the_machines_hold_in_95_of_100_figures(native: Path, only: str) -> None:
+    """Three algorithms, ends, extremes, means, crossings and events, against the oracle."""
+    machines = benchmark.machines(benchmark.drawn(0), native)
+    verdicts = [
+        verdict
+        for name, machine in machines.items()
+        if only in name
+        for verdict in benchmark.judged(name, benchmark.integrated(*machine), halvings=1)
+    ]
+    ratios = np.array([v.ratio for v in verdicts if v.error is not None])
+    assert len(ratios) > 0.8 * len(verdicts) > 60
+    assert any(v.figure == "event" for v in verdicts)
+    assert np.mean(ratios <= 1.0) >= 0.95
 
 
 IRON = {"phi": 0.3, "w_cam": 3.0, "friction.K_up": 0.6, "friction.K_down": -0.9, "on_invalid": 1}

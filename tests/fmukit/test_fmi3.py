@@ -19,7 +19,7 @@ from fmpy.validation import validate_fmu
 from fmukit.declare.variables import component
 from fmukit.fmu.validate import problems
 from tests.conftest import ROOT
-from tests.fmukit.test_exchange import STUCK, events_of
+from tests.fmukit.test_exchange import EXPERIMENTS, STUCK, events_of
 from tests.fmukit.test_native import MODELS, NAMES, SCENARIOS
 from tests.hosts.host import Unit
 
@@ -122,9 +122,9 @@ def test_steps_are_those_of_fmi_2_to_the_last_bit(name: str, fmus: Path) -> None
             assert new.outputs() == old.outputs()
 
 
-def played(fmu: Path, name: str, kind: str, **options: Any) -> Any:
-    """All outputs of the default experiment, by FMPy."""
-    stop, step = MODELS[name].EXPERIMENT
+def played(fmu: Path, name: str, kind: str, stop: float = 0.0, **options: Any) -> Any:
+    """All outputs of the default experiment, or to another stop [s], by FMPy."""
+    stop, step = stop or MODELS[name].EXPERIMENT.stop, MODELS[name].EXPERIMENT.step
     outputs = [v.name for v in read_model_description(str(fmu)).modelVariables]
     return simulate_fmu(
         str(fmu), fmi_type=kind, stop_time=stop, output_interval=step, relative_tolerance=1e-10,
@@ -132,11 +132,20 @@ def played(fmu: Path, name: str, kind: str, **options: Any) -> Any:
     )  # fmt: skip
 
 
-@sampled
+USUAL = ("DriveMotor", {}), ("IronDrive", STUCK | {"tau": 0.03}), ("GravityOrientator", {})
+
+
+@pytest.mark.parametrize(
+    "case",
+    [c if c[:2] in USUAL else pytest.param(c, marks=pytest.mark.slow) for c in EXPERIMENTS],
+    ids=lambda c: f"{c[0]}-{c[1]}-{c[2]}",
+)
 @pytest.mark.parametrize("kind", ["ModelExchange", "CoSimulation"])
-def test_fmpy_plays_both_versions_to_the_last_bit(kind: str, name: str, fmus: Path) -> None:
-    new = played(built(name), name, kind)
-    old = played(fmus / "native" / f"{name}.fmu", name, kind)
+def test_fmpy_plays_both_versions_to_the_last_bit(kind: str, case: Any, fmus: Path) -> None:
+    """Those of FMI 2.0 agree with each other over the same scenarios, in `test_exchange`."""
+    name, start, stop = case
+    new = played(built(name), name, kind, stop, start_values=start)
+    old = played(fmus / "native" / f"{name}.fmu", name, kind, stop, start_values=start)
     assert len(new) > 100
     assert {*new.dtype.names} == {*old.dtype.names}
     for variable in new.dtype.names:

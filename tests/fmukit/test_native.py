@@ -384,9 +384,8 @@ def compile_c(source: Path, target: Path, *options: Any) -> None:
     subprocess.run([*command, f"-I{HEADERS}", source, "-o", target, *map(str, options)], check=True)
 
 
-def unpacked(name: str, fmus: Path, folder: Path) -> tuple[Path, list[str]]:
+def unpacked(fmu: Path, folder: Path) -> tuple[Path, list[str]]:
     """An FMU's folder, and what the host must know: guid, numbers of variables, states, indicators."""
-    fmu = fmus / "native" / f"{name}.fmu"
     description = fmpy.read_model_description(fmu)
     counts = (
         len(description.modelVariables),
@@ -416,7 +415,7 @@ def test_every_call_is_survived(name: str, target: str, fmus: Path, tmp_path: Pa
     place, emulator = PLATFORMS[target]
     if None in emulator:
         pytest.skip(f"there is no emulator of {target} with its C library")
-    folder, known = unpacked(name, fmus, tmp_path / "a 100%s #1 + ærø")
+    folder, known = unpacked(fmus / "native" / f"{name}.fmu", tmp_path / "a 100%s #1 + ærø")
     program, library = tmp_path / "host.exe", folder / "binaries" / place.format(name)
     command = [sys.executable, "-m", "ziglang", "cc", "-target", target, f"-I{HEADERS}"]
     subprocess.run([*command, HOSTS / "every_call.c", "-o", program], check=True)
@@ -430,7 +429,7 @@ def test_every_call_is_survived(name: str, target: str, fmus: Path, tmp_path: Pa
 def test_valgrind_finds_nothing(name: str, fmus: Path, tmp_path: Path) -> None:
     if shutil.which("valgrind") is None or shutil.which("gcc") is None:
         pytest.skip("there is no valgrind or no gcc")
-    folder, known = unpacked(name, fmus, tmp_path)
+    folder, known = unpacked(fmus / "native" / f"{name}.fmu", tmp_path)
     program, library = tmp_path / "host", folder / "binaries" / "linux64" / f"{name}.so"
     compile_c(HOSTS / "every_call.c", program, "-ldl")
     valgrind = ["valgrind", "-q", "--leak-check=full", "--error-exitcode=9"]
@@ -444,7 +443,7 @@ def test_valgrind_finds_nothing(name: str, fmus: Path, tmp_path: Path) -> None:
 def test_sanitizers_find_nothing(name: str, fmus: Path, tmp_path: Path) -> None:
     if shutil.which("gcc") is None:
         pytest.skip("there is no gcc")
-    folder, known = unpacked(name, fmus, tmp_path)
+    folder, known = unpacked(fmus / "native" / f"{name}.fmu", tmp_path)
     sanitize = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
     program, library = tmp_path / "host", tmp_path / f"{name}.so"
     compile_c(HOSTS / "every_call.c", program, *sanitize, "-ldl")

@@ -47,8 +47,10 @@ static void *need(void *thing) {
     return thing;
 }
 
+#ifndef FMI3
 static void load(const char *path) {
     library = need(dlopen(path, RTLD_NOW | RTLD_LOCAL));
     FUNCTIONS(LOAD)
     EXCHANGE(TRY) /* which not every FMU has */
 }
+#endif

@@ -2,7 +2,11 @@
    CALLS. Ends with 0 if the FMU survives them all, some were steps that it did, and all memory comes
    back. */
 
+#ifdef FMI3
+#include "fmi3.h"
+#else
 #include "fmi.h"
+#endif
 #include <stdint.h>
 
 enum { UNITS = 4, STATES = 6, MOST = 4, WIDEST = 64 };

@@ -7,20 +7,26 @@ from pathlib import Path
 import pytest
 
 from tests.conftest import ROOT
+from tests.fmukit.test_fmi3 import built
 from tests.fmukit.test_native import compile_c, sampled, unpacked
 
 SANITIZE = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
 
 
 @pytest.mark.parametrize("seeds", [3, pytest.param(300, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("version", [2, 3])
 @sampled
-def test_random_calls_are_survived(name: str, seeds: int, fmus: Path, tmp_path: Path) -> None:
+def test_random_calls_are_survived(
+    name: str, version: int, seeds: int, fmus: Path, tmp_path: Path
+) -> None:
     """Under sanitizers: no read or write beyond, no leak, no undefined operation, no hang."""
     if shutil.which("gcc") is None:
         pytest.skip("there is no gcc")
-    folder, known = unpacked(name, fmus, tmp_path / "fmu")
+    fmu = fmus / "native" / f"{name}.fmu" if version == 2 else built(name)
+    folder, known = unpacked(fmu, tmp_path / "fmu")
+    flags = ["-DFMI3"] if version == 3 else []
     host, library = tmp_path / "host", tmp_path / f"{name}.so"
-    compile_c(ROOT / "tests" / "hosts" / "fuzz.c", host, *SANITIZE, "-ldl")
+    compile_c(ROOT / "tests" / "hosts" / "fuzz.c", host, *SANITIZE, *flags, "-ldl")
     compile_c(folder / "sources" / f"{name}.c", library, *SANITIZE, "-fPIC", "-shared", "-lm")
     for seed in range(1, seeds + 1):
         done = subprocess.run(

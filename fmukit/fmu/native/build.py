@@ -157,7 +157,7 @@ def binaries(name: str, sources: dict[str, bytes], fmi: int) -> Iterator[tuple[s
             place, file = path.split("/")
             yield f"{PLATFORMS.get(place, place)}/{file}", code
         return
-    yield from ((path, code) for path, code in libraries.items() if "x86_64-darwin" not in path)
+    yield from ((path, code) for path, code in libraries.items() if "darwin" not in path)
     slices = [code for path, code in libraries.items() if path.endswith(".dylib")]
     yield f"darwin64/{name}.dylib", universal(slices)
 

@@ -122,7 +122,7 @@ static void model_outputs(Context *c, const double *p, double t, const double *x
 static void model_initial(Context *c, const double *p, double t, const double *x, const double *u,
                           double *result);
 static void model_directional(Context *c, const double *p, double t, const double *x,
-                              const double *u, const double *d_p, const double *d_x,
+                              const double *u, const double *d_p, double d_t, const double *d_x,
                               const double *d_u, double *result);
 static void model_derivatives(Context *c, const double *p, double t, const double *x,
                               const double *u, double *result);
@@ -131,7 +131,8 @@ static void model_guards(Context *c, const double *p, double t, const double *x,
 static void model_event(Context *c, const double *p, double t, const double *x,
                         const double *before, const double *now, double which, double *result);
 static void model_tangents(Context *c, const double *p, double t, const double *x, const double *u,
-                           double d_t, const double *d_x, const double *d_u, double *result);
+                           const double *d_p, double d_t, const double *d_x, const double *d_u,
+                           double *result);
 
 /* Texts as Python writes them: %r a Real, %d an Integer, %b a Boolean, %v a Variable with its
    value and unit, %s a text. */
@@ -831,16 +832,16 @@ EXPORT fmi2Status API(fmi2GetRealOutputDerivatives)(fmi2Component component,
                                              const fmi2Integer order[], fmi2Real value[]) {
     Instance *i = component;
     State *s;
-    double dx[SOME(DERIVATIVES)], d_x[SOME(STATES)] = {0}, result[SOME(VARIABLES - FIRST_STATE)];
+    double d[VARIABLES] = {0}, dx[SOME(DERIVATIVES)], result[SOME(VARIABLES - FIRST_STATE)];
     if (!i) return fmi2Error;
     s = &i->state;
     if (!allowed(i, "getRealOutputDerivatives", COSIMULATION, STEPPING, STEPPING) ||
         !of_order(&i->context, order, n, 1))
         return finish(i);
     model_derivatives(&i->context, s->values, s->time, part(i, FIRST_STATE), s->end, dx);
-    for (int k = 0; k < DERIVATIVES; k++) d_x[continuous[k].place] = dx[k];
-    model_tangents(&i->context, s->values, s->time, part(i, FIRST_STATE), s->end, 1.0, d_x,
-                   s->slopes, result);
+    for (int k = 0; k < DERIVATIVES; k++) d[FIRST_STATE + continuous[k].place] = dx[k];
+    model_tangents(&i->context, s->values, s->time, part(i, FIRST_STATE), s->end, d, 1.0,
+                   d + FIRST_STATE, s->slopes, result);
     for (size_t k = 0; k < n && !i->context.failed; k++) {
         const Variable *v = variable(&i->context, "Real", vr[k]);
         if (v && strcmp(v->causality, "output"))
@@ -873,10 +874,10 @@ EXPORT fmi2Status API(fmi2GetDirectionalDerivative)(fmi2Component component,
             d[known[k]] += d_known[k];
     }
     if (!c->failed && (i->kind == COSIMULATION || s->phase == INITIALIZING))
-        model_directional(c, s->values, s->time, part(i, FIRST_STATE), s->end, d, d + FIRST_STATE,
-                          d + FIRST_INPUT, result);
+        model_directional(c, s->values, s->time, part(i, FIRST_STATE), s->end, d, 0.0,
+                          d + FIRST_STATE, d + FIRST_INPUT, result);
     else if (!c->failed)
-        model_tangents(c, s->values, s->time, part(i, FIRST_STATE), present(i), 0.0,
+        model_tangents(c, s->values, s->time, part(i, FIRST_STATE), present(i), d, 0.0,
                        d + FIRST_STATE, d + FIRST_INPUT, result);
     evaluated(i);
     for (size_t k = 0; k < n_unknown && !c->failed; k++) {
