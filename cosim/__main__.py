@@ -93,7 +93,9 @@ def opened(options: argparse.Namespace) -> Iterator[Task]:
         network = connect(system)
         values = read_values(options.parameters, network) if options.parameters else {}
         for name, text in map(assignment, options.given):
-            values[name] = text if network.port(name).type == "String" else literal(text)
+            values[name] = (
+                text if network.port(name).type in ("String", "Binary") else literal(text)
+            )
         system = replace(system, start={**system.start, **values})
         network = connect(over_time(system, options))
         for part, blemish in network.blemishes.items() if options.strict else ():

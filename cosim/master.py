@@ -28,7 +28,7 @@ from .errors import PartFailure, SetupError
 from .loops import algebraic_loops, describe
 from .result import Interrupted, Result, SimulationError
 from .signals import interrupts
-from .system import STATE, VARIABLE_STEP, Network, Port, System, connect, lacking
+from .system import NUMERIC, STATE, VARIABLE_STEP, Network, Port, System, connect, lacking
 
 MOST_SUBSTEPS = 1 << 20
 HIGHEST = 8
@@ -83,9 +83,12 @@ def run(
     for problem in problems(network, plan, settings):
         raise SetupError(problem)
     sequence = stepping_order(network, order)
-    ports = [network.port(name) for name in record] if record is not None else _outputs(network)
-    if any(port.type == "String" for port in ports):
-        raise SetupError("a String cannot be recorded")
+    ports = _outputs(network)
+    if record is not None:
+        ports = [port for name in record for port in network.array(name)[1]]
+    for port in ports:
+        if port.type not in NUMERIC:
+            raise SetupError(f"{port}: a {port.type} cannot be recorded")
 
     began = clock.perf_counter()
     with ExitStack() as stack:
@@ -96,6 +99,7 @@ def run(
             parts = initialise(
                 network, sequence, stack, start, stop,
                 tolerance=tolerance, substeps=rates, input_order=input_order,
+                within=ports if plan.every() is None else (),
             )  # fmt: skip
             identities = {name: _identity(p, system.parts[name]) for name, p in parts.items()}
         except PartFailure as error:
@@ -246,7 +250,7 @@ def _outputs(network: Network) -> list[Port]:
         Port(name, variable)
         for name, description in network.descriptions.items()
         for variable in description.modelVariables
-        if variable.causality == "output" and variable.type != "String"
+        if variable.causality == "output" and variable.type in NUMERIC
     ]
 
 

@@ -20,7 +20,7 @@ from .changes import Change, changing
 from .clock import same
 from .exchange import Coupled
 from .program import Loop, possible
-from .rows import Grid, Recorder
+from .rows import Grid, Recorder, Seen
 from .snapshot import Snapshot, forget_after
 
 CHECKPOINT = 1000
@@ -87,6 +87,7 @@ class Row:
         self.extra = [b for p in parts for b in p.blocks("Get", [*unread[p.name].values()])]
         place = wired | {name: (b, i) for b in self.extra for i, name in enumerate(b.names)}
         self.columns = [place[port.name] for port in ports]
+        self.names = [port.name for port in ports]
         self._cells = [(block.cells, i) for block, i in self.columns]
         self.discrete = [
             k
@@ -139,7 +140,9 @@ class Run:
             self._checkpoint = (0, Snapshot(parts))
         for part in parts:
             part.forward.value = steps is not None and self.control != "doubling"
-        if isinstance(plan.step, Adaptive) or steps is None or every is None or not possible(steps):
+        if isinstance(plan.step, Adaptive) or steps is None or every is None:
+            return
+        if not possible([*(timed.operation for timed in steps), *row.extra]):
             return
         try:
             self._loop = Loop(steps, row.extra, row.columns, every)
@@ -152,7 +155,7 @@ class Run:
         grid = None
         if self._every is None:
             assert self.plan.output_step is not None
-            grid = Grid(self.recorder.add, self.plan.output_step, self.row.discrete)
+            grid = Grid(self.recorder.add, self.plan.output_step, self.row.discrete, self._seen())
         add = self.recorder.add if grid is None else grid.take
         try:
             add(self.row(self.t))
@@ -163,6 +166,11 @@ class Run:
         finally:
             if grid is not None:
                 grid.flush()
+
+    def _seen(self) -> list[Seen]:
+        """What parts show of columns within their steps."""
+        columns = {f: k for k, f in enumerate(self.row.names, 1)}
+        return [(p.seen, [columns[name] for name in p.watched]) for p in self.parts if p.watched]
 
     def _adaptive(
         self, settings: Adaptive, add: Callable[[Sequence[float]], None]
