@@ -135,7 +135,9 @@ def rates(texts: Sequence[str]) -> dict[str, int]:
 
 def parser() -> Parser:
     """The command line."""
-    top = Parser(prog="python -m cosim", description="Couple FMI 2.0 co-simulation FMUs.")
+    top = Parser(
+        prog="python -m cosim", description="Couple co-simulation FMUs of FMI 2.0 and 3.0."
+    )
     top.add_argument("--version", action="version", version=f"cosim {__version__}")
     commands = top.add_subparsers(required=True, metavar="COMMAND", dest="command")
 

@@ -19,7 +19,8 @@ from .part import OK, Block, Part
 class Coupled(Part):
     """A part with the buffers of its wired variables and what moves values into them.
 
-    `substeps` is the number of steps that it takes within one that it is given. `seen` are times [s]
+    `substeps` is the number of steps that it takes within one that it is given. If it `stops`, it refuses
+    steps over its events, and the system steps to them. `seen` are times [s]
     within its steps and values there of the variables in `watched`.
     """
 
@@ -35,8 +36,13 @@ class Coupled(Part):
         self.feeds: list[Feed] = []
         self.ends: list[End] = []
         self.do_steps = 0
+        self.stops = False
         self.watched: Sequence[str] = ()
         self.seen: list[tuple[float, list[float]]] = []
+
+    def shows_events(self) -> bool:
+        """Whether a wire carries what its events alone change, and a step can end there."""
+        return False
 
     def fed_through(self) -> frozenset[str]:
         """The wired Real outputs on which a wired input acts at once, as far as it is declared."""

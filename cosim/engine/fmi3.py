@@ -12,7 +12,7 @@ from typing import Any
 
 from fmpy.model_description import ModelDescription
 
-from ..errors import Discarded, Ended, PartFailure
+from ..errors import Discarded, Ended, Met, PartFailure
 from ..native import WIDTHS, Element
 from ..system import Value
 from .clock import same
@@ -22,6 +22,7 @@ from .operation import EXCHANGE3, STEP3, Layout, Operation
 from .part import CELL, DISCARD, OK, WARNING, Block
 
 CHANGED, RAISED, MOST_AT_ONCE = 2, -1, 100
+NEAR, PAST = 1e-6, 1e-9
 NATIVE: dict[str, Any] = {name: getattr(ctypes, f"c_{name.lower()}") for name in WIDTHS} | {
     "Float32": ctypes.c_float,
     "Float64": ctypes.c_double,
@@ -170,7 +171,7 @@ class Coupled3(Coupled):
         self._next_event, self._entered = math.inf, list[list[Any]]()
         self._kept: dict[int, Any] = {}
         self._answer = Answer()
-        self._raised: PartFailure | None = None
+        self._raised: Exception | None = None
         self._finish = FINISH(self._finished)
         super().__init__(name, description, fmu, substeps)
         if self.within:
@@ -285,6 +286,10 @@ class Coupled3(Coupled):
             self.call("enterStepMode")
             self._happen(self._now, event=False)
 
+    def shows_events(self) -> bool:
+        shown = (v for block in self.outputs for v in block.variables)
+        return self.events and any(v.variability != "continuous" for v in shown)
+
     def turn(self) -> Iterator[Operation]:
         held = self._held()
         *moves, step = super().turn()
@@ -294,12 +299,14 @@ class Coupled3(Coupled):
         yield step
 
     def advance(self, t: float, h: float, *, stepped: bool = False) -> None:
-        end, at_once = t + h, 0
+        begin, end, at_once = t, t + h, 0
         while self.seen and self.seen[-1][0] > t:
             self.seen.pop()
         while True:
             due = self.due.value
             size = h if _reached(end, due) else due - t
+            if size < h:
+                self._require_stop(due, begin, end)
             if not stepped:
                 self.begin_of_step.value, self.size_of_step.value = t, size
                 status = self.do_step()
@@ -312,6 +319,8 @@ class Coupled3(Coupled):
                 raise Ended(
                     f"{self.name} ended the simulation at t = {reached!r} s: {self.reason()}"
                 )
+            if told.event:
+                self._require_stop(reached, begin, end, PAST)
             if at_once > MOST_AT_ONCE:
                 raise PartFailure(f"{self.name}: its steps do not get on from t = {t!r} s")
             self._now = t = end if same(reached, end) else reached
@@ -319,6 +328,12 @@ class Coupled3(Coupled):
             if t == end:
                 return
             h = end - t
+
+    def _require_stop(self, t: float, begin: float, end: float, past: float = 0.0) -> None:
+        """Refuse a step in which an event is at time t [s], if all are to stop there or just past it."""
+        size = end - begin
+        if self.stops and begin + NEAR * size < t < end - NEAR * size:
+            raise Met(f"{self.name} has an event at t = {t!r} s", t + past * size)
 
     def stepped(self, t: float, h: float, status: int) -> None:
         if status == RAISED and self._raised is not None:
@@ -421,7 +436,7 @@ class Coupled3(Coupled):
         """For loop.c: the events of a step, or all of one that must stop on its way."""
         try:
             self.advance(t, h, stepped=bool(stepped))
-        except PartFailure as error:
+        except Exception as error:  # noqa: BLE001
             self._raised = error
             return RAISED
         return OK

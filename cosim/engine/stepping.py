@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 from fmpy.model_description import ScalarVariable
 
-from ..errors import Discarded, PartFailure, SetupError
+from ..errors import Discarded, Met, PartFailure, SetupError
 from ..system import STATE, VARIABLE_STEP, Port, lacking
 from . import adaptive
 from .adaptive import Adaptive
@@ -138,8 +138,10 @@ class Run:
             self.control = plan.step.control or ("energy" if lost else "doubling")
         elif not lost and not lacking(descriptions, VARIABLE_STEP):
             self._checkpoint = (0, Snapshot(parts))
+        back = self._checkpoint is not None or self.control == "doubling"
         for part in parts:
             part.forward.value = steps is not None and self.control != "doubling"
+            part.stops = back and part.shows_events()
         if isinstance(plan.step, Adaptive) or steps is None or every is None:
             return
         if not possible([*(timed.operation for timed in steps), *row.extra]):
@@ -253,7 +255,8 @@ class Run:
         self._checkpoint = self._loop = None
         for part in self.parts:
             part.forward.value = False
-        self.loop = "Python, since a part discards steps"
+        met = isinstance(failure, Met)
+        self.loop = f"Python, since {'steps end at events' if met else 'a part discards steps'}"
         snapshot.restore()
         t = self.plan.start + before * step
         forget_after(self.parts, t)
@@ -275,7 +278,8 @@ class Run:
                     snapshot.restore()
                     forget_after(self.parts, t)
                     reached = discarded.reached - t
-                    size = reached if SHORTEST * h < reached < 0.9 * size else size / 2
+                    most = 1.0 if isinstance(discarded, Met) else 0.9
+                    size = reached if SHORTEST * h < reached < most * size else size / 2
                     if size < SHORTEST * h:
                         raise PartFailure(
                             f"{discarded}; it takes no step from t = {t!r} s, however short"

@@ -92,7 +92,7 @@ def ball(t: float, e: float = 0.5) -> tuple[float, float, int]:
 
 def falls(result: Result, within: float = 1e-11) -> None:
     """The ball of part A is where it must be."""
-    true = np.array([ball(t) for t in result["time"]])
+    true = np.array([ball(t + 1e-12) for t in result["time"]])
     assert result["A.h"] == pytest.approx(true[:, 0], abs=within)
     assert result["A.v"] == pytest.approx(true[:, 1], abs=10 * within)
 
@@ -271,6 +271,34 @@ def test_events_are_the_same_in_both_loops_and_after_going_back(
 
     monkeypatch.setattr(stepping, "Loop", missing)
     assert_array_equal(quick.data, run(system, stop=1.2, step=0.1, record=record).data)
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {"step": 0.1, "algorithm": "strang"},
+        {"step": 0.1, "algorithm": "jacobi"},
+        {"step": Adaptive(1e-4, first=0.05)},
+    ],
+    ids=str,
+)
+def test_all_stop_at_an_event_that_a_wire_carries(
+    settings: dict[str, Any], third: Path, tmp_path: Path
+) -> None:
+    """x' = number of landings; without a common stop each is late by up to a step."""
+    parts = {"A": third, "B": foreign.pack(tmp_path / "B.fmu", a=0.0, x0=0.0)}
+    landings = [k * math.sqrt(2.0 / G) for k in (1.0, 2.0, 2.5)]
+    assert [ball(t + 1e-9)[2] for t in (*landings, 1.2)] == [1, 2, 3, 3]
+    result = run(
+        System(parts, ["A.hits -> B.u"]), stop=1.2, record=["A.h", "A.v", "B.y"], **settings
+    )
+    falls(result)
+    true = [sum(max(0.0, t - landing) for landing in landings) for t in result["time"]]
+    assert result["B.y"] == pytest.approx(true, abs=1e-5)
+    if settings["step"] == 0.1:
+        parts["A"] = pack(tmp_path / "stays.fmu", canGetAndSetFMUState="false")
+        late = run(System(parts, ["A.hits -> B.u"]), stop=1.2, record=["B.y"], **settings)
+        assert 0.01 < abs(true[-1] - late["B.y"][-1]) < 0.3
 
 
 def test_rows_within_steps_are_what_the_fmu_shows_there(third: Path, tmp_path: Path) -> None:

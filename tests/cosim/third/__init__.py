@@ -2,7 +2,7 @@
 
 `T_out` shows `T_in` for each type T, and `T_outs` shows `T_ins`, arrays of `rows` x 2 elements, of which there
 are 2 x 2. The ball falls from `h` = 1 m without air; at each landing, an event, it keeps the share `e`
-of its speed. At each tick of `clock`, `y` takes the value of `u`; after the fifth one its interval
+of its speed, and `hits` is the number of `bounces` as a Float64. At each tick of `clock`, `y` takes the value of `u`; after the fifth one its interval
 changes from 0.1 s to 0.25 s where the clock is one that tells. Steps beyond `fail_at` are errors, those
 longer than `discard_above` are discarded, those beyond `end_at` end the simulation. `events` counts
 event modes that were entered. Calls out of order are errors: discrete inputs take event mode where it
@@ -52,12 +52,14 @@ HEAD = """<?xml version="1.0" encoding="UTF-8"?>
 <Float64 name="u" valueReference="1003" causality="input" start="0"/>
 <Float64 name="y" valueReference="1004" causality="output" variability="discrete" initial="exact"
  start="0"/>
+<Float64 name="hits" valueReference="1009" causality="output" variability="discrete" initial="exact"
+ start="0"/>
 <Float64 name="last_tick" valueReference="1005" causality="output" variability="discrete"
  initial="exact" start="0"/>
 """
 CLOCK = '<Clock name="clock" valueReference="1200" causality="input" {}/>\n'
 DIMENSIONS = '<Dimension valueReference="1900"/><Dimension start="2"/>'
-OUTPUTS = [1000, 1001, 1004, 1005, 1100, 1101, 1102]
+OUTPUTS = [1000, 1001, 1004, 1005, 1009, 1100, 1101, 1102]
 
 
 @cache

@@ -15,7 +15,7 @@ enum { MADE, STARTING, EVENT, STEPPING, DONE };
 enum { ONE_IN, ONE_OUT, MANY_IN, MANY_OUT, KINDS, MANY = 4, CELLS = 10 };
 static const int FIRST[KINDS] = {0, 1, 2, 6}, COUNT[KINDS] = {1, 1, MANY, MANY};
 /* Float64, after the sample of each type. */
-enum { H = 1000, V, E, U, Y, LAST, FAIL_AT, DISCARD_ABOVE, END_AT, REALS };
+enum { H = 1000, V, E, U, Y, LAST, FAIL_AT, DISCARD_ABOVE, END_AT, HITS, REALS };
 enum { BOUNCES = 1100, TICKS, EVENTS, INTS, CLOCK = 1200 };
 #define G 9.81
 
@@ -106,7 +106,7 @@ fmi3Status fmi3Terminate(fmi3Instance p) {
 }
 fmi3Status fmi3Reset(fmi3Instance p) { return fresh(p), fmi3OK; }
 
-static void bounce(Instance *i) { R(H) = 0.0, R(V) = -R(E) * R(V), N(BOUNCES)++, i->s.lands = 0; }
+static void bounce(Instance *i) { R(H) = 0.0, R(V) = -R(E) * R(V), R(HITS) = ++N(BOUNCES), i->s.lands = 0; }
 
 fmi3Status fmi3UpdateDiscreteStates(fmi3Instance p, fmi3Boolean *again, fmi3Boolean *ended,
                                     fmi3Boolean *nominals, fmi3Boolean *values, fmi3Boolean *timed,
