@@ -21,7 +21,8 @@ from .library import Library
 from .operation import EXCHANGE3, STEP3, Layout, Operation
 from .part import CELL, DISCARD, OK, WARNING, Block
 
-CHANGED, RAISED, MOST_AT_ONCE = 2, -1, 100
+UNCHANGED, CHANGED = 1, 2
+RAISED, MOST_AT_ONCE = -1, 100
 NEAR, PAST = 1e-6, 1e-9
 NATIVE: dict[str, Any] = {name: getattr(ctypes, f"c_{name.lower()}") for name in WIDTHS} | {
     "Float32": ctypes.c_float,
@@ -69,8 +70,11 @@ class Block3(Block):
         self.cells = (native * len(self.names))()
         self._pieces: list[tuple[Callable[[], int], Any, Any]] = []
         first = 0
-        groups = [("OutputDerivatives", self.variables)] if orders else _groups(self.variables)
-        for name, group in groups:
+        groups: Iterable[tuple[str, Iterable[Element]]]
+        groups = groupby(self.variables, lambda v: v.native)
+        groups = [("OutputDerivatives", self.variables)] if orders else groups
+        for name, members in groups:
+            group = list(members)
             n = len(group)
             own = (native * n).from_buffer(self.cells, first * ctypes.sizeof(native))
             buffer = (ctypes.c_float * n)() if name == "Float32" else own
@@ -107,10 +111,6 @@ class Block3(Block):
         if layout is not None:
             layout.code, layout.values = EXCHANGE3, len(self.cells)
         return layout
-
-
-def _groups(variables: Sequence[Element]) -> Iterator[tuple[str, list[Element]]]:
-    return ((name, list(group)) for name, group in groupby(variables, lambda v: v.native))
 
 
 def _reached(time: float, t: float) -> bool:
@@ -168,7 +168,7 @@ class Coupled3(Coupled):
         self.within = [v for v in shown if v.intermediateUpdate and v.type == "Real"]
         self.clocks: list[Ticking] = []
         self.due = ctypes.c_double(math.inf)
-        self._next_event, self._entered = math.inf, list[list[Any]]()
+        self._entered: list[list[Any]] = []
         self._kept: dict[int, Any] = {}
         self._answer = Answer()
         self._raised: Exception | None = None
@@ -272,19 +272,26 @@ class Coupled3(Coupled):
         """Leave initialisation mode for the first step, with the events and ticks of the start."""
         for v in self.description.modelVariables:
             if v.type == "Clock" and v.causality == "input":
-                interval = v.interval
-                if v.intervalVariability != "constant":
-                    told, qualifier = self._interval(v)
-                    interval = told if qualifier else interval
-                counts = v.intervalVariability == "countdown" or interval is None
-                begin = math.inf if counts else self._now + v.shift
-                self.clocks.append(Ticking(v, begin, interval or math.inf))
+                self.clocks.append(self._ticking(v))
         super().begin()
         self._entered = [list(b.cells) for b in self._held()]
         if self.events:
             self._update(self._now)
             self.call("enterStepMode")
             self._happen(self._now, event=False)
+
+    def _ticking(self, clock: Element) -> Ticking:
+        """A clock as it starts, with the interval of the description or what the FMU says."""
+        counts = clock.intervalVariability == "countdown"
+        interval, known = clock.interval, UNCHANGED
+        if interval is None or counts:
+            interval, known = self._interval(clock)
+        if not known:
+            raise PartFailure(f"{self.name}.{clock.name}: the interval of the clock is not known")
+        made = Ticking(clock, math.inf if counts else self._now + clock.shift, interval)
+        if counts and known == CHANGED:
+            made.restart(self._now, interval)
+        return made
 
     def shows_events(self) -> bool:
         shown = (v for block in self.outputs for v in block.variables)
@@ -302,6 +309,8 @@ class Coupled3(Coupled):
         begin, end, at_once = t, t + h, 0
         while self.seen and self.seen[-1][0] > t:
             self.seen.pop()
+        if not stepped and _reached(self.due.value, t):
+            self._happen(t, event=False)
         while True:
             due = self.due.value
             size = h if _reached(end, due) else due - t
@@ -347,13 +356,12 @@ class Coupled3(Coupled):
     def save(self, state: ctypes.c_void_p) -> None:
         super().save(state)
         clocks = [(c.begin, c.count, c.interval) for c in self.clocks]
-        own = self._next_event, self.due.value, self._now, [list(c) for c in self._entered]
-        self._kept[id(state)] = own, clocks
+        self._kept[id(state)] = (self.due.value, self._now, self._entered), clocks
 
     def restore(self, state: ctypes.c_void_p) -> None:
         super().restore(state)
         own, clocks = self._kept[id(state)]
-        self._next_event, self.due.value, self._now, self._entered = own
+        self.due.value, self._now, self._entered = own
         for clock, kept in zip(self.clocks, clocks):
             clock.begin, clock.count, clock.interval = kept
 
@@ -402,13 +410,13 @@ class Coupled3(Coupled):
                 break
         else:
             raise PartFailure(f"{self.name}: its discrete states do not settle at t = {t!r} s")
-        self._next_event = time if timed else math.inf
         for clock in self.clocks:
             if clock.kind in ("tunable", "changing", "countdown"):
                 interval, qualifier = self._interval(clock.variable)
                 if qualifier == CHANGED:
                     clock.restart(t, interval)
-        self.due.value = min([self._next_event, *(clock.due for clock in self.clocks)])
+        event = time if timed else math.inf
+        self.due.value = min([event, *(clock.due for clock in self.clocks)])
 
     def _interval(self, clock: Element) -> tuple[float, int]:
         """The interval of a clock [s], and whether the FMU knows it (1) or has changed it (2)."""

@@ -345,7 +345,7 @@ def opened(network: Network, start: float, stop: float) -> Iterator[Whole]:
 
     Raises SetupError for a part without model exchange, PartFailure where an FMU refuses.
     """
-    require_fmi2(network.descriptions, "as one equation this master solves")
+    require_fmi2(network.descriptions, "the oracle and linearize take")
     for name, description in network.descriptions.items():
         if description.modelExchange is None:
             raise SetupError(f"{name}: {network.system.parts[name]} offers no model exchange")

@@ -321,6 +321,7 @@ def test_rows_within_steps_are_what_the_fmu_shows_there(third: Path, tmp_path: P
         ("constant", [0.05 + 0.1 * k for k in range(10)]),
         ("fixed", [0.05 + 0.1 * k for k in range(10)]),
         ("tunable", [0.05, 0.15, 0.25, 0.35, 0.45, 0.7, 0.95]),
+        ("countdown", [0.1]),
         ("changing", [0.05, 0.15, 0.25, 0.35, 0.45, 0.7, 0.95]),
     ],
 )

@@ -58,7 +58,7 @@ static fmi3Status fail(Instance *i, fmi3Status status, const char *why) {
 static void fresh(Instance *i) {
     memset(&i->s, 0, sizeof i->s);
     R(H) = 1.0, R(E) = 0.5, R(FAIL_AT) = R(DISCARD_ABOVE) = R(END_AT) = 1e300;
-    i->s.interval = 0.1;
+    i->s.interval = 0.1, i->s.changed = 1;
 }
 
 fmi3Instance fmi3InstantiateCoSimulation(
