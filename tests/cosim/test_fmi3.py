@@ -339,6 +339,16 @@ def test_a_clock_ticks_at_its_times(
         assert y == pytest.approx(3.0 * last, abs=1.5 * step + 1e-9)
 
 
+def test_a_sampled_value_reaches_the_others_when_it_is_sampled(tmp_path: Path) -> None:
+    """x' is 0 before the first tick, at 0.05 s and within a step, and 1 after it."""
+    parts = {"A": pack(tmp_path / "clock.fmu", TICKS.format("constant"))}
+    parts["B"] = foreign.pack(tmp_path / "B.fmu", a=0.0, x0=0.0)
+    system = System(parts, ["A.y -> B.u"], {"A.u": 1.0})
+    for algorithm in ("strang", "jacobi"):
+        result = run(system, stop=0.8, step=0.08, algorithm=algorithm, record=["B.y"])
+        assert result["B.y"][1:] == pytest.approx(result["time"][1:] - 0.05, abs=1e-9)
+
+
 def test_clocks_that_cannot_tick_are_refused(tmp_path: Path) -> None:
     waits = pack(tmp_path / "waits.fmu", 'intervalVariability="triggered"')
     with pytest.raises(
