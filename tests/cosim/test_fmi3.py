@@ -206,6 +206,8 @@ def test_arrays_go_over_wires_whole_and_by_element(two: dict[str, Path]) -> None
     assert result.columns[1:5] == [f"B.Float64_outs[{i},{j}]" for i in (1, 2) for j in (1, 2)]
     assert result.data[0, 1:].tolist() == [22, 24, 42, 44, 0, 5, 0, 0, 21, 0, 0, 0.5]
     assert result.data[-1, 1:].tolist() == [22, -2, 42, 44, 0, 5, 4, 9, 21, 0, 0, 0.5]
+    still = run(System(two, wires, start), stop=0.1, step=0.1, record=record)
+    assert still.data[0, 1:].tolist() == result.data[0, 1:].tolist()
 
 
 @pytest.mark.parametrize(
