@@ -1,4 +1,4 @@
-"""Couple FMI 2.0 co-simulation FMUs: a system of parts and wires, and the error of its coupling."""
+"""Couple co-simulation FMUs of FMI 2.0 and 3.0: a system of parts and wires, and the error of its coupling."""
 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any

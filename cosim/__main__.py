@@ -92,7 +92,9 @@ def opened(options: argparse.Namespace) -> Iterator[Task]:
         network = connect(system)
         values = read_values(options.parameters, network) if options.parameters else {}
         for name, text in map(assignment, options.given):
-            values[name] = text if network.port(name).type == "String" else literal(text)
+            values[name] = (
+                text if network.port(name).type in ("String", "Binary") else literal(text)
+            )
         system = replace(system, start={**system.start, **values})
         network = connect(over_time(system, options))
         for part, blemish in network.blemishes.items() if options.strict else ():
@@ -132,7 +134,9 @@ def rates(texts: Sequence[str]) -> dict[str, int]:
 
 def parser() -> Parser:
     """The command line."""
-    top = Parser(prog="python -m cosim", description="Couple FMI 2.0 co-simulation FMUs.")
+    top = Parser(
+        prog="python -m cosim", description="Couple co-simulation FMUs of FMI 2.0 and 3.0."
+    )
     top.add_argument("--version", action="version", version=f"cosim {__version__}")
     commands = top.add_subparsers(required=True, metavar="COMMAND", dest="command")
 

@@ -19,6 +19,10 @@ class Discarded(PartFailure):
         self.reached = reached
 
 
+class Met(Discarded):
+    """A part met an event at the time `reached` [s], where the others are to stop too."""
+
+
 class NotFinite(PartFailure):
     """A value that a wire or a row was to carry is not a finite number."""
 

@@ -29,7 +29,7 @@ from .errors import PartFailure, SetupError
 from .loops import algebraic_loops, describe
 from .result import Interrupted, Result, SimulationError
 from .signals import interrupts
-from .system import STATE, VARIABLE_STEP, Network, Port, System, connect, lacking
+from .system import NUMERIC, STATE, VARIABLE_STEP, Network, Port, System, connect, lacking
 
 MOST_SUBSTEPS = 1 << 20
 HIGHEST = 8
@@ -58,10 +58,10 @@ class Settings(NamedTuple):
         """What is recorded; raises SetupError for what cannot be."""
         if self.record is None:
             return _outputs(network)
-        ports = [network.port(name) for name in self.record]
+        ports = [port for name in self.record for port in network.array(name)[1]]
         for port in ports:
-            if port.type == "String":
-                raise SetupError(f"{port} is a String and cannot be recorded")
+            if port.type not in NUMERIC:
+                raise SetupError(f"{port} is a {port.type} and cannot be recorded")
         return ports
 
 
@@ -114,6 +114,7 @@ def run(
             parts = initialise(
                 network, sequence, stack, start, stop,
                 tolerance=tolerance, substeps=rates, input_order=input_order,
+                within=ports if plan.every() is None else (),
             )  # fmt: skip
             identities = {name: _identity(p, system.parts[name]) for name, p in parts.items()}
             around.restore()
@@ -285,7 +286,7 @@ def _outputs(network: Network) -> list[Port]:
         Port(name, variable)
         for name, description in network.descriptions.items()
         for variable in description.modelVariables
-        if variable.causality == "output" and variable.type != "String"
+        if variable.causality == "output" and variable.type in NUMERIC
     ]
 
 

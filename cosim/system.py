@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import math
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -18,6 +19,7 @@ from fmpy.model_description import ModelDescription, ScalarVariable, read_model_
 
 from .errors import SetupError
 from .inputs import NUMBER, Course, Table, change
+from .native import WIDTHS, expand
 from .units import multiples
 
 Value = float | int | bool | str
@@ -113,7 +115,7 @@ class System:
 
 
 class Port(NamedTuple):
-    """A variable of a part."""
+    """A variable of a part; `type` is that of FMI 2.0, `native` that of the FMU's own version."""
 
     part: str
     variable: ScalarVariable
@@ -125,6 +127,10 @@ class Port(NamedTuple):
     @property
     def type(self) -> str:
         return str(self.variable.type)
+
+    @property
+    def native(self) -> str:
+        return getattr(self.variable, "native", self.type)
 
     @property
     def unit(self) -> str:
@@ -151,7 +157,7 @@ class Fmu(NamedTuple):
     """A model description, its variables by name, its units in SI base units by name.
 
     `blemish` says what is wrong in it but does not touch a run. `terminals` are the variables of each
-    terminal by member.
+    terminal by member, `shapes` the dimensions of arrays, of which the elements are variables.
     """
 
     description: ModelDescription
@@ -159,6 +165,7 @@ class Fmu(NamedTuple):
     units: dict[str, Any]
     blemish: str
     terminals: dict[str, dict[str, str]]
+    shapes: dict[str, tuple[int, ...]]
 
 
 @dataclass(frozen=True)
@@ -192,6 +199,11 @@ class Network:
         for part, variable in places:
             if variable in self.fmus[part].variables:
                 return Port(part, self.fmus[part].variables[variable])
+            if shape := self.fmus[part].shapes.get(variable):
+                first = ",".join("1" for _ in shape)
+                raise SetupError(
+                    f"{part}.{variable} is an array of {_size(shape)}: name one, {variable}[{first}]"
+                )
         if not places:
             whole, known = dotted(name).strip(), ", ".join(self.fmus)
             part = whole.partition(".")[0] if isinstance(name, str) else name[0]
@@ -199,6 +211,15 @@ class Network:
         part, variable = places[0]
         known = ", ".join(self.fmus[part].variables)
         raise SetupError(f"{part} has no variable {variable!r}, only {known}")
+
+    def array(self, name: Name) -> tuple[tuple[int, ...], list[Port]]:
+        """The dimensions and elements of an array, none and the port of another name; SetupError."""
+        for part, variable in cuts(name.strip()) if isinstance(name, str) else [name]:
+            if part in self.fmus and variable in self.fmus[part].shapes:
+                known = self.fmus[part].variables.values()
+                elements = [Port(part, v) for v in known if v.name.startswith(f"{variable}[")]
+                return self.fmus[part].shapes[variable], elements
+        return (), [self.port(name)]
 
     def base_unit(self, port: Port) -> Any:
         """The unit of a port in SI base units, None if its model description does not say."""
@@ -208,8 +229,8 @@ class Network:
 def connect(system: System) -> Network:
     """Check a system against the model descriptions of its FMUs.
 
-    Raises SetupError for a file that is no FMI 2.0 co-simulation FMU, an unknown part or variable,
-    a wire of wrong direction, type or unit, an input driven twice, and a start value
+    Raises SetupError for a file that is no co-simulation FMU of FMI 2.0 or 3.0, an unknown part or
+    variable, a wire of wrong direction, type or unit, an input driven twice, and a start value
     that is not finite, out of bounds or cannot be set.
     """
     if not system.parts:
@@ -232,13 +253,34 @@ def connect(system: System) -> Network:
     known = driven.keys() | {port.name for port, _ in (*network.start, *network.inputs)}
     for name, description in network.descriptions.items():
         for variable in description.modelVariables:
-            if variable.causality == "input" and f"{name}.{variable.name}" not in known:
+            if variable.type == "Clock":
+                _require_ticking(Port(name, variable), description)
+            elif variable.causality == "input" and f"{name}.{variable.name}" not in known:
                 port, own = Port(name, variable), own_start(variable)
                 if own is None:
                     raise SetupError(f"input {port} is not connected and has no start of its own")
                 network.open.append((port, own))
     network.start.extend(network.open)
     return network
+
+
+def _require_ticking(port: Port, description: ModelDescription) -> None:
+    """Refuse a clock that waits for what this master does not do."""
+    if port.variable.causality != "input":
+        return
+    if port.variable.intervalVariability == "triggered":
+        raise SetupError(
+            f"{port} is a triggered clock, which nothing here triggers; only clocks with an interval tick"
+        )
+    if not description.coSimulation.hasEventMode:
+        raise SetupError(f"{port} is a clock of an FMU without event mode, in which it would tick")
+
+
+def require_fmi2(descriptions: Mapping[str, ModelDescription], what: str) -> None:
+    """Refuse parts of FMI 3.0 for what knows FMI 2.0 only; raises SetupError."""
+    for name, description in descriptions.items():
+        if description.fmiVersion != "2.0":
+            raise SetupError(f"{name} is FMI {description.fmiVersion}; {what} FMI 2.0 only")
 
 
 def still(system: System, where: str) -> Network:
@@ -285,7 +327,7 @@ def version(path: Path) -> tuple[int, int]:
 @lru_cache(maxsize=64)
 def _read(path: Path, _: tuple[int, int]) -> Fmu:
     """An FMU that this master can run on this platform; kept as long as its file has this version."""
-    wanted = "this master runs FMI 2.0 co-simulation"
+    wanted = "this master runs co-simulation by FMI 2.0 and 3.0"
     try:
         with ZipFile(path) as archive:
             files = archive.namelist()
@@ -299,16 +341,18 @@ def _read(path: Path, _: tuple[int, int]) -> Fmu:
         description, blemish = _description(path)
     except Exception as error:
         raise SetupError(f"is not a valid FMU: modelDescription.xml: {_reason(error)}") from error
-    if description.fmiVersion != "2.0":
+    if description.fmiVersion not in ("2.0", "3.0"):
         raise SetupError(f"is FMI {description.fmiVersion}; {wanted}")
+    third = description.fmiVersion == "3.0"
     if description.coSimulation is None:
-        raise SetupError(f"offers model exchange only; {wanted}: export it for that, too")
+        offer = "model exchange" if description.modelExchange else "scheduled execution"
+        raise SetupError(f"offers {offer} only; {wanted}: export it for that, too")
     library = f"{description.coSimulation.modelIdentifier}{fmpy.sharedLibraryExtension}"
-    if f"binaries/{fmpy.platform}/{library}" not in files:
+    binary = f"binaries/{fmpy.platform_tuple if third else fmpy.platform}/{library}"
+    if binary not in files:
         there = ", ".join(fmpy.supported_platforms(str(path))) or "no platform"
-        raise SetupError(
-            f"has no binary for this platform, binaries/{fmpy.platform}/{library}; it is for {there}"
-        )
+        raise SetupError(f"has no binary for this platform, {binary}; it is for {there}")
+    shapes = expand(path, description) if third else {}
     variables: dict[str, ScalarVariable] = {}
     for variable in description.modelVariables:
         if variables.setdefault(variable.name, variable) is not variable:
@@ -318,7 +362,7 @@ def _read(path: Path, _: tuple[int, int]) -> Fmu:
                 setattr(variable, attribute, getattr(variable.declaredType, attribute))
     units = {unit.name: unit.baseUnit for unit in reversed(description.unitDefinitions)}
     terminals, wrong = _terminals(path) if TERMINALS in files else ({}, "")
-    return Fmu(description, variables, units, blemish or wrong, terminals)
+    return Fmu(description, variables, units, blemish or wrong, terminals, shapes)
 
 
 def _terminals(path: Path) -> tuple[dict[str, dict[str, str]], str]:
@@ -367,10 +411,10 @@ def cuts(name: str) -> list[tuple[str, str]]:
 
 
 def _wires(network: Network, given: str | Wire) -> Iterator[Wire]:
-    """The wires that a system means by one entry: itself, or those between two terminals."""
+    """The wires that a system means by one entry: those between two terminals, or two arrays, or itself."""
     shaft = SHAFT.fullmatch(given) if isinstance(given, str) else None
     if shaft is None:
-        yield Wire.read(given) if isinstance(given, str) else given
+        yield from _elements(network, Wire.read(given) if isinstance(given, str) else given)
         return
     here = f"wire {given!r}"
     (one, ours), (other, theirs) = (_terminal(network, name, here) for name in shaft.groups())
@@ -388,6 +432,23 @@ def _wires(network: Network, given: str | Wire) -> Iterator[Wire]:
             )
         source, target = ways["output"], ways["input"]
         yield Wire((source.part, source.variable.name), (target.part, target.variable.name))
+
+
+def _elements(network: Network, wire: Wire) -> Iterator[Wire]:
+    """The wires between the elements of two arrays, or the wire itself."""
+    (shape, sources), (other, targets) = (network.array(end) for end in wire[:2])
+    if shape != other:
+        raise SetupError(f"wire {str(wire)!r}: {_size(shape)} cannot drive {_size(other)}")
+    if not shape:
+        yield wire
+    for source, target in zip(sources, targets) if shape else ():
+        there, here = ((port.part, port.variable.name) for port in (source, target))
+        yield wire._replace(source=there, target=here)
+
+
+def _size(shape: Sequence[int]) -> str:
+    """Dimensions in words."""
+    return f"{' x '.join(map(str, shape))} elements" if shape else "one element"
 
 
 def _terminal(network: Network, name: str, here: str) -> tuple[str, dict[str, ScalarVariable]]:
@@ -411,6 +472,9 @@ def _connection(network: Network, wire: Wire) -> Connection:
         raise SetupError(f"{here}: {source} is {source.variable.causality}, not an output")
     if target.variable.causality != "input":
         raise SetupError(f"{here}: {target} is {target.variable.causality}, not an input")
+    for port in (source, target):
+        if port.type in ("Binary", "Clock"):
+            raise SetupError(f"{here}: {port} is a {port.type}, which no wire carries here")
     if not fits(source.type, target.type):
         raise SetupError(f"{here}: {source.type} cannot drive {target.type}")
     if not math.isfinite(wire.factor + wire.offset):
@@ -445,12 +509,18 @@ def convert(here: Any, there: Any) -> tuple[float, float] | None:
     return here.factor / there.factor, (here.offset - there.offset) / there.factor
 
 
+def moves(port: Port) -> bool:
+    """Whether it is an input that moves within steps: a Real one, in FMI 3.0 if it is continuous."""
+    real = port.type == "Real" and port.variable.causality == "input"
+    return real and (port.native == "Real" or port.variable.variability == "continuous")
+
+
 def own_start(variable: ScalarVariable) -> Value | None:
     """The start value that the model description gives a variable, if any."""
     if variable.start is None:
         return None
     kind = "Integer" if variable.type == "Enumeration" else str(variable.type)
-    return READ[kind](str(variable.start))
+    return READ.get(kind, str)(str(variable.start))
 
 
 def feedthrough(description: ModelDescription) -> dict[str, frozenset[str]]:
@@ -476,12 +546,20 @@ def exponents(unit: Any) -> tuple[int, ...]:
 def _start(port: Port, value: Value) -> tuple[Port, Value]:
     """A start value in the type of its port; raises SetupError for one that it cannot have."""
     variable = port.variable
+    if variable.causality == "structuralParameter" or port.type == "Clock":
+        kind = "a clock" if port.type == "Clock" else "a structural parameter"
+        raise SetupError(f"{port} is {kind} and cannot be given a start value")
     free = variable.causality in ("parameter", "input") or variable.initial in ("exact", "approx")
     if variable.variability == "constant" or not free:
         raise SetupError(f"{port} is {variable.causality} and cannot be given a start value")
-    if port.type == "String":
+    if port.type in ("String", "Binary"):
         if not isinstance(value, str):
-            raise SetupError(f"{port} = {value!r} must be of type String")
+            raise SetupError(f"{port} = {value!r} must be of type {port.type}")
+        if port.type == "Binary":
+            try:
+                value = bytes.fromhex(value).hex()
+            except ValueError:
+                raise SetupError(f"{port} = {value!r} must be hexadecimal digits") from None
         return port, value
     items = enumeration(port.variable)
     try:
@@ -501,7 +579,7 @@ def _start(port: Port, value: Value) -> tuple[Port, Value]:
     if items and number not in items.values():
         known = ", ".join(f"{n} ({item})" for item, n in items.items())
         raise SetupError(f"{port} = {value!r} must be one of {known}")
-    return port, number
+    return port, ctypes.c_float(number).value if port.native == "Float32" else number
 
 
 def _input(
@@ -514,7 +592,7 @@ def _input(
     if causality != "input" and not (parameter and port.variable.variability == "tunable"):
         kind = "a parameter that is not tunable" if parameter else causality
         raise SetupError(f"{port} is {kind} and cannot change over time")
-    moving = port.type == "Real" and not parameter
+    moving = moves(port)
     if not isinstance(given, Table):
         if not moving:
             raise SetupError(f"{port} cannot follow a function of time, only a Real input can")
@@ -590,7 +668,11 @@ def _limits(port: Port) -> Iterator[tuple[str, Any]]:
         yield "true or false", lambda number: number in (0, 1)
         return
     if port.type == "Integer":
-        yield "a 32-bit integer", lambda number: -(2**31) <= number < 2**31
+        bits, signed = WIDTHS.get(port.native, (32, True))
+        lowest, highest = (-(2 ** (bits - 1)), 2 ** (bits - 1)) if signed else (0, 2**bits)
+        kind = f"{bits}-bit {'' if signed else 'unsigned '}integer"
+        article = "an" if bits == 8 else "a"
+        yield f"{article} {kind}", lambda number: lowest <= number < highest
     if port.variable.min is not None:
         low = float(port.variable.min)
         yield f"at least {low!r}", lambda number: number >= low

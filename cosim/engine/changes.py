@@ -10,7 +10,7 @@ from typing import NamedTuple
 from fmpy.model_description import ScalarVariable
 
 from ..inputs import Course, Table
-from ..system import Network, Port, Value
+from ..system import Network, Port, Value, moves
 from .clock import same
 from .exchange import Coupled
 
@@ -26,11 +26,7 @@ class Change(NamedTuple):
 
 def fed(network: Network) -> list[tuple[Port, Table | Course]]:
     """The Real inputs, which move within steps, and what they follow."""
-    return [
-        (port, profile)
-        for port, profile in network.inputs
-        if port.type == "Real" and port.variable.causality == "input"
-    ]
+    return [(port, profile) for port, profile in network.inputs if moves(port)]
 
 
 def changes(

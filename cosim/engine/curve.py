@@ -7,6 +7,7 @@ import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
+from ..errors import PartFailure
 from .clock import same
 from .feed import Feed
 from .operation import COPY, SCALE, Layout, Operation, address
@@ -122,12 +123,13 @@ class Link(Operation):
             self.cells[self.i] = self.factor * self.source[self.j] + self.offset
 
     def layout(self) -> Layout | None:
-        """None for a text, whose memory is Python's."""
-        if self.cells._type_ is ctypes.c_char_p:
+        """None for a text, whose memory is Python's, and between types of two widths."""
+        kind = self.cells._type_
+        if kind is ctypes.c_char_p or kind is not self.source._type_:
             return None
         return Layout(
             COPY if (self.factor, self.offset) == (1.0, 0.0) else SCALE,
-            ctypes.sizeof(self.cells._type_),
+            ctypes.sizeof(kind),
             cells=address(self.cells, self.i),
             source=address(self.source, self.j),
             factor=self.factor,
@@ -138,6 +140,21 @@ class Link(Operation):
         """Move with a signal from now on."""
         self.signal = signal
         self.first, self.last = ([0.0], 0), ([0.0], 0)
+
+
+class Recast(Link):
+    """A link between two types of whole numbers or truth values, which must be able to hold the value."""
+
+    def __init__(self, name: str, *ends: Any) -> None:
+        super().__init__(*ends)
+        self.name = name
+
+    def __call__(self, t: float, h: float) -> None:
+        super().__call__(t, h)
+        if self.cells[self.i] != (value := self.source[self.j]):
+            raise PartFailure(
+                f"{self.name} cannot be {value!r}, which a wire brings at t = {t!r} s"
+            )
 
 
 class Curves(Operation):
@@ -165,9 +182,11 @@ class Curves(Operation):
         if self.capable and entries:
             orders = range(1, degree + 1)
             variables = [v for v in entries.variables for _ in orders]
-            self._derivatives = Block(part, "Set", variables, [*orders] * len(entries.variables))
+            self._derivatives = part.BLOCK(
+                part, "Set", variables, [*orders] * len(entries.variables)
+            )
         if ability.maxOutputDerivativeOrder and shown:
-            self._rates = Block(part, "Get", shown.variables, [1] * len(shown.variables))
+            self._rates = part.BLOCK(part, "Get", shown.variables, [1] * len(shown.variables))
 
     def __call__(self, t: float, h: float) -> None:
         """Remember the outputs as they stand, and their rates, as nodes at time t [s]."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 from fmpy.model_description import ModelDescription
 
@@ -19,7 +19,9 @@ from .part import OK, Block, Part
 class Coupled(Part):
     """A part with the buffers of its wired variables and what moves values into them.
 
-    `substeps` is the number of steps that it takes within one that it is given.
+    `substeps` is the number of steps that it takes within one that it is given. If it `stops`, it refuses
+    steps over its events, and the system steps to them. `seen` are times [s]
+    within its steps and values there of the variables in `watched`.
     """
 
     def __init__(
@@ -34,6 +36,13 @@ class Coupled(Part):
         self.feeds: list[Feed] = []
         self.ends: list[End] = []
         self.do_steps = 0
+        self.stops = False
+        self.watched: Sequence[str] = ()
+        self.seen: list[tuple[float, list[float]]] = []
+
+    def shows_events(self) -> bool:
+        """Whether a wire carries what its events alone change, and a step can end there."""
+        return False
 
     def fed_through(self) -> frozenset[str]:
         """The wired Real outputs on which a wired input acts at once, as far as it is declared."""
@@ -64,6 +73,18 @@ class Coupled(Part):
             yield from (block for block in self.inputs if not block.real)
         yield Step(self)
 
+    def advance(self, t: float, h: float) -> None:
+        """Step from t by h [s]; raises PartFailure."""
+        self.begin_of_step.value, self.size_of_step.value = t, h
+        status = self.do_step()
+        if status != OK:
+            self.stepped(t, h, status)
+
+    def step_layout(self) -> Layout:
+        """What loop.c does in place of `advance`."""
+        function = ctypes.cast(self.library.fmi2DoStep, ctypes.c_void_p).value
+        return Layout(STEP, function=function, component=self.component.value)
+
     def look(self) -> Iterator[Operation]:
         """What is read of the part when all of a stage have stepped."""
         yield from self.outputs
@@ -87,19 +108,16 @@ class Step(Operation):
             if begin + size >= part.nearly:
                 size = part.rest(begin, size)
             part.do_steps += 1
-            part.begin_of_step.value, part.size_of_step.value = begin, size
-            status = part.do_step()
-            if status != OK:
-                part.stepped(begin, size, status)
+            part.advance(begin, size)
 
     def layout(self) -> Layout | None:
         """None if inputs move within it."""
         part = self.part
         if part.curves is not None:
             return None
-        function = ctypes.cast(part.library.fmi2DoStep, ctypes.c_void_p).value
-        forward = part.forward.value
-        return Layout(STEP, part.substeps, 0, forward, function, part.component.value)
+        layout = part.step_layout()
+        layout.count, layout.forward = part.substeps, part.forward.value
+        return layout
 
     def answered(self, t: float, h: float, status: int) -> None:
         self.part.stepped(t, h, status)

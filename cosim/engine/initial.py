@@ -12,11 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import PartFailure, SetupError
-from ..system import Network, Port, Value, feedthrough
+from ..system import Network, Port, Value, feedthrough, own_start
 from .changes import fed
-from .curve import Curves, Link, Signal
+from .curve import Curves, Link, Recast, Signal
 from .exchange import Coupled
 from .feed import Feed
+from .fmi3 import Coupled3
 from .ledger import End, bonds, watt
 from .library import borrow
 from .part import Block
@@ -37,12 +38,13 @@ def initialise(
     tolerance: float | None = None,
     substeps: Mapping[str, int] | None = None,
     input_order: int = 0,
+    within: Sequence[Port] = (),
     kind: type[Coupled] = Coupled,
 ) -> dict[str, Coupled]:
     """All parts at `start`, their coupled start values consistent, ready for the first step.
 
-    The stack closes the parts. Raises PartFailure where an FMU refuses,
-    SetupError where the start values have no solution.
+    The FMUs that can are to show the ports `within` their steps. The stack closes the parts.
+    Raises PartFailure where an FMU refuses, SetupError where the start values have no solution.
     """
     parts: dict[str, Coupled] = {}
     for name, path in network.system.parts.items():
@@ -51,7 +53,10 @@ def initialise(
             fmu = borrow(Path(path), description)
         except PartFailure as error:
             raise PartFailure(f"{name}: {error}") from error
-        parts[name] = kind(name, description, fmu, (substeps or {}).get(name, 1))
+        made = name, description, fmu, (substeps or {}).get(name, 1)
+        watched = [port.variable for port in within if port.part == name]
+        third = description.fmiVersion == "3.0"
+        parts[name] = Coupled3(*made, watched) if third else kind(*made)
         stack.callback(parts[name].close)
     given = {port.name: (port, value) for port, value in network.start}
     given |= {port.name: (port, profile.at(start)) for port, profile in network.inputs}
@@ -104,9 +109,10 @@ def _lost(
 def _connect(network: Network, parts: Mapping[str, Coupled], start: float) -> None:
     """Give every part the buffers of its wired variables, and let every input follow its source.
 
-    Inputs begin at their declared start.
+    Inputs begin at their declared start, those of an array at what they are given.
     """
     sources, driven = shown(network), fed(network)
+    given = {port.name: value for port, value in network.start}
     targets: dict[str, list[Port]] = {name: [] for name in parts}
     for wire in network.wires:
         targets[wire.target.part].append(wire.target)
@@ -118,10 +124,15 @@ def _connect(network: Network, parts: Mapping[str, Coupled], start: float) -> No
         for block in part.inputs:
             if block.real:
                 block.cells[:] = [float(v.start or 0.0) for v in block.variables]
+            for i, v in enumerate(block.variables):
+                if len(getattr(v, "family", ())) > 1:
+                    block.put(i, given.get(block.names[i], own_start(v)))
     place = _places(parts)
     for wire in network.wires:
         (target, i), (source, j) = place[wire.target.name], place[wire.source.name]
-        link = Link(target.cells, i, source.cells, j, wire.factor, wire.offset)
+        ends = target.cells, i, source.cells, j, wire.factor, wire.offset
+        alike = target.cells._type_ is source.cells._type_
+        link = Link(*ends) if alike else Recast(wire.target.name, *ends)
         parts[wire.target.part].links.append(link)
     for port, profile in driven:
         (target, i), feed = place[port.name], Feed(port.name, profile, start)
@@ -165,15 +176,14 @@ def _watch(parts: Mapping[str, Coupled], degree: int) -> None:
             next((block for block in blocks if block.real), None)
             for blocks in (part.inputs, part.outputs)
         )
-        real = [link for link in part.links if link.real]
+        real = [link for link in part.links if entries and link.cells is entries.cells]
         part.curves = Curves(part, degree, entries, real, shown)
         cells = shown.cells if shown else None
         signals |= {(id(cells), i): signal for i, signal in enumerate(part.curves.signals)}
         signals |= {(id(feed.cell), 0): feed for feed in part.feeds}
     for part in parts.values():
-        for link in part.links:
-            if link.real:
-                link.follow(signals[id(link.source), link.j])
+        for link in part.curves.links if part.curves else ():
+            link.follow(signals[id(link.source), link.j])
 
 
 def _open_ledger(network: Network, parts: Mapping[str, Coupled]) -> None:

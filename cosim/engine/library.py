@@ -15,6 +15,7 @@ from zipfile import ZipFile
 
 import fmpy
 from fmpy.fmi2 import FMU2Model, FMU2Slave
+from fmpy.fmi3 import FMU3Slave
 from fmpy.model_description import ModelDescription
 
 from ..errors import PartFailure
@@ -42,9 +43,8 @@ class Library:
         self.folder = Path(mkdtemp(dir=scratch()))
         try:
             unpack(path, self.folder)
-            self._slave = _loaded(
-                FMU2Slave, self.folder, description.guid, description.coSimulation
-            )
+            kind = FMU2Slave if description.fmiVersion == "2.0" else FMU3Slave
+            self._slave = _loaded(kind, self.folder, description.guid, description.coSimulation)
         except BaseException:
             rmtree(self.folder)
             raise
@@ -53,7 +53,7 @@ class Library:
         self.free = ctypes.CDLL(None, handle=handle)
         self._unload = Finalize(None, self._go, exitpriority=0)
 
-    def slave(self, name: str) -> FMU2Slave:
+    def slave(self, name: str) -> FMU2Slave | FMU3Slave:
         """What makes an instance of this name and calls it."""
         slave = copy.copy(self._slave)
         slave.instanceName = name

@@ -5,18 +5,31 @@
 
 #include <limits.h>
 #include <math.h>
+#include <stdbool.h>
 #include <stddef.h>
+#include <stdint.h>
 #include <string.h>
 
-enum { COPY, SCALE, FEED, SET, GET, STEP, BOOK, NOT_FINITE = INT_MIN };
+enum { COPY, SCALE, FEED, EXCHANGE, EXCHANGE3, STEP, STEP3, BOOK, NOT_FINITE = INT_MIN };
 
 typedef int (*exchange)(void *component, const unsigned *references, size_t count, void *cells);
+typedef int (*exchange3)(void *component, const unsigned *references, size_t count, void *cells,
+                         size_t values);
 typedef int (*do_step)(void *component, double time, double size, int forward);
+typedef int (*do_step3)(void *component, double time, double size, bool forward, bool *event,
+                        bool *ended, bool *early, double *reached);
+typedef int (*finish)(double time, double size, int stepped);
+
+/* What a step of FMI 3.0 has told. */
+typedef struct {
+    double reached;
+    bool event, ended, early;
+} answer;
 
 /* Done at t + at * h of a step from t by h, for a turn of size * h. `checked` is the number of cells
    that must be finite after it. */
 typedef struct {
-    int code, count, checked, forward;
+    int code, count, checked, forward, values;
     void *function, *component, *references, *cells;
     const void *source;
     const double *first, *last;
@@ -25,8 +38,40 @@ typedef struct {
 
 typedef struct {
     const void *cell;
-    int real;
+    int type;
 } column;
+
+/* A cell as a number; its type is the letter by which ctypes calls it. */
+static double number(const column *c)
+{
+    switch (c->type) {
+    case 'd': return *(const double *)c->cell;
+    case 'i': return *(const int *)c->cell;
+    case '?': return *(const bool *)c->cell;
+    case 'b': return *(const int8_t *)c->cell;
+    case 'B': return *(const uint8_t *)c->cell;
+    case 'h': return *(const int16_t *)c->cell;
+    case 'H': return *(const uint16_t *)c->cell;
+    case 'I': return *(const unsigned *)c->cell;
+    case 'l': return (double)*(const long *)c->cell;
+    case 'L': return (double)*(const unsigned long *)c->cell;
+    case 'q': return (double)*(const long long *)c->cell;
+    default: return (double)*(const unsigned long long *)c->cell;
+    }
+}
+
+/* A step of an FMU of FMI 3.0. What comes of an event, in it or due by the time `first`, is Python's. */
+static int step3(const operation *op, double t, double h)
+{
+    answer *a = op->cells;
+    finish ask = (finish)op->source;
+    if (t + h > *op->first - 1e-9 * h) return ask(t, h, 0);
+    int status = ((do_step3)op->function)(op->component, t, h, op->forward, &a->event, &a->ended,
+                                          &a->early, &a->reached);
+    if (status > 1 || status < 0 || !(a->event || a->ended || a->early)) return status;
+    int after = ask(t, h, 1);
+    return after ? after : status;
+}
 
 /* 0, or the status of a call. The step is number n of those whose inputs over time are laid out. */
 static int run(const operation *op, double t, double h, long long n)
@@ -47,15 +92,19 @@ static int run(const operation *op, double t, double h, long long n)
     case FEED:
         *cells = source[n];
         return 0;
-    case SET:
-    case GET:
+    case EXCHANGE3:
+        return ((exchange3)op->function)(op->component, op->references, op->count, cells, op->values);
+    case EXCHANGE:
         return ((exchange)op->function)(op->component, op->references, op->count, cells);
-    case STEP: {
+    case STEP:
+    case STEP3: {
         double piece = size / op->count;
         int warned = 0;
         for (int k = 0; k < op->count; k++) {
             double begin = t + op->at * h + k * piece;
-            int status = ((do_step)op->function)(op->component, begin, piece, op->forward);
+            int status = op->code == STEP3
+                             ? step3(op, begin, piece)
+                             : ((do_step)op->function)(op->component, begin, piece, op->forward);
             if (status > 1 || status < 0) return status;
             warned |= status;
         }
@@ -104,8 +153,7 @@ int advance(const operation *program, long long *warned, int length, int row_beg
         if (due) {
             *rows++ = start + (double)n * h;
             for (int i = 0; i < width; i++)
-                *rows++ = columns[i].real ? *(const double *)columns[i].cell
-                                          : (double)*(const int *)columns[i].cell;
+                *rows++ = number(&columns[i]);
             count++;
         }
     }

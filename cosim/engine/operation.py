@@ -5,7 +5,7 @@ from __future__ import annotations
 import ctypes
 from typing import Any
 
-COPY, SCALE, FEED, SET, GET, STEP, BOOK = range(7)
+COPY, SCALE, FEED, EXCHANGE, EXCHANGE3, STEP, STEP3, BOOK = range(8)
 NOT_FINITE = -(2**31)
 
 
@@ -13,7 +13,7 @@ class Layout(ctypes.Structure):
     """struct operation of loop.c."""
 
     _fields_ = [
-        *((name, ctypes.c_int) for name in ("code", "count", "checked", "forward")),
+        *((name, ctypes.c_int) for name in ("code", "count", "checked", "forward", "values")),
         *((name, ctypes.c_void_p) for name in ("function", "component", "references")),
         *((name, ctypes.c_void_p) for name in ("cells", "source", "first", "last")),
         *((name, ctypes.c_double) for name in ("at", "size", "factor", "offset")),

@@ -7,7 +7,7 @@ import logging
 import math
 import re
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from functools import partial
 from itertools import count
@@ -29,7 +29,7 @@ from fmpy.model_description import ModelDescription, ScalarVariable
 from ..errors import Discarded, Ended, NotFinite, PartFailure
 from ..system import Value
 from .library import Library
-from .operation import GET, NOT_FINITE, SET, Layout, Operation, address
+from .operation import EXCHANGE, NOT_FINITE, Layout, Operation, address
 
 OK, WARNING, DISCARD, ERROR, FATAL = range(5)
 STATUS = ("OK", "Warning", "Discard", "Error", "Fatal", "Pending")
@@ -115,7 +115,7 @@ class Block(Operation):
         self.function = getattr(part.library, f"fmi2{self.call}")
         places = [self.references, ctypes.c_size_t(count)]
         places += [(ctypes.c_int * count)(*orders)] if orders else []
-        self._call = partial(self.function, part.component, *places, self.cells)
+        self._call: Callable[[], int] = partial(self.function, part.component, *places, self.cells)
 
     def __call__(self, t: float, h: float = 0.0) -> None:
         self.move()
@@ -130,13 +130,17 @@ class Block(Operation):
         if self._text:  # lasts in the FMU's memory only until its next call
             self.cells[:] = [text or b"" for text in self.cells]
 
+    def put(self, i: int, value: Any) -> None:
+        """Put a value into a cell."""
+        self.cells[i] = value.encode() if isinstance(value, str) else value
+
     def layout(self) -> Layout | None:
         """None for texts."""
         if self._text:
             return None
         return Layout(
-            GET if self.reads else SET,
-            len(self.cells),
+            EXCHANGE,
+            len(self.references),
             len(self.cells) if self.reads and self.real else 0,
             function=ctypes.cast(self.function, ctypes.c_void_p).value,
             component=self.part.component.value,
@@ -155,6 +159,11 @@ class Block(Operation):
 class Part:
     """An instance of an FMU from instantiation to `close`; raises PartFailure where a call fails."""
 
+    BLOCK: type[Block] = Block
+    FREE, GET_STATE, SET_STATE, FREE_STATE = (
+        f"fmi2{call}" for call in ("FreeInstance", "GetFMUstate", "SetFMUstate", "FreeFMUstate")
+    )
+
     def __init__(self, name: str, description: ModelDescription, fmu: Library) -> None:
         self.name = name
         self.fmu = fmu
@@ -169,7 +178,7 @@ class Part:
         PARTS[number] = self
         self.slave, self.library = self.unit(fmu)
         try:
-            self.slave.instantiate(callbacks=_callbacks(number), loggingOn=True)
+            self.instantiate(number)
         except Exception as error:
             fmu.forget()
             fmu.release()
@@ -182,12 +191,20 @@ class Part:
         self.begin_of_step, self.size_of_step = ctypes.c_double(), ctypes.c_double()
         self._stop = self.nearly = math.inf
         self.forward = ctypes.c_int()
-        times = (self.begin_of_step, self.size_of_step)
-        self.do_step = partial(fmu.free.fmi2DoStep, self.component, *times, self.forward)
+        self.do_step = self.step_call()
 
     def unit(self, fmu: Library) -> tuple[Any, ctypes.PyDLL]:
         """What makes the instance and calls it, and the functions of its library."""
         return fmu.slave(self.name), fmu.functions
+
+    def instantiate(self, number: int) -> None:
+        """Make the instance, which logs as the part of this number."""
+        self.slave.instantiate(callbacks=_callbacks(number), loggingOn=True)
+
+    def step_call(self) -> Callable[[], int]:
+        """The prepared call of a step from `begin_of_step` by `size_of_step`."""
+        times = (self.begin_of_step, self.size_of_step)
+        return partial(self.fmu.free.fmi2DoStep, self.component, *times, self.forward)
 
     def hear(self, status: int, message: str) -> None:
         """Keep the last line of a log message, without the name that FMUs may put before it."""
@@ -260,7 +277,9 @@ class Part:
     def blocks(self, action: str, variables: Sequence[ScalarVariable]) -> list[Block]:
         """One Block per type, in the order of the variables."""
         kinds = dict.fromkeys(v.type for v in variables)
-        return [Block(self, action, [v for v in variables if v.type == kind]) for kind in kinds]
+        return [
+            self.BLOCK(self, action, [v for v in variables if v.type == kind]) for kind in kinds
+        ]
 
     def set_up(self, tolerance: float | None, start: float, stop: float) -> None:
         """Hand over the times [s] between which the FMU runs, and enter initialisation mode."""
@@ -304,19 +323,19 @@ class Part:
     def save(self, state: ctypes.c_void_p) -> None:
         """Put the FMU's state into a place, instead of what was there."""
         self._free(state)
-        status = self.library.fmi2GetFMUstate(self.component, ctypes.byref(state))
+        status = getattr(self.library, self.GET_STATE)(self.component, ctypes.byref(state))
         if status != OK:
             self.answered("GetFMUstate", status)
 
     def restore(self, state: ctypes.c_void_p) -> None:
         """Return to a saved state."""
-        status = self.library.fmi2SetFMUstate(self.component, state)
+        status = getattr(self.library, self.SET_STATE)(self.component, state)
         if status != OK:
             self.answered("SetFMUstate", status)
 
     def _free(self, state: ctypes.c_void_p) -> None:
         if state:
-            self.library.fmi2FreeFMUstate(self.component, ctypes.byref(state))
+            getattr(self.library, self.FREE_STATE)(self.component, ctypes.byref(state))
             state.value = None
 
     def end(self) -> None:
@@ -334,5 +353,5 @@ class Part:
                 with suppress(Exception):
                     self.end()
             with suppress(Exception):
-                self.slave.fmi2FreeInstance(self.slave.component)
+                getattr(self.slave, self.FREE)(self.slave.component)
         self.fmu.release()

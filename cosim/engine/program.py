@@ -18,7 +18,7 @@ from ..errors import PartFailure
 from .algorithms import Timed
 from .exchange import Step
 from .feed import Feed
-from .operation import Layout, address
+from .operation import Layout, Operation, address
 from .part import WARNING, Block
 
 SOURCE = Path(__file__).with_name("loop.c")
@@ -29,7 +29,7 @@ ARGUMENTS: Any = [CELLS, CELLS, INT, INT, CELLS, INT, *[DOUBLE] * 2, *[LONG] * 3
 class Column(ctypes.Structure):
     """struct column of loop.c."""
 
-    _fields_ = [("cell", ctypes.c_void_p), ("real", ctypes.c_int)]
+    _fields_ = [("cell", ctypes.c_void_p), ("type", ctypes.c_int)]
 
 
 TARGETS = {
@@ -112,7 +112,9 @@ class Loop:
             timed.operation.part for timed in program if isinstance(timed.operation, Step)
         ]
         self._row_begin = len(program)
-        cells = (Column(address(block.cells, i), block.real) for block, i in columns)
+        cells = (
+            Column(address(block.cells, i), ord(block.cells._type_._type_)) for block, i in columns
+        )
         self._columns = (Column * len(columns))(*cells)
         self._width = len(columns) + 1
         self._every = every
@@ -156,9 +158,9 @@ class Loop:
         return rows, done, failure
 
 
-def possible(program: Sequence[Timed]) -> bool:
+def possible(operations: Sequence[Operation]) -> bool:
     """Whether all operations can do without Python."""
-    return all(operation.layout() is not None for operation, _, _ in program)
+    return all(operation.layout() is not None for operation in operations)
 
 
 def _layout(timed: Timed) -> Layout:

@@ -151,18 +151,35 @@ def _lock(file: int) -> bool:
     return True
 
 
+Seen = tuple[list[tuple[float, list[float]]], list[int]]
+
+
+def _cubic(t: float, rows: Sequence[Rows] | Rows) -> Rows:
+    """The values at time t [s] on the polynomial through all rows, whose times stand first."""
+    times = [row[0] for row in rows]
+    weights = [math.prod((t - b) / (a - b) for b in times if b != a) for a in times]
+    total: Rows = sum(w * values for w, values in zip(weights, rows))
+    return total
+
+
 class Grid:
     """Rows at start + k * spacing [s], from values at any times, and at every event.
 
     A time of the grid that is met is taken as it is. Between two others a row is interpolated by
     the cubic through the four values around it; the columns in `discrete` keep the value before.
-    A change of such a column is an event: it gets a row, and no cubic reaches over it.
+    A change of such a column is an event: it gets a row, and no cubic reaches over it. What parts have
+    `seen` of their columns within a step takes the place of the values at the other times.
     """
 
     def __init__(
-        self, add: Callable[[Sequence[float]], None], spacing: float, discrete: Sequence[int]
+        self,
+        add: Callable[[Sequence[float]], None],
+        spacing: float,
+        discrete: Sequence[int],
+        seen: Sequence[Seen] = (),
     ) -> None:
         self._add, self._spacing, self._discrete = add, spacing, list(discrete)
+        self._seen = seen
         self._window: list[Rows] = []
         self._start = self._last = 0.0
         self._next = 0
@@ -198,7 +215,7 @@ class Grid:
     def _fill(self, before: Rows, after: Rows) -> None:
         """The rows after one time, up to the next."""
         while (due := self._due()) <= after[0] or same(due, after[0]):
-            self._emit(after if same(due, after[0]) else self._interpolated(due, before))
+            self._emit(after if same(due, after[0]) else self._interpolated(due, before, after))
 
     def _emit(self, row: Rows) -> None:
         """Write a row, unless its time has one."""
@@ -211,10 +228,18 @@ class Grid:
     def _due(self) -> float:
         return self._start + self._next * self._spacing
 
-    def _interpolated(self, t: float, before: Rows) -> Rows:
-        times = [row[0] for row in self._window]
-        weights = [math.prod((t - b) / (a - b) for b in times if b != a) for a in times]
-        row: Rows = sum(w * values for w, values in zip(weights, self._window))
+    def _interpolated(self, t: float, before: Rows, after: Rows) -> Rows:
+        row = _cubic(t, self._window)
+        for seen, columns in self._seen:
+            del seen[: sum(time < self._window[0][0] for time, _ in seen)]
+            within = [[time, *values] for time, values in seen if before[0] < time <= after[0]]
+            if within:
+                own = [0, *columns]
+                nodes = np.array([before[own], *within, after[own]])
+                cuts = [k for k in range(1, len(nodes)) if same(nodes[k - 1, 0], nodes[k, 0])]
+                piece = next(p for p in np.split(nodes, cuts) if p[-1, 0] >= t)
+                k = min(max(int(np.searchsorted(piece[:, 0], t)) - 2, 0), max(len(piece) - 4, 0))
+                row[columns] = _cubic(t, piece[k : k + 4])[1:]
         row[self._discrete] = before[self._discrete]
         row[0] = t
         return row

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 from fmpy.model_description import ScalarVariable
 
-from ..errors import Discarded, PartFailure, SetupError
+from ..errors import Discarded, Met, PartFailure, SetupError
 from ..system import STATE, VARIABLE_STEP, Port, lacking
 from . import adaptive
 from .adaptive import Adaptive
@@ -20,7 +20,7 @@ from .changes import Change, changing
 from .clock import same
 from .exchange import Coupled
 from .program import Loop, possible
-from .rows import Grid, Recorder
+from .rows import Grid, Recorder, Seen
 from .snapshot import Snapshot, forget_after
 
 CHECKPOINT = 1000
@@ -87,6 +87,7 @@ class Row:
         self.extra = [b for p in parts for b in p.blocks("Get", [*unread[p.name].values()])]
         place = wired | {name: (b, i) for b in self.extra for i, name in enumerate(b.names)}
         self.columns = [place[port.name] for port in ports]
+        self.names = [port.name for port in ports]
         self._cells = [(block.cells, i) for block, i in self.columns]
         self.discrete = [
             k
@@ -137,9 +138,13 @@ class Run:
             self.control = plan.step.control or ("energy" if lost else "doubling")
         elif not lost and not lacking(descriptions, VARIABLE_STEP):
             self._checkpoint = (0, Snapshot(parts))
+        back = self._checkpoint is not None or self.control == "doubling"
         for part in parts:
             part.forward.value = steps is not None and self.control != "doubling"
-        if isinstance(plan.step, Adaptive) or steps is None or every is None or not possible(steps):
+            part.stops = back and part.shows_events()
+        if isinstance(plan.step, Adaptive) or steps is None or every is None:
+            return
+        if not possible([*(timed.operation for timed in steps), *row.extra]):
             return
         try:
             self._loop = Loop(steps, row.extra, row.columns, every)
@@ -152,7 +157,7 @@ class Run:
         grid = None
         if self._every is None:
             assert self.plan.output_step is not None
-            grid = Grid(self.recorder.add, self.plan.output_step, self.row.discrete)
+            grid = Grid(self.recorder.add, self.plan.output_step, self.row.discrete, self._seen())
         add = self.recorder.add if grid is None else grid.take
         try:
             add(self.row(self.t))
@@ -163,6 +168,11 @@ class Run:
         finally:
             if grid is not None:
                 grid.flush()
+
+    def _seen(self) -> list[Seen]:
+        """What parts show of columns within their steps."""
+        columns = {f: k for k, f in enumerate(self.row.names, 1)}
+        return [(p.seen, [columns[name] for name in p.watched]) for p in self.parts if p.watched]
 
     def _adaptive(
         self, settings: Adaptive, add: Callable[[Sequence[float]], None]
@@ -245,7 +255,8 @@ class Run:
         self._checkpoint = self._loop = None
         for part in self.parts:
             part.forward.value = False
-        self.loop = "Python, since a part discards steps"
+        met = isinstance(failure, Met)
+        self.loop = f"Python, since {'steps end at events' if met else 'a part discards steps'}"
         snapshot.restore()
         t = self.plan.start + before * step
         forget_after(self.parts, t)
@@ -267,7 +278,8 @@ class Run:
                     snapshot.restore()
                     forget_after(self.parts, t)
                     reached = discarded.reached - t
-                    size = reached if SHORTEST * h < reached < 0.9 * size else size / 2
+                    most = 1.0 if isinstance(discarded, Met) else 0.9
+                    size = reached if SHORTEST * h < reached < most * size else size / 2
                     if size < SHORTEST * h:
                         raise PartFailure(
                             f"{discarded}; it takes no step from t = {t!r} s, however short"

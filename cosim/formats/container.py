@@ -13,7 +13,7 @@ from fmpy.validation import validate_fmu
 
 from ..errors import SetupError
 from ..loops import acts
-from ..system import Network, Port, System, still
+from ..system import Network, Port, System, require_fmi2, still
 
 if TYPE_CHECKING:
     from fmu_manipulation_toolbox.container import FMUContainer
@@ -45,6 +45,7 @@ def write_container(
     from fmu_manipulation_toolbox.operations import FMUError
 
     network = still(system, "a container")
+    require_fmi2(network.descriptions, "a container holds")
     sequence = list(order) if order is not None else list(system.parts)
     if sorted(sequence) != sorted(system.parts):
         raise SetupError(f"order {sequence} must name each of {', '.join(system.parts)} once")

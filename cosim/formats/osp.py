@@ -14,7 +14,18 @@ from xml.etree.ElementTree import Element, SubElement
 
 from ..engine.ledger import declared
 from ..errors import SetupError
-from ..system import READ, Connection, Network, Port, System, Value, connect, describe_fmu, still
+from ..system import (
+    READ,
+    Connection,
+    Network,
+    Port,
+    System,
+    Value,
+    connect,
+    describe_fmu,
+    require_fmi2,
+    still,
+)
 from .ssp.files import Room, load, locate, plain
 from .ssp.parameters import Parameter
 from .ssp.plan import Arrow, Connector, Node, Plan, dotted
@@ -184,6 +195,7 @@ def write_osp(
     if not 0.0 < step < float("inf"):
         raise SetupError(f"step = {step!r} s must be above 0")
     network = still(system, "an OSP system structure")
+    require_fmi2(network.descriptions, "libcosim runs")
     files = archived(network)
     structure = _structure(network, files, step, start, stop)
     try:

@@ -22,7 +22,7 @@ from ..errors import PartFailure, SetupError
 from ..inputs import Table
 from ..loops import algebraic_loops, describe
 from ..master import stepping_order
-from ..system import Network, Port
+from ..system import Network, Port, require_fmi2
 
 Array = NDArray[np.float64]
 DIFFERENCE, SINGULAR = 6e-6, 1e12
@@ -345,6 +345,7 @@ def opened(network: Network, start: float, stop: float) -> Iterator[Whole]:
 
     Raises SetupError for a part without model exchange, PartFailure where an FMU refuses.
     """
+    require_fmi2(network.descriptions, "the oracle and linearize take")
     for name, description in network.descriptions.items():
         if description.modelExchange is None:
             raise SetupError(f"{name}: {network.system.parts[name]} offers no model exchange")

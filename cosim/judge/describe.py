@@ -21,6 +21,9 @@ ABILITIES = {
     "canHandleVariableCommunicationStepSize": "varies its step",
     "canInterpolateInputs": "interpolates inputs",
     "providesDirectionalDerivative": "gives directional derivatives",
+    "hasEventMode": "has event mode",
+    "mightReturnEarlyFromDoStep": "returns early at events",
+    "providesIntermediateUpdate": "shows values within a step",
     "needsExecutionTool": "needs its tool",
 }
 
@@ -47,14 +50,15 @@ def info(network: Network) -> Iterator[str]:
 def _part(
     name: str, description: ModelDescription, file: str, platforms: Sequence[str]
 ) -> Iterator[str]:
-    yield f"{name}: {description.modelName}, {file}"
+    version = "" if description.fmiVersion == "2.0" else f", FMI {description.fmiVersion}"
+    yield f"{name}: {description.modelName}, {file}{version}"
     if description.description:
         yield f"  {description.description}"
     yield f"  for {', '.join(platforms)}; {_abilities(description)}"
     for causality in ("input", "output"):
         ports = [Port(name, v) for v in description.modelVariables if v.causality == causality]
         for port in ports:
-            yield f"  {causality:<7} {port}: {port.type}{_said(port)}"
+            yield f"  {causality:<7} {port}: {port.native}{_said(port)}"
     parameters = [v for v in description.modelVariables if v.causality == "parameter"]
     yield f"  {len(parameters)} parameters"
 

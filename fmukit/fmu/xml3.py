@@ -65,6 +65,9 @@ def _abilities(kind: Element, indicators: int) -> dict[str, str]:
 def _variable(scalar: Element) -> Element:
     typed = scalar[0]
     made = Element(TYPES.get(typed.tag, typed.tag), scalar.attrib | typed.attrib)
+    moves = scalar.get("variability", "continuous") == "continuous"
+    if typed.tag == "Real" and moves and scalar.get("causality") == "output":
+        made.set("intermediateUpdate", "true")
     if "derivative" in made.attrib:
         made.set("derivative", _reference(made.attrib["derivative"]))
     return made

@@ -20,6 +20,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from fmpy import platform_tuple
 
 from cosim import (
     ALGORITHMS,
@@ -678,11 +679,14 @@ FMI3 = """<fmiModelDescription fmiVersion="3.0" modelName="foreign" instantiatio
 WHOLE = r"(?s)\A.*\Z"
 EXCHANGE = ("<CoSimulation.*?/>", '<ModelExchange modelIdentifier="foreign"/>')
 REFUSED: dict[str, tuple[Callable[[dict[str, Any]], Any], str]] = {
-    "FMI 1.0": (described((WHOLE, FMI1)), "is FMI 1.0; this master runs FMI 2.0 co-simulation"),
-    "FMI 3.0": (described((WHOLE, FMI3)), "is FMI 3.0; this master runs FMI 2.0 co-simulation"),
+    "FMI 1.0": (described((WHOLE, FMI1)), "is FMI 1.0; this master runs co-simulation by FMI 2.0"),
+    "no binary of FMI 3.0": (
+        described((WHOLE, FMI3)),
+        f"has no binary for this platform, binaries/{platform_tuple}/foreign",
+    ),
     "model exchange only": (
         described(EXCHANGE),
-        "offers model exchange only; this master runs FMI 2.0 co-simulation: export it for that, too",
+        "offers model exchange only; this master runs co-simulation by FMI 2.0 and 3.0: export it",
     ),
     "wrong GUID": (
         described(("guid=.*?}", 'guid="{1}')),

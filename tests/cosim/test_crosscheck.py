@@ -90,7 +90,10 @@ def test_the_command_survives_a_crash_and_writes_its_reports(tmp_path: Path, cap
         (["sound.fmu", "--step", "0"], "step = 0.0 s must be a finite number above 0"),
         (["sound.fmu", "--timeout", "nan"], "timeout = nan s must be a finite number above 0"),
         (["sound.fmu", "--out", "it.pdf"], "it.pdf must end in .txt or .xml or .html"),
-        (["other.fmu"], "offers model exchange only; this master runs FMI 2.0 co-simulation"),
+        (
+            ["other.fmu"],
+            "offers model exchange only; this master runs co-simulation by FMI 2.0 and 3.0",
+        ),
     ],
 )
 def test_bad_input_is_one_line(arguments: list[str], said: str, tmp_path: Path, capsys) -> None:

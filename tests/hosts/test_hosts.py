@@ -20,6 +20,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from cosim import SetupError, System, run, write_osp, write_ssp
+from tests.fmukit.test_fmi3 import built
 
 HOSTS = Path(__file__).parent
 STEPS, STEP = 200, 1e-3
@@ -221,6 +222,21 @@ def test_ecos_reproduces_our_jacobi_master_to_the_bit(both: Path, name: str) -> 
     time, *values = np.transpose(json.loads(done.stdout))
     assert_allclose(time, case.step * np.arange(case.steps + 1), rtol=1e-12)
     assert_allclose(np.transpose(values), case.ours(both), rtol=0.0, atol=case.clock)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("folders", [("fmi3", "fmi3"), ("fmi3", "native"), ("native", "fmi3")])
+def test_ecos_reproduces_our_jacobi_master_with_fmi_3(folders: tuple[str, str], fmus: Path) -> None:
+    """Alone and mixed, to the bits of FMI 2.0."""
+    parts = {
+        part: f"{folder}/{built(name).stem if folder == 'fmi3' else name}"
+        for folder, (part, name) in zip(folders, PAIR.parts.items())
+    }
+    case = replace(PAIR, parts=parts)
+    done = finish(sys.executable, HOSTS / "ecos_system.py", case.task(fmus))
+    values = np.transpose(np.transpose(json.loads(done.stdout.splitlines()[-1]))[1:])
+    assert_array_equal(values, case.ours(fmus))
+    assert_array_equal(values, PAIR.ours(fmus / "native"))
 
 
 @pytest.mark.parametrize("motor", ["motor", "line.motor"])

@@ -32,7 +32,7 @@ def write_ssp(
     Factors, offsets and unit conversions of the wires become linear transformations, which stand in
     for the reading tool's own unit conversion; a dotted part name is written as it is, as the name
     of a component. Raises what `connect` raises, and SetupError for an enumeration value that has
-    no name; then there is no file.
+    no name, and for a Binary start value; then there is no file.
     """
     network = still(system, "an .ssp")
     files = archived(network)
@@ -110,6 +110,10 @@ def _component(
             )
             connector.append(_type("ssc", port, known))
     start = [(port, value) for port, value in network.start if port.part == part]
+    for port, value in start:
+        if port.type == "Binary" and value != port.variable.start:
+            raise SetupError(f"{port} = {value!r}: no Binary is written to an .ssp")
+    start = [(port, value) for port, value in start if port.type != "Binary"]
     if start:
         bindings = SubElement(component, qualified("ssd:ParameterBindings"))
         binding = SubElement(bindings, qualified("ssd:ParameterBinding"))

@@ -22,7 +22,7 @@ from fmpy.validation import validate_fmu
 from ...engine.library import borrow
 from ...engine.part import DISCARD, LAST_SUCCESSFUL_TIME, OK, STATUS, TERMINATED, WARNING, Part
 from ...errors import PartFailure
-from ...system import Value, describe_fmu, enumeration, own_start
+from ...system import Value, describe_fmu, enumeration, own_start, require_fmi2
 
 STEPS, LONG = 60, 10_000
 SHAKE, NUDGE = 0.05, 0.01
@@ -64,6 +64,7 @@ class Subject:
     def __init__(self, path: Path, step: float | None = None) -> None:
         self.path = path
         self.description: ModelDescription = describe_fmu("fmu", path)
+        require_fmi2({path.name: self.description}, "the checks are those of")
         self.can = self.description.coSimulation
         variables = self.description.modelVariables
         self.inputs = [v for v in variables if v.causality == "input" and v.type == "Real"]

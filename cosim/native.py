@@ -1,0 +1,98 @@
+"""The variables of FMI 3.0 as the master knows all others: each one number, truth value or text."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from copy import copy
+from itertools import product
+from math import prod
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+from zipfile import ZipFile
+
+from fmpy.model_description import ModelDescription, ScalarVariable
+
+from .errors import SetupError
+
+WIDTHS = {f"{sign}Int{bits}": (bits, not sign) for bits in (8, 16, 32, 64) for sign in ("", "U")}
+KINDS = dict.fromkeys(("Float32", "Float64"), "Real") | dict.fromkeys(WIDTHS, "Integer")
+TRUE = ("true", "1")
+
+
+class Element:
+    """An FMI 3.0 variable, or an element of one that is an array.
+
+    It has the attributes of a variable of FMI 2.0. `type` is Real, Integer, Enumeration, Boolean,
+    String, Binary or Clock; `native` that of FMI 3.0. `family` are the elements that are got and set
+    together, in FMI's order.
+    """
+
+    name: str
+    type: str
+    causality: str
+    variability: str
+    intervalVariability: str
+    valueReference: int
+    start: str | None
+    family: Sequence[Element]
+
+    def __init__(self, variable: ScalarVariable, place: str, start: str | None, said: Any) -> None:
+        self.__dict__.update((a.name, getattr(variable, a.name)) for a in variable.__attrs_attrs__)
+        self.native = str(variable.type)
+        self.name, self.type = variable.name + place, KINDS.get(self.native, self.native)
+        self.start, self.min, self.max = start, said.get("min"), said.get("max")
+        self.intermediateUpdate = said.get("intermediateUpdate") in TRUE
+        self.interval = _seconds(said, "interval")
+        self.shift = _seconds(said, "shift") or 0.0
+
+
+def _seconds(said: Any, what: str) -> float | None:
+    """What a clock says of its interval or shift [s], as a decimal or a fraction."""
+    if f"{what}Decimal" in said.attrib:
+        return float(said.get(f"{what}Decimal"))
+    counter, resolution = said.get(f"{what}Counter"), said.get("resolution")
+    return float(counter) / float(resolution) if counter and resolution else None
+
+
+def expand(path: Path, description: ModelDescription) -> dict[str, tuple[int, ...]]:
+    """Put elements in place of the variables of an FMI 3.0 description; the shapes of its arrays.
+
+    Element [1] is the first, as in the names that FMI 3.0 gives elements.
+    """
+    with ZipFile(path) as archive:
+        root = ElementTree.fromstring(archive.read("modelDescription.xml"))
+    said = {each.get("name"): each for each in root.iterfind("ModelVariables/*")}
+    families = {id(v): _family(v, said[(v.alias or v).name]) for v in description.modelVariables}
+    shapes = {v.name: v.shape for v in description.modelVariables if v.shape}
+    description.modelVariables = [e for family in families.values() for e in family]
+    for unknowns in (description.outputs, description.initialUnknowns):
+        whole, unknowns[:] = list(unknowns), []
+        for unknown in whole:
+            if unknown.dependencies is not None:
+                unknown.dependencies = [e for v in unknown.dependencies for e in families[id(v)]]
+            for element in families[id(unknown.variable)]:
+                unknowns.append(copy(unknown))
+                unknowns[-1].variable = element
+    return shapes
+
+
+def _family(variable: ScalarVariable, said: Any) -> list[Element]:
+    count = prod(variable.shape)
+    places = [""]
+    if variable.shape:
+        indices = product(*(range(1, n + 1) for n in variable.shape))
+        places = [f"[{','.join(map(str, index))}]" for index in indices]
+    if variable.type in ("String", "Binary"):
+        starts = [start.get("value", "") for start in said.findall("Start")]
+    else:
+        starts = (variable.start or "").split()
+    starts = starts * count if len(starts) == 1 else starts or [None] * count
+    if len(starts) != count:
+        raise SetupError(
+            f"is not a valid FMU: {variable.name} has {count} elements and {len(starts)} starts"
+        )
+    family = [Element(variable, *each, said) for each in zip(places, starts)]
+    for element in family:
+        element.family = family
+    return family
