@@ -17,7 +17,6 @@ from fmukit.declare.variables import Interface, class_name, component
 from fmukit.fmu import page, plot, reference
 from fmukit.fmu.load import load
 from fmukit.fmu.make import FLAVOURS, make_all
-from fmukit.fmu.python.instance import slave_class
 
 ROOT = Path(__file__).resolve().parent
 FORMULAS = "Formulas of the paper"
@@ -67,7 +66,7 @@ def write_pages(models: list[ModuleType]) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     for model in models:
         interface = Interface(model)
-        rows = reference.experiment(slave_class(model, "page"))
+        rows = reference.experiment(model)
         picture = folder / f"{component(model)}.svg"
         picture.write_text(plot.svg(interface, rows), encoding="utf-8")
         text = page.github(interface, picture.name, folder)
