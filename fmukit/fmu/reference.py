@@ -45,7 +45,16 @@ def table(interface: Interface) -> dict[str, Any]:
         unit = "" if v.unit in ("", "1") else f" {v.unit}"
         start = v.declaration.start if v.kind != "Integer" else int(v.declaration.start)
         settable, calculated = v.settable_before_start, v.initial == "calculated"
-        known = (v.name, unit, v.kind, v.causality, v.variability, settable, calculated, start)
+        known = (
+            v.name,
+            unit,
+            v.declaration.kind,
+            v.causality,
+            v.variability,
+            settable,
+            calculated,
+            start,
+        )
         rows.append(instance.Variable(*known))
     places = ("inputs", "states", "outputs", "input_hold")
     return {"variables": tuple(rows)} | {name: getattr(interface, name) for name in places}

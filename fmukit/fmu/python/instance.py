@@ -24,7 +24,7 @@ PHASES = (
 )
 HIDDEN = ("time", "past", "stale", "phase", "guid")
 DISCRETE = ("Integer", "Boolean", "String")
-TYPES: dict[str, Callable[[Any], Any]] = {"Integer": int, "Boolean": bool}
+TYPES: dict[str, Callable[[Any], Any]] = {"Integer": int, "Enumeration": int, "Boolean": bool}
 
 
 class Variable(NamedTuple):
@@ -38,6 +38,11 @@ class Variable(NamedTuple):
     settable: bool
     calculated: bool
     start: Any
+
+    @property
+    def type(self) -> str:
+        """The FMI type that gets and sets it."""
+        return "Integer" if self.kind == "Enumeration" else self.kind
 
     def said(self, value: Any) -> str:
         """Name, value and unit: phi = 0.1 rad."""
@@ -95,7 +100,7 @@ class Slave(Fmi2Slave):
         early = {i for i in everything if cls.variables[i].settable}
         phases = (early, early, set(everything[cls.inputs]), set[int](), set[int]())
         cls.references = {
-            kind: frozenset(i for i in everything if cls.variables[i].kind == kind)
+            kind: frozenset(i for i in everything if cls.variables[i].type == kind)
             for kind in ("Real", *DISCRETE)
         }
         cls.settable = {
@@ -237,7 +242,7 @@ class Slave(Fmi2Slave):
         if not 0 <= reference < len(self.variables):
             raise ValueError(f"value reference {reference % 2**32} is unknown")
         variable = self.variables[reference]
-        if variable.kind != kind:
+        if variable.type != kind:
             raise ValueError(f"{variable.name} is of type {variable.kind}, not {kind}")
         return variable
 
