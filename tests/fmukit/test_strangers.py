@@ -225,7 +225,7 @@ def test_all_functions_of_math_that_c_has_give_the_same_bits(tmp_path: Path) -> 
         (HEAD + BODY.replace("x: Length", "x: Furlong"),
          "thing.py:12: Furlong in class State is no type: from fmukit.si import one of Angle, "),
         (HEAD + BODY.replace("    x: Length", "    größe: Length"),
-         "thing.py:12: in State State.größe is no name in FMI: write letters from a to z"),
+         "thing.py:12: State.größe is no name in FMI: write letters from a to z"),
         (HEAD + BODY.replace("rate(x.x, p.n0)", "p.m0"),
          "thing.py:16: in derivatives Parameters has no m0: it has n0"),
         (HEAD + BODY.replace("@record\nclass State", "class State"),
