@@ -12,8 +12,8 @@ from __future__ import annotations
 import argparse
 import ctypes
 import gc
+import importlib
 import os
-import runpy
 import statistics
 import subprocess
 import sys
@@ -21,7 +21,6 @@ import tempfile
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from types import SimpleNamespace
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
@@ -160,17 +159,17 @@ def sweep(_: int, fmus: Path) -> Callable[[], object]:
 def bare_slaves(steps: int, _: Path) -> Callable[[], object]:
     """The steps of the slaves in the Python FMUs without any FMI."""
     from fmukit.fmu.load import load
-    from fmukit.fmu.python.instance import slave_class
     from fmukit.fmu.python.pack import collect
 
     slaves = []
     for name in ("drive_motor", "crank_conveyor"):
         build = collect(load(ROOT / "components" / name / "model.py"))
         with tempfile.TemporaryDirectory() as folder:
-            source = Path(folder) / "straight.py"
+            source = Path(folder) / f"{build.module}.py"
             source.write_bytes(build.files[source.name])
-            straight = SimpleNamespace(**runpy.run_path(str(source)))
-        slave = slave_class(build.model, "benchmark", straight)(instance_name=name)
+            sys.path.insert(0, folder)
+            slave = importlib.import_module(build.module).slave_class(instance_name=name)
+            sys.path.remove(folder)
         slave.setup_experiment(0.0, None, None)
         slave.enter_initialization_mode()
         slave.exit_initialization_mode()
@@ -180,7 +179,7 @@ def bare_slaves(steps: int, _: Path) -> Callable[[], object]:
     gc.freeze()
     motor, conveyor = slaves
     places = [
-        (b, b.interface.by_name[y].reference, a, a.interface.by_name[x].reference)
+        (b, [v.name for v in b.variables].index(y), a, [v.name for v in a.variables].index(x))
         for b, y, a, x in ((conveyor, "tau", motor, "tau"), (motor, "w", conveyor, "w"))
     ]
     (b, j, a, i), (d, m, c, k) = places

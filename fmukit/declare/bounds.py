@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from enum import IntEnum
 from math import isfinite
 from typing import Any
@@ -45,7 +45,7 @@ def within(variable: Variable, value: Value) -> None:
     raise ValueError(f"{variable.name} = {number(value, variable.unit)} must be {limit}")
 
 
-def start_values(interface: Interface, parameters: Any, values: list[Value]) -> Iterator[str]:
+def start_values(interface: Interface, parameters: Any, values: Sequence[Value]) -> Iterator[str]:
     """Check all that may be set before the start; yield warnings, raise ValueError.
 
     `parameters` is the record of the parameters for the component's own `check(p)`, which yields

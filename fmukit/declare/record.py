@@ -121,6 +121,8 @@ def record(cls: type[R]) -> type[R]:
         if name not in annotations and not name.startswith("__")
     }
     for name, annotation in annotations.items():
+        if not name.isascii():
+            raise TypeError(f"{cls.__name__}.{name} is no name in FMI: write letters from a to z")
         if hasattr(annotation, "_declared"):
             fields[name] = annotation
             continue

@@ -3,10 +3,13 @@
 import csv
 import io
 from pathlib import Path
+from types import ModuleType
+from typing import Any
 from zipfile import ZipFile
 
-from ..declare.variables import Interface, Variable, class_name
-from .python.instance import ModelSlave
+from ..declare.variables import Interface, Variable, class_name, complete
+from ..step import equations
+from .python import instance
 
 Rows = list[list[float | int]]
 FOLDER = "extra/org.fmi-standard.fmi-ls-ref"
@@ -45,15 +48,44 @@ def outputs(interface: Interface) -> list[Variable]:
     return [v for v in interface.variables if v.causality == "output"]
 
 
-def experiment(slave_class: type[ModelSlave]) -> Rows:
+def table(interface: Interface) -> dict[str, Any]:
+    """What a slave in Python knows of the variables of a model."""
+    rows = []
+    for v in interface.variables:
+        unit = "" if v.unit in ("", "1") else f" {v.unit}"
+        start = v.declaration.start if v.kind != "Integer" else int(v.declaration.start)
+        settable, calculated = v.settable_before_start, v.initial == "calculated"
+        known = (
+            v.name,
+            unit,
+            v.declaration.kind,
+            v.causality,
+            v.variability,
+            settable,
+            calculated,
+            start,
+        )
+        rows.append(instance.Variable(*known))
+    places = ("inputs", "states", "outputs", "input_hold")
+    return {"variables": tuple(rows)} | {name: getattr(interface, name) for name in places}
+
+
+def by_equations(model: ModuleType, guid: str = "") -> type[instance.Slave]:
+    """The slave that calls the functions of a model as they stand."""
+    complete(model)
+    interface = Interface(model)
+    body = table(interface) | {"guid": guid, "functions": equations.functions(interface)}
+    return type(class_name(model), (instance.Slave,), body)
+
+
+def experiment(model: ModuleType) -> Rows:
     """Time and outputs at every communication point; Booleans as 0 and 1."""
-    interface = slave_class.interface
-    stop, step = interface.model.EXPERIMENT
+    stop, step = model.EXPERIMENT
+    slave = by_equations(model)(instance_name=class_name(model))
     references = {
-        kind: [v.reference for v in outputs(interface) if v.kind == kind]
+        kind: [v.reference for v in outputs(Interface(model)) if v.kind == kind]
         for kind in ("Real", "Integer", "Boolean")
     }
-    slave = slave_class(instance_name=slave_class.__name__)
     slave.setup_experiment(0.0, stop, None)
     slave.enter_initialization_mode()
     slave.exit_initialization_mode()

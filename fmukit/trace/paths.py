@@ -10,7 +10,9 @@ from typing import Any
 
 from ..declare.record import Declaration
 from .joins import joined
-from .values import PATHS, Branch, Leaf, Node, Tree, symbol
+from .values import PATHS, Branch, Leaf, Node, Tree, Untraceable, symbol
+
+MOST_CONDITIONS = 100
 
 
 class Fork(BaseException):
@@ -56,6 +58,10 @@ class Path:
 
     def decide(self, condition: Node) -> bool:
         if condition.number not in self.facts:
+            if self.given == MOST_CONDITIONS:
+                raise Untraceable(
+                    "a loop whose end is known only at run time: write repeat(body, x)"
+                )
             if self.given == len(self.answers):
                 raise Fork(condition)
             self.learn(condition, self.answers[self.given])

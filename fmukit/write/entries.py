@@ -26,8 +26,13 @@ BOUNDARIES = {
 }
 
 
+SLAVE = (
+    "model_check", "model_initial", "model_begin", "model_course", "model_step", "model_outputs"
+)  # fmt: skip
+
+
 class Written(NamedTuple):
-    """The sources of a model: C without guid, and a Python module with the entries of a step.
+    """The sources of a model: C without guid, and the functions of a slave in Python.
 
     `indicators` are the event indicators; `reach` is the C that FMI 3.0 needs to end at an event.
     """
@@ -43,12 +48,11 @@ def written(model: ModuleType) -> Written:
     """Trace and print a model, once in a process."""
     interface = Interface(model)
     functions = traced(interface)
-    entries = ("model_step", "model_outputs")
     indicators = next(size(f.shape) for f in functions if f.name == "model_guards")
     last = next(n for n, f in enumerate(functions, 1) if f.name == "model_tangents")
     code = source(interface, functions[:last], indicators)
     more = "\n".join(map(c.definition, functions[last:]))
-    return Written(code, python.module(functions, entries), indicators, more)
+    return Written(code, python.module(functions, SLAVE), indicators, more)
 
 
 def source(interface: Interface, functions: list[Function], indicators: int) -> str:

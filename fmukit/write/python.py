@@ -27,13 +27,12 @@ from ..trace.values import (
 from .c import has_array, in_place
 from .names import given, parameter
 
-HEAD = '''"""The step of a component in straight lines, written from its equations."""
-
+HEAD = """
 from math import acos, acosh, asin, asinh, atan, atan2, atanh, ceil, copysign, cos, cosh, erf, erfc
 from math import exp, expm1, floor, fmod, inf, log, log1p, log2, log10, nan, pow, sin, sinh, sqrt
 from math import tan, tanh, trunc
 
-'''
+"""
 INFIX = {"+", "-", "*", "/", "power", "modulo", "floordiv", *COMPARISONS}
 SIGNS = {"power": "**", "modulo": "%", "floordiv": "//", "fabs": "abs"}
 WHOLE = {"floor", "ceil", "trunc"}

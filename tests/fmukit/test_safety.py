@@ -6,7 +6,8 @@ from pathlib import Path
 import pytest
 
 from components.drive_motor import model as drive_motor
-from fmukit.fmu.python.instance import Failure, slave_class
+from fmukit.fmu.python.pythonfmu import Failure
+from fmukit.fmu.reference import by_equations
 from tests.hosts import safety
 
 MOTOR, CONVEYOR = "DriveMotor.fmu", "CrankConveyor.fmu"
@@ -33,7 +34,7 @@ def test_what_is_unusual_only_warns_and_a_percent_sign_harms_no_logger(both: Pat
 
 
 def test_a_failure_does_not_swallow_the_warnings_before_it() -> None:
-    slave = slave_class(drive_motor, "guid")(instance_name="unit 7")
+    slave = by_equations(drive_motor)(instance_name="unit 7")
     slave.warn("wear at 90 %")
     with pytest.raises(Failure) as failure:
         slave.do_step(0.0, 0.1)

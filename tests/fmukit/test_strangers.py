@@ -15,9 +15,9 @@ import pytest
 from fmpy.validation import validate_fmu
 from scipy.integrate import solve_ivp
 
-from fmukit.declare.variables import class_name
+from fmukit.declare.variables import Interface, class_name
 from fmukit.fmu.load import load
-from fmukit.fmu.python.instance import slave_class
+from fmukit.fmu.reference import by_equations
 from tests.conftest import ROOT
 from tests.hosts.host import Unit
 
@@ -52,11 +52,11 @@ def run(fmu: Path, model: ModuleType, **start: float) -> np.ndarray:
     return np.array(found)
 
 
-def by_equations(model: ModuleType) -> np.ndarray:
+def from_equations(model: ModuleType) -> np.ndarray:
     """The same from the functions of the model as they are written."""
     stop, h = model.EXPERIMENT
-    slave = slave_class(model, "guid")(instance_name="unit")
-    outputs = [v.reference for v in slave.interface.variables if v.causality == "output"]
+    slave = by_equations(model)(instance_name="unit")
+    outputs = [v.reference for v in Interface(model).variables if v.causality == "output"]
     slave.setup_experiment(0.0, None, None)
     slave.enter_initialization_mode()
     slave.exit_initialization_mode()
@@ -72,7 +72,7 @@ def test_equations_and_both_fmus_of_a_stranger_agree_to_the_last_bit(
     path: Path, built: Path
 ) -> None:
     model = load(path)
-    expected = by_equations(model)
+    expected = from_equations(model)
     for flavour in FLAVOURS:
         fmu = built / flavour / f"{class_name(model)}.fmu"
         assert validate_fmu(str(fmu)) == []
@@ -161,7 +161,7 @@ def test_names_of_a_model_are_not_those_of_the_printers(tmp_path: Path) -> None:
     )
     fmukit("build", model, "--out", tmp_path)
     for flavour in FLAVOURS:
-        expected = by_equations(load(model))
+        expected = from_equations(load(model))
         assert np.array_equal(run(tmp_path / flavour / "Names.fmu", load(model)), expected)
     assert expected[1, 1] > 2.0
 
@@ -210,7 +210,7 @@ def test_all_functions_of_math_that_c_has_give_the_same_bits(tmp_path: Path) -> 
         f"def outputs(p, t, x, u):\n    x, c = x.x, p.n0\n    return Outputs({values})\n"
     )
     fmukit("build", model, "--out", tmp_path)
-    expected = by_equations(load(model))
+    expected = from_equations(load(model))
     for flavour in FLAVOURS:
         assert np.array_equal(run(tmp_path / flavour / "Mathematics.fmu", load(model)), expected)
     assert all(np.any(a != b) for a, b in pairwise(expected.T))
@@ -224,6 +224,8 @@ def test_all_functions_of_math_that_c_has_give_the_same_bits(tmp_path: Path) -> 
          "thing.py:12: State.x has no declaration: write x: ... = real(2.0"),
         (HEAD + BODY.replace("x: Length", "x: Furlong"),
          "thing.py:12: Furlong in class State is no type: from fmukit.si import one of Angle, "),
+        (HEAD + BODY.replace("    x: Length", "    größe: Length"),
+         "thing.py:12: State.größe is no name in FMI: write letters from a to z"),
         (HEAD + BODY.replace("rate(x.x, p.n0)", "p.m0"),
          "thing.py:16: in derivatives Parameters has no m0: it has n0"),
         (HEAD + BODY.replace("@record\nclass State", "class State"),
@@ -237,6 +239,8 @@ def test_all_functions_of_math_that_c_has_give_the_same_bits(tmp_path: Path) -> 
          "thing.py:16: in derivatives a number known only at run time used as a key"),
         (HEAD + BODY.replace("rate(x.x, p.n0)", "round(x.x)"),
          "thing.py:16: in derivatives round() of a number known only at run time: write floor("),
+        (HEAD + BODY.replace("    return State", "    while x.x > 1:\n        x = State(x.x / 2)\n    return State"),
+         "thing.py:16: in derivatives a loop whose end is known only at run time: write repeat("),
         (HEAD + BODY.replace("rate(x.x, p.n0)", "float(x.x)"),
          "thing.py:16: in derivatives float() of a number known only at run time: leave it out"),
         (HEAD + "import numpy\n" + BODY, "thing.py: line 8: numpy cannot go into the FMU: a model"),

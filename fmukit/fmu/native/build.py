@@ -20,7 +20,6 @@ from ...declare.variables import Interface, class_name, only_steps
 from ...write.entries import written
 from .. import page, plot, reference, terminals
 from ..archive import LICENSE, digest_of, guid_of, write_archive
-from ..python.instance import slave_class
 from ..xml import NATIVE, to_xml
 from ..xml3 import translated
 
@@ -101,7 +100,7 @@ def sources_of(build: NativeBuild) -> dict[str, bytes]:
 def pack(build: NativeBuild, fmu: Path) -> None:
     """Write the FMU; raises RuntimeError with the words of the compiler if it fails."""
     interface, sources = Interface(build.model), sources_of(build)
-    rows = reference.experiment(slave_class(build.model, build.guid))
+    rows = reference.experiment(build.model)
     licence = f"{LICENSE.read_text()}\nThe headers of FMI in sources/ carry their own.\n"
     libraries = binaries(build.name, sources, build.fmi)
     recipe = {"sources/buildDescription.xml": RECIPE.format(build.name).encode()}

@@ -526,11 +526,12 @@ INLINE int is_integrated(fmi2ValueReference reference) {
 
 /* Refuse references that are not of this type; bring the outputs up to date. */
 INLINE int prepared(Instance *i, const char *kind, const fmi2ValueReference vr[], size_t n) {
+    const int begun = i->state.phase != INITIALIZING; /* until then the state is to be settled */
     int held = !strcmp(kind, "Real"), derived = 0;
     for (size_t k = 0; k < n; k++) {
         if (!variable(&i->context, kind, vr[k])) return 0;
-        if (vr[k] >= FIRST_STATE && !variables[vr[k]].settable_before_start)
-            held = 0, derived |= vr[k] >= FIRST_DERIVATIVE;
+        held &= vr[k] < FIRST_STATE || (begun && variables[vr[k]].settable_before_start);
+        derived |= vr[k] >= FIRST_DERIVATIVE;
     }
     if (!held && i->state.stale != 0.0 && i->state.phase != INSTANTIATED) refresh(i);
     if (derived && i->state.phase != INSTANTIATED && i->state.phase != FAILED)

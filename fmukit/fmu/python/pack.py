@@ -1,8 +1,8 @@
 """Pack a model with pythonfmu's wrapper: same source, same bytes.
 
-The model and the part of fmukit that it runs on travel as a private package named by its content,
-so that two FMUs, two versions of one, or the host's own modules of the same name never meet in
-`sys.modules`.
+What runs is one module, named by its content, so that two FMUs, or two versions of one, never meet in
+`sys.modules`: the slave, the functions printed for the model, and its table of variables. Only a model
+that cannot be traced takes its source and the kit that it runs on along.
 """
 
 import importlib.metadata
@@ -14,32 +14,22 @@ from xml.etree import ElementTree
 
 import pythonfmu
 
-from ...declare.variables import Interface, class_name, component
+from ...declare.variables import Interface, class_name, component, title
 from ...write import entries
 from .. import page, plot, reference, terminals
 from ..archive import KIT, LICENSE, digest_of, guid_of, write_archive
 from ..xml import PYTHON, to_xml
-from .instance import slave_class
+from . import instance
+from . import pythonfmu as wrapper
 
-WRAPPER = Path(pythonfmu.__file__).parent
-BINARIES = WRAPPER / "resources" / "binaries"
-RUNTIME = (
-    "__init__.py",
-    "si.py",
-    "declare/*.py",
-    "step/*.py",
-    "fmu/__init__.py",
-    "fmu/python/__init__.py",
-    "fmu/python/instance.py",
-)
-STUB = """\
-# pythonfmu 0.7.0 runs this file once per instance and then releases a reference
-# to its namespace that it does not own: give one back each time.
-import ctypes
+BINARIES = Path(pythonfmu.__file__).parent / "resources" / "binaries"
+NEEDED = ("__init__.py", "si.py", "declare/*.py", "step/*.py")
+UNTRACED = """\
+from {kit} import model
+from {kit}.fmukit.declare.variables import Interface, complete
+from {kit}.fmukit.step import equations
 
-from {package}.fmu import {name}
-
-ctypes.pythonapi.Py_IncRef(ctypes.py_object(globals()))
+complete(model)
 """
 
 
@@ -58,20 +48,44 @@ class Build(NamedTuple):
         return guid_of(self.digest)
 
     @property
-    def package(self) -> str:
+    def module(self) -> str:
         return f"{component(self.model)}_{self.digest[:12]}"
 
     @property
     def files(self) -> dict[str, bytes]:
-        """The files of the model by their path in the private package."""
-        source = Path(self.model.__file__ or "").read_text(encoding="utf-8")
-        private = re.sub(r"^from fmukit\b", "from .fmukit", source, flags=re.MULTILINE)
-        found = {"__init__.py": b"", f"{component(self.model)}.py": private.encode()}
-        for file in sorted(file for pattern in RUNTIME for file in KIT.glob(pattern)):
-            found[f"fmukit/{file.relative_to(KIT).as_posix()}"] = file.read_bytes()
-        if not hasattr(self.model, "PYTHON_ONLY"):
-            found["straight.py"] = entries.written(self.model).python.encode()
-        return found
+        """What is imported, by its path in `resources`."""
+        files: dict[str, bytes] = {}
+        if hasattr(self.model, "PYTHON_ONLY"):
+            kit, functions = f"{self.module}_kit", "equations.functions(Interface(model))"
+            printed = UNTRACED.format(kit=kit)
+            source = Path(self.model.__file__ or "").read_text(encoding="utf-8")
+            private = re.sub(r"^from fmukit\b", "from .fmukit", source, flags=re.MULTILINE)
+            files = {f"{kit}/__init__.py": b"", f"{kit}/model.py": private.encode()}
+            for file in sorted(file for pattern in NEEDED for file in KIT.glob(pattern)):
+                files[f"{kit}/fmukit/{file.relative_to(KIT).as_posix()}"] = file.read_bytes()
+        else:
+            printed, functions = entries.written(self.model).python, "sys.modules[__name__]"
+        known = {"guid": self.guid} | reference.table(Interface(self.model))
+        rows = "".join(f"        {v!r},\n" for v in known.pop("variables"))
+        text = (
+            f"{title(self.model) + ': slave, functions, and table of variables.'!r}\n\n"
+            f"from __future__ import annotations\n\n{body_of(wrapper)}{body_of(instance)}{printed}"
+            f"\n\nslave_class = type({self.name!r}, (Slave,), dict(\n    variables=(\n{rows}    ),\n"
+            + "".join(f"    {name}={value!r},\n" for name, value in known.items())
+            + f"    functions={functions},\n))\n"
+        )
+        stub = wrapper.STUB.format(module=self.module)
+        return files | {
+            f"{self.module}.py": text.encode(),
+            f"{self.module}_fmu.py": stub.encode(),
+            "slavemodule.txt": f"{self.module}_fmu".encode(),
+        }
+
+
+def body_of(module: ModuleType) -> str:
+    """The source of a module without what it imports of its neighbours."""
+    text = Path(module.__file__ or "").read_text(encoding="utf-8")
+    return re.sub(r"^from (__future__|\.).*\n", "", text, flags=re.MULTILINE)
 
 
 def collect(model: ModuleType) -> Build:
@@ -82,27 +96,14 @@ def collect(model: ModuleType) -> Build:
 
 def pack(build: Build, fmu: Path) -> None:
     """Write the FMU."""
-    interface, stub, files = Interface(build.model), f"{build.package}_fmu", build.files
-    rows = reference.experiment(slave_class(build.model, build.guid))
+    interface, files = Interface(build.model), build.files
+    rows = reference.experiment(build.model)
     root = to_xml(interface, build.guid, PYTHON)
     ElementTree.indent(root)
     documents = {
         "index.html": page.html(interface, plot.svg(interface, rows)),
         "externalDependencies.txt": page.EXTERNAL_DEPENDENCIES,
         "licenses/license.txt": licence(),
-    }
-    straight = "straight" if "straight.py" in files else "None"
-    model = component(build.model)
-    entry = (
-        f"from . import {model}{', straight' if straight != 'None' else ''}\n"
-        f"from .fmukit.fmu.python.instance import slave_class\n\n"
-        f'{build.name} = slave_class({model}, "{build.guid}", {straight})\n'
-    )
-    sources = {f"{build.package}/{name}": content for name, content in files.items()} | {
-        f"{build.package}/fmu.py": entry.encode(),
-        f"{stub}.py": STUB.format(package=build.package, name=build.name).encode(),
-        "slavemodule.txt": stub.encode(),
-        **{f"pythonfmu/{file.name}": file.read_bytes() for file in WRAPPER.glob("*.py")},
     }
     binaries = {
         f"{file.parent.name}/{build.name}{file.suffix}": file.read_bytes()
@@ -111,7 +112,7 @@ def pack(build: Build, fmu: Path) -> None:
     contents = {
         "modelDescription.xml": ElementTree.tostring(root, "UTF-8", xml_declaration=True),
         **{f"documentation/{name}": text.encode() for name, text in documents.items()},
-        **{f"resources/{name}": content for name, content in sources.items()},
+        **{f"resources/{name}": content for name, content in files.items()},
         **{f"binaries/{name}": content for name, content in binaries.items()},
         **reference.entries(interface, rows),
         **terminals.entries(interface),
@@ -123,7 +124,4 @@ def licence() -> str:
     """The licence of the project and that of pythonfmu."""
     metadata = importlib.metadata.distribution("pythonfmu")
     theirs = next(f for f in metadata.files or () if f.name == "LICENSE")
-    return (
-        f"{LICENSE.read_text()}\n"
-        f"The FMI wrapper and resources/pythonfmu are PythonFMU's:\n\n{theirs.read_text()}"
-    )
+    return f"{LICENSE.read_text()}\nThe FMI wrapper is PythonFMU's:\n\n{theirs.read_text()}"
