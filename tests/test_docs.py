@@ -81,6 +81,7 @@ SLOW = {
     ".venv/bin/python build_fmus.py --flavour fmi3",
     ".venv/bin/python release.py",
     "scenarios study studies/rotor_speed.toml",
+    ".venv/bin/python -m scenarios study examples/run_down.toml",
     ".venv/bin/python -m fmukit build results/my_wheel.py --flavour both --out results",
     ".venv/bin/python -m scenarios run identify --flavour native "
     "--data examples/conveyor_record.csv --map time=t --map conveyor.w=n "

@@ -641,7 +641,7 @@ def test_what_follows_from_the_angles_cannot_be_set(
 
 def test_any_machine_at_any_speed_comes_to_an_end() -> None:
     ends = set()
-    for p, _, w in products(Stage.falling, 8):
+    for p, _, w in products(Stage.falling, 5):
         speed = (w, 100 * w)[len(ends) % 2] / RPM
         x = passage(lambda t, n=speed: n * (1 + 0.3 * sin(40 * t)), p, 2e-2)[1]
         ends.add(Stage(x.stage) if x.stage != Stage.falling else Reason(x.reason))
@@ -649,7 +649,7 @@ def test_any_machine_at_any_speed_comes_to_an_end() -> None:
     assert ends == {Stage.oriented, Stage.jammed, Reason.held_in_chute}
 
 
-@pytest.mark.parametrize("count", [70, pytest.param(10_000, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("count", [21, pytest.param(10_000, marks=pytest.mark.slow)])
 def test_products_in_a_row_neither_drift_nor_grow(count: int, fmus: Path) -> None:
     h, now, first, memory, reasons = 2e-2, itertools.count(), {}, [], []
     unit = Unit(fmus / FMU).start(release=False)

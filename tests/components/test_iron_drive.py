@@ -228,6 +228,7 @@ def test_speed_torque_and_friction_loss_of_the_steady_state(A: float, cycles: fl
     assert end.E_friction - x.E_friction == pytest.approx(E_TURN, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_friction_loss_per_turn_does_not_depend_on_the_speed() -> None:
     p = machine(**{"reducer.J": 1e3})
     for w in (20 * pi / 30, 40 * pi / 30, 60 * pi / 30):

@@ -329,7 +329,7 @@ BAD_SYSTEMS = [
     ({"wires": ["motor.torque -> conveyor.tau"]}, "motor has no variable 'torque', only "),
     ({"wires": ["motor.w -> conveyor.tau"]}, "motor.w [rad/s] is input, not an output"),
     ({"wires": ["motor.tau -> conveyor.phi"]}, "conveyor.phi [rad] is output, not an input"),
-    ({"start": {"motor.T": 0.0}}, "motor: exitInitializationMode: T = 0.0 s must be > 0"),
+    ({"start": {"motor.T": 0.0}}, "motor: GetReal returned Fatal: T = 0.0 s must be > 0"),
     ({"start": {"conveyor.trough.m": -1.0}}, "conveyor.trough.m [kg] = -1.0 must be at least"),
     ({"start": {"motor.A": math.nan}}, "motor.A [N.m] = nan must be a finite number"),
     ({"start": {"motor.A": "8 kN"}}, "motor.A [N.m] = '8 kN' must be of type Real"),
@@ -339,7 +339,7 @@ BAD_SYSTEMS = [
     ({"start": {"motor.t": 1.0}}, "motor has no variable 't', only characteristic, A, B, T"),
     (
         {"start": {"conveyor.rod.finite": True, "conveyor.crank.r": 0.5}},
-        "conveyor: exitInitializationMode: crank.r = 0.5 m must be below rod.l = 0.4 m",
+        "conveyor: GetReal returned Fatal: crank.r = 0.5 m must be below rod.l = 0.4 m",
     ),
 ]
 

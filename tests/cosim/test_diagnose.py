@@ -116,7 +116,7 @@ def test_damping_is_seen_as_the_ideal_algorithm_shows_it(
 
 
 @pytest.mark.parametrize("algorithm", ["jacobi", "gauss-seidel"])
-@pytest.mark.parametrize("drive", ["two", "three"])
+@pytest.mark.parametrize("drive", ["two", pytest.param("three", marks=pytest.mark.slow)])
 def test_the_recommended_step_meets_its_share_and_is_no_shorter_than_it_must(
     fmus: Path, drive: str, algorithm: str
 ) -> None:

@@ -13,17 +13,16 @@ from tests.hosts import safety
 MOTOR, CONVEYOR = "DriveMotor.fmu", "CrankConveyor.fmu"
 
 
-@pytest.mark.parametrize(
-    ("unit", "reason"), [(unit, row) for unit in safety.MISUSE for row in safety.MISUSE[unit]]
-)
-def test_a_misuse_is_refused_and_harms_nobody(
-    unit: str, reason: str, both: Path, fmus: Path
-) -> None:
-    refusal, plausible, recovered, alive, paths = safety.misuse(both / f"{unit}.fmu", reason)
-    assert "unit 7: " in refusal
-    assert reason in refusal
-    assert plausible == []
-    assert (recovered, alive, paths) == (1, int(both == fmus), 0)
+@pytest.mark.parametrize("unit", safety.MISUSE)
+def test_a_misuse_is_refused_and_harms_nobody(unit: str, both: Path, fmus: Path) -> None:
+    found = safety.misuse(both / f"{unit}.fmu")
+    assert len(found) == len(safety.MISUSE[unit])
+    for reason, (refusal, plausible, *rest) in found.items():
+        assert "unit 7: " in refusal
+        assert reason in refusal
+        assert plausible == []
+        recovered, alive, paths = rest
+        assert (recovered, alive, paths) == (1, int(both == fmus), 0), reason
 
 
 def test_what_is_unusual_only_warns_and_a_percent_sign_harms_no_logger(both: Path) -> None:

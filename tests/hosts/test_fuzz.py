@@ -8,14 +8,14 @@ import pytest
 
 from tests.conftest import ROOT
 from tests.fmukit.test_fmi3 import built
-from tests.fmukit.test_native import compile_c, sampled, unpacked
+from tests.fmukit.test_native import compile_c, few, unpacked
 
 SANITIZE = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
 
 
 @pytest.mark.parametrize("seeds", [3, pytest.param(300, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("version", [2, 3])
-@sampled
+@few("CrankConveyor")
 def test_random_calls_are_survived(
     name: str, version: int, seeds: int, fmus: Path, tmp_path: Path
 ) -> None:

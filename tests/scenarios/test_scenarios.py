@@ -111,7 +111,7 @@ def test_resonance_and_peaks_lie_where_theory_puts_them(sweep: Any) -> None:
 
 
 def test_tables_are_identical_in_parallel_and_with_native_fmus(tmp_path: Path) -> None:
-    options = ("--speeds", "20,24", "--steps-per-rev", "96")
+    options = ("--speeds", "20,24", "--steps-per-rev", "64")
     ways = {"one": (*NATIVE, "--jobs", 1), "two": (*NATIVE, "--jobs", 2), "python": ()}
     for name, way in ways.items():
         done = scenario("run", "resonance", *options, *way, "--out", tmp_path / name)

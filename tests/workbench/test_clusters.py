@@ -264,6 +264,7 @@ def test_a_study_whose_workers_are_gone_for_good_ends_with_its_rows(
     assert 0 < len(kept) == len(rows(out)) < asked
 
 
+@pytest.mark.slow
 def test_a_sweep_on_a_cluster_finds_what_it_finds_here(
     elsewhere: tuple[str, Path, Callable[[], None]], tmp_path: Path
 ) -> None:

@@ -498,6 +498,7 @@ def test_the_studies_of_the_project_and_of_the_page_are_sound(tmp_path: Path) ->
     assert {name: len(plan.runs()) for name, plan in sizes.items()} == {
         "cup_scatter": 11 * 256,
         "drive_tolerances": 128,
+        "records": 2,
         "rotor_speed": 8,
     }
     plan = study.load(tmp_path / "page.toml", PROJECT)
