@@ -300,6 +300,7 @@ def coupled(fmus: Path, step: float, stop: float, algorithm: str, **motor: float
     return run(system, stop=stop, step=step, algorithm=algorithm, order=["motor", "drive"])
 
 
+@pytest.mark.slow
 def test_coupled_start_up_is_the_one_system(fmus: Path) -> None:
     line, times = OneSystem(start(iron.Parameters), MOTOR), (0.05, 0.1, 0.5, 1.0, 2.0, 3.0)
     fine, coarse = (coupled(fmus, h, 3.0, "strang", **MOTOR) for h in (5e-4, 1e-3))

@@ -149,6 +149,7 @@ def test_pages_are_for_everybody_and_need_no_network(site: Path, shown: Browser)
     assert not looked_at(shown, [site / name for name in LOOKED_AT])
 
 
+@pytest.mark.slow
 def test_the_live_model_on_the_first_page_fills_its_frame(site: Path, shown: Browser) -> None:
     shown.open(site / "index.html", 1280)
     frame = "document.querySelector('iframe.live')"

@@ -94,10 +94,10 @@ def misuse(fmu: str) -> dict[str, list[Any]]:
 
 
 def misused(fmu: str, act: Callable[[Unit], Any]) -> list[Any]:
-    """Five failures, each followed by a host that does not look, a reset and a proper step."""
+    """Two failures, each followed by a host that does not look, a reset and a proper step."""
     paths, before = len(sys.path), living(fmu)
     refusals, plausible, recovered = set(), [], set()
-    for _ in range(5):
+    for _ in range(2):
         unit = Unit(fmu, "unit 7")
         refusals.add(unit.refusal(act))
         for call, *args in CARELESS:

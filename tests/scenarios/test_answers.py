@@ -187,7 +187,9 @@ def test_every_error_is_above_0_or_of_a_formula_or_refused_and_no_fact_says_a_fi
     assert not measured & set(numbers(dict(plain(name).facts)))
 
 
-@pytest.mark.parametrize("name", VARIABLES)
+@pytest.mark.parametrize(
+    "name", [pytest.param(x, marks=[pytest.mark.slow] if x in LONG else []) for x in VARIABLES]
+)
 def test_figures_and_columns_have_the_units_of_the_fmus(name: str) -> None:
     answer = plain(name)
     units = {(key, x.unit) for key, x in [*answer.figures.items(), *answer.parameters.items()]}

@@ -159,6 +159,7 @@ def test_lost_workers_and_a_killed_client_change_no_byte(cluster: Any, tmp_path:
         assert (out / name).read_bytes() == (tmp_path / "serial" / name).read_bytes()
 
 
+@pytest.mark.slow
 def test_a_run_that_ends_its_process_costs_no_worker(cluster: Any, tmp_path: Path) -> None:
     before = [nanny.process.pid for nanny in cluster.workers.values()]
     text = (

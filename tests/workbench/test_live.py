@@ -211,6 +211,7 @@ def typed(shown: Browser, number: int, text: str) -> tuple[str, str]:
     return shown.value(f"[{wrong}.textContent, {box}.getAttribute('aria-invalid')]")
 
 
+@pytest.mark.slow
 def test_boxes_keys_and_links_move_the_machine_and_what_it_does_is_spoken(
     shown: Browser, folder: Path
 ) -> None:

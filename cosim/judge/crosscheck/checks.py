@@ -321,8 +321,10 @@ def starts(s: Subject) -> str:
         found |= part.values(parameters)
     for v in [*shown, *parameters]:
         value, own = found[v.name], own_start(v)
-        real = isinstance(value, float) and isinstance(own, float)
-        if value != own and not (real and math.isclose(value, own, rel_tol=ROUNDING)):
+        match value, own:
+            case float(), float() if math.isclose(value, own, rel_tol=ROUNDING):
+                continue
+        if value != own:
             raise Broken(f"{v.name} is {value!r}, not {own!r}")
     return f"{len(found)} start values"
 
