@@ -3,8 +3,8 @@
 .venv/bin/python benchmarks/live.py results/resonance/A/report.html conveyor.spring.c=5e5
 """
 
+import argparse
 import shutil
-import sys
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -21,13 +21,17 @@ TOLD = """({ took: performance.now() - seen.from, frames: seen.frames.length, lo
     first: performance.getEntriesByName("first-contentful-paint")[0]?.startTime })"""
 
 
-def main(page: str, moves: list[str]) -> None:
+def main() -> None:
     """Open a page, move its sliders, and print what was measured."""
+    parser = argparse.ArgumentParser(description=main.__doc__)
+    parser.add_argument("page", type=Path, help="report.html of a question with a live part")
+    parser.add_argument("moves", nargs="+", metavar="NAME=VALUE", help="one move after the other")
+    o = parser.parse_args()
     program = shutil.which("chromium") or "chromium"
     with TemporaryDirectory() as home, browser(program, Path(home)) as shown:
-        shown.open(Path(page), 1000)
+        shown.open(o.page, 1000)
         shown.until(ANSWERED.format(1))
-        for number, move in enumerate(moves, 2):
+        for number, move in enumerate(o.moves, 2):
             shown.value(WATCH)
             shown.value(MOVE.format(move))
             shown.until(ANSWERED.format(number))
@@ -39,4 +43,4 @@ def main(page: str, moves: list[str]) -> None:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1], sys.argv[2:])
+    main()

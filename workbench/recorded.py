@@ -11,9 +11,9 @@ from typing import Any
 import pandas as pd
 
 import cosim
-from cosim import Advice, Identified, SetupError, System
+from cosim import Advice, Experiment, Identified, SetupError, System
 from cosim import Table as Measured
-from cosim.system import connect
+from cosim.system import Value, connect
 from cosim.units import QUANTITY, multiples
 
 from .answer import Table
@@ -172,6 +172,25 @@ def facts(fit: Identified, advice: Sequence[Advice], exact: Sequence[str]) -> di
         },
         "next": {x.name: x.error for x in advice},
     }
+
+
+def planned(
+    starts: Mapping[str, Mapping[str, Value]],
+    supply: str,
+    stop: float,
+    noise: Mapping[str, float],
+    torque: Mapping[str, float],
+) -> dict[str, Experiment]:
+    """Further records from these starts over `stop` [s], in columns with this `noise`, and with the
+    noise of `torque` too where the record is without it; a start that names the `supply` sets it.
+    """
+    found = {}
+    for word, start in starts.items():
+        own = (supply,) if supply in start else ()
+        found[word] = Experiment(start, noise, stop, own)
+        if not torque.keys() <= noise.keys():
+            found[f"{word}, with the torque"] = Experiment(start, {**noise, **torque}, stop, own)
+    return found
 
 
 def next_one(advice: Sequence[Advice], now: float, what: str, unit: str) -> str:

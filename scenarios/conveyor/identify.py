@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import cosim
-from cosim import Advice, Experiment, Identified, SetupError
+from cosim import Advice, Identified, SetupError
 from cosim.system import Value
 from cosim.units import multiples
 from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, option, recorded
@@ -295,7 +295,7 @@ def advice(o: Options, fit: Identified) -> list[Advice]:
     times = fit.model.columns[0].times
     stop, last = float(times[-1] - times[0]), {name: float(fit.result[name][-1]) for name in STATES}
     noise = {column.name: column.noise.sigma for column in fit.model.columns}
-    both = {SPEED: noise[SPEED], TORQUE: noise.get(TORQUE, NOISE * o.rated)}
+    torque = {TORQUE: NOISE * o.rated}
     supply = KLOSS[0] if induction(o.start) else LINEAR[0]
     rest = {"conveyor.phi": 0.0, SPEED: 0.0, TORQUE: 0.0}
     kinds: dict[str, Mapping[str, Value]] = {
@@ -306,12 +306,7 @@ def advice(o: Options, fit: Identified) -> list[Advice]:
     if not induction(o.start):
         kinds["a run-down with the supply off"] = {**last, supply: 0.0}
     nu = float(np.mean(fit.result[SPEED]))
-    experiments = {}
-    for word, start in kinds.items():
-        own = (supply,) if supply in start else ()
-        experiments[word] = Experiment(start, noise, stop, own)
-        if TORQUE not in noise:
-            experiments[f"{word}, with the torque"] = Experiment(start, both, stop, own)
+    experiments = recorded.planned(kinds, supply, stop, noise, torque)
     return cosim.advise(fit, experiments, lambda v: found(o, base, nu, v).nu_res)
 
 

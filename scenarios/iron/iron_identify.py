@@ -17,7 +17,7 @@ import numpy as np
 from scipy.integrate import cumulative_trapezoid
 
 import cosim
-from cosim import Advice, Experiment, Identified, SetupError, System
+from cosim import Advice, Identified, SetupError, System
 from cosim.system import Value
 from cosim.units import multiples
 from workbench import Bench, Chart, Curve, Figure, Findings, Panel, Show, option, recorded
@@ -176,7 +176,7 @@ def advice(o: Options, fit: Identified) -> list[Advice]:
     stop = float(times[-1] - times[0])
     last = {name: float(fit.result[name][-1]) for name in STATES}
     noise = {column.name: column.noise.sigma for column in fit.model.columns}
-    both = {SPEED: noise[SPEED], TORQUE: noise.get(TORQUE, FORESEEN * o.rated_torque)}
+    torque = {TORQUE: FORESEEN * o.rated_torque}
     rest = {"iron.phi": -math.pi / 3, "iron.w_cam": 0.0, TORQUE: 0.0}
     kinds: dict[str, Mapping[str, Value]] = {
         "the same once more": last,
@@ -184,12 +184,7 @@ def advice(o: Options, fit: Identified) -> list[Advice]:
         "a step of the supply to 120 %": {**last, SUPPLY: 1.2 * values[SUPPLY]},
         "a step of the supply to half": {**last, SUPPLY: 0.5 * values[SUPPLY]},
     }
-    experiments = {}
-    for word, start in kinds.items():
-        own = (SUPPLY,) if SUPPLY in start else ()
-        experiments[word] = Experiment(start, noise, stop, own)
-        if TORQUE not in noise:
-            experiments[f"{word}, with the torque"] = Experiment(start, both, stop, own)
+    experiments = recorded.planned(kinds, SUPPLY, stop, noise, torque)
     return cosim.advise(fit, experiments, follows(fit)["mu"])
 
 
