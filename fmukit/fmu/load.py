@@ -74,7 +74,7 @@ def refusing(path: Path) -> Iterator[None]:
         frames = [f for f in traceback.extract_tb(error.__traceback__) if f.filename == str(path)]
         place = f"{path}:{frames[-1].lineno}" if frames else str(path)
         where = f" in {frames[-1].name}" if frames and frames[-1].name != "<module>" else ""
-        said = " ".join(str(error).split()) or type(error).__name__
+        said = " ".join(str(error).replace("'Node'", "a number").split()) or type(error).__name__
         raise Refused(f"{place}:{where} {said}") from error
 
 

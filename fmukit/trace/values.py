@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 if TYPE_CHECKING:
@@ -141,6 +141,29 @@ class Node:
             "a number known only at run time used as a key, an index or a choice, "
             "which an enumeration alone can be: write conditions"
         )
+
+
+def _refuse(what: str) -> Callable[..., Any]:
+    def refused(*_: Any) -> Any:
+        raise Untraceable(f"{what}")
+
+    return refused
+
+
+for _names, _what in {
+    "and rand": "& between conditions: write 'and'",
+    "or ror": "| between conditions: write 'or'",
+    "xor rxor": "^ between conditions: write !=",
+    "invert": "~ of a condition: write 'not'",
+    "lshift rlshift": "<< of a number: write x * 2.0 ** n",
+    "rshift rrshift": ">> of a number: write x * 0.5 ** n",
+    "matmul rmatmul": "@ of numbers: write the sum of products",
+    "divmod rdivmod": "divmod() of a number known only at run time: write x // y and x % y",
+    "len": "len() of a number known only at run time: its State or Inputs are meant",
+    "call": "a number known only at run time called like a function: a * is missing",
+}.items():
+    for _name in _names.split():
+        setattr(Node, f"__{_name}__", _refuse(_what))
 
 
 class Leaf(NamedTuple):

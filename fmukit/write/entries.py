@@ -12,7 +12,7 @@ from ..declare import bounds
 from ..declare.record import Value, start
 from ..declare.variables import Interface, Variable, class_name, only_steps
 from ..step import hybrid, jet, near, ode
-from ..trace import tangents
+from ..trace import pure, tangents
 from ..trace.tracer import Tracer, note
 from ..trace.values import Function, size, symbol
 from . import c, python
@@ -112,6 +112,7 @@ MOST = {"Real": sys.float_info.max, "Integer": 2.0**31 - 1, "Boolean": 1.0}
 def traced(interface: Interface) -> list[Function]:
     """The functions in the order in which C needs them."""
     model = interface.model
+    pure.require(model, Tracer(model, BOUNDARIES))
     tracer = Tracer(model, BOUNDARIES)
     p, x, u = (start(cls) for cls in (model.Parameters, model.State, model.Inputs))
     inputs = hybrid.Course(u, u, 0.0, 1, (u,) * (hybrid.HIGHEST_DEGREE - 1))

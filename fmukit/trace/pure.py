@@ -1,0 +1,64 @@
+"""What a model's functions must be, so that an FMU can repeat them: pure, and records of numbers."""
+
+from __future__ import annotations
+
+import ast
+import inspect
+from collections.abc import Callable
+from types import ModuleType
+from typing import Any
+
+from ..declare.record import start
+from .paths import leaves
+from .tracer import Tracer
+from .values import Node, Tree, Untraceable, key
+
+REFUSED: dict[type[ast.AST], str] = {
+    ast.Try: "try cannot go into the FMU, where nothing is raised: ask with if",
+    ast.Global: "global cannot go into the FMU: what a function keeps is a State",
+}
+
+
+def require(model: ModuleType, tracer: Tracer) -> None:
+    """Raise Untraceable for a function that the FMU would not repeat: that catches errors, gives
+    what is no number, or another value when called again with the same numbers.
+    """
+    for node in ast.walk(ast.parse(inspect.getsource(model))):
+        if type(node) in REFUSED:
+            raise Untraceable(f"line {node.lineno}: {REFUSED[type(node)]}")  # type: ignore[attr-defined]
+    p, x, u = (start(cls) for cls in (model.Parameters, model.State, model.Inputs))
+    for name, result in (("derivatives", model.State), ("outputs", model.Outputs)):
+        seen = checked(model, name, result)
+        try:
+            once, again = (tracer.trace(name, seen, p=p, t=0.0, x=x, u=u) for _ in range(2))
+        except RecursionError as error:
+            raise Untraceable(f"{name} calls itself without end") from error
+        if ends(once.tree) != ends(again.tree):
+            raise Untraceable(
+                f"{name} gives another value when it is called again with the same numbers: "
+                "it may use nothing but its arguments and constants"
+            )
+
+
+def checked(model: ModuleType, name: str, result: Any) -> Callable[..., Any]:
+    """A function of a model that refuses to return anything but its record of numbers."""
+
+    def call(p: Any, t: Any, x: Any, u: Any) -> Any:
+        found = getattr(model, name)(p, t, x, u)
+        if not isinstance(found, result):
+            raise Untraceable(f"{name} gives {found!r}: write return {result.__name__}(...)")
+        for place, value, declared in zip(result._fields, found, result._declared.values()):
+            truth = isinstance(value, bool) and declared.kind == "Real"
+            if truth or not isinstance(value, Node | float | int):
+                raise Untraceable(
+                    f"in {name} {result.__name__}.{place} is {value!r}, which is no number"
+                    + (": write 1.0 if ... else 0.0" if truth else "")
+                )
+        return found
+
+    return call
+
+
+def ends(tree: Tree) -> list[tuple[Any, ...]]:
+    """What tells the values at the ends of all paths apart."""
+    return [(leaf.error, *map(key, leaf.values)) for leaf in leaves(tree)]
