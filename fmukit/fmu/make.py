@@ -1,8 +1,13 @@
 """Make the FMUs of a model: packed, validated, played against their own reference, and then kept."""
 
+import io
+import multiprocessing
+import signal
 import sys
 import tempfile
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import redirect_stderr, redirect_stdout
+from functools import partial
 from pathlib import Path
 from types import ModuleType
 from typing import TypeVar
@@ -20,9 +25,18 @@ Build = TypeVar("Build", python.Build, native.NativeBuild)
 
 def make_all(models: Iterable[Path], flavour: str, out: Path, force: bool = False) -> int:
     """Make NAME.fmu of every model, compiled ones in folders of their own, and NAME.wasm; how many
-    failed."""
+    failed. Each core takes a model."""
+    paths, told = list(models), partial(make_one, flavour=flavour, out=out, force=force)
+    if len(paths) == 1:
+        return _tell([told(paths[0])])
+    with multiprocessing.Pool(initializer=_hear) as pool:
+        return _tell(pool.imap(told, paths, 1))
+
+
+def make_one(path: Path, flavour: str, out: Path, force: bool) -> tuple[int, str, str]:
+    """Make the FMUs of one model: how many failed, and what is to be said on stdout and stderr."""
     failed = 0
-    for path in models:
+    with redirect_stdout(io.StringIO()) as said, redirect_stderr(io.StringIO()) as complained:
         try:
             model = load(path)
             with refusing(path):
@@ -30,7 +44,22 @@ def make_all(models: Iterable[Path], flavour: str, out: Path, force: bool = Fals
         except Refused as refused:
             print(refused, file=sys.stderr)
             failed += 1
-    return failed
+    return failed, said.getvalue(), complained.getvalue()
+
+
+def _hear() -> None:
+    """Leave Ctrl-C to the parent, which then ends its children; they clean up."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
+
+
+def _tell(results: Iterable[tuple[int, str, str]]) -> int:
+    total = 0
+    for failed, said, complained in results:
+        print(said, end="", flush=True)
+        print(complained, end="", file=sys.stderr, flush=True)
+        total += failed
+    return total
 
 
 def make(model: ModuleType, flavour: str, out: Path, force: bool) -> Iterator[bool]:

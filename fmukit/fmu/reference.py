@@ -2,6 +2,7 @@
 
 import csv
 import io
+from functools import cache
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -78,6 +79,7 @@ def by_equations(model: ModuleType, guid: str = "") -> type[instance.Slave]:
     return type(class_name(model), (instance.Slave,), body)
 
 
+@cache
 def experiment(model: ModuleType) -> Rows:
     """Time and outputs at every communication point; Booleans as 0 and 1."""
     stop, step = model.EXPERIMENT

@@ -18,14 +18,17 @@ from fmpy.validation import validate_fmu
 
 from fmukit.declare.variables import component
 from fmukit.fmu.validate import problems
-from tests.conftest import ROOT
+from tests.conftest import ROOT, TRIED
 from tests.fmukit.test_exchange import EXPERIMENTS, STUCK, events_of
 from tests.fmukit.test_native import MODELS, NAMES, SCENARIOS
 from tests.hosts.host import Unit
 
-TRIED = ("DriveMotor", "IronDrive", "GravityOrientator")
 sampled = pytest.mark.parametrize(
-    "name", [n if n in TRIED else pytest.param(n, marks=pytest.mark.slow) for n in NAMES]
+    "name",
+    [
+        n if component(MODELS[n]) in TRIED else pytest.param(n, marks=pytest.mark.slow)
+        for n in NAMES
+    ],
 )
 SAID: list[str] = []
 FOLDERS: list[Any] = []
