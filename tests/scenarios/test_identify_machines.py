@@ -11,13 +11,14 @@ import numpy as np
 import pytest
 
 from benchmarks.identify_machines import KINDS, trial
-from cosim import SetupError, System, run
+from cosim import Experiment, SetupError, System, run
 from examples import measured_iron, measured_orientator
 from scenarios.iron import drive as iron
 from scenarios.iron import iron_identify
 from scenarios.orientator import orientator_identify
 from tests.conftest import QUICK, ROOT, ask, fmus_of
 from workbench.answer import Answer
+from workbench.recorded import planned
 
 IRON, ORIENTATOR = measured_iron.TRUTH, measured_orientator.TRUTH
 MU = "orientator_chute_mu"
@@ -28,6 +29,21 @@ def products() -> Answer:
     return ask(
         "orientator_identify", **QUICK["orientator_identify"], known=["orientator.chute.H=0.04+-1%"]
     )
+
+
+def test_further_records_bring_the_torque_where_the_record_is_without_it() -> None:
+    starts = {"run-up": {"w": 0.0}, "other supply": {"motor.A": 3.0}}
+    noise, torque = {"w": 0.1}, {"tau": 2.0}
+    found = planned(starts, "motor.A", 5.0, noise, torque)
+    assert found == {
+        "run-up": Experiment({"w": 0.0}, noise, 5.0),
+        "run-up, with the torque": Experiment({"w": 0.0}, noise | torque, 5.0),
+        "other supply": Experiment({"motor.A": 3.0}, noise, 5.0, ("motor.A",)),
+        "other supply, with the torque": Experiment(
+            {"motor.A": 3.0}, noise | torque, 5.0, ("motor.A",)
+        ),
+    }
+    assert list(planned(starts, "motor.A", 5.0, noise | torque, torque)) == list(starts)
 
 
 def test_the_iron_of_the_examples_moves_as_the_fmu_does() -> None:

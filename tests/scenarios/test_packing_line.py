@@ -84,6 +84,7 @@ def test_the_supply_gives_what_both_drives_store_and_lose(line: Answer, cycles: 
     given = float(simpson(rows["P_supply"], x=t))
     assert given == pytest.approx(stored + lost, rel=1e-4)
     assert f["mean_supply"] == pytest.approx(given / np.ptp(t), rel=2e-3)
+    assert f["work"] == pytest.approx(f["mean_supply"] * f["cycle"], rel=1e-9)
     assert f["mean_iron"] == pytest.approx(gain("iron.E_friction") / np.ptp(t), rel=1e-3)
     assert_allclose(rows["P_supply"], rows["iron_motor.P"] + rows["conveyor_motor.P"], rtol=1e-12)
 
