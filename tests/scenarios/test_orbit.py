@@ -106,6 +106,10 @@ def test_of_two_nearly_equal_peaks_of_the_rod_force_each_converges_by_itself(
     assert figure.error is not None and figure.error < 1e-4 * figure.value
 
 
+SIDES = {"from": "from", "above": "from", "to": "to", "below": "to"}
+"""Whether a speed is the lower end of a stretch or the upper one, by the word before it."""
+
+
 @pytest.mark.parametrize(
     ("drive", "speeds", "limit", "names"),
     [
@@ -122,7 +126,9 @@ def test_the_verdict_tells_the_speeds_to_avoid_with_their_errors(
     told = ask("resonance", speeds=speeds, limit=limit, start=drive.start)
     first, last, _ = map(float, speeds.split(":"))
     exact = edges(drive, first, last, limit)
-    ends = [told.figures[name] for name in told.figures if name.startswith("avoid")]
+    found = [name for name in told.figures if name.startswith("avoid")]
+    assert [x.split("_")[1] for x in found] == [SIDES[x.split()[-2]] for x in names]
+    ends = [told.figures[name] for name in found]
     for end, true in zip(ends, exact, strict=True):
         assert held(end, true) <= 1.0 and end.error is not None and end.error < 1e-4 * true
     words = " ".join(words.format(end.text()) for words, end in zip(names, ends, strict=True))
