@@ -298,6 +298,17 @@ def test_the_ripples_have_the_units_of_what_ripples() -> None:
     assert [p.unit for p in ripple.panels[:2] if isinstance(p, Panel)] == units == ["N.m", "rad/s"]
 
 
+def test_theory_runs_through_the_points_of_the_resonance() -> None:
+    """Of ripples to a few per cent, of the lag to a few degrees of 360: first order, coarse steps."""
+    (ripple,) = answered("resonance")[1].charts
+    assert isinstance(ripple, Chart)
+    for panel in ripple.panels:
+        assert isinstance(panel, Panel)
+        theory, seen = (next(c for c in panel.curves if c.name.startswith(x)) for x in ("f", "c"))
+        near = pytest.approx(np.asarray(seen.y), rel=0.05, abs=6.0 * (panel.unit == "deg"))
+        assert np.interp(seen.x, theory.x, theory.y) == near
+
+
 def test_the_resonance_answers_its_question_in_the_title() -> None:
     machine, nu = SETS["A"], np.linspace(20.0, 60.0, 41)
     rest = {f"{name}_error": 0.5 for name in ("tau2", "w2", "lag")} | {"w2": 1.0, "lag": 90.0}
