@@ -124,6 +124,8 @@ def test_the_verdict_tells_the_speeds_to_avoid_with_their_errors(
 ) -> None:
     """Where exact orbits have the limit; beside little damping the spring carries the load at 60."""
     told = ask("resonance", speeds=speeds, limit=limit, start=drive.start)
+    ripple, rated = told.figures["tau2_operating"], told.facts["rated_torque"]
+    assert f"{ripple.text()}, {ripple.value / rated:.0%} of the rated torque" in told.verdict
     first, last, _ = map(float, speeds.split(":"))
     exact = edges(drive, first, last, limit)
     found = [name for name in told.figures if name.startswith("avoid")]
