@@ -65,7 +65,7 @@ def run(words: Sequence[str], project: Project, program: str) -> int:
     parser.add_argument("--animate", action="store_true", help="also write the motions as GIF")
     found, rest = parser.parse_known_args(words[1:])
     if rest:
-        flags = [flag.removeprefix("--") for flag in parser._option_string_actions]
+        flags = [x[2:] for x in parser._option_string_actions if x[:2] == "--" and x != "--help"]
         raise unknown(rest[0].lstrip("-").partition("=")[0], flags, question.name(page))
     told = {name: value for name, value in vars(found).items() if value is not None}
     options = {name: told.pop(name) for name in (*declared(page.Options), "start") if name in told}
