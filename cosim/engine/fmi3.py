@@ -149,7 +149,7 @@ class Coupled3(Coupled):
     where a clock ticks.
     """
 
-    BLOCK = Block3
+    BLOCK, FMI = Block3, "fmi3"
     FREE, GET_STATE, SET_STATE, FREE_STATE = (
         f"fmi3{call}" for call in ("FreeInstance", "GetFMUState", "SetFMUState", "FreeFMUState")
     )
@@ -162,9 +162,9 @@ class Coupled3(Coupled):
         substeps: int = 1,
         within: Sequence[Element] = (),
     ) -> None:
-        can = description.coSimulation
-        self.events = bool(can.hasEventMode)
-        shown = within if can.providesIntermediateUpdate else ()
+        can = getattr(description, self.SIDE)
+        self.events = self.SIDE == "modelExchange" or bool(can.hasEventMode)
+        shown = within if within and can.providesIntermediateUpdate else ()
         self.within = [v for v in shown if v.intermediateUpdate and v.type == "Real"]
         self.clocks: list[Ticking] = []
         self.due = ctypes.c_double(math.inf)
@@ -182,12 +182,13 @@ class Coupled3(Coupled):
     def instantiate(self, number: int) -> None:
         options: dict[str, Any] = {
             "loggingOn": True,
-            "eventModeUsed": self.events,
-            "earlyReturnAllowed": bool(self.description.coSimulation.mightReturnEarlyFromDoStep),
             "logMessage": lambda _, status, __, text: self.hear(
                 status, (text or b"").decode("utf-8", "replace")
             ),
         }
+        if self.SIDE == "coSimulation":
+            early = bool(self.description.coSimulation.mightReturnEarlyFromDoStep)
+            options |= {"eventModeUsed": self.events, "earlyReturnAllowed": early}
         if self.within:
             references = dict.fromkeys(v.valueReference for v in self.within)
             options["intermediateUpdate"] = self._look

@@ -160,6 +160,7 @@ class Part:
     """An instance of an FMU from instantiation to `close`; raises PartFailure where a call fails."""
 
     BLOCK: type[Block] = Block
+    SIDE, FMI = "coSimulation", "fmi2"
     FREE, GET_STATE, SET_STATE, FREE_STATE = (
         f"fmi2{call}" for call in ("FreeInstance", "GetFMUstate", "SetFMUstate", "FreeFMUstate")
     )
@@ -182,7 +183,7 @@ class Part:
         except Exception as error:
             fmu.forget()
             fmu.release()
-            tool = description.coSimulation.needsExecutionTool
+            tool = getattr(description, self.SIDE).needsExecutionTool
             raise PartFailure(
                 f"{name}: instantiate failed: {self.reason()}"
                 + (f"; it needs {description.generationTool or 'its tool'} to run" if tool else "")

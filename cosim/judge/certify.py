@@ -142,18 +142,28 @@ def certify(
         result = runner(system, step=h, **settings, progress=told, **last)
         values.insert(0, figures(result))
     order = 1.0 if ratio == TENTH else result.provenance["convergence_order"]
+    rows = by_rows(figures, result, values[0])
+    found = {}
+    for name in values[0]:
+        coupling = estimate([v[name] for v in values], order, ratio)
+        found[name] = _summed(coupling, [v[name] for v in values], rows[name])
+    return Certified(result, found)
+
+
+def by_rows(
+    figures: Callable[[Result], Mapping[str, float]], result: Result, values: Mapping[str, float]
+) -> dict[str, float | None]:
+    """What the distance of a result's rows may do to each of its figures; None where it cannot be told."""
     thinned = [[_thinned(figures, result, n, i) for i in range(n)] for n in THINNED]
     shifted = [seen for rows in _others(result.data) for seen in _tried(figures, result, rows)]
     found = {}
-    for name, value in values[0].items():
-        coupling = estimate([v[name] for v in values], order, ratio)
+    for name, value in values.items():
         second, third = (
             max(_away(value, [v[name] for v in seen]) for seen in group) for group in thinned
         )
         moved = max((abs(seen[name] - value) for seen in shifted), default=0.0)
-        rows = _rows(second, third, moved)
-        found[name] = _summed(coupling, [v[name] for v in values], rows)
-    return Certified(result, found)
+        found[name] = _rows(second, third, moved)
+    return found
 
 
 def _summed(coupling: Estimate, values: Sequence[float], rows: float | None) -> Estimate:

@@ -22,7 +22,6 @@ from cosim import (
     certify,
     crosscheck,
     largest,
-    oracle,
     read_ssp,
     run,
     write_container,
@@ -383,7 +382,6 @@ def test_a_refusal_keeps_the_rows_and_the_reason(
 def test_what_knows_fmi_2_only_says_so(drives: dict[str, dict[str, Path]], tmp_path: Path) -> None:
     system = System(drives["23"], WIRES)
     for ask in (
-        lambda: oracle(system, stop=0.1),
         lambda: write_osp(system, tmp_path / "osp", step=1e-3),
         lambda: write_container(system, tmp_path / "c.fmu", step=1e-3),
         lambda: crosscheck(drives["33"]["conveyor"]),

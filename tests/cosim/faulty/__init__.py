@@ -1,13 +1,11 @@
 """An FMU that keeps all its promises, and one for each way to break one."""
 
-import subprocess
-import sys
-from functools import cache
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from zipfile import ZipFile
 
 import fmpy
+
+from tests.cosim.compiled import binary
 
 DESCRIPTION = """<?xml version="1.0" encoding="UTF-8"?>
 <fmiModelDescription fmiVersion="2.0" modelName="faulty" guid="faulty {fault}">
@@ -77,29 +75,15 @@ SWAPS = {
 }
 
 
-@cache
-def library(version: str = "2.0") -> bytes:
-    """The binary for this platform, compiled once per process."""
-    with TemporaryDirectory(prefix="faulty_") as folder:
-        binary = Path(folder, f"faulty{fmpy.sharedLibraryExtension}")
-        command = [
-            sys.executable, "-m", "ziglang", "cc", "-shared", "-fPIC", "-O2", "-std=c11", "-Wall",
-            "-Wextra", "-Werror", f'-DVERSION="{version}"',
-            f"-I{Path(fmpy.__file__).with_name('c-code')}",
-            str(Path(__file__).with_name("faulty.c")), "-o", str(binary),
-        ]  # fmt: skip
-        subprocess.run(command, check=True)
-        return binary.read_bytes()
-
-
 def pack(path: Path, fault: str = "") -> Path:
     """Write an FMU with this fault, or with none."""
     text = DESCRIPTION.format(fault=fault)
     if fault in SWAPS:
         assert SWAPS[fault][0] in text
         text = text.replace(*SWAPS[fault])
-    binary = library("2.1") if fault == "version" else library()
+    flags = ['-DVERSION="2.1"'] if fault == "version" else []
+    library = binary(Path(__file__).with_name("faulty.c"), *flags)
     with ZipFile(path, "w") as archive:
         archive.writestr("modelDescription.xml", text)
-        archive.writestr(f"binaries/{fmpy.platform}/faulty{fmpy.sharedLibraryExtension}", binary)
+        archive.writestr(f"binaries/{fmpy.platform}/faulty{fmpy.sharedLibraryExtension}", library)
     return path
