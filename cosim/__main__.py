@@ -209,7 +209,7 @@ def parser() -> Parser:
     exports.add_argument("--step", type=float, help="communication step [s]")
     keeps = command("crosscheck", cross, "whether an FMU keeps what it promises", file=False)
     add = keeps.add_argument
-    add("fmu", type=Path, help="an FMI 2.0 co-simulation FMU")
+    add("fmu", type=Path, help="a co-simulation FMU of FMI 2.0 or 3.0")
     add("--step", type=float, help="communication step [s]; the FMU's by default")
     add("--timeout", type=float, default=60.0, help="longest time of a check [s]")
     text = "report: .txt, .xml (JUnit) or .html; may be given again"
@@ -510,7 +510,9 @@ def truth(task: Task, options: argparse.Namespace, lone: Sequence[str]) -> int:
         )
     if options.out is not None:
         result.write(options.out)
-    print(f"the oracle's figures; no run beside them, since {', '.join(lone)} offers no co-simulation")
+    print(
+        f"the oracle's figures; no run beside them, since {', '.join(lone)} offers no co-simulation"
+    )
     figures = summary(result)
     between, off = by_rows(summary, result, figures), result.provenance["errors"]
     shown = []

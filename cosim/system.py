@@ -284,13 +284,13 @@ def require_fmi2(descriptions: Mapping[str, ModelDescription], what: str) -> Non
             raise SetupError(f"{name} is FMI {description.fmiVersion}; {what} FMI 2.0 only")
 
 
-def require_steps(network: Network) -> None:
-    """Refuse parts that offer no co-simulation; raises SetupError."""
-    for name, description in network.descriptions.items():
+def require_steps(descriptions: Mapping[str, ModelDescription]) -> None:
+    """Refuse FMUs that offer no co-simulation; raises SetupError."""
+    for name, description in descriptions.items():
         if description.coSimulation is None:
             raise SetupError(
-                f"part {name}: {network.system.parts[name]} offers model exchange only; {WANTED}: export "
-                "it for that, too; oracle and linearize take it as it is"
+                f"{name} offers model exchange only; {WANTED}: export it for that, too; "
+                "oracle and linearize take it as it is"
             )
 
 
@@ -299,7 +299,7 @@ def still(system: System, where: str) -> Network:
     co-simulation; raises SetupError.
     """
     network = connect(system)
-    require_steps(network)
+    require_steps(network.descriptions)
     for port, _ in network.inputs:
         raise SetupError(f"{port.name} changes over time, which {where} cannot say")
     return network

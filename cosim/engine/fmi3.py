@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from functools import partial
-from itertools import groupby
+from itertools import chain, groupby
 from typing import Any
 
 from fmpy.model_description import ModelDescription
@@ -19,7 +19,7 @@ from .clock import same
 from .exchange import Coupled
 from .library import Library
 from .operation import EXCHANGE3, STEP3, Layout, Operation
-from .part import CELL, DISCARD, OK, WARNING, Block
+from .part import CELL, DISCARD, OK, WARNING, Block, Part
 
 UNCHANGED, CHANGED = 1, 2
 RAISED, MOST_AT_ONCE = -1, 100
@@ -150,6 +150,7 @@ class Coupled3(Coupled):
     """
 
     BLOCK, FMI = Block3, "fmi3"
+    SERIALIZE, DESERIALIZE = "serializeFMUState", "deserializeFMUState"
     FREE, GET_STATE, SET_STATE, FREE_STATE = (
         f"fmi3{call}" for call in ("FreeInstance", "GetFMUState", "SetFMUState", "FreeFMUState")
     )
@@ -264,13 +265,14 @@ class Coupled3(Coupled):
         found = self.call("getBinary", [variable.valueReference], len(variable.family))
         return [each or b"" for each in found]
 
-    def set_up(self, tolerance: float | None, start: float, stop: float) -> None:
+    def set_up(self, tolerance: float | None, start: float, stop: float | None) -> None:
         self._now = start
-        self._stop, self.nearly = stop, stop - 64 * math.ulp(stop)
+        self.limit(stop)
         self.call("enterInitializationMode", tolerance, start, stop)
 
     def begin(self) -> None:
         """Leave initialisation mode for the first step, with the events and ticks of the start."""
+        self.clocks.clear()
         for v in self.description.modelVariables:
             if v.type == "Clock" and v.causality == "input":
                 self.clocks.append(self._ticking(v))
@@ -365,6 +367,24 @@ class Coupled3(Coupled):
         self.due.value, self._now, self._entered = own
         for clock, kept in zip(self.clocks, clocks):
             clock.begin, clock.count, clock.interval = kept
+
+    def carried(self, state: ctypes.c_void_p, other: Part) -> tuple[ctypes.c_void_p, int]:
+        copy, size = super().carried(state, other)
+        assert isinstance(other, Coupled3)
+        other._kept[id(copy)] = self._kept[id(state)]
+        return copy, size
+
+    def slopes(self, unknown: Sequence[Element], known: Element) -> list[float]:
+        families = list({id(v.family): v.family for v in unknown}.values())
+        found = self.call(
+            "getDirectionalDerivative",
+            [family[0].valueReference for family in families],
+            [known.valueReference],
+            [float(v is known) for v in known.family],
+            sum(map(len, families)),
+        )
+        by_element = dict(zip(map(id, chain.from_iterable(families)), found))
+        return [by_element[id(v)] for v in unknown]
 
     def enter(self, t: float) -> None:
         """Enter the inputs that event mode takes, if one has changed."""

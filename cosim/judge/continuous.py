@@ -107,13 +107,6 @@ class Model(Coupled):
         variables = self.description.modelVariables
         return [v for v in variables if v.causality == "output" and v.type == "Real"]
 
-    def slopes(self, unknown: Sequence[ScalarVariable], known: ScalarVariable) -> list[float]:
-        """The directional derivatives of variables by one, as the FMU has them."""
-        references = [v.valueReference for v in unknown]
-        return list(
-            self.call("getDirectionalDerivative", references, [known.valueReference], [1.0])
-        )
-
     def jacobian(self) -> tuple[Array, Array]:
         """Derivatives of rates and outputs by the states and by the inputs that move."""
         unknown = [*self.rates, *self.real_outputs()]
@@ -149,18 +142,6 @@ class Model3(Model, Coupled3):
     """The same by FMI 3.0, whose states, rates and inputs may be arrays."""
 
     RATES, UPDATE = "GetContinuousStateDerivatives", "updateDiscreteStates"
-
-    def slopes(self, unknown: Sequence[Any], known: Any) -> list[float]:
-        families = list({id(v.family): v.family for v in unknown}.values())
-        found = self.call(
-            "getDirectionalDerivative",
-            [family[0].valueReference for family in families],
-            [known.valueReference],
-            [float(v is known) for v in known.family],
-            sum(map(len, families)),
-        )
-        by_element = dict(zip(map(id, chain.from_iterable(families)), found))
-        return [by_element[id(v)] for v in unknown]
 
     def _event(self, t: float, blocks: Iterable[Block] = (), clocks: Sequence[int] = ()) -> None:
         for block in blocks:  # in event mode, which `Whole` enters

@@ -20,7 +20,6 @@ from cosim import (
     SimulationError,
     System,
     certify,
-    crosscheck,
     largest,
     read_ssp,
     run,
@@ -384,11 +383,8 @@ def test_what_knows_fmi_2_only_says_so(drives: dict[str, dict[str, Path]], tmp_p
     for ask in (
         lambda: write_osp(system, tmp_path / "osp", step=1e-3),
         lambda: write_container(system, tmp_path / "c.fmu", step=1e-3),
-        lambda: crosscheck(drives["33"]["conveyor"]),
     ):
-        with pytest.raises(
-            SetupError, match=r"(conveyor|CrankConveyor.fmu) is FMI 3.0; .* FMI 2.0 only"
-        ):
+        with pytest.raises(SetupError, match=r"conveyor is FMI 3.0; .* FMI 2.0 only"):
             ask()
     assert list(tmp_path.iterdir()) == []
 

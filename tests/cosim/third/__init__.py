@@ -89,10 +89,7 @@ def pack(path: Path, clock: str = "", **swaps: str) -> Path:
     shown = [951, 2001, 2003, *(b + k for b in BASES.values() for k in (1, 3))]
     unknowns = "".join(f'<Output valueReference="{n}" dependencies=""/>' for n in OUTPUTS)
     for tag in ("Output", "InitialUnknown"):
-        unknowns += "".join(
-            f'<{tag} valueReference="{n}" dependencies="{n - 1 - (n % 100 == 3 and n < 1900)}"/>'
-            for n in shown
-        )
+        unknowns += "".join(f'<{tag} valueReference="{n}" dependencies="{n - 1}"/>' for n in shown)
     text += f"</ModelVariables><ModelStructure>{unknowns}</ModelStructure></fmiModelDescription>"
     for name, value in swaps.items():
         assert f'{name}="true"' in text
