@@ -172,6 +172,31 @@ def test_what_changes_enters_by_event_mode(two: dict[str, Path]) -> None:
     assert result["A.events"].max() == 2
 
 
+@pytest.mark.parametrize("algorithm", ["gauss-seidel", "iterated"])
+def test_what_takes_event_mode_is_the_same_in_both_loops(
+    algorithm: str, two: dict[str, Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A switch and a number of one are inputs of another, which enters event mode when they change."""
+    wires = ["A.Int32_out -> B.Int32_in", "A.Boolean_out -> B.Boolean_in"]
+    changes = ["at 0.25 s A.Boolean_in = true", "at 0.55 s A.Int32_in = 7"]
+    system = System(two, wires, {"A.h": 50.0}, changes=changes)
+    record = ["B.h", "B.Int32_out", "B.Boolean_out", "B.events", "B.bounces"]
+    settings: dict[str, Any] = {"stop": 1.2, "step": 0.01, "algorithm": algorithm, "record": record}
+    quick = run(system, **settings)
+
+    def missing(*_: Any) -> None:
+        raise OSError("no compiler")
+
+    monkeypatch.setattr(stepping, "Loop", missing)
+    slow = run(system, **settings)
+    assert quick.provenance["loop"] == ("compiled" if algorithm == "gauss-seidel" else "Python")
+    assert_array_equal(quick.data, slow.data)
+    t = quick["time"]
+    assert quick["B.Boolean_out"].tolist() == (t > 0.255).tolist()
+    assert quick["B.Int32_out"].tolist() == (7 * (t > 0.555)).tolist()
+    assert quick["B.events"][-1] == quick["B.bounces"][-1] + 2 == 5
+
+
 def test_a_number_that_a_type_cannot_hold_stops_the_run(two: dict[str, Path]) -> None:
     system = System(two, ["A.Int16_out -> B.Int8_in"], changes=["at 0.2 s A.Int16_in = 128"])
     with pytest.raises(SimulationError, match=r"B.Int8_in cannot be 128, which a wire brings at t"):
