@@ -200,7 +200,7 @@ def problems(network: Network, settings: Settings) -> Iterator[str]:
     plan, algorithm, order = settings.plan, settings.algorithm, settings.order
     input_order, tolerance = settings.input_order, settings.tolerance
     try:
-        require_steps(network.descriptions)
+        require_steps(network.descriptions, network.system.parts)
         settings.ports(network)
         plan.check()
     except SetupError as error:

@@ -284,12 +284,12 @@ def require_fmi2(descriptions: Mapping[str, ModelDescription], what: str) -> Non
             raise SetupError(f"{name} is FMI {description.fmiVersion}; {what} FMI 2.0 only")
 
 
-def require_steps(descriptions: Mapping[str, ModelDescription]) -> None:
-    """Refuse FMUs that offer no co-simulation; raises SetupError."""
+def require_steps(descriptions: Mapping[str, ModelDescription], files: Mapping[str, Path]) -> None:
+    """Refuse parts whose FMUs offer no co-simulation; raises SetupError."""
     for name, description in descriptions.items():
         if description.coSimulation is None:
             raise SetupError(
-                f"{name} offers model exchange only; {WANTED}: export it for that, too; "
+                f"part {name}: {files[name]} offers model exchange only; {WANTED}: export it for that, too; "
                 "oracle and linearize take it as it is"
             )
 
@@ -299,7 +299,7 @@ def still(system: System, where: str) -> Network:
     co-simulation; raises SetupError.
     """
     network = connect(system)
-    require_steps(network.descriptions)
+    require_steps(network.descriptions, system.parts)
     for port, _ in network.inputs:
         raise SetupError(f"{port.name} changes over time, which {where} cannot say")
     return network

@@ -153,7 +153,7 @@ def true_errors(
     The oracle's rows are as far apart as those of the runs. `settings` are those of `run`. Raises what
     `oracle` and `certify` raise; what is for model exchange only has no run to be compared.
     """
-    require_steps(connect(system).descriptions)
+    require_steps(connect(system).descriptions, system.parts)
     rows = settings.get("output_step", step)
     exact = oracle(system, stop=stop, start=start, output_step=rows, record=record, method=method)
     truth = figures(exact)

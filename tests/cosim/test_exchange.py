@@ -85,7 +85,7 @@ def test_model_exchange_alone_is_enough_for_the_oracle_and_not_for_a_run(
     for way in ways:
         with pytest.raises(
             SetupError,
-            match=r"motor offers model exchange only; .* oracle and linearize",
+            match=r"part motor: .*DriveMotor\.fmu offers model exchange only; .* oracle and linearize",
         ):
             way()
 

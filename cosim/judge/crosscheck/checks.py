@@ -81,7 +81,7 @@ class Subject:
     def __init__(self, path: Path, step: float | None = None) -> None:
         self.path = path
         self.description: ModelDescription = describe_fmu("fmu", path)
-        require_steps({path.name: self.description})
+        require_steps({"fmu": self.description}, {"fmu": path})
         self.third = self.description.fmiVersion == "3.0"
         self.can = self.description.coSimulation
         variables = self.description.modelVariables
