@@ -56,13 +56,7 @@ def test_an_fmu_that_keeps_its_promises_passes_every_check(
     assert found["discard"].said == discard
 
 
-SAMPLE3 = (
-    "version",
-    "reset keeps a count",
-    "bytes lack a value",
-    "wrong sign",
-    "moves in a discard",
-)
+SAMPLE3 = ("bytes lack a value", "moves in a discard")
 SEEDED = [("2.0", fault) for fault in FAULTS]
 SEEDED += [
     ("3.0", fault) if fault in SAMPLE3 else pytest.param("3.0", fault, marks=pytest.mark.slow)
@@ -162,7 +156,7 @@ def test_no_check_fails_on_a_native_fmu_of_the_project(name: str, fmus: Path) ->
 
 
 def test_no_check_fails_on_fmi_3_with_events_arrays_and_all_types(tmp_path: Path) -> None:
-    checks = ("run", "reset", "instances", "state", "output dependencies", "initial dependencies")
+    checks = ("reset", "state", "output dependencies", "initial dependencies")
     for fmu in (built("GravityOrientator"), third(tmp_path / "third.fmu")):
         found = verdicts(fmu, *checks)
         assert {v.status for v in found.verdicts} == {PASSED}, found.text()

@@ -174,7 +174,9 @@ def test_loop_delay_of_the_conveyor_drive_on_its_orbit(algorithm: str, delay: fl
         assert got.recommended_step == got.step
 
 
-@pytest.mark.parametrize("algorithm", ["jacobi", "gauss-seidel"])
+@pytest.mark.parametrize(
+    "algorithm", ["jacobi", pytest.param("gauss-seidel", marks=pytest.mark.slow)]
+)
 def test_model_exchange_gives_the_damping_itself(algorithm: str, fmus: Path, native: Path) -> None:
     """Two masses on a shaft: the eigenvalue, and within its error what runs of the Python FMUs tell."""
     given = {
