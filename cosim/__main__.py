@@ -27,13 +27,13 @@ from .formats.ssp import Package, read_ssp, write_ssp
 from .formats.values import read_values
 from .inputs import Table
 from .judge import describe
-from .judge.certify import SUMMARY, Estimate, certify, summary
+from .judge.certify import SUMMARY, Estimate, by_rows, certify, summary
 from .judge.compare import SHARE, compare
 from .judge.crosscheck import crosscheck
 from .judge.crosscheck.report import writer
 from .judge.diagnose import diagnose
 from .judge.isolated import run_isolated
-from .judge.oracle import METHODS, Compared, true_errors
+from .judge.oracle import METHODS, Compared, oracle, true_errors
 from .master import Settings
 from .progress import bar
 from .result import Interrupted, Result, SimulationError
@@ -209,7 +209,7 @@ def parser() -> Parser:
     exports.add_argument("--step", type=float, help="communication step [s]")
     keeps = command("crosscheck", cross, "whether an FMU keeps what it promises", file=False)
     add = keeps.add_argument
-    add("fmu", type=Path, help="an FMI 2.0 co-simulation FMU")
+    add("fmu", type=Path, help="a co-simulation FMU of FMI 2.0 or 3.0")
     add("--step", type=float, help="communication step [s]; the FMU's by default")
     add("--timeout", type=float, default=60.0, help="longest time of a check [s]")
     text = "report: .txt, .xml (JUnit) or .html; may be given again"
@@ -257,12 +257,18 @@ def stepping(one: Parser) -> None:
     add("--output-step", type=float, help="distance of rows [s]; every step by default")
 
 
-def settings(task: Task, options: argparse.Namespace) -> Settings:
-    """How to run, as asked for, as the file says, or as the FMUs prefer."""
+def times(task: Task, options: argparse.Namespace) -> tuple[float, float]:
+    """Start and stop [s], as asked for or as the file says."""
     start = task.start if options.start is None else options.start
     stop = task.package.stop if options.stop is None else options.stop
     if stop is None:
         raise SetupError("the file has no default experiment: give --stop")
+    return start, stop
+
+
+def settings(task: Task, options: argparse.Namespace) -> Settings:
+    """How to run, as asked for, as the file says, or as the FMUs prefer."""
+    start, stop = times(task, options)
     if options.step is not None and options.adaptive is not None:
         raise SetupError("--step and --adaptive exclude each other")
     adaptive = options.adaptive is not None
@@ -468,6 +474,9 @@ def judge(options: argparse.Namespace) -> int:
     """python -m cosim oracle."""
     require_files(options, System({}))
     with opened(options) as task:
+        descriptions = task.network.descriptions.items()
+        if lone := [name for name, d in descriptions if d.coSimulation is None]:
+            return truth(task, options, lone)
         way = settings(task, options)
         with quiet():
             found = true_errors(
@@ -484,6 +493,36 @@ def judge(options: argparse.Namespace) -> int:
     print("the oracle's figure, the certified one, its true error")
     print("\n".join(compared(found.result, found.figures)))
     warn(found.result)
+    return 0
+
+
+def truth(task: Task, options: argparse.Namespace, lone: Sequence[str]) -> int:
+    """python -m cosim oracle, where no run can be beside it."""
+    start, stop = times(task, options)
+    with quiet():
+        result = oracle(
+            task.system,
+            start=start,
+            stop=stop,
+            output_step=options.step,
+            record=options.record,
+            method=options.method,
+        )
+    if options.out is not None:
+        result.write(options.out)
+    print(
+        f"the oracle's figures; no run beside them, since {', '.join(lone)} offers no co-simulation"
+    )
+    figures = summary(result)
+    between, off = by_rows(summary, result, figures), result.provenance["errors"]
+    shown = []
+    for column, what in ((c, w) for c in result.columns[1:] for w in SUMMARY):
+        rows = between[name := f"{column}{what}"]
+        error = None if rows is None else rows + off[column]
+        found = Estimate(figures[name], error, math.nan, reason="it cannot be told from fewer rows")
+        shown.append((name, found.text(result.units[column])))
+    print("\n".join(f"  {line}" for line in describe.table(shown)))
+    warn(result)
     return 0
 
 

@@ -29,7 +29,17 @@ from .errors import PartFailure, SetupError
 from .loops import algebraic_loops, describe
 from .result import Interrupted, Result, SimulationError
 from .signals import interrupts
-from .system import NUMERIC, STATE, VARIABLE_STEP, Network, Port, System, connect, lacking
+from .system import (
+    NUMERIC,
+    STATE,
+    VARIABLE_STEP,
+    Network,
+    Port,
+    System,
+    connect,
+    lacking,
+    require_steps,
+)
 
 MOST_SUBSTEPS = 1 << 20
 HIGHEST = 8
@@ -190,6 +200,7 @@ def problems(network: Network, settings: Settings) -> Iterator[str]:
     plan, algorithm, order = settings.plan, settings.algorithm, settings.order
     input_order, tolerance = settings.input_order, settings.tolerance
     try:
+        require_steps(network.descriptions, network.system.parts)
         settings.ports(network)
         plan.check()
     except SetupError as error:

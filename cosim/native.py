@@ -32,6 +32,7 @@ class Element:
     type: str
     causality: str
     variability: str
+    derivative: Any
     intervalVariability: str
     valueReference: int
     start: str | None
@@ -65,8 +66,17 @@ def expand(path: Path, description: ModelDescription) -> dict[str, tuple[int, ..
     said = {each.get("name"): each for each in root.iterfind("ModelVariables/*")}
     families = {id(v): _family(v, said[(v.alias or v).name]) for v in description.modelVariables}
     shapes = {v.name: v.shape for v in description.modelVariables if v.shape}
+    for rates in families.values():
+        if (state := rates[0].derivative) is not None:
+            for rate, element in zip(rates, families[id(state)]):
+                rate.derivative = element
+    for tag, side in (("CoSimulation", "coSimulation"), ("ModelExchange", "modelExchange")):
+        for told in root.iterfind(tag):
+            slopes = told.get("providesDirectionalDerivatives") in TRUE
+            getattr(description, side).providesDirectionalDerivative = slopes
     description.modelVariables = [e for family in families.values() for e in family]
-    for unknowns in (description.outputs, description.initialUnknowns):
+    structure = description.outputs, description.derivatives, description.initialUnknowns
+    for unknowns in (*structure, description.eventIndicators):
         whole, unknowns[:] = list(unknowns), []
         for unknown in whole:
             if unknown.dependencies is not None:

@@ -34,6 +34,7 @@ READ: dict[str, Callable[[str], Value]] = {
     "Enumeration": str,
 }
 XML, LONGEST = "modelDescription.xml", 128 * 2**20
+WANTED = "this master runs co-simulation by FMI 2.0 and 3.0"
 NUMERIC = {"Real": float, "Integer": int, "Enumeration": int, "Boolean": int}
 
 
@@ -229,9 +230,9 @@ class Network:
 def connect(system: System) -> Network:
     """Check a system against the model descriptions of its FMUs.
 
-    Raises SetupError for a file that is no co-simulation FMU of FMI 2.0 or 3.0, an unknown part or
-    variable, a wire of wrong direction, type or unit, an input driven twice, and a start value
-    that is not finite, out of bounds or cannot be set.
+    Raises SetupError for a file that is no FMU of FMI 2.0 or 3.0, an unknown part or variable, a wire
+    of wrong direction, type or unit, an input driven twice, and a start value that is not finite,
+    out of bounds or cannot be set. Parts may be for model exchange only: `run` refuses them.
     """
     if not system.parts:
         raise SetupError("a system needs a part")
@@ -272,7 +273,7 @@ def _require_ticking(port: Port, description: ModelDescription) -> None:
         raise SetupError(
             f"{port} is a triggered clock, which nothing here triggers; only clocks with an interval tick"
         )
-    if not description.coSimulation.hasEventMode:
+    if description.coSimulation and not description.coSimulation.hasEventMode:
         raise SetupError(f"{port} is a clock of an FMU without event mode, in which it would tick")
 
 
@@ -283,9 +284,22 @@ def require_fmi2(descriptions: Mapping[str, ModelDescription], what: str) -> Non
             raise SetupError(f"{name} is FMI {description.fmiVersion}; {what} FMI 2.0 only")
 
 
+def require_steps(descriptions: Mapping[str, ModelDescription], files: Mapping[str, Path]) -> None:
+    """Refuse parts whose FMUs offer no co-simulation; raises SetupError."""
+    for name, description in descriptions.items():
+        if description.coSimulation is None:
+            raise SetupError(
+                f"part {name}: {files[name]} offers model exchange only; {WANTED}: export it for that, too; "
+                "oracle and linearize take it as it is"
+            )
+
+
 def still(system: System, where: str) -> Network:
-    """Connect a system for a format, which has no place for inputs over time; raises SetupError."""
+    """Connect a system for a format, which has no place for inputs over time nor for parts without
+    co-simulation; raises SetupError.
+    """
     network = connect(system)
+    require_steps(network.descriptions, system.parts)
     for port, _ in network.inputs:
         raise SetupError(f"{port.name} changes over time, which {where} cannot say")
     return network
@@ -326,8 +340,7 @@ def version(path: Path) -> tuple[int, int]:
 
 @lru_cache(maxsize=64)
 def _read(path: Path, _: tuple[int, int]) -> Fmu:
-    """An FMU that this master can run on this platform; kept as long as its file has this version."""
-    wanted = "this master runs co-simulation by FMI 2.0 and 3.0"
+    """An FMU that runs on this platform; kept as long as its file has this version."""
     try:
         with ZipFile(path) as archive:
             files = archive.namelist()
@@ -342,12 +355,12 @@ def _read(path: Path, _: tuple[int, int]) -> Fmu:
     except Exception as error:
         raise SetupError(f"is not a valid FMU: modelDescription.xml: {_reason(error)}") from error
     if description.fmiVersion not in ("2.0", "3.0"):
-        raise SetupError(f"is FMI {description.fmiVersion}; {wanted}")
+        raise SetupError(f"is FMI {description.fmiVersion}; {WANTED}")
     third = description.fmiVersion == "3.0"
-    if description.coSimulation is None:
-        offer = "model exchange" if description.modelExchange else "scheduled execution"
-        raise SetupError(f"offers {offer} only; {wanted}: export it for that, too")
-    library = f"{description.coSimulation.modelIdentifier}{fmpy.sharedLibraryExtension}"
+    interface = description.coSimulation or description.modelExchange
+    if interface is None:
+        raise SetupError(f"offers scheduled execution only; {WANTED}: export it for that, too")
+    library = f"{interface.modelIdentifier}{fmpy.sharedLibraryExtension}"
     binary = f"binaries/{fmpy.platform_tuple if third else fmpy.platform}/{library}"
     if binary not in files:
         there = ", ".join(fmpy.supported_platforms(str(path))) or "no platform"

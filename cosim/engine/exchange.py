@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Iterator, Sequence
+from typing import Any
 
 from fmpy.model_description import ModelDescription
 
@@ -19,13 +20,19 @@ from .part import OK, Block, Part
 class Coupled(Part):
     """A part with the buffers of its wired variables and what moves values into them.
 
-    `substeps` is the number of steps that it takes within one that it is given. If it `stops`, it refuses
+    `substeps` is the number of steps that it takes within one that it is given, `within` what it is to
+    show within a step if it can. If it `stops`, it refuses
     steps over its events, and the system steps to them. `seen` are times [s]
     within its steps and values there of the variables in `watched`.
     """
 
     def __init__(
-        self, name: str, description: ModelDescription, fmu: Library, substeps: int = 1
+        self,
+        name: str,
+        description: ModelDescription,
+        fmu: Library,
+        substeps: int = 1,
+        within: Sequence[Any] = (),
     ) -> None:
         super().__init__(name, description, fmu)
         self.substeps = substeps

@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from functools import partial
-from itertools import groupby
+from itertools import chain, groupby
 from typing import Any
 
 from fmpy.model_description import ModelDescription
@@ -18,8 +18,8 @@ from ..system import Value
 from .clock import same
 from .exchange import Coupled
 from .library import Library
-from .operation import EXCHANGE3, STEP3, Layout, Operation
-from .part import CELL, DISCARD, OK, WARNING, Block
+from .operation import ENTER, EXCHANGE3, STEP3, Layout, Operation, address
+from .part import CELL, DISCARD, OK, WARNING, Block, Part
 
 UNCHANGED, CHANGED = 1, 2
 RAISED, MOST_AT_ONCE = -1, 100
@@ -48,7 +48,7 @@ class Answer(ctypes.Structure):
 class Block3(Block):
     """Variables of one type of FMI 2.0 with all elements of their arrays; Float32 are Reals too.
 
-    What an FMU with event mode takes there alone, and not before a step, is `held`.
+    What an FMU with event mode takes there alone, and not before a step, is `held`; `entered` is what it took.
     """
 
     def __init__(
@@ -67,7 +67,7 @@ class Block3(Block):
         self.real = kind == "Real" and not self.held
         self.names = [f"{part.name}.{v.name}" for v in self.variables]
         native = CELL["Real"] if kind == "Real" else NATIVE[self.variables[0].native]
-        self.cells = (native * len(self.names))()
+        self.cells, self.entered = ((native * len(self.names))() for _ in range(2))
         self._pieces: list[tuple[Callable[[], int], Any, Any]] = []
         first = 0
         groups: Iterable[tuple[str, Iterable[Element]]]
@@ -149,7 +149,8 @@ class Coupled3(Coupled):
     where a clock ticks.
     """
 
-    BLOCK = Block3
+    BLOCK, FMI = Block3, "fmi3"
+    SERIALIZE, DESERIALIZE = "serializeFMUState", "deserializeFMUState"
     FREE, GET_STATE, SET_STATE, FREE_STATE = (
         f"fmi3{call}" for call in ("FreeInstance", "GetFMUState", "SetFMUState", "FreeFMUState")
     )
@@ -162,17 +163,16 @@ class Coupled3(Coupled):
         substeps: int = 1,
         within: Sequence[Element] = (),
     ) -> None:
-        can = description.coSimulation
-        self.events = bool(can.hasEventMode)
-        shown = within if can.providesIntermediateUpdate else ()
+        can = getattr(description, self.SIDE)
+        self.events = self.SIDE == "modelExchange" or bool(can.hasEventMode)
+        shown = within if within and can.providesIntermediateUpdate else ()
         self.within = [v for v in shown if v.intermediateUpdate and v.type == "Real"]
         self.clocks: list[Ticking] = []
         self.due = ctypes.c_double(math.inf)
-        self._entered: list[list[Any]] = []
         self._kept: dict[int, Any] = {}
         self._answer = Answer()
         self._raised: Exception | None = None
-        self._finish = FINISH(self._finished)
+        self._finish, self.taking = FINISH(self._finished), FINISH(self._took)
         super().__init__(name, description, fmu, substeps)
         if self.within:
             self._glass = Block3(self, "Get", self.within)
@@ -182,12 +182,13 @@ class Coupled3(Coupled):
     def instantiate(self, number: int) -> None:
         options: dict[str, Any] = {
             "loggingOn": True,
-            "eventModeUsed": self.events,
-            "earlyReturnAllowed": bool(self.description.coSimulation.mightReturnEarlyFromDoStep),
             "logMessage": lambda _, status, __, text: self.hear(
                 status, (text or b"").decode("utf-8", "replace")
             ),
         }
+        if self.SIDE == "coSimulation":
+            early = bool(self.description.coSimulation.mightReturnEarlyFromDoStep)
+            options |= {"eventModeUsed": self.events, "earlyReturnAllowed": early}
         if self.within:
             references = dict.fromkeys(v.valueReference for v in self.within)
             options["intermediateUpdate"] = self._look
@@ -248,7 +249,7 @@ class Coupled3(Coupled):
         for other in self.inputs:  # which hand the whole array over once more
             if block.names[place] in other.names:
                 other.put(other.names.index(block.names[place]), value)
-        self._entered = [list(b.cells) for b in self._held()]
+        self._keep()
 
     def values(self, variables: Sequence[Element]) -> dict[str, Value]:
         """The values of variables, Binary ones as hexadecimal digits."""
@@ -263,18 +264,19 @@ class Coupled3(Coupled):
         found = self.call("getBinary", [variable.valueReference], len(variable.family))
         return [each or b"" for each in found]
 
-    def set_up(self, tolerance: float | None, start: float, stop: float) -> None:
+    def set_up(self, tolerance: float | None, start: float, stop: float | None) -> None:
         self._now = start
-        self._stop, self.nearly = stop, stop - 64 * math.ulp(stop)
+        self.limit(stop)
         self.call("enterInitializationMode", tolerance, start, stop)
 
     def begin(self) -> None:
         """Leave initialisation mode for the first step, with the events and ticks of the start."""
+        self.clocks.clear()
         for v in self.description.modelVariables:
             if v.type == "Clock" and v.causality == "input":
                 self.clocks.append(self._ticking(v))
         super().begin()
-        self._entered = [list(b.cells) for b in self._held()]
+        self._keep()
         if self.events:
             self._update(self._now)
             self.call("enterStepMode")
@@ -301,8 +303,7 @@ class Coupled3(Coupled):
         held = self._held()
         *moves, step = super().turn()
         yield from (move for move in moves if move not in held)
-        if held:
-            yield Held(self)
+        yield from (Held(self, block) for block in held)
         yield step
 
     def advance(self, t: float, h: float, *, stepped: bool = False) -> None:
@@ -356,22 +357,45 @@ class Coupled3(Coupled):
     def save(self, state: ctypes.c_void_p) -> None:
         super().save(state)
         clocks = [(c.begin, c.count, c.interval) for c in self.clocks]
-        self._kept[id(state)] = (self.due.value, self._now, self._entered), clocks
+        entered = [list(block.entered) for block in self._held()]
+        self._kept[id(state)] = (self.due.value, self._now), entered, clocks
 
     def restore(self, state: ctypes.c_void_p) -> None:
         super().restore(state)
-        own, clocks = self._kept[id(state)]
-        self.due.value, self._now, self._entered = own
+        (self.due.value, self._now), entered, clocks = self._kept[id(state)]
+        for block, cells in zip(self._held(), entered):
+            block.entered[:] = cells
         for clock, kept in zip(self.clocks, clocks):
             clock.begin, clock.count, clock.interval = kept
+
+    def carried(self, state: ctypes.c_void_p, other: Part) -> tuple[ctypes.c_void_p, int]:
+        copy, size = super().carried(state, other)
+        assert isinstance(other, Coupled3)
+        other._kept[id(copy)] = self._kept[id(state)]
+        return copy, size
+
+    def slopes(self, unknown: Sequence[Element], known: Element) -> list[float]:
+        families = list({id(v.family): v.family for v in unknown}.values())
+        found = self.call(
+            "getDirectionalDerivative",
+            [family[0].valueReference for family in families],
+            [known.valueReference],
+            [float(v is known) for v in known.family],
+            sum(map(len, families)),
+        )
+        by_element = dict(zip(map(id, chain.from_iterable(families)), found))
+        return [by_element[id(v)] for v in unknown]
 
     def enter(self, t: float) -> None:
         """Enter the inputs that event mode takes, if one has changed."""
         held = self._held()
-        now = [list(block.cells) for block in held]
-        if now != self._entered:
+        if any(list(block.cells) != list(block.entered) for block in held):
             self._event(t, held)
-            self._entered = now
+            self._keep()
+
+    def _keep(self) -> None:
+        for block in self._held():
+            block.entered[:] = list(block.cells)
 
     def _held(self) -> list[Block3]:
         return [b for b in self.inputs if isinstance(b, Block3) and b.held]
@@ -442,8 +466,15 @@ class Coupled3(Coupled):
 
     def _finished(self, t: float, h: float, stepped: int) -> int:
         """For loop.c: the events of a step, or all of one that must stop on its way."""
+        return self._status(partial(self.advance, t, h, stepped=bool(stepped)))
+
+    def _took(self, t: float, h: float, stepped: int) -> int:
+        """For loop.c: inputs that have changed."""
+        return self._status(partial(self.enter, t))
+
+    def _status(self, act: Callable[[], None]) -> int:
         try:
-            self.advance(t, h, stepped=bool(stepped))
+            act()
         except Exception as error:  # noqa: BLE001
             self._raised = error
             return RAISED
@@ -451,10 +482,26 @@ class Coupled3(Coupled):
 
 
 class Held(Operation):
-    """Enters the inputs of a part that take event mode."""
+    """Enters the inputs of a part that take event mode, if one of a block has changed."""
 
-    def __init__(self, part: Coupled3) -> None:
-        self.part = part
+    def __init__(self, part: Coupled3, block: Block3) -> None:
+        self.part, self.block = part, block
 
     def __call__(self, t: float, h: float) -> None:
         self.part.enter(t)
+
+    def layout(self) -> Layout | None:
+        """None for texts, whose memory is Python's."""
+        cells = self.block.cells
+        if cells._type_ is ctypes.c_char_p:
+            return None
+        return Layout(
+            ENTER,
+            ctypes.sizeof(cells),
+            function=ctypes.cast(self.part.taking, ctypes.c_void_p).value,
+            cells=address(cells),
+            source=address(self.block.entered),
+        )
+
+    def answered(self, t: float, h: float, status: int) -> None:
+        self.part.stepped(t, h, status)

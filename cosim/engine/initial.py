@@ -26,6 +26,7 @@ Vector = NDArray[np.float64]
 MOST_ITERATIONS = 20
 TOLERANCE = 1e-10
 SINGULAR = 1e8
+KINDS: dict[str, type[Coupled]] = {"2.0": Coupled, "3.0": Coupled3}
 
 
 def initialise(
@@ -39,11 +40,12 @@ def initialise(
     substeps: Mapping[str, int] | None = None,
     input_order: int = 0,
     within: Sequence[Port] = (),
-    kind: type[Coupled] = Coupled,
+    kinds: Mapping[str, type[Coupled]] = KINDS,
 ) -> dict[str, Coupled]:
     """All parts at `start`, their coupled start values consistent, ready for the first step.
 
-    The FMUs that can are to show the ports `within` their steps. The stack closes the parts.
+    The FMUs that can are to show the ports `within` their steps. `kinds` makes a part, by the version
+    of its FMU. The stack closes the parts.
     Raises PartFailure where an FMU refuses, SetupError where the start values have no solution.
     """
     parts: dict[str, Coupled] = {}
@@ -55,8 +57,7 @@ def initialise(
             raise PartFailure(f"{name}: {error}") from error
         made = name, description, fmu, (substeps or {}).get(name, 1)
         watched = [port.variable for port in within if port.part == name]
-        third = description.fmiVersion == "3.0"
-        parts[name] = Coupled3(*made, watched) if third else kind(*made)
+        parts[name] = kinds[description.fmiVersion](*made, watched)
         stack.callback(parts[name].close)
     given = {port.name: (port, value) for port, value in network.start}
     given |= {port.name: (port, profile.at(start)) for port, profile in network.inputs}

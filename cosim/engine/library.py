@@ -15,7 +15,7 @@ from zipfile import ZipFile
 
 import fmpy
 from fmpy.fmi2 import FMU2Model, FMU2Slave
-from fmpy.fmi3 import FMU3Slave
+from fmpy.fmi3 import FMU3Model, FMU3Slave
 from fmpy.model_description import ModelDescription
 
 from ..errors import PartFailure
@@ -23,6 +23,7 @@ from ..scratch import scratch
 from ..system import version
 
 MOST_KEPT = 32
+KINDS: dict[str, Any] = {"2.0": (FMU2Slave, FMU2Model), "3.0": (FMU3Slave, FMU3Model)}
 
 KEPT: dict[Path, Library] = {}
 LOCK = RLock()
@@ -37,14 +38,15 @@ class Library:
 
     def __init__(self, path: Path, description: ModelDescription) -> None:
         self.path, self.version = path, version(path)
-        self.once = bool(description.coSimulation.canBeInstantiatedOnlyOncePerProcess)
+        interface = description.coSimulation or description.modelExchange
+        self.once = bool(interface.canBeInstantiatedOnlyOncePerProcess)
         self.users = 0
         self.abandoned = False
         self.folder = Path(mkdtemp(dir=scratch()))
         try:
             unpack(path, self.folder)
-            kind = FMU2Slave if description.fmiVersion == "2.0" else FMU3Slave
-            self._slave = _loaded(kind, self.folder, description.guid, description.coSimulation)
+            kind = KINDS[description.fmiVersion][interface is description.modelExchange]
+            self._slave = _loaded(kind, self.folder, description.guid, interface)
         except BaseException:
             rmtree(self.folder)
             raise
@@ -59,9 +61,10 @@ class Library:
         slave.instanceName = name
         return slave
 
-    def model(self, name: str, description: ModelDescription) -> FMU2Model:
+    def model(self, name: str, description: ModelDescription) -> FMU2Model | FMU3Model:
         """The same for model exchange; whoever takes it frees its library."""
-        model = _loaded(FMU2Model, self.folder, description.guid, description.modelExchange)
+        kind = KINDS[description.fmiVersion][1]
+        model = _loaded(kind, self.folder, description.guid, description.modelExchange)
         model.instanceName = name
         return model
 

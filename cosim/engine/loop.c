@@ -10,7 +10,7 @@
 #include <stdint.h>
 #include <string.h>
 
-enum { COPY, SCALE, FEED, EXCHANGE, EXCHANGE3, STEP, STEP3, BOOK, NOT_FINITE = INT_MIN };
+enum { COPY, SCALE, FEED, EXCHANGE, EXCHANGE3, ENTER, STEP, STEP3, BOOK, NOT_FINITE = INT_MIN };
 
 typedef int (*exchange)(void *component, const unsigned *references, size_t count, void *cells);
 typedef int (*exchange3)(void *component, const unsigned *references, size_t count, void *cells,
@@ -96,6 +96,8 @@ static int run(const operation *op, double t, double h, long long n)
         return ((exchange3)op->function)(op->component, op->references, op->count, cells, op->values);
     case EXCHANGE:
         return ((exchange)op->function)(op->component, op->references, op->count, cells);
+    case ENTER:
+        return memcmp(cells, source, op->count) ? ((finish)op->function)(t + op->at * h, size, 0) : 0;
     case STEP:
     case STEP3: {
         double piece = size / op->count;

@@ -160,6 +160,8 @@ class Part:
     """An instance of an FMU from instantiation to `close`; raises PartFailure where a call fails."""
 
     BLOCK: type[Block] = Block
+    SIDE, FMI = "coSimulation", "fmi2"
+    SERIALIZE, DESERIALIZE = "serializeFMUstate", "deSerializeFMUstate"
     FREE, GET_STATE, SET_STATE, FREE_STATE = (
         f"fmi2{call}" for call in ("FreeInstance", "GetFMUstate", "SetFMUstate", "FreeFMUstate")
     )
@@ -182,7 +184,7 @@ class Part:
         except Exception as error:
             fmu.forget()
             fmu.release()
-            tool = description.coSimulation.needsExecutionTool
+            tool = getattr(description, self.SIDE).needsExecutionTool
             raise PartFailure(
                 f"{name}: instantiate failed: {self.reason()}"
                 + (f"; it needs {description.generationTool or 'its tool'} to run" if tool else "")
@@ -281,11 +283,27 @@ class Part:
             self.BLOCK(self, action, [v for v in variables if v.type == kind]) for kind in kinds
         ]
 
-    def set_up(self, tolerance: float | None, start: float, stop: float) -> None:
+    def set_up(self, tolerance: float | None, start: float, stop: float | None) -> None:
         """Hand over the times [s] between which the FMU runs, and enter initialisation mode."""
-        self._stop, self.nearly = stop, stop - 64 * math.ulp(stop)
+        self.limit(stop)
         self.call("setupExperiment", tolerance, start, stop)
         self.call("enterInitializationMode")
+
+    def limit(self, stop: float | None) -> None:
+        """Keep the time [s] beyond which no step may go."""
+        if stop is not None:
+            self._stop, self.nearly = stop, stop - 64 * math.ulp(stop)
+
+    def reset(self) -> None:
+        """Be as if made anew."""
+        self._initialised = False
+        self.call("reset")
+
+    def slopes(self, unknown: Sequence[Any], known: Any) -> list[float]:
+        """The directional derivatives of variables by one, as the FMU has them."""
+        references = [v.valueReference for v in unknown]
+        told = self.call("getDirectionalDerivative", references, [known.valueReference], [1.0])
+        return list(told)
 
     def rest(self, t: float, h: float) -> float:
         """The step h from t [s], or what is left to the stop time where it differs by rounding."""
@@ -332,6 +350,13 @@ class Part:
         status = getattr(self.library, self.SET_STATE)(self.component, state)
         if status != OK:
             self.answered("SetFMUstate", status)
+
+    def carried(self, state: ctypes.c_void_p, other: Part) -> tuple[ctypes.c_void_p, int]:
+        """A saved state as one of another instance, by way of bytes; how many these are."""
+        copy = other.state()
+        content = self.call(self.SERIALIZE, state)
+        other.call(self.DESERIALIZE, content, copy)
+        return copy, len(content)
 
     def _free(self, state: ctypes.c_void_p) -> None:
         if state:

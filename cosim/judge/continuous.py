@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from itertools import chain
 from typing import Any, NamedTuple, cast
@@ -15,14 +15,15 @@ from numpy.typing import NDArray
 
 from ..engine.changes import changes
 from ..engine.exchange import Coupled
+from ..engine.fmi3 import Coupled3
 from ..engine.initial import initialise
 from ..engine.library import Library
-from ..engine.part import DISCARD, OK, Block
+from ..engine.part import DISCARD, ERROR, OK, Block, Part
 from ..errors import PartFailure, SetupError
 from ..inputs import Table
 from ..loops import algebraic_loops, describe
 from ..master import stepping_order
-from ..system import Network, Port, require_fmi2
+from ..system import Network, Port, moves
 
 Array = NDArray[np.float64]
 DIFFERENCE, SINGULAR = 6e-6, 1e12
@@ -48,8 +49,16 @@ class Blocks(NamedTuple):
 class Model(Coupled):
     """A part's model-exchange side: continuous states `x`, rates `dx`, event indicators `z`."""
 
+    SIDE = "modelExchange"
+    RATES, UPDATE = "GetDerivatives", "newDiscreteStates"
+
     def __init__(
-        self, name: str, description: ModelDescription, fmu: Library, substeps: int = 1
+        self,
+        name: str,
+        description: ModelDescription,
+        fmu: Library,
+        substeps: int = 1,
+        within: Sequence[Any] = (),
     ) -> None:
         super().__init__(name, description, fmu, substeps)
         self.rates: list[ScalarVariable] = [u.variable for u in description.derivatives]
@@ -63,6 +72,13 @@ class Model(Coupled):
         model = fmu.model(self.name, self.description)
         return model, ctypes.PyDLL(None, handle=model.dll._handle)
 
+    def step_call(self) -> Callable[[], int]:
+        """None: the library need not have one."""
+        return lambda: ERROR
+
+    def begin(self) -> None:
+        Part.begin(self)
+
     def close(self) -> None:
         super().close()
         if not self.fmu.abandoned:
@@ -72,7 +88,7 @@ class Model(Coupled):
         """Call "SetContinuousStates" and the like with this array; raises Refused, PartFailure."""
         if len(cells):
             place = ctypes.c_size_t(len(cells))
-            status = getattr(self.library, f"fmi2{function}")(self.component, cells, place)
+            status = getattr(self.library, self.FMI + function)(self.component, cells, place)
             if status == DISCARD:
                 raise Refused(str(self.failure(function, status)))
             if status != OK:
@@ -82,39 +98,54 @@ class Model(Coupled):
         """Hand over the states."""
         self.array("SetContinuousStates", self.x)
 
-    def real(self, causality: str) -> list[ScalarVariable]:
-        """The Real variables of a causality."""
+    def inputs_that_move(self) -> list[ScalarVariable]:
+        """The Real inputs; by FMI 3.0 those that are continuous."""
         variables = self.description.modelVariables
-        return [v for v in variables if v.causality == causality and v.type == "Real"]
+        return [v for v in variables if moves(Port(self.name, v))]
+
+    def real_outputs(self) -> list[ScalarVariable]:
+        variables = self.description.modelVariables
+        return [v for v in variables if v.causality == "output" and v.type == "Real"]
 
     def jacobian(self) -> tuple[Array, Array]:
-        """Derivatives of rates and outputs by the states and by the Real inputs."""
-        unknown = [v.valueReference for v in (*self.rates, *self.real("output"))]
-        inputs = self.real("input")
-        moves: list[tuple[ScalarVariable, Any, int, Callable[[], None]]]
-        moves = [(v, self.x, i, self.put) for i, v in enumerate(self.states)]
+        """Derivatives of rates and outputs by the states and by the inputs that move."""
+        unknown = [*self.rates, *self.real_outputs()]
+        inputs = self.inputs_that_move()
+        nudges: list[tuple[ScalarVariable, Any, int, Callable[[], None]]]
+        nudges = [(v, self.x, i, self.put) for i, v in enumerate(self.states)]
         for block in self.blocks("Set", inputs):
-            block.cells[:] = self.call("getReal", [v.valueReference for v in inputs])
-            moves += [(v, block.cells, i, block.move) for i, v in enumerate(inputs)]
+            block.cells[:] = list(self.values(block.variables).values())
+            places = {v.name: i for i, v in enumerate(block.variables)}
+            nudges += [(v, block.cells, places[v.name], block.move) for v in inputs]
         self.array("GetContinuousStates", self.x)
         offers = self.description.modelExchange.providesDirectionalDerivative
-        columns = []
-        for variable, cells, i, move in moves if unknown else ():
+        columns: list[Any] = []
+        for variable, cells, i, move in nudges if unknown else ():
             if offers:
-                known = [variable.valueReference]
-                columns.append(self.call("getDirectionalDerivative", unknown, known, [1.0]))
+                columns.append(self.slopes(unknown, variable))
                 continue
             here = cells[i]
             h = DIFFERENCE * max(abs(here), abs(float(variable.nominal or 1.0)))
             sides = []
             for cells[i] in (here - h, here + h):
                 move()
-                sides.append(np.array(self.call("getReal", unknown)))
+                got = self.values(unknown)
+                sides.append(np.array([got[v.name] for v in unknown]))
             cells[i] = here
             move()
             columns.append((sides[1] - sides[0]) / (2 * h))
-        whole = np.array(columns).reshape(len(moves), len(unknown)).T
+        whole = np.array(columns).reshape(len(nudges), len(unknown)).T
         return whole[:, : len(self.states)], whole[:, len(self.states) :]
+
+
+class Model3(Model, Coupled3):
+    """The same by FMI 3.0, whose states, rates and inputs may be arrays."""
+
+    RATES, UPDATE = "GetContinuousStateDerivatives", "updateDiscreteStates"
+
+    def _event(self, t: float, blocks: Iterable[Block] = (), clocks: Sequence[int] = ()) -> None:
+        for block in blocks:  # in event mode, which `Whole` enters
+            block.move()
 
 
 class Whole:
@@ -130,10 +161,9 @@ class Whole:
         self.network, self.models, self.t = network, models, start
         self.parts = list(models.values())
         self.states = [Port(p.name, v) for p in self.parts for v in p.states]
-        self.inputs = [Port(p.name, v) for p in self.parts for v in p.real("input")]
-        self.outputs = [Port(p.name, v) for p in self.parts for v in p.real("output")]
+        self.inputs = [Port(p.name, v) for p in self.parts for v in p.inputs_that_move()]
+        self.outputs = [Port(p.name, v) for p in self.parts for v in p.real_outputs()]
         self.feeds = [feed for part in self.parts for feed in part.feeds]
-        self.links = [link for part in self.parts for link in part.links if link.real]
         self.changes = changes(network, dict(models), start, stop)
         knots = [f.profile.times for f in self.feeds if isinstance(f.profile, Table)]
         self.stops = sorted({change.time for change in self.changes}.union(*knots))
@@ -170,7 +200,7 @@ class Whole:
         try:
             self.at(t, x)
             for part in self.parts:
-                part.array("GetDerivatives", part.dx)
+                part.array(part.RATES, part.dx)
         except Refused:
             return np.full(len(x), math.nan)
         return np.array([value for part in self.parts for value in part.dx])
@@ -193,7 +223,7 @@ class Whole:
         """Tell the parts that a step of the integrator is complete; whether one wants an event."""
         wants = False
         for part in self.parts:
-            if not part.description.modelExchange.completedIntegratorStepNotNeeded:
+            if part.description.modelExchange.needsCompletedIntegratorStep:
                 event, end = part.call("completedIntegratorStep")
                 self._require_going(part, end)
                 wants = wants or event
@@ -213,7 +243,7 @@ class Whole:
         while again:
             again = self._settle(lambda block: True)
             for part in self.parts:
-                more, end, _, _, timed, time = part.call("newDiscreteStates")
+                more, end, _, _, timed, time = part.call(part.UPDATE)
                 self._require_going(part, end)
                 part.next_time = time if timed else math.inf
                 again = again or more
@@ -236,7 +266,7 @@ class Whole:
             {port.name: k for k, port in enumerate(p)} for p in (self.inputs, self.outputs)
         )
         for source, target, factor, _ in self.network.wires:
-            if source.type == "Real":
+            if target.name in row:
                 F[row[target.name], column[source.name]] = factor
 
         def diagonal(k: int, *, rates: bool) -> Array:
@@ -262,7 +292,7 @@ class Whole:
         loop = blocks.F @ blocks.D
         place = {port.name: k for k, port in enumerate(self.inputs)}
         for ring in algebraic_loops(self.network):
-            own = [place[w.target.name] for w in ring if w.source.type == "Real"]
+            own = [place[w.target.name] for w in ring if w.target.name in place]
             if not own:
                 continue
             inner, _ = matrix_balance(loop[np.ix_(own, own)])
@@ -339,18 +369,24 @@ class Whole:
             )
 
 
+KINDS = {"2.0": Model, "3.0": Model3}
+
+
 @contextmanager
 def opened(network: Network, start: float, stop: float) -> Iterator[Whole]:
     """The system at `start` [s], its start values consistent.
 
-    Raises SetupError for a part without model exchange, PartFailure where an FMU refuses.
+    Raises SetupError for a part without model exchange or with a clock that is to tick, PartFailure
+    where an FMU refuses.
     """
-    require_fmi2(network.descriptions, "the oracle and linearize take")
     for name, description in network.descriptions.items():
         if description.modelExchange is None:
             raise SetupError(f"{name}: {network.system.parts[name]} offers no model exchange")
+        for v in description.modelVariables:
+            if v.type == "Clock" and v.causality == "input":
+                raise SetupError(f"{name}.{v.name} is a clock, which ticks in co-simulation only")
     with ExitStack() as stack:
         sequence = stepping_order(network, None)
-        parts = initialise(network, sequence, stack, start, stop, kind=Model)
+        parts = initialise(network, sequence, stack, start, stop, kinds=KINDS)
         models = cast(dict[str, Model], parts)
         yield Whole(network, {name: models[name] for name in network.system.parts}, start, stop)

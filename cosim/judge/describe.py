@@ -72,6 +72,8 @@ def _said(port: Port) -> str:
 
 
 def _abilities(description: ModelDescription) -> str:
+    if description.coSimulation is None:
+        return "for model exchange only"
     can = [text for flag, text in ABILITIES.items() if getattr(description.coSimulation, flag)]
     return ", ".join(can) or "fixed steps forward only"
 

@@ -3,7 +3,8 @@
 A value that is held over a communication step arrives late, and a delay tau around a loop changes
 the damping ratio of an oscillation that runs through it by -omega tau / 2. Two runs, one of them
 with a small kick, differ by the free response of the coupled system; its modes at several steps
-tell the artificial damping from the real one.
+tell the artificial damping from the real one. Where all parts offer model exchange and the linear
+system behind it does not change along the motion, its eigenvalue is the real one.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -24,6 +26,7 @@ from ..engine.stepping import Plan, Row, Run
 from ..errors import PartFailure, SetupError
 from ..master import Settings, problems, stepping_order
 from ..system import Network, System, connect
+from .linearize import linearize
 from .modes import SIGNIFICANT, Array, Fit, Mode, fit
 
 KICK = 1e-3
@@ -35,14 +38,16 @@ ALMOST, AT_ONCE = 0.9, 32
 PROPORTIONAL, LEAST_GROWTH = 0.1, 0.05
 SPREAD = 3.0
 UNEXPLAINED, UNCERTAIN, NEGLIGIBLE, UNDAMPED = 0.02, 0.1, 1e-4, 1e-6
+MOMENTS, STEADY, EXACT, STIFF = (0.0, 0.382, 1.0), 1e-6, 1e-9, 1e5
 
 
 @dataclass(frozen=True)
 class Diagnosis:
     """What an algorithm with communication steps of `step` [s] does to a mode of a system.
 
-    `frequency` is its natural frequency [rad/s], `damping` the damping ratio of the system itself,
-    extrapolated to steps of zero, with its `error`; `damping_seen` the one at `step`. `delay` [s]
+    `frequency` is its natural frequency [rad/s], `damping` the damping ratio of the system itself with
+    its `error`: the eigenvalue of the linear system if `linear`, else extrapolated to steps of zero;
+    `damping_seen` the one at `step`. `delay` [s]
     is the delay around the loop that makes the difference, -2 (damping_seen - damping) / frequency.
     All of these are NaN if no oscillation was seen.
 
@@ -62,6 +67,7 @@ class Diagnosis:
     recommended_step: float | None
     drift: float
     residual: float
+    linear: bool = False
 
     @property
     def damped(self) -> bool:
@@ -103,9 +109,10 @@ class Diagnosis:
             yield "Do not trust this: the damping does not converge, begin with a shorter step."
 
     def _mode(self) -> Iterator[str]:
+        way = "by derivatives of the FMUs" if self.linear else "by runs with shorter steps"
         yield (
             f"The oscillation at {self.frequency / (2 * math.pi):.4g} Hz has the damping ratio "
-            f"{self.damping:.4g} +- {self.error:.1g}; {self.algorithm} with steps of "
+            f"{self.damping:.4g} +- {self.error:.1g}, {way}; {self.algorithm} with steps of "
             f"{self.step:.4g} s shows {self.damping_seen:.4g}, a loop delay of {self.delay:.3g} s."
         )
         if self.damping_seen < 0.0 < self.damping:
@@ -134,7 +141,7 @@ def diagnose(
 
     From `start` [s] the system runs for `settle` [s], then all its Real wires are kicked. The least
     damped of the oscillations that they show well is followed from `step` [s] to a half and a
-    quarter of it and from there to zero; then shorter steps are tried until the artificial damping
+    quarter of it and from there to zero, or to the eigenvalue of `linearize` there; then shorter steps are tried until the artificial damping
     is at most `share` of the real one. `order` and `input_order` are those of `run`.
 
     Works on a steady motion too, as long as the kick is small to it: what it sees then are the
@@ -247,6 +254,8 @@ def _diagnose(bench: Bench, step: float, share: float) -> Diagnosis:
     follow(step / 2)
     follow(step)
     law = Law(modes, fits)
+    own = _own(bench, law, span)
+    law = Law(modes, fits, own)
     recommended = step if _decays(law) else None
     while recommended is not None and not law.keeps(recommended, share):
         shorter = law.step(share)
@@ -257,7 +266,7 @@ def _diagnose(bench: Bench, step: float, share: float) -> Diagnosis:
             recommended = None
         else:
             follow(recommended)
-            law = Law(modes, fits)
+            law = Law(modes, fits, own)
     seen = modes[step].damping
     return Diagnosis(
         algorithm=bench.algorithm,
@@ -271,18 +280,68 @@ def _diagnose(bench: Bench, step: float, share: float) -> Diagnosis:
         recommended_step=recommended,
         drift=_drift(fits, step, span),
         residual=max(found.residual for found in fits.values()),
+        linear=own is not None,
     )
 
 
-class Law:
-    """A mode's damping ratio over the step: the parabola through the three shortest steps.
+def _own(bench: Bench, law: Law, span: float) -> Own | None:
+    """The eigenvalue of the coupled system itself next to a mode, from model exchange.
 
-    The error of its value at zero is the difference to a line, and what goes through the
+    None where a part does not offer that, where the linear system changes within `span` [s] of the
+    motion, so that the eigenvalues of an instant are not those of the motion, where none is near, or
+    where the motion is too stiff to be followed so far.
+    """
+    system, start = bench.network.system, bench.start
+    times = [bench.settle + share * span for share in MOMENTS]
+    try:
+        fastest = np.abs(linearize(system, start=start).eigenvalues).max(initial=0.0)
+        if fastest * times[-1] > STIFF:
+            return None
+        first, *later = (linearize(system, start=start, at=at) for at in times)
+    except SetupError:
+        return None
+    near = STEADY * np.abs(first.A) + EXACT * np.abs(first.A).max()
+    if any((np.abs(found.A - first.A) > near).any() for found in later):
+        return None
+    expected = law.frequency * complex(-law.damping, math.sqrt(max(0.0, 1.0 - law.damping**2)))
+    s, *others = (
+        complex(min(found.eigenvalues, key=lambda s: abs(s - expected), default=math.nan))
+        for found in (first, *later)
+    )
+    if not abs(s - expected) <= (UNCERTAIN + law.error) * abs(s):
+        return None
+    moved = max(abs(other - s) for other in others) / abs(s)
+    return Own(abs(s), -s.real / abs(s), moved + EXACT)
+
+
+class Own(NamedTuple):
+    """Natural frequency [rad/s] and damping ratio of a mode, and the error of both, relative and as it is."""
+
+    frequency: float
+    damping: float
+    error: float
+
+
+class Law:
+    """A mode's damping ratio over the step: the parabola through the three shortest steps, or through the
+    system's own value at zero and the two shortest.
+
+    The error of the value at zero is the difference to a line, and what goes through the
     extrapolation of SPREAD times the residuals and of what a fit neglects per radian.
     """
 
-    def __init__(self, modes: Mapping[float, Mode], fits: Mapping[float, Fit]) -> None:
+    def __init__(
+        self, modes: Mapping[float, Mode], fits: Mapping[float, Fit], own: Own | None = None
+    ) -> None:
         self.modes = modes
+        self.doubt = dict.fromkeys(modes, 0.0)
+        if own is not None:
+            steps = [0.0, *sorted(modes)[:2]]
+            ratios = [own.damping, *(modes[h].damping for h in steps[1:])]
+            self.curve = np.linalg.solve(np.vander(steps), ratios)
+            self.frequency, self.damping, self.error = own
+            self.doubt = {h: self._unknown(fits[h], h) for h in modes}
+            return
         steps = sorted(modes)[:3]
         powers = np.vander(steps)
         ratios = [modes[h].damping for h in steps]
@@ -290,12 +349,16 @@ class Law:
         self.damping = float(self.curve[-1])
         self.frequency = float(np.linalg.solve(powers, [modes[h].frequency for h in steps])[-1])
         line = ratios[0] - steps[0] * (ratios[1] - ratios[0]) / (steps[1] - steps[0])
-        unknown = [SPREAD * fits[h].residual + SIGNIFICANT / (self.frequency * h) for h in steps]
+        unknown = [self._unknown(fits[h], h) for h in steps]
         self.error = abs(self.damping - line) + float(np.abs(np.linalg.inv(powers)[-1]) @ unknown)
+
+    def _unknown(self, found: Fit, h: float) -> float:
+        """What may be wrong with a damping ratio that was seen at a step [s]."""
+        return SPREAD * found.residual + SIGNIFICANT / (self.frequency * h)
 
     def keeps(self, h: float, share: float) -> bool:
         """Whether a step that was tried keeps the damping within its share for certain."""
-        off = abs(self.modes[h].damping - self.damping) + self.error
+        off = abs(self.modes[h].damping - self.damping) + self.error + self.doubt[h]
         return off <= share * abs(self.damping)
 
     def step(self, share: float) -> float:

@@ -17,7 +17,7 @@ from ..engine.stepping import Plan, Row
 from ..errors import PartFailure, SetupError
 from ..master import versions
 from ..result import Result, SimulationError
-from ..system import Port, System, connect
+from ..system import Port, System, connect, require_steps
 from .certify import Estimate, certify, summary
 from .continuous import Array, Whole, opened
 
@@ -151,8 +151,9 @@ def true_errors(
     """Certify figures of runs with a communication step [s], and compare them with the oracle's.
 
     The oracle's rows are as far apart as those of the runs. `settings` are those of `run`. Raises what
-    `oracle` and `certify` raise.
+    `oracle` and `certify` raise; what is for model exchange only has no run to be compared.
     """
+    require_steps(connect(system).descriptions, system.parts)
     rows = settings.get("output_step", step)
     exact = oracle(system, stop=stop, start=start, output_step=rows, record=record, method=method)
     truth = figures(exact)

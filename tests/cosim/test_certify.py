@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 
-from cosim import certify, estimate
+from cosim import Result, System, certify, estimate, smallest
 from cosim.verification.ideal import Ideal
 from cosim.verification.systems import couple, drive
 from tests.cosim.test_cosim import ripple
@@ -37,6 +39,22 @@ def test_text_shows_the_digits_that_the_error_leaves() -> None:
 def test_jacobi_with_long_steps_is_called_not_converged(fmus) -> None:
     values = [ripple(fmus, "jacobi", steps, 48)[1] for steps in (320, 160, 80)]
     assert estimate(values, 1).error is None
+
+
+@pytest.mark.parametrize("figure", [smallest, lambda t, x: float(x.min())])
+def test_an_extreme_that_every_run_smoothes_away_is_in_the_error(figure: Any) -> None:
+    """x = 20 t^2 - t dips to -1/80; an error of 80 h t leaves no run a value below that of the start."""
+    t = np.linspace(0.0, 1.0, 21)
+
+    def runner(_: System, *, step: float, **__: Any) -> Result:
+        rows = np.column_stack([t, 20 * t**2 - t + 80 * step * t])
+        return Result(["time", "x"], {}, {"convergence_order": 1}, lambda: rows)
+
+    found = certify(
+        System({}), lambda r: {"x": figure(r["time"], r["x"])}, step=0.05, runner=runner
+    ).figures["x"]
+    assert found.value == pytest.approx(0.0, abs=1e-12)
+    assert found.error is not None and 1 / 80 <= found.error <= 3 / 80
 
 
 def test_the_order_stated_knows_of_direct_feedthrough(fmus: Path) -> None:

@@ -20,8 +20,10 @@ from cosim.judge.crosscheck.checks import (
     checked,
 )
 from tests.conftest import described, rewritten
-from tests.cosim.faulty import DEADLY, FAULTS, pack
+from tests.cosim.faulty import DEADLY, FAULTS, FAULTS3, pack
 from tests.cosim.foreign import pack as foreign
+from tests.cosim.third import pack as third
+from tests.fmukit.test_fmi3 import built
 
 QUICK = ("CrankConveyor", "DriveMotor", "GravityOrientator")
 
@@ -31,7 +33,7 @@ def verdicts(path: Path, *names: str) -> Crosscheck:
     subject = Subject(path)
     with quiet():
         return Crosscheck(
-            str(path), "", "", tuple(checked(subject, name) for name in names or CHECKS)
+            str(path), "", "", "", tuple(checked(subject, name) for name in names or CHECKS)
         )
 
 
@@ -39,30 +41,52 @@ def failed(found: Crosscheck) -> list[str]:
     return [verdict.check for verdict in found.verdicts if verdict.status == FAILED]
 
 
-def test_an_fmu_that_keeps_its_promises_passes_every_check(tmp_path: Path) -> None:
-    found = verdicts(pack(tmp_path / "sound.fmu"))
+@pytest.mark.parametrize(
+    ("version", "discard"),
+    [
+        ("2.0", "a step of 5 s is discarded, one to 2 s taken"),
+        ("3.0", "a step of 5 s is discarded, 60 rows after it to the bit"),
+    ],
+)
+def test_an_fmu_that_keeps_its_promises_passes_every_check(
+    version: str, discard: str, tmp_path: Path
+) -> None:
+    found = verdicts(pack(tmp_path / "sound.fmu", version=version))
     assert {verdict.status for verdict in found.verdicts} == {PASSED}, found.text()
-    assert found["discard"].said == "a step of 5 s is discarded, one to 2 s taken"
+    assert found["discard"].said == discard
 
 
-@pytest.mark.parametrize("fault", FAULTS)
-def test_every_fault_is_found_by_its_checks_and_by_no_other(fault: str, tmp_path: Path) -> None:
-    path = pack(tmp_path / "faulty.fmu", fault)
+SAMPLE3 = ("bytes lack a value", "moves in a discard")
+SEEDED = [("2.0", fault) for fault in FAULTS]
+SEEDED += [
+    ("3.0", fault) if fault in SAMPLE3 else pytest.param("3.0", fault, marks=pytest.mark.slow)
+    for fault in FAULTS3
+]
+
+
+@pytest.mark.parametrize(("version", "fault"), SEEDED)
+def test_every_fault_is_found_by_its_checks_and_by_no_other(
+    version: str, fault: str, tmp_path: Path
+) -> None:
+    path = pack(tmp_path / "faulty.fmu", fault, version)
     found = crosscheck(path) if fault == "leaks" else verdicts(path)  # where no memory lies about
-    assert ", ".join(failed(found)) == FAULTS[fault], found.text()
+    checks = FAULTS[fault] if version == "2.0" else FAULTS3[fault]
+    assert ", ".join(failed(found)) == checks, found.text()
     if fault == "fails":
         assert {v.status for v in found.verdicts[3:]} == {NOT_RUN}
 
 
 def test_every_check_has_a_fault_that_fails_it() -> None:
-    assert len(FAULTS) + len(DEADLY) >= 20
-    assert {check for checks in FAULTS.values() for check in checks.split(", ")} == CHECKS.keys()
+    for faults in (FAULTS, FAULTS3):
+        assert len(faults) + len(DEADLY) >= 20
+        assert {check for some in faults.values() for check in some.split(", ")} == CHECKS.keys()
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("version", ["2.0", "3.0"])
 @pytest.mark.parametrize("fault", DEADLY)
-def test_a_crash_or_a_hang_fails_its_check_alone(fault: str, tmp_path: Path) -> None:
-    found = crosscheck(pack(tmp_path / "deadly.fmu", fault), timeout=8.0)
+def test_a_crash_or_a_hang_fails_its_check_alone(fault: str, version: str, tmp_path: Path) -> None:
+    found = crosscheck(pack(tmp_path / "deadly.fmu", fault, version), timeout=8.0)
     assert ", ".join(failed(found)) == DEADLY[fault], found.text()
     said = "no answer within 8 s" if "hangs" in fault else "killed by signal SIG"
     assert all(said in found[check].said for check in failed(found))
@@ -129,6 +153,19 @@ def test_what_is_not_offered_is_not_passed(flag: str, checks: str, tmp_path: Pat
 def test_no_check_fails_on_a_native_fmu_of_the_project(name: str, fmus: Path) -> None:
     found = verdicts(fmus / "native" / f"{name}.fmu")
     assert failed(found) == [], found.text()
+
+
+def test_no_check_fails_on_fmi_3_with_events_arrays_and_all_types(tmp_path: Path) -> None:
+    checks = ("reset", "state", "output dependencies", "initial dependencies")
+    for fmu in (built("GravityOrientator"), third(tmp_path / "third.fmu")):
+        found = verdicts(fmu, *checks)
+        assert {v.status for v in found.verdicts} == {PASSED}, found.text()
+
+
+def test_a_report_names_the_standard_of_the_fmu(tmp_path: Path) -> None:
+    found = crosscheck(pack(tmp_path / "faulty.fmu", "version", "3.0"))
+    assert "binary, FMI 3.0.2, 2.2.5: ask the binary" in found.text()
+    assert "FMI 3.0.2, 2.2.5" in found.junit() and "<th>FMI 3.0.2</th>" in found.html()
 
 
 @pytest.mark.slow

@@ -11,13 +11,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cosim import SetupError, System, diagnose
+from cosim import SetupError, System, diagnose, linearize
 from cosim.judge.modes import fit
 from cosim.verification.ideal import Ideal, Scheme
 from cosim.verification.systems import DC_MOTOR, OSCILLATOR, Unit, couple, drive, twisting_drive
 from scenarios.conveyor.drive import conveyor_drive
 from scenarios.conveyor.theory import SETS
 from tests.conftest import ROOT
+from tests.cosim.test_linearize import conveyor, two_masses
 
 J_1, J_2, STIFF, DAMP = 1.1, 2.2, 1e4, 1.0
 RESONANCE = math.sqrt(STIFF * (1 / J_1 + 1 / J_2))
@@ -171,6 +172,41 @@ def test_loop_delay_of_the_conveyor_drive_on_its_orbit(algorithm: str, delay: fl
         assert got.recommended_step == pytest.approx(0.9 * 0.05 * machine.J / machine.B, rel=0.05)
     else:
         assert got.recommended_step == got.step
+
+
+@pytest.mark.parametrize(
+    "algorithm", ["jacobi", pytest.param("gauss-seidel", marks=pytest.mark.slow)]
+)
+def test_model_exchange_gives_the_damping_itself(algorithm: str, fmus: Path, native: Path) -> None:
+    """Two masses on a shaft: the eigenvalue, and within its error what runs of the Python FMUs tell."""
+    given = {
+        "shaft__c": STIFF,
+        "shaft__d": 100.0,
+        "one__w_a": 0.0,
+        "two__w_a": 0.0,
+        "two__tau_b": 0.0,
+    }
+    given["shaft__twist"] = 0.001
+    linear, runs = (
+        diagnose(two_masses(folder, **given), step=1e-4, algorithm=algorithm, share=LOOSE)
+        for folder in (native, fmus)
+    )
+    assert (linear.linear, runs.linear) == (True, False)
+    assert linear.frequency == pytest.approx(RESONANCE, rel=1e-8)
+    assert linear.damping == pytest.approx(damping_ratio(100.0), rel=1e-8)
+    assert abs(runs.damping - linear.damping) <= runs.error
+    assert linear.error < runs.error / 10
+    assert linear.damping_seen == pytest.approx(runs.damping_seen, rel=1e-6)
+    assert "by derivatives of the FMUs;" in linear.text()
+    assert "by runs with shorter steps;" in runs.text()
+
+
+def test_eigenvalues_at_an_angle_are_not_taken_for_those_of_a_turning_crank(native: Path) -> None:
+    got = diagnose(conveyor(native), step=1e-3, algorithm="gauss-seidel", share=LOOSE)
+    assert got.trusted and not got.linear
+    frozen = linearize(conveyor(native)).modes["frequency [rad/s]"]
+    assert got.frequency == pytest.approx(2 * SETS["A"].nu_res, rel=1e-3)
+    assert min(abs(frozen - got.frequency)) > 2e-3 * got.frequency
 
 
 def test_an_undamped_system_has_no_share_to_keep(fmus: Path) -> None:

@@ -8,8 +8,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.optimize import minimize_scalar
 
 from cosim import SetupError, System, linearize
+from scenarios.conveyor.drive import linearised, start_values
 from scenarios.conveyor.theory import SETS
 from tests.conftest import described, rewritten
 
@@ -86,10 +88,24 @@ def test_resonance_22_where_a_constant_inertia_and_no_slope_of_the_spring_show_i
     assert load == pytest.approx(exact, rel=1e-8)
     lag = -np.angle(-found.frequency_response("conveyor.tau", "motor.tau", 2 * m.nu_res))
     assert math.degrees(lag) == pytest.approx(90.0, abs=1e-8)
+    peak = minimize_scalar(
+        lambda w: -abs(found.frequency_response("conveyor.tau", "motor.tau", w)),
+        bounds=(m.nu_res, 3 * m.nu_res), method="bounded", options={"xatol": 1e-9},
+    ).x  # fmt: skip
+    assert peak == pytest.approx(2 * m.nu_res * math.sqrt(1 - 2 * m.zeta**2), rel=1e-7)
     phase = found.plot("conveyor.tau", "motor.tau").axes[1].lines[0]
     w, shown = phase.get_xdata(), phase.get_ydata()
     read = np.interp(90.0, 180.0 * round(shown[0] / 180.0) - shown, w)
     assert read == pytest.approx(2 * m.nu_res, rel=1e-5)
+
+
+def test_the_slope_of_an_induction_motor_is_that_of_the_theory(native: Path) -> None:
+    """tau' T = tau_static(w) - tau: by the FMU's derivatives, and in closed form as resonance takes it."""
+    m, kloss = SETS["A"], {"motor.characteristic": 1}
+    values = kloss | start_values(m, kloss, 40.0)
+    start = {k: v for k, v in values.items() if k.startswith("motor.")} | {"motor.w": 40.0}
+    found = linearize(System({"motor": native / "DriveMotor.fmu"}, [], start))
+    assert -found.B[0, 0] * m.T == pytest.approx(linearised(m, kloss, 40.0).B, rel=1e-12)
 
 
 def test_a_stiff_shaft_between_two_masses(native: Path) -> None:

@@ -16,14 +16,14 @@ from ...engine.part import quiet
 from ...errors import SetupError
 from ...scratch import scratch
 from ..isolated import death, die_with_parent
-from .checks import CHECKS, FAILED, NOT_RUN, Check, Subject, Verdict, checked
+from .checks import CHECKS, FAILED, NOT_RUN, STANDARD, Check, Subject, Verdict, checked
 from .report import Crosscheck
 
 __all__ = ["CHECKS", "Check", "Crosscheck", "Verdict", "crosscheck"]
 
 
 def crosscheck(fmu: Path | str, *, step: float | None = None, timeout: float = 60.0) -> Crosscheck:
-    """Check what an FMI 2.0 co-simulation FMU promises; one verdict for each of CHECKS.
+    """Check what a co-simulation FMU of FMI 2.0 or 3.0 promises; one verdict for each of CHECKS.
 
     Steps are of `step` [s], by default the one that the FMU prefers, or a hundredth of its default
     experiment. A check that takes longer than `timeout` [s] has failed, and so has one that ends the
@@ -35,17 +35,23 @@ def crosscheck(fmu: Path | str, *, step: float | None = None, timeout: float = 6
         if number is not None and not 0.0 < number < float("inf"):
             raise SetupError(f"{name} = {number!r} s must be a finite number above 0")
     subject = Subject(path, step)
+    version = subject.description.fmiVersion
     verdicts: list[Verdict] = []
     while names := list(CHECKS)[len(verdicts) :]:
-        found = _some(path, step, names, timeout)
+        found = _some(path, version, step, names, timeout)
         verdicts += found
         if found[-1].check == "run":  # after which the process ended
             rest = (CHECKS[name] for name in names[len(found) :])
-            verdicts += [c.verdict(NOT_RUN, f"in the check run {found[-1].said}") for c in rest]
-    return Crosscheck(str(fmu), subject.description.modelName, subject.how(), tuple(verdicts))
+            verdicts += [
+                c.verdict(version, NOT_RUN, f"in the check run {found[-1].said}") for c in rest
+            ]
+    name, standard = subject.description.modelName, STANDARD[version]
+    return Crosscheck(str(fmu), name, standard, subject.how(), tuple(verdicts))
 
 
-def _some(path: Path, step: float | None, names: Sequence[str], timeout: float) -> list[Verdict]:
+def _some(
+    path: Path, version: str, step: float | None, names: Sequence[str], timeout: float
+) -> list[Verdict]:
     """Verdicts of these checks, up to the first that does not come to its end."""
     context = multiprocessing.get_context("spawn")
     verdicts: list[Verdict] = []
@@ -64,7 +70,7 @@ def _some(path: Path, step: float | None, names: Sequence[str], timeout: float) 
                 except EOFError:
                     process.join()
                     said = f"the process {death(process)}"
-                verdicts.append(CHECKS[name].verdict(FAILED, said))
+                verdicts.append(CHECKS[name].verdict(version, FAILED, said))
                 break
         finally:
             ours.close()

@@ -13,7 +13,6 @@ from ...errors import SetupError
 from ..describe import table
 from .checks import FAILED, NOT_OFFERED, NOT_RUN, PASSED, Verdict
 
-STANDARD = "FMI 2.0.4"
 COLORS = {PASSED: "#1a7f37", FAILED: "#cf222e", NOT_OFFERED: "#6e7781", NOT_RUN: "#9a6700"}
 PAGE = """<!DOCTYPE html>
 <html lang="en"><head><meta charset="utf-8"><title>{title}</title><style>
@@ -34,6 +33,7 @@ class Crosscheck:
 
     fmu: str
     model: str
+    standard: str
     how: str
     verdicts: tuple[Verdict, ...]
 
@@ -56,7 +56,7 @@ class Crosscheck:
         rows = [(v.check, v.clause, v.status.upper() if v.status == FAILED else v.status, v.said)
                 for v in self.verdicts]  # fmt: skip
         again = [
-            f"{v.check}, {STANDARD}, {v.clause}: {v.again}"
+            f"{v.check}, {self.standard}, {v.clause}: {v.again}"
             for v in self.verdicts
             if v.status == FAILED
         ]
@@ -76,7 +76,7 @@ class Crosscheck:
             case = ElementTree.SubElement(suite, "testcase", classname=self.fmu, name=v.check)
             if v.status == FAILED:
                 failure = ElementTree.SubElement(case, "failure", message=v.said)
-                failure.text = f"{STANDARD}, {v.clause}\n{v.again}\n{self.how}"
+                failure.text = f"{self.standard}, {v.clause}\n{v.again}\n{self.how}"
             elif v.status == PASSED:
                 ElementTree.SubElement(case, "system-out").text = v.said
             else:
@@ -99,7 +99,7 @@ class Crosscheck:
             title=title,
             summary=self.summary(),
             how=html.escape(self.how),
-            standard=STANDARD,
+            standard=self.standard,
             rows="\n".join(rows),
         )
 

@@ -1,13 +1,11 @@
 """An FMU that keeps all its promises, and one for each way to break one."""
 
-import subprocess
-import sys
-from functools import cache
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from zipfile import ZipFile
 
 import fmpy
+
+from tests.cosim.compiled import binary
 
 DESCRIPTION = """<?xml version="1.0" encoding="UTF-8"?>
 <fmiModelDescription fmiVersion="2.0" modelName="faulty" guid="faulty {fault}">
@@ -39,6 +37,31 @@ DESCRIPTION = """<?xml version="1.0" encoding="UTF-8"?>
 </ModelStructure>
 </fmiModelDescription>
 """
+DESCRIPTION3 = """<?xml version="1.0" encoding="UTF-8"?>
+<fmiModelDescription fmiVersion="3.0" modelName="faulty" instantiationToken="faulty {fault}">
+<CoSimulation modelIdentifier="faulty" canHandleVariableCommunicationStepSize="true"
+ canGetAndSetFMUState="true" canSerializeFMUState="true" providesDirectionalDerivatives="true"/>
+<DefaultExperiment startTime="0" stopTime="5" stepSize="0.01"/>
+<ModelVariables>
+<Float64 name="time" valueReference="9" causality="independent" variability="continuous"/>
+<Float64 name="u" valueReference="0" causality="input" start="1"/>
+<Float64 name="w" valueReference="1" causality="input" start="0.5"/>
+<Float64 name="a" valueReference="2" causality="parameter" variability="fixed" start="2"/>
+<Float64 name="b" valueReference="3" causality="parameter" variability="fixed" start="1"/>
+<Float64 name="c" valueReference="4" causality="parameter" variability="fixed" start="0.5"/>
+<Float64 name="x0" valueReference="5" causality="parameter" variability="fixed" start="1"/>
+<Float64 name="y" valueReference="6" causality="output" initial="calculated"/>
+<Float64 name="z" valueReference="7" causality="output" initial="calculated"/>
+<Int32 name="n" valueReference="8" causality="output" initial="calculated"/>
+</ModelVariables>
+<ModelStructure><Output valueReference="6" dependencies=""/>
+<Output valueReference="7" dependencies="0 1" dependenciesKind="fixed dependent"/>
+<Output valueReference="8" dependencies=""/>
+<InitialUnknown valueReference="6" dependencies="5"/>
+<InitialUnknown valueReference="7" dependencies="0 1 4"/>
+<InitialUnknown valueReference="8" dependencies=""/></ModelStructure>
+</fmiModelDescription>
+"""
 FAULTS = {
     "not valid": "description",
     "version": "binary",
@@ -65,6 +88,10 @@ FAULTS = {
     "tells a wrong time": "discard",
     "leaks": "memory",
 }
+TOLD = ("does not tell its time", "tells a wrong time")
+FAULTS3 = {fault: checks for fault, checks in FAULTS.items() if fault not in TOLD}
+FAULTS3["moves in a discard"] = "discard"
+FAULTS3["not repeatable"] += ", discard"
 DEADLY = {
     "crashes": "memory",
     "freeing a state crashes": "state, serialization",
@@ -75,31 +102,24 @@ SWAPS = {
     "undeclared feedthrough": ('"1 2" dependenciesKind="fixed dependent"', '"1"'),
     "kind": ('"fixed dependent"', '"fixed fixed"'),
 }
+SWAPS3 = SWAPS | {
+    "not valid": ('<InitialUnknown valueReference="8" dependencies=""/>', ""),
+    "undeclared feedthrough": ('"0 1" dependenciesKind="fixed dependent"', '"0"'),
+}
 
 
-@cache
-def library(version: str = "2.0") -> bytes:
-    """The binary for this platform, compiled once per process."""
-    with TemporaryDirectory(prefix="faulty_") as folder:
-        binary = Path(folder, f"faulty{fmpy.sharedLibraryExtension}")
-        command = [
-            sys.executable, "-m", "ziglang", "cc", "-shared", "-fPIC", "-O2", "-std=c11", "-Wall",
-            "-Wextra", "-Werror", f'-DVERSION="{version}"',
-            f"-I{Path(fmpy.__file__).with_name('c-code')}",
-            str(Path(__file__).with_name("faulty.c")), "-o", str(binary),
-        ]  # fmt: skip
-        subprocess.run(command, check=True)
-        return binary.read_bytes()
-
-
-def pack(path: Path, fault: str = "") -> Path:
-    """Write an FMU with this fault, or with none."""
-    text = DESCRIPTION.format(fault=fault)
-    if fault in SWAPS:
-        assert SWAPS[fault][0] in text
-        text = text.replace(*SWAPS[fault])
-    binary = library("2.1") if fault == "version" else library()
+def pack(path: Path, fault: str = "", version: str = "2.0") -> Path:
+    """Write an FMU of a version of FMI with this fault, or with none."""
+    third = version == "3.0"
+    text = (DESCRIPTION3 if third else DESCRIPTION).format(fault=fault)
+    swaps = SWAPS3 if third else SWAPS
+    if fault in swaps:
+        assert swaps[fault][0] in text
+        text = text.replace(*swaps[fault])
+    flags = ['-DVERSION="2.1"', '-DVERSION3="2.1"'] if fault == "version" else []
+    library = binary(Path(__file__).with_name("faulty3.c" if third else "faulty.c"), *flags)
+    platform = fmpy.platform_tuple if third else fmpy.platform
     with ZipFile(path, "w") as archive:
         archive.writestr("modelDescription.xml", text)
-        archive.writestr(f"binaries/{fmpy.platform}/faulty{fmpy.sharedLibraryExtension}", binary)
+        archive.writestr(f"binaries/{platform}/faulty{fmpy.sharedLibraryExtension}", library)
     return path

@@ -9,15 +9,13 @@ event modes that were entered. Calls out of order are errors: discrete inputs ta
 is used.
 """
 
-import subprocess
-import sys
 from collections.abc import Iterator
-from functools import cache
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from zipfile import ZipFile
 
 import fmpy
+
+from tests.cosim.compiled import binary
 
 BASES = {
     "Float32": 100, "Float64": 200, "Int8": 300, "UInt8": 400, "Int16": 500, "UInt16": 600,
@@ -62,20 +60,6 @@ DIMENSIONS = '<Dimension valueReference="1900"/><Dimension start="2"/>'
 OUTPUTS = [1000, 1001, 1004, 1005, 1009, 1100, 1101, 1102]
 
 
-@cache
-def library() -> bytes:
-    """The binary for this platform, compiled once per process."""
-    with TemporaryDirectory(prefix="third_") as folder:
-        binary = Path(folder, f"third{fmpy.sharedLibraryExtension}")
-        command = [
-            sys.executable, "-m", "ziglang", "cc", "-shared", "-fPIC", "-O2", "-std=c11", "-Wall",
-            "-Wextra", "-Werror", f"-I{Path(fmpy.__file__).with_name('c-code')}",
-            str(Path(__file__).with_name("third.c")), "-lm", "-o", str(binary),
-        ]  # fmt: skip
-        subprocess.run(command, check=True)
-        return binary.read_bytes()
-
-
 def _samples() -> Iterator[str]:
     for kind, base in BASES.items():
         start = "false" if kind == "Boolean" else "0"
@@ -105,15 +89,12 @@ def pack(path: Path, clock: str = "", **swaps: str) -> Path:
     shown = [951, 2001, 2003, *(b + k for b in BASES.values() for k in (1, 3))]
     unknowns = "".join(f'<Output valueReference="{n}" dependencies=""/>' for n in OUTPUTS)
     for tag in ("Output", "InitialUnknown"):
-        unknowns += "".join(
-            f'<{tag} valueReference="{n}" dependencies="{n - 1 - (n % 100 == 3 and n < 1900)}"/>'
-            for n in shown
-        )
+        unknowns += "".join(f'<{tag} valueReference="{n}" dependencies="{n - 1}"/>' for n in shown)
     text += f"</ModelVariables><ModelStructure>{unknowns}</ModelStructure></fmiModelDescription>"
     for name, value in swaps.items():
         assert f'{name}="true"' in text
         text = text.replace(f'{name}="true"', f'{name}="{value}"', 1)
     with ZipFile(path, "w") as archive:
         archive.writestr("modelDescription.xml", text)
-        archive.writestr(BINARY, library())
+        archive.writestr(BINARY, binary(Path(__file__).with_name("third.c")))
     return path

@@ -279,20 +279,3 @@ fmi3Status fmi3SetFMUState(fmi3Instance p, fmi3FMUState state) {
 fmi3Status fmi3FreeFMUState(fmi3Instance p, fmi3FMUState *state) {
     return free(*state), *state = NULL, fmi3OK;
 }
-
-/* Not for this FMU. */
-#define NEVER(name) \
-    int name(void) { return fmi3Error; }
-NEVER(fmi3SetDebugLogging) NEVER(fmi3GetClock) NEVER(fmi3GetNumberOfVariableDependencies)
-NEVER(fmi3GetVariableDependencies) NEVER(fmi3SerializedFMUStateSize) NEVER(fmi3SerializeFMUState)
-NEVER(fmi3DeserializeFMUState) NEVER(fmi3GetDirectionalDerivative) NEVER(fmi3GetAdjointDerivative)
-NEVER(fmi3EnterConfigurationMode) NEVER(fmi3ExitConfigurationMode) NEVER(fmi3GetIntervalFraction)
-NEVER(fmi3GetShiftDecimal) NEVER(fmi3GetShiftFraction) NEVER(fmi3SetIntervalDecimal)
-NEVER(fmi3SetIntervalFraction) NEVER(fmi3SetShiftDecimal) NEVER(fmi3SetShiftFraction)
-NEVER(fmi3EvaluateDiscreteStates) NEVER(fmi3EnterContinuousTimeMode) NEVER(fmi3SetTime)
-NEVER(fmi3CompletedIntegratorStep) NEVER(fmi3SetContinuousStates) NEVER(fmi3GetEventIndicators)
-NEVER(fmi3GetContinuousStateDerivatives) NEVER(fmi3GetContinuousStates)
-NEVER(fmi3GetNominalsOfContinuousStates) NEVER(fmi3GetNumberOfEventIndicators)
-NEVER(fmi3GetNumberOfContinuousStates) NEVER(fmi3GetOutputDerivatives)
-NEVER(fmi3ActivateModelPartition) NEVER(fmi3InstantiateModelExchange)
-NEVER(fmi3InstantiateScheduledExecution)

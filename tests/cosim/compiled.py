@@ -1,0 +1,32 @@
+"""The binaries of FMUs that are written in C for a test."""
+
+import re
+import subprocess
+import sys
+from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import fmpy
+
+HEADERS = Path(fmpy.__file__).with_name("c-code")
+CALL = re.compile(r"#define (fmi3\w+) +fmi3FullName")
+
+
+@cache
+def binary(source: Path, *flags: str) -> bytes:
+    """The shared library of a C file for this platform, compiled once per process.
+
+    One by FMI 3.0, which must have all functions, gets those that it does not write: they return an error.
+    """
+    known = CALL.findall((HEADERS / "fmi3Functions.h").read_text())
+    with TemporaryDirectory(prefix="compiled_") as folder:
+        library, rest = (Path(folder, name) for name in ("library", "rest.c"))
+        stubs = (f"__attribute__((weak)) int {name}(void) {{ return 3; }}\n" for name in known)
+        rest.write_text("".join(stubs))
+        command = [
+            sys.executable, "-m", "ziglang", "cc", "-shared", "-fPIC", "-O2", "-std=c11", "-Wall",
+            "-Wextra", "-Werror", *flags, f"-I{HEADERS}", str(source), str(rest), "-lm", "-o", str(library),
+        ]  # fmt: skip
+        subprocess.run(command, check=True)
+        return library.read_bytes()
