@@ -11,7 +11,7 @@
 #include <stdint.h>
 #include <string.h>
 
-enum { COPY, SCALE, FEED, EXCHANGE, EXCHANGE3, STEP, STEP3, BOOK, NOT_FINITE = INT_MIN };
+enum { COPY, SCALE, ADD, FEED, EXCHANGE, EXCHANGE3, STEP, STEP3, BOOK, NOT_FINITE = INT_MIN };
 
 typedef int (*exchange)(void *component, const unsigned *references, size_t count, void *cells);
 typedef int (*exchange3)(void *component, const unsigned *references, size_t count, void *cells,
@@ -104,6 +104,9 @@ static int run(const operation *op, double t, double h, long long n)
         return 0;
     case SCALE:
         *cells = op->factor * *source + op->offset;
+        return 0;
+    case ADD:
+        *cells += op->factor * *source + op->offset;
         return 0;
     case FEED:
         *cells = source[n];

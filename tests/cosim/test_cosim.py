@@ -38,6 +38,16 @@ def pair(fmus: Path, start: dict[str, Any] | None = None, wires: Any = WIRES) ->
     return System(parts, wires, SETS["A"].start(NU) if start is None else start)
 
 
+def halves(fmus: Path) -> System:
+    """Two motors on the conveyor, together the one of `pair`."""
+    start = {"motor.A": 3000.0, "motor.B": 74.925, "motor.tau": 3.0}
+    start |= {"other.A": 5000.0, "other.B": 124.875, "other.tau": 5.0}
+    wires = ["motor.tau -> conveyor.tau", "other.tau +> conveyor.tau"]
+    wires += ["conveyor.w -> motor.w", "conveyor.w -> other.w"]
+    parts = pair(fmus).parts
+    return System(parts | {"other": parts["motor"]}, wires, start)
+
+
 @cache
 def ripple(fmus: Path, algorithm: str, n: int, revolutions: int = 24, **start: int) -> Any:
     """Order-2 amplitudes of speed and torque and the torque's phase at resonance."""
@@ -49,6 +59,28 @@ def ripple(fmus: Path, algorithm: str, n: int, revolutions: int = 24, **start: i
     late = last_revolutions(phi, 8)
     speed, torque = (order(phi[late], x[late], 2) for x in (w, tau))
     return abs(speed), abs(torque), math.degrees(cmath.phase(torque))
+
+
+@pytest.mark.parametrize("compiled", [True, False])
+@pytest.mark.parametrize("settings", [{}, {"input_order": 2}], ids=["held", "moving"])
+def test_wires_into_one_input_add_up(
+    settings: Any, compiled: bool, fmus: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Two linear motors are one with both their parameters; bonds of a summed torque are no bonds."""
+    native = fmus / "native"
+    one = run(pair(native, {}), stop=0.2, step=1e-3, algorithm="jacobi", **settings)
+    if not compiled:
+        monkeypatch.setattr("cosim.engine.stepping.Loop", none_compiled)
+    two = run(halves(native), stop=0.2, step=1e-3, algorithm="jacobi", **settings)
+    assert two["conveyor.w"] == pytest.approx(one["conveyor.w"], rel=1e-13)
+    assert np.ptp(two["other.tau"]) > 1.0
+    assert one.energy
+    assert not two.energy
+
+
+def none_compiled(*_: Any) -> None:
+    """In place of the compiled loop."""
+    raise OSError("none")
 
 
 def percent(value: float, reference: float) -> float:
@@ -320,6 +352,7 @@ def test_an_error_of_the_caller_is_no_complete_run(fmus: Path, tmp_path: Path) -
 
 BAD_SYSTEMS = [
     ({"wires": [*WIRES, WIRES[0]]}, "conveyor.tau [N.m] is driven twice"),
+    ({"wires": [*WIRES, "motor.tau * 2 +> conveyor.tau"]}, "conveyor.tau adds one output twice"),
     ({"wires": ["motor.tau -> motor.w"]}, "motor.tau [N.m] cannot drive motor.w [rad/s]"),
     (
         {"wires": ["motor.tau > conveyor.tau"]},
