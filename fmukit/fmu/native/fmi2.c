@@ -43,7 +43,7 @@
 
 #ifdef __GNUC__
 #define INLINE static inline __attribute__((always_inline))
-#define APART __attribute__((noinline))
+#define APART __attribute__((noinline)) /* so that the short way beside it needs no registers */
 #define SELDOM __attribute__((cold, noinline))
 #define RARE(condition) __builtin_expect(condition, 0)
 #else
@@ -231,7 +231,7 @@ SELDOM static void fail(Context *c, const char *form, ...) {
     va_end(values);
 }
 
-/* The same in words alone. Where it is no call, what is computed stays in registers. */
+/* The same in words alone. As this is no call, what is computed stays in registers. */
 INLINE void no_value(Context *c, const char *why) {
     if (!c->failed) c->failed = 1, c->why = why;
 }
@@ -308,7 +308,8 @@ static inline double power(Context *c, double base, double exponent) {
         if (base == 0.0)
             no_value(c, "0.0 cannot be raised to a negative power");
         else
-            no_value(c, isnan(value) ? "math domain error" : "(34, 'Numerical result out of range')");
+            no_value(c, isnan(value) ? "math domain error"
+                                     : "(34, 'Numerical result out of range')");
     }
     return value;
 }
@@ -587,8 +588,8 @@ static int may_set(Instance *i, const char *kind, fmi2ValueReference reference, 
 }
 
 /* Get and set values of any kind; a Boolean and an Integer are stored alike. */
-APART static fmi2Status get(Instance *i, const char *kind, const fmi2ValueReference vr[], size_t n,
-                      void *values) {
+APART static fmi2Status get(Instance *i, const char *kind, const fmi2ValueReference vr[],
+                            size_t n, void *values) {
     fmi2Real *reals = values;
     fmi2Integer *integers = values;
     if (!i) return fmi2Error;
@@ -602,8 +603,8 @@ APART static fmi2Status get(Instance *i, const char *kind, const fmi2ValueRefere
     return finish(i);
 }
 
-APART static fmi2Status set(Instance *i, const char *kind, const fmi2ValueReference vr[], size_t n,
-                      const void *values) {
+APART static fmi2Status set(Instance *i, const char *kind, const fmi2ValueReference vr[],
+                            size_t n, const void *values) {
     const fmi2Real *reals = values;
     const fmi2Integer *integers = values;
     if (!i) return fmi2Error;
