@@ -18,8 +18,9 @@ import pytest
 from fmpy.model_description import BaseUnit
 from scipy.interpolate import CubicSpline
 
-from cosim import SetupError, SimulationError, System, Wire, run
-from cosim.system import convert
+from cosim import SetupError, SimulationError, System, Wire, linearize, oracle, run
+from cosim.judge.describe import info
+from cosim.system import connect, convert
 from scenarios.conveyor.theory import SETS
 from tests.conftest import ROOT, described, rewritten
 from tests.cosim.foreign import idle, pack
@@ -76,6 +77,16 @@ def test_wires_into_one_input_add_up(
     assert np.ptp(two["other.tau"]) > 1.0
     assert one.energy
     assert not two.energy
+
+
+def test_sums_of_wires_are_known_to_oracle_linear_system_and_description(fmus: Path) -> None:
+    """The modes of the drive with one motor, and how fast the two motors' difference fades."""
+    one, two = pair(fmus / "native", {}), halves(fmus / "native")
+    exact = [oracle(system, stop=0.02)["conveyor.w"][-1] for system in (one, two)]
+    assert exact[1] == pytest.approx(exact[0], rel=1e-10)
+    modes = [np.sort_complex(np.linalg.eigvals(linearize(system).A)) for system in (one, two)]
+    assert modes[1] == pytest.approx(np.sort_complex([*modes[0], -1 / 0.0625]), abs=1e-9)
+    assert "  other.tau [N.m] +> conveyor.tau [N.m]" in info(connect(two))
 
 
 def none_compiled(*_: Any) -> None:
