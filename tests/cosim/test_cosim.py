@@ -19,6 +19,7 @@ from fmpy.model_description import BaseUnit
 from scipy.interpolate import CubicSpline
 
 from cosim import SetupError, SimulationError, System, Wire, linearize, oracle, run
+from cosim.engine.ledger import bonds
 from cosim.judge.describe import info
 from cosim.system import connect, convert
 from scenarios.conveyor.theory import SETS
@@ -87,6 +88,14 @@ def test_sums_of_wires_are_known_to_oracle_linear_system_and_description(fmus: P
     modes = [np.sort_complex(np.linalg.eigvals(linearize(system).A)) for system in (one, two)]
     assert modes[1] == pytest.approx(np.sort_complex([*modes[0], -1 / 0.0625]), abs=1e-9)
     assert "  other.tau [N.m] +> conveyor.tau [N.m]" in info(connect(two))
+
+
+def test_a_sum_ends_no_bond(fmus: Path) -> None:
+    """The power at its end is not that of one wire, even where one alone has a way back."""
+    one_way = replace(halves(fmus / "native"), wires=halves(fmus / "native").wires[:3])
+    assert not bonds(connect(one_way))
+    with pytest.raises(SetupError, match="ends in conveyor.tau, a sum of wires"):
+        bonds(connect(replace(one_way, bonds=["motor.tau * conveyor.w"])))
 
 
 def none_compiled(*_: Any) -> None:
