@@ -94,7 +94,7 @@ def test_a_sum_ends_no_bond(fmus: Path) -> None:
     """The power at its end is not that of one wire, even where one alone has a way back."""
     one_way = replace(halves(fmus / "native"), wires=halves(fmus / "native").wires[:3])
     assert not bonds(connect(one_way))
-    with pytest.raises(SetupError, match="ends in conveyor.tau, a sum of wires"):
+    with pytest.raises(SetupError, match=r"ends in conveyor\.tau, a sum of wires"):
         bonds(connect(replace(one_way, bonds=["motor.tau * conveyor.w"])))
 
 
