@@ -95,6 +95,7 @@ static int run(const operation *op, double t, double h, long long n)
 {
     double *cells = op->cells;
     const double *source = op->source;
+    double size = op->size * h;
     switch (op->code) {
     case COPY:
         if (op->count == sizeof *cells)
@@ -118,7 +119,7 @@ static int run(const operation *op, double t, double h, long long n)
     case STEP:
         if (op->count == 1) {
             double begin = t + op->at * h;
-            return ((do_step)op->function)(op->component, begin, op->size * h, op->forward);
+            return ((do_step)op->function)(op->component, begin, size, op->forward);
         }
         return steps(op, t, h);
     case STEP3:
@@ -126,7 +127,7 @@ static int run(const operation *op, double t, double h, long long n)
     default: {
         enum { ENERGY, EXCHANGED, BEFORE };
         double before = cells[BEFORE] * *op->first;
-        double work = op->size * h * 0.5 * (before + *source * *op->last) * op->factor;
+        double work = size * 0.5 * (before + *source * *op->last) * op->factor;
         cells[ENERGY] += work;
         cells[EXCHANGED] += fabs(work);
         cells[BEFORE] = *source;
