@@ -40,7 +40,7 @@ NUMERIC = {"Real": float, "Integer": int, "Enumeration": int, "Boolean": int}
 
 WIRE = re.compile(
     rf"\s*(?P<source>[^*+\s]+)\s*(?:\*\s*(?P<factor>[+-]?{NUMBER}))?\s*(?P<offset>[+-]{NUMBER})?"
-    r"\s*(?P<arrow>->|=>)\s*(?P<target>[^*+\s]+)\s*"
+    r"\s*(?P<arrow>->|=>|\+>|\+=>)\s*(?P<target>[^*+\s]+)\s*"
 )
 SHAFT = re.compile(r"\s*(?P<one>[^*+\s]+)\s+--\s+(?P<other>[^*+\s]+)\s*")
 TERMINALS = "terminalsAndIcons/terminalsAndIcons.xml"
@@ -52,7 +52,8 @@ class Wire(NamedTuple):
     """A wire as a value, whose ends may have any names: "motor.tau" or ("motor", "tau").
 
     Factor and offset are those of the source's unit. Unless it `converts`, the target takes the
-    number as it stands, whatever the units.
+    number as it stands, whatever the units. A wire that `adds` brings its value on top of those of the
+    wires before it into the same input.
     """
 
     source: Name
@@ -60,12 +61,13 @@ class Wire(NamedTuple):
     factor: float = 1.0
     offset: float = 0.0
     converts: bool = True
+    adds: bool = False
 
     def __str__(self) -> str:
         factor = "" if self.factor == 1.0 else f" * {self.factor!r}"
         sign = "-" if self.offset < 0.0 else "+"
         offset = "" if self.offset == 0.0 else f" {sign} {abs(self.offset)!r}"
-        arrow = "->" if self.converts else "=>"
+        arrow = ("+>" if self.converts else "+=>") if self.adds else "->" if self.converts else "=>"
         return f"{dotted(self.source)}{factor}{offset} {arrow} {dotted(self.target)}"
 
     @classmethod
@@ -75,13 +77,15 @@ class Wire(NamedTuple):
         if match is None:
             raise SetupError(
                 f"wire {text!r} must read 'part.output [* factor] [+ offset] -> part.input', "
-                "=> to convert no units, or 'part.terminal -- part.terminal'"
+                "=> to convert no units, +> or +=> to add to another wire, "
+                "or 'part.terminal -- part.terminal'"
             )
         factor, offset = (
             float(re.sub(r"\s", "", match[key] or default))
             for key, default in (("factor", "1"), ("offset", "0"))
         )
-        return cls(match["source"], match["target"], factor, offset, match["arrow"] == "->")
+        converts, adds = "=" not in match["arrow"], "+" in match["arrow"]
+        return cls(match["source"], match["target"], factor, offset, converts, adds)
 
 
 def dotted(name: Name) -> str:
@@ -193,6 +197,13 @@ class Network:
         """By part what is wrong in its model description but does not touch a run."""
         return {name: fmu.blemish for name, fmu in self.fmus.items() if fmu.blemish}
 
+    def sums(self) -> dict[str, list[Connection]]:
+        """The wires of each input that has several, by its name."""
+        into: dict[str, list[Connection]] = {}
+        for wire in self.wires:
+            into.setdefault(wire.target.name, []).append(wire)
+        return {name: wires for name, wires in into.items() if len(wires) > 1}
+
     def port(self, name: Name) -> Port:
         """The port of a name; raises SetupError if there is none."""
         places = cuts(name.strip()) if isinstance(name, str) else [name]
@@ -238,14 +249,19 @@ def connect(system: System) -> Network:
         raise SetupError("a system needs a part")
     network = Network(system, {name: _fmu(name, Path(path)) for name, path in system.parts.items()})
     _require_distinct(network.fmus)
-    for given in system.wires:
-        network.wires.extend(_connection(network, wire) for wire in _wires(network, given))
+    wires = [wire for given in system.wires for wire in _wires(network, given)]
+    network.wires.extend(_connection(network, wire) for wire in wires)
     network.start.extend(_start(network.port(name), value) for name, value in system.start.items())
     driven: dict[str, Port] = {}
-    for source, target, *_ in network.wires:
-        if target.name in driven:
+    for wire, (source, target, *_) in zip(wires, network.wires):
+        if target.name in driven and not wire.adds:
             raise SetupError(f"{target} is driven twice, by {driven[target.name]} and by {source}")
+        if wire.adds and (source.type, target.type) != ("Real", "Real"):
+            raise SetupError(f"wire {str(wire)!r}: only Reals are added, not {target.type}s")
         driven[target.name] = source
+    for name, summed in network.sums().items():
+        if len({wire.source for wire in summed}) < len(summed):
+            raise SetupError(f"{name} adds one output twice: give it one wire, with a factor")
     network.inputs.extend(_input(network, *item) for item in system.inputs.items())
     network.inputs.extend(_changed(network))
     for port, _ in network.inputs:
@@ -294,12 +310,14 @@ def require_steps(descriptions: Mapping[str, ModelDescription], files: Mapping[s
             )
 
 
-def still(system: System, where: str) -> Network:
+def still(system: System, where: str, *, sums: bool = False) -> Network:
     """Connect a system for a format, which has no place for inputs over time nor for parts without
-    co-simulation; raises SetupError.
+    co-simulation, and for `sums` of wires only if it says so; raises SetupError.
     """
     network = connect(system)
     require_steps(network.descriptions, system.parts)
+    for name in () if sums else network.sums():
+        raise SetupError(f"{name} is a sum of wires, which {where} cannot say")
     for port, _ in network.inputs:
         raise SetupError(f"{port.name} changes over time, which {where} cannot say")
     return network

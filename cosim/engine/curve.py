@@ -5,12 +5,13 @@ from __future__ import annotations
 import ctypes
 import math
 from collections.abc import Sequence
+from itertools import groupby, zip_longest
 from typing import Any, NamedTuple
 
 from ..errors import PartFailure
 from .clock import same
 from .feed import Feed
-from .operation import COPY, SCALE, Layout, Operation, address
+from .operation import ADD, COPY, SCALE, Layout, Operation, address
 from .part import Block, Part
 
 
@@ -99,6 +100,7 @@ def mean(taylor: list[float], h: float) -> float:
 class Link(Operation):
     """The end of a wire: input cell cells[i] follows factor * source[j] + offset.
 
+    It `adds` to what the links before it have brought to the cell.
     Where it has a `signal`, it moves within a step on that of the source: `first` and `last` are
     then the values of the last step, and otherwise the cell itself.
     """
@@ -107,7 +109,7 @@ class Link(Operation):
         self, cells: Any, i: int, source: Any, j: int, factor: float = 1.0, offset: float = 0.0
     ) -> None:
         self.cells, self.i, self.source, self.j = cells, i, source, j
-        self.factor, self.offset = factor, offset
+        self.factor, self.offset, self.adds = factor, offset, False
         self.signal: Signal | Feed | None = None
         self.first = self.last = (cells, i)
 
@@ -117,7 +119,9 @@ class Link(Operation):
         return isinstance(self.cells, ctypes.Array) and self.cells._type_ is ctypes.c_double
 
     def __call__(self, t: float, h: float) -> None:
-        if self.factor == 1.0 and self.offset == 0.0:
+        if self.adds:
+            self.cells[self.i] += self.factor * self.source[self.j] + self.offset
+        elif self.factor == 1.0 and self.offset == 0.0:
             self.cells[self.i] = self.source[self.j]
         else:
             self.cells[self.i] = self.factor * self.source[self.j] + self.offset
@@ -127,8 +131,9 @@ class Link(Operation):
         kind = self.cells._type_
         if kind is ctypes.c_char_p or kind is not self.source._type_:
             return None
+        plain = (self.factor, self.offset) == (1.0, 0.0)
         return Layout(
-            COPY if (self.factor, self.offset) == (1.0, 0.0) else SCALE,
+            ADD if self.adds else COPY if plain else SCALE,
             ctypes.sizeof(kind),
             cells=address(self.cells, self.i),
             source=address(self.source, self.j),
@@ -140,6 +145,13 @@ class Link(Operation):
         """Move with a signal from now on."""
         self.signal = signal
         self.first, self.last = ([0.0], 0), ([0.0], 0)
+
+    def taylor(self, t: float, h: float) -> list[float]:
+        """What it brings over a step from t by h [s], as a polynomial."""
+        assert self.signal is not None
+        taylor = [self.factor * a for a in self.signal.taylor(t, h)]
+        taylor[0] += self.offset
+        return taylor
 
 
 class Recast(Link):
@@ -160,7 +172,7 @@ class Recast(Link):
 class Curves(Operation):
     """The moving inputs and watched outputs of a part; called, it remembers the outputs.
 
-    `entries` and `shown` are the buffers of its Real inputs and outputs, if any; a link leads to
+    `entries` and `shown` are the buffers of its Real inputs and outputs, if any; links lead to
     each of the inputs. An FMU that can interpolate gets an input's value and derivatives at the
     beginning of the step, any other its mean over the step.
     """
@@ -176,6 +188,7 @@ class Curves(Operation):
         ability = part.description.coSimulation
         self.degree, self.capable = degree, bool(ability.canInterpolateInputs)
         self.links = sorted(links, key=lambda link: link.i)
+        self._by_input = [list(own) for _, own in groupby(self.links, lambda link: link.i)]
         self.signals = [Signal(degree) for _ in (shown.cells if shown else ())]
         self._entries, self._shown = entries, shown
         self._derivatives = self._rates = None
@@ -202,10 +215,10 @@ class Curves(Operation):
 
     def bring(self, t: float, h: float, *, first: bool) -> None:
         """Hand over inputs for a step from t by h [s], the first of its turn or not."""
-        for k, link in enumerate(self.links):
-            assert link.signal is not None
-            taylor = [link.factor * a for a in link.signal.taylor(t, h)]
-            taylor[0] += link.offset
+        for k, (link, *others) in enumerate(self._by_input):
+            taylor = link.taylor(t, h)
+            for other in others:
+                taylor = [a + b for a, b in zip_longest(taylor, other.taylor(t, h), fillvalue=0.0)]
             if self._derivatives is not None:
                 begin, link.last[0][0] = taylor[0], value(taylor, h)
                 for order in range(1, self.degree + 1):

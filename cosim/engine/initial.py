@@ -115,8 +115,8 @@ def _connect(network: Network, parts: Mapping[str, Coupled], start: float) -> No
     sources, driven = shown(network), fed(network)
     given = {port.name: value for port, value in network.start}
     targets: dict[str, list[Port]] = {name: [] for name in parts}
-    for wire in network.wires:
-        targets[wire.target.part].append(wire.target)
+    for entry in dict.fromkeys(wire.target for wire in network.wires):
+        targets[entry.part].append(entry)
     for port, _ in driven:
         targets[port.part].append(port)
     for name, part in parts.items():
@@ -128,12 +128,14 @@ def _connect(network: Network, parts: Mapping[str, Coupled], start: float) -> No
             for i, v in enumerate(block.variables):
                 if len(getattr(v, "family", ())) > 1:
                     block.put(i, given.get(block.names[i], own_start(v)))
-    place = _places(parts)
+    place, begun = _places(parts), set[str]()
     for wire in network.wires:
         (target, i), (source, j) = place[wire.target.name], place[wire.source.name]
         ends = target.cells, i, source.cells, j, wire.factor, wire.offset
         alike = target.cells._type_ is source.cells._type_
         link = Link(*ends) if alike else Recast(wire.target.name, *ends)
+        link.adds = wire.target.name in begun
+        begun.add(wire.target.name)
         parts[wire.target.part].links.append(link)
     for port, profile in driven:
         (target, i), feed = place[port.name], Feed(port.name, profile, start)

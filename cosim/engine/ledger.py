@@ -77,6 +77,7 @@ def bonds(network: Network) -> list[Bond]:
     """
     named = [declared(network, text) for text in network.system.bonds]
     taken = {wire.target.name for bond in named for wire in bond}
+    taken |= network.sums().keys()
     free = [w for w in network.wires if w.target.name not in taken and w.source.type == "Real"]
     pairs = [bond for bond in _pairs(free) if _is_power(network, *bond)]
     shared = Counter(wire.target.name for bond in pairs for wire in bond)
@@ -103,6 +104,8 @@ def declared(network: Network, text: str) -> Bond:
     found = [bond for bond in _pairs(wires) if {w.source for w in bond} == {*factors}]
     if len(found) != 1 or any(wire.source.type != "Real" for wire in found[0]):
         raise SetupError(f"bond {text!r} must be two Real outputs, wired there and back once")
+    if summed := network.sums().keys() & {wire.target.name for wire in found[0]}:
+        raise SetupError(f"bond {text!r} ends in {min(summed)}, a sum of wires")
     return Bond(*sorted(found[0], key=lambda wire: factors.index(wire.source)))
 
 

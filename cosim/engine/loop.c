@@ -3,6 +3,7 @@
    A program is a list of operations that the master has laid out; the arithmetic and its order are
    those of the operations in Python, so that both give the same bits. */
 
+#include <float.h>
 #include <limits.h>
 #include <math.h>
 #include <stdbool.h>
@@ -10,7 +11,7 @@
 #include <stdint.h>
 #include <string.h>
 
-enum { COPY, SCALE, FEED, EXCHANGE, EXCHANGE3, ENTER, STEP, STEP3, BOOK, NOT_FINITE = INT_MIN };
+enum { COPY, SCALE, ADD, FEED, EXCHANGE, EXCHANGE3, ENTER, STEP, STEP3, BOOK, NOT_FINITE = INT_MIN };
 
 typedef int (*exchange)(void *component, const unsigned *references, size_t count, void *cells);
 typedef int (*exchange3)(void *component, const unsigned *references, size_t count, void *cells,
@@ -73,6 +74,22 @@ static int step3(const operation *op, double t, double h)
     return after ? after : status;
 }
 
+/* The pieces of a step. */
+static int steps(const operation *op, double t, double h)
+{
+    double piece = op->size * h / op->count;
+    int warned = 0;
+    for (int k = 0; k < op->count; k++) {
+        double begin = t + op->at * h + k * piece;
+        int status = op->code == STEP3
+                         ? step3(op, begin, piece)
+                         : ((do_step)op->function)(op->component, begin, piece, op->forward);
+        if (status > 1 || status < 0) return status;
+        warned |= status;
+    }
+    return warned;
+}
+
 /* 0, or the status of a call. The step is number n of those whose inputs over time are laid out. */
 static int run(const operation *op, double t, double h, long long n)
 {
@@ -89,6 +106,9 @@ static int run(const operation *op, double t, double h, long long n)
     case SCALE:
         *cells = op->factor * *source + op->offset;
         return 0;
+    case ADD:
+        *cells += op->factor * *source + op->offset;
+        return 0;
     case FEED:
         *cells = source[n];
         return 0;
@@ -99,19 +119,13 @@ static int run(const operation *op, double t, double h, long long n)
     case ENTER:
         return memcmp(cells, source, op->count) ? ((finish)op->function)(t + op->at * h, size, 0) : 0;
     case STEP:
-    case STEP3: {
-        double piece = size / op->count;
-        int warned = 0;
-        for (int k = 0; k < op->count; k++) {
-            double begin = t + op->at * h + k * piece;
-            int status = op->code == STEP3
-                             ? step3(op, begin, piece)
-                             : ((do_step)op->function)(op->component, begin, piece, op->forward);
-            if (status > 1 || status < 0) return status;
-            warned |= status;
+        if (op->count == 1) {
+            double begin = t + op->at * h;
+            return ((do_step)op->function)(op->component, begin, size, op->forward);
         }
-        return warned;
-    }
+        return steps(op, t, h);
+    case STEP3:
+        return steps(op, t, h);
     default: {
         enum { ENERGY, EXCHANGED, BEFORE };
         double before = cells[BEFORE] * *op->first;
@@ -127,7 +141,7 @@ static int run(const operation *op, double t, double h, long long n)
 static int finite_cells(const operation *op)
 {
     for (int i = 0; i < op->checked; i++)
-        if (!isfinite(((const double *)op->cells)[i])) return 0;
+        if (!(fabs(((const double *)op->cells)[i]) <= DBL_MAX)) return 0;
     return 1;
 }
 
@@ -140,19 +154,23 @@ int advance(const operation *program, long long *warned, int length, int row_beg
             long long last, long long every, double *rows, long long *report)
 {
     int count = 0;
+    long long row = first + every - first % every;
     for (long long n = first + 1; n <= last; n++) {
         double t = start + (double)(n - 1) * h;
-        int due = n % every == 0;
-        for (int i = 0; i < (due ? length : row_begin); i++) {
-            int status = run(&program[i], t, h, n - first - 1);
-            if (status == 1 && !warned[i]) warned[i] = n;
+        const operation *end = program + (n == row ? length : row_begin);
+        for (const operation *op = program; op < end; op++) {
+            int status = run(op, t, h, n - first - 1);
+            if (!status && (!op->checked || finite_cells(op))) continue;
+            long long i = op - program;
             int done = (status == 0 || status == 1);
-            if (!done || !finite_cells(&program[i])) {
+            if (status == 1 && !warned[i]) warned[i] = n;
+            if (!done || !finite_cells(op)) {
                 report[0] = n - 1, report[1] = i, report[2] = done ? NOT_FINITE : status;
                 return count;
             }
         }
-        if (due) {
+        if (n == row) {
+            row += every;
             *rows++ = start + (double)n * h;
             for (int i = 0; i < width; i++)
                 *rows++ = number(&columns[i]);

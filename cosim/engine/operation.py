@@ -5,7 +5,7 @@ from __future__ import annotations
 import ctypes
 from typing import Any
 
-COPY, SCALE, FEED, EXCHANGE, EXCHANGE3, ENTER, STEP, STEP3, BOOK = range(9)
+COPY, SCALE, ADD, FEED, EXCHANGE, EXCHANGE3, ENTER, STEP, STEP3, BOOK = range(10)
 NOT_FINITE = -(2**31)
 
 

@@ -6,6 +6,7 @@ import logging
 import shutil
 from collections import defaultdict
 from collections.abc import Iterable, Iterator
+from itertools import count, takewhile
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -21,16 +22,17 @@ from ..system import (
     Port,
     System,
     Value,
+    Wire,
     connect,
     describe_fmu,
     require_fmi2,
     still,
 )
-from .ssp.files import Room, load, locate, plain
+from .ssp.files import LINK, Room, load, locate, plain
 from .ssp.parameters import Parameter
 from .ssp.plan import Arrow, Connector, Node, Plan, dotted
 from .ssp.read import Package
-from .ssp.units import Step
+from .ssp.units import Step, chain
 from .ssp.write import archived, scaled
 
 NAMESPACE = "http://opensimulationplatform.com/MSMI/OSPSystemStructure"
@@ -46,6 +48,7 @@ CONTENTS = (
     "Variable",
     "Signal",
     "VariableGroup",
+    "SignalGroup",
 )
 GROUPS = "{}_OspModelDescription.xml"
 SOURCES = ("output", "calculatedParameter")
@@ -59,7 +62,7 @@ def read_osp(path: Path) -> Package:
     drives keep the start value of their FMU; the connections of a `powerBond` are a bond. Two groups
     of variables, which a MODEL_OspModelDescription.xml beside the FMU or the structure defines, are
     connected one by one in their order. Raises SetupError with file and line for what is invalid or
-    not supported: sums, FMUs that are not files.
+    not supported, as FMUs that are not files. A sum is as many wires into one input.
     """
     file = Path(path) / FILE if Path(path).is_dir() else Path(path)
     root, reader = load(file), _Reader(file)
@@ -76,12 +79,13 @@ def read_osp(path: Path) -> Package:
             raise SetupError(f"{reader.at(element)}: {error}") from None
     plan = reader.plan
     for node in plan.variables.keys() & plan.into.keys():
-        if (source := plan.origin(node)[0]) not in plan.variables:
-            raise SetupError(
-                f"{file.name}: nothing drives {dotted(source)}, which drives {dotted(node)}"
-            )
+        for source in reader.terms(node):
+            if source not in plan.variables:
+                raise SetupError(
+                    f"{file.name}: nothing drives {dotted(source)}, which drives {dotted(node)}"
+                )
     bonds = [" * ".join(map(dotted, sources)) for sources in reader.bonds.values()]
-    system = System(plan.fmus, plan.wires(), plan.starts(), bonds)
+    system = System(plan.fmus, [*plan.wires(), *reader.sums()], plan.starts(), bonds)
     connect(system)
     start, stop, step = map(reader.times.get, TIMES)
     return Package(system, start, stop, step=step)
@@ -94,6 +98,7 @@ class _Reader:
         self.file, self.plan = file, Plan(Room(0), {"": {}})
         self.times: dict[str, float] = {}
         self.bonds: dict[str, list[Node]] = defaultdict(list)
+        self.added: dict[Node, list[Node]] = {}
 
     def at(self, element: Any) -> str:
         """File, line, kind and name of an element."""
@@ -111,16 +116,21 @@ class _Reader:
             simulator = element.getparent().getparent().attrib["name"]
             self._initial(self.plan.elements[""][simulator], element)
         elif tag == "LinearTransformation":
-            function = f"function {given['name']}"
-            entry, leave = (function, "in"), (function, "out")
-            self.plan.elements[""][function] = function
-            self.plan.connectors[entry] = Connector("input", "Real", None)
-            self.plan.connectors[leave] = Connector("output", "Real", None)
+            entry, leave = self._function(given["name"], ["in"], ["out"])
             scale = float(given.get("factor", 1.0)), float(given.get("offset", 0.0))
             self.plan.add_arrow(Arrow(entry, leave, Step(tag, None, False, *scale)))
+        elif tag in ("Sum", "VectorSum"):
+            inputs, width = int(given["inputCount"]), int(given.get("dimension", 1))
+            if min(inputs, width) < 1:
+                raise ValueError("inputCount and dimension must be at least 1")
+            self.plan.room.take(self.at(element), LINK * inputs * width)
+            for place in [f"[{j}]" for j in range(width)] if tag == "VectorSum" else [""]:
+                entries = [f"in[{k}]{place}" for k in range(inputs)]
+                *added, leave = self._function(given["name"], entries, [f"out{place}"])
+                self.added[leave] = added
         elif tag in ("VariableConnection", "SignalConnection"):
             self._connection(element, map(self._end, element.iterchildren("*")))
-        elif tag == "VariableGroupConnection":
+        elif tag in ("VariableGroupConnection", "SignalGroupConnection"):
             groups = [[*self._group(end)] for end in element.iterchildren("*")]
             if len(groups) != 2 or len(groups[0]) != len(groups[1]):
                 sizes = " and ".join(str(len(group)) for group in groups)
@@ -131,6 +141,38 @@ class _Reader:
             log.warning("algorithm %s is ignored", element.text)
         elif tag not in HOLDERS + CONTENTS:
             raise ValueError("is not supported")
+
+    def _function(self, name: str, entries: list[str], leaves: list[str]) -> list[Node]:
+        """The connectors of a function."""
+        function = f"function {name}"
+        self.plan.elements[""][function] = function
+        nodes = [(function, signal) for signal in entries + leaves]
+        kinds = ["input"] * len(entries) + ["output"] * len(leaves)
+        self.plan.connectors.update({n: Connector(k, "Real", None) for n, k in zip(nodes, kinds)})
+        return nodes
+
+    def terms(self, node: Node, through: tuple[Node, ...] = ()) -> dict[Node, tuple[float, float]]:
+        """Factor and offset of each output whose sum a connector has; raises SetupError for a circle."""
+        source, steps = self.plan.origin(node)
+        factor, offset = chain(None, steps)
+        if source not in self.added:
+            return {source: (factor, offset)}
+        if source in through:
+            raise SetupError(f"{self.file.name}: {dotted(source)} adds itself")
+        whole: dict[Node, tuple[float, float]] = {}
+        for entry in self.added[source]:
+            for origin, (f, o) in self.terms(entry, (*through, source)).items():
+                before = whole.get(origin, (0.0, 0.0))
+                whole[origin] = before[0] + factor * f, before[1] + factor * o + offset
+                offset = 0.0
+        return whole
+
+    def sums(self) -> Iterator[Wire]:
+        """The wires into the inputs that sums drive."""
+        for node in self.plan.into:
+            if node in self.plan.variables and self.plan.origin(node)[0] in self.added:
+                for k, (source, scale) in enumerate(self.terms(node).items()):
+                    yield Wire(source, node, *scale, converts=False, adds=k > 0)
 
     def _simulator(self, name: str, source: str, step: str | None) -> None:
         fmu = locate(source, self.file.parent, Path(self.file.absolute().anchor))
@@ -155,6 +197,12 @@ class _Reader:
     def _group(self, element: Any) -> Iterator[Node]:
         """The variables of a group, in their order; those of groups within it, too."""
         part, name = self._end(element)
+        if "function" in element.attrib:
+            elements = (f"{name}[{j}]" for j in count())
+            yield from takewhile(
+                self.plan.connectors.__contains__, ((part, signal) for signal in elements)
+            )
+            return
         file = GROUPS.format(self.plan.descriptions[part].modelName)
         places = [folder / file for folder in (self.plan.fmus[part].parent, self.file.parent)]
         path = next((path for path in places if path.is_file()), None)
@@ -194,7 +242,7 @@ def write_osp(
     """
     if not 0.0 < step < float("inf"):
         raise SetupError(f"step = {step!r} s must be above 0")
-    network = still(system, "an OSP system structure")
+    network = still(system, "an OSP system structure", sums=True)
     require_fmi2(network.descriptions, "libcosim runs")
     files = archived(network)
     structure = _structure(network, files, step, start, stop)
@@ -230,8 +278,12 @@ def _structure(
             log.warning("bond %s goes through a function and is left out", bond.name)
         else:
             named |= {wire.target.name: bond.name for wire in bond}
+    sums = network.sums()
     for number, wire in enumerate(network.wires, 1):
-        _connection(functions, connections, wire, f"wire{number}", named.get(wire.target.name))
+        if wire.target.name not in sums:
+            _connection(functions, connections, wire, f"wire{number}", named.get(wire.target.name))
+    for number, wires in enumerate(sums.values(), 1):
+        _sum(functions, connections, wires, f"sum{number}")
     root.extend(group for group in (functions, connections) if len(group))
     ElementTree.indent(root)
     text: bytes = ElementTree.tostring(root, encoding="UTF-8", xml_declaration=True)
@@ -266,6 +318,21 @@ def _connection(
     factor, offset = repr(wire.factor), repr(wire.offset)
     SubElement(functions, "LinearTransformation", name=name, factor=factor, offset=offset)
     for port, signal in ((wire.source, "in"), (wire.target, "out")):
+        connection = SubElement(connections, "SignalConnection")
+        SubElement(connection, "Signal", function=name, name=signal)
+        _variable(connection, port)
+
+
+def _sum(functions: Element, connections: Element, wires: list[Connection], name: str) -> None:
+    """A sum of outputs, which libcosim takes as they stand: functions are not connected to functions."""
+    if scaled_one := next(filter(scaled, wires), None):
+        raise SetupError(
+            f"{scaled_one.source} has a factor, an offset or another unit than {scaled_one.target}: "
+            "libcosim adds none such"
+        )
+    SubElement(functions, "Sum", name=name, inputCount=str(len(wires)))
+    signals = [(wire.source, f"in[{k}]") for k, wire in enumerate(wires)]
+    for port, signal in (*signals, (wires[0].target, "out")):
         connection = SubElement(connections, "SignalConnection")
         SubElement(connection, "Signal", function=name, name=signal)
         _variable(connection, port)

@@ -31,13 +31,14 @@ ABILITIES = {
 def info(network: Network) -> Iterator[str]:
     """Parts with their inputs and outputs, wires, start values, power bonds."""
     platforms = cache(supported_platforms)
+    first = {wire.target: wire for wire in reversed(network.wires)}
     for name, description in network.descriptions.items():
         path = Path(network.system.parts[name])
         yield from _part(name, description, path.name, platforms(str(path)))
         for terminal, members in network.fmus[name].terminals.items():
             yield f"  terminal {name}.{terminal}: {', '.join(members)}"
     for title, lines in (
-        ("wires", [_wire(wire) for wire in network.wires]),
+        ("wires", [_wire(wire, adds=first[wire.target] is not wire) for wire in network.wires]),
         ("start values", [f"{port} = {value!r}" for port, value in network.start]),
         ("inputs over time", [_course(port, profile) for port, profile in network.inputs]),
         ("power bonds", [bond.name for bond in bonds(network)]),
@@ -78,10 +79,10 @@ def _abilities(description: ModelDescription) -> str:
     return ", ".join(can) or "fixed steps forward only"
 
 
-def _wire(wire: Connection) -> str:
+def _wire(wire: Connection, *, adds: bool = False) -> str:
     scaled = "" if wire.factor == 1.0 else f" * {wire.factor:.12g}"
     shifted = "" if wire.offset == 0.0 else f" {wire.offset:+.12g}"
-    return f"{wire.source}{scaled}{shifted} -> {wire.target}"
+    return f"{wire.source}{scaled}{shifted} {'+' if adds else '-'}> {wire.target}"
 
 
 def check(network: Network, settings: Settings) -> tuple[list[str], list[str]]:

@@ -18,8 +18,10 @@ import pytest
 from fmpy.model_description import BaseUnit
 from scipy.interpolate import CubicSpline
 
-from cosim import SetupError, SimulationError, System, Wire, run
-from cosim.system import convert
+from cosim import SetupError, SimulationError, System, Wire, linearize, oracle, run
+from cosim.engine.ledger import bonds
+from cosim.judge.describe import info
+from cosim.system import connect, convert
 from scenarios.conveyor.theory import SETS
 from tests.conftest import ROOT, described, rewritten
 from tests.cosim.foreign import idle, pack
@@ -38,6 +40,16 @@ def pair(fmus: Path, start: dict[str, Any] | None = None, wires: Any = WIRES) ->
     return System(parts, wires, SETS["A"].start(NU) if start is None else start)
 
 
+def halves(fmus: Path) -> System:
+    """Two motors on the conveyor, together the one of `pair`."""
+    start = {"motor.A": 3000.0, "motor.B": 74.925, "motor.tau": 3.0}
+    start |= {"other.A": 5000.0, "other.B": 124.875, "other.tau": 5.0}
+    wires = ["motor.tau -> conveyor.tau", "other.tau +> conveyor.tau"]
+    wires += ["conveyor.w -> motor.w", "conveyor.w -> other.w"]
+    parts = pair(fmus).parts
+    return System(parts | {"other": parts["motor"]}, wires, start)
+
+
 @cache
 def ripple(fmus: Path, algorithm: str, n: int, revolutions: int = 24, **start: int) -> Any:
     """Order-2 amplitudes of speed and torque and the torque's phase at resonance."""
@@ -49,6 +61,46 @@ def ripple(fmus: Path, algorithm: str, n: int, revolutions: int = 24, **start: i
     late = last_revolutions(phi, 8)
     speed, torque = (order(phi[late], x[late], 2) for x in (w, tau))
     return abs(speed), abs(torque), math.degrees(cmath.phase(torque))
+
+
+@pytest.mark.parametrize("compiled", [True, False])
+@pytest.mark.parametrize("settings", [{}, {"input_order": 2}], ids=["held", "moving"])
+def test_wires_into_one_input_add_up(
+    settings: Any, compiled: bool, fmus: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Two linear motors are one with both their parameters; bonds of a summed torque are no bonds."""
+    native = fmus / "native"
+    one = run(pair(native, {}), stop=0.2, step=1e-3, algorithm="jacobi", **settings)
+    if not compiled:
+        monkeypatch.setattr("cosim.engine.stepping.Loop", none_compiled)
+    two = run(halves(native), stop=0.2, step=1e-3, algorithm="jacobi", **settings)
+    assert two["conveyor.w"] == pytest.approx(one["conveyor.w"], rel=1e-13)
+    assert np.ptp(two["other.tau"]) > 1.0
+    assert one.energy
+    assert not two.energy
+
+
+def test_sums_of_wires_are_known_to_oracle_linear_system_and_description(fmus: Path) -> None:
+    """The modes of the drive with one motor, and how fast the two motors' difference fades."""
+    one, two = pair(fmus / "native", {}), halves(fmus / "native")
+    exact = [oracle(system, stop=0.02)["conveyor.w"][-1] for system in (one, two)]
+    assert exact[1] == pytest.approx(exact[0], rel=1e-10)
+    modes = [np.sort_complex(np.linalg.eigvals(linearize(system).A)) for system in (one, two)]
+    assert modes[1] == pytest.approx(np.sort_complex([*modes[0], -1 / 0.0625]), abs=1e-9)
+    assert "  other.tau [N.m] +> conveyor.tau [N.m]" in info(connect(two))
+
+
+def test_a_sum_ends_no_bond(fmus: Path) -> None:
+    """The power at its end is not that of one wire, even where one alone has a way back."""
+    one_way = replace(halves(fmus / "native"), wires=halves(fmus / "native").wires[:3])
+    assert not bonds(connect(one_way))
+    with pytest.raises(SetupError, match=r"ends in conveyor\.tau, a sum of wires"):
+        bonds(connect(replace(one_way, bonds=["motor.tau * conveyor.w"])))
+
+
+def none_compiled(*_: Any) -> None:
+    """In place of the compiled loop."""
+    raise OSError("none")
 
 
 def percent(value: float, reference: float) -> float:
@@ -320,6 +372,7 @@ def test_an_error_of_the_caller_is_no_complete_run(fmus: Path, tmp_path: Path) -
 
 BAD_SYSTEMS = [
     ({"wires": [*WIRES, WIRES[0]]}, "conveyor.tau [N.m] is driven twice"),
+    ({"wires": [*WIRES, "motor.tau * 2 +> conveyor.tau"]}, "conveyor.tau adds one output twice"),
     ({"wires": ["motor.tau -> motor.w"]}, "motor.tau [N.m] cannot drive motor.w [rad/s]"),
     (
         {"wires": ["motor.tau > conveyor.tau"]},

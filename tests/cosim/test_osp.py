@@ -1,14 +1,27 @@
 """OSP system structures: what is written is read again to the bit; what libcosim's own files hold."""
 
 import logging
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import pytest
 from numpy.testing import assert_array_equal
 
-from cosim import SetupError, System, read_osp, read_ssp, run, write_osp, write_ssp
+from cosim import (
+    SetupError,
+    System,
+    Wire,
+    read_osp,
+    read_ssp,
+    run,
+    write_container,
+    write_osp,
+    write_ssp,
+)
 from cosim.__main__ import main
 from cosim.system import connect
+from tests.cosim.test_cosim import halves
 from tests.cosim.test_ssp import everything, pair, ssd
 
 FILE = "OspSystemStructure.xml"
@@ -211,6 +224,92 @@ def test_steps_of_single_simulators_are_ignored_aloud(
     assert "algorithm ecco is ignored" in caplog.messages
 
 
+def test_a_sum_is_as_many_wires_into_one_input(place: Path) -> None:
+    """Through further functions: 2 (motor + half the other - 1) + 3 + motor."""
+    functions = """<LinearTransformation name="half" factor="0.5" offset="-1"/>
+    <Sum name="first" inputCount="2"/><LinearTransformation name="twice" factor="2" offset="3"/>
+    <Sum name="last" inputCount="2"/>"""
+    motor, other, end = (
+        f'Variable simulator="{n}" name="tau"' for n in ("motor", "other", "conveyor")
+    )
+    ways = [
+        (motor, "first", "in[0]"),
+        (other, "half", "in"),
+        (motor, "last", "in[1]"),
+        (end, "last", "out"),
+    ]
+    ways += [
+        (f'Signal function="{one}" name="out"', two, signal)
+        for one, two, signal in (
+            ("half", "first", "in[1]"), ("first", "twice", "in"), ("twice", "last", "in[0]")
+        )
+    ]  # fmt: skip
+    connections = "".join(
+        f'<SignalConnection><{way}/><Signal function="{f}" name="{signal}"/></SignalConnection>'
+        for way, f, signal in ways
+    )
+    elements = MOTOR + CONVEYOR + simulator("other", "DriveMotor")
+    (place / FILE).write_text(osp(elements, connections, functions))
+    system = read_osp(place).system
+    assert [*map(str, system.wires)] == [
+        "motor.tau * 3.0 + 3.0 => conveyor.tau",
+        "other.tau - 2.0 +=> conveyor.tau",
+    ]
+    assert [Wire.read(str(wire)) for wire in system.wires] == [
+        wire._replace(source=".".join(wire.source), target=".".join(wire.target))
+        for wire in system.wires
+    ]
+
+
+def test_a_sum_of_vectors_is_a_sum_of_each_of_their_elements(place: Path) -> None:
+    space = "http://opensimulationplatform.com/MSMI/OSPModelDescription"
+    three = "".join(f'<Variable ref="u[{i}]"/>' for i in (1, 2, 3))
+    groups = "".join(
+        f'<Generic name="u">{three}</Generic>'.replace("u", name) for name in ("u", "y", "z")
+    )
+    (place / "LinearSystem_OspModelDescription.xml").write_text(
+        f'<OspModelDescription xmlns="{space}" version="1.0"><VariableGroups>{groups}'
+        "</VariableGroups></OspModelDescription>"
+    )
+    connections = "".join(
+        f'<SignalGroupConnection><VariableGroup simulator="{part}" name="{group}"/>'
+        f'<SignalGroup function="f" name="{signal}"/></SignalGroupConnection>'
+        for part, group, signal in (("a", "y", "in[0]"), ("b", "z", "in[1]"), ("c", "u", "out"))
+    )
+    parts = "".join(simulator(name, "LinearSystem") for name in "abc")
+    function = '<VectorSum name="f" inputCount="2" dimension="3"/>'
+    (place / FILE).write_text(osp(parts, connections, function))
+    assert [*map(str, read_osp(place).system.wires)] == [
+        f"{source}[{i}] {arrow} c.u[{i}]"
+        for i in (1, 2, 3)
+        for source, arrow in (("a.y", "=>"), ("b.z", "+=>"))
+    ]
+
+
+def test_a_sum_that_is_written_is_read_again(fmus: Path, tmp_path: Path) -> None:
+    """Other formats have no place for it, and libcosim none for factors in it."""
+    system = halves(fmus / "native")
+    write_osp(system, tmp_path / "osp", step=1e-3)
+    results = [
+        run(s, stop=0.02, step=1e-3, algorithm="jacobi")
+        for s in (system, read_osp(tmp_path / "osp").system)
+    ]
+    assert_array_equal(results[0].data, results[1].data)
+    for write, where in (
+        (write_ssp, "an .ssp"),
+        (partial(write_container, step=1e-3), "a container"),
+    ):
+        with pytest.raises(
+            SetupError, match=f"conveyor.tau is a sum of wires, which {where} cannot say"
+        ):
+            write(system, tmp_path / "file")
+    scaled = replace(system, wires=[system.wires[0], "other.tau * 2 +> conveyor.tau"])
+    with pytest.raises(
+        SetupError, match=r"other\.tau \[N\.m\] has a factor, .* libcosim adds none"
+    ):
+        write_osp(scaled, tmp_path / "osp", step=1e-3)
+
+
 LINE = f"{FILE}, line 1: "
 BAD: dict[str, tuple[str, str]] = {
     "other XML": ("<html/>", f"{FILE}: OspSystemStructure is needed, not html"),
@@ -225,7 +324,22 @@ BAD: dict[str, tuple[str, str]] = {
     "truth": (simulator("motor", "DriveMotor", "T Boolean yes"), "InitialValue T: there is no 'yes'"),
     "type": (simulator("motor", "DriveMotor", "T Boolean true"), "motor.T: Boolean does not fit T"),
     "time": (osp(MOTOR, times="<StartTime>soon</StartTime>"), "StartTime: could not convert"),
-    "sum": (osp(MOTOR, functions='<Sum name="s" inputCount="2"/>'), f"{LINE}Sum s: is not supported"),
+    "sum of nothing": (osp(MOTOR, wired(("f", "out"), ("motor", "w"), kind="Signal"),
+        '<Sum name="f" inputCount="2"/>'), "nothing drives function f.in[0], which drives motor.w"),
+    "empty sum": (osp(MOTOR, functions='<Sum name="s" inputCount="0"/>'),
+        f"{LINE}Sum s: inputCount and dimension must be at least 1"),
+    "endless sum": (osp(MOTOR, functions='<Sum name="s" inputCount="1000000000"/>'),
+        f"{LINE}Sum s: the system has too many elements"),
+    "sum of itself": (osp(MOTOR, wired(("f", "out"), ("f", "in[0]"), kind="Signal")
+        + wired(("f", "out"), ("motor", "w"), kind="Signal"), '<Sum name="f" inputCount="1"/>'),
+        "function f.out adds itself"),
+    "sum with an input missing": (osp(MOTOR + CONVEYOR, wired(("f", "out"), ("motor", "w"), kind="Signal")
+        + wired(("f", "in[0]"), ("conveyor", "w"), kind="Signal"), '<Sum name="f" inputCount="2"/>'),
+        "nothing drives function f.in[1], which drives motor.w"),
+    "element of a group": (osp(MOTOR, '<SignalGroupConnection><SignalGroup function="f" name="in[2]"/>'
+        '<SignalGroup function="f" name="out"/></SignalGroupConnection>',
+        '<VectorSum name="f" inputCount="2" dimension="3"/>'), "groups of 0 and 3 variables"),
+    "switch": (osp(MOTOR, functions='<Switch name="s"/>'), f"{LINE}Switch s: is not supported"),
     "groups": (osp(MOTOR, wired(kind="VariableGroup")), "VariableGroupConnection: groups of no variables, not two"),
     "element": ("<Motor/>", f"{LINE}Motor: is not supported"),
     "two outputs": (osp(MOTOR + CONVEYOR, wired(("motor", "tau"), ("conveyor", "w"))),

@@ -20,6 +20,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from cosim import SetupError, System, run, write_osp, write_ssp
+from tests.cosim.test_cosim import halves
 from tests.fmukit.test_fmi3 import built
 
 HOSTS = Path(__file__).parent
@@ -187,6 +188,17 @@ def test_libcosim_runs_types_and_wires(fmus: Path, echo: Path, kind: str, tmp_pa
     ours = [result[name][1:] for name in record]
     assert_allclose(values, ours, rtol=1e-10, atol=1e-12)
     assert ours[-1][0] > 1e4 * ord("B") + 1030.5
+
+
+def test_libcosim_adds_as_we_do(fmus: Path, tmp_path: Path) -> None:
+    system = halves(fmus / "native")
+    write_osp(system, tmp_path, step=STEP)
+    record = ["conveyor.w", "motor.tau", "other.tau"]
+    task = Case(dict.fromkeys(system.parts, ""), [], {}, record).task(fmus)
+    done = finish(sys.executable, HOSTS / "libcosim_system.py", task, tmp_path)
+    _, *values = np.transpose(json.loads(done.stdout))
+    result = run(system, stop=STEPS * STEP, step=STEP, algorithm="jacobi", record=record)
+    assert_allclose(values, [result[name][1:] for name in record], rtol=1e-10, atol=1e-12)
 
 
 def test_osp_structure_carries_initial_outputs_and_times(fmus: Path, tmp_path: Path) -> None:

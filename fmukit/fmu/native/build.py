@@ -43,7 +43,8 @@ RECIPE = """\
 </fmiBuildDescription>
 """
 OPTIONS = (
-    "-std=c99", "-O2", "-ffp-contract=off", "-fno-slp-vectorize", "-fvisibility=hidden", "-s",
+    "-std=c99", "-O2", "-ffp-contract=off", "-fno-math-errno", "-fno-slp-vectorize",
+    "-fvisibility=hidden", "-s",
 )  # fmt: skip
 LIBRARY = ("-shared", "-fPIC")
 FLAT = Path(__file__).with_name("wasm.c")

@@ -43,8 +43,14 @@
 
 #ifdef __GNUC__
 #define INLINE static inline __attribute__((always_inline))
+#define APART __attribute__((noinline)) /* so that the short way beside it needs no registers */
+#define SELDOM __attribute__((cold, noinline))
+#define RARE(condition) __builtin_expect(condition, 0)
 #else
 #define INLINE static inline
+#define APART
+#define SELDOM
+#define RARE(condition) (condition)
 #endif
 
 #ifndef FMI3
@@ -78,6 +84,7 @@ typedef struct {
    for what an integrator tries, that is discarded. */
 typedef struct {
     int failed, discarded, dropped;
+    const char *why; /* the reason, where it is one without numbers */
     size_t reason_length, notes_length;
     char reason[TEXT], notes[TEXT];
 } Context;
@@ -134,6 +141,8 @@ static void model_tangents(Context *c, const double *p, double t, const double *
                            const double *d_p, double d_t, const double *d_x, const double *d_u,
                            double *result);
 
+INLINE int is_finite(double value) { return fabs(value) <= DBL_MAX; }
+
 /* Texts as Python writes them: %r a Real, %d an Integer, %b a Boolean, %v a Variable with its
    value and unit, %s a text. */
 
@@ -147,7 +156,7 @@ static void put(char *text, size_t *length, const char *more) {
 static void represent(double value, char *text) {
     char digits[NUMBER], *at = text;
     int precision = 1, exponent, count;
-    if (!(fabs(value) < INFINITY)) {
+    if (!is_finite(value)) {
         strcpy(text, isnan(value) ? "nan" : value > 0 ? "inf" : "-inf");
         return;
     }
@@ -213,13 +222,18 @@ static void append(Context *c, const char *form, ...) {
 }
 
 /* The first failure counts; what is computed after it is of no use. */
-static void fail(Context *c, const char *form, ...) {
+SELDOM static void fail(Context *c, const char *form, ...) {
     va_list values;
     if (c->failed) return;
     c->failed = 1;
     va_start(values, form);
     put_form(c->reason, &c->reason_length, form, values);
     va_end(values);
+}
+
+/* The same in words alone. As this is no call, what is computed stays in registers. */
+INLINE void no_value(Context *c, const char *why) {
+    if (!c->failed) c->failed = 1, c->why = why;
 }
 
 static inline void note(Context *c, const char *form, ...) {
@@ -240,11 +254,16 @@ static inline void spoil(double *values, int count) {
     while (count--) *values++ = NAN;
 }
 
-static inline int forget(Context *c) {
-    int failed = c->failed;
-    c->failed = 0;
+static inline void clear(Context *c) {
+    c->failed = c->discarded = 0;
+    c->why = NULL;
     c->reason[c->reason_length = 0] = '\0';
-    return failed;
+}
+
+static inline int forget(Context *c) {
+    if (!c->failed) return 0;
+    clear(c);
+    return 1;
 }
 
 /* Arithmetic that Python refuses. The functions of libm are called through pointers, because
@@ -259,51 +278,52 @@ static double (*const volatile libm_atan2)(double, double) = atan2;
 static double (*const volatile libm_fmod)(double, double) = fmod;
 
 INLINE double checked(Context *c, double x, double value) {
-    if (!(fabs(value) < INFINITY)) {
-        if (isnan(value) && !isnan(x)) fail(c, "math domain error");
-        if (isinf(value) && fabs(x) < INFINITY) fail(c, "math range error");
+    if (RARE(!is_finite(value))) {
+        if (isnan(value) && !isnan(x)) no_value(c, "math domain error");
+        if (isinf(value) && is_finite(x)) no_value(c, "math range error");
     }
     return value;
 }
 
 INLINE double defined(Context *c, double x, double value) {
-    if (!(fabs(value) < INFINITY) && !isnan(x) && (isnan(value) || fabs(x) < INFINITY))
-        fail(c, "math domain error");
+    if (RARE(!is_finite(value)) && !isnan(x) && (isnan(value) || is_finite(x)))
+        no_value(c, "math domain error");
     return value;
 }
 
 static inline double whole(Context *c, double x, double value) {
-    if (isnan(x)) fail(c, "cannot convert float NaN to integer");
-    if (isinf(x)) fail(c, "cannot convert float infinity to integer");
+    if (isnan(x)) no_value(c, "cannot convert float NaN to integer");
+    if (isinf(x)) no_value(c, "cannot convert float infinity to integer");
     return value;
 }
 
 INLINE double quotient(Context *c, double a, double b) {
-    if (b == 0.0) fail(c, "float division by zero");
+    if (RARE(b == 0.0)) no_value(c, "float division by zero");
     return a / b;
 }
 
 static inline double power(Context *c, double base, double exponent) {
     double value = libm_pow(base, exponent);
-    if (!(fabs(value) < INFINITY) && fabs(base) < INFINITY) {
+    if (!is_finite(value) && is_finite(base)) {
         if (base == 0.0)
-            fail(c, "0.0 cannot be raised to a negative power");
+            no_value(c, "0.0 cannot be raised to a negative power");
         else
-            fail(c, isnan(value) ? "math domain error" : "(34, 'Numerical result out of range')");
+            no_value(c, isnan(value) ? "math domain error"
+                                     : "(34, 'Numerical result out of range')");
     }
     return value;
 }
 
 static inline double modulo(Context *c, double a, double b) {
     double rest = libm_fmod(a, b);
-    if (b == 0.0) fail(c, "float modulo");
+    if (b == 0.0) no_value(c, "float modulo");
     if (rest == 0.0) return copysign(0.0, b);
     return (b < 0.0) != (rest < 0.0) ? rest + b : rest;
 }
 
 static inline double floored(Context *c, double a, double b) {
     double rest = libm_fmod(a, b), count = (a - rest) / b, floor_of;
-    if (b == 0.0) fail(c, "float floor division by zero");
+    if (b == 0.0) no_value(c, "float floor division by zero");
     if (rest != 0.0 && (b < 0.0) != (rest < 0.0)) count -= 1.0;
     if (count == 0.0) return copysign(0.0, a / b);
     floor_of = floor(count);
@@ -312,14 +332,14 @@ static inline double floored(Context *c, double a, double b) {
 
 static inline double math_fmod(Context *c, double a, double b) {
     double rest = libm_fmod(a, b);
-    if (isnan(rest) && !isnan(a) && !isnan(b)) fail(c, "math domain error");
+    if (isnan(rest) && !isnan(a) && !isnan(b)) no_value(c, "math domain error");
     return rest;
 }
 
 static inline double math_pow(Context *c, double base, double exponent) {
     double value = libm_pow(base, exponent);
-    if (!(fabs(value) < INFINITY) && fabs(base) < INFINITY && fabs(exponent) < INFINITY)
-        fail(c, isnan(value) || base == 0.0 ? "math domain error" : "math range error");
+    if (!is_finite(value) && is_finite(base) && is_finite(exponent))
+        no_value(c, isnan(value) || base == 0.0 ? "math domain error" : "math range error");
     return value;
 }
 
@@ -369,7 +389,7 @@ static fmi2Status told(Instance *i) {
             put(text, &length, i->name), put(text, &length, ": ");
             put(text, &length, line), put(text, &length, "; ");
         }
-        put(text, &length, c->reason);
+        put(text, &length, c->why ? c->why : c->reason);
     }
     if (c->failed && c->discarded) {
         status = fmi2Discard;
@@ -391,8 +411,8 @@ static fmi2Status told(Instance *i) {
             tell(i->logger, i->environment, i->name, fmi2Warning, "logStatusWarning", text);
         }
     }
-    c->failed = c->discarded = c->dropped = 0;
-    c->reason[c->reason_length = 0] = c->notes[c->notes_length = 0] = '\0';
+    c->notes[c->notes_length = c->dropped = 0] = '\0';
+    clear(c);
     return status;
 }
 
@@ -429,7 +449,7 @@ INLINE int allowed(Instance *i, const char *call, int kind, int first, int last)
 }
 
 INLINE void check_finite(Context *c, const Variable *v, double value) {
-    if (!(fabs(value) < INFINITY) && !strcmp(v->kind, "Real"))
+    if (!is_finite(value) && !strcmp(v->kind, "Real"))
         fail(c, "%s = %v must be a finite number", v->name, v, value);
 }
 
@@ -524,8 +544,15 @@ INLINE int is_integrated(fmi2ValueReference reference) {
            *variables[reference].variability == 'c';
 }
 
+/* Whether a value may be read as it stands. */
+INLINE int at_hand(const State *s, const char *kind, fmi2ValueReference reference) {
+    return reference < FIRST_DERIVATIVE && is_of(&variables[reference], kind) &&
+           (s->stale == 0.0 || (*kind == 'R' && s->phase == STEPPING &&
+                                variables[reference].settable_before_start));
+}
+
 /* Refuse references that are not of this type; bring the outputs up to date. */
-INLINE int prepared(Instance *i, const char *kind, const fmi2ValueReference vr[], size_t n) {
+static int prepared(Instance *i, const char *kind, const fmi2ValueReference vr[], size_t n) {
     const int begun = i->state.phase != INITIALIZING; /* until then the state is to be settled */
     int held = !strcmp(kind, "Real"), derived = 0;
     for (size_t k = 0; k < n; k++) {
@@ -539,7 +566,13 @@ INLINE int prepared(Instance *i, const char *kind, const fmi2ValueReference vr[]
     return !i->context.failed;
 }
 
-INLINE int may_set(Instance *i, const char *kind, fmi2ValueReference reference, double value) {
+/* Whether a value is one to set: most are inputs between steps. */
+INLINE int expected(const State *s, const char *kind, fmi2ValueReference reference, double value) {
+    return s->phase == STEPPING && is_input(reference) && is_of(&variables[reference], kind) &&
+           is_finite(value);
+}
+
+static int may_set(Instance *i, const char *kind, fmi2ValueReference reference, double value) {
     Context *c = &i->context;
     const Variable *v = variable(c, kind, reference);
     int phase = (int)i->state.phase;
@@ -554,25 +587,54 @@ INLINE int may_set(Instance *i, const char *kind, fmi2ValueReference reference, 
     return 0;
 }
 
+/* Get and set values of any kind; a Boolean and an Integer are stored alike. */
+APART static fmi2Status get(Instance *i, const char *kind, const fmi2ValueReference vr[],
+                            size_t n, void *values) {
+    fmi2Real *reals = values;
+    fmi2Integer *integers = values;
+    if (!i) return fmi2Error;
+    if (!prepared(i, kind, vr, n)) return finish(i);
+    for (size_t k = 0; k < n; k++) {
+        if (*kind == 'R')
+            reals[k] = i->state.values[vr[k]];
+        else
+            integers[k] = (fmi2Integer)i->state.values[vr[k]];
+    }
+    return finish(i);
+}
+
+APART static fmi2Status set(Instance *i, const char *kind, const fmi2ValueReference vr[],
+                            size_t n, const void *values) {
+    const fmi2Real *reals = values;
+    const fmi2Integer *integers = values;
+    if (!i) return fmi2Error;
+    for (size_t k = 0; k < n; k++) {
+        double value = *kind == 'R' ? reals[k] : *kind == 'B' ? integers[k] != 0 : integers[k];
+        if (!may_set(i, kind, vr[k], value)) break;
+        i->state.values[vr[k]] = value;
+    }
+    if (i->state.phase != STEPPING) i->state.stale = 1.0;
+    return finish(i);
+}
+
 #define GET(Kind)                                                                              \
     EXPORT fmi2Status API(fmi2Get##Kind)(fmi2Component component, const fmi2ValueReference vr[],      \
                                   size_t n, fmi2##Kind value[]) {                              \
         Instance *i = component;                                                               \
-        if (!i) return fmi2Error;                                                              \
-        if (prepared(i, #Kind, vr, n))                                                         \
-            for (size_t k = 0; k < n; k++) value[k] = (fmi2##Kind)i->state.values[vr[k]];      \
-        return finish(i);                                                                      \
+        size_t k = 0;                                                                          \
+        for (; i && k < n && at_hand(&i->state, #Kind, vr[k]); k++)                            \
+            value[k] = (fmi2##Kind)i->state.values[vr[k]];                                     \
+        return i && k == n ? fmi2OK : get(i, #Kind, vr, n, value);                             \
     }
 
 #define SET(Kind, stored)                                                                      \
     EXPORT fmi2Status API(fmi2Set##Kind)(fmi2Component component, const fmi2ValueReference vr[],      \
                                   size_t n, const fmi2##Kind value[]) {                        \
         Instance *i = component;                                                               \
-        if (!i) return fmi2Error;                                                              \
-        for (size_t k = 0; k < n && may_set(i, #Kind, vr[k], stored); k++)                     \
+        size_t k = 0;                                                                          \
+        for (; i && k < n && expected(&i->state, #Kind, vr[k], stored); k++)                   \
             i->state.values[vr[k]] = stored;                                                   \
-        if (i->state.phase != STEPPING) i->state.stale = 1.0;                                  \
-        return finish(i);                                                                      \
+        return i && k == n ? fmi2OK : set(i, #Kind, vr, n, value);                             \
     }
 
 GET(Real)
@@ -663,7 +725,7 @@ EXPORT fmi2Status API(fmi2SetupExperiment)(fmi2Component component, fmi2Boolean 
     (void)tolerance_given, (void)tolerance, (void)stop_given, (void)stop;
     if (!i) return fmi2Error;
     if (allowed(i, "setupExperiment", EITHER, INSTANTIATED, INSTANTIATED)) {
-        if (fabs(start) < INFINITY)
+        if (is_finite(start))
             i->state.time = start;
         else
             fail(&i->context, "start time = %r s must be a finite number", start);
@@ -719,12 +781,12 @@ EXPORT fmi2Status API(fmi2Reset)(fmi2Component component) {
 static void course(Instance *i, double h, double *inputs, double *slopes) {
     State *s = &i->state;
     double *now = part(i, FIRST_INPUT), *bends = inputs + 2 * INPUTS + 2;
-    memset(inputs, 0, COURSE * sizeof *inputs);
     if (s->driven == 0.0) {
         model_course(&i->context, s->values[INPUT_HOLD], s->before, now, s->past, h, inputs);
         for (int k = 0; k < INPUTS; k++) slopes[k] = (inputs[INPUTS + k] - inputs[k]) / h;
         return;
     }
+    memset(inputs, 0, COURSE * sizeof *inputs);
     for (int k = 0; k < INPUTS; k++) {
         double a[HIGHEST_DEGREE + 1] = {now[k]}, factorial = 1.0;
         inputs[k] = inputs[INPUTS + k] = now[k];
@@ -743,10 +805,11 @@ static void course(Instance *i, double h, double *inputs, double *slopes) {
 }
 
 /* Say in the reason of a failure when and where it was. */
-static void explain(Instance *i, const char *what, double t) {
+SELDOM static void explain(Instance *i, const char *what, double t) {
     char reason[TEXT];
-    strcpy(reason, i->context.reason);
+    strcpy(reason, i->context.why ? i->context.why : i->context.reason);
     i->context.reason_length = 0;
+    i->context.why = NULL;
     append(&i->context, "%s t = %r s: %s", what, t, reason);
     for (int k = 0; k < INPUTS + STATES; k++) {
         const Variable *v = &variables[FIRST_INPUT + k];
@@ -759,7 +822,7 @@ static void explain(Instance *i, const char *what, double t) {
 static int ready(Instance *i, double t, double h) {
     const double time = i->state.time;
     if (!allowed(i, "doStep", COSIMULATION, STEPPING, STEPPING)) return 0;
-    if (!(h > 0.0 && h < INFINITY))
+    if (!(h > 0.0 && h <= DBL_MAX))
         fail(&i->context, "communication step = %r s must be a finite number above 0", h);
     else if (!(fabs(t - time) <= 1e-3 * h + 1e-9 * fabs(time)))
         fail(&i->context, "communication point = %r s must be %r s, no jump", t, time);
@@ -816,7 +879,7 @@ EXPORT fmi2Status API(fmi2SetRealInputDerivatives)(fmi2Component component,
                  v->variability, v->causality, PHASES[(int)s->phase]);
             return finish(i);
         }
-        if (!(fabs(value[k]) < INFINITY)) {
+        if (!is_finite(value[k])) {
             fail(&i->context, "the derivative of %s = %r must be a finite number", v->name,
                  value[k]);
             return finish(i);
@@ -956,7 +1019,7 @@ EXPORT fmi2Status API(fmi2SetTime)(fmi2Component component, fmi2Real time) {
     Instance *i = component;
     if (!i) return fmi2Error;
     if (!allowed(i, "setTime", EXCHANGE, AT_EVENT, INTEGRATING)) return finish(i);
-    if (!(fabs(time) < INFINITY)) fail(&i->context, "time = %r s must be a finite number", time);
+    if (!is_finite(time)) fail(&i->context, "time = %r s must be a finite number", time);
     evaluated(i);
     if (!i->context.failed) i->state.time = time, i->state.stale = 1.0;
     return finish(i);
@@ -1037,7 +1100,7 @@ static int possible(const State *s) {
     if (!among(s->phase, INSTANTIATED, FAILED) || !among(s->driven, 0.0, HIGHEST_DEGREE)) return 0;
     if (!among(s->kind, COSIMULATION, MODEL_EXCHANGE) || !among(s->events, 0.0, MOST_EVENTS)) return 0;
     if (kind_of((int)s->phase) != EITHER && kind_of((int)s->phase) != s->kind) return 0;
-    if (!(fabs(s->time) < INFINITY && fabs(s->past) < INFINITY)) return 0;
+    if (!(is_finite(s->time) && is_finite(s->past))) return 0;
     for (int k = 0; k < VARIABLES; k++) {
         const Variable *v = &variables[k];
         const double least = *v->kind == 'B' || *v->kind == 'E' ? 0.0 : -v->most;
