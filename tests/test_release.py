@@ -12,6 +12,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 MODEL = ROOT / "tests" / "fmukit" / "models" / "van_der_pol.py"
 MASTER, ALL = 250, 450  # megabytes
+OURS = ("drive-fmus", "drive-fmus-cosim", "drive-fmus-kit")
 UV = [sys.executable, "-m", "uv"]
 
 pytestmark = [pytest.mark.slow, pytest.mark.xdist_group("release")]
@@ -29,7 +30,9 @@ class Empty:
 
     def install(self, *what: str) -> None:
         python, wheels = str(self.home / "bin" / "python"), str(ROOT / "dist")
-        subprocess.run([*UV, "pip", "install", "-q", "-p", python, "-f", wheels, *what], check=True)
+        ours = [f"--refresh-package={name}" for name in OURS]  # another wheel of the same version
+        install = [*UV, "pip", "install", "-q", "-p", python, "-f", wheels, *ours, *what]
+        subprocess.run(install, check=True)
 
     def megabytes(self) -> float:
         files = [path for path in self.home.rglob("*") if path.is_file() and not path.is_symlink()]
