@@ -172,9 +172,8 @@ def test_the_live_answer_is_the_still_one_and_follows_the_sliders(
     assert shown.value("document.documentElement.scrollWidth") == 390
     assert shown.value(f"{PART}.querySelectorAll('.live-chart .trace').length") > 0
     assert shown.value(f"{PART}.querySelectorAll('.live-motion animate').length") > 0
-    if name != "resonance":
-        drawn = "[...document.querySelectorAll('{} svg')].map(x => x.outerHTML).join()"
-        assert shown.value(f"{drawn.format('.motion')} === {drawn.format('.live-motion')}")
+    drawn = "[...document.querySelectorAll('{} svg')].map(x => x.outerHTML).join()"
+    assert shown.value(f"{drawn.format('.motion')} === {drawn.format('.live-motion')}")
     moved(shown, name, next(values for question, values in MOVED if question == name))
     _, file = page(name, folder, **LIVE[name])
     quiet(shown, file)
