@@ -114,7 +114,7 @@ def of(
             },
         },
         "command": [command, *(_words(name, x) for name, x in changed.items())],
-        "asked": dict(o.start),
+        "asked": {port.name: value for port, value in network.start if port.name in o.start},
     }
     taken = {part: modules[part].read_bytes() for part in network.descriptions}
     return Live(taken, script_of(page), data)

@@ -134,17 +134,17 @@ class _Script:
             return f"class {name} extends Raised {{}}"
         if hasattr(it, "_fields"):
             base, known, above = "py.Tuple", list(it._fields), [it]
-            defaults, fresh = dict(it._field_defaults), {}
+            given = {key: self.value(x) for key, x in it._field_defaults.items()}
         elif is_dataclass(it):
             base, known = "py.Record", [x.name for x in fields(it)]
             above = list(type.mro(kind))
-            defaults = {x.name: x.default for x in fields(it) if x.default is not MISSING}
+            given = {x.name: self.value(x.default) for x in fields(it) if x.default is not MISSING}
             empty = {x.name: x.default_factory for x in fields(it)}
-            fresh = {key: self.value(x) for key, x in empty.items() if x is not MISSING}
+            given |= {
+                key: f"py.call({self.value(x)}, [])" for key, x in empty.items() if x is not MISSING
+            }
         else:
             raise SetupError(f"LIVE cannot use the class {it.__name__}")
-        given = {key: self.value(x) for key, x in defaults.items()}
-        given |= {key: f"py.call({x}, [])" for key, x in fresh.items()}
         parameters = [f"{_safe(x)} = {given[x]}" if x in given else _safe(x) for x in known]
         body = [f"static fields = {_text(known)};"]
         body.append(f"constructor({', '.join(parameters)}) {{ super(); "

@@ -200,8 +200,9 @@ def sector_tops(phi: Samples, x: Samples, edges: Samples) -> Samples:
     """
     curve = CubicSpline(phi, x)
     at = np.concatenate([edges, curve.derivative().roots(extrapolate=False)])
-    inside = [curve(at[(at >= first) & (at <= last)]) for first, last in pairwise(edges)]
-    return np.array([(sense * values).max() for sense in (1, -1) for values in inside])
+    values = curve(at)
+    inside = [values[(at >= first) & (at <= last)] for first, last in pairwise(edges)]
+    return np.array([(sense * some).max() for sense in (1, -1) for some in inside])
 
 
 def largest_force(orbits: Iterable[Sequence[Point]]) -> tuple[float, float]:

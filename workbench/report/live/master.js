@@ -2,6 +2,7 @@
 // FMUs as modules for WebAssembly, coupled with fixed steps as cosim does it.
 
 class Failure extends Error {}
+const STATUS = ["OK", "Warning", "Discard", "Error", "Fatal", "Pending"];
 
 // An instance of a module; `fmukit/fmu/native/wasm.c` says what it exports.
 class Part {
@@ -132,7 +133,9 @@ class Network {
           for (const { source, number, factor, offset } of links)
             flat.set(instance, number, factor * source.value + offset);
           const status = flat.step(instance, t + at * step, size * step);
-          if (status > 1) part.check(status);
+          if (status < 2) continue;
+          const call = `doStep(t = ${written(t + at * step)} s, h = ${written(size * step)} s)`, [why] = part.words().trim().split("\n").slice(-1);
+          throw new Failure(`${part.name}: ${call} returned ${STATUS[status]}: ${why}; stopped at t = ${written(t)} s, ${n + 1} rows kept`);
         }
         for (const one of looks) read(one);
       }

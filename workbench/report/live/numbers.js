@@ -76,7 +76,8 @@ const lstsq = (A, b, rcond) => {
 
 // The polynomial through points, as a function.
 const through = (x, y) => {
-  const weight = x.map((at, k) => 1 / x.reduce((p, other, j) => j === k ? p : p * (at - other), 1));
+  const weight = new Float64Array(x.length).fill(1);
+  for (let k = 0; k < x.length; k++) for (let j = 0; j < x.length; j++) if (j !== k) weight[k] /= x[k] - x[j];
   return at => {
     let over = 0, under = 0;
     for (let k = 0; k < x.length; k++) {
@@ -170,20 +171,22 @@ class Cubics {
 // together with the mean; of each column a list. The normal equations are sums of exp(i m phi).
 const harmonics = (phi, columns, highest) => {
   const size = 2 * highest + 1, real = new Float64Array(size), imag = new Float64Array(size);
-  const right = columns.map(() => new Float64Array(size));
+  const re = new Float64Array(size).fill(1), im = new Float64Array(size), right = columns.map(() => new Float64Array(size));
   for (let n = 0; n < phi.length; n++) {
     const c = Math.cos(phi[n]), s = Math.sin(phi[n]);
-    for (let m = 0, re = 1, im = 0; m < size; m++) {
-      real[m] += re;
-      imag[m] += im;
-      if (m <= highest) for (let j = 0; j < columns.length; j++) {
-        const x = columns[j][n];
-        if (m) right[j][m] += im * x;
-        right[j][m ? highest + m : 0] += re * x;
-      }
-      const before = re;
-      re = re * c - im * s;
-      im = before * s + im * c;
+    for (let m = 1; m <= highest; m++) {
+      re[m] = re[m - 1] * c - im[m - 1] * s;
+      im[m] = re[m - 1] * s + im[m - 1] * c;
+    }
+    for (let m = 1, a = re[highest], b = im[highest]; m <= highest; m++) {
+      re[highest + m] = re[m] * a - im[m] * b;
+      im[highest + m] = re[m] * b + im[m] * a;
+    }
+    for (let m = 0; m < size; m++) { real[m] += re[m]; imag[m] += im[m]; }
+    for (let j = 0; j < columns.length; j++) {
+      const x = columns[j][n], sums = right[j];
+      sums[0] += x;
+      for (let m = 1; m <= highest; m++) { sums[m] += im[m] * x; sums[highest + m] += re[m] * x; }
     }
   }
   const A = range(size, i => {
@@ -212,5 +215,8 @@ const six = (value, digits = 6) => {
   if (exponent < -4 || exponent >= digits) return power(`${trimmed(mantissa)}e${exponent}`);
   return trimmed(value.toFixed(digits - 1 - exponent));
 };
+
+// A number as Python writes a float.
+const written = x => x && Math.abs(x) < 1e-4 ? power(x.toExponential()) : Number.isInteger(x) ? x.toFixed(1) : power(String(x));
 
 const power = text => text.replace(/e([+-])(\d)$/, "e$10$2");

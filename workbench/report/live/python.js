@@ -401,8 +401,8 @@ const py = (() => {
     if (it === null) return new ND([], Float64Array.of(NaN));
     if (it instanceof Float64Array) return new ND([it.length], it);
     if (typeof it === "string") fail(`${it} is no number`);
-    const list = [...iter(it)];
-    if (list.every(x => typeof x === "number")) return new ND([list.length], Float64Array.from(list));
+    const list = Array.isArray(it) ? it : [...iter(it)];
+    if (list.every(x => typeof x === "number")) return new ND([list.length], new Float64Array(list));
     const rows = list.map(nd), [first] = rows;
     const size = first.size, im = rows.some(row => row.im), re = new Float64Array(size * rows.length);
     const more = im ? new Float64Array(re.length) : null;
@@ -927,8 +927,7 @@ const lib = (() => {
   const held = (net, part, name) => net.parts[part].get(name);
   const run = named((system, stop, step, algorithm = "strang", record = null) => {
     const net = begun(system), parts = [...system.parts], names = new Map(parts.map(part => [part, system.parts.item(part)]));
-    const outputs = parts.flatMap(part => machine.outputs[names.get(part)].map(name => `${part}.${name}`));
-    const columns = record === null ? outputs : [...record];
+    const columns = record === null ? parts.flatMap(part => machine.outputs[names.get(part)].map(name => `${part}.${name}`)) : [...record];
     const rows = net.run(stop, step, algorithm, columns);
     if (!heard.muted) for (const line of net.heard()) if (!heard.lines.includes(line)) heard.lines.push(line);
     const all = ["time", ...columns];
