@@ -728,7 +728,7 @@ const np = (() => {
     argmax: x => nd(x).argmax(), argmin: x => nd(x).argmin(), max: reduced("max"), min: reduced("min"), sum: reduced("sum"), mean: reduced("mean"), any: reduced("any"), all: reduced("all"),
     ptp: x => nd(x).max() - nd(x).min(), eye: n => nd(range(n, i => range(n, j => +(i === j)))), told,
     lstsq: named((A, b, rcond) => { const flat = b.shape.length < 2, found = lstsq(A.tolist(), flat ? b.tolist().map(x => [x]) : b.tolist(), rcond); return [nd(flat ? found.flat() : found)]; }, "a b rcond"),
-    eigvals: A => roots(characteristic(A.tolist())), Polynomial: { fit: (x, y) => ({ called: at => told(at, ...[y.re, y.im].map(z => z && { at: through(x.re, z) })) }) }, cumsum: x => nd(x).cumsum(), roots, solve: (A, b) => solved(nd(A), b), interp: (x, xs, ys) => each1(x, at => {
+    eigvals: A => roots(characteristic(nd(A).tolist())), Polynomial: { fit: (x, y) => ({ called: at => told(at, ...[y.re, y.im].map(z => z && { at: through(x.re, z) })) }) }, cumsum: x => nd(x).cumsum(), roots, solve: (A, b) => solved(nd(A), b), interp: (x, xs, ys) => each1(x, at => {
       const k = Math.min(Math.max(searchsorted(xs.re, at), 1), xs.size - 1), share = (at - xs.re[k - 1]) / (xs.re[k] - xs.re[k - 1]);
       return at <= xs.re[0] ? ys.re[0] : at >= xs.re[xs.size - 1] ? ys.re[xs.size - 1] : ys.re[k - 1] + share * (ys.re[k] - ys.re[k - 1]); }),
     corrcoef: (a, b) => { const [p, q] = [a, b].map(x => py.sub(x, x.mean())), of = (x, y) => py.mul(x, y).sum();
@@ -830,13 +830,15 @@ const lib = (() => {
     of(cubics) { this.x = cubics.x; this.cubics = cubics; return this; }
     get c() { return this.cubics.parts.map(nd); }
     called(x) { return np.told(x, this.cubics, this.other); }
-    derivative() { return new Piecewise().of(this.cubics.derivative()); }
+    derivative() { return Object.assign(new Piecewise().of(this.cubics.derivative()), { other: this.other?.derivative() }); }
     solve(level = 0, extrapolate = true) {
-      return extrapolate ? py.fail("zeros beyond the ends of a spline") : nd(Float64Array.from(this.cubics.roots(level)));
+      if (extrapolate || this.other) py.fail("zeros beyond the ends of a spline, or of a complex one");
+      return nd(Float64Array.from(this.cubics.roots(level)));
     }
     roots(discontinuity, extrapolate = true) { return this.solve(0, extrapolate); }
     get sums() {
       if (this.kept) return this.kept;
+      if (this.other) py.fail("the integral of a complex spline");
       const all = new Float64Array(this.x.length);
       for (let k = 0; k < all.length - 1; k++) all[k + 1] = all[k] + this.under(k, this.x[k + 1]);
       return this.kept = all;
