@@ -71,7 +71,7 @@ OTHERS = [
     ("resonance", {**SWEEP, "algorithm": "gauss-seidel", "steps_per_rev": 256}),
     ("resonance", {**SWEEP, "algorithm": "jacobi", "steps_per_rev": 400, "speeds": "38,40,42"}),
     ("resonance", {**SWEEP, "set": "B", "speeds": "12,17,20,23,26,30,40,60"}),
-    ("resonance", {**SWEEP, "set": "B", "start": ["motor.characteristic=1", "motor.B=35.8"],
+    ("resonance", {**SWEEP, "set": "B", "start": ["motor.characteristic=kloss", "motor.B=35.8"],
                    "speeds": "12,17,20,23,26,30,40,60"}),
 ]  # fmt: skip
 

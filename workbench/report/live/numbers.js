@@ -171,22 +171,26 @@ class Cubics {
 // together with the mean; of each column a list. The normal equations are sums of exp(i m phi).
 const harmonics = (phi, columns, highest) => {
   const size = 2 * highest + 1, real = new Float64Array(size), imag = new Float64Array(size);
-  const re = new Float64Array(size).fill(1), im = new Float64Array(size), right = columns.map(() => new Float64Array(size));
-  for (let n = 0; n < phi.length; n++) {
-    const c = Math.cos(phi[n]), s = Math.sin(phi[n]);
+  const right = columns.map(() => new Float64Array(size)), [re, im, re2, im2] = range(4, () => new Float64Array(size));
+  for (let n = 0; n < phi.length; n += 2) {
+    const more = n + 1 < phi.length, p = phi[n], q = more ? phi[n + 1] : 0;
+    const c = Math.cos(p), s = Math.sin(p), c2 = Math.cos(q), s2 = Math.sin(q);
+    let a = 1, b = 0, a2 = +more, b2 = 0;
+    for (let m = 0; m <= highest; m++) {
+      re[m] = a; im[m] = b; re2[m] = a2; im2[m] = b2;
+      let t = a * c - b * s; b = a * s + b * c; a = t;
+      t = a2 * c2 - b2 * s2; b2 = a2 * s2 + b2 * c2; a2 = t;
+    }
+    a = re[highest]; b = im[highest]; a2 = re2[highest]; b2 = im2[highest];
+    for (let m = 0; m <= highest; m++) { real[m] += re[m] + re2[m]; imag[m] += im[m] + im2[m]; }
     for (let m = 1; m <= highest; m++) {
-      re[m] = re[m - 1] * c - im[m - 1] * s;
-      im[m] = re[m - 1] * s + im[m - 1] * c;
+      real[highest + m] += re[m] * a - im[m] * b + (re2[m] * a2 - im2[m] * b2);
+      imag[highest + m] += re[m] * b + im[m] * a + (re2[m] * b2 + im2[m] * a2);
     }
-    for (let m = 1, a = re[highest], b = im[highest]; m <= highest; m++) {
-      re[highest + m] = re[m] * a - im[m] * b;
-      im[highest + m] = re[m] * b + im[m] * a;
-    }
-    for (let m = 0; m < size; m++) { real[m] += re[m]; imag[m] += im[m]; }
     for (let j = 0; j < columns.length; j++) {
-      const x = columns[j][n], sums = right[j];
-      sums[0] += x;
-      for (let m = 1; m <= highest; m++) { sums[m] += im[m] * x; sums[highest + m] += re[m] * x; }
+      const x = columns[j][n], y = more ? columns[j][n + 1] : 0, sums = right[j];
+      sums[0] += x + y;
+      for (let m = 1; m <= highest; m++) { sums[m] += im[m] * x + im2[m] * y; sums[highest + m] += re[m] * x + re2[m] * y; }
     }
   }
   const A = range(size, i => {
