@@ -284,6 +284,17 @@ def test_the_page_goes_on_while_the_worker_computes(shown: Browser, folder: Path
 
 
 @pytest.mark.slow
+def test_the_curve_is_drawn_before_the_places_on_it_are_found(shown: Browser, folder: Path) -> None:
+    opened(shown, "resonance", folder)
+    table = f"{PART}.querySelector('tbody').textContent"
+    shown.value(f"""(window.before = {table}, window.drawn = [], window.react = Plotly.react,
+        Plotly.react = (...all) => {{ drawn.push({table} === before); return react(...all); }}, 0)""")
+    moved(shown, "resonance", {"conveyor.spring.c": 5e5})
+    first, *others = shown.value("drawn")
+    assert first and others and not any(others)
+
+
+@pytest.mark.slow
 def test_a_move_in_the_middle_of_a_long_answer_is_answered_alone(
     shown: Browser, folder: Path
 ) -> None:
