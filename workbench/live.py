@@ -96,7 +96,10 @@ def of(
             raise SetupError(f"LIVE: {name!r} is neither an option nor a start value")
         known = told.get(name) or parameters[name]
         value = parameters[name].value if name in parameters else options[name]
-        value = float(getattr(found.data, name) if value is None else value)
+        value = getattr(found.data, name, None) if value is None else value
+        if value is None:
+            raise SetupError(f"LIVE: {name!r} has no value of its own, and none in the data")
+        value = float(value)
         words.append({
             "name": name, "meaning": _heading(known.meaning), "unit": known.unit, "value": value,
             "low": min(low, value), "high": max(high, value), "option": name in told,

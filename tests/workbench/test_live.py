@@ -99,6 +99,12 @@ def test_a_slider_that_moves_nothing_is_refused(tmp_path: Path) -> None:
     with pytest.raises(SetupError, match=r"'orientator.cup.x' is neither an option nor a start"):
         live.of(copy, o, found, {}, modules, "")  # type: ignore[arg-type]
     assert live.of(copy, o, found, {}, {}, "") is None  # type: ignore[arg-type]
+    copy.Options, copy.LIVE = (
+        load(names(PROJECT.home)["resonance"]).Options,
+        (Slider("speed", 1, 2),),
+    )
+    with pytest.raises(SetupError, match="'speed' has no value of its own, and none in the data"):
+        live.of(copy, made(copy.Options, {}, "it"), found, {}, modules, "")  # type: ignore[arg-type]
 
 
 def opened(shown: Browser, name: str, folder: Path, width: int = 1000) -> Answer:

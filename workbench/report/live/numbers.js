@@ -1,7 +1,6 @@
 "use strict";
 // What the live part of a page computes with; each function does what its namesake in Python does.
 
-const TURN = 2 * Math.PI;
 const last = list => list[list.length - 1];
 const range = (n, make = k => k) => {
   const made = [];
