@@ -97,7 +97,7 @@ const live = async content => {
   };
 
   const hear = ({ data }) => {
-    if (data.id === id && data.done) since = 0; else if (data.figures) since = performance.now();
+    if (data.id === id && data.done) since = 0; else if (!data.note) since = performance.now();
     if (data.charts) data.charts.forEach((one, k) => paint(k, one));
     if (data.motions) data.motions.forEach((next, k) => move(k, next));
     if (data.figures) fill(data.figures);
