@@ -181,7 +181,7 @@ def moved(shown: Browser, name: str, values: Mapping[str, float], number: int = 
 
 
 @pytest.mark.parametrize("name", TRIED)
-def test_the_live_answer_is_the_still_one_and_follows_the_sliders(
+def test_the_live_answer_is_the_still_one_and_follows_the_sliders_while_the_page_goes_on(
     name: str, shown: Browser, folder: Path
 ) -> None:
     answer = opened(shown, name, folder, 390)
@@ -191,7 +191,11 @@ def test_the_live_answer_is_the_still_one_and_follows_the_sliders(
     assert shown.value(f"{PART}.querySelectorAll('.live-motion animate').length") > 0
     drawn = "[...document.querySelectorAll('{} svg')].map(x => x.outerHTML).join()"
     assert shown.value(f"{drawn.format('.motion')} === {drawn.format('.live-motion')}")
+    shown.value(
+        f"(window.ticks = 0, setInterval(() => {{ ticks += {PART}.ariaBusy === 'true'; }}, 5), 0)"
+    )
     moved(shown, name, next(values for question, values in MOVED if question == name))
+    assert shown.value("ticks") > 5
     _, file = page(name, folder, **LIVE[name])
     quiet(shown, file)
     assert file.stat().st_size < 3_000_000
@@ -278,15 +282,6 @@ def test_firefox_tells_the_same(name: str, fox: Firefox, folder: Path) -> None:
     fox.open(file)
     answered(fox)
     agrees(fox, answer)
-
-
-def test_the_page_goes_on_while_the_worker_computes(shown: Browser, folder: Path) -> None:
-    opened(shown, "iron_cycle", folder)
-    shown.value("""(window.ticks = 0, setInterval(() => {
-        if (document.getElementById('live-part').ariaBusy === 'true') ticks++; }, 5), 0)""")
-    move(shown, {"speed": 6.0})
-    answered(shown, 2)
-    assert shown.value("ticks") > 5
 
 
 @pytest.mark.slow
