@@ -31,8 +31,8 @@ def main() -> None:
     with TemporaryDirectory() as home, browser(program, Path(home)) as shown:
         shown.open(o.page, 1000)
         shown.until(ANSWERED.format(1))
+        shown.value(WATCH)
         for number, move in enumerate(o.moves, 2):
-            shown.value(WATCH)
             shown.value(MOVE.format(move))
             shown.until(ANSWERED.format(number))
             told = shown.value(TOLD)

@@ -6,7 +6,7 @@ import logging
 import math
 import os
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from functools import cache, partial
@@ -166,7 +166,7 @@ def answer(
             return stack.enter_context(opened(out, who, passing=True)) if out else None
 
         bench = Bench(fmus, engine, out, journal)
-        found = page.solve(o, bench) if hasattr(page, "solve") else _solve(page, o, bench)
+        found = _ended(page.solve(o, bench)) if hasattr(page, "solve") else _solve(page, o, bench)
         if not isinstance(found, Findings):
             raise SetupError(f"{page.__file__}: solve must return workbench.Findings")
         _check(page, found.figures)
@@ -216,6 +216,16 @@ def row(
         raise type(error)(text) from error
     figures = {key: (float(f.value), f.unit, f.error, f.reason) for key, f in found.figures.items()}
     return {"figures": figures, "warnings": list(found.warnings)}
+
+
+def _ended(found: Findings | Generator[Any, None, Findings]) -> Findings:
+    """The findings of a `solve`, of one that yields what may be shown on the way its last word."""
+    while isinstance(found, Generator):
+        try:
+            next(found)
+        except StopIteration as end:
+            found = end.value
+    return found
 
 
 def _solve(page: ModuleType, o: Any, bench: Bench) -> Findings:

@@ -1,9 +1,9 @@
 """The live part of a page: a question asked again in the browser, of the modules of its FMUs.
 
 A page declares `LIVE`, sliders over its options and start values. Its functions are translated, and
-with them what they use of the workbench and draw with. A page that shows what it knows before it knows
-all has a script of its name beside it instead, which answers as its Python does; `live(o, findings)`
-gives that script facts by name, and an option without a value of its own stands there too.
+with them what they use of the workbench and draw with. A `solve` that yields functions without
+parameters, each of which makes a Show, shows what it knows before it knows all. An option without a
+value of its own has the one that the data of the findings have by its name.
 """
 
 from __future__ import annotations
@@ -16,7 +16,6 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from cosim import SetupError
-from cosim.master import stepping_order
 from cosim.system import Network, connect
 
 from .limit import certified
@@ -29,7 +28,7 @@ if TYPE_CHECKING:
     from .answer import Findings, Parameter
 
 FOLDER = Path(__file__).with_name("report") / "live"
-ENGINE = ("numbers.js", "master.js")
+ENGINE = ("numbers.js", "master.js", "python.js")
 ASKED = ("solve", "system", "figures", "verdict", "show", "Options")
 
 
@@ -53,31 +52,22 @@ class Live(NamedTuple):
 
 def script_of(page: ModuleType) -> str:
     """What a worker runs to answer a page; raises SetupError for what cannot be translated."""
-    own = Path(str(page.__file__)).with_suffix(".js")
-    texts = [_read(FOLDER / name) for name in ENGINE]
-    if own.is_file():
-        texts.append(_read(own))
-    else:
-        roots = {name: getattr(page, name, None) for name in ASKED}
-        roots |= {"record": getattr(page, "RECORD", None), "certified": certified}
-        roots |= {"picture": figure, "moving": motion}
-        runtime, made = (
-            _read(FOLDER / "python.js"),
-            script(roots, [page.__name__.partition(".")[0]]),
-        )
-        for name in sorted(set(re.findall(r"\b(?:np|math|lib)\.(\w+)", made))):
-            if not re.search(rf"\b{name}\b", runtime):
-                raise SetupError(
-                    f"LIVE cannot use {name}, which report/live/python.js does not have"
-                )
-        texts += [runtime, made, _read(FOLDER / "answer.js")]
-    texts.append(_read(FOLDER / "worker.js"))
-    return "\n".join(text.replace('"use strict";\n', "", 1) for text in texts)
+    roots = {name: getattr(page, name, None) for name in ASKED}
+    roots |= {"record": getattr(page, "RECORD", None), "certified": certified}
+    roots |= {"picture": figure, "moving": motion}
+    runtime = "\n".join(_read(FOLDER / name) for name in ENGINE)
+    made = script(roots, [page.__name__.partition(".")[0]])
+    for name in sorted(set(re.findall(r"\b(?:np|math|lib)\.(\w+)", made))):
+        if not re.search(rf"\b{name}\b", runtime):
+            raise SetupError(f"LIVE cannot use {name}, which report/live/python.js does not have")
+    return "\n".join(
+        [runtime, made, *(_read(FOLDER / name) for name in ("answer.js", "worker.js"))]
+    )
 
 
 @cache
 def _read(path: Path) -> str:
-    return path.read_text(encoding="utf-8")
+    return path.read_text(encoding="utf-8").replace('"use strict";\n', "", 1)
 
 
 def of(
@@ -97,9 +87,6 @@ def of(
     if not sliders or found.system is None or not set(found.system.parts) <= set(modules):
         return None
     network = connect(found.system)
-    facts = page.live(o, found) if hasattr(page, "live") else {}
-    facts |= {"figures": {name: (x.unit, x.meaning) for name, x in found.figures.items()}}
-    facts |= {"order": found.provenance.get("convergence_order")}
     told = declared(type(o))
     options = {name: getattr(o, name) for name in told}
     changed = {name: x for name, x in options.items() if x != told[name].read(told[name].default)}
@@ -109,7 +96,10 @@ def of(
             raise SetupError(f"LIVE: {name!r} is neither an option nor a start value")
         known = told.get(name) or parameters[name]
         value = parameters[name].value if name in parameters else options[name]
-        value = float(facts[name] if value is None else value)
+        value = getattr(found.data, name, None) if value is None else value
+        if value is None:
+            raise SetupError(f"LIVE: {name!r} has no value of its own, and none in the data")
+        value = float(value)
         words.append({
             "name": name, "meaning": _heading(known.meaning), "unit": known.unit, "value": value,
             "low": min(low, value), "high": max(high, value), "option": name in told,
@@ -117,8 +107,6 @@ def of(
     data = {
         "sliders": words,
         "options": options,
-        "start": {name: x.value for name, x in parameters.items() if "." in name},
-        "facts": facts,
         "machine": {
             "order": found.provenance.get("convergence_order"),
             "outputs": _variables(network, "output"),
@@ -128,13 +116,8 @@ def of(
                 for part, told in network.descriptions.items()
             },
         },
-        "sequence": stepping_order(network, None),
-        "wires": [
-            {"from": w.source.name, "to": w.target.name, "factor": w.factor, "offset": w.offset}
-            for w in network.wires
-        ],
         "command": [command, *(_words(name, x) for name, x in changed.items())],
-        "asked": dict(o.start),
+        "asked": {port.name: value for port, value in network.start if port.name in o.start},
     }
     taken = {part: modules[part].read_bytes() for part in network.descriptions}
     return Live(taken, script_of(page), data)

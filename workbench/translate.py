@@ -23,7 +23,7 @@ import numpy as np
 from cosim import SetupError
 
 TRANSLATED = ("workbench", "cosim.figures", "cosim.judge.certify")
-GIVEN = ("Bench", "Table", "parameters")
+GIVEN = ("Bench", "Table", "parameters", "harmonics")
 BINARY = {
     ast.Add: "add", ast.Sub: "sub", ast.Mult: "mul", ast.Div: "div", ast.FloorDiv: "floordiv",
     ast.Mod: "mod", ast.Pow: "pow", ast.BitOr: "or", ast.BitAnd: "and", ast.MatMult: "matmul",
@@ -73,9 +73,11 @@ class _Script:
         if id(it) in self._names:
             return self._names[id(it)]
         if isinstance(it, complex):
-            return f"new py.Complex({it.real!r}, {it.imag!r})"
+            return f"new py.Complex({self.value(it.real)}, {self.value(it.imag)})"
         if isinstance(it, (FunctionType, type)) and self._own(it):
             return self._translated(it)
+        if hasattr(it, "cache_info") and self._own(it.__wrapped__):
+            return self._constant(it, it.__name__)
         if inspect.ismethod(it):
             return f"{self.value(it.__self__)}.{it.__name__}"
         if callable(it) and not isinstance(it, partial):
@@ -99,7 +101,9 @@ class _Script:
         return name
 
     def _constant(self, it: Any, hint: str) -> str:
-        if isinstance(it, partial):
+        if hasattr(it, "cache_info"):
+            text = f"lib.cache({self.value(it.__wrapped__)})"
+        elif isinstance(it, partial):
             words = ", ".join(f"{key}: {self.value(x)}" for key, x in it.keywords.items())
             text = (
                 f"lib.partial.made({self.value(it.func)}, {self.value(list(it.args))}, {{{words}}})"
@@ -130,18 +134,18 @@ class _Script:
             return f"class {name} extends Raised {{}}"
         if hasattr(it, "_fields"):
             base, known, above = "py.Tuple", list(it._fields), [it]
-            defaults = dict(it._field_defaults)
+            given = {key: self.value(x) for key, x in it._field_defaults.items()}
         elif is_dataclass(it):
             base, known = "py.Record", [x.name for x in fields(it)]
             above = list(type.mro(kind))
-            defaults = {x.name: x.default for x in fields(it) if x.default is not MISSING}
+            given = {x.name: self.value(x.default) for x in fields(it) if x.default is not MISSING}
             empty = {x.name: x.default_factory for x in fields(it)}
-            defaults |= {key: x() for key, x in empty.items() if x is not MISSING}
+            given |= {
+                key: f"py.call({self.value(x)}, [])" for key, x in empty.items() if x is not MISSING
+            }
         else:
             raise SetupError(f"LIVE cannot use the class {it.__name__}")
-        parameters = [
-            f"{_safe(x)} = {self.value(defaults[x])}" if x in defaults else _safe(x) for x in known
-        ]
+        parameters = [f"{_safe(x)} = {given[x]}" if x in given else _safe(x) for x in known]
         body = [f"static fields = {_text(known)};"]
         body.append(f"constructor({', '.join(parameters)}) {{ super(); "
                     + " ".join(f"this.{x} = {_safe(x)};" for x in known) + " }")  # fmt: skip
@@ -153,12 +157,12 @@ class _Script:
         for key, member in members.items():
             if isinstance(member, (property, cached_property)):
                 got: Any = member.fget if isinstance(member, property) else member.func
-                body.append(f"get {key}{_Function(self, got).method()}")
+                told = _Function(self, got).method()
+                kept = f"() {{ return py.kept(this, '{key}', function{told}); }}"
+                body.append(f"get {key}{told if isinstance(member, property) else kept}")
             elif isinstance(member, (FunctionType, classmethod, staticmethod)):
                 function: Any = getattr(member, "__func__", member)
-                if function.__module__ not in ("collections", "namedtuple") and not key.startswith(
-                    "_"
-                ):
+                if function.__globals__.get("__name__") != "collections":
                     static = "" if isinstance(member, FunctionType) else "static "
                     made = _Function(self, function)
                     body.append(f"{static}{made.star}{key}{made.method()}")
@@ -275,11 +279,13 @@ class _Function:
                 return f"{self._function(node, _safe(name))}\n{_safe(name)}.params = {_text(_names(node))};"
             case ast.ImportFrom(names=names):
                 return " ".join(f"{_safe(x.asname or x.name)} = lib.{x.name};" for x in names)
-            case ast.Try(body, handlers, [], []) if len(handlers) == 1:
-                (handler,) = handlers
-                kind, name = see(handler.type), _safe(handler.name or "error$")
-                tried, caught = self._block(body), self._block(handler.body)
-                return f"try {tried} catch ({name}) {{ if (!py.caught({name}, {kind})) throw {name};\n{caught} }}"
+            case ast.Try(body, handlers, [], []):
+                text = "throw error$;"
+                for x in reversed(handlers):
+                    own = f"{_safe(x.name)} = error$; " if x.name else ""
+                    text = (f"if (py.caught(error$, {see(x.type)})) {{ {own}{self._block(x.body)} }} "
+                            f"else {{ {text} }}")  # fmt: skip
+                return f"try {self._block(body)} catch (error$) {{ {text} }}"
         raise self._refuse(node, f"{type(node).__name__} here")
 
     def _within_else(self, node: ast.Break) -> bool:

@@ -59,9 +59,8 @@ def moving(
             f"{before}{label}{w:.1f} rad/s, {1e3 * x:+.2f} mm, {tau:.0f} N.m; "
             for before, w, x, tau in zip(captions, at["w"], at["x"], result["motor.tau"][picked])
         ]
-    captions, angle = [text.strip("; ") for text in captions], results[0]["conveyor.phi"][picked]
-    angles = (angle - angle[0]).tolist()
-    return Motion(title, times, slow, captions, shapes, NOTE, angles=angles)
+    captions = [text.strip("; ") for text in captions]
+    return Motion(title, times, slow, captions, shapes, NOTE)
 
 
 def crank_conveyor(p: Parameters, at: Columns) -> list[Shape]:

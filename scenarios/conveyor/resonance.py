@@ -9,10 +9,9 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from itertools import islice
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -37,9 +36,9 @@ from workbench.report import chart as colors
 from workbench.report.chart import Second, Span
 
 from . import mechanism, response
-from .drive import KLOSS, conveyor_drive, followed, linearised, start_values
 from .drive import PARTS as DRIVE
-from .response import COARSER, LAG, SPEED, TORQUE, Line, Place, Point, Ripple, Setup
+from .drive import conveyor_drive, followed, linearised, start_values
+from .response import COARSER, LAG, SPEED, TORQUE, Known, Line, Place, Point, Ripple, Setup
 from .theory import SETS, Machine
 
 PARTS = DRIVE
@@ -74,22 +73,26 @@ class Options(Ripple):
 
 
 Edge = tuple[Place, Figure]
+Row = Mapping[str, tuple[float, str]]
 
 
 class Sweep(NamedTuple):
-    """How machines were run, the machine at each speed, rows of the table; stretches of speed to
-    avoid [rad/s], and where these end but for the ends of the sweep.
+    """How machines were run, the machine at each speed, the speeds of the sweep and of operation; what
+    orbits tell at all of them, and those that are steady; stretches of speed to avoid [rad/s], and
+    where these end but for the ends of the sweep.
     """
 
     setup: Setup
     line: Line
-    points: Sequence[Any]
-    operating: float
+    nus: Sequence[float]
+    speed: float
+    rows: Mapping[float, Row]
+    known: Known
     avoid: Sequence[tuple[float, float]]
     edges: Sequence[Edge]
 
 
-def solve(o: Options, bench: Bench) -> Findings:
+def solve(o: Options, bench: Bench) -> Generator[Callable[[], Show], None, Findings]:
     """Sweep and locate; raises cosim.SetupError for settings that cannot give an answer."""
     nus = o.speeds or tuple(float(nu) for nu in SPEEDS[o.set].split(","))
     operating = o.speed or OPERATING[o.set]
@@ -100,47 +103,89 @@ def solve(o: Options, bench: Bench) -> Findings:
     for nu in wanted:
         setup.check(*line.at(nu))
     coarser = ladder(setup, line, wanted[0])
-    orbits = setup.orbits([(*line.at(nu), k) for nu in wanted for k in coarser], "sweep")
-    runs = {nu: list(islice(orbits, len(coarser))) for nu in wanted}
+    spots = [(*line.at(nu), k) for k in reversed(coarser) for nu in wanted]
+    runs: dict[float, list[Point]] = {nu: [] for nu in wanted}
+    for k, (point, (_, nu, _)) in enumerate(zip(setup.each(spots, "sweep"), spots), 1):
+        runs[nu].insert(0, point)
+        if k == len(wanted):
+            yield partial(sketch, o, setup, line, nus, operating, runs)
     problems = {x.nu: x.problem for points in runs.values() for x in points if x.problem}
     for nu, problem in problems.items():
         logging.getLogger("cosim").warning(f"No steady orbit at {nu:g} rad/s: {problem}")
-    rows = {nu: row(line.at(nu)[0], runs[nu], ORDERS[o.algorithm]) for nu in wanted}
-    known = [(nu, runs[nu][0]) for nu in nus if not runs[nu][0].problem]
-    passed = line.edges(o.most, known) if len(known) > 1 else []
-    sought = [(line, place, known) for place in (LAG, TORQUE, SPEED, *passed)]
+    sweep = swept(o, setup, line, nus, operating, runs)
+    passed = [place for place, _ in sweep.edges]
+    sought = [(line, place, sweep.known) for place in (LAG, TORQUE, SPEED, *passed)]
     (lag, _), (torque, tau2), (speed, w2), *more = response.places(sought, coarser, "rad/s", setup)
     edges = [(place, figure) for place, (figure, _) in zip(passed, more)]
-    above = any(abs(point.torque) > o.most for _, point in known)
-    avoid = stretches(line, edges, above)
-    machine, _ = line.at(line.at(nus[len(nus) // 2])[0].nu_res)
+    sweep = sweep._replace(avoid=stretches(o, line, sweep.known, edges), edges=edges)
     force = response.largest_force(runs[nu] for nu in nus)
     standing = next((nu for nu in problems if nu in nus), nus[0])
-    (tau2_at, unit), (tau2_error, _) = (rows[operating][name] for name in ("tau2", "tau2_error"))
-    figures = {
-        "nu_res": Figure(machine.nu_res, "rad/s", 0.0, "resonance by formula (22)"),
-        "zeta": Figure(machine.zeta, "1", 0.0, "damping ratio by formula"),
+    figures = formulas(sweep) | {
         "nu_90": lag, "nu_peak_tau": torque, "tau2_peak": tau2, "nu_peak_w": speed, "w2_peak": w2,
-        "tau2_operating": told(
-            tau2_at, tau2_error, unit, "torque ripple at the operating speed", operating
-        ),
+        "tau2_operating": at_speed(sweep),
         "f_rod_peak": told(*force, "N", "largest rod force of the sweep", standing),
     }  # fmt: skip
     below = bool(edges) and edges[0][0].sort == "fall"
     for k, (place, figure) in enumerate(edges, below):
         name = "avoid_from" if place.sort == "rise" else "avoid_to"
         figures[f"{name}_{k // 2 + 1}" if k > 1 else name] = figure
-    units = {name: unit for name, (_, unit) in rows[operating].items()}
-    table = Table.of_rows([[value for value, _ in rows[nu].values()] for nu in nus], units)
+    machine, units = middle(sweep), {name: x for name, (_, x) in sweep.rows[operating].items()}
     return Findings(
         figures,
-        Sweep(setup, line, list(table.frame.itertuples()), operating, avoid, edges),
+        sweep,
         conveyor_drive(bench.fmus, start_values(machine, o.start, machine.nu_res)),
         communication=f"{o.steps_per_rev} steps per revolution",
         algorithm=o.algorithm,
-        tables={TABLE: table},
+        tables={
+            TABLE: Table.of_rows([[x for x, _ in sweep.rows[nu].values()] for nu in nus], units)
+        },
         facts={"operating_speed": operating, "rated_torque": o.rated},
     )
+
+
+def swept(
+    o: Options,
+    setup: Setup,
+    line: Line,
+    nus: Sequence[float],
+    speed: float,
+    runs: Mapping[float, Sequence[Point]],
+) -> Sweep:
+    """What orbits tell that were run so far; the ends of stretches to avoid without their errors."""
+    order = ORDERS[o.algorithm]
+    rows = {nu: row(line.at(nu)[0], points, order) for nu, points in runs.items()}
+    known = [(nu, runs[nu][0]) for nu in nus if not runs[nu][0].problem]
+    passed = line.edges(o.most, known) if len(known) > 1 else []
+    edges = [(place, Figure.refused("rad/s", "it is still sought")) for place in passed]
+    avoid = stretches(o, line, known, edges)
+    return Sweep(setup, line, nus, speed, rows, known, avoid, edges)
+
+
+def sketch(o: Options, *so_far: Any) -> Show:
+    """The curve of what `swept` is told."""
+    sweep = swept(o, *so_far)
+    return Show([ripple(o, formulas(sweep) | {"tau2_operating": at_speed(sweep)}, sweep)])
+
+
+def middle(r: Sweep) -> Machine:
+    """The machine at the resonance that the one in the middle of the sweep has by formula (22)."""
+    machine, _ = r.line.at(r.line.at(r.nus[len(r.nus) // 2])[0].nu_res)
+    return machine
+
+
+def formulas(r: Sweep) -> dict[str, Figure]:
+    """What formulas tell."""
+    machine = middle(r)
+    return {
+        "nu_res": Figure(machine.nu_res, "rad/s", 0.0, "resonance by formula (22)"),
+        "zeta": Figure(machine.zeta, "1", 0.0, "damping ratio by formula"),
+    }
+
+
+def at_speed(r: Sweep) -> Figure:
+    """The torque ripple at the operating speed."""
+    (value, unit), (error, _) = (r.rows[r.speed][name] for name in ("tau2", "tau2_error"))
+    return told(value, error, unit, "torque ripple at the operating speed", r.speed)
 
 
 def ladder(setup: Setup, line: Line, slowest: float) -> Sequence[int]:
@@ -200,31 +245,24 @@ def told(value: float, error: float, unit: str, meaning: str, nu: float) -> Figu
     return Figure(value, unit, error, meaning)
 
 
-def stretches(line: Line, edges: Sequence[Edge], above: bool) -> list[tuple[float, float]]:
-    """The stretches of a line in which the torque ripple is above its limit; `above` is whether it is
-    where there is no edge.
+def stretches(
+    o: Options, line: Line, known: Known, edges: Sequence[Edge]
+) -> list[tuple[float, float]]:
+    """The stretches of a line in which the torque ripple is above its limit, by its edges and, where
+    it has none, by known orbits.
     """
     ends = [place.near if f.error is None else f.value for place, f in edges]
+    above = any(abs(point.torque) > o.most for _, point in known)
     if edges[0][0].sort == "fall" if edges else above:
         ends.insert(0, line.first)
     return list(zip(ends[::2], [*ends[1::2], line.last]))
 
 
-def live(o: Options, found: Findings) -> dict[str, Any]:
-    """What resonance.js gets besides options and start values."""
-    return {
-        "speed": found.data.operating,
-        "speeds": [point.nu for point in found.data.points],
-        "rated": o.rated,
-        "kloss": KLOSS | {name: x for name, x in o.start.items() if name in KLOSS},
-    }
-
-
 def verdict(o: Options, f: Mapping[str, Figure], r: Sweep) -> str:
     """The answer in plain words."""
     ripple, resonance, formula = f["tau2_operating"], f["nu_90"], f["nu_res"].value
-    at = f"the operating speed of {r.operating:g} rad/s ({r.operating * 30 / math.pi:.0f} rpm)"
-    first, last, away = r.line.first, r.line.last, resonance.value / r.operating - 1.0
+    at = f"the operating speed of {r.speed:g} rad/s ({r.speed * 30 / math.pi:.0f} rpm)"
+    first, last, away = r.line.first, r.line.last, resonance.value / r.speed - 1.0
     if ripple.error is None:
         answer = f"Whether {at} is on it is not told: {ripple.reason}"
     else:
@@ -244,7 +282,7 @@ def verdict(o: Options, f: Mapping[str, Figure], r: Sweep) -> str:
         lines.append(f"Avoid speeds {where}{''.join(why[:1])}.")
     elif r.avoid:
         lines.append("The torque ripple is above the limit at every speed of the sweep.")
-    elif not all(math.isnan(point.tau2) for point in r.points):
+    elif not all(math.isnan(r.rows[nu]["tau2"][0]) for nu in r.nus):
         lines.append("The torque ripple stays below the limit at every speed of the sweep.")
     if resonance.error is None:
         lines.append(f"No 90 degree lag of the torque ripple is told: {resonance.reason}.")
@@ -271,23 +309,23 @@ def show(o: Options, f: Mapping[str, Figure], r: Sweep) -> Show:
     """The sweep against theory, and one revolution at the operating speed."""
     chart = ripple(o, f, r)
     try:
-        turns = response.orbit(r.setup.case(*r.line.at(r.operating)), mechanism.RECORD)
+        turns = response.orbit(r.setup.case(*r.line.at(r.speed)), mechanism.RECORD)
     except NotSteady:
         return Show([chart])
-    course, motion = mechanism.revolution(r.operating, turns.result)
+    course, motion = mechanism.revolution(r.speed, turns.result)
     return Show([chart], [motion], [course])
 
 
 def ripple(o: Options, f: Mapping[str, Figure], r: Sweep) -> Chart:
     """Ripple of torque and speed and the lag over the speed, theory as lines; the title answers."""
-    nu = np.linspace(r.points[0].nu, r.points[-1].nu, 400)
+    nu = np.linspace(r.nus[0], r.nus[-1], 400)
     machine, _ = r.line.at(f["nu_res"].value)
     torque, omega = machine.torque_ripple(nu), machine.speed_ripple(nu)
     lag = np.angle(machine.load_ripple(nu) / torque, deg=True) % 360.0
 
     def panel(quantity: str, unit: str, name: str, theory: Any, color: str, *levels: Mark) -> Panel:
         at, y, errors = (
-            [getattr(p, column) for p in r.points] for column in ("nu", name, f"{name}_error")
+            [r.rows[x][column][0] for x in r.nus] for column in ("nu", name, f"{name}_error")
         )
         seen = Curve("co-simulation", at, y, color, "points", errors)
         line = Curve("first-order theory", nu, theory, colors.THEORY, "theory")
@@ -297,11 +335,11 @@ def ripple(o: Options, f: Mapping[str, Figure], r: Sweep) -> Chart:
 
     tau2, w2 = TORQUE.unit, SPEED.unit
     rated, limit = f"rated torque {o.rated:g} N.m", f"limit {o.most:g} N.m"
-    there = {text: f[name] for name, text in MARKS.items() if math.isfinite(f[name].value)}
-    over = f["tau2_operating"].value > o.most or any(x <= r.operating <= y for x, y in r.avoid)
+    there = {MARKS[name]: x for name, x in f.items() if name in MARKS and math.isfinite(x.value)}
+    over = f["tau2_operating"].value > o.most or any(x <= r.speed <= y for x, y in r.avoid)
     where = " and ".join(f"{x:.1f} to {y:.1f} rad/s" for x, y in r.avoid) or "no speed"
     return Chart(
-        f"{'Yes' if over else 'No'} at {r.operating:g} rad/s: the torque ripple is above {o.most:g} N.m at {where}",
+        f"{'Yes' if over else 'No'} at {r.speed:g} rad/s: the torque ripple is above {o.most:g} N.m at {where}",
         "operating speed [rad/s]",
         [
             panel("torque ripple", tau2, "tau2", abs(torque), colors.TORQUE,
@@ -311,7 +349,7 @@ def ripple(o: Options, f: Mapping[str, Figure], r: Sweep) -> Chart:
         ],
         [Mark(machine.nu_res, f"formula {machine.nu_res:.2f} rad/s"),
          *(Mark.of(text, figure) for text, figure in there.items()),
-         Mark(r.operating, f"operating speed {r.operating:g} rad/s")],
+         Mark(r.speed, f"operating speed {r.speed:g} rad/s")],
         [Span(*band, "avoid", "red") for band in r.avoid],
         Second("rpm", 30 / math.pi),
     )  # fmt: skip

@@ -10,9 +10,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from functools import cached_property
 from itertools import islice, pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -42,7 +41,7 @@ FEWEST, COARSER = 18, (1, 2, 4)
 FINE, CLOSELY, VANISHING, TINY = 8_000, 601, 0.02, 1e-300
 NEAR, WIDEST, AROUND = 0.25, 0.05, (-2, -1, 0, 1, 2)
 ROUNDS, INSIDE, CLOSE = 8, 0.75, 0.1
-NONE = complex(math.nan, math.nan)
+NONE, NO_SWEEP = complex(math.nan, math.nan), "the sweep holds no two steady orbits"
 Spot = tuple[Machine, float, int]
 
 
@@ -179,7 +178,8 @@ def read(turns: Turns, nu: float) -> Point:
         most = min(HIGHEST, len(phi) // PER_ORDER)
         ripples.append(harmonics(phi, np.stack(columns, axis=1), most)[1])
     torque, speed = ripples[0].tolist()
-    torque_error, speed_error = map(turns.remains, np.abs(ripples[0] - ripples[1]).tolist())
+    moved = np.abs(ripples[0] - ripples[1]).tolist()
+    torque_error, speed_error = [turns.remains(x) for x in moved]
     whole = turns.window()
     rows = slice(max(0, whole.start - EDGE), whole.stop + EDGE)  # a peak may lie at an end
     phi, force = turns.result[turns.angle][rows], turns.result["conveyor.f_rod"][rows]
@@ -200,8 +200,9 @@ def sector_tops(phi: Samples, x: Samples, edges: Samples) -> Samples:
     """
     curve = CubicSpline(phi, x)
     at = np.concatenate([edges, curve.derivative().roots(extrapolate=False)])
-    inside = [curve(at[(at >= first) & (at <= last)]) for first, last in pairwise(edges)]
-    return np.array([(sense * values).max() for sense in (1, -1) for values in inside])
+    values = curve(at)
+    inside = [values[(at >= first) & (at <= last)] for first, last in pairwise(edges)]
+    return np.array([(sense * some).max() for sense in (1, -1) for some in inside])
 
 
 def largest_force(orbits: Iterable[Sequence[Point]]) -> tuple[float, float]:
@@ -295,7 +296,7 @@ class Line:
         through a few, cubics between those of a sweep. Raises Lost.
         """
         if not known:
-            return partial(self.ideal, place)
+            return lambda x: self.ideal(place, x)
         if problem := next((point.problem for _, point in known if point.problem), ""):
             raise Lost(problem)
         x = np.array([at for at, _ in known])
@@ -335,17 +336,17 @@ class Line:
         """Where the place is by theory and what known orbits say beside it. Raises Lost."""
         if not math.isnan(place.near):
             return place.near
-        curve, load = self.curve(place, known), np.abs(self.load(self.whole))
+        curve, ends = self.curve(place, known), self.whole[[0, -1]]
         found, _ = self.zeros(place, curve, self.whole)
         if place.sort == "peak":
             top = max(found, key=lambda zero: zero.height, default=Zero(0.0, 0.0, 0.0))
-            if top.height < (load / np.abs(curve(self.whole)))[[0, -1]].max():
+            if top.height < np.abs(self.load(ends) / curve(ends)).max():
                 raise Lost("it is largest at an end of the sweep")
             return top.x
         behind = [zero.x for zero in found if curve(zero.x).imag > 0.0]
         if not behind:
             raise Lost("no speed of the sweep has it")
-        if abs(self.load(behind[0])) < VANISHING * load.max():
+        if abs(self.load(behind[0])) < VANISHING * np.abs(self.load(self.whole)).max():
             raise Lost("the load ripple nearly vanishes there, and its phase means nothing")
         return behind[0]
 
@@ -359,9 +360,10 @@ class Line:
 
     def theory(self, place: Place) -> float:
         """Where first-order theory has the place, formula (22) the lag; nan where it is not."""
-        with suppress(Lost):
+        try:
             return self.expected(place)
-        return math.nan
+        except Lost:
+            return math.nan
 
     @cached_property
     def spacing(self) -> float:
@@ -387,13 +389,13 @@ Found = tuple[Measured | str, Measured | str]
 Search = Generator[list[Spot], Any, Found]
 
 
-def search(line: Line, place: Place, known: Known, coarser: int) -> Search:
-    """A place and the height there from known steady orbits: through five on a lattice of the line until
-    they surround it, and one more at it. Yields where it needs orbits; raises Lost.
+def search(line: Line, place: Place, start: float | str, coarser: int) -> Search:
+    """A place and the height there, from where it is expected, or lost: through five orbits on a lattice
+    of the line until they surround it, and one more at it. Yields where it needs orbits; raises Lost.
     """
-    if len(known) < 2:
-        raise Lost("the sweep holds no two steady orbits")
-    start, spacing = line.expected(place, known), line.spacing
+    if isinstance(start, str):
+        raise Lost(start)
+    spacing = line.spacing
     center = round(start / spacing)
     for _ in range(ROUNDS):
         if center + AROUND[0] < 1:
@@ -414,6 +416,14 @@ def search(line: Line, place: Place, known: Known, coarser: int) -> Search:
             x_error = abs(at - rough.x) + (unsure / spacing if place.sort == "peak" else unsure)
             return Measured(at, x_error), Measured(height, abs(height - rough.height) + noise)
     raise Lost("it does not stand still")
+
+
+def begun(line: Line, place: Place, known: Known) -> float | str:
+    """Where a search begins, as known steady orbits say, or why it cannot."""
+    try:
+        return line.expected(place, known) if len(known) > 1 else NO_SWEEP
+    except Lost as reason:
+        return str(reason)
 
 
 def together(searches: Sequence[Search], setup: Setup) -> list[Found]:
@@ -438,7 +448,8 @@ def places(
     sought: Sequence[tuple[Line, Place, Known]], coarser: Sequence[int], unit: str, setup: Setup
 ) -> list[tuple[Figure, Figure]]:
     """Where places are and how high the response is there, from known steady orbits."""
-    found = together([search(*one, k) for one in sought for k in coarser], setup)
+    starts = [(line, place, begun(line, place, known)) for line, place, known in sought]
+    found = together([search(*start, k) for start in starts for k in coarser], setup)
     figures, order = [], ORDERS[setup.algorithm]
     for n, (_, place, _) in enumerate(sought):
         x, heights = zip(*found[n * len(coarser) : (n + 1) * len(coarser)])

@@ -28,9 +28,7 @@ def motion(title: str, result: Result, system: System, last: float, slow: float)
     """The mechanism up to a time [s] of a run."""
     picked = draw.rows(result["time"], 0.0, last)
     shapes, captions = drawn(result, system, picked)
-    phi = result["iron.phi"][picked]
-    angles = (phi - phi[0]).tolist()
-    return Motion(title, result["time"][picked], slow, captions, shapes, NOTE, angles=angles)
+    return Motion(title, result["time"][picked], slow, captions, shapes, NOTE)
 
 
 def drawn(

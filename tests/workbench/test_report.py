@@ -312,7 +312,8 @@ def test_theory_runs_through_the_points_of_the_resonance() -> None:
 def test_the_resonance_answers_its_question_in_the_title() -> None:
     machine, nu = SETS["A"], np.linspace(20.0, 60.0, 41)
     rest = {f"{name}_error": 0.5 for name in ("tau2", "w2", "lag")} | {"w2": 1.0, "lag": 90.0}
-    points = [SimpleNamespace(nu=x, tau2=abs(machine.torque_ripple(x)), **rest) for x in nu]
+    told = [{"nu": x, "tau2": abs(machine.torque_ripple(x)), **rest} for x in nu.tolist()]
+    rows = {row["nu"]: {name: (x, "") for name, x in row.items()} for row in told}
     line: Any = SimpleNamespace(at=lambda nu: (machine, nu))
     figures = {
         "nu_res": Figure(40.0, "rad/s", 0.0),
@@ -324,7 +325,7 @@ def test_the_resonance_answers_its_question_in_the_title() -> None:
         resonance.ripple(
             resonance.Options(),
             figures | {"tau2_operating": Figure(tau2, "N.m", 0.1)},
-            resonance.Sweep(line, line, points, speed, [(27.0, 45.0)], []),
+            resonance.Sweep(line, line, [*rows], speed, rows, [], [(27.0, 45.0)], []),
         )
         for speed, tau2 in ((40.0, 105.0), (57.0, 15.0))
     )

@@ -4,20 +4,23 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable
-from functools import partial
-from itertools import count
+from collections.abc import Callable, Generator
+from dataclasses import dataclass, field, replace
+from functools import cache, cached_property, partial
+from itertools import count, islice
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-from scipy.interpolate import CubicSpline
+from scipy.interpolate import CubicSpline, krogh_interpolate
+from scipy.optimize import brentq
 
 from cosim import SetupError
 from tests.workbench.browser import Browser
 from tests.workbench.test_report import shown
-from workbench.live import FOLDER
+from workbench.live import ENGINE, FOLDER
+from workbench.measure import harmonics
 from workbench.translate import script
 
 __all__ = ["shown"]
@@ -89,17 +92,93 @@ def running() -> Any:
     return [total, add(2), (found := 5) + found, None if total else 1]
 
 
+class Lost(Exception):
+    pass
+
+
+@dataclass(frozen=True)
+class Counted:
+    """What is kept, by an object and by a function."""
+
+    start: int
+    told: list[int] = field(default_factory=list)
+
+    def _more(self) -> int:
+        self.told.append(self.start)
+        return len(self.told)
+
+    @cached_property
+    def once(self) -> int:
+        return self._more()
+
+
+TOLD: list[int] = []
+
+
+@cache
+def doubled(n: int, place: Place) -> float:
+    TOLD.append(n)
+    return 2 * n + place.x
+
+
+def asking(first: int) -> Generator[list[int], int, str]:
+    total = 0
+    for k in range(first, first + 3):
+        total += yield [k, total]
+    if total > 99:
+        raise Lost(f"{total} is too much")
+    return f"{total} in all"
+
+
+def generators() -> Any:
+    told: list[Any] = []
+    for one, answers in ((asking(1), (5, 6, 7)), (asking(2), (90, 9, 9))):
+        try:
+            told.append(next(one))
+            for x in answers:
+                told.append(one.send(x))
+        except StopIteration as done:
+            told.append(done.value)
+        except Lost as reason:
+            told.append(str(reason))
+    numbers = count(3)
+    told += [list(islice(numbers, 2)), next(numbers), list(islice(iter([8, 9]), 5))]
+    first, other = Counted(1), Counted(2)
+    told += [first.once, first.once, first._more(), other.told, replace(other, start=7).once]
+    told += [doubled(1, Place(0.5)), doubled(1, Place(0.5)), doubled(2, Place(0.5)), TOLD]
+    told += [getattr(Place(3.0, 4.0), name)(1.0).far for name in ("moved",)]
+    return [*told, *(getattr(2 + 3j, part) for part in ("real", "imag"))]
+
+
+def numerics() -> Any:
+    x = np.linspace(0.0, 2.0, 9)
+    z = np.exp(1j * x) / (2.0 + 1j * x) - 3j * x**2
+    grid = np.outer(x[:4], [1.0, -2.0, 0.5]) + np.eye(4)[:, :3]
+    few = np.polynomial.Polynomial.fit(x[:4], z[:4], 3)
+    told = [abs(z), (z * z[::-1] - z).real, (z**3).imag, np.angle(-z, deg=True), few(0.3).imag]
+    told += [CubicSpline(x, z)(np.array([0.1, 1.9])).imag, CubicSpline(x, z).derivative()(0.7).imag]
+    told += [np.linalg.lstsq(grid, x[:4], rcond=1e-12)[0], np.linalg.solve(grid[:3], x[:3])]
+    told += [np.linalg.lstsq(grid, np.stack([x[:4], x[1:5]], axis=1), rcond=1e-12)[0]]
+    told += [np.abs(np.linalg.eigvals([[0.2, 1.0], [-0.5, 0.1]])).max(), np.diff(grid, axis=0)]
+    told += [np.sort(np.abs(np.linalg.eigvals(np.array([[2.0, 1, 0], [0, 3, 1], [1, 0, 4]]))))]
+    told += [np.sort(np.roots([1.0, -2.5, -3.0, 4.0, 1.0]).real)]
+    told += [krogh_interpolate(x, np.stack([np.sin(x), x]), 0.33, axis=1)]
+    told += [brentq(lambda x: math.cos(x) - x, 0.0, 1.0, xtol=1e-15)]
+    told += [harmonics(3 * x, np.stack([np.sin(3 * x) + 0.2, np.cos(6 * x)], axis=1), 2).imag]
+    told += [abs(harmonics(3 * x, np.sin(3 * x + 0.4), 2))]
+    return [y.tolist() if isinstance(y, np.ndarray) else float(y) for y in told]
+
+
 def leaves() -> None:
     with Path("x").open():
         pass
 
 
-@pytest.mark.parametrize("tell", [formats, collections, arrays, running])
+@pytest.mark.parametrize("tell", [formats, collections, arrays, running, generators, numerics])
 def test_translated_python_tells_what_python_tells(
     tell: Callable[[], Any], shown: Browser, tmp_path: Path
 ) -> None:
-    texts = [(FOLDER / f"{name}.js").read_text() for name in ("numbers", "master", "python")]
-    made = "".join(text.replace('"use strict";', "") for text in texts)
+    made = "".join((FOLDER / name).read_text().replace('"use strict";', "") for name in ENGINE)
     empty = tmp_path / "empty.html"
     empty.write_text("<!doctype html><html data-ready='yes'>")
     shown.open(empty, 1000)

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 from ..figure import Figure
 from .motion import Motion
 from .plot import MOST, Words, figure, told
-from .svg import EDGE, scale_of, svg
+from .svg import svg
 
 if TYPE_CHECKING:
     from ..answer import Answer, Table
@@ -127,9 +127,7 @@ def motion(it: Motion) -> Words:
     """A motion as the page's script gets it."""
     times = (it.times - it.times[0]).round(6).tolist()
     pace = "In real time." if it.slow == 1 else f"{it.slow:g} times slower than real."
-    low, high = it.bounds
-    place = {"low": low[0], "high": high[1], "scale": scale_of(it), "edge": EDGE}
     return {
         "svg": svg(it), "slow": it.slow, "times": times, "captions": list(it.captions),
-        "note": f"{pace} {it.note}", "angles": list(it.angles), "place": place,
+        "note": f"{pace} {it.note}",
     }  # fmt: skip

@@ -41,8 +41,7 @@ class Motion(NamedTuple):
     """Shapes at times [s] of shape (frames,), a caption for each; `slow` times slower than real.
 
     `ghosts` are frames that stay in sight, and what is so special about them; a motion that has
-    some is worth a still picture. `angles` [rad] that all else follows let a live run, which passes
-    them at other times, show the same frames.
+    some is worth a still picture.
     """
 
     title: str
@@ -52,7 +51,6 @@ class Motion(NamedTuple):
     shapes: Sequence[Shape]
     note: str = ""
     ghosts: Mapping[int, str] = {}
-    angles: Sequence[float] = ()
 
     @property
     def bounds(self) -> tuple[Samples, Samples]:

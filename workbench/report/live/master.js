@@ -2,6 +2,7 @@
 // FMUs as modules for WebAssembly, coupled with fixed steps as cosim does it.
 
 class Failure extends Error {}
+const STATUS = ["OK", "Warning", "Discard", "Error", "Fatal", "Pending"];
 
 // An instance of a module; `fmukit/fmu/native/wasm.c` says what it exports.
 class Part {
@@ -16,6 +17,7 @@ class Part {
   // What the instance has said since it was last asked.
   words() {
     const bytes = new Uint8Array(this.flat.memory.buffer, this.flat.text());
+    if (!bytes[0]) return "";
     const words = new TextDecoder().decode(bytes.slice(0, bytes.indexOf(0)));
     bytes[0] = 0;
     return words.replaceAll(/^i: /gm, "");
@@ -41,12 +43,17 @@ class Network {
   constructor(modules, wires, sequence) {
     this.parts = Object.fromEntries(sequence.map(name => [name, new Part(name, modules[name])]));
     this.sequence = sequence.map(name => this.parts[name]);
-    const end = name => {
-      const [part] = sequence.filter(part => name.startsWith(`${part}.`));
-      return { part: this.parts[part], variable: name.slice(part.length + 1) };
-    };
-    this.end = end;
-    this.wires = wires.map(wire => ({ ...wire, from: end(wire.from), to: end(wire.to) }));
+    this.ends = new Map();
+    this.wires = wires.map(wire => ({ ...wire, from: this.end(wire.from), to: this.end(wire.to) }));
+  }
+
+  // The part and the variable of a dotted name.
+  end(name) {
+    if (!this.ends.has(name)) {
+      const part = this.sequence.find(part => name.startsWith(`${part.name}.`));
+      this.ends.set(name, { part, variable: name.slice(part.name.length + 1) });
+    }
+    return this.ends.get(name);
   }
 
   // All parts at t = 0 with start values by name, those of wired inputs made to agree.
@@ -126,7 +133,9 @@ class Network {
           for (const { source, number, factor, offset } of links)
             flat.set(instance, number, factor * source.value + offset);
           const status = flat.step(instance, t + at * step, size * step);
-          if (status > 1) part.check(status);
+          if (status < 2) continue;
+          const call = `doStep(t = ${written(t + at * step)} s, h = ${written(size * step)} s)`, [why] = part.words().trim().split("\n").slice(-1);
+          throw new Failure(`${part.name}: ${call} returned ${STATUS[status]}: ${why}; stopped at t = ${written(t)} s, ${n + 1} rows kept`);
         }
         for (const one of looks) read(one);
       }
@@ -136,70 +145,3 @@ class Network {
     return { time, ...Object.fromEntries(record.map((name, k) => [name, rows[k].values])) };
   }
 }
-
-// Whole revolutions on a steady orbit, as workbench/orbit.py finds it: `start` makes start values of
-// the states. A generator that yields after every run; throws Failure where there is no orbit.
-function* steady(system, start, states, angle, speed, steps, record, algorithm) {
-  const names = Object.keys(states), count = names.length + 1, h = TURN / (speed * steps);
-  const columns = [...new Set([angle, ...names, ...record])];
-  const scale = names.map(name => Math.max(Math.abs(states[name]), 1e-3 * speed));
-  const ends = range(count + 1, k => TURN * k);
-  let at = names.map(name => states[name]), pace = 1, moved = Infinity, safe = null, known = null;
-  for (let round = 0; round < 16; round++) {
-    const number = Math.ceil(count * steps * 1.02 / pace) + 8;
-    system.start({ ...start, ...Object.fromEntries(names.map((name, k) => [name, at[k]])) });
-    const rows = system.run(number * h, h, algorithm, columns), phi = rows[angle];
-    yield;
-    if (phi.some((x, k) => k && !(x > phi[k - 1]))) {
-      if (safe === null) throw new Failure("the crank does not turn all the way");
-      at = at.map((x, k) => (x + safe[k]) / 2);
-      continue;
-    }
-    if (last(phi) < TURN * count) {
-      pace = last(phi) / (TURN * count) * pace / 1.02;
-      if (pace < 0.05) {
-        const turns = six(last(phi) / last(rows.time), 3);
-        throw new Failure(`the crank turns at ${turns} rad/s instead of ${six(speed)} rad/s`);
-      }
-      continue;
-    }
-    const [times, ...sections] = atAngles(phi, [rows.time, ...names.map(name => rows[name])], ends);
-    const points = ends.map((_, k) => sections.map((values, j) => values[k] / scale[j]));
-    points[0] = at.map((x, j) => x / scale[j]);
-    const moves = range(count, k => points[k + 1].map((x, j) => x - points[k][j]));
-    const before = moved, final = moves[count - 1];
-    moved = most(final, Math.abs);
-    if (known === null || most(moves.flat(), Math.abs) > 1e-6) known = returnMap(moves);
-    const { map, left } = known, far = moved * Math.max(left / Math.max(1 - left, 1e-12), 1);
-    if (far < 3e-9 || (far < 1e-6 && moved > 0.3 * before)) {
-      if (left >= 1) throw new Failure("the orbit is not stable: deviations from it grow");
-      const window = back => [searchsorted(phi, ends[count - 1 - back]), searchsorted(phi, ends[count - back]) + 1];
-      return { rows, phi, ends, times, window, remains: x => x * Math.max(left / (1 - left), 0.1) };
-    }
-    const gap = map.map((row, i) => row.map((x, j) => +(i === j) - x));
-    const ahead = lstsq(gap, final.map(x => [x]), 1e-12).map(([x]) => x);
-    safe = points[count].map((x, j) => x * scale[j]);
-    at = safe.map((x, i) => x + map[i].reduce((sum, m, j) => sum + m * ahead[j], 0) * scale[i]);
-  }
-  throw new Failure(`after ${16 * count} revolutions the orbit still moves by ${six(moved, 1)} of itself`);
-}
-
-// The linear map that takes each move between sections to the next, and its largest rate.
-const returnMap = moves => {
-  const size = moves[0].map((_, j) => Math.max(most(moves, move => Math.abs(move[j])), 1e-300));
-  const of = rows => rows.map(row => row.map((x, j) => x / size[j]));
-  const found = lstsq(of(moves.slice(0, -1)), of(moves.slice(1)), 5e-3);
-  return { map: found.map((_, i) => found.map((row, j) => row[i] * size[i] / size[j])),
-    left: radius(found) };
-};
-
-// Columns at wanted angles, on polynomials through eight rows.
-const atAngles = (phi, columns, wanted) => {
-  const found = columns.map(() => []);
-  for (const angle of wanted) {
-    const first = Math.min(Math.max(searchsorted(phi, angle) - 4, 0), phi.length - 8);
-    const cut = values => Array.from(values.subarray(first, first + 8)), near = cut(phi);
-    columns.forEach((values, k) => found[k].push(through(near, cut(values))(angle)));
-  }
-  return found;
-};

@@ -1,9 +1,12 @@
 "use strict";
 // What the live part of a page computes with; each function does what its namesake in Python does.
 
-const TURN = 2 * Math.PI;
 const last = list => list[list.length - 1];
-const range = (n, make = k => k) => Array.from({ length: n }, (_, k) => make(k));
+const range = (n, make = k => k) => {
+  const made = [];
+  for (let k = 0; k < n; k++) made.push(make(k));
+  return made;
+};
 const linspace = (first, end, n) => range(n, k => k === n - 1 ? end : first + k * ((end - first) / (n - 1)));
 const geomspace = (first, end, n) =>
   range(n, k => k === n - 1 ? end : k ? first * Math.pow(end / first, k / (n - 1)) : first);
@@ -22,27 +25,15 @@ const searchsorted = (list, x) => {
   return low;
 };
 
-// Complex numbers are pairs [real, imaginary].
-const add = (a, b) => [a[0] + b[0], a[1] + b[1]];
-const sub = (a, b) => [a[0] - b[0], a[1] - b[1]];
-const mul = (a, b) => [a[0] * b[0] - a[1] * b[1], a[0] * b[1] + a[1] * b[0]];
-const div = (a, b) => {
-  const size = b[0] * b[0] + b[1] * b[1];
-  return [(a[0] * b[0] + a[1] * b[1]) / size, (a[1] * b[0] - a[0] * b[1]) / size];
-};
-const times = (x, a) => [x * a[0], x * a[1]];
-const abs = a => Math.hypot(...a);
-const degrees = a => Math.atan2(a[1], a[0]) * 180 / Math.PI;
-const turned = x => ((x % 360) + 360) % 360;
-
 // x of A x = b for the columns b, of a symmetric positive A whose rows are filled up to the diagonal.
 const solve = (A, columns) => {
   const n = A.length;
   for (let i = 0; i < n; i++) for (let j = 0; j <= i; j++) {
     const a = A[i], b = A[j];
-    let rest = a[j];
-    for (let k = 0; k < j; k++) rest -= a[k] * b[k];
-    a[j] = i === j ? Math.sqrt(rest) : rest / b[j];
+    let rest = a[j], more = 0, k = 0;
+    for (; k < j - 1; k += 2) { rest -= a[k] * b[k]; more += a[k + 1] * b[k + 1]; }
+    if (k < j) rest -= a[k] * b[k];
+    a[j] = i === j ? Math.sqrt(rest - more) : (rest - more) / b[j];
   }
   for (const x of columns) {
     for (let i = 0; i < n; i++) {
@@ -82,22 +73,10 @@ const lstsq = (A, b, rcond) => {
   return V.map(row => b[0].map((_, j) => row.reduce((sum, v, k) => sum + v * shares[k][j], 0)));
 };
 
-// The largest size of an eigenvalue of M: what a very high power of M grows by at each factor.
-const radius = M => {
-  let power = M, log = 0;
-  for (let k = 0; k < 52; k++) {
-    const size = most(power.flat(), Math.abs);
-    if (!(size > 0)) return size;
-    log += Math.log(size) / 2 ** k;
-    const unit = power.map(row => row.map(x => x / size));
-    power = unit.map(row => unit.map((_, j) => row.reduce((sum, x, i) => sum + x * unit[i][j], 0)));
-  }
-  return Math.exp(log);
-};
-
 // The polynomial through points, as a function.
 const through = (x, y) => {
-  const weight = x.map((at, k) => 1 / x.reduce((p, other, j) => j === k ? p : p * (at - other), 1));
+  const weight = new Float64Array(x.length).fill(1);
+  for (let k = 0; k < x.length; k++) for (let j = 0; j < x.length; j++) if (j !== k) weight[k] /= x[k] - x[j];
   return at => {
     let over = 0, under = 0;
     for (let k = 0; k < x.length; k++) {
@@ -110,16 +89,17 @@ const through = (x, y) => {
   };
 };
 
-// Cubics between knots x; `pieces` are [a, b, c, d] of a s^3 + b s^2 + c s + d from each knot on.
+// Cubics between knots x, a s^3 + b s^2 + c s + d from each knot on; `parts` are all a, all b, all c, all d.
 class Cubics {
-  constructor(x, pieces) { this.x = x; this.pieces = pieces; }
+  constructor(x, parts) { this.x = x; this.parts = parts; }
 
   // The spline through points whose third derivative is also continuous beside both ends.
   static spline(x, y) {
-    const n = x.length, h = range(n - 1, k => x[k + 1] - x[k]), m = range(n - 1, k => (y[k + 1] - y[k]) / h[k]);
+    const n = x.length, h = new Float64Array(n - 1), m = new Float64Array(n - 1), d0 = new Float64Array(n - 1);
+    for (let k = 0; k < n - 1; k++) { h[k] = x[k + 1] - x[k]; m[k] = (y[k + 1] - y[k]) / h[k]; d0[k] = y[k]; }
     if (n < 4) {
       const curve = n < 3 ? 0 : (m[1] - m[0]) / (x[2] - x[0]);
-      return new Cubics(x, h.map((step, k) => [0, curve, m[k] - curve * step, y[k]]));
+      return new Cubics(x, [h.map(() => 0), h.map(() => curve), m.map((slope, k) => slope - curve * h[k]), d0]);
     }
     const low = new Float64Array(n), mid = new Float64Array(n), up = new Float64Array(n), s = new Float64Array(n);
     for (let k = 1; k < n - 1; k++) {
@@ -139,25 +119,30 @@ class Cubics {
     }
     s[n - 1] /= mid[n - 1];
     for (let k = n - 2; k >= 0; k--) s[k] = (s[k] - up[k] * s[k + 1]) / mid[k];
-    return new Cubics(x, h.map((step, k) => {
-      const bend = (s[k] + s[k + 1] - 2 * m[k]) / step;
-      return [bend / step, (m[k] - s[k]) / step - bend, s[k], y[k]];
-    }));
+    const parts = [h, m, s.slice(0, n - 1), d0];
+    for (let k = 0; k < n - 1; k++) {
+      const step = h[k], slope = m[k], bend = (s[k] + s[k + 1] - 2 * slope) / step;
+      h[k] = bend / step;
+      m[k] = (slope - s[k]) / step - bend;
+    }
+    return new Cubics(x, parts);
   }
 
   at(x) {
-    const k = Math.min(Math.max(searchsorted(this.x, x) - 1, 0), this.pieces.length - 1);
-    const [a, b, c, d] = this.pieces[k], s = x - this.x[k];
-    return ((a * s + b) * s + c) * s + d;
+    const k = Math.min(Math.max(searchsorted(this.x, x) - 1, 0), this.x.length - 2), [a, b, c, d] = this.parts, s = x - this.x[k];
+    return ((a[k] * s + b[k]) * s + c[k]) * s + d[k];
   }
 
-  derivative() { return new Cubics(this.x, this.pieces.map(([a, b, c]) => [0, 3 * a, 2 * b, c])); }
+  derivative() {
+    const [a, b, c] = this.parts;
+    return new Cubics(this.x, [a.map(() => 0), a.map(x => 3 * x), b.map(x => 2 * x), c]);
+  }
 
   roots(level = 0) {
-    const found = [];
-    this.pieces.forEach(([a, b, c, d], k) => {
-      const long = this.x[k + 1] - this.x[k];
-      if (Math.abs(d - level) > ((Math.abs(a) * long + Math.abs(b)) * long + Math.abs(c)) * long) return;
+    const found = [], [as, bs, cs, ds] = this.parts, many = as.length;
+    for (let k = 0; k < many; k++) {
+      const a = as[k], b = bs[k], c = cs[k], d = ds[k], long = this.x[k + 1] - this.x[k];
+      if (Math.abs(d - level) > ((Math.abs(a) * long + Math.abs(b)) * long + Math.abs(c)) * long) continue;
       const cuts = [0, long], value = s => ((a * s + b) * s + c) * s + (d - level);
       const inner = b * b - 3 * a * c;
       if (inner > 0) {
@@ -167,7 +152,7 @@ class Cubics {
       cuts.sort((p, q) => p - q);
       for (let j = 1; j < cuts.length; j++) {
         let low = cuts[j - 1], high = cuts[j], first = value(low);
-        const end = value(high), closed = j === cuts.length - 1 && k === this.pieces.length - 1;
+        const end = value(high), closed = j === cuts.length - 1 && k === many - 1;
         if (first === 0 ? j > 1 : !(first < 0 ? end > 0 || (closed && end === 0) : end < 0 || (closed && end === 0))) continue;
         while (first !== 0) {
           const s = (low + high) / 2;
@@ -176,7 +161,7 @@ class Cubics {
         }
         found.push(this.x[k] + (first === 0 ? low : high));
       }
-    });
+    }
     return found;
   }
 }
@@ -185,20 +170,26 @@ class Cubics {
 // together with the mean; of each column a list. The normal equations are sums of exp(i m phi).
 const harmonics = (phi, columns, highest) => {
   const size = 2 * highest + 1, real = new Float64Array(size), imag = new Float64Array(size);
-  const right = columns.map(() => new Float64Array(size));
-  for (let n = 0; n < phi.length; n++) {
-    const c = Math.cos(phi[n]), s = Math.sin(phi[n]);
-    for (let m = 0, re = 1, im = 0; m < size; m++) {
-      real[m] += re;
-      imag[m] += im;
-      if (m <= highest) for (let j = 0; j < columns.length; j++) {
-        const x = columns[j][n];
-        if (m) right[j][m] += im * x;
-        right[j][m ? highest + m : 0] += re * x;
-      }
-      const before = re;
-      re = re * c - im * s;
-      im = before * s + im * c;
+  const right = columns.map(() => new Float64Array(size)), [re, im, re2, im2] = range(4, () => new Float64Array(size));
+  for (let n = 0; n < phi.length; n += 2) {
+    const more = n + 1 < phi.length, p = phi[n], q = more ? phi[n + 1] : 0;
+    const c = Math.cos(p), s = Math.sin(p), c2 = Math.cos(q), s2 = Math.sin(q);
+    let a = 1, b = 0, a2 = +more, b2 = 0;
+    for (let m = 0; m <= highest; m++) {
+      re[m] = a; im[m] = b; re2[m] = a2; im2[m] = b2;
+      let t = a * c - b * s; b = a * s + b * c; a = t;
+      t = a2 * c2 - b2 * s2; b2 = a2 * s2 + b2 * c2; a2 = t;
+    }
+    a = re[highest]; b = im[highest]; a2 = re2[highest]; b2 = im2[highest];
+    for (let m = 0; m <= highest; m++) { real[m] += re[m] + re2[m]; imag[m] += im[m] + im2[m]; }
+    for (let m = 1; m <= highest; m++) {
+      real[highest + m] += re[m] * a - im[m] * b + (re2[m] * a2 - im2[m] * b2);
+      imag[highest + m] += re[m] * b + im[m] * a + (re2[m] * b2 + im2[m] * a2);
+    }
+    for (let j = 0; j < columns.length; j++) {
+      const x = columns[j][n], y = more ? columns[j][n + 1] : 0, sums = right[j];
+      sums[0] += x + y;
+      for (let m = 1; m <= highest; m++) { sums[m] += im[m] * x + im2[m] * y; sums[highest + m] += re[m] * x + re2[m] * y; }
     }
   }
   const A = range(size, i => {
@@ -217,22 +208,6 @@ const harmonics = (phi, columns, highest) => {
   return solve(A, right).map(fit => range(highest, k => [fit[k + 1], fit[k + 1 + highest]]));
 };
 
-// Where values at steps h, 2 h, 4 h go as h vanishes, its error or null, and the reason for that.
-const limit = (values, order) => {
-  if (values.length < 3) return [values[0], null, "the coupling is not stable with a quarter of the steps"];
-  const [fine, middle, coarse] = values, move = fine - middle, before = middle - coarse;
-  const size = Math.max(Math.abs(move), Math.abs(before));
-  if (Math.abs(before) < 1.5 * Math.abs(move) || size <= 1e-9 * Math.abs(fine)) {
-    if (size > 1e-3 * Math.abs(fine)) return [fine, null, "it does not converge with smaller steps"];
-    return [fine, 4 * size, ""];
-  }
-  const gain = 2 ** order - 1, better = fine + move / gain, rough = middle + before / gain;
-  return [better, Math.abs(better - rough) + 0.02 * Math.abs(move), ""];
-};
-
-const figure = (value, unit, error, meaning = "", reason = "") => ({ value, unit, error, meaning, reason });
-const refused = (unit, reason, meaning) => figure(NaN, unit, null, meaning, reason);
-
 // A number as "%.6g" writes it.
 const six = (value, digits = 6) => {
   if (!value) return String(value);
@@ -244,23 +219,7 @@ const six = (value, digits = 6) => {
   return trimmed(value.toFixed(digits - 1 - exponent));
 };
 
+// A number as Python writes a float.
+const written = x => x && Math.abs(x) < 1e-4 ? power(x.toExponential()) : Number.isInteger(x) ? x.toFixed(1) : power(String(x));
+
 const power = text => text.replace(/e([+-])(\d)$/, "e$10$2");
-
-// Value and error as texts: the error rounded up to two digits, the value as far as it reaches.
-const rounded = (value, error) => {
-  let place = Math.floor(Math.log10(error)) - 1;
-  const end = value ? Math.floor(Math.log10(Math.abs(value))) - 5 : place;
-  let up = Math.ceil(error / 10 ** place - 1e-9);
-  if (end > place) { place = end; up = Math.ceil(error / 10 ** end + 0.5); }
-  if (up >= 100) { place += 1; up = 10; }
-  if (place > 0) return [(Math.round(value / 10 ** place) * 10 ** place).toFixed(0), (up * 10 ** place).toFixed(0)];
-  if (place >= -7) return [(+value.toFixed(-place) || 0).toFixed(-place), (up * 10 ** place).toFixed(-place)];
-  return [power(value.toExponential(Math.floor(Math.log10(Math.max(Math.abs(value), error))) - place)),
-    power((up * 10 ** place).toExponential(1))];
-};
-
-const text = ({ value, unit, error, reason }, as = unit) => {
-  as = as && as !== "1" ? ` ${as}` : "";
-  if (error === null) return `not told (${reason})`;
-  return error === 0 ? `${six(value)}${as}` : `${rounded(value, error).join(" ± ")}${as}`;
-};

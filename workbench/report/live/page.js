@@ -18,7 +18,7 @@ const live = async content => {
       alarm.hidden = false;
       alarm.textContent = `The live part of this page broke down: ${event.message}`;
     };
-    worker.postMessage({ modules, wires: told.wires, sequence: told.sequence, machine: told.machine });
+    worker.postMessage({ modules, machine: told.machine });
   };
   section.hidden = false;
 
@@ -62,7 +62,7 @@ const live = async content => {
     section.setAttribute("aria-busy", "true");
     if (since && performance.now() - since > PATIENCE) begin(), since = 0;
     since ||= performance.now();
-    worker.postMessage({ id: ++id, options, asked, start: { ...told.start, ...asked }, facts: told.facts });
+    worker.postMessage({ id: ++id, options, asked });
   };
 
   const command = () => {
@@ -97,10 +97,9 @@ const live = async content => {
   };
 
   const hear = ({ data }) => {
-    if (data.id === id && data.done) since = 0; else if (data.figures) since = performance.now();
+    if (data.id === id && data.done) since = 0; else if (!data.note) since = performance.now();
     if (data.charts) data.charts.forEach((one, k) => paint(k, one));
-    const motions = data.motions ?? (data.motion ? [moving(content.motions[0], data.motion)] : []);
-    motions.forEach((next, k) => move(k, next));
+    if (data.motions) data.motions.forEach((next, k) => move(k, next));
     if (data.figures) fill(data.figures);
     if (data.verdict) $(".verdict div").replaceChildren(...data.verdict.map(line => element("p", {}, line)));
     if (data.note) state.textContent = `Running: ${data.note} …`;
@@ -146,7 +145,7 @@ const live = async content => {
       $(".live-charts").append(charts[k]);
     }
     last[k] = one;
-    const drawn = (one.data ? beside : overlaid)(content.charts[k], one, small.matches ? "narrow" : "wide");
+    const drawn = beside(content.charts[k], one, small.matches ? "narrow" : "wide");
     Plotly.react(charts[k], drawn.data, drawn.layout, { responsive: true, displayModeBar: false });
   };
   small.addEventListener("change", () => last.forEach((one, k) => paint(k, one)));
@@ -171,6 +170,8 @@ const live = async content => {
 
 const shown = value => String(Number(value.toPrecision(6)));
 
+const GREY = "#76828c";
+
 // The lines of the still chart in grey below those of the live one; the axes fit both.
 const beside = (still, one, screen) => {
   const layout = structuredClone(one[screen]), titles = laid => key => laid[key]?.title?.text;
@@ -184,106 +185,4 @@ const beside = (still, one, screen) => {
     if (axis) axis.range = axis.range.map((x, k) => (axis.range[0] > axis.range[1]) === (k === 0) ? Math.max(x, other[k]) : Math.min(x, other[k]));
   }
   return { data: [...grey, ...one.data], layout: { ...layout, dragmode: false } };
-};
-
-// The still chart in grey, and over it the live curves of a script in its colours; the axes fit both.
-const overlaid = (still, one, screen) => {
-  const layout = structuredClone(still[screen]), fresh = new Map(), before = [];
-  for (const curve of one.curves) {
-    const like = still.data.filter(trace => trace.yaxis === `y${curve.panel}` && trace.name === curve.name);
-    const model = like.find(trace => trace.showlegend ?? true) ?? like[0], { mode, marker } = model;
-    like.forEach(trace => {
-      before.push({ ...trace, opacity: 0.5, hoverinfo: "skip", hovertemplate: null, showlegend: false,
-        legendgroup: "still", marker: { ...trace.marker, color: GREY }, line: { ...trace.line, color: GREY } });
-      fresh.set(trace, null);
-    });
-    const error = mode === "markers" && curve.error
-      ? { error_y: { type: "data", array: curve.error, thickness: 1.2, width: 0, color: marker.color } } : {};
-    fresh.set(model, { ...model, x: curve.x, y: curve.y, ...error });
-  }
-  const after = still.data.map(trace => fresh.has(trace) ? fresh.get(trace) : trace).filter(Boolean);
-  const curves = [...fresh.values()].filter(Boolean), xs = curves.flatMap(trace => trace.x);
-  const wide = layout.xaxis.range, factor = layout.meta?.factor;
-  wide[1] = xs.reduce((most, x) => Math.max(most, x), wide[1]);
-  if (factor) layout.xaxis2.range = wide.map(x => factor * x);
-  for (const key of Object.keys(layout).filter(key => /^yaxis/.test(key))) {
-    const values = curves.filter(trace => trace.yaxis === `y${key.slice(5)}`).flatMap(trace => trace.y).filter(Number.isFinite);
-    const [low, high] = layout[key].range, [least, most] = values.reduce(([a, b], y) => [Math.min(a, y), Math.max(b, y)], [low, high]);
-    const room = 0.05 * (most - least);
-    layout[key].range = [least < low ? least - room : low, most > high ? most + room : high];
-  }
-  const spans = [...one.spans, ...one.marks.map(mark => ({ ...mark, first: mark.at, last: mark.at }))]
-    .filter(span => span.last >= wide[0] && span.first <= wide[1]);
-  layout.annotations = flags(spans, wide, LETTERS[screen]).map(({ text, x, anchor, lane }) => ({ text, x, xanchor: anchor,
-    showarrow: false, font: { size: 11 }, yref: "y domain", y: 1, yanchor: "bottom", yshift: 19 * lane }));
-  const lanes = drawn => Math.max(0, ...drawn.map(flag => flag.yshift)), more = Math.max(0, lanes(layout.annotations) - lanes(still[screen].annotations));
-  layout.legend2.y += more / (layout.height - layout.margin.t - layout.margin.b);
-  layout.margin = { ...layout.margin, t: layout.margin.t + more };
-  layout.height += more;
-  const panels = Object.keys(layout).filter(key => /^yaxis/.test(key));
-  layout.shapes = panels.flatMap((_, k) => spans.map(({ first, last, color = GREY }) => ({
-    type: "rect", yref: `y${k + 1} domain`, y0: 0, y1: 1, x0: first, x1: last, layer: "below", fillcolor: `${color}24`,
-    line: { color, ...(first === last ? { dash: "dot", width: 1.6 } : { width: 0.6 }) },
-  })));
-  return { data: [...before, ...after], layout: { ...layout, dragmode: false } };
-};
-
-// Where the words of spans and marks stand, as layout.py places them: none covers another.
-const GREY = "#76828c", LETTERS = { narrow: 44, wide: 130 };
-const flags = (spans, [low, high], letters) => {
-  const marks = spans.filter(span => span.first === span.last).sort((a, b) => b.first - a.first), taken = [];
-  return [...spans.filter(span => span.first !== span.last), ...marks].map(({ first, last, text }) => {
-    const long = Math.min((text.length + 2) / letters, 1), share = x => Math.min(Math.max((x - low) / (high - low), 0), 1);
-    let at = (share(first) + share(last)) / 2;
-    let begins = first !== last ? [] : [["left", at], ["right", at - long]].filter(([, x]) => x >= 0 && x <= 1 - long);
-    if (!begins.length) {
-      at = Math.max(Math.min(at, 1 - long / 2), long / 2);
-      begins = [["center", at - long / 2]];
-    }
-    for (let lane = 0; ; lane++)
-      for (const [anchor, begin] of begins) {
-        if (taken.some(([k, from, to]) => k === lane && begin < to && from < begin + long)) continue;
-        taken.push([lane, begin, begin + long]);
-        return { text, anchor, lane, x: low + at * (high - low) };
-      }
-  });
-};
-
-// The still motion with the frames of a live run: the same ones at the times at which it passes their
-// `angle`, or others with the points of `shapes` by name; what stands stays.
-const moving = (motion, run) => {
-  const now = element("div", {});
-  now.innerHTML = motion.svg;
-  let times = run.time, captions = run.captions;
-  if (run.angle) {
-    let k = 0;
-    times = motion.angles.map(angle => {
-      while (k < run.angle.length - 2 && run.angle[k + 1] < angle) k++;
-      const share = (angle - run.angle[k]) / (run.angle[k + 1] - run.angle[k]);
-      return Math.max(0, run.time[k] + share * (run.time[k + 1] - run.time[k]));
-    });
-    times[0] = 0;
-    captions = times.map(t => run.captions[Math.max(0, run.time.findLastIndex(x => x <= t + 1e-9))]);
-  }
-  const end = times.at(-1), { low, high, scale, edge } = motion.place;
-  const placed = ([x, y]) => [edge + scale * (x - low), edge + scale * (high - y)].map(z => z.toFixed(1));
-  for (const [name, frames] of Object.entries(run.shapes ?? {})) {
-    const lines = [...now.querySelectorAll("polyline, polygon")].filter(line => line.querySelector("title")?.textContent === name);
-    const word = [...now.querySelectorAll("text")].find(text => text.firstChild.data === name);
-    for (const line of lines.filter(line => line.querySelector("animate"))) {
-      if (word) {
-        const still = line.getAttribute("points").split(" ").map(Number), at = [word.getAttribute("x"), word.getAttribute("y")].map(Number);
-        const near = frames[0].map((_, k) => Math.hypot(still[2 * k] - at[0], still[2 * k + 1] - at[1]));
-        const k = near.indexOf(Math.min(...near));
-        ["x", "y"].forEach((side, j) => word.querySelector(`[attributeName=${side}]`)
-          ?.setAttribute("values", frames.map(points => placed(points[k])[j]).join(";")));
-      }
-      line.querySelector("animate").setAttribute("values", frames.map(points => points.flatMap(placed).join(" ")).join(";"));
-    }
-  }
-  for (const moved of now.querySelectorAll("animate")) {
-    moved.setAttribute("keyTimes", times.map(t => (t / end).toFixed(6)).join(";"));
-    moved.setAttribute("dur", `${end * motion.slow}s`);
-  }
-  return { ...motion, svg: now.innerHTML, times, captions };
 };

@@ -3,6 +3,7 @@
 // numpy, scipy and cosim. Numbers, texts, lists and None are those of JavaScript.
 
 class Raised extends Failure {}
+class StopIteration extends Raised {}
 
 const py = (() => {
   class Complex { constructor(re, im) { this.re = re; this.im = im; } }
@@ -49,17 +50,17 @@ const py = (() => {
   const pairs = it => it instanceof Dict ? it.items() : iter(it);
 
   class Slice {
-    constructor(first, end, step) { Object.assign(this, { first, end, step }); }
+    constructor(start, stop, step) { Object.assign(this, { start, stop, step }); }
     // The first place and the one after the last, of steps of 1.
     ends(length) {
       const end = (x, other) => x === null ? other : Math.max(0, Math.min(x < 0 ? x + length : x, length));
-      const first = end(this.first, 0);
-      return [first, Math.max(first, end(this.end, length))];
+      const first = end(this.start, 0);
+      return [first, Math.max(first, end(this.stop, length))];
     }
     of(length) {
       const step = this.step ?? 1, down = step < 0, low = down ? -1 : 0, high = down ? length - 1 : length;
       const end = (x, other) => x === null ? other : Math.min(Math.max(x < 0 ? x + length : x, low), high);
-      const first = end(this.first, down ? high : low), until = this.end === null ? (down ? -1 : length) : end(this.end, 0);
+      const first = end(this.start, down ? high : low), until = this.stop === null ? (down ? -1 : length) : end(this.stop, 0);
       return range(Math.max(0, Math.ceil((until - first) / step)), k => first + k * step);
     }
   }
@@ -126,9 +127,22 @@ const py = (() => {
     if (Array.isArray(it)) return LISTS[name](it, ...args);
     if (typeof it === "number") return name === "conj" || name === "item" ? it : np[name](it, ...args);
     if (it instanceof Record && name === "_replace") return it._replace(words);
+    if (name === "send") return next(it, args[0]);
     const f = it[name] ?? fail(`${it?.constructor?.name} has no ${name}`);
     if (f.bound || f.fields || f.called) return call(f, args, words);
     return f.apply(it, placed(f, args, words));
+  };
+  // The next item of a generator, which is sent a value.
+  const next = (it, sent) => {
+    const { done, value } = it.next(sent);
+    if (done) throw Object.assign(new StopIteration("StopIteration"), { value });
+    return value;
+  };
+  // What a getter tells the first time.
+  const kept = (it, name, f) => {
+    const value = f.call(it);
+    Object.defineProperty(it, name, { value });
+    return value;
   };
   const attribute = (it, name) => {
     if (typeof it === "number" && name !== "__name__") return { real: it, imag: 0, size: 1, shape: [] }[name];
@@ -190,26 +204,33 @@ const py = (() => {
     return typeof it === "string" ? it.includes(one) : [...iter(it)].some(other => eq(one, other));
   };
 
-  const complex = it => it instanceof Complex ? it : new Complex(+it, 0);
+  // Of complex numbers a + i b and c + i d: the real part is returned, the other one is left here.
+  const other = new Float64Array(1);
+  const pair = (re, im) => { other[0] = im; return re; };
+  const complex = re => new Complex(re, other[0]), parts = it => it instanceof Complex ? [it.re, it.im] : [+it, 0];
   const arithmetic = (f, g) => (a, b) => typeof a === "number" && typeof b === "number" ? f(a, b) : each(a, b, f, g);
-  const product = (a, b) => new Complex(a.re * b.re - a.im * b.im, a.re * b.im + a.im * b.re);
-  const quotient = (a, b) => {
-    const size = b.re * b.re + b.im * b.im;
-    return new Complex((a.re * b.re + a.im * b.im) / size, (a.im * b.re - a.re * b.im) / size);
+  const product = (a, b, c, d) => pair(a * c - b * d, a * d + b * c);
+  const quotient = (a, b, c, d) => {
+    const size = c * c + d * d;
+    return pair((a * c + b * d) / size, (b * c - a * d) / size);
   };
-  const whole = (a, b) => {
-    if (Number.isInteger(b) && Math.abs(b) <= 4 && b > 0 && a instanceof Complex) return range(b - 1).reduce(x => product(x, a), a);
-    const size = Math.hypot(a.re, a.im) ** b, angle = Math.atan2(a.im, a.re) * b;
-    return new Complex(size * Math.cos(angle), size * Math.sin(angle));
+  const whole = (a, b, n) => {
+    if (Number.isInteger(n) && n > 0 && n <= 4) {
+      let re = a, im = b;
+      for (let k = 1; k < n; k++) { re = product(re, im, a, b); im = other[0]; }
+      return pair(re, im);
+    }
+    const size = Math.hypot(a, b) ** n, angle = Math.atan2(b, a) * n;
+    return pair(size * Math.cos(angle), size * Math.sin(angle));
   };
   const numbers = {
-    add: arithmetic((a, b) => a + b, (a, b) => new Complex(a.re + b.re, a.im + b.im)),
-    sub: arithmetic((a, b) => a - b, (a, b) => new Complex(a.re - b.re, a.im - b.im)),
+    add: arithmetic((a, b) => a + b, (a, b, c, d) => pair(a + c, b + d)),
+    sub: arithmetic((a, b) => a - b, (a, b, c, d) => pair(a - c, b - d)),
     mul: arithmetic((a, b) => a * b, product),
     div: arithmetic((a, b) => a / b, quotient),
     floordiv: arithmetic((a, b) => Math.floor(a / b)),
     mod: arithmetic((a, b) => { const rest = a % b; return rest !== 0 && (rest < 0) !== (b < 0) ? rest + b : rest; }),
-    pow: arithmetic((a, b) => b === 2 ? a * a : a ** b, (a, b) => whole(a, b.re)),
+    pow: arithmetic((a, b) => b === 2 ? a * a : a ** b, whole),
   };
 
   // Numbers over a grid of a shape, row by row; `im` is there if they are complex.
@@ -380,8 +401,8 @@ const py = (() => {
     if (it === null) return new ND([], Float64Array.of(NaN));
     if (it instanceof Float64Array) return new ND([it.length], it);
     if (typeof it === "string") fail(`${it} is no number`);
-    const list = [...iter(it)];
-    if (list.every(x => typeof x === "number")) return new ND([list.length], Float64Array.from(list));
+    const list = Array.isArray(it) ? it : [...iter(it)];
+    if (list.every(x => typeof x === "number")) return new ND([list.length], new Float64Array(list));
     const rows = list.map(nd), [first] = rows;
     const size = first.size, im = rows.some(row => row.im), re = new Float64Array(size * rows.length);
     const more = im ? new Float64Array(re.length) : null;
@@ -391,7 +412,8 @@ const py = (() => {
   const bare = it => it.shape.length ? it : it.at(0);
 
   const common = shapes => {
-    const n = Math.max(...shapes.map(shape => shape.length));
+    const [first] = shapes, n = Math.max(...shapes.map(shape => shape.length));
+    if (shapes.every(shape => shape.length === n && shape.every((long, k) => long === first[k]))) return first;
     return range(n, k => {
       const sizes = shapes.map(shape => shape[k - n + shape.length] ?? 1), long = sizes.find(x => x !== 1) ?? 1;
       return sizes.every(x => x === 1 || x === long) ? long : fail(`shapes ${shapes.join(" and ")} do not fit`);
@@ -421,23 +443,28 @@ const py = (() => {
     const from = nd(value), at = places(from.shape, shape);
     return k => from.re[at[k]];
   };
+  // What an array holds over a larger shape, no values being zeros, and which bits of a place there count.
+  const NOUGHT = new Float64Array(1);
+  const wide = (values, { size: own, shape: narrow }, shape, size) => {
+    if (!values || own === 1) return [values ?? NOUGHT, 0];
+    return [own === size ? values : Float64Array.from(places(narrow, shape), k => values[k]), -1];
+  };
   // f of numbers, g of complex ones, over all of a and b.
   const each = (a, b, f, g = null, flags = false) => {
     if (a instanceof Complex || b instanceof Complex) {
-      if (!arrays(a, b) && !listed(a) && !listed(b)) return g(complex(a), complex(b));
+      if (!arrays(a, b) && !listed(a) && !listed(b)) return complex(g(...parts(a), ...parts(b)));
     } else if (!arrays(a, b) && !listed(a) && !listed(b)) return f(+a, +b);
-    const [p, q] = [nd(a), nd(b)], same = p.shape.join() === q.shape.join();
-    const shape = same ? p.shape : common([p.shape, q.shape]), size = shape.reduce((x, y) => x * y, 1);
-    const at = same || p.size === size ? null : places(p.shape, shape), to = same || q.size === size ? null : places(q.shape, shape);
-    const re = new Float64Array(size);
+    const p = nd(a), q = nd(b), shape = p.shape.length ? q.shape.length ? common([p.shape, q.shape]) : p.shape : q.shape;
+    const size = shape.reduce((x, y) => x * y, 1), re = new Float64Array(size);
+    const [x, m] = wide(p.re, p, shape, size), [y, n] = wide(q.re, q, shape, size);
     if (!p.im && !q.im) {
-      for (let k = 0; k < size; k++) re[k] = f(p.re[at ? at[k] : k], q.re[to ? to[k] : k]);
+      for (let k = 0; k < size; k++) re[k] = f(x[k & m], y[k & n]);
       return new ND(shape, re, null, flags);
     }
-    const im = new Float64Array(size), one = (x, k) => new Complex(x.re[k], x.im ? x.im[k] : 0);
+    const im = new Float64Array(size), [u, i] = wide(p.im, p, shape, size), [v, j] = wide(q.im, q, shape, size);
     for (let k = 0; k < size; k++) {
-      const value = g(one(p, at ? at[k] : k), one(q, to ? to[k] : k));
-      re[k] = value.re; im[k] = value.im;
+      re[k] = g(x[k & m], u[k & i], y[k & n], v[k & j]);
+      im[k] = other[0];
     }
     return new ND(shape, re, im);
   };
@@ -445,7 +472,7 @@ const py = (() => {
   const each1 = (a, f, g = null, real = false, flags = false) => {
     if (typeof a === "number") return flags ? Boolean(f(a)) : f(a);
     if (typeof a === "boolean") return f(+a);
-    if (a instanceof Complex) return g(a);
+    if (a instanceof Complex) { const re = g(a.re, a.im); return flags ? Boolean(re) : real ? re : complex(re); }
     const p = nd(a), re = new Float64Array(p.size);
     if (!p.im) {
       for (let k = 0; k < re.length; k++) re[k] = f(p.re[k]);
@@ -453,8 +480,8 @@ const py = (() => {
     }
     const im = real ? null : new Float64Array(p.size);
     for (let k = 0; k < re.length; k++) {
-      const value = g(new Complex(p.re[k], p.im[k]));
-      if (real) re[k] = value; else { re[k] = value.re; im[k] = value.im; }
+      re[k] = g(p.re[k], p.im[k]);
+      if (im) im[k] = other[0];
     }
     return bare(new ND(p.shape, re, im, flags));
   };
@@ -488,6 +515,7 @@ const py = (() => {
   };
   const said = it => {
     if (typeof it === "number") return Number.isNaN(it) ? "nan" : power(String(it));
+    if (it instanceof Error) return it.message;
     return it === null ? "None" : it === true ? "True" : it === false ? "False" : String(it);
   };
   const repr = it => typeof it === "string" ? `'${it}'` : said(it);
@@ -535,12 +563,12 @@ const py = (() => {
   };
   return { ...numbers, Key, add, sub, mul, or, and, extended, updated, Complex, Record, Tuple, Dict, Slice, ND, nd, each, each1, common, places, bare, total,
     iter, truth, call, method, attribute, item, store, unpacked, pairs, has, eq, format, repr, said, caught, plain, named,
-    lambda, order, rounding, fail, same: (a, b) => a === b, differs: (a, b) => a !== b, text: (...parts) => parts.join(""),
+    lambda, order, rounding, fail, kept, next, pair, same: (a, b) => a === b, differs: (a, b) => a !== b, text: (...parts) => parts.join(""),
     ne: (a, b) => { const found = eq(a, b); return found instanceof ND ? np.logical_not(found) : !found; },
     hasnot: (a, b) => !has(a, b), lt: comparison((a, b) => a < b, x => x < 0), le: comparison((a, b) => a <= b, x => x <= 0),
     gt: comparison((a, b) => a > b, x => x > 0), ge: comparison((a, b) => a >= b, x => x >= 0),
     both: (a, b) => truth(a) ? b() : a, either: (a, b) => truth(a) ? a : b(),
-    neg: a => typeof a === "number" ? -a : each1(a, x => -x, x => new Complex(-x.re, -x.im)),
+    neg: a => typeof a === "number" ? -a : each1(a, x => -x, (re, im) => pair(-re, -im)),
     invert: a => typeof a === "number" ? ~a : each1(a, x => +!x, null, false, true) };
 })();
 
@@ -554,8 +582,7 @@ const math = {
 const np = (() => {
   const { ND, Complex, nd, each, each1, named, bare } = py;
   const unary = (f, g, real) => x => each1(x, f, g, real);
-  const flag = f => x => each1(x, y => +f(y), y => +(f(y.re) && f(y.im)), true, true);
-  const size = z => Math.hypot(z.re, z.im);
+  const flag = f => x => each1(x, y => +f(y), (re, im) => +(f(re) && f(im)), true, true);
   const lists = it => [...py.iter(it)].map(nd);
   const joined = (arrays, axis = 0) => {
     arrays = lists(arrays).filter((x, _, all) => x.size || all.every(y => !y.size));
@@ -564,12 +591,18 @@ const np = (() => {
     const blocks = arrays.map(x => x.shape.slice(axis).reduce((a, b) => a * b, 1)), outer = arrays[0].size / blocks[0] || 0;
     shape[axis] = arrays.reduce((sum, x) => sum + x.shape[axis], 0);
     const re = new Float64Array(shape.reduce((a, b) => a * b, 1)), more = im ? new Float64Array(re.length) : null;
-    for (let n = 0, at = 0; n < outer; n++) arrays.forEach((x, k) => {
-      const cut = [n * blocks[k], (n + 1) * blocks[k]];
-      re.set(x.re.subarray(...cut), at);
-      if (x.im) more.set(x.im.subarray(...cut), at);
-      at += blocks[k];
-    });
+    const total = re.length / outer;
+    const put = (from, to, first, block) => {
+      for (let n = 0; n < outer; n++) {
+        if (block > 8) to.set(from.subarray(n * block, (n + 1) * block), first + n * total);
+        else for (let j = 0; j < block; j++) to[first + n * total + j] = from[n * block + j];
+      }
+      return first + block;
+    };
+    arrays.reduce((first, x, k) => {
+      if (x.im) put(x.im, more, first, blocks[k]);
+      return put(x.re, re, first, blocks[k]);
+    }, 0);
     return new ND(shape, re, more, arrays.every(x => x.flags));
   };
   const grown = (x, axis) => {
@@ -597,7 +630,7 @@ const np = (() => {
     while (list.length && list[0] === 0) list = list.slice(1);
     let zeros = 0;
     while (list.length && list.at(-1) === 0) { list = list.slice(0, -1); zeros++; }
-    const found = list.length === 2 ? [-list[1] / list[0]] : list.length === 3 ? quadratic(...list) : [];
+    const found = list.length > 3 ? together(list) : list.length === 3 ? quadratic(...list) : list.length === 2 ? [-list[1] / list[0]] : [];
     return nd([...found, ...range(zeros, () => 0)]);
   };
   const quadratic = (a, b, c) => {
@@ -606,9 +639,34 @@ const np = (() => {
     const q = -(b + (b < 0 ? -1 : 1) * Math.sqrt(inner)) / 2;
     return [q / a, c / q];
   };
+  // All roots at once, each from where the others are, by Durand and Kerner.
+  const together = p => {
+    const { add, sub, mul, div } = py, size = 1 + most(p, x => Math.abs(x / p[0])), start = new Complex(0.4, 0.9);
+    let found = range(p.length - 1, k => mul(size, py.pow(start, k + 5)));
+    for (let round = 0; round < 500; round++) found.forEach((x, k) => {
+      const value = p.reduce((sum, c) => add(mul(sum, x), c), new Complex(0, 0));
+      found[k] = sub(x, div(value, found.reduce((all, y, j) => j === k ? all : mul(all, sub(x, y)), new Complex(p[0], 0))));
+    });
+    return found;
+  };
+  // The characteristic polynomial, by Faddeev and LeVerrier.
+  const characteristic = A => {
+    const n = A.length, p = [1];
+    let M = A.map(row => row.map(() => 0));
+    for (let k = 1; k <= n; k++) {
+      M = M.map((row, i) => row.map((_, j) => A[i].reduce((sum, a, m) => sum + a * M[m][j], 0) + (i === j ? p[k - 1] : 0)));
+      p.push(-range(n).reduce((sum, i) => sum + A[i].reduce((all, a, m) => all + a * M[m][i], 0), 0) / k);
+    }
+    return p;
+  };
+  // Of curves, their real and imaginary parts, at x.
+  const told = (x, curve, other) => {
+    const re = each1(x, at => curve.at(at)), im = other && each1(x, at => other.at(at));
+    return !im ? re : typeof re === "number" ? new Complex(re, im) : new ND(re.shape, re.re, im.re);
+  };
   const angle = (z, deg = false) => {
-    const of = x => Math.atan2(x.im, x.re) * (deg ? 180 / Math.PI : 1);
-    return each1(z, x => of({ re: x, im: 0 }), of, true);
+    const of = (re, im) => Math.atan2(im, re) * (deg ? 180 / Math.PI : 1);
+    return each1(z, x => of(x, 0), of, true);
   };
   const product = (A, b) => {
     const [rows, inner] = A.shape, wide = b.shape[1] ?? 1, out = new Float64Array(rows * wide), x = A.re, y = b.re;
@@ -641,9 +699,9 @@ const np = (() => {
   };
   return {
     sin: unary(Math.sin), cos: unary(Math.cos), log10: unary(Math.log10), sqrt: unary(Math.sqrt), log: unary(Math.log), sign: unary(Math.sign),
-    square: unary(x => x * x), exp: unary(Math.exp, z => new Complex(Math.exp(z.re) * Math.cos(z.im), Math.exp(z.re) * Math.sin(z.im))),
-    absolute: unary(Math.abs, size, true), degrees: unary(math.degrees), radians: unary(math.radians), angle: named(angle, "z deg"),
-    isfinite: flag(Number.isFinite), isnan: flag(Number.isNaN), isreal: x => each1(x, () => 1, z => +(z.im === 0), true, true),
+    square: unary(x => x * x), exp: unary(Math.exp, (re, im) => py.pair(Math.exp(re) * Math.cos(im), Math.exp(re) * Math.sin(im))),
+    absolute: unary(Math.abs, Math.hypot, true), degrees: unary(math.degrees), radians: unary(math.radians), angle: named(angle, "z deg"),
+    isfinite: flag(Number.isFinite), isnan: flag(Number.isNaN), isreal: x => each1(x, () => 1, (re, im) => +(im === 0), true, true),
     logical_not: x => each1(x, y => +!y, null, false, true), nan_to_num: unary(x => Number.isNaN(x) ? 0 : x), round: (x, digits) => each1(x, y => py.rounding(y, digits)),
     maximum: (a, b) => each(a, b, Math.max), minimum: (a, b) => each(a, b, Math.min), hypot: (a, b) => each(a, b, Math.hypot),
     arctan2: (a, b) => each(a, b, Math.atan2), clip: (x, low, high) => each(each(x, low, Math.max), high, Math.min),
@@ -659,7 +717,7 @@ const np = (() => {
     repeat: named((x, n, axis) => { const from = nd(x); return py.item(from, axis === 1 ? new py.Key([new py.Slice(null, null, null), range(from.shape[1] * n, k => Math.floor(k / n))])
       : range(from.shape[0] * n, k => Math.floor(k / n))); }, "x n axis"),
     roll: (x, by) => { const n = x.size; return x.item(range(n, k => (((k - by) % n) + n) % n)); },
-    outer: (a, b) => py.mul(grown(nd(a).ravel(), 1), nd(b).ravel()), diff: x => { const y = nd(x); return py.sub(y.item(new py.Slice(1, null, null)), y.item(new py.Slice(null, -1, null))); },
+    outer: (a, b) => py.mul(grown(nd(a).ravel(), 1), nd(b).ravel()), diff: named(x => { const y = nd(x); return py.sub(y.item(new py.Slice(1, null, null)), y.item(new py.Slice(null, -1, null))); }, "x n axis"),
     where: (test, a, b) => { const shape = py.common([nd(test), nd(a), nd(b)].map(x => x.shape)), [t, p, q] = [test, a, b].map(x => spread(x, shape));
       return new ND(shape, t.re.map((x, k) => x ? p.re[k] : q.re[k])); },
     flatnonzero: x => nd(nd(x).set()), searchsorted: named((a, v) => each1(v, x => searchsorted(a.re, x)), "a v side"),
@@ -668,7 +726,9 @@ const np = (() => {
       return range(n, k => { const first = k * wide + Math.min(k, more); return x.item(new py.Slice(first, first + wide + (k < more), null)); }); },
     broadcast_to: (x, shape) => spread(x, typeof shape === "number" ? [shape] : [...shape]), broadcast_arrays: (...arrays) => { const shape = py.common(arrays.map(x => nd(x).shape)); return arrays.map(x => spread(x, shape)); },
     argmax: x => nd(x).argmax(), argmin: x => nd(x).argmin(), max: reduced("max"), min: reduced("min"), sum: reduced("sum"), mean: reduced("mean"), any: reduced("any"), all: reduced("all"),
-    ptp: x => nd(x).max() - nd(x).min(), cumsum: x => nd(x).cumsum(), roots, solve: (A, b) => solved(nd(A), b), interp: (x, xs, ys) => each1(x, at => {
+    ptp: x => nd(x).max() - nd(x).min(), eye: n => nd(range(n, i => range(n, j => +(i === j)))), told,
+    lstsq: named((A, b, rcond) => { const flat = b.shape.length < 2, found = lstsq(A.tolist(), flat ? b.tolist().map(x => [x]) : b.tolist(), rcond); return [nd(flat ? found.flat() : found)]; }, "a b rcond"),
+    eigvals: A => roots(characteristic(nd(A).tolist())), Polynomial: { fit: (x, y) => ({ called: at => told(at, ...[y.re, y.im].map(z => z && { at: through(x.re, z) })) }) }, cumsum: x => nd(x).cumsum(), roots, solve: (A, b) => solved(nd(A), b), interp: (x, xs, ys) => each1(x, at => {
       const k = Math.min(Math.max(searchsorted(xs.re, at), 1), xs.size - 1), share = (at - xs.re[k - 1]) / (xs.re[k] - xs.re[k - 1]);
       return at <= xs.re[0] ? ys.re[0] : at >= xs.re[xs.size - 1] ? ys.re[xs.size - 1] : ys.re[k - 1] + share * (ys.re[k] - ys.re[k - 1]); }),
     corrcoef: (a, b) => { const [p, q] = [a, b].map(x => py.sub(x, x.mean())), of = (x, y) => py.mul(x, y).sum();
@@ -716,7 +776,28 @@ const lib = (() => {
   function* cycle(it) { const all = [...iter(it)]; for (;;) yield* all; }
   function* accumulate(it) { let sum = 0; for (const one of iter(it)) yield sum = py.add(sum, one); }
   function* pairwise(it) { let before; for (const one of iter(it)) { if (before !== undefined) yield [before, one]; before = one; } }
-  const next = (it, other) => { const { done, value } = it.next(); return done ? other === undefined ? py.fail("StopIteration") : other : value; };
+  const next = (it, other) => { if (other === undefined) return py.next(it); const { done, value } = it.next(); return done ? other : value; };
+  function* islice(it, many) { for (it = iter(it)[Symbol.iterator](); many > 0; many--) { const { done, value } = it.next(); if (done) return; yield value; } }
+  // Of a function of what is told by its words: it is asked once.
+  const cache = f => {
+    const known = new Dict();
+    return Object.assign((...args) => { if (!known.has(args)) known.set(args, f(...args)); return known.item(args); }, { params: f.params });
+  };
+  const getattr = (it, name, other) => {
+    const value = py.attribute(it, name) ?? other;
+    return typeof value === "function" && !Object.hasOwn(it, name) ? Object.assign(value.bind(it), { params: value.params }) : value;
+  };
+  const brentq = named((f, low, high) => {
+    for (const sign = Math.sign(call(f, [low])); ;) {
+      const x = (low + high) / 2;
+      if (x <= low || x >= high) return x;
+      if (Math.sign(call(f, [x])) === sign) low = x; else high = x;
+    }
+  }, "f a b xtol");
+  const krogh_interpolate = named((x, y, at, der, axis = 0) => {
+    const rows = axis === 1 ? [...y] : [...(y.shape.length > 1 ? y.T : [y])];
+    return nd(rows.map(row => through(x.re, row.re)(at)));
+  }, "xi yi x der axis");
   const partial = (f, ...args) => made(f, args, {});
   const made = (f, args, words) => Object.assign((...more) => call(f, [...args, ...more], words), { bound: { f, args, words } });
   partial.made = made;
@@ -741,25 +822,35 @@ const lib = (() => {
   // scipy's spline, which is not-a-knot; a piecewise polynomial of any degree.
   class Piecewise {
     static fields = ["x", "y"];
-    constructor(x, y) { if (y !== undefined) this.of(Cubics.spline(nd(x).re, nd(y).re)); }
+    constructor(x, y) {
+      if (y === undefined) return;
+      this.of(Cubics.spline(nd(x).re, nd(y).re));
+      if (nd(y).im) this.other = Cubics.spline(nd(x).re, nd(y).im);
+    }
     of(cubics) { this.x = cubics.x; this.cubics = cubics; return this; }
-    get c() { return range(4, k => nd(Float64Array.from(this.cubics.pieces, piece => piece[k]))); }
-    called(x) { return py.each1(x, at => this.cubics.at(at)); }
-    derivative() { return new Piecewise().of(this.cubics.derivative()); }
+    get c() { return this.cubics.parts.map(nd); }
+    called(x) { return np.told(x, this.cubics, this.other); }
+    derivative() { return Object.assign(new Piecewise().of(this.cubics.derivative()), { other: this.other?.derivative() }); }
     solve(level = 0, extrapolate = true) {
-      return extrapolate ? py.fail("zeros beyond the ends of a spline") : nd(Float64Array.from(this.cubics.roots(level)));
+      if (extrapolate || this.other) py.fail("zeros beyond the ends of a spline, or of a complex one");
+      return nd(Float64Array.from(this.cubics.roots(level)));
     }
     roots(discontinuity, extrapolate = true) { return this.solve(0, extrapolate); }
     get sums() {
       if (this.kept) return this.kept;
+      if (this.other) py.fail("the integral of a complex spline");
       const all = new Float64Array(this.x.length);
-      this.cubics.pieces.forEach((piece, k) => { all[k + 1] = all[k] + Piecewise.under(piece, this.x[k + 1] - this.x[k]); });
+      for (let k = 0; k < all.length - 1; k++) all[k + 1] = all[k] + this.under(k, this.x[k + 1]);
       return this.kept = all;
     }
-    static under([a, b, c, d], s) { return (((a * s / 4 + b / 3) * s + c / 2) * s + d) * s; }
+    // The integral from a knot to x.
+    under(k, x) {
+      const [a, b, c, d] = this.cubics.parts.map(part => part[k]), s = x - this.x[k];
+      return (((a * s / 4 + b / 3) * s + c / 2) * s + d) * s;
+    }
     until(x) {
       const k = Math.min(Math.max(searchsorted(this.x, x) - 1, 0), this.x.length - 2);
-      return this.sums[k] + Piecewise.under(this.cubics.pieces[k], x - this.x[k]);
+      return this.sums[k] + this.under(k, x);
     }
     antiderivative() { return { called: x => py.each1(x, at => this.until(at)) }; }
     integrate(a, b) { return this.until(b) - this.until(a); }
@@ -774,7 +865,8 @@ const lib = (() => {
   }
   class Result {
     static fields = ["columns", "units", "provenance", "load"];
-    constructor(columns, units, provenance, load) { Object.assign(this, { columns, units, provenance, load, kept: new Map() }); }
+    constructor(columns, units, made, load) { Object.assign(this, { columns, units, made, load, kept: new Map() }); }
+    get provenance() { return typeof this.made === "function" ? this.made = this.made() : this.made; }
     get data() { return this.whole ??= call(this.load, []); }
     item(name) {
       const k = this.columns.indexOf(name);
@@ -837,10 +929,7 @@ const lib = (() => {
   const held = (net, part, name) => net.parts[part].get(name);
   const run = named((system, stop, step, algorithm = "strang", record = null) => {
     const net = begun(system), parts = [...system.parts], names = new Map(parts.map(part => [part, system.parts.item(part)]));
-    const outputs = parts.flatMap(part => machine.outputs[names.get(part)].map(name => `${part}.${name}`));
-    const columns = record === null ? outputs : [...record];
-    const values = new Dict(parts.map(part => [part, new Dict([["parameters",
-      new Dict(machine.parameters[names.get(part)].map(name => [name, held(net, part, name)]))]])]));
+    const columns = record === null ? parts.flatMap(part => machine.outputs[names.get(part)].map(name => `${part}.${name}`)) : [...record];
     const rows = net.run(stop, step, algorithm, columns);
     if (!heard.muted) for (const line of net.heard()) if (!heard.lines.includes(line)) heard.lines.push(line);
     const all = ["time", ...columns];
@@ -848,7 +937,11 @@ const lib = (() => {
       const [part] = parts.filter(part => name.startsWith(`${part}.`));
       return [name, part ? machine.units[names.get(part)][name.slice(part.length + 1)] : "s"];
     }));
-    const provenance = new Dict([["parts", values], ["convergence_order", machine.order]]);
+    const provenance = () => {
+      begun(system);
+      const values = part => new Dict(machine.parameters[names.get(part)].map(name => [name, held(net, part, name)]));
+      return new Dict([["parts", new Dict(parts.map(part => [part, new Dict([["parameters", values(part)]])]))], ["convergence_order", machine.order]]);
+    };
     const result = new Result(all, units, provenance, () => np.column_stack(all.map(name => result.item(name))));
     for (const name of all) result.kept.set(name, nd(rows[name]));
     return result;
@@ -899,9 +992,13 @@ const lib = (() => {
     },
     any: it => [...iter(it)].some(truth), all: it => { for (const one of iter(it)) if (!truth(one)) return false; return true; }, slice: (...ends) => ends.length > 1
       ? new py.Slice(ends[0], ends[1], ends[2] ?? null) : new py.Slice(null, ends[0] ?? null, null), set: it => new Set(it ?? []), reversed: it => [...iter(it)].reverse(),
-    type: it => it.constructor, getattr: (it, name, other) => it[name] === undefined ? other : it[name], escape: text => text.replaceAll("&", "&amp;")
+    type: it => it.constructor, getattr, islice, cache, brentq, krogh_interpolate, StopIteration, SimulationError: Failure, harmonics: named((phi, x, highest = 8) => {
+      const { shape } = x, columns = shape.length > 1 ? range(shape[1], k => x.column(k).re) : [x.re], out = new Float64Array(highest * columns.length), im = out.slice();
+      harmonics(phi.re, columns, highest).forEach((orders, k) => orders.forEach(([a, b], n) => { out[n * columns.length + k] = a; im[n * columns.length + k] = b; }));
+      return new ND([highest, ...shape.slice(1)], out, im);
+    }, "phi x highest"), escape: text => text.replaceAll("&", "&amp;")
       .replaceAll("<", "&lt;").replaceAll(">", "&gt;").replaceAll('"', "&quot;").replaceAll("'", "&#x27;"), CubicSpline: Piecewise, SetupError, System, Result, Table,
     run, connect: system => begun(system) && null, parameters: named(parameters, "system own"), replace, getLogger: () => warns, write_ssp: () => null, Bench,
-    contour_generator: () => py.fail("a live chart has no plane"), LineType: null, complex: (re, im) => new py.Complex(re, im), ValueError: Raised, KeyError: Raised, ArithmeticError: Raised,
+    contour_generator: () => py.fail("a live chart has no plane"), LineType: null, complex: (re, im = 0) => re instanceof py.Complex ? re : new py.Complex(re, im), ValueError: Raised, KeyError: Raised, ArithmeticError: Raised,
   };
 })();

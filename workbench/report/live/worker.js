@@ -14,21 +14,19 @@ const work = async () => {
   busy = true;
   while (newest) {
     const { id, ...asked } = newest;
-    machine.note = note => postMessage({ id, note });
+    let noted = -Infinity;
+    machine.note = note => {
+      if (performance.now() - noted < 100) return;
+      noted = performance.now();
+      postMessage({ id, note });
+    };
     newest = null;
-    let told = false, rested = performance.now();
-    const began = rested;
+    const began = performance.now();
     try {
-      for (const stage of answer(asked, machine.system)) {
-        if (stage) {
-          for (const figure of Object.values(stage.figures ?? {})) figure.text ??= text(figure);
-          postMessage({ id, ...stage, took: performance.now() - began });
-          told = true;
-        }
-        if (!stage && performance.now() - rested < 15) continue;
+      for (const stage of answer(asked)) {
+        postMessage({ id, ...stage, took: performance.now() - began });
         await breath();
-        rested = performance.now();
-        if (newest && told) break;
+        if (newest) break;
       }
     } catch (error) {
       if (!(error instanceof Failure)) throw error;
@@ -41,7 +39,7 @@ const work = async () => {
 onmessage = ({ data }) => {
   if (data.modules) {
     const modules = Object.fromEntries(Object.entries(data.modules).map(([part, bytes]) => [part, new WebAssembly.Module(bytes)]));
-    Object.assign(machine, data.machine, { modules, system: new Network(modules, data.wires, data.sequence) });
+    Object.assign(machine, data.machine, { modules });
   }
   if (data.id) {
     newest = data;
