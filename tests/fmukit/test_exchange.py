@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import subprocess
+import sys
 from collections.abc import Callable
 from ctypes import POINTER, c_double
 from itertools import pairwise
@@ -18,8 +20,9 @@ from fmpy.fmi2 import FMU2Model, FMU2Slave, fmi2Discard
 
 from fmukit.declare.record import declarations, discrete, record
 from fmukit.declare.record import start as begin
-from fmukit.declare.variables import only_steps
+from fmukit.declare.variables import component, only_steps
 from fmukit.step import hybrid
+from tests.conftest import ROOT
 from tests.fmukit.test_native import MODELS, NAMES, each
 from tests.hosts.host import Unit, unpacked
 
@@ -71,10 +74,14 @@ def events_of(name: str, start: dict[str, Any], stop: float, step: float) -> lis
 
 
 @pytest.mark.parametrize("case", EXPERIMENTS, ids=lambda c: f"{c[0]}-{c[1]}-{c[2]}")
-def test_cvode_and_our_steps_agree(case: Any, fmus: Path) -> None:
+@pytest.mark.parametrize("folder", ["native", pytest.param("fmi3", marks=pytest.mark.slow)])
+def test_cvode_and_our_steps_agree(folder: str, case: Any, fmus: Path) -> None:
     """States and outputs to 1e-8 of their range or nominal, discrete ones and events at all points."""
     name, start, stop = case
-    fmu, step = fmus / "native" / f"{name}.fmu", MODELS[name].EXPERIMENT.step
+    fmu, step = fmus / folder / f"{name}.fmu", MODELS[name].EXPERIMENT.step
+    if folder == "fmi3":
+        build = [sys.executable, "build_fmus.py", component(MODELS[name]), "--flavour", folder]
+        subprocess.run(build, cwd=ROOT, check=True, capture_output=True)
     ours, _ = integrated(fmu, start, stop, "CoSimulation", step)
     theirs, events = integrated(fmu, start, stop, "ModelExchange", step)
     assert len(ours) == len(theirs) == round(stop / step) + 1
@@ -82,7 +89,7 @@ def test_cvode_and_our_steps_agree(case: Any, fmus: Path) -> None:
         if variable.causality != "output":
             continue
         a, b = ours[variable.name], theirs[variable.name]
-        if variable.type != "Real":
+        if variable.type not in ("Real", "Float64"):
             assert np.array_equal(a, b), variable.name
             continue
         scale = max(np.max(np.abs(a)), float(variable.nominal or 0.0)) or 1.0
