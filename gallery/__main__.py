@@ -19,6 +19,7 @@ from workbench.question import names
 
 from . import pages
 from .answers import Answered, answered
+from .drawings import drawings
 
 MENDED = {
     'class="caption" role="heading"': 'class="caption" role="heading" aria-level="2"',
@@ -39,8 +40,9 @@ def main() -> int:
         help="answer these alone (default: all)",
     )  # fmt: skip
     parser.add_argument(
-        "--pictures", action="store_true", help="also renew the pictures of answers in docs"
-    )
+        "--pictures", action="store_true",
+        help="also renew the pictures of answers in docs, and the drawings of machines",
+    )  # fmt: skip
     parser.add_argument("--out", type=Path, default=ROOT / "results" / "gallery", help="folder")
     options = parser.parse_args()
     out = options.out.resolve()
@@ -52,6 +54,8 @@ def main() -> int:
     for one in answers if options.pictures else ():
         if (kept := ROOT / "docs" / one.picture.name).is_file():
             copyfile(one.picture, kept)
+    for path, drawing in drawings().items() if options.pictures else ():
+        path.write_text(drawing, encoding="utf-8")
     site = build(answers, out)
     print(f"{len([*site.rglob('*.html')])} pages in {site}: open index.html")
     return 0

@@ -64,14 +64,16 @@ def moving(
 
 
 def crank_conveyor(p: Parameters, at: Columns) -> list[Shape]:
-    """Crank, rod, trough and spring, the crank drawn ENLARGED times as long as it is."""
+    """Crank, rod, trough, spring and damper, the crank drawn ENLARGED times as long as it is."""
     phi, l = at["phi"], p["rod.l"]
     r = ENLARGED * p["crank.r"]
     pin = (r * np.sin(phi), -r * np.cos(phi))
     x = l + ENLARGED * at["x"]
     end, height, wall = 1.1 * l, 0.12 * l, 2.7 * l
     trough = line((x, 0), (x, height), (x + end, height), (x + end, -height), (x, -height), (x, 0))
-    coil = motion.spring((x + end, 0.0), (wall, 0.0), 0.07 * l, 14)
+    coil = motion.spring((x + end, 0.05 * l), (wall, 0.05 * l), 0.05 * l, 14)
+    damper = motion.damper((x + end, -0.07 * l), (wall, -0.07 * l), 0.035 * l)
+    ways = motion.arrow(line((1.9 * l, 2.0 * height), (2.2 * l, 2.0 * height)), 0.05 * l)
     floor = -1.35 * height
     turns = motion.arrow(motion.arc(0.0, 0.0, 1.3 * r, -0.3 * math.pi, 0.2 * math.pi), 0.3 * r)
     return [
@@ -80,8 +82,10 @@ def crank_conveyor(p: Parameters, at: Columns) -> list[Shape]:
         Shape("bearing", motion.pivot(0.0, 0.0, 0.6 * r), "grey", 1.5),
         Shape("circle of the crank", motion.circle(0.0, 0.0, r), "grey", 1.0),
         Shape("spring", coil, "green", 2.0, label=3),
+        Shape("damper", damper, "purple", 1.5),
         Shape("trough", trough, "blue", 4.0, label=1),
         Shape("rod", line(pin, (x, 0.0)), "gold", 4.0),
         Shape("crank", line((0.0, 0.0), pin), "red", 6.0),
         Shape("turns", turns, "red", 1.5),
+        Shape("moves", ways, "blue", 1.5),
     ]

@@ -14,21 +14,23 @@ ENLARGED = 2.0
 
 
 def exciter(p: Mapping[str, Any], at: Columns) -> list[Shape]:
-    """Wall, spring, body and rotor; x is drawn ENLARGED times as long as it is."""
+    """Wall, spring, damper, body and rotor; x is drawn ENLARGED times as long as it is."""
     r, x, phi = p["rotor.r"], ENLARGED * at["x"], at["phi"]
     half, wall, floor = 1.8 * r, -5.0 * r, -2.2 * r
     body = line((x - half, -half), (x + half, -half), (x + half, half), (x - half, half))
     turns = motion.arrow(motion.arc(0.0, 0.0, 2.4 * r, 0.35 * math.pi, 0.65 * math.pi), 0.4 * r)
+    ways = motion.arrow(line((2.4 * r, 0.0), (3.4 * r, 0.0)), 0.3 * r)
+    damper = motion.damper((wall, -r), (x - half, -r), 0.35 * r)
     mass = (x + r * np.cos(phi), r * np.sin(phi))
     return [
         Shape("wall", motion.ground(wall, half, wall, floor, 0.3 * r), "grey", 1.5),
         Shape("floor", motion.ground(wall, floor, 3.5 * r, floor, 0.3 * r), "grey", 1.5),
-        Shape(
-            "spring", motion.spring((wall, 0.0), (x - half, 0.0), 0.4 * r), "green", 2.0, label=3
-        ),
+        Shape("spring", motion.spring((wall, r), (x - half, r), 0.4 * r), "green", 2.0, label=3),
+        Shape("damper", damper, "purple", 1.5),
         Shape("body", body, "blue", 4.0, closed=True, label=2),
         Shape("arm", line((x, 0.0), mass), "red", 4.0),
         Shape("turns", turns, "red", 1.5),
+        Shape("moves", ways, "blue", 1.5),
         Shape("mass", line(mass, mass), "red", 12.0),
     ]
 

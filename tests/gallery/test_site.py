@@ -18,6 +18,7 @@ from lxml import html
 
 from gallery.__main__ import build
 from gallery.answers import Answered
+from gallery.drawings import drawings
 from tests.conftest import QUICK, ROOT, ask
 from tests.pictures import differ
 from tests.test_docs import SITE_COMMAND
@@ -186,6 +187,11 @@ def test_so_is_the_whole_site_that_the_command_makes(whole: Path, shown: Browser
     site = whole / "site"
     assert not problems(site)
     assert not looked_at(shown, [page for page in pages(site) if page.name != PAGE])
+
+
+def test_drawings_of_machines_are_those_of_their_mechanisms() -> None:
+    for path, drawing in drawings().items():
+        assert path.read_text(encoding="utf-8") == drawing, path
 
 
 @pytest.mark.slow

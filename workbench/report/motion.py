@@ -134,6 +134,17 @@ def spring(first: Place, last: Place, size: float, coils: int = 12) -> Samples:
     )  # fmt: skip
 
 
+def damper(first: Place, last: Place, size: float) -> Samples:
+    """A piston in a cylinder of that width, between two places at one height."""
+    (x, y), (to_x, _) = first, last
+    head, foot, rim = ((x + to_x) / 2 + share * size for share in (0.0, 0.9, -0.9))
+    return line(
+        (x, y), (head, y), (head, y + 0.7 * size), (head, y - 0.7 * size), (head, y + 0.7 * size),
+        (head, y + size), (rim, y + size), (foot, y + size), (foot, y - size), (rim, y - size),
+        (foot, y - size), (foot, y), (to_x, y),
+    )  # fmt: skip
+
+
 def moved(shapes: Sequence[Shape], x: float, y: float) -> list[Shape]:
     """The same elsewhere."""
     return [shape._replace(points=shape.points + np.array([x, y])) for shape in shapes]

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import re
+from collections.abc import Mapping, Sequence
 from html import escape
+from typing import NamedTuple
 
 import numpy as np
 
@@ -11,7 +13,19 @@ from .chart import COLORS, Samples
 from .motion import Motion, Shape
 
 WIDE, EDGE, TALL, CAPTION = 1000.0, 28.0, 460.0, 60.0
+DRAWN, ABOVE, LETTER = 620, 14, "#202020"
 SCREENS = {"wide": (928.0, 12.0), "narrow": (358.0, 9.0)}
+
+
+class Symbol(NamedTuple):
+    """A symbol of the equations, "l_K", beside the middle of some points of a shape, so many pixels
+    off to the right and up.
+    """
+
+    text: str
+    shape: str
+    points: Sequence[int]
+    off: tuple[float, float] = (0.0, 8.0)
 
 
 def scale_of(motion: Motion) -> float:
@@ -59,6 +73,42 @@ def still(motion: Motion, frame: int, pixels: float) -> str:
         f'<rect y="{size[1] - tall:.1f}" width="100%" height="100%" fill="white"/>{"".join(lines)}'
         f'<g font-family="DejaVu Sans" font-size="{11 * unit:.1f}">{"".join(names)}'
         f'<text x="{EDGE}" y="0">{escape(motion.captions[frame])}</text></g></svg>'
+    )
+
+
+def drawing(motion: Motion, symbols: Sequence[Symbol]) -> str:
+    """The first frame over its ghosts, which have words beside them, as a picture that stands alone;
+    symbols take the place of the names of their shapes.
+    """
+    size, shapes = _placed(motion)
+    wide = 1.2 * size[0] if motion.ghosts else size[0]
+    unit, symbolic = wide / DRAWN, {symbol.shape for symbol in symbols}
+    top, tall = -ABOVE * unit, size[1] + ABOVE * unit
+    lines = [
+        _line(shape, placed[[frame]], "", ' opacity="0.35"', thick=unit)
+        for frame in motion.ghosts
+        for shape, placed in shapes
+        if len(placed) > 1
+    ]
+    lines += [_line(shape, placed[:1], "", thick=unit) for shape, placed in shapes]
+    words = [_name(shape, placed[:1], "") for shape, placed in shapes if shape.name not in symbolic]
+    moving = [placed for _, placed in shapes if len(placed) > 1]
+    words += [
+        f'<text x="{size[0]:.1f}" y="{moving[0][frame, :, 1].mean():.1f}">{escape(text)}</text>'
+        for frame, text in motion.ghosts.items()
+    ]
+    places = {shape.name: placed[0] for shape, placed in shapes}
+    for text, name, points, (right, up) in symbols:
+        x, y = places[name][list(points)].mean(axis=0) + np.array([right, -up]) * unit
+        low = re.sub(r"_(\w+)", rf'<tspan dy="{4 * unit:.1f}" font-size="70%">\1</tspan>', text)
+        look = f'text-anchor="middle" fill="{LETTER}" font-style="italic"'
+        words.append(f'<text x="{x:.1f}" y="{y:.1f}" {look}>{low}</text>')
+    inside = "\n".join([*lines, *words])
+    return (
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 {top:.1f} {wide:.1f} {tall:.1f}" '
+        f'width="{DRAWN}" font-family="serif" font-size="{17 * unit:.1f}" '
+        f'stroke-linejoin="round" stroke-linecap="round">\n'
+        f'<rect y="{top:.1f}" width="{wide:.1f}" height="{tall:.1f}" fill="#fff"/>\n{inside}\n</svg>\n'
     )
 
 

@@ -1,0 +1,105 @@
+"""The drawings of machines: poses of the mechanisms that the pages of questions move, with the symbols
+of the equations.
+
+A machine that no question moves has a drawing of its own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+import cosim
+from cosim import Result, System
+from scenarios.__main__ import FMUS, ROOT
+from scenarios.conveyor.mechanism import crank_conveyor
+from scenarios.exciter.mechanism import exciter
+from scenarios.iron import mechanism as iron
+from scenarios.orientator import machine
+from scenarios.orientator import mechanism as orientator
+from workbench.report import motion
+from workbench.report.motion import Motion, Shape
+from workbench.report.svg import Symbol, drawing
+
+CONVEYOR = (
+    Symbol("r", "crank", (0, 1), (-12, 2)),
+    Symbol("l", "rod", (0, 1)),
+    Symbol("m", "trough", (1, 3), (0, -6)),
+    Symbol("c", "spring", (1, 14), (0, 20)),
+    Symbol("α", "damper", (0, 1), (0, 7)),
+    Symbol("x", "moves", (0, 1)),
+    Symbol("φ, ω, τ", "turns", (0,), (36, -8)),
+)
+EXCITER = (
+    Symbol("c", "spring", (1, 12), (0, 34)),
+    Symbol("d", "damper", (7, 8), (0, -44)),
+    Symbol("m", "body", (0,), (18, 12)),
+    Symbol("m_u", "mass", (0,), (22, 6)),
+    Symbol("r", "arm", (0, 1), (-10, 4)),
+    Symbol("x", "moves", (0, 1)),
+    Symbol("φ, ω, τ", "turns", (24,)),
+)
+IRON = (
+    Symbol("l", "rocker", (0, 1), (-16, -4)),
+    Symbol("rocker, l_K", "rocker", (1, 2), (48, 0)),
+    Symbol("link, l_T", "link", (0, 1), (0, 12)),
+    Symbol("chain, H", "chain", (17,), (36, 150)),
+    Symbol("φ, ω, τ", "turns", (48,), (0, 22)),
+)
+ORIENTATOR = (
+    Symbol("catcher, l_1", "catcher", (0, 1), (-48, -12)),
+    Symbol("φ_1", "pivot", (1,), (52, -2)),
+    Symbol("cup, φ_2", "cup", (0, 26), (-20, -40)),
+)
+
+
+def drawings() -> dict[Path, str]:
+    """The drawings that mechanisms make, by the file that each is kept in."""
+    made = {
+        "crank_conveyor": drawing(still("CrankConveyor", crank_conveyor, phi=2.3), CONVEYOR),
+        "unbalance_exciter": drawing(still("UnbalanceExciter", exciter, phi=0.7), EXCITER),
+        "iron_drive": drawing(lifting(), IRON),
+        "gravity_orientator": drawing(turning(), ORIENTATOR),
+    }
+    return {ROOT / "components" / name / "drawing.svg": text for name, text in made.items()}
+
+
+def still(fmu: str, shapes: Callable[[Any, motion.Columns], list[Shape]], phi: float) -> Motion:
+    """A machine with a crank at an angle [rad]."""
+    _, r = started("part", fmu, {"part.phi": phi})
+    seen = motion.columns(r, "part", ("phi", "x"), np.array([0]))
+    return posed(shapes(r.provenance["parts"]["part"]["parameters"], seen))
+
+
+def lifting() -> Motion:
+    """The iron drive while the iron goes up."""
+    system, r = started("iron", "IronDrive", {"iron.phi": 1.0})
+    return posed(iron.drawn(r, system, np.array([0]))[0])
+
+
+def turning() -> Motion:
+    """The cup while it turns over, with the places where it lands and where it is oriented."""
+    system = machine.system(
+        {"orientator": FMUS / "native" / "GravityOrientator.fmu"}, 4.0, 0.35, {}
+    )
+    r = machine.shortened(cosim.run(system, stop=1.0, step=1e-3))
+    spans = {span.text: span for span in machine.stages(r)}
+    now = (spans["turning"].first + spans["turning"].last) / 2
+    picked = np.searchsorted(r["time"], [now, spans["joint"].first, r["time"][-1]])
+    shapes, _ = orientator.drawn(r, picked)
+    return posed(shapes, {1: "landing", 2: "oriented"})
+
+
+def started(part: str, fmu: str, start: Mapping[str, float]) -> tuple[System, Result]:
+    """A machine by itself, and what its outputs are at the start."""
+    system = System({part: FMUS / "native" / f"{fmu}.fmu"}, start=start)
+    return system, cosim.run(system, stop=1e-3, step=1e-3)
+
+
+def posed(shapes: list[Shape], ghosts: Mapping[int, str] = MappingProxyType({})) -> Motion:
+    """Shapes as a motion that stands."""
+    return Motion("", np.zeros(1), 1.0, [""], shapes, ghosts=ghosts)
