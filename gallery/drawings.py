@@ -30,7 +30,7 @@ CONVEYOR = (
     Symbol("l", "rod", (0, 1)),
     Symbol("m", "trough", (1, 3), (0, -6)),
     Symbol("c", "spring", (1, 14), (0, 20)),
-    Symbol("α", "damper", (0, 1), (0, 7)),
+    Symbol("α", "damper", (0, 1), (-6, -13)),
     Symbol("x", "moves", (0, 1)),
     Symbol("φ, ω, τ", "turns", (0,), (36, -8)),
 )

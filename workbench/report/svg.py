@@ -81,9 +81,8 @@ def drawing(motion: Motion, symbols: Sequence[Symbol]) -> str:
     symbols take the place of the names of their shapes.
     """
     size, shapes = _placed(motion)
-    wide = 1.2 * size[0] if motion.ghosts else size[0]
-    unit, symbolic = wide / DRAWN, {symbol.shape for symbol in symbols}
-    top, tall = -ABOVE * unit, size[1] + ABOVE * unit
+    unit = (1.2 if motion.ghosts else 1.0) * size[0] / DRAWN
+    tall, symbolic = round(size[1] / unit) + ABOVE, {symbol.shape for symbol in symbols}
     lines = [
         _line(shape, placed[[frame]], "", ' opacity="0.35"', thick=unit)
         for frame in motion.ghosts
@@ -105,10 +104,10 @@ def drawing(motion: Motion, symbols: Sequence[Symbol]) -> str:
         words.append(f'<text x="{x:.1f}" y="{y:.1f}" {look}>{low}</text>')
     inside = "\n".join([*lines, *words])
     return (
-        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 {top:.1f} {wide:.1f} {tall:.1f}" '
-        f'width="{DRAWN}" font-family="serif" font-size="{17 * unit:.1f}" '
-        f'stroke-linejoin="round" stroke-linecap="round">\n'
-        f'<rect y="{top:.1f}" width="{wide:.1f}" height="{tall:.1f}" fill="#fff"/>\n{inside}\n</svg>\n'
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {DRAWN} {tall}" font-family="serif" '
+        f'stroke-linejoin="round" stroke-linecap="round">\n<rect width="{DRAWN}" height="{tall}" '
+        f'fill="#fff"/>\n<g transform="translate(0 {ABOVE}) scale({1 / unit:.6f})" '
+        f'font-size="{17 * unit:.1f}">\n{inside}\n</g>\n</svg>\n'
     )
 
 
