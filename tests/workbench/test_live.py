@@ -263,6 +263,10 @@ def test_boxes_keys_and_links_move_the_machine_and_what_it_does_is_spoken(
     said = shown.value(f"{PART}.querySelector('.live-alarm').textContent")
     assert said == "The link sets cup.x, which this page does not have."
     assert shown.value(f"{PART}.querySelector('.wrong').textContent") == "must be at most 12 rad/s"
+    for words in ("speed=%E0%A4%A", "speed=5=6", "speed"):
+        shown.value(f"{PART}.querySelector('.wrong').textContent = ''")
+        shown.value(f"location.hash = '#live:{words}'")
+        shown.until(f"{PART}.querySelector('.wrong').textContent === 'must be a number'")
 
 
 @pytest.fixture(scope="module")

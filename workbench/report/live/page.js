@@ -82,7 +82,7 @@ const live = async content => {
 
   const arrive = () => {
     if (!location.hash.startsWith(PREFIX)) return;
-    const given = new Map(decodeURIComponent(location.hash.slice(PREFIX.length)).split("&").filter(Boolean).map(word => word.split("=")));
+    const given = new Map(readable(location.hash.slice(PREFIX.length)).split("&").filter(Boolean).map(word => [word.split("=")[0], word.slice(word.split("=")[0].length + 1)]));
     for (const one of rows) {
       one.set(one.value);
       if (given.has(one.name)) {
@@ -166,6 +166,11 @@ const live = async content => {
   rows.forEach(one => one.set(one.value));
   begin();
   if (location.hash.startsWith(PREFIX)) arrive(); else ask();
+};
+
+// What a link says, as it stands where it is no encoded text.
+const readable = text => {
+  try { return decodeURIComponent(text); } catch { return text; }
 };
 
 const shown = value => String(Number(value.toPrecision(6)));
