@@ -453,7 +453,8 @@ DRAWN = (
     "[...document.querySelectorAll('.chart')].map(c => c.querySelectorAll('.trace, .hm').length)"
 )
 FITS = """[...document.querySelectorAll('.chart')].every(
-    chart => Math.abs(chart.querySelector('svg').clientWidth - 928) < 2)"""
+    chart => Math.abs(chart.querySelector('svg').clientWidth - 928) < 2 &&
+             Math.abs(chart.querySelector('svg').clientHeight - chart.clientHeight) < 2)"""
 TIMES = "[...document.querySelectorAll('.motion svg')].map(s => s.getCurrentTime())"
 
 

@@ -146,6 +146,7 @@ const live = async content => {
     }
     last[k] = one;
     const drawn = beside(content.charts[k], one, small.matches ? "narrow" : "wide");
+    charts[k].style.height = `${drawn.layout.height}px`;
     Plotly.react(charts[k], drawn.data, drawn.layout, { responsive: true, displayModeBar: false });
   };
   small.addEventListener("change", () => last.forEach((one, k) => paint(k, one)));
