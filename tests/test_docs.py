@@ -76,6 +76,7 @@ SLOW = {
     "scenarios run orientator_neglect --flavour native",
     "scenarios run packing_line",
     "scenarios run sommerfeld",
+    "scenarios run speed_step",
     ".venv/bin/python -m cosim verify",
     ".venv/bin/python build_fmus.py --docs",
     ".venv/bin/python build_fmus.py --flavour fmi3",

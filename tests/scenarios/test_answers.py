@@ -51,6 +51,7 @@ CHANGED = {
     "orientator_neglect": ("orientator.cup.m", 0.05),
     "packing_line": ("conveyor_motor.T", 0.03),
     "sommerfeld": ("exciter.mount.d", 82.0),
+    "speed_step": ("shaft.c", 900.0),
     "identify": ("conveyor.crank.r", 0.0101),
     "iron_identify": ("iron.rocker.J", 0.026),
     "orientator_identify": ("orientator.cup.m", 0.041),
@@ -59,6 +60,8 @@ EXACT = {"nu_res", "zeta", "build_up", "slope", "cycles", "oriented", "released"
 EXACT |= {"theory_up", "theory_down", "torque_plain", "settling", "settling_16"}
 EXACT |= {
     "motor_lag",
+    "free_frequency",
+    "held_frequency",
     "slip",
     "nu_flux",
     "most_resistance",
@@ -76,6 +79,7 @@ SAID = {
     "orientation_time": [(10.0, "%")],
     "orientator_limit": [(1.0, "%")],
     "run_up": [(10.0, "%")],
+    "speed_step": [(90.0, "%")],
     "resonance": [(90.0, "degrees"), (math.sqrt(720e3 / 200), "rad/s")],
 }
 OTHER = {"rad/s": ("rpm", 30 / math.pi), "s": ("ms", 1e3)}
@@ -125,6 +129,8 @@ VARIABLES: dict[str, dict[str, str]] = {
     "sommerfeld": {"supply_up": "motor.v", "supply_down": "motor.v", "supply": "motor.v",
                    "theory_up": "motor.v", "before_up": "exciter.w", "after_up": "exciter.w",
                    "speed": "exciter.w", "shake": "exciter.x"},
+    "speed_step": {"w_max": "load.w", "tau_max": "shaft.tau_b", "tau_min": "shaft.tau_b",
+                   "i_max": "motor.i"},
 }  # fmt: skip
 WORDS = {
     "deg": r".*_angle|\w+_phase(_theory)?|lag|lag_\w+|phi",

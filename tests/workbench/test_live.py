@@ -43,6 +43,7 @@ LIVE: dict[str, Mapping[str, Any]] = {
     "resonance": {"speeds": "36,40,44", "steps_per_rev": 72, "limit": 120},
     "run_up": {},
     "sommerfeld": {"supplies": "18:32:8"},
+    "speed_step": {},
 }
 SAMPLE = ("CrankConveyor", "GravityOrientator")
 TRIED = [
@@ -66,6 +67,8 @@ MOVED = [
     ("run_up", {"conveyor.trough.m": 390.0, "speed": 45.0}),
     ("sommerfeld", {"motor.R": 4.5}),
     ("sommerfeld", {"exciter.mount.d": 150.0}),
+    ("speed_step", {"shaft.c": 3000.0, "controller.K": 1.0}),
+    ("speed_step", {"ratio": 4.0, "speed": 30.0, "shaft.b": 0.03}),
 ]
 OTHERS = [
     ("resonance", {**SWEEP, "algorithm": "gauss-seidel", "steps_per_rev": 256}),

@@ -259,6 +259,10 @@ CLAIMS = {
     "forces: chain at the iron = iron.T_iron",
     "iron_start": "cam speed: cam speed = iron.w_cam; motor torque: motor torque = motor.tau; "
     "energy: from the motor = E_in; energy: stored = E_stored; energy: friction = E_friction",
+    "speed_step": "speed: gearbox = gear.w_b; speed: load = load.w; "
+    "torque in the shaft: torque in the shaft = shaft.tau_b; "
+    "torque of the motor: asked for = controller.tau; torque of the motor: motor = motor.tau; "
+    "current: current = motor.i",
     "orientator_cycle": "angle: catcher = orientator.phi1; angle: cup = orientator.phi2; "
     "speed: cup = orientator.w2; centre of mass: down = orientator.vyc; "
     "reaction of the wall: wall = orientator.N_K",

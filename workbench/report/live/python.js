@@ -901,7 +901,7 @@ const lib = (() => {
     const parts = [...system.parts], key = JSON.stringify([parts, system.wires]);
     if (!known.has(key)) {
       const wires = system.wires.map(wire => {
-        const [, from, factor, offset, to] = /^\s*(\S+)(?:\s*\*\s*(\S+))?(?:\s*\+\s*(\S+))?\s*->\s*(\S+)\s*$/.exec(wire) ?? py.fail(`the wire ${wire}`);
+        const [, from, factor, offset, to] = /^\s*(\S+)(?:\s*\*\s*(\S+))?(?:\s*\+\s*(\S+))?\s*[-=]>\s*(\S+)\s*$/.exec(wire) ?? py.fail(`the wire ${wire}`);
         return { from, to, factor: Number(factor ?? 1), offset: Number(offset ?? 0) };
       });
       const modules = Object.fromEntries(parts.map(part => [part, machine.modules[system.parts.item(part)]]));
