@@ -124,7 +124,7 @@ fmi2Status fmi2DoStep(fmi2Component p, fmi2Real t, fmi2Real h, fmi2Boolean final
     if (FAULT("leaks")) leaked = memset(malloc(4096), 1, 4096);
     if (FAULT("one step size") && i->s.n && fabs(h - (i->s.time - i->s.reached)) > 1e-9)
         return fmi2Error;
-    if (FAULT("not repeatable")) i->s.value[Y] += 1e-12 * (double)(rand() % 100);
+    if (FAULT("not repeatable")) i->s.value[Y] += 1e-15 * (double)(rand() % 100);
     advance(i, FAULT("ignores the step size") ? 1e-3 : size);
     i->s.reached = t, i->s.time = t + size;
     if (FAULT("fails") && i->s.n == 2) return fmi2Error;
