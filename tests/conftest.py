@@ -1,5 +1,6 @@
 """Build the FMUs once, as a user does, before any worker starts."""
 
+import gc
 import os
 import re
 import signal
@@ -130,6 +131,12 @@ def pytest_sessionstart(session: pytest.Session) -> None:
         build = [sys.executable, "build_fmus.py"]
         subprocess.run([*build, *TRIED, "--flavour", "all"], cwd=ROOT, check=True)
         subprocess.run([*build, "--flavour", "both"], cwd=ROOT, check=True)
+
+
+def pytest_collection_finish() -> None:
+    """Leave what all tests share out of the garbage collections that some of them ask for."""
+    gc.collect()
+    gc.freeze()
 
 
 def hear_ctrl_c() -> None:

@@ -50,6 +50,7 @@ class Live(NamedTuple):
     data: dict[str, Any]
 
 
+@cache
 def script_of(page: ModuleType) -> str:
     """What a worker runs to answer a page; raises SetupError for what cannot be translated."""
     roots = {name: getattr(page, name, None) for name in ASKED}

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import namedtuple
 from collections.abc import Iterator, Sequence
 from enum import IntEnum
+from itertools import islice
 from operator import itemgetter
 from typing import (
     TYPE_CHECKING,
@@ -134,6 +135,7 @@ def record(cls: type[R]) -> type[R]:
     names = [name.translate(IDENTIFIER) for name in fields]
     made = type(cls.__name__, (namedtuple(cls.__name__, names),), body)
     made._declared = fields  # type: ignore[attr-defined]
+    made._flat = all(isinstance(x, Declaration) for x in fields.values())  # type: ignore[attr-defined]
     return cast(type[R], made)
 
 
@@ -212,6 +214,8 @@ def fill(cls: type[R], values: Sequence[Value]) -> R:
 
 
 def _fill(cls: Any, values: Iterator[Value]) -> Any:
+    if cls._flat:
+        return cls._make(islice(values, len(cls._fields)))
     return cls._make(
         next(values) if isinstance(field, Declaration) else _fill(field, values)
         for field in cls._declared.values()

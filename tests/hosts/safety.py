@@ -115,7 +115,8 @@ def misused(fmu: str, act: Callable[[Unit], Any]) -> list[Any]:
 
 def living(fmu: str) -> int:
     """How many instances of a Python FMU are in memory."""
-    return sum(type(thing).__name__ == Path(fmu).stem for thing in gc.get_objects())
+    name = Path(fmu).stem
+    return sum(type(thing).__name__ == name for thing in gc.get_objects())
 
 
 @apart
