@@ -49,6 +49,7 @@ IRON = (
     Symbol("link, l_T", "link", (0, 1), (0, 12)),
     Symbol("chain, H", "chain", (17,), (36, 150)),
     Symbol("φ, ω, τ", "turns", (48,), (0, 22)),
+    Symbol("spring, c", "spring", (0, 13), (46, -8)),
 )
 ORIENTATOR = (
     Symbol("catcher, l_1", "catcher", (0, 1), (-48, -12)),

@@ -14,6 +14,7 @@ from .motion import Motion, Shape
 
 WIDE, EDGE, TALL, CAPTION = 1000.0, 28.0, 460.0, 60.0
 DRAWN, ABOVE, LETTER = 620, 14, "#202020"
+HALO = 'stroke="#fff" stroke-width=".25em" paint-order="stroke"'
 SCREENS = {"wide": (928.0, 12.0), "narrow": (358.0, 9.0)}
 
 
@@ -71,7 +72,7 @@ def still(motion: Motion, frame: int, pixels: float) -> str:
         f'<svg xmlns="http://www.w3.org/2000/svg" width="{wide / unit:.0f}" '
         f'height="{tall / unit:.0f}" viewBox="0 {size[1] - tall:.1f} {wide:.1f} {tall:.1f}">'
         f'<rect y="{size[1] - tall:.1f}" width="100%" height="100%" fill="white"/>{"".join(lines)}'
-        f'<g font-family="DejaVu Sans" font-size="{11 * unit:.1f}">{"".join(names)}'
+        f'<g font-family="DejaVu Sans" font-size="{11 * unit:.1f}" {HALO}>{"".join(names)}'
         f'<text x="{EDGE}" y="0">{escape(motion.captions[frame])}</text></g></svg>'
     )
 
@@ -102,7 +103,7 @@ def drawing(motion: Motion, symbols: Sequence[Symbol]) -> str:
         low = re.sub(r"_(\w+)", rf'<tspan dy="{4 * unit:.1f}" font-size="70%">\1</tspan>', text)
         look = f'text-anchor="middle" fill="{LETTER}" font-style="italic"'
         words.append(f'<text x="{x:.1f}" y="{y:.1f}" {look}>{low}</text>')
-    inside = "\n".join([*lines, *words])
+    inside = "\n".join([*lines, f"<g {HALO}>", *words, "</g>"])
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {DRAWN} {tall}" font-family="serif" '
         f'stroke-linejoin="round" stroke-linecap="round">\n<rect width="{DRAWN}" height="{tall}" '
