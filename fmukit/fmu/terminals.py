@@ -13,6 +13,7 @@ from ..declare.variables import Interface
 from .load import beside
 
 FOLDER = "terminalsAndIcons"
+WIDTH = 256
 MEMBERS = {"tau": "N.m", "w": "rad/s", "phi": "rad"}
 
 
@@ -77,7 +78,7 @@ def drawing(interface: Interface) -> tuple[str, float, float] | None:
 
 
 def png(svg: str) -> bytes:
-    """A picture as PNG; the same bytes on every machine, for it has no letters."""
+    """A picture as PNG, some pixels wide; the same bytes on every machine, for it has no letters."""
     import resvg_py
 
-    return bytes(resvg_py.svg_to_bytes(svg_string=svg, skip_system_fonts=True))
+    return bytes(resvg_py.svg_to_bytes(svg_string=svg, width=WIDTH, skip_system_fonts=True))

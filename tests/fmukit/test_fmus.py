@@ -293,7 +293,7 @@ def test_an_invalid_fmu_is_not_kept_and_ends_with_code_1(tree: Path) -> None:
 
 
 def test_what_the_compiler_refuses_is_said_and_not_kept(tree: Path) -> None:
-    runtime = tree / "fmukit" / "fmu" / "native" / "fmi2.c"
+    runtime = tree / "fmukit" / "fmu" / "native" / "fmi2_context.c"
     change(runtime, "static void fail(", "static wrong fail(")
     said = build(tree, "drive_motor", "--flavour", "native", code=1)
     assert "native/DriveMotor.fmu cannot be built: DriveMotor does not compile for" in said

@@ -28,7 +28,8 @@ def test_every_fmu_has_a_valid_folder_with_its_icon(both: Path) -> None:
             icon = Image.open(io.BytesIO(archive.read("terminalsAndIcons/icon.png")))
         schema.assertValid(root)
         (corners,) = root.iter("Icon")
-        assert icon.size == (int(corners.get("x2")), int(corners.get("y2")))
+        shape = int(corners.get("y2")) / int(corners.get("x2"))
+        assert icon.size == (256, pytest.approx(256 * shape, abs=1.0))
         shades = icon.convert("L").getcolors()
         assert shades and len(shades) > 8
         found[fmu.stem] = {terminal.get("name") for terminal in root.iter("Terminal")}

@@ -23,7 +23,7 @@ from ..archive import LICENSE, digest_of, guid_of, write_archive
 from ..xml import NATIVE, to_xml
 from ..xml3 import translated
 
-RUNTIMES = [Path(__file__).with_name(name) for name in ("fmi2.c", "fmi3.c")]
+RUNTIMES = sorted(Path(__file__).parent.glob("fmi*.c"))
 NAMES = ("fmi2FunctionTypes", "fmi2TypesPlatform", "fmi3FunctionTypes", "fmi3PlatformTypes")
 HEADERS = [Path(fmpy.__file__).with_name("c-code") / f"{name}.h" for name in NAMES]
 TARGETS = {
