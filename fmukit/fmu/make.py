@@ -30,7 +30,10 @@ def make_all(models: Iterable[Path], flavour: str, out: Path, force: bool = Fals
     if len(paths) == 1:
         return _tell([told(paths[0])])
     with multiprocessing.Pool(initializer=_hear) as pool:
-        return _tell(pool.imap(told, paths, 1))
+        failed = _tell(pool.imap(told, paths, 1))
+        pool.close()
+        pool.join()  # a child that is terminated as it begins to wait may miss it
+    return failed
 
 
 def make_one(path: Path, flavour: str, out: Path, force: bool) -> tuple[int, str, str]:
