@@ -16,7 +16,7 @@ from types import MappingProxyType, ModuleType
 from typing import Any, TypeVar
 
 import cosim
-from cosim import Result, SetupError, System
+from cosim import Result, SetupError, SimulationError, System
 from cosim.progress import bar
 from cosim.system import connect
 
@@ -31,6 +31,9 @@ from .runs.identity import computation
 from .runs.journal import Journal, opened
 
 ALONE = Engine(jobs=1)
+TOO_LONG = (
+    "step = {:g} s is too long to tell errors: a run with {} times the step, {:g} s, fails: {}"
+)
 FEWEST = 16
 Case = TypeVar("Case")
 Found = TypeVar("Found")
@@ -58,8 +61,8 @@ class Bench:
         """The result with steps of `o.step`, and its figures; their errors are those that `figures`
         gives for this result, and that of the coupling, from runs with two and four times the step.
 
-        Rows go to the CSV file of that name on the way. Raises what `cosim.run` raises, and SetupError
-        for a step that is too long to tell errors.
+        Rows go to the CSV file of that name on the way. Raises what `cosim.run` raises, and for a step
+        that is too long to tell errors SetupError before the runs, SimulationError after them.
         """
         if o.step > o.stop / FEWEST:
             raise SetupError(
@@ -70,20 +73,28 @@ class Bench:
         def advance(cost: int, part: float) -> None:
             progress((cost - 1 + cost * part) / 7)
 
-        told = []
+        told, missing = [], ""
         with bar(csv.removesuffix(".csv") or "run", 0.0, o.stop) as progress:
             for coarser in (4, 2, 1):
-                with hearing() if coarser > 1 else nullcontext():
-                    result = cosim.run(
-                        system,
-                        stop=o.stop,
-                        step=coarser * o.step,
-                        algorithm=o.algorithm,
-                        record=record,
-                        csv=self.out / csv if self.out and csv and coarser == 1 else None,
-                        progress=partial(advance, 4 // coarser),
-                    )
-                told.append(figures(result))
+                try:
+                    with hearing() if coarser > 1 else nullcontext():
+                        result = cosim.run(
+                            system,
+                            stop=o.stop,
+                            step=coarser * o.step,
+                            algorithm=o.algorithm,
+                            record=record,
+                            csv=self.out / csv if self.out and csv and coarser == 1 else None,
+                            progress=partial(advance, 4 // coarser),
+                        )
+                except SimulationError as error:
+                    if coarser == 1:
+                        raise
+                    missing = TOO_LONG.format(o.step, coarser, coarser * o.step, error)
+                else:
+                    told.append(figures(result))
+        if missing:
+            raise SimulationError(missing, result)
         order = result.provenance["convergence_order"]
         return result, {
             name: certified([run.get(name) for run in told], order) for name in told[-1]

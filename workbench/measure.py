@@ -99,6 +99,13 @@ def smallest(t: Samples, x: Samples) -> Peak:
     return found._replace(value=-found.value)
 
 
+def since(t: Samples, x: Samples, begin: float) -> tuple[Samples, Samples]:
+    """The rows from a time on, the first of them on the spline through all."""
+    late = t > begin
+    first = float(CubicSpline(t, x)(begin))
+    return np.concatenate([[begin], t[late]]), np.concatenate([[first], x[late]])
+
+
 def crossings(t: Samples, x: Samples, level: float) -> list[Measured]:
     """The times at which x passes a level, on the spline through its rows."""
     times = _passed(t, x, level)

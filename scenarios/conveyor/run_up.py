@@ -29,7 +29,7 @@ from workbench import (
     option,
 )  # fmt: skip
 from workbench.live import Slider
-from workbench.measure import Samples, crossings, largest, measured, smallest
+from workbench.measure import Samples, crossings, largest, measured, since, smallest
 from workbench.report.chart import THEORY, recorded
 
 from .drive import PARTS as DRIVE
@@ -97,7 +97,7 @@ def figures(machine: Machine, word: str, r: Result) -> dict[str, Figure]:
     where it all ends.
     """
     t, w, second = r["time"], r["conveyor.w"], r.units["time"]
-    meaning, late = f"when the crank has passed it, {word}", t > END * t[-1]
+    meaning = f"when the crank has passed it, {word}"
     near = measured(partial(revolutions_near, machine.nu_res), t, w, r["conveyor.phi"])
     found = {
         "passing": Figure.refused(second, "the crank does not stay above the resonance", meaning)
@@ -109,7 +109,8 @@ def figures(machine: Machine, word: str, r: Result) -> dict[str, Figure]:
         x, unit = r[column], r.units[column]
         found[f"{name}_max"] = largest(t, np.abs(x)).figure(unit, f"largest {what}, {word}")
         if name != "f_rod":
-            low, high = smallest(t[late], x[late]), largest(t[late], x[late])
+            end = since(t, x, END * t[-1])
+            low, high = smallest(*end), largest(*end)
             found[f"{name}_end_min"] = low.figure(unit, f"least {what} in the end, {word}")
             found[f"{name}_end_max"] = high.figure(unit, f"largest {what} in the end, {word}")
     return found
