@@ -20,6 +20,7 @@ from .engine.adaptive import Adaptive
 from .engine.algorithms import ALGORITHMS
 from .engine.part import quiet
 from .engine.rows import Stream
+from .engine.stepping import Settings
 from .errors import SetupError
 from .formats.container import write_container
 from .formats.osp import FILE, read_osp, write_osp
@@ -34,7 +35,7 @@ from .judge.crosscheck.report import writer
 from .judge.diagnose import diagnose
 from .judge.isolated import run_isolated
 from .judge.oracle import METHODS, oracle, true_errors
-from .master import Settings
+from .master import problems
 from .progress import bar
 from .result import Interrupted, Result, SimulationError
 from .result import partial as partial_file
@@ -283,7 +284,8 @@ def show(options: argparse.Namespace) -> int:
 def examine(options: argparse.Namespace) -> int:
     """python -m cosim check; exit code 1 if something stands in the way."""
     with opened(options) as task:
-        errors, notes = describe.check(task.network, settings(task, options))
+        way = settings(task, options)
+        errors, notes = list(problems(task.network, way)), list(describe.notes(task.network, way))
         if task.package.step is not None:
             notes.append(f"communication step: {task.package.step!r} s, which the file gives")
     for note in notes:

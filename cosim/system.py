@@ -33,6 +33,8 @@ READ: dict[str, Callable[[str], Value]] = {
     "String": str,
     "Enumeration": str,
 }
+BASES = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
+ANGLE = (0, 0, 0, 0, 0, 0, 0, 1)
 XML, LONGEST = "modelDescription.xml", 128 * 2**20
 WANTED = "this master runs co-simulation by FMI 2.0 and 3.0"
 NUMERIC = {"Real": float, "Integer": int, "Enumeration": int, "Boolean": int}
@@ -571,7 +573,7 @@ def lacking(descriptions: Mapping[str, ModelDescription], ability: str) -> list[
 
 def exponents(unit: Any) -> tuple[int, ...]:
     """The powers of the base units."""
-    return tuple(getattr(unit, base) for base in ("kg", "m", "s", "A", "K", "mol", "cd", "rad"))
+    return tuple(getattr(unit, base) for base in BASES)
 
 
 def _start(port: Port, value: Value) -> tuple[Port, Value]:

@@ -95,15 +95,7 @@ def _fill(container: FMUContainer, network: Network, sequence: Sequence[str]) ->
         link.name = f"wired.{link.name}"
     for port, value in network.start:
         container.add_start_value(_file(port.part), port.variable.name, port.text(value))
-    _set_once(container)
-
-
-def _set_once(container: FMUContainer) -> None:
-    """Keep the library from setting start values of inputs once more, over what the host has set.
-
-    It does so for what it finds to be an input.
-    """
-    for ends in container.start_values:
+    for ends in container.start_values:  # of inputs, which it would set over what the host has set
         ends.port = copy(ends.port)
         ends.port.causality = "local"
 

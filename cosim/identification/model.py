@@ -15,13 +15,12 @@ from ..errors import SetupError
 from ..figures import spline
 from ..master import run
 from ..result import Result, SimulationError
-from ..system import Network, System, Value, connect, exponents, own_start
+from ..system import ANGLE, Network, System, Value, connect, exponents, own_start
 from .record import Column
 
 Vector = NDArray[np.float64]
 Derived = Callable[[Mapping[str, float], Result], float]
 Known = Mapping[str, tuple[float, float]]
-ANGLE = (0, 0, 0, 0, 0, 0, 0, 1)
 SENSOR: dict[str, tuple[float, str]] = {"gain": (1.0, "1"), "delay": (0.0, "s"), "zero": (0.0, "")}
 FORWARD, CENTRAL = 1e-5, 1e-4
 WIDTH, DEVIATIONS, ROOM = 0.3, 3.0, 0.02

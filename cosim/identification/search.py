@@ -40,7 +40,7 @@ def descend(
         moved[which] = x
         return moved
 
-    low, high = model.bounds
+    low, high = (bound[which] for bound in model.bounds)
 
     def residuals(x: Vector) -> Vector:
         return model.residuals(whole(x))
@@ -49,14 +49,9 @@ def descend(
         return model.jacobian(whole(x), which)
 
     found = least_squares(
-        residuals,
-        np.clip(p[which], low[which], high[which]),
-        jac=jacobian,
-        bounds=(low[which], high[which]),
-        x_scale="jac",
-        loss=loss,
-        ftol=tight, xtol=1e-3 * tight, gtol=None,
-        max_nfev=most,
+        residuals, np.clip(p[which], low, high),
+        jac=jacobian, bounds=(low, high), x_scale="jac", loss=loss,
+        ftol=tight, xtol=1e-3 * tight, gtol=None, max_nfev=most,
     )  # fmt: skip
     end = whole(np.asarray(found.x))
     return Minimum(end, float(np.sum(model.residuals(end) ** 2)))

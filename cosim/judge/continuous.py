@@ -52,15 +52,8 @@ class Model(Coupled):
     SIDE = "modelExchange"
     RATES, UPDATE = "GetDerivatives", "newDiscreteStates"
 
-    def __init__(
-        self,
-        name: str,
-        description: ModelDescription,
-        fmu: Library,
-        substeps: int = 1,
-        within: Sequence[Any] = (),
-    ) -> None:
-        super().__init__(name, description, fmu, substeps)
+    def __init__(self, name: str, description: ModelDescription, *more: Any) -> None:
+        super().__init__(name, description, *more)
         self.rates: list[ScalarVariable] = [u.variable for u in description.derivatives]
         self.states: list[ScalarVariable] = [rate.derivative for rate in self.rates]
         numbers = (len(self.states), len(self.states), description.numberOfEventIndicators)
@@ -260,7 +253,12 @@ class Whole:
 
     def blocks(self) -> Blocks:
         """The derivatives of all parts as they stand."""
-        found = [part.jacobian() for part in self.parts]
+        from scipy.linalg import block_diag
+
+        pieces = []
+        for part in self.parts:
+            n, (by_states, by_inputs) = len(part.rates), part.jacobian()
+            pieces.append((by_states[:n], by_inputs[:n], by_states[n:], by_inputs[n:]))
         F = np.zeros((len(self.inputs), len(self.outputs)))
         row, column = (
             {port.name: k for k, port in enumerate(p)} for p in (self.inputs, self.outputs)
@@ -268,21 +266,7 @@ class Whole:
         for source, target, factor, _ in self.network.wires:
             if target.name in row:
                 F[row[target.name], column[source.name]] = factor
-
-        def diagonal(k: int, *, rates: bool) -> Array:
-            cut = [
-                jacobian[k][: len(p.rates)] if rates else jacobian[k][len(p.rates) :]
-                for p, jacobian in zip(self.parts, found)
-            ]
-            whole = np.zeros(np.sum([piece.shape for piece in cut], axis=0))
-            i = j = 0
-            for piece in cut:
-                whole[i : i + piece.shape[0], j : j + piece.shape[1]] = piece
-                i, j = i + piece.shape[0], j + piece.shape[1]
-            return whole
-
-        A, B = (diagonal(k, rates=True) for k in (0, 1))
-        C, D = (diagonal(k, rates=False) for k in (0, 1))
+        A, B, C, D = (block_diag(*each) for each in zip(*pieces))
         return Blocks(A, B, C, D, F)
 
     def closure(self, blocks: Blocks) -> Array:

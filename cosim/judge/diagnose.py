@@ -22,9 +22,9 @@ from ..engine.exchange import Coupled
 from ..engine.feed import Feed
 from ..engine.initial import initialise
 from ..engine.rows import Recorder
-from ..engine.stepping import Plan, Row, Run
+from ..engine.stepping import Row, Run, Settings
 from ..errors import PartFailure, SetupError
-from ..master import Settings, problems, stepping_order
+from ..master import problems, stepping_order
 from ..system import Network, System, connect
 from .linearize import linearize
 from .modes import SIGNIFICANT, Array, Fit, Mode, fit
@@ -199,11 +199,10 @@ class Bench:
         recorder = Recorder([port.name for port in ports], {}, None, {})
 
         def go(first: int, last: int) -> int:
-            plan = Plan(self.start + first * h, self.start + last * h, h, None)
-            row = Row(parts, ports)
-            made = changes(self.network, named, plan.start, plan.stop)
-            run = Run(parts, self.algorithm, self.input_order, plan, row, recorder, made)
-            for _ in run.steps():
+            start, stop = self.start + first * h, self.start + last * h
+            plan = Settings(stop, h, start, self.algorithm, input_order=self.input_order)
+            made = changes(self.network, named, start, stop)
+            for _ in Run(parts, plan, Row(parts, ports), recorder, made).steps():
                 pass
             return recorder.count
 

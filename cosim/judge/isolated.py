@@ -68,7 +68,11 @@ def run_isolated(
                 if (logger := logging.getLogger(content.name)).isEnabledFor(content.levelno):
                     logger.handle(content)
             elif kind == "end":
-                return _end(csv, *content)
+                error, text, columns, units, facts, path = content
+                result = Result(columns, units, facts, lambda path=path: read_rows(path))
+                if error is not None:
+                    raise error(text, result)
+                return result
             elif kind == "error":
                 raise content
             elif kind == "silent":
@@ -142,7 +146,8 @@ def _work(pipe: Connection, system: System, csv: Path, settings: dict[str, Any])
         else:
             pipe.send(("progress", 1.0))
         facts = (result.columns, result.units, result.provenance)
-        pipe.send(("end", (ended and type(ended), str(ended), *facts)))
+        path = partial(csv) if ended else csv
+        pipe.send(("end", (ended and type(ended), str(ended), *facts, path)))
 
 
 def _die_with_parent(folder: str) -> None:
@@ -164,18 +169,6 @@ class _Forward(logging.Handler):
     def emit(self, record: logging.LogRecord) -> None:
         record.msg, record.args, record.exc_info = record.getMessage(), None, None
         self._pipe.send(("log", record))
-
-
-def _end(
-    csv: Path, error: type[SimulationError | Interrupted] | None, text: str, *facts: Any
-) -> Result:
-    """The result of a run whose child came to its end; raises the error of one that failed."""
-    path = csv if error is None else partial(csv)
-    columns, units, provenance = facts
-    result = Result(columns, units, provenance, lambda: read_rows(path))
-    if error is not None:
-        raise error(text, result)
-    return result
 
 
 @contextmanager
