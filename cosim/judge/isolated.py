@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import logging
 import math
@@ -69,7 +70,7 @@ def run_isolated(
                     logger.handle(content)
             elif kind == "end":
                 error, text, columns, units, facts, path = content
-                result = Result(columns, units, facts, lambda path=path: read_rows(path))
+                result = Result(columns, units, facts, functools.partial(read_rows, path))
                 if error is not None:
                     raise error(text, result)
                 return result
