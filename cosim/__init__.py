@@ -7,15 +7,7 @@ from .engine.adaptive import Adaptive
 from .engine.algorithms import ALGORITHMS, ORDERS
 from .engine.part import quiet
 from .errors import SetupError
-from .figures import (
-    crossing,
-    largest,
-    mean,
-    rms,
-    smallest,
-    time_of_largest,
-    time_of_smallest,
-)
+from .figures import crossing, largest, mean, rms, smallest, time_of_largest, time_of_smallest
 from .formats.container import write_container
 from .formats.osp import read_osp, write_osp
 from .formats.ssp import Package, read_ssp, write_ssp

@@ -215,16 +215,10 @@ def shared(one: Parser, *options: str) -> None:
     told: dict[str, dict[str, Any]] = {
         "--start": {"type": float, "help": "start time [s]; the file's by default"},
         "--stop": {"type": float, "help": "stop time [s]; the file's by default"},
-        "--step": {
-            "type": float,
-            "help": "communication step [s]; the file's, or the FMUs', by default",
-        },
+        "--step": {"type": float, "help": "communication step [s]; the file's, or the FMUs', by default"},
         "--algorithm": {"choices": ALGORITHMS, "default": "strang", "help": "coupling algorithm"},
-        "--record": {
-            "type": names,
-            "help": "columns by dotted names, a,b,c; all outputs by default",
-        },
-    }
+        "--record": {"type": names, "help": "columns by dotted names, a,b,c; all outputs by default"},
+    }  # fmt: skip
     for option in options:
         one.add_argument(option, **told[option])
 
@@ -446,13 +440,9 @@ def measure(options: argparse.Namespace) -> int:
     """python -m cosim diagnose."""
     with opened(options) as task:
         found = diagnose(
-            task.system,
-            step=task.step(options.step),
-            algorithm=options.algorithm,
-            share=options.share,
-            start=task.start,
-            settle=options.settle,
-        )
+            task.system, step=task.step(options.step), algorithm=options.algorithm,
+            share=options.share, start=task.start, settle=options.settle,
+        )  # fmt: skip
     print(found.text())
     return 0
 
@@ -467,14 +457,9 @@ def judge(options: argparse.Namespace) -> int:
         way = settings(task, options)
         with quiet():
             found = true_errors(
-                task.system,
-                start=way.start,
-                stop=way.stop,
-                step=task.step(options.step),
-                record=options.record,
-                method=options.method,
-                algorithm=options.algorithm,
-            )
+                task.system, start=way.start, stop=way.stop, step=task.step(options.step),
+                record=options.record, method=options.method, algorithm=options.algorithm,
+            )  # fmt: skip
     if options.out is not None:
         found.result.write(options.out)
     print("the oracle's figure, the certified one, its true error")
@@ -492,13 +477,9 @@ def truth(task: Task, options: argparse.Namespace, lone: Sequence[str]) -> int:
     start, stop = times(task, options)
     with quiet():
         result = oracle(
-            task.system,
-            start=start,
-            stop=stop,
-            output_step=options.step,
-            record=options.record,
+            task.system, start=start, stop=stop, output_step=options.step, record=options.record,
             method=options.method,
-        )
+        )  # fmt: skip
     if options.out is not None:
         result.write(options.out)
     print(
@@ -552,14 +533,10 @@ def beside(options: argparse.Namespace) -> int:
     """python -m cosim compare; exit code 1 if a column leaves its band."""
     require_image(options.plot)
     found = compare(
-        options.result,
-        options.reference,
-        columns=dict(map(assignment, options.map)) or None,
-        value=options.value,
-        time=options.time,
-        errors=dict(map(assignment, options.error)),
+        options.result, options.reference, columns=dict(map(assignment, options.map)) or None,
+        value=options.value, time=options.time, errors=dict(map(assignment, options.error)),
         gap=options.gap,
-    )
+    )  # fmt: skip
     print(found.text())
     if options.plot is not None:
         found.plot(options.plot)

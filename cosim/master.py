@@ -28,15 +28,7 @@ from .errors import PartFailure, SetupError
 from .loops import algebraic_loops, describe
 from .result import Interrupted, Result, SimulationError
 from .signals import interrupts
-from .system import (
-    STATE,
-    VARIABLE_STEP,
-    Network,
-    System,
-    connect,
-    lacking,
-    require_steps,
-)
+from .system import STATE, VARIABLE_STEP, Network, System, connect, lacking, require_steps
 
 MOST_SUBSTEPS = 1 << 20
 HIGHEST = 8
@@ -98,22 +90,14 @@ def run(
         except PartFailure as error:
             raise SetupError(str(error)) from error
         provenance: dict[str, Any] = {
-            "algorithm": algorithm,
-            "communication": settings.text(),
-            "order": sequence,
-            "input_order": input_order,
-            "substeps": rates,
-            "start": start,
-            "stop": stop,
-            "tolerance": tolerance,
-            "wires": [str(wire) for wire in system.wires],
+            "algorithm": algorithm, "communication": settings.text(), "order": sequence,
+            "input_order": input_order, "substeps": rates, "start": start, "stop": stop,
+            "tolerance": tolerance, "wires": [str(wire) for wire in system.wires],
             "inputs": {port.name: profile.told() for port, profile in network.inputs},
-            "changes": list(system.changes),
-            "start_values": dict(system.start),
-            "open_inputs": {port.name: value for port, value in network.open},
-            "parts": identities,
+            "changes": list(system.changes), "start_values": dict(system.start),
+            "open_inputs": {port.name: value for port, value in network.open}, "parts": identities,
             "versions": versions(),
-        }
+        }  # fmt: skip
         row = Row([parts[name] for name in parts], ports)
         units = {port.name: port.unit for port in ports}
         path = None if csv is None else Path(csv).absolute()

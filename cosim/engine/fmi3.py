@@ -52,11 +52,7 @@ class Block3(Block):
     """
 
     def __init__(
-        self,
-        part: Coupled3,
-        action: str,
-        variables: Sequence[Element],
-        orders: Sequence[int] = (),
+        self, part: Coupled3, action: str, variables: Sequence[Element], orders: Sequence[int] = ()
     ) -> None:
         families = {id(v.family): v.family for v in variables}.values()
         self.part: Coupled3 = part

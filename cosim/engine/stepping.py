@@ -312,11 +312,7 @@ class Run:
     def statistics(self) -> dict[str, Any]:
         """What the run took."""
         return {
-            "control": self.control,
-            "convergence_order": self._order,
-            "steps": self.accepted,
-            "rejected": len(self.rejected),
-            "discarded": self.discarded,
-            "do_steps": {part.name: part.do_steps for part in self.parts},
-            "loop": self.loop,
-        }
+            "control": self.control, "convergence_order": self._order, "steps": self.accepted,
+            "rejected": len(self.rejected), "discarded": self.discarded,
+            "do_steps": {part.name: part.do_steps for part in self.parts}, "loop": self.loop,
+        }  # fmt: skip

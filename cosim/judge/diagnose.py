@@ -268,19 +268,12 @@ def _diagnose(bench: Bench, step: float, share: float) -> Diagnosis:
             law = Law(modes, fits, own)
     seen = modes[step].damping
     return Diagnosis(
-        algorithm=bench.algorithm,
-        step=step,
-        share=share,
-        frequency=law.frequency,
-        damping=law.damping,
-        error=law.error,
-        damping_seen=seen,
-        delay=-2 * (seen - law.damping) / law.frequency,
-        recommended_step=recommended,
-        drift=_drift(fits, step, span),
-        residual=max(found.residual for found in fits.values()),
+        algorithm=bench.algorithm, step=step, share=share, frequency=law.frequency,
+        damping=law.damping, error=law.error, damping_seen=seen,
+        delay=-2 * (seen - law.damping) / law.frequency, recommended_step=recommended,
+        drift=_drift(fits, step, span), residual=max(found.residual for found in fits.values()),
         linear=own is not None,
-    )
+    )  # fmt: skip
 
 
 def _own(bench: Bench, law: Law, span: float) -> Own | None:

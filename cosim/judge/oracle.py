@@ -91,16 +91,10 @@ def oracle(
             raise SetupError(f"{port.name}: its table {lack}")
     began = clock.perf_counter()
     provenance: dict[str, Any] = {
-        "algorithm": "oracle",
-        "communication": f"{method}, tolerance {tolerance:g}",
-        "start": start,
-        "stop": stop,
-        "wires": [str(wire) for wire in system.wires],
-        "start_values": dict(system.start),
-        "versions": versions(),
-        "bonds": {},
-        "warnings": [],
-    }
+        "algorithm": "oracle", "communication": f"{method}, tolerance {tolerance:g}",
+        "start": start, "stop": stop, "wires": [str(wire) for wire in system.wires],
+        "start_values": dict(system.start), "versions": versions(), "bonds": {}, "warnings": [],
+    }  # fmt: skip
 
     def once(allowed: float) -> Result:
         with opened(network, start, stop) as whole:

@@ -52,7 +52,9 @@ def test_run_writes_what_the_api_computes(
     drive: Path, fmus: Path, tmp_path: Path, said: Said
 ) -> None:
     out = tmp_path / "out.csv"
-    options = ["--stop", "0.5", "--step", "0.001", "--algorithm", "gauss-seidel", "--set", "motor.T=0.05"]
+    options = [
+        "--stop", "0.5", "--step", "0.001", "--algorithm", "gauss-seidel", "--set", "motor.T=0.05",
+    ]  # fmt: skip
     text = said("run", drive, "--out", out, "--plot", tmp_path / "out.png", *options)
     assert "gauss-seidel, steps of 0.001 s: 500 steps" in text
     assert "motor.tau * conveyor.w" in text

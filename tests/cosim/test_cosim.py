@@ -248,16 +248,10 @@ def test_wires_scale_and_shift(fmus: Path) -> None:
     ("wire", "text"),
     [
         (Wire("motor.tau", "conveyor.tau"), "motor.tau -> conveyor.tau"),
-        (
-            Wire(("motor", "tau"), ("conveyor", "tau"), 0.5, -1.5),
-            "motor.tau * 0.5 - 1.5 -> conveyor.tau",
-        ),
-        (
-            Wire("motor.tau", "conveyor.tau", offset=2.0, converts=False),
-            "motor.tau + 2.0 => conveyor.tau",
-        ),
+        (Wire(("motor", "tau"), ("conveyor", "tau"), 0.5, -1.5), "motor.tau * 0.5 - 1.5 -> conveyor.tau"),
+        (Wire("motor.tau", "conveyor.tau", offset=2.0, converts=False), "motor.tau + 2.0 => conveyor.tau"),
     ],
-)
+)  # fmt: skip
 def test_a_wire_is_a_value_or_a_text(fmus: Path, wire: Wire, text: str) -> None:
     assert str(wire) == text
     results = [

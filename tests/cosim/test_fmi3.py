@@ -117,12 +117,7 @@ def test_both_versions_and_their_mixtures_give_the_same_bits(
 
 
 @pytest.mark.parametrize(
-    "settings",
-    [
-        {"step": Adaptive(1e-3)},
-        {"step": 2e-3, "algorithm": "iterated"},
-    ],
-    ids=str,
+    "settings", [{"step": Adaptive(1e-3)}, {"step": 2e-3, "algorithm": "iterated"}], ids=str
 )
 def test_going_back_gives_the_same_bits(
     settings: dict[str, Any], drives: dict[str, dict[str, Path]]

@@ -51,9 +51,7 @@ def test_two_masses_swing_as_the_cosine(native: Path, method: str) -> None:
     assert off <= (1e-12 if tight else 1e-7)
 
 
-def test_a_motor_behind_gears_and_a_shaft_is_integrated_as_from_its_equations(
-    native: Path,
-) -> None:
+def test_a_motor_behind_gears_and_a_shaft_is_integrated_as_from_its_equations(native: Path) -> None:
     """With losses in the teeth, a factor on both wires of a shaft end, and a sign."""
     parts = {"motor": "DriveMotor", "gear": "Gearbox", "shaft": "ShaftLink", "load": "Gearbox"}
     wires = [
@@ -250,9 +248,7 @@ def test_what_has_no_oracle_is_refused(native: Path, fmus: Path) -> None:
 
 
 def test_the_shell_states_true_errors(
-    native: Path,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
+    native: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     file, out = str(native / "IronDrive.fmu"), tmp_path / "exact.csv"
     options = ["--stop", "0.1", "--step", "0.01", "--record", "IronDrive.w", "--out", str(out)]

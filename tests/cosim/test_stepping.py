@@ -302,14 +302,9 @@ def test_a_day_needs_no_more_memory_than_its_first_hours(fmus: Path, tmp_path: P
         used.append(int(Path("/proc/self/statm").read_text().split()[1]))
 
     result = run(
-        pair(fmus / "native", START | REST),
-        stop=86400.0,
-        step=0.02,
-        algorithm="gauss-seidel",
-        output_step=60.0,
-        csv=tmp_path / "day.csv",
-        progress=look,
-    )
+        pair(fmus / "native", START | REST), stop=86400.0, step=0.02, algorithm="gauss-seidel",
+        output_step=60.0, csv=tmp_path / "day.csv", progress=look,
+    )  # fmt: skip
     assert result.provenance["steps"] == 4_320_000
     assert_array_equal(result["time"], np.arange(1441) * 60.0)
     early, late = used[len(used) // 10], used[-1]

@@ -25,15 +25,7 @@ from ...engine.initial import KINDS
 from ...engine.library import borrow
 from ...engine.part import DISCARD, LAST_SUCCESSFUL_TIME, STATUS, TERMINATED, WARNING
 from ...errors import Discarded, Ended, PartFailure
-from ...system import (
-    Port,
-    Value,
-    describe_fmu,
-    enumeration,
-    moves,
-    own_start,
-    require_steps,
-)
+from ...system import Port, Value, describe_fmu, enumeration, moves, own_start, require_steps
 
 STEPS, LONG = 60, 10_000
 SHAKE, NUDGE = 0.05, 0.01

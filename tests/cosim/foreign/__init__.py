@@ -58,6 +58,14 @@ class Variable(NamedTuple):
         return self.type.replace("Enumeration", "Integer")
 
 
+SWITCHES = (
+    "fresh", "counts", "stubborn", "needs_input", "talks", "crash_at_end", "hang_at_end", "forgets",
+    "overrules", "commits", "punctual", "chats",
+)  # fmt: skip
+LIMITS = (
+    "longest_step", "warn_at", "error_at", "fatal_at", "nan_at", "nan_above", "crash_at", "hang_at",
+    "meddle_at", "round_at", "exit_at", "end_at", "pause_at",
+)  # fmt: skip
 VARIABLES = [
     Variable("u", "Real", "input", 0.0),
     Variable("integer_in", "Integer", "input", 0),
@@ -86,40 +94,8 @@ VARIABLES = [
     Variable("d", "Real", "parameter", 0.5),
     Variable("x0", "Real", "parameter", 1.0),
     Variable("diary", "String", "parameter", ""),
-    *(
-        Variable(name, "Boolean", "parameter", False)
-        for name in (
-            "fresh",
-            "counts",
-            "stubborn",
-            "needs_input",
-            "talks",
-            "crash_at_end",
-            "hang_at_end",
-        )
-    ),
-    *(
-        Variable(name, "Boolean", "parameter", False)
-        for name in ("forgets", "overrules", "commits", "punctual", "chats")
-    ),
-    *(
-        Variable(name, "Real", "parameter", NEVER)
-        for name in [
-            "longest_step",
-            "warn_at",
-            "error_at",
-            "fatal_at",
-            "nan_at",
-            "nan_above",
-            "crash_at",
-            "hang_at",
-            "meddle_at",
-            "round_at",
-            "exit_at",
-            "end_at",
-            "pause_at",
-        ]
-    ),
+    *(Variable(name, "Boolean", "parameter", False) for name in SWITCHES),
+    *(Variable(name, "Real", "parameter", NEVER) for name in LIMITS),
     Variable("canHandleVariableCommunicationStepSize", "Boolean", "capability", True),
     Variable("canInterpolateInputs", "Boolean", "capability", True),
     Variable("maxOutputDerivativeOrder", "Integer", "capability", 2),
@@ -141,18 +117,12 @@ def library() -> bytes:
     with TemporaryDirectory(prefix="foreign_") as folder:
         binary = Path(folder, f"foreign{fmpy.sharedLibraryExtension}")
         command = [sys.executable, "-m", "ziglang", "cc", "-shared", "-fPIC", "-O2", "-std=c11"]
-        command += [
-            "-pthread",
-            "-Wall",
-            "-Wextra",
-            "-Werror",
-            f"-I{Path(fmpy.__file__).with_name('c-code')}",
-        ]
+        headers = Path(fmpy.__file__).with_name("c-code")
+        command += ["-pthread", "-Wall", "-Wextra", "-Werror", f"-I{headers}"]
         for cell, variables in CELLS.items():
             command.append(f"-D{cell}_NAMES={','.join(v.name for v in variables)}")
-            command.append(
-                f"-D{cell}_CAUSALITIES={','.join(v.causality.upper() for v in variables)}"
-            )
+            ways = ",".join(v.causality.upper() for v in variables)
+            command.append(f"-D{cell}_CAUSALITIES={ways}")
         command += [str(Path(__file__).with_name("foreign.c")), "-o", str(binary)]
         subprocess.run(command, check=True)
         return binary.read_bytes()
