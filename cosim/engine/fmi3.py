@@ -168,7 +168,10 @@ class Coupled3(Coupled):
         self._kept: dict[int, Any] = {}
         self._answer = Answer()
         self._raised: Exception | None = None
-        self._finish, self.taking = FINISH(self._finished), FINISH(self._took)
+        self._finish = FINISH(  # for loop.c: the events of a step, or all of one that must stop
+            lambda t, h, stepped: self._status(lambda: self.advance(t, h, stepped=bool(stepped)))
+        )
+        self.taking = FINISH(lambda t, _, __: self._status(lambda: self.enter(t)))  # changed inputs
         super().__init__(name, description, fmu, substeps)
         if self.within:
             self._glass = Block3(self, "Get", self.within)
@@ -459,14 +462,6 @@ class Coupled3(Coupled):
         if self.watched:
             self._glass.move()
             self.seen.append((t, [self._glass.cells[k] for k in self._looked]))
-
-    def _finished(self, t: float, h: float, stepped: int) -> int:
-        """For loop.c: the events of a step, or all of one that must stop on its way."""
-        return self._status(partial(self.advance, t, h, stepped=bool(stepped)))
-
-    def _took(self, t: float, h: float, stepped: int) -> int:
-        """For loop.c: inputs that have changed."""
-        return self._status(partial(self.enter, t))
 
     def _status(self, act: Callable[[], None]) -> int:
         try:

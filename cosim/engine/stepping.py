@@ -14,8 +14,7 @@ from fmpy.model_description import ScalarVariable
 
 from ..errors import Discarded, Met, PartFailure, SetupError
 from ..system import NUMERIC, STATE, VARIABLE_STEP, Network, Port, lacking
-from . import adaptive
-from .adaptive import Adaptive
+from .adaptive import Adaptive, Controller, by_energy, doubling
 from .algorithms import EXPLICIT, Advance, explicit, iterated, order, program
 from .changes import Change, changing
 from .clock import same
@@ -139,7 +138,7 @@ class Run:
         algorithm = plan.algorithm
         self.t = plan.start
         self.accepted = self.discarded = 0
-        self.rejected: list[float] = []
+        self.controller: Controller | None = None
         steps = program(EXPLICIT[algorithm](parts)) if algorithm in EXPLICIT else None
         self._advance: Advance = iterated(parts) if steps is None else explicit(steps)
         self._advance = changing(self._advance, changes)
@@ -201,12 +200,9 @@ class Run:
         start, stop = self.plan.start, self.plan.stop
         jumps = (f.profile.jumps(start, stop) for part in self.parts for f in part.feeds)
         times = [start, *sorted({*self._events, *chain.from_iterable(jumps)}), stop]
-        common = (self.parts, self._advance, settings, self._order, times)
-        if self.control == "doubling":
-            ends = adaptive.doubling(*common, self.rejected)
-        else:
-            ends = adaptive.by_energy(*common)
-        for t in ends:
+        self.controller = Controller(self._order, settings, times)
+        method = doubling if self.control == "doubling" else by_energy
+        for t in method(self.parts, self._advance, self.controller):
             row = self.row(t)
             self.accepted, self.t = self.accepted + 1, t
             add(row)
@@ -313,6 +309,6 @@ class Run:
         """What the run took."""
         return {
             "control": self.control, "convergence_order": self._order, "steps": self.accepted,
-            "rejected": len(self.rejected), "discarded": self.discarded,
+            "rejected": self.controller.rejected if self.controller else 0, "discarded": self.discarded,
             "do_steps": {part.name: part.do_steps for part in self.parts}, "loop": self.loop,
         }  # fmt: skip

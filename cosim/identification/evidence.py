@@ -174,12 +174,39 @@ def profile(
 
     An end that is not found stays where it was tried last.
     """
-    reach = local.reach(g)
+    reach, (low, high) = local.reach(g), model.bounds
     start, ends = tell(local.p, local.derived), []
+
+    def held(target: float) -> float:
+        """The least chi2 with the quantity held at its target; inf where the FMUs refuse."""
+        p, residuals, J, C = local.p, local.residuals, local.J, local.covariance
+        value, best = start, math.inf
+        for turn in range(PASSES):
+            direction = C @ g
+            move = direction * (target - value) / (g @ direction)
+            if turn:
+                free = -C @ (J.T @ residuals)
+                move += free - direction * (g @ free) / (g @ direction)
+            p = np.clip(p + move, low, high)
+            try:
+                residuals, derived = look(p)
+            except (SimulationError, SetupError):
+                return math.inf
+            value, chi2 = tell(p, derived), float(np.sum(residuals**2))
+            if not math.isfinite(value):
+                return math.inf
+            if abs(chi2 - best) < NEAR:
+                break
+            best = min(best, chi2)
+            if turn == 1:
+                J = model.jacobian(p)
+                C = covariance(J)
+        return min(best, chi2)
+
     for sign in (-1.0, 1.0):
         away = reach
         for _ in range(TARGETS):
-            rise = _held(model, local, look, g, tell, start + sign * away) - local.chi2
+            rise = held(start + sign * away) - local.chi2
             if not 0.0 < rise < 1e3:
                 break
             ratio = math.sqrt(RISE / rise)
@@ -190,55 +217,14 @@ def profile(
     return ends[0], ends[1]
 
 
-def _held(
-    model: Model,
-    local: Local,
-    look: Look,
-    g: Vector,
-    tell: Callable[[Vector, Vector], float],
-    target: float,
-) -> float:
-    """The least chi2 with a quantity held at its target; inf where the FMUs refuse."""
-    low, high = model.bounds
-    p, residuals, J, C = local.p, local.residuals, local.J, local.covariance
-    value, best = tell(local.p, local.derived), math.inf
-    for turn in range(PASSES):
-        direction = C @ g
-        move = direction * (target - value) / (g @ direction)
-        if turn:
-            free = -C @ (J.T @ residuals)
-            move += free - direction * (g @ free) / (g @ direction)
-        p = np.clip(p + move, low, high)
-        try:
-            residuals, derived = look(p)
-        except (SimulationError, SetupError):
-            return math.inf
-        value, chi2 = tell(p, derived), float(np.sum(residuals**2))
-        if not math.isfinite(value):
-            return math.inf
-        if abs(chi2 - best) < NEAR:
-            break
-        best = min(best, chi2)
-        if turn == 1:
-            J = model.jacobian(p)
-            C = covariance(J)
-    return min(best, chi2)
-
-
 def residuals(model: Model, shown: Sequence[Vector]) -> dict[str, Residual]:
     """The columns beside what the model shows of them."""
-    return {
-        column.name: Residual(
-            column.port.unit,
-            column.times,
-            column.values,
-            x,
-            column.noise.sigma,
-            column.noise.told,
-            *spectrum(column.times, (x - column.values) / column.noise.sigma),
-        )
-        for column, x in zip(model.columns, shown)
-    }
+    found = {}
+    for column, x in zip(model.columns, shown):
+        port, times, values, noise = column
+        power = spectrum(times, (x - values) / noise.sigma)
+        found[column.name] = Residual(port.unit, times, values, x, noise.sigma, noise.told, *power)
+    return found
 
 
 def spectrum(times: Vector, residual: Vector) -> tuple[Vector, Vector]:

@@ -21,6 +21,7 @@ from .record import Column
 Vector = NDArray[np.float64]
 Derived = Callable[[Mapping[str, float], Result], float]
 Known = Mapping[str, tuple[float, float]]
+Sought = Sequence[str] | Mapping[str, tuple[float, float]]
 SENSOR: dict[str, tuple[float, str]] = {"gain": (1.0, "1"), "delay": (0.0, "s"), "zero": (0.0, "")}
 FORWARD, CENTRAL = 1e-5, 1e-4
 WIDTH, DEVIATIONS, ROOM = 0.3, 3.0, 0.02
@@ -167,11 +168,8 @@ class Model:
         kept = self._last
         columns = []
         for k in range(len(p)) if which is None else which:
-            moved = p.copy()
-            room = self.free[k].high - p[k]
-            moved[k] += (
-                FORWARD * self.free[k].size * (1.0 if room > FORWARD * self.free[k].size else -1.0)
-            )
+            moved, step = p.copy(), FORWARD * self.free[k].size
+            moved[k] += step * (1.0 if self.free[k].high - p[k] > step else -1.0)
             columns.append((self.residuals(moved) - base) / (moved[k] - p[k]))
         self._last = kept
         return np.stack(columns, axis=1)
@@ -182,12 +180,7 @@ def sensor(name: str) -> bool:
     return name.partition("(")[0] in SENSOR and name.endswith(")")
 
 
-def frees(
-    network: Network,
-    columns: Sequence[Column],
-    names: Sequence[str] | Mapping[str, tuple[float, float]],
-    known: Prior,
-) -> list[Free]:
+def frees(network: Network, columns: Sequence[Column], names: Sought, known: Prior) -> list[Free]:
     """The free values of these names, in which what is known is free too.
 
     Raises SetupError for what cannot be free: no number, nothing that can be set, no room to move.
@@ -196,18 +189,12 @@ def frees(
     if not wanted:
         raise SetupError("no value is free")
     measured = {column.name: column for column in columns}
-    given: dict[str, Value] = {port.name: value for port, value in network.start}
     told = dict(zip(known.names, zip(known.mean.tolist(), known.deviations.tolist())))
-    return [_free(name, network, measured, given, names, told) for name in wanted]
+    return [_free(name, network, measured, names, told) for name in wanted]
 
 
 def _free(
-    name: str,
-    network: Network,
-    measured: Mapping[str, Column],
-    given: Mapping[str, Value],
-    names: Sequence[str] | Mapping[str, tuple[float, float]],
-    known: Known,
+    name: str, network: Network, measured: Mapping[str, Column], names: Sought, known: Known
 ) -> Free:
     low, high, guess, unit, size, turn = -math.inf, math.inf, 0.0, "", 0.0, False
     if sensor(name):
@@ -230,11 +217,10 @@ def _free(
             raise SetupError(
                 f"{port} cannot be free: it must be a Real start value that can be set"
             )
+        given: dict[str, Value] = {p.name: value for p, value in network.start}
         own = given.get(name, own_start(variable))
-        low, high = (
-            float(variable.min) if variable.min is not None else low,
-            float(variable.max) if variable.max is not None else high,
-        )
+        low = low if variable.min is None else float(variable.min)
+        high = high if variable.max is None else float(variable.max)
         guess, unit = float(own or 0.0), port.unit
         if name in measured and name not in network.system.start:
             guess = float(np.median(measured[name].values[:5]))
@@ -242,9 +228,8 @@ def _free(
         base = network.base_unit(port)
         turn = base is not None and exponents(base) == ANGLE and base.factor == 1.0
     size = abs(guess) or size or 1.0
-    drawn = (
-        (guess - math.pi, guess + math.pi) if turn else (guess - WIDTH * size, guess + WIDTH * size)
-    )
+    aside = math.pi if turn else WIDTH * size
+    drawn = guess - aside, guess + aside
     if name in measured:
         off = DEVIATIONS * measured[name].noise.sigma
         drawn = (guess - off, guess + off)

@@ -240,10 +240,8 @@ def _diagnose(bench: Bench, step: float, share: float) -> Diagnosis:
     found, span = _watch(bench, step / 4)
     first = _chosen(found, span)
     if first is None:
-        nan = math.nan
-        return Diagnosis(
-            bench.algorithm, step, share, nan, nan, nan, nan, nan, None, 0.0, found.residual
-        )
+        how, nan = (bench.algorithm, step, share), math.nan
+        return Diagnosis(*how, nan, nan, nan, nan, nan, None, 0.0, found.residual)
     fits, modes = {step / 4: found}, {step / 4: first}
 
     def follow(h: float) -> None:
@@ -327,17 +325,14 @@ class Law:
     ) -> None:
         self.modes = modes
         self.doubt = dict.fromkeys(modes, 0.0)
+        steps = sorted(modes)[:3] if own is None else [0.0, *sorted(modes)[:2]]
+        powers = np.vander(steps)
+        ratios = [own.damping if own and not h else modes[h].damping for h in steps]
+        self.curve = np.linalg.solve(powers, ratios)
         if own is not None:
-            steps = [0.0, *sorted(modes)[:2]]
-            ratios = [own.damping, *(modes[h].damping for h in steps[1:])]
-            self.curve = np.linalg.solve(np.vander(steps), ratios)
             self.frequency, self.damping, self.error = own
             self.doubt = {h: self._unknown(fits[h], h) for h in modes}
             return
-        steps = sorted(modes)[:3]
-        powers = np.vander(steps)
-        ratios = [modes[h].damping for h in steps]
-        self.curve = np.linalg.solve(powers, ratios)
         self.damping = float(self.curve[-1])
         self.frequency = float(np.linalg.solve(powers, [modes[h].frequency for h in steps])[-1])
         line = ratios[0] - steps[0] * (ratios[1] - ratios[0]) / (steps[1] - steps[0])

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import time as clock
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,7 +17,7 @@ from ..engine.stepping import Row, Settings
 from ..errors import PartFailure, SetupError
 from ..master import versions
 from ..result import Result, SimulationError
-from ..system import Port, System, connect, require_steps
+from ..system import System, connect, require_steps
 from .certify import Estimate, certify, summary
 from .continuous import Array, Whole, opened
 
@@ -102,7 +102,8 @@ def oracle(
             events: list[float] = []
             told = {"status": "complete", "reason": "", "reached": stop, "events": events}
             try:
-                rows.extend(_rows(whole, ports, plan, method, allowed, events))
+                pieces = travel(whole, stop, method, allowed)
+                rows.extend(_rows(whole, Row(whole.parts, ports), plan, pieces, events))
             except PartFailure as failure:
                 told |= {"status": "failed", "reason": str(failure), "reached": whole.t}
             told["warnings"] = [
@@ -210,16 +211,10 @@ def _crossing(
 
 
 def _rows(
-    whole: Whole,
-    ports: Sequence[Port],
-    plan: Settings,
-    method: str,
-    tolerance: float,
-    events: list[float],
+    whole: Whole, row: Row, plan: Settings, pieces: Iterable[Piece], events: list[float]
 ) -> Iterator[list[float]]:
     """The rows of a plan, and those at which a discrete column changes."""
     assert isinstance(plan.step, float)
-    row = Row(whole.parts, ports)
 
     def look(t: float) -> list[float]:
         for part in whole.parts:
@@ -231,7 +226,7 @@ def _rows(
     yield before
     times = iter([*(plan.start + k * plan.step for k in range(1, plan.number())), plan.stop])
     due = next(times)
-    for _, end, curve in travel(whole, plan.stop, method, tolerance):
+    for _, end, curve in pieces:
         while curve is not None and due <= end:
             whole.at(due, curve(due))
             before = look(due)

@@ -77,25 +77,17 @@ TEXTS: dict[str, tuple[str | bytes | Files, str]] = {
     "a long way back": (row(5000, -1), "values pass more than 200 connectors"),
     "files in files": (chained(1000), "systems are nested more than 50 deep"),
     "a thousand million parts": (doubled(9, 10), "the system has too many elements"),
-    "a long name": (
-        ssd(f'<ssd:Component name="{"a" * 11_000_000}" source="a"/>'),
-        "Buffer size limit exceeded",
-    ),
-    "a long file name": (
-        component(f'source="{"a" * 5000}"'),
-        "is no name of a file: File name too",
-    ),
+    "a long name": (component("").replace("part", "a" * 11_000_000), "Buffer size limit exceeded"),
+    "a long file name": (component(f'source="{"a" * 5000}"'), "is no name of a file: File name too"),
     "no file name": (component('source="a%00b"'), "is no name of a file: embedded null byte"),
     "no address": (component('source="http://["'), "not a valid value"),
-    "foreign bytes": (
-        encoded(PLAIN.replace("all", "Räder"), "latin-1", "UTF-8"),
-        "Invalid bytes in character encoding",
-    ),
+    "foreign bytes": (encoded(PLAIN.replace("all", "ä"), "latin-1", "UTF-8"), "Invalid bytes in character"),
     "unknown encoding": (encoded(PLAIN, "utf-8", "klingon"), "nsupported encoding"),
     "cut short": (encoded(PLAIN, "utf-16", "UTF-16")[:-9], "line 7: "),
     "no XML": (b"\x00\xff" * 1000, "line 1: "),
     "nothing": ("", "line 1: "),
-}
+}  # fmt: skip
+BOMBS = ("billion laughs", "laughs in a name", "a thousand million parts", "files in files")
 
 
 Spoil = Callable[[zipfile.ZipFile], object]
@@ -155,7 +147,7 @@ def hostile(name: str, fmus: Path, folder: Path) -> tuple[Path, str]:
     return pack(folder / "test.ssp", files), message
 
 
-@pytest.mark.parametrize("name", TEXTS)
+@pytest.mark.parametrize("name", TEXTS.keys() - BOMBS)
 def test_hostile_structures_are_refused(
     name: str, fmus: Path, tmp_path: Path, refused: Refused
 ) -> None:
@@ -214,9 +206,6 @@ def test_other_encodings_are_read(
     said("info", path)
 
 
-BOMBS = ("billion laughs", "laughs in a name", "a thousand million parts", "files in files")
-
-
 def small() -> None:
     """At most 1.5 GiB and 20 s of a processor."""
     resource.setrlimit(resource.RLIMIT_AS, (3 * 2**29,) * 2)
@@ -231,3 +220,4 @@ def test_bombs_take_little(name: str, fmus: Path, tmp_path: Path) -> None:
         command, cwd=ROOT, capture_output=True, text=True, check=False, preexec_fn=small
     )
     assert (done.returncode, message in done.stderr) == (2, True), done.stderr[-500:]
+    assert done.stderr.count("\n") == 1 and len(done.stderr) < 500

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator
 from functools import cache
 from itertools import pairwise
 from pathlib import Path
@@ -18,7 +17,6 @@ from numpy.testing import assert_array_equal
 from scipy.integrate import solve_ivp
 
 from cosim import Adaptive, Result, SetupError, System, run
-from cosim.engine import stepping
 from cosim.engine.rows import CHUNK, Grid, Recorder
 from scenarios.conveyor.theory import SETS
 from tests.cosim.foreign import idle, pack
@@ -27,17 +25,6 @@ from tests.oracle import monolithic
 
 START = SETS["A"].start(NU)
 PEAK = 1396.458
-
-
-@pytest.fixture
-def interpreted(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """No compiled loop."""
-
-    def missing(*_: Any) -> None:
-        raise OSError("no compiler")
-
-    monkeypatch.setattr(stepping, "Loop", missing)
-    yield
 
 
 def from_rest(fmus: Path, **settings: Any) -> Result:
