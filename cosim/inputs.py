@@ -27,9 +27,7 @@ GAUSS = 0.5 / math.sqrt(3.0)
 
 
 class Reading(NamedTuple):
-    """A column of a file, and how its numbers are read: factor * number + offset, in a unit if any is
-    told.
-    """
+    """A column of a file, and how its numbers are read: factor * number + offset, in a unit if told."""
 
     name: str
     factor: float = 1.0

@@ -127,17 +127,10 @@ def run(
             heard += around.warnings
             if not ports:
                 heard.append("no FMU has an output that could be recorded: the rows hold the time")
-            result = recorder.finish(
-                provenance
-                | run.statistics()
-                | {"status": status, "reason": reason, "reached": run.t}
-                | {
-                    "rows": recorder.count,
-                    "bonds": energy,
-                    "warnings": [*heard, *complaints(energy)],
-                }
-                | {"wall_time": clock.perf_counter() - began}
-            )
+            end = {"status": status, "reason": reason, "reached": run.t, "rows": recorder.count}
+            end |= {"bonds": energy, "warnings": [*heard, *complaints(energy)]}
+            end |= {"wall_time": clock.perf_counter() - began}
+            result = recorder.finish(provenance | run.statistics() | end)
     stopped = f"{reason}; stopped at t = {run.t!r} s, {recorder.count} rows kept"
     if status == "failed":
         raise SimulationError(stopped, result)

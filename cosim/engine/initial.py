@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from itertools import chain
 from math import isclose, isfinite
@@ -72,8 +72,7 @@ def initialise(
     settle([parts[name] for name in sequence], start)
     for part in parts.values():
         part.begin()
-    for port, value, kept in _lost(given.values(), parts):
-        parts[port.part].warn(f"{port} = {value!r} was given, but the FMU starts with {kept!r}")
+    _warn_of_lost(given.values(), parts)
     if input_order:
         _watch(parts, input_order)
     _open_ledger(network, parts)
@@ -90,10 +89,8 @@ def _keeps(port: Port) -> bool:
     return bool(port.variable.causality == "parameter" or port.variable.initial == "exact")
 
 
-def _lost(
-    given: Iterable[tuple[Port, Value]], parts: Mapping[str, Coupled]
-) -> Iterator[tuple[Port, Value, Value]]:
-    """What was given a start value and is to keep it, but has another: both values."""
+def _warn_of_lost(given: Iterable[tuple[Port, Value]], parts: Mapping[str, Coupled]) -> None:
+    """Let the parts warn of what was given a start value and is to keep it, but has another."""
     kept: dict[str, list[tuple[Port, Value]]] = {}
     for port, value in given:
         if port.variable.causality != "input" and _keeps(port):
@@ -104,7 +101,7 @@ def _lost(
             has = now[port.variable.name]
             real = port.type == "Real" and isclose(float(value), float(has), rel_tol=1e-9)
             if has != value and not real:
-                yield port, value, has
+                parts[name].warn(f"{port} = {value!r} was given, but the FMU starts with {has!r}")
 
 
 def _connect(network: Network, parts: Mapping[str, Coupled], start: float) -> None:

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy import stats
 from scipy.signal import lombscargle
+from scipy.sparse.csgraph import connected_components
 
 from ..errors import SetupError
 from ..result import SimulationError
@@ -331,13 +332,6 @@ def _where(column: Column, seen: Residual) -> Iterator[tuple[str, bool]]:
 
 def alike(names: Sequence[str], correlations: Vector) -> list[list[str]]:
     """Groups of free values that a record cannot tell apart: each is all but a function of others."""
-    count = len(names)
-    tied = np.abs(correlations) > ALIKE
-    groups: list[set[int]] = []
-    for k in range(count):
-        mine = {j for j in range(count) if tied[k, j]}
-        for group in [g for g in groups if g & mine]:
-            groups.remove(group)
-            mine |= group
-        groups.append(mine)
-    return [[names[k] for k in sorted(group)] for group in groups if len(group) > 1]
+    count, label = connected_components(np.abs(correlations) > ALIKE)
+    groups = [[name for name, mine in zip(names, label) if mine == k] for k in range(count)]
+    return [group for group in groups if len(group) > 1]

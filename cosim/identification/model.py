@@ -111,9 +111,7 @@ class Model:
         return given | dict(zip(self.names, p.tolist()))
 
     def play(self, p: Vector, step: float | None = None, *, all: bool = False) -> Result:
-        """A run with free values p over the record; raises SimulationError or SetupError where its FMUs
-        refuse them.
-        """
+        """A run with free values p over the record; raises what `run` does where its FMUs refuse them."""
         own = {n: v for n, v in zip(self.names, p.tolist()) if not sensor(n)}
         self.runs += 1
         with quiet():
@@ -141,9 +139,7 @@ class Model:
         return seen
 
     def residuals(self, p: Vector) -> Vector:
-        """Model less measurement over noise, column after column, then the prior's; LOST where the
-        FMUs refuse a run.
-        """
+        """Model less measurement over noise by column, then the prior's; LOST where the FMUs refuse."""
         key = p.tobytes() + repr(self.step).encode()
         if self._last is not None and self._last[0] == key:
             return self._last[1]

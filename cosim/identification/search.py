@@ -27,9 +27,7 @@ class Minimum(NamedTuple):
 def descend(
     model: Model, p: Vector, which: Sequence[int], most: int, rough: Loss | None = None
 ) -> Minimum:
-    """The least squares over some of the free values, from p, with at most so many steps; roughly with
-    a loss of its own.
-    """
+    """The least squares over some free values, from p, in so many steps at most; roughly by a loss."""
     tight = TIGHT if rough is None else LOOSE
     which = list(which)
 

@@ -157,32 +157,33 @@ def diagnose(
         raise SetupError(f"settle = {settle!r} s must be a finite number of at least 0")
     if not any(wire.source.type == "Real" for wire in network.wires):
         raise SetupError("a diagnosis needs a wire that carries a Real")
-    sequence = stepping_order(network, order)
-    bench = Bench(network, sequence, algorithm, input_order, start, settle, step)
     try:
-        return _diagnose(bench, step, share)
+        return _diagnose(Bench(network, settings, stepping_order(network, order), settle), share)
     except PartFailure as failure:
         raise SetupError(str(failure)) from failure
 
 
 @dataclass(frozen=True)
 class Bench:
-    """A system whose free response is measured again and again; `start`, `settle`, `kick` in s."""
+    """A system whose free response is measured again and again, from a kick after `settle` [s]."""
 
     network: Network
+    settings: Settings
     sequence: Sequence[str]
-    algorithm: str
-    input_order: int
-    start: float
     settle: float
-    kick: float
+
+    @property
+    def step(self) -> float:
+        """The step that it is asked for, as long as which the kick lasts [s]."""
+        assert isinstance(self.settings.step, float)
+        return self.settings.step
 
     def modes(self, h: float, span: float) -> Fit:
         """The modes at steps of h [s], from what is seen for `span` [s]; raises PartFailure."""
         count = min(MOST_STEPS, round(span / h))
         calm, kicked = (self._run(h, count, kick) for kick in (0.0, KICK))
         rows = min(len(calm), len(kicked))
-        memory = MEMORY * len(self.sequence) * (1 + self.input_order)
+        memory = MEMORY * len(self.sequence) * (1 + self.settings.input_order)
         response = (kicked[:rows] - calm[:rows])[memory:]
         if len(response) < FEWEST_ROWS:
             raise SetupError(f"with steps of {h!r} s a part fails soon after the kick")
@@ -193,24 +194,22 @@ class Bench:
         real = (wire.source for wire in self.network.wires if wire.source.type == "Real")
         ports = list({port.name: port for port in real}.values())
         settled = round(self.settle / h)
-        begin = settled + max(1, round(self.kick / h))
+        begin = settled + max(1, round(self.step / h))
         end = begin + count
 
         recorder = Recorder([port.name for port in ports], {}, None, {})
 
         def go(first: int, last: int) -> int:
-            start, stop = self.start + first * h, self.start + last * h
-            plan = Settings(stop, h, start, self.algorithm, input_order=self.input_order)
-            made = changes(self.network, named, start, stop)
+            plan = self.settings._replace(start=began + first * h, stop=began + last * h, step=h)
+            made = changes(self.network, named, plan.start, plan.stop)
             for _ in Run(parts, plan, Row(parts, ports), recorder, made).steps():
                 pass
             return recorder.count
 
+        began, order = self.settings.start, self.settings.input_order
         with ExitStack() as stack:
-            named = initialise(
-                self.network, self.sequence, stack, self.start, self.start + end * h,
-                input_order=self.input_order,
-            )  # fmt: skip
+            times = began, began + end * h
+            named = initialise(self.network, self.sequence, stack, *times, input_order=order)
             parts = [named[name] for name in self.sequence]
             if settled:
                 go(0, settled)
@@ -236,11 +235,12 @@ def _kicked(parts: Sequence[Coupled], kick: float) -> Iterator[None]:
             link.offset = offset
 
 
-def _diagnose(bench: Bench, step: float, share: float) -> Diagnosis:
+def _diagnose(bench: Bench, share: float) -> Diagnosis:
+    step, algorithm = bench.step, bench.settings.algorithm
     found, span = _watch(bench, step / 4)
     first = _chosen(found, span)
     if first is None:
-        how, nan = (bench.algorithm, step, share), math.nan
+        how, nan = (algorithm, step, share), math.nan
         return Diagnosis(*how, nan, nan, nan, nan, nan, None, 0.0, found.residual)
     fits, modes = {step / 4: found}, {step / 4: first}
 
@@ -266,7 +266,7 @@ def _diagnose(bench: Bench, step: float, share: float) -> Diagnosis:
             law = Law(modes, fits, own)
     seen = modes[step].damping
     return Diagnosis(
-        algorithm=bench.algorithm, step=step, share=share, frequency=law.frequency,
+        algorithm=algorithm, step=step, share=share, frequency=law.frequency,
         damping=law.damping, error=law.error, damping_seen=seen,
         delay=-2 * (seen - law.damping) / law.frequency, recommended_step=recommended,
         drift=_drift(fits, step, span), residual=max(found.residual for found in fits.values()),
@@ -281,7 +281,7 @@ def _own(bench: Bench, law: Law, span: float) -> Own | None:
     motion, so that the eigenvalues of an instant are not those of the motion, where none is near, or
     where the motion is too stiff to be followed so far.
     """
-    system, start = bench.network.system, bench.start
+    system, start = bench.network.system, bench.settings.start
     times = [bench.settle + share * span for share in MOMENTS]
     try:
         fastest = np.abs(linearize(system, start=start).eigenvalues).max(initial=0.0)

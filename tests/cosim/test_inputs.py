@@ -166,10 +166,8 @@ def test_a_frame_and_a_file_give_the_same_rows(fmus: Path, tmp_path: Path) -> No
     tables = [Table(frame["time"], frame["speed"]), Table.read(tmp_path / "w.csv", "speed")]
     first, second = (run(motor(fmus, table), stop=1.0, step=0.01) for table in tables)
     assert_array_equal(first.data, second.data)
-    told = second.provenance["inputs"]["motor.w"]
-    assert told == {"source": "w.csv, column speed", "rows": 4, "held": False} | {
-        "sha256": first.provenance["inputs"]["motor.w"]["sha256"]
-    }
+    plain, told = (result.provenance["inputs"]["motor.w"] for result in (first, second))
+    assert told == plain | {"source": "w.csv, column speed", "rows": 4, "held": False}
 
 
 def echo(tmp_path: Path, **more: Any) -> System:
@@ -196,10 +194,8 @@ def test_a_parameter_changes_at_its_time(
 
 def test_changes_survive_a_step_that_is_taken_again(tmp_path: Path) -> None:
     """Half of the steps are discarded: the run comes back over changes that were made."""
-    limits = {"longest_step": 0.06}
-    system = echo(
-        tmp_path, capabilities=limits, changes=["at 0.2 s A.a = -3", "at 0.55 s A.a = -2"]
-    )
+    limits, changes = {"longest_step": 0.06}, ["at 0.2 s A.a = -3", "at 0.55 s A.a = -2"]
+    system = echo(tmp_path, capabilities=limits, changes=changes)
     result = run(system, stop=1.0, step=0.1, record=["A.y"])
     assert result.provenance["discarded"]
     assert result["A.y"][-1] == pytest.approx(math.exp(-0.2 - 1.05 - 0.9), rel=1e-12)
@@ -276,19 +272,13 @@ REFUSED: dict[str, tuple[dict[str, Any], str]] = {
     "late": ({"inputs": {"A.u": Table([0.5, 1.0], [0, 1])}}, "A.u: its table begins at 0.5 s"),
     "short": ({"inputs": {"A.u": Table([0.0, 0.5], [0, 1])}}, "A.u: its table ends at 0.5 s"),
     "nan": ({"inputs": {"A.u": Table([0, 1], [0, math.nan])}}, "must be a finite number"),
-    "item": (
-        {"inputs": {"A.enumeration_in": Table([0.0], ["fast"], held=True)}},
-        "must be one of low, middle, high",
-    ),
+    "item": ({"inputs": {"A.enumeration_in": Table([0.0], ["fast"], held=True)}}, "must be one of low"),
     "both": ({"inputs": {"A.u": RAMP}, "changes": ["1 A.u=2"]}, "it follows a table too"),
     "text": ({"changes": ["A.u = 2"]}, "must read 'at TIME s part.variable = value'"),
     "value": ({"changes": ["at 0.5 s A.u = two"]}, "A.u = 'two' must be of type Real"),
-    "grid": (
-        {"changes": ["at 0.55 s A.a = -3"]}
-        | {"capabilities": {"canHandleVariableCommunicationStepSize": False}},
-        "A.a = 0.55 s must be a whole number of steps of 0.1 s",
-    ),
-}
+    "grid": ({"changes": ["at 0.55 s A.a = -3"], "capabilities": {"canHandleVariableCommunicationStepSize": False}},
+        "A.a = 0.55 s must be a whole number of steps of 0.1 s"),
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("case", REFUSED)
@@ -462,9 +452,6 @@ def test_a_file_gives_the_parts_of_a_system_their_parameters(fmus: Path, tmp_pat
 BAD_FILES = {
     "fits nothing": (ssv('X Real value="1"'), "set.ssv, line 1: parameter X fits no variable"),
     "given twice": (ssv('T Real value="1"', 'DriveMotor.T Real value="1"'), "is given twice"),
-    "type": (ssv('T Boolean value="true"'), "parameter T: Boolean does not fit T of type Real"),
-    "unit": (ssv('T Real value="1" unit="N.m"'), "parameter T: N.m cannot be converted to s"),
-    "unknown unit": (ssv('T Real value="1" unit="h"'), "unit 'h' is not defined"),
     "bounds": (ssv('T Real value="-1"'), "DriveMotor.T [s] = -1.0 must be at least"),
     "no set": ("<x/>", "set.ssv, line 1: ssv:ParameterSet is needed, not x"),
     "no column": ("name,amount\nT,1\n", "has no column 'value', only name, amount"),
