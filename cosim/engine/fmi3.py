@@ -179,12 +179,10 @@ class Coupled3(Coupled):
             self.watched = [f"{name}.{v.name}" for v in self.within]
 
     def instantiate(self, number: int) -> None:
-        options: dict[str, Any] = {
-            "loggingOn": True,
-            "logMessage": lambda _, status, __, text: self.hear(
-                status, (text or b"").decode("utf-8", "replace")
-            ),
-        }
+        def log(_: Any, status: int, __: Any, text: bytes | None) -> None:
+            self.hear(status, (text or b"").decode("utf-8", "replace"))
+
+        options: dict[str, Any] = {"loggingOn": True, "logMessage": log}
         if self.SIDE == "coSimulation":
             early = bool(self.description.coSimulation.mightReturnEarlyFromDoStep)
             options |= {"eventModeUsed": self.events, "earlyReturnAllowed": early}
@@ -355,7 +353,7 @@ class Coupled3(Coupled):
 
     def save(self, state: ctypes.c_void_p) -> None:
         super().save(state)
-        clocks = [(c.begin, c.count, c.interval) for c in self.clocks]
+        clocks = [vars(clock).copy() for clock in self.clocks]
         entered = [list(block.entered) for block in self._held()]
         self._kept[id(state)] = (self.due.value, self._now), entered, clocks
 
@@ -365,7 +363,7 @@ class Coupled3(Coupled):
         for block, cells in zip(self._held(), entered):
             block.entered[:] = cells
         for clock, kept in zip(self.clocks, clocks):
-            clock.begin, clock.count, clock.interval = kept
+            vars(clock).update(kept)
 
     def carried(self, state: ctypes.c_void_p, other: Part) -> tuple[ctypes.c_void_p, int]:
         copy, size = super().carried(state, other)

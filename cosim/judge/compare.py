@@ -296,13 +296,9 @@ def _read(source: Source, label: str) -> Record:
             frame = pd.read_parquet(path)
         else:
             mark = separator(path)
-            frame = pd.read_csv(
-                path,
-                sep=mark,
-                decimal="." if mark == "," else ",",
-                skipinitialspace=True,
-                encoding="utf-8-sig",
-            )
+            point = "." if mark == "," else ","
+            how: Any = {"skipinitialspace": True, "encoding": "utf-8-sig"}
+            frame = pd.read_csv(path, sep=mark, decimal=point, **how)
         if beside.is_file():
             told = json.loads(beside.read_text())
             units = told.get("units", {}) if isinstance(told, dict) else {}
@@ -368,12 +364,8 @@ def _line(column: Deviation) -> tuple[str, ...]:
     if not column.passed:
         t = column.t[column.outside]
         verdict = f"FAIL: {len(t)} of {len(column.t)} rows outside, {t[0]:.6g} to {t[-1]:.6g} s"
-    return (
-        name,
-        f"{column.deviation:.4g}{unit} at {column.time:.6g} s",
-        f"allowed {column.allowed:.4g}{unit}",
-        verdict,
-    )
+    off = f"{column.deviation:.4g}{unit} at {column.time:.6g} s"
+    return name, off, f"allowed {column.allowed:.4g}{unit}", verdict
 
 
 def _draw(axis: Axes, column: Deviation, t: Rows) -> None:

@@ -193,16 +193,8 @@ def linearize(
         chosen = [port.name for port in ports]
     columns = [entries.index(name) for name in chosen]
     A, B, C, D, F = blocks
-    return Linear(
-        A=A + B @ inverse @ F @ C,
-        B=(B @ inverse)[:, columns],
-        C=C + D @ inverse @ F @ C,
-        D=(D @ inverse)[:, columns],
-        states=states,
-        inputs=chosen,
-        outputs=outputs,
-        units={port.name: port.unit for port in known},
-        point=point,
-        rates=dict(zip(states, rates.tolist())),
-        time=start + at,
-    )
+    B, D = B @ inverse, D @ inverse
+    A, C = A + B @ F @ C, C + D @ F @ C
+    names_of = states, chosen, outputs, {port.name: port.unit for port in known}
+    rising = dict(zip(states, rates.tolist()))
+    return Linear(A, B[:, columns], C, D[:, columns], *names_of, point, rising, start + at)

@@ -19,7 +19,7 @@ from tests.cosim.foreign import pack as foreign
 from tests.cosim.third import pack as third
 from tests.fmukit.test_fmi3 import built
 
-QUICK = ("CrankConveyor", "DriveMotor", "GravityOrientator")
+QUICK = ("CrankConveyor", "GravityOrientator")
 
 
 def verdicts(path: Path, *names: str) -> Crosscheck:

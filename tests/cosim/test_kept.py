@@ -67,7 +67,7 @@ def test_two_runs_do_not_write_one_file(tmp_path: Path) -> None:
         pytest.param(["r.parquet"], ["r.parquet"], marks=pytest.mark.slow),
         (["r.parquet"], ["r.csv"]),
         pytest.param(["r.csv"], ["r.parquet"], marks=pytest.mark.slow),
-        (["r.csv", "--part", "A"], ["r.csv", "--part", "A"]),
+        pytest.param(["r.csv", "--part", "A"], ["r.csv", "--part", "A"], marks=pytest.mark.slow),
     ],
 )
 def test_one_name_belongs_to_one_run_in_every_format(

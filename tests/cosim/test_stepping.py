@@ -225,8 +225,10 @@ def test_streamed_rows_are_not_kept_in_memory(fmus: Path, tmp_path: Path) -> Non
     assert len(recorder.rows) < 3 * CHUNK
     result = recorder.finish({"status": "complete"})
     assert_array_equal(result["x"], np.arange(50_000) / 3)
-    streamed = from_rest(fmus, step=1e-3, csv=tmp_path / "run.csv")
+    streamed = from_rest(fmus, step=1e-3, csv=tmp_path / "deep" / "run.csv")
     assert_array_equal(streamed.data, from_rest(fmus, step=1e-3).data)
+    facts = json.loads((tmp_path / "deep" / "run.json").read_text())
+    assert facts["status"] == "complete" and facts["parts"]["conveyor"]["guid"].startswith("{")
 
 
 def test_a_part_s_columns_are_written_under_bare_names(fmus: Path, tmp_path: Path) -> None:
