@@ -320,18 +320,19 @@ class Part:
             self.answered(call, status)
             return
         failure = self.failure(call, status)
-        time, ended = ctypes.c_double(t), ctypes.c_int()
-        told = [
-            function(self.component, ctypes.c_int(kind), ctypes.byref(answer)) in (OK, WARNING)
-            for function, kind, answer in (
-                (self.library.fmi2GetRealStatus, LAST_SUCCESSFUL_TIME, time),
-                (self.library.fmi2GetBooleanStatus, TERMINATED, ended),
-            )
-        ]
-        reached = time.value if told[0] else t
-        if told[1] and ended.value:
+        answer, time, ended = self.stopped()
+        reached = time if answer in (OK, WARNING) and not math.isnan(time) else t
+        if ended:
             raise Ended(f"{self.name} ended the simulation at t = {reached!r} s: {self.reason()}")
         raise Discarded(str(failure), reached)
+
+    def stopped(self) -> tuple[int, float, bool]:
+        """Of a discarded step: the status of the answer, the time reached [s], whether that is the end."""
+        time, ended, call = ctypes.c_double(math.nan), ctypes.c_int(), self.library
+        kinds = ctypes.c_int(LAST_SUCCESSFUL_TIME), ctypes.c_int(TERMINATED)
+        status = call.fmi2GetRealStatus(self.component, kinds[0], ctypes.byref(time))
+        told = call.fmi2GetBooleanStatus(self.component, kinds[1], ctypes.byref(ended))
+        return status, time.value, told in (OK, WARNING) and bool(ended.value)
 
     def state(self) -> ctypes.c_void_p:
         """A place for a state of the FMU, freed with it."""

@@ -6,7 +6,6 @@ Clauses are those of FMI 2.0.4 and 3.0.2.
 
 from __future__ import annotations
 
-import ctypes
 import gc
 import math
 from collections.abc import Callable, Iterator, Sequence
@@ -23,7 +22,7 @@ from fmpy.validation import validate_fmu
 from ...engine.exchange import Coupled
 from ...engine.initial import KINDS
 from ...engine.library import borrow
-from ...engine.part import DISCARD, LAST_SUCCESSFUL_TIME, STATUS, TERMINATED, WARNING
+from ...engine.part import DISCARD, STATUS, WARNING
 from ...errors import Discarded, Ended, PartFailure
 from ...system import Port, Value, describe_fmu, enumeration, moves, own_start, require_steps
 
@@ -268,11 +267,10 @@ def binary(s: Subject) -> str:
     with s.instance() as part:
         told = part.slave.getVersion()
         platform = "default" if s.third else part.slave.getTypesPlatform()
-    if (platform, told.partition("-")[0]) != ("default", s.description.fmiVersion):
-        raise Broken(
-            f"types platform {platform!r} and version {told!r}, not 'default' and "
-            f"{s.description.fmiVersion!r}"
-        )
+    version = s.description.fmiVersion
+    if (platform, told.partition("-")[0]) != ("default", version):
+        found = f"types platform {platform!r} and version {told!r}"
+        raise Broken(f"{found}, not 'default' and {version!r}")
     return f"version {told}" if s.third else f"version {told}, types platform {platform}"
 
 
@@ -566,46 +564,39 @@ def discards(s: Subject) -> str:
         status = part.do_step()
         if status != DISCARD:
             raise NotOffered(f"a step of {h:g} s is not discarded")
-        reached, ended = ctypes.c_double(math.nan), ctypes.c_int()
-        lib, real, flag = part.library, ctypes.c_int(LAST_SUCCESSFUL_TIME), ctypes.c_int(TERMINATED)
-        answer = lib.fmi2GetRealStatus(part.component, real, ctypes.byref(reached))
-        if answer > WARNING:
-            raise Broken(
-                f"a step of {h:g} s is discarded, fmi2LastSuccessfulTime not told: {STATUS[answer]}"
-            )
-        told = lib.fmi2GetBooleanStatus(part.component, flag, ctypes.byref(ended)) <= WARNING
-    if not t <= reached.value < t + h:
-        raise Broken(
-            f"fmi2LastSuccessfulTime is {reached.value!r} s after a step from {t!r} by {h!r} s"
-        )
-    if told and ended.value:
-        return f"a step of {h:g} s is discarded at {reached.value:g} s, where the FMU wants to end"
-    if reached.value > t:
+        answer, reached, ended = part.stopped()
+    said = f"a step of {h:g} s is discarded"
+    if answer > WARNING:
+        raise Broken(f"{said}, fmi2LastSuccessfulTime not told: {STATUS[answer]}")
+    if not t <= reached < t + h:
+        raise Broken(f"fmi2LastSuccessfulTime is {reached!r} s after a step from {t!r} by {h!r} s")
+    if ended:
+        return f"{said} at {reached:g} s, where the FMU wants to end"
+    if reached > t:
         with s.running() as part:
-            part.advance(t, reached.value - t)
-    return f"a step of {h:g} s is discarded, one to {reached.value:g} s taken"
+            part.advance(t, reached - t)
+    return f"{said}, one to {reached:g} s taken"
 
 
 def untouched(s: Subject, t: float, h: float) -> str:
     """By FMI 3.0 a discarded step leaves the FMU as it was."""
+    step = f"a step of {h:g} s is"
     with s.running() as part:
         try:
             part.advance(t, h)
         except Discarded:
-            s.same(s.go(part, 0, s.steps), s.reference, f"after a step of {h:g} s is discarded")
-            return f"a step of {h:g} s is discarded, {s.steps} rows after it to the bit"
+            s.same(s.go(part, 0, s.steps), s.reference, f"after {step} discarded")
+            return f"{step} discarded, {s.steps} rows after it to the bit"
         except Ended as reason:
-            raise NotOffered(f"a step of {h:g} s is not discarded: {reason}") from reason
-        raise NotOffered(f"a step of {h:g} s is not discarded")
+            raise NotOffered(f"{step} not discarded: {reason}") from reason
+        raise NotOffered(f"{step} not discarded")
 
 
 def memory(s: Subject) -> str:
     """Resident memory over many steps, the first ones left aside."""
-    try:
-        Path("/proc/self/statm").read_text()
-    except OSError:
-        raise NotOffered("the memory of a process cannot be read here") from None
-    sizes: list[int] = []
+    used, sizes = Path("/proc/self/statm"), list[int]()
+    if not used.exists():
+        raise NotOffered("the memory of a process cannot be read here")
     taken, life = 0, LONG
     while taken < LONG:
         with s.running() as part:
@@ -618,7 +609,7 @@ def memory(s: Subject) -> str:
                 taken += 1
                 if taken % (LONG // 5) == 0:
                     gc.collect()
-                    sizes.append(int(Path("/proc/self/statm").read_text().split()[1]) * PAGESIZE)
+                    sizes.append(int(used.read_text().split()[1]) * PAGESIZE)
         if life <= s.steps // 2:
             raise NotOffered(f"it takes no more than {life} steps with inputs that stand still")
     grown = [after - before for before, after in pairwise(sizes)]
