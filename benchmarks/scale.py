@@ -27,8 +27,8 @@ sys.path.insert(0, str(ROOT))
 
 from cosim import System, run
 from cosim.engine import program
-from cosim.judge import describe
 from cosim.engine.stepping import Settings
+from cosim.judge import describe
 from cosim.master import problems
 from cosim.system import connect
 

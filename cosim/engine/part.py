@@ -328,10 +328,11 @@ class Part:
 
     def stopped(self) -> tuple[int, float, bool]:
         """Of a discarded step: the status of the answer, the time reached [s], whether that is the end."""
-        time, ended, call = ctypes.c_double(math.nan), ctypes.c_int(), self.library
-        kinds = ctypes.c_int(LAST_SUCCESSFUL_TIME), ctypes.c_int(TERMINATED)
-        status = call.fmi2GetRealStatus(self.component, kinds[0], ctypes.byref(time))
-        told = call.fmi2GetBooleanStatus(self.component, kinds[1], ctypes.byref(ended))
+        time, ended = ctypes.c_double(math.nan), ctypes.c_int()
+        asked = self.component, ctypes.c_int(LAST_SUCCESSFUL_TIME), ctypes.byref(time)
+        status = self.library.fmi2GetRealStatus(*asked)
+        asked = self.component, ctypes.c_int(TERMINATED), ctypes.byref(ended)
+        told = self.library.fmi2GetBooleanStatus(*asked)
         return status, time.value, told in (OK, WARNING) and bool(ended.value)
 
     def state(self) -> ctypes.c_void_p:

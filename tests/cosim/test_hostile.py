@@ -147,7 +147,7 @@ def hostile(name: str, fmus: Path, folder: Path) -> tuple[Path, str]:
     return pack(folder / "test.ssp", files), message
 
 
-@pytest.mark.parametrize("name", TEXTS.keys() - BOMBS)
+@pytest.mark.parametrize("name", [name for name in TEXTS if name not in BOMBS])
 def test_hostile_structures_are_refused(
     name: str, fmus: Path, tmp_path: Path, refused: Refused
 ) -> None:

@@ -594,9 +594,10 @@ def untouched(s: Subject, t: float, h: float) -> str:
 
 def memory(s: Subject) -> str:
     """Resident memory over many steps, the first ones left aside."""
-    used, sizes = Path("/proc/self/statm"), list[int]()
+    used = Path("/proc/self/statm")
     if not used.exists():
         raise NotOffered("the memory of a process cannot be read here")
+    sizes: list[int] = []
     taken, life = 0, LONG
     while taken < LONG:
         with s.running() as part:
