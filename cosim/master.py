@@ -67,6 +67,8 @@ def run(
     """
     network = connect(system)
     rates = dict(substeps or {})
+    if tolerance is None and isinstance(step, Adaptive):
+        tolerance = step.tolerance
     settings = Settings(
         stop, step, start, algorithm, order, input_order, rates, tolerance, record, output_step
     )
@@ -77,14 +79,9 @@ def run(
     with ExitStack() as stack:
         interrupted, around = stack.enter_context(interrupts()), Surroundings()
         stack.callback(around.restore)
-        if tolerance is None and isinstance(step, Adaptive):
-            tolerance = step.tolerance
         try:
-            parts = initialise(
-                network, sequence, stack, start, stop,
-                tolerance=tolerance, substeps=rates, input_order=input_order,
-                within=ports if settings.every() is None else (),
-            )  # fmt: skip
+            within = ports if settings.every() is None else ()
+            parts = initialise(network, settings, sequence, stack, within)
             identities = {name: _identity(p, system.parts[name]) for name, p in parts.items()}
             around.restore()
         except PartFailure as error:

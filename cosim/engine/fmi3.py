@@ -152,12 +152,7 @@ class Coupled3(Coupled):
     )
 
     def __init__(
-        self,
-        name: str,
-        description: ModelDescription,
-        fmu: Library,
-        substeps: int = 1,
-        within: Sequence[Element] = (),
+        self, name: str, description: ModelDescription, fmu: Library, within: Sequence[Element] = ()
     ) -> None:
         can = getattr(description, self.SIDE)
         self.events = self.SIDE == "modelExchange" or bool(can.hasEventMode)
@@ -172,7 +167,7 @@ class Coupled3(Coupled):
             lambda t, h, stepped: self._status(lambda: self.advance(t, h, stepped=bool(stepped)))
         )
         self.taking = FINISH(lambda t, _, __: self._status(lambda: self.enter(t)))  # changed inputs
-        super().__init__(name, description, fmu, substeps)
+        super().__init__(name, description, fmu)
         if self.within:
             self._glass = Block3(self, "Get", self.within)
             self._looked = [self._glass.variables.index(v) for v in self.within]

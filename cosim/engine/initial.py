@@ -21,6 +21,7 @@ from .fmi3 import Coupled3
 from .ledger import End, bonds, watt
 from .library import borrow
 from .part import Block
+from .stepping import Settings
 
 Vector = NDArray[np.float64]
 MOST_ITERATIONS = 20
@@ -31,40 +32,35 @@ KINDS: dict[str, type[Coupled]] = {"2.0": Coupled, "3.0": Coupled3}
 
 def initialise(
     network: Network,
+    settings: Settings,
     sequence: Sequence[str],
     stack: ExitStack,
-    start: float,
-    stop: float,
-    *,
-    tolerance: float | None = None,
-    substeps: Mapping[str, int] | None = None,
-    input_order: int = 0,
     within: Sequence[Port] = (),
     kinds: Mapping[str, type[Coupled]] = KINDS,
 ) -> dict[str, Coupled]:
-    """All parts at `start`, their coupled start values consistent, ready for the first step.
+    """All parts at the start, their coupled start values consistent, ready for the first step.
 
     The FMUs that can are to show the ports `within` their steps. `kinds` makes a part, by the version
     of its FMU. The stack closes the parts.
     Raises PartFailure where an FMU refuses, SetupError where the start values have no solution.
     """
-    parts: dict[str, Coupled] = {}
+    start, parts = settings.start, dict[str, Coupled]()
     for name, path in network.system.parts.items():
         description = network.descriptions[name]
         try:
             fmu = borrow(Path(path), description)
         except PartFailure as error:
             raise PartFailure(f"{name}: {error}") from error
-        made = name, description, fmu, (substeps or {}).get(name, 1)
         watched = [port.variable for port in within if port.part == name]
-        parts[name] = kinds[description.fmiVersion](*made, watched)
-        stack.callback(parts[name].close)
+        parts[name] = part = kinds[description.fmiVersion](name, description, fmu, watched)
+        stack.callback(part.close)
+        part.substeps = settings.substeps.get(name, 1)
     given = {port.name: (port, value) for port, value in network.start}
     given |= {port.name: (port, profile.at(start)) for port, profile in network.inputs}
     for port, value in given.values():
         parts[port.part].set(port.variable, value)
     for part in parts.values():
-        part.set_up(tolerance, start, stop)
+        part.set_up(settings.tolerance, start, settings.stop)
     for port, value in given.values():
         if port.variable.causality == "input" or _keeps(port):
             parts[port.part].set(port.variable, value)
@@ -73,8 +69,8 @@ def initialise(
     for part in parts.values():
         part.begin()
     _warn_of_lost(given.values(), parts)
-    if input_order:
-        _watch(parts, input_order)
+    if settings.input_order:
+        _watch(parts, settings.input_order)
     _open_ledger(network, parts)
     for part in parts.values():
         for operation in part.look():

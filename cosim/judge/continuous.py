@@ -19,6 +19,7 @@ from ..engine.fmi3 import Coupled3
 from ..engine.initial import initialise
 from ..engine.library import Library
 from ..engine.part import DISCARD, ERROR, OK, Block, Part
+from ..engine.stepping import Settings
 from ..errors import PartFailure, SetupError
 from ..inputs import Table
 from ..loops import algebraic_loops, describe
@@ -371,6 +372,7 @@ def opened(network: Network, start: float, stop: float) -> Iterator[Whole]:
                 raise SetupError(f"{name}.{v.name} is a clock, which ticks in co-simulation only")
     with ExitStack() as stack:
         sequence = stepping_order(network, None)
-        parts = initialise(network, sequence, stack, start, stop, kinds=KINDS)
+        settings = Settings(stop, math.inf, start)
+        parts = initialise(network, settings, sequence, stack, kinds=KINDS)
         models = cast(dict[str, Model], parts)
         yield Whole(network, {name: models[name] for name in network.system.parts}, start, stop)

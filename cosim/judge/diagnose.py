@@ -206,10 +206,10 @@ class Bench:
                 pass
             return recorder.count
 
-        began, order = self.settings.start, self.settings.input_order
+        began = self.settings.start
         with ExitStack() as stack:
-            times = began, began + end * h
-            named = initialise(self.network, self.sequence, stack, *times, input_order=order)
+            whole = self.settings._replace(stop=began + end * h)
+            named = initialise(self.network, whole, self.sequence, stack)
             parts = [named[name] for name in self.sequence]
             if settled:
                 go(0, settled)
