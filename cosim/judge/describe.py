@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 from fmpy import supported_platforms
-from fmpy.model_description import ModelDescription
 
 from ..engine.ledger import bonds
 from ..engine.stepping import Settings
@@ -38,7 +37,20 @@ def info(network: Network) -> Iterator[str]:
     first = {wire.target: wire for wire in reversed(network.wires)}
     for name, description in network.descriptions.items():
         path = Path(network.system.parts[name])
-        yield from _part(name, description, path.name, platforms(str(path)))
+        version = "" if description.fmiVersion == "2.0" else f", FMI {description.fmiVersion}"
+        yield f"{name}: {description.modelName}, {path.name}{version}"
+        if description.description:
+            yield f"  {description.description}"
+        side = description.coSimulation
+        can = [text for flag, text in ABILITIES.items() if side and getattr(side, flag)]
+        told = ", ".join(can) or "fixed steps forward only" if side else "for model exchange only"
+        yield f"  for {', '.join(platforms(str(path)))}; {told}"
+        variables = description.modelVariables
+        for causality in ("input", "output"):
+            for port in (Port(name, v) for v in variables if v.causality == causality):
+                said = f", {port.variable.description}" if port.variable.description else ""
+                yield f"  {causality:<7} {port}: {port.native}{said}"
+        yield f"  {sum(v.causality == 'parameter' for v in variables)} parameters"
         for terminal, members in network.fmus[name].terminals.items():
             yield f"  terminal {name}.{terminal}: {', '.join(members)}"
     for title, lines in (
@@ -50,24 +62,6 @@ def info(network: Network) -> Iterator[str]:
         if lines:
             yield title
             yield from (f"  {line}" for line in lines)
-
-
-def _part(
-    name: str, description: ModelDescription, file: str, platforms: Sequence[str]
-) -> Iterator[str]:
-    version = "" if description.fmiVersion == "2.0" else f", FMI {description.fmiVersion}"
-    yield f"{name}: {description.modelName}, {file}{version}"
-    if description.description:
-        yield f"  {description.description}"
-    side = description.coSimulation
-    can = [text for flag, text in ABILITIES.items() if side and getattr(side, flag)]
-    abilities = ", ".join(can) or "fixed steps forward only" if side else "for model exchange only"
-    yield f"  for {', '.join(platforms)}; {abilities}"
-    for causality in ("input", "output"):
-        for v in (v for v in description.modelVariables if v.causality == causality):
-            said = f", {v.description}" if v.description else ""
-            yield f"  {causality:<7} {(port := Port(name, v))}: {port.native}{said}"
-    yield f"  {sum(v.causality == 'parameter' for v in description.modelVariables)} parameters"
 
 
 def _wire(wire: Connection, *, adds: bool = False) -> str:

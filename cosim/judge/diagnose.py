@@ -17,6 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..engine.adaptive import Adaptive
 from ..engine.changes import changes
 from ..engine.exchange import Coupled
 from ..engine.feed import Feed
@@ -175,7 +176,7 @@ class Bench:
     @property
     def step(self) -> float:
         """The step that it is asked for, as long as which the kick lasts [s]."""
-        assert isinstance(self.settings.step, float)
+        assert not isinstance(self.settings.step, Adaptive)
         return self.settings.step
 
     def modes(self, h: float, span: float) -> Fit:

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..engine.adaptive import Adaptive
 from ..engine.stepping import Row, Settings
 from ..errors import PartFailure, SetupError
 from ..master import versions
@@ -214,7 +215,7 @@ def _rows(
     whole: Whole, row: Row, plan: Settings, pieces: Iterable[Piece], events: list[float]
 ) -> Iterator[list[float]]:
     """The rows of a plan, and those at which a discrete column changes."""
-    assert isinstance(plan.step, float)
+    assert not isinstance(plan.step, Adaptive)
 
     def look(t: float) -> list[float]:
         for part in whole.parts:
