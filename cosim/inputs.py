@@ -53,12 +53,9 @@ class Reading(NamedTuple):
         factor = float(re.sub(r"\s", "", match["factor"] or "1"))
         if not factor:
             raise SetupError(f"column {text!r}: the factor must not be 0")
-        return cls(
-            match["name"],
-            1.0 / factor if match["sign"] == "/" else factor,
-            float(re.sub(r"\s", "", match["offset"] or "0")),
-            unit.strip() if colon else None,
-        )
+        factor = 1.0 / factor if match["sign"] == "/" else factor
+        offset = float(re.sub(r"\s", "", match["offset"] or "0"))
+        return cls(match["name"], factor, offset, unit.strip() if colon else None)
 
 
 class Table:

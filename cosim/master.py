@@ -190,13 +190,11 @@ def problems(network: Network, settings: Settings) -> Iterator[str]:
             if name not in watched:
                 yield f"absolute tolerance of {name}: only {', '.join(watched)}"
     elif steady:
-        moving = [port for port, _ in fed(network)]
-        times = {
-            port.name: profile.jumps(start, stop)
-            for port, profile in network.inputs
-            if port not in moving
-        }
-        for name, found in ({"stop": [stop]} | times).items():
+        moving, times = [port for port, _ in fed(network)], {"stop": [stop]}
+        for port, profile in network.inputs:
+            if port not in moving:
+                times[port.name] = profile.jumps(start, stop)
+        for name, found in times.items():
             for time in found:
                 steps = max(1, round((time - start) / step))
                 if not same(start + steps * step, time):
@@ -237,13 +235,8 @@ def _identity(part: Part, path: Path) -> dict[str, Any]:
     """What a result says of a part: file, guid, model and every parameter's value."""
     description = part.description
     parameters = [v for v in description.modelVariables if v.causality == "parameter"]
-    return {
-        "fmu": Path(path).name,
-        "model": description.modelName,
-        "guid": description.guid,
-        "tool": description.generationTool,
-        "parameters": part.values(parameters),
-    }
+    told = {"fmu": Path(path).name, "model": description.modelName, "guid": description.guid}
+    return told | {"tool": description.generationTool, "parameters": part.values(parameters)}
 
 
 @cache

@@ -368,13 +368,10 @@ class Coupled3(Coupled):
 
     def slopes(self, unknown: Sequence[Element], known: Element) -> list[float]:
         families = list({id(v.family): v.family for v in unknown}.values())
-        found = self.call(
-            "getDirectionalDerivative",
-            [family[0].valueReference for family in families],
-            [known.valueReference],
-            [float(v is known) for v in known.family],
-            sum(map(len, families)),
-        )
+        references = [family[0].valueReference for family in families]
+        seed, count = [float(v is known) for v in known.family], sum(map(len, families))
+        given = references, [known.valueReference], seed, count
+        found = self.call("getDirectionalDerivative", *given)
         by_element = dict(zip(map(id, chain.from_iterable(families)), found))
         return [by_element[id(v)] for v in unknown]
 
@@ -479,13 +476,9 @@ class Held(Operation):
         cells = self.block.cells
         if cells._type_ is ctypes.c_char_p:
             return None
-        return Layout(
-            ENTER,
-            ctypes.sizeof(cells),
-            function=ctypes.cast(self.part.taking, ctypes.c_void_p).value,
-            cells=address(cells),
-            source=address(self.block.entered),
-        )
+        entry, size = ctypes.cast(self.part.taking, ctypes.c_void_p).value, ctypes.sizeof(cells)
+        places = {"cells": address(cells), "source": address(self.block.entered)}
+        return Layout(ENTER, size, function=entry, **places)
 
     def answered(self, t: float, h: float, status: int) -> None:
         self.part.stepped(t, h, status)

@@ -35,13 +35,8 @@ OK, WARNING, DISCARD, ERROR, FATAL = range(5)
 STATUS = ("OK", "Warning", "Discard", "Error", "Fatal", "Pending")
 LAST_SUCCESSFUL_TIME, TERMINATED = 2, 3
 MOST_WARNINGS = 100
-CELL: dict[str, Any] = {
-    "Real": ctypes.c_double,
-    "Integer": ctypes.c_int,
-    "Enumeration": ctypes.c_int,
-    "Boolean": ctypes.c_int,
-    "String": ctypes.c_char_p,
-}
+CELL: dict[str, Any] = {"Real": ctypes.c_double, "String": ctypes.c_char_p}
+CELL |= dict.fromkeys(("Integer", "Enumeration", "Boolean"), ctypes.c_int)
 CALL = {"Enumeration": "Integer"}
 
 log = logging.getLogger("cosim")

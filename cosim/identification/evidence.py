@@ -313,21 +313,16 @@ def _where(column: Column, seen: Residual) -> Iterator[tuple[str, bool]]:
     k = int(np.argmax(seen.power * reached))
     if seen.power[k] > math.log(len(seen.power) / DOUBT):
         f, amplitude = float(seen.frequencies[k]), 2.0 * math.sqrt(float(seen.power[k]) / len(r))
-        yield (
-            f"{name}: the residual swings at {f:.4g} Hz ({2 * math.pi * f:.4g} rad/s) with an "
-            f"amplitude of {seen.sigma * amplitude:.3g} {seen.unit}".rstrip(),
-            True,
-        )
+        swings = f"swings at {f:.4g} Hz ({2 * math.pi * f:.4g} rad/s) with an amplitude of"
+        size = f"{seen.sigma * amplitude:.3g} {seen.unit}".rstrip()
+        yield f"{name}: the residual {swings} {size}", True
     for rows in segments(column.times, SEGMENTS):
         x = r[rows]
         off = (float(np.sum(x**2)) - len(x)) / math.sqrt(len(x) * max(column.noise.spread, 2.0))
         if off > 4.0:
             first, last = column.times[rows][[0, -1]]
-            yield (
-                f"{name}: from {first:.4g} s to {last:.4g} s the residual is "
-                f"{math.sqrt(float(np.mean(x**2))):.1f} times the noise",
-                False,
-            )
+            ratio, span = math.sqrt(float(np.mean(x**2))), f"from {first:.4g} s to {last:.4g} s"
+            yield f"{name}: {span} the residual is {ratio:.1f} times the noise", False
 
 
 def alike(names: Sequence[str], correlations: Vector) -> list[list[str]]:

@@ -114,15 +114,11 @@ class Model:
         """A run with free values p over the record; raises what `run` does where its FMUs refuse them."""
         own = {n: v for n, v in zip(self.names, p.tolist()) if not sensor(n)}
         self.runs += 1
+        system = replace(self.system, start={**self.system.start, **own})
+        (start, stop), names = self.span, list(dict.fromkeys(c.name for c in self.columns))
+        how = {"step": step or self.step, "record": None if all else names, **self.settings}
         with quiet():
-            return run(
-                replace(self.system, start={**self.system.start, **own}),
-                start=self.span[0],
-                stop=self.span[1],
-                step=step or self.step,
-                record=None if all else list(dict.fromkeys(c.name for c in self.columns)),
-                **self.settings,
-            )
+            return run(system, start=start, stop=stop, **how)
 
     def shown(self, p: Vector, result: Result) -> list[Vector]:
         """What the sensors of the columns show of a run, at the times of their rows."""

@@ -378,11 +378,8 @@ def _watch(bench: Bench, h: float) -> tuple[Fit, float]:
 
 def _chosen(found: Fit, span: float) -> Mode | None:
     """The least damped oscillation that the response shows well."""
-    shown = [
-        mode
-        for mode in found.modes
-        if mode.share >= NOTICEABLE and mode.s.imag * span > 2 * math.pi * SEEN
-    ]
+    noticed = (mode for mode in found.modes if mode.share >= NOTICEABLE)
+    shown = (mode for mode in noticed if mode.s.imag * span > 2 * math.pi * SEEN)
     return min(shown, key=lambda mode: mode.damping, default=None)
 
 
