@@ -108,6 +108,8 @@ def test_arrays_discrete_inputs_and_events_of_time(tmp_path: Path) -> None:
         x = linear(3.0, k, end - begin, x)
     assert got.provenance["events"] == [0.3, 0.5]
     assert got.data[-1, 1:] == pytest.approx([x[1] + 1.5, x[0], x[2]], abs=1e-11)
+    whole = oracle(system, stop=0.1, record=["v.y"])
+    assert whole.columns == ["time", "v.y[1]", "v.y[2]"]
 
 
 @pytest.mark.parametrize("slopes", [True, False])
