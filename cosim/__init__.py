@@ -10,11 +10,14 @@ from .errors import SetupError
 from .figures import crossing, largest, mean, rms, smallest, time_of_largest, time_of_smallest
 from .formats.container import write_container
 from .formats.osp import read_osp, write_osp
-from .formats.ssp import Package, read_ssp, write_ssp
+from .formats.ssp.read import Package, read_ssp
+from .formats.ssp.write import write_ssp
 from .inputs import Table
 from .judge.certify import Certified, Estimate, certify, estimate, summary
 from .judge.compare import Comparison, Deviation, compare
-from .judge.crosscheck import Crosscheck, Verdict, crosscheck
+from .judge.crosscheck import crosscheck
+from .judge.crosscheck.checks import Verdict
+from .judge.crosscheck.report import Crosscheck
 from .judge.diagnose import Diagnosis, diagnose
 from .judge.isolated import run_isolated
 from .judge.linearize import Linear, linearize

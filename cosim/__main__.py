@@ -24,7 +24,8 @@ from .engine.stepping import Settings
 from .errors import SetupError
 from .formats.container import write_container
 from .formats.osp import FILE, read_osp, write_osp
-from .formats.ssp import Package, read_ssp, write_ssp
+from .formats.ssp.read import Package, read_ssp
+from .formats.ssp.write import write_ssp
 from .formats.values import read_values
 from .inputs import Table
 from .judge import describe

@@ -11,10 +11,8 @@ from pathlib import Path
 from ...engine.part import quiet
 from ...errors import SetupError
 from ..isolated import child, death
-from .checks import CHECKS, FAILED, NOT_RUN, STANDARD, Check, Subject, Verdict, checked
+from .checks import CHECKS, FAILED, NOT_RUN, STANDARD, Subject, Verdict, checked
 from .report import Crosscheck
-
-__all__ = ["CHECKS", "Check", "Crosscheck", "Verdict", "crosscheck"]
 
 
 def crosscheck(fmu: Path | str, *, step: float | None = None, timeout: float = 60.0) -> Crosscheck:
