@@ -19,18 +19,17 @@ a set without a step between) count over the life of an instance. Lines of the f
 "terminated NAME", "refused NAME" (a call out of order), "leaked states NAME", "used after fatal NAME", "hangs NAME", "freed NAME".
 """
 
-import subprocess
-import sys
 import zipfile
 from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import NamedTuple
 from uuid import NAMESPACE_URL, uuid5
 from xml.sax.saxutils import quoteattr
 
 import fmpy
+
+from tests.cosim.compiled import binary
 
 Value = float | int | bool | str
 GEARS = {"low": 1, "middle": 2, "high": 5}
@@ -114,18 +113,11 @@ REFERENCES = {v.name: n for variables in CELLS.values() for n, v in enumerate(va
 @cache
 def library() -> bytes:
     """The binary for this platform, compiled once per process."""
-    with TemporaryDirectory(prefix="foreign_") as folder:
-        binary = Path(folder, f"foreign{fmpy.sharedLibraryExtension}")
-        command = [sys.executable, "-m", "ziglang", "cc", "-shared", "-fPIC", "-O2", "-std=c11"]
-        headers = Path(fmpy.__file__).with_name("c-code")
-        command += ["-pthread", "-Wall", "-Wextra", "-Werror", f"-I{headers}"]
-        for cell, variables in CELLS.items():
-            command.append(f"-D{cell}_NAMES={','.join(v.name for v in variables)}")
-            ways = ",".join(v.causality.upper() for v in variables)
-            command.append(f"-D{cell}_CAUSALITIES={ways}")
-        command += [str(Path(__file__).with_name("foreign.c")), "-o", str(binary)]
-        subprocess.run(command, check=True)
-        return binary.read_bytes()
+    flags = ["-pthread"]
+    for cell, variables in CELLS.items():
+        flags.append(f"-D{cell}_NAMES={','.join(v.name for v in variables)}")
+        flags.append(f"-D{cell}_CAUSALITIES={','.join(v.causality.upper() for v in variables)}")
+    return binary(Path(__file__).with_name("foreign.c"), *flags)
 
 
 def pack(path: Path, **start: Value) -> Path:
