@@ -27,8 +27,9 @@ sys.path.insert(0, str(ROOT))
 
 from cosim import System, run
 from cosim.engine import program
+from cosim.engine.stepping import Settings
 from cosim.judge import describe
-from cosim.master import Settings
+from cosim.master import problems
 from cosim.system import connect
 
 FMUS, NATIVE = ROOT / "fmus", ROOT / "fmus" / "native"
@@ -81,7 +82,8 @@ def set_up(system: System) -> None:
     """Describe, check and connect."""
     network = connect(system)
     list(describe.info(network))
-    describe.check(network, Settings(1.0, H, algorithm="jacobi"))
+    settings = Settings(1.0, H, algorithm="jacobi")
+    list(problems(network, settings)), list(describe.notes(network, settings))
 
 
 def costs(count: int) -> tuple[float, float]:

@@ -7,22 +7,17 @@ from .engine.adaptive import Adaptive
 from .engine.algorithms import ALGORITHMS, ORDERS
 from .engine.part import quiet
 from .errors import SetupError
-from .figures import (
-    crossing,
-    largest,
-    mean,
-    rms,
-    smallest,
-    time_of_largest,
-    time_of_smallest,
-)
+from .figures import crossing, largest, mean, rms, smallest, time_of_largest, time_of_smallest
 from .formats.container import write_container
 from .formats.osp import read_osp, write_osp
-from .formats.ssp import Package, read_ssp, write_ssp
+from .formats.ssp.read import Package, read_ssp
+from .formats.ssp.write import write_ssp
 from .inputs import Table
 from .judge.certify import Certified, Estimate, certify, estimate, summary
 from .judge.compare import Comparison, Deviation, compare
-from .judge.crosscheck import Crosscheck, Verdict, crosscheck
+from .judge.crosscheck import crosscheck
+from .judge.crosscheck.checks import Verdict
+from .judge.crosscheck.report import Crosscheck
 from .judge.diagnose import Diagnosis, diagnose
 from .judge.isolated import run_isolated
 from .judge.linearize import Linear, linearize
@@ -45,59 +40,15 @@ HOMES = {
 }  # fmt: skip
 
 __all__ = [
-    "ALGORITHMS",
-    "ORDERS",
-    "Adaptive",
-    "Advice",
-    "Certified",
-    "Comparison",
-    "Crosscheck",
-    "Deviation",
-    "Diagnosis",
-    "Estimate",
-    "Experiment",
-    "Identified",
-    "Interrupted",
-    "Interval",
-    "Judged",
-    "Linear",
-    "Package",
-    "Result",
-    "SetupError",
-    "SimulationError",
-    "System",
-    "Table",
-    "Verdict",
-    "Wire",
-    "advise",
-    "certify",
-    "compare",
-    "crosscheck",
-    "crossing",
-    "diagnose",
-    "estimate",
-    "identify",
-    "largest",
-    "linearize",
-    "mean",
-    "measured",
-    "oracle",
-    "quiet",
-    "read_osp",
-    "read_ssp",
-    "rms",
-    "run",
-    "run_isolated",
-    "smallest",
-    "summary",
-    "time_of_largest",
-    "time_of_smallest",
-    "true_errors",
-    "versions",
-    "write_container",
-    "write_osp",
-    "write_ssp",
-]
+    "ALGORITHMS", "ORDERS", "Adaptive", "Advice", "Certified", "Comparison", "Crosscheck",
+    "Deviation", "Diagnosis", "Estimate", "Experiment", "Identified", "Interrupted", "Interval",
+    "Judged", "Linear", "Package", "Result", "SetupError", "SimulationError", "System", "Table",
+    "Verdict", "Wire", "advise", "certify", "compare", "crosscheck", "crossing", "diagnose",
+    "estimate", "identify", "largest", "linearize", "mean", "measured", "oracle", "quiet",
+    "read_osp", "read_ssp", "rms", "run", "run_isolated", "smallest", "summary",
+    "time_of_largest", "time_of_smallest", "true_errors", "versions", "write_container",
+    "write_osp", "write_ssp",
+]  # fmt: skip
 
 
 def __getattr__(name: str) -> Any:

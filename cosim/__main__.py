@@ -6,7 +6,7 @@ import argparse
 import math
 import re
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
@@ -20,10 +20,12 @@ from .engine.adaptive import Adaptive
 from .engine.algorithms import ALGORITHMS
 from .engine.part import quiet
 from .engine.rows import Stream
+from .engine.stepping import Settings
 from .errors import SetupError
 from .formats.container import write_container
 from .formats.osp import FILE, read_osp, write_osp
-from .formats.ssp import Package, read_ssp, write_ssp
+from .formats.ssp.read import Package, read_ssp
+from .formats.ssp.write import write_ssp
 from .formats.values import read_values
 from .inputs import Table
 from .judge import describe
@@ -33,8 +35,8 @@ from .judge.crosscheck import crosscheck
 from .judge.crosscheck.report import writer
 from .judge.diagnose import diagnose
 from .judge.isolated import run_isolated
-from .judge.oracle import METHODS, Compared, oracle, true_errors
-from .master import Settings
+from .judge.oracle import METHODS, oracle, true_errors
+from .master import problems
 from .progress import bar
 from .result import Interrupted, Result, SimulationError
 from .result import partial as partial_file
@@ -141,120 +143,103 @@ def parser() -> Parser:
     commands = top.add_subparsers(required=True, metavar="COMMAND", dest="command")
 
     def command(name: str, does: Callable[..., int], text: str, *, file: bool = True) -> Parser:
-        one = commands.add_parser(
-            name,
-            help=text,
-            description=text,
-            formatter_class=argparse.ArgumentDefaultsHelpFormatter,
-        )
+        how = argparse.ArgumentDefaultsHelpFormatter
+        one = commands.add_parser(name, help=text, description=text, formatter_class=how)
         one.set_defaults(does=does)
         if file:
-            text = f".ssp, .ssd, {FILE}, a folder with one, or a single .fmu"
-            one.add_argument("file", type=Path, help=text)
-            one.add_argument(
-                "--parameters", type=Path, metavar="FILE",
-                help="start values: an .ssv, or a .csv with the columns name, value and unit",
-            )  # fmt: skip
-            one.add_argument(
-                "--set", dest="given", metavar="NAME=VALUE", action="append", default=[],
-                help="start value of a parameter or input, by its dotted name",
-            )  # fmt: skip
+            one.path("file", f".ssp, .ssd, {FILE}, a folder with one, or a single .fmu")
+            values = "start values: an .ssv, or a .csv with the columns name, value and unit"
+            one.path("--parameters", values, metavar="FILE")
+            value = "start value of a parameter or input, by its dotted name"
+            one.several("--set", value, dest="given", metavar="NAME=VALUE")
             text = "refuse an FMU whose model description is not valid"
             one.add_argument("--strict", action="store_true", help=text)
         return one
 
     command("info", show, "what a system is made of")
-    checks = command("check", examine, "what stands in the way of a run, without running")
-    runs = command("run", simulate, "run a system and write its rows")
-    for one in (checks, runs):
-        stepping(one)
-    add = runs.add_argument
-    add("--out", type=Path, help=".csv or .parquet; JSON with units and provenance beside it")
-    add(
-        "--timeout",
-        type=float,
-        default=math.inf,
-        help="longest time of a step before it is ended [s]",
-    )
-    add("--part", help="write this part's columns only, under their bare names")
-    add("--plot", type=Path, help="image of all columns")
-    add("--certify", action="store_true", help="run with smaller steps too, tell coupling errors")
+    stepping(command("check", examine, "what stands in the way of a run, without running"))
+    one = command("run", simulate, "run a system and write its rows")
+    stepping(one)
+    one.path("--out", ".csv or .parquet; JSON with units and provenance beside it")
+    one.number("--timeout", "longest time of a step before it is ended [s]", math.inf)
+    one.add_argument("--part", help="write this part's columns only, under their bare names")
+    one.path("--plot", "image of all columns")
+    text = "run with smaller steps too, tell coupling errors"
+    one.add_argument("--certify", action="store_true", help=text)
 
-    measures = command("diagnose", measure, "what the coupling does to the damping")
-    add = measures.add_argument
-    add("--step", type=float, help="communication step [s]; the file's, or the FMUs', by default")
-    add("--algorithm", choices=ALGORITHMS, default="strang", help="coupling algorithm")
-    add("--share", type=float, default=0.05, help="artificial damping allowed, of the real one")
-    add(
-        "--settle",
-        type=float,
-        default=0.0,
-        help="time [s] to a steady motion before the measurement",
-    )
+    one = command("diagnose", measure, "what the coupling does to the damping")
+    shared(one, "--step", "--algorithm")
+    one.number("--share", "artificial damping allowed, of the real one", 0.05)
+    one.number("--settle", "time [s] to a steady motion before the measurement", 0.0)
 
-    truths = command("oracle", judge, "the true errors of a run, from model exchange")
-    add = truths.add_argument
-    add("--start", type=float, help="start time [s]; the file's by default")
-    add("--stop", type=float, help="stop time [s]; the file's by default")
-    add("--step", type=float, help="communication step [s]; the file's, or the FMUs', by default")
-    add("--algorithm", choices=ALGORITHMS, default="strang", help="coupling algorithm")
-    add("--method", choices=METHODS, default=METHODS[0], help="integrator; the last two if stiff")
-    add("--record", type=names, help="columns by dotted names, a,b,c; all outputs by default")
-    add("--out", type=Path, help=".csv or .parquet of the oracle's rows")
-    truths.set_defaults(adaptive=None, output_step=None, plot=None, part=None, certify=True)
+    one = command("oracle", judge, "the true errors of a run, from model exchange")
+    shared(one, "--start", "--stop", "--step", "--algorithm")
+    text = "integrator; the last two if stiff"
+    one.add_argument("--method", choices=METHODS, default=METHODS[0], help=text)
+    shared(one, "--record")
+    one.path("--out", ".csv or .parquet of the oracle's rows")
+    one.set_defaults(adaptive=None, output_step=None, plot=None, part=None, certify=True)
 
-    exports = command("export", export, "write a system in another format")
-    exports.add_argument("--to", choices=("ssp", "osp", "container"), required=True, help="format")
-    exports.add_argument("--out", type=Path, required=True, help="file, or folder for osp")
-    exports.add_argument("--step", type=float, help="communication step [s]")
-    keeps = command("crosscheck", cross, "whether an FMU keeps what it promises", file=False)
-    add = keeps.add_argument
-    add("fmu", type=Path, help="a co-simulation FMU of FMI 2.0 or 3.0")
-    add("--step", type=float, help="communication step [s]; the FMU's by default")
-    add("--timeout", type=float, default=60.0, help="longest time of a check [s]")
-    text = "report: .txt, .xml (JUnit) or .html; may be given again"
-    add("--out", type=Path, action="append", default=[], help=text)
-    bands = command("compare", beside, "whether a result stays beside a reference", file=False)
-    add = bands.add_argument
-    add("result", type=Path, help=".csv or .parquet, its first column the time")
-    add("reference", type=Path, help="the same: another result, or a measurement")
+    one = command("export", export, "write a system in another format")
+    formats = ("ssp", "osp", "container")
+    one.add_argument("--to", choices=formats, required=True, help="format")
+    one.path("--out", "file, or folder for osp", required=True)
+    one.number("--step", "communication step [s]")
+
+    one = command("crosscheck", cross, "whether an FMU keeps what it promises", file=False)
+    one.path("fmu", "a co-simulation FMU of FMI 2.0 or 3.0")
+    one.number("--step", "communication step [s]; the FMU's by default")
+    one.number("--timeout", "longest time of a check [s]", 60.0)
+    one.several("--out", "report: .txt, .xml (JUnit) or .html; may be given again", type=Path)
+
+    one = command("compare", beside, "whether a result stays beside a reference", file=False)
+    one.path("result", ".csv or .parquet, its first column the time")
+    one.path("reference", "the same: another result, or a measurement")
     text = (
         "columns of result and reference, w=n:rpm or tau=M*0.73:N.m; by default, those of one name"
     )
-    add("--map", metavar="NAME=COLUMN", action="append", default=[], help=text)
-    text = "half the height of the band, of the reference's range"
-    add("--value", type=float, default=SHARE, help=text)
-    add(
-        "--time", type=float, help=f"half the width of the band [s]; {SHARE} of the time by default"
-    )
+    one.several("--map", text, metavar="NAME=COLUMN")
+    one.number("--value", "half the height of the band, of the reference's range", SHARE)
+    one.number("--time", f"half the width of the band [s]; {SHARE} of the time by default")
     text = "error of a column, in the reference's unit or as in 7.3rpm"
-    add("--error", metavar="NAME=VALUE", action="append", default=[], help=text)
-    text = "compare nothing between rows of the reference further apart [s]"
-    add("--gap", type=float, default=math.inf, help=text)
-    add("--plot", type=Path, help="image of the curves and their bands")
-    proofs = command("verify", verify, "test the master against closed solutions", file=False)
-    proofs.add_argument("fmu", nargs="?", type=Path, default=EXACT, help="LinearSystem.fmu")
+    one.several("--error", text, metavar="NAME=VALUE")
+    one.number("--gap", "compare nothing between rows of the reference further apart [s]", math.inf)
+    one.path("--plot", "image of the curves and their bands")
+
+    one = command("verify", verify, "test the master against closed solutions", file=False)
+    one.path("fmu", "LinearSystem.fmu", nargs="?", default=EXACT)
     return top
+
+
+def shared(one: Parser, *options: str) -> None:
+    """Options of several commands."""
+    told: dict[str, dict[str, Any]] = {
+        "--start": {"type": float, "help": "start time [s]; the file's by default"},
+        "--stop": {"type": float, "help": "stop time [s]; the file's by default"},
+        "--step": {"type": float, "help": "communication step [s]; the file's, or the FMUs', by default"},
+        "--algorithm": {"choices": ALGORITHMS, "default": "strang", "help": "coupling algorithm"},
+        "--record": {"type": names, "help": "columns by dotted names, a,b,c; all outputs by default"},
+    }  # fmt: skip
+    for option in options:
+        one.add_argument(option, **told[option])
 
 
 def stepping(one: Parser) -> None:
     """The options of how a system is stepped."""
+    shared(one, "--start", "--stop", "--step")
+    one.number("--adaptive", "choose steps for this coupling error", metavar="TOLERANCE")
+    shared(one, "--algorithm")
     add = one.add_argument
-    add("--start", type=float, help="start time [s]; the file's by default")
-    add("--stop", type=float, help="stop time [s]; the file's by default")
-    add("--step", type=float, help="communication step [s]; the file's, or the FMUs', by default")
-    add("--adaptive", type=float, metavar="TOLERANCE", help="choose steps for this coupling error")
-    add("--algorithm", choices=ALGORITHMS, default="strang", help="coupling algorithm")
     add("--order", type=names, help="order in which parts step: a,b,c")
     add("--input-order", type=int, default=0, help="polynomial order of inputs within a step")
-    add("--substeps", action="append", default=[], metavar="PART=N", help="steps within a step")
-    add("--tolerance", type=float, help="relative tolerance handed to the FMUs")
-    add("--input", type=Path, help="CSV of inputs over time, its first column the time [s]")
-    add("--map", action="append", default=[], metavar="NAME=COLUMN", help="input and its column")
+    one.several("--substeps", "steps within a step", metavar="PART=N")
+    one.number("--tolerance", "relative tolerance handed to the FMUs")
+    one.path("--input", "CSV of inputs over time, its first column the time [s]")
+    one.several("--map", "input and its column", metavar="NAME=COLUMN")
     add("--held", action="store_true", help="hold values of --input to the next row, no lines")
-    add("--at", action="append", default=[], metavar="'TIME NAME=VALUE'", help="change on the way")
-    add("--record", type=names, help="columns by dotted names, a,b,c; all outputs by default")
-    add("--output-step", type=float, help="distance of rows [s]; every step by default")
+    one.several("--at", "change on the way", metavar="'TIME NAME=VALUE'")
+    shared(one, "--record")
+    one.number("--output-step", "distance of rows [s]; every step by default")
 
 
 def times(task: Task, options: argparse.Namespace) -> tuple[float, float]:
@@ -294,7 +279,8 @@ def show(options: argparse.Namespace) -> int:
 def examine(options: argparse.Namespace) -> int:
     """python -m cosim check; exit code 1 if something stands in the way."""
     with opened(options) as task:
-        errors, notes = describe.check(task.network, settings(task, options))
+        way = settings(task, options)
+        errors, notes = list(problems(task.network, way)), list(describe.notes(task.network, way))
         if task.package.step is not None:
             notes.append(f"communication step: {task.package.step!r} s, which the file gives")
     for note in notes:
@@ -336,11 +322,17 @@ def simulate(options: argparse.Namespace) -> int:
                 result.plot(path=options.plot)
             print("\n".join(told(result)))
             if options.out is None and options.plot is None:
-                print("\n".join(last(result)))
+                end = zip(result.columns, result.data[-1])
+                table((name, f"{value:.6g} {result.units[name]}") for name, value in end)
     if figures:
         ways = ("step, a half and a quarter", "tolerance, a tenth and a hundredth")
         print(f"coupling errors, from runs with the {ways[options.adaptive is not None]} of it")
-        print("\n".join(certified(result, figures)))
+        rows = []
+        for name, column in summed(result):
+            x = figures[name]
+            order = "" if x.error is None else f"order {x.order:.1f}"
+            rows.append((name, x.text(result.units[column]), order))
+        table(rows)
     warn(result)
     return 0
 
@@ -417,15 +409,14 @@ def warn(result: Result) -> None:
         print(f"warning: {warning}", file=sys.stderr)
 
 
-def certified(result: Result, figures: Mapping[str, Estimate]) -> Iterator[str]:
-    """The figures with their errors and orders, in columns."""
-    columns = [(column, what) for column in result.columns[1:] for what in SUMMARY]
-    units = {f"{column}{what}": result.units[column] for column, what in columns}
-    rows = [
-        (name, found.text(units[name]), "" if found.error is None else f"order {found.order:.1f}")
-        for name, found in figures.items()
-    ]
-    yield from (f"  {line}" for line in describe.table(rows))
+def table(rows: Iterable[Sequence[str]]) -> None:
+    """Print rows in aligned columns."""
+    print("\n".join(f"  {line}" for line in describe.table(list(rows))))
+
+
+def summed(result: Result) -> Iterator[tuple[str, str]]:
+    """The names of the figures of `summary`, each with its column."""
+    return ((f"{column}{what}", column) for column in result.columns[1:] for what in SUMMARY)
 
 
 def told(result: Result) -> Iterator[str]:
@@ -446,26 +437,13 @@ def told(result: Result) -> Iterator[str]:
         )
 
 
-def last(result: Result) -> Iterator[str]:
-    """The values at the end, in columns."""
-    rows = [
-        (name, f"{value:.6g} {result.units[name]}")
-        for name, value in zip(result.columns, result.data[-1])
-    ]
-    yield from (f"  {line}" for line in describe.table(rows))
-
-
 def measure(options: argparse.Namespace) -> int:
     """python -m cosim diagnose."""
     with opened(options) as task:
         found = diagnose(
-            task.system,
-            step=task.step(options.step),
-            algorithm=options.algorithm,
-            share=options.share,
-            start=task.start,
-            settle=options.settle,
-        )
+            task.system, step=task.step(options.step), algorithm=options.algorithm,
+            share=options.share, start=task.start, settle=options.settle,
+        )  # fmt: skip
     print(found.text())
     return 0
 
@@ -480,18 +458,17 @@ def judge(options: argparse.Namespace) -> int:
         way = settings(task, options)
         with quiet():
             found = true_errors(
-                task.system,
-                start=way.start,
-                stop=way.stop,
-                step=task.step(options.step),
-                record=options.record,
-                method=options.method,
-                algorithm=options.algorithm,
-            )
+                task.system, start=way.start, stop=way.stop, step=task.step(options.step),
+                record=options.record, method=options.method, algorithm=options.algorithm,
+            )  # fmt: skip
     if options.out is not None:
         found.result.write(options.out)
     print("the oracle's figure, the certified one, its true error")
-    print("\n".join(compared(found.result, found.figures)))
+    rows = []
+    for name, column in summed(found.result):
+        x, unit = found.figures[name], found.result.units[column]
+        rows.append((name, f"{x.true:.9g} {unit}", x.certified.text(unit), f"{x.error:.2g} {unit}"))
+    table(rows)
     warn(found.result)
     return 0
 
@@ -501,13 +478,9 @@ def truth(task: Task, options: argparse.Namespace, lone: Sequence[str]) -> int:
     start, stop = times(task, options)
     with quiet():
         result = oracle(
-            task.system,
-            start=start,
-            stop=stop,
-            output_step=options.step,
-            record=options.record,
+            task.system, start=start, stop=stop, output_step=options.step, record=options.record,
             method=options.method,
-        )
+        )  # fmt: skip
     if options.out is not None:
         result.write(options.out)
     print(
@@ -515,25 +488,14 @@ def truth(task: Task, options: argparse.Namespace, lone: Sequence[str]) -> int:
     )
     figures = summary(result)
     between, off = by_rows(summary, result, figures), result.provenance["errors"]
-    shown = []
-    for column, what in ((c, w) for c in result.columns[1:] for w in SUMMARY):
-        rows = between[name := f"{column}{what}"]
-        error = None if rows is None else rows + off[column]
+    rows = []
+    for name, column in summed(result):
+        error = None if (gap := between[name]) is None else gap + off[column]
         found = Estimate(figures[name], error, math.nan, reason="it cannot be told from fewer rows")
-        shown.append((name, found.text(result.units[column])))
-    print("\n".join(f"  {line}" for line in describe.table(shown)))
+        rows.append((name, found.text(result.units[column])))
+    table(rows)
     warn(result)
     return 0
-
-
-def compared(result: Result, figures: Mapping[str, Compared]) -> Iterator[str]:
-    """The figures of the oracle beside those of the runs, in columns."""
-    rows = []
-    for column, what in ((c, w) for c in result.columns[1:] for w in SUMMARY):
-        unit, found = result.units[column], figures[f"{column}{what}"]
-        true, error = f"{found.true:.9g} {unit}", f"{found.error:.2g} {unit}"
-        rows.append((f"{column}{what}", true, found.certified.text(unit), error))
-    yield from (f"  {line}" for line in describe.table(rows))
 
 
 def export(options: argparse.Namespace) -> int:
@@ -572,14 +534,10 @@ def beside(options: argparse.Namespace) -> int:
     """python -m cosim compare; exit code 1 if a column leaves its band."""
     require_image(options.plot)
     found = compare(
-        options.result,
-        options.reference,
-        columns=dict(map(assignment, options.map)) or None,
-        value=options.value,
-        time=options.time,
-        errors=dict(map(assignment, options.error)),
+        options.result, options.reference, columns=dict(map(assignment, options.map)) or None,
+        value=options.value, time=options.time, errors=dict(map(assignment, options.error)),
         gap=options.gap,
-    )
+    )  # fmt: skip
     print(found.text())
     if options.plot is not None:
         found.plot(options.plot)

@@ -8,7 +8,8 @@ import signal
 import sys
 from collections.abc import Callable
 from importlib.util import find_spec
-from typing import NoReturn
+from pathlib import Path
+from typing import Any, NoReturn
 
 from .errors import SetupError
 from .result import SimulationError
@@ -21,6 +22,18 @@ class Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         raise SetupError(message)
+
+    def path(self, name: str, text: str, **more: Any) -> None:
+        """An option that is a file."""
+        self.add_argument(name, type=Path, help=text, **more)
+
+    def number(self, name: str, text: str, default: float | None = None, **more: Any) -> None:
+        """An option that is a number."""
+        self.add_argument(name, type=float, default=default, help=text, **more)
+
+    def several(self, name: str, text: str, **more: Any) -> None:
+        """An option that may be given again."""
+        self.add_argument(name, action="append", default=[], help=text, **more)
 
 
 def exit_code(action: Callable[[], int]) -> int:

@@ -27,9 +27,7 @@ GAUSS = 0.5 / math.sqrt(3.0)
 
 
 class Reading(NamedTuple):
-    """A column of a file, and how its numbers are read: factor * number + offset, in a unit if any is
-    told.
-    """
+    """A column of a file, and how its numbers are read: factor * number + offset, in a unit if told."""
 
     name: str
     factor: float = 1.0
@@ -55,12 +53,9 @@ class Reading(NamedTuple):
         factor = float(re.sub(r"\s", "", match["factor"] or "1"))
         if not factor:
             raise SetupError(f"column {text!r}: the factor must not be 0")
-        return cls(
-            match["name"],
-            1.0 / factor if match["sign"] == "/" else factor,
-            float(re.sub(r"\s", "", match["offset"] or "0")),
-            unit.strip() if colon else None,
-        )
+        factor = 1.0 / factor if match["sign"] == "/" else factor
+        offset = float(re.sub(r"\s", "", match["offset"] or "0"))
+        return cls(match["name"], factor, offset, unit.strip() if colon else None)
 
 
 class Table:
@@ -130,16 +125,15 @@ class Table:
 
     def after(self, value: Any) -> Table:
         """The table with a value that holds before its first row."""
-        whole = self.mapped(lambda v: v)
-        whole.times.insert(0, -math.inf)
-        whole.values.insert(0, value)
-        return whole
+        return self._with([-math.inf, *self.times], [value, *self.values], "")
 
     def mapped(self, change: Callable[[Any], Any]) -> Table:
         """The table with other values, in the input's unit."""
+        return self._with([*self.times], [change(v) for v in self.values], "")
+
+    def _with(self, times: list[float], values: list[Any], unit: str) -> Table:
         other = copy(self)
-        other.times, other.values = list(self.times), [change(v) for v in self.values]
-        other.unit = ""
+        other.times, other.values, other.unit = times, values, unit
         return other
 
     def between(self, first: float, last: float) -> Table:
@@ -150,9 +144,7 @@ class Table:
                 f"{self.source or 'a table'}: it has no rows from {first:g} to {last:g} s, only from "
                 f"{self.times[0]:g} to {self.times[-1]:g} s"
             )
-        other = copy(self)
-        other.times, other.values = [t for t, _ in rows], [v for _, v in rows]
-        return other
+        return self._with([t for t, _ in rows], [v for _, v in rows], self.unit)
 
     def at(self, t: float) -> Any:
         """The value at time t [s], after a jump there."""

@@ -68,14 +68,6 @@ def strongly_connected(leads: Sequence[Sequence[int]]) -> list[list[int]]:
     return rings
 
 
-def acts(network: Network, first: Connection, then: Connection) -> bool:
-    """Whether the input of one wire moves the source of another without delay."""
-    if first.target.part != then.source.part:
-        return False
-    acting = feedthrough(network.descriptions[then.source.part])
-    return first.target.variable.name in acting.get(then.source.variable.name, ())
-
-
 def describe(loop: Sequence[Connection]) -> str:
     """A loop as text: its inputs and what drives them."""
     return ", ".join(f"{wire.source.name} -> {wire.target.name}" for wire in loop)

@@ -12,8 +12,7 @@ from functools import cache
 from heapq import heappop, heappush
 from importlib.util import find_spec
 from pathlib import Path
-from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import Any
 
 from .engine.adaptive import Adaptive
 from .engine.algorithms import ALGORITHMS
@@ -23,56 +22,16 @@ from .engine.initial import initialise, shown
 from .engine.ledger import balance, bonds, complaints
 from .engine.part import Part
 from .engine.rows import Recorder
-from .engine.stepping import Plan, Row, Run
+from .engine.stepping import Row, Run, Settings
 from .engine.surroundings import Surroundings
 from .errors import PartFailure, SetupError
 from .loops import algebraic_loops, describe
 from .result import Interrupted, Result, SimulationError
 from .signals import interrupts
-from .system import (
-    NUMERIC,
-    STATE,
-    VARIABLE_STEP,
-    Network,
-    Port,
-    System,
-    connect,
-    lacking,
-    require_steps,
-)
+from .system import STATE, VARIABLE_STEP, Network, System, connect, lacking, require_steps
 
 MOST_SUBSTEPS = 1 << 20
 HIGHEST = 8
-
-
-class Settings(NamedTuple):
-    """How a system is run, see `run`: all that `problems` judges and a run takes."""
-
-    stop: float
-    step: float | Adaptive
-    start: float = 0.0
-    algorithm: str = "strang"
-    order: Sequence[str] | None = None
-    input_order: int = 0
-    substeps: Mapping[str, int] = MappingProxyType({})
-    tolerance: float | None = None
-    record: Sequence[str] | None = None
-    output_step: float | None = None
-
-    @property
-    def plan(self) -> Plan:
-        """Its times."""
-        return Plan(self.start, self.stop, self.step, self.output_step)
-
-    def ports(self, network: Network) -> list[Port]:
-        """What is recorded; raises SetupError for what cannot be."""
-        if self.record is None:
-            return _outputs(network)
-        ports = [port for name in self.record for port in network.array(name)[1]]
-        for port in ports:
-            if port.type not in NUMERIC:
-                raise SetupError(f"{port} is a {port.type} and cannot be recorded")
-        return ports
 
 
 def run(
@@ -108,52 +67,41 @@ def run(
     """
     network = connect(system)
     rates = dict(substeps or {})
+    if tolerance is None and isinstance(step, Adaptive):
+        tolerance = step.tolerance
     settings = Settings(
         stop, step, start, algorithm, order, input_order, rates, tolerance, record, output_step
     )
     for problem in problems(network, settings):
         raise SetupError(problem)
-    plan, ports, sequence = settings.plan, settings.ports(network), stepping_order(network, order)
+    ports, sequence = settings.ports(network), stepping_order(network, order)
     began = clock.perf_counter()
     with ExitStack() as stack:
         interrupted, around = stack.enter_context(interrupts()), Surroundings()
         stack.callback(around.restore)
-        if tolerance is None and isinstance(step, Adaptive):
-            tolerance = step.tolerance
         try:
-            parts = initialise(
-                network, sequence, stack, start, stop,
-                tolerance=tolerance, substeps=rates, input_order=input_order,
-                within=ports if plan.every() is None else (),
-            )  # fmt: skip
+            within = ports if settings.every() is None else ()
+            parts = initialise(network, settings, sequence, stack, within)
             identities = {name: _identity(p, system.parts[name]) for name, p in parts.items()}
             around.restore()
         except PartFailure as error:
             raise SetupError(str(error)) from error
         provenance: dict[str, Any] = {
-            "algorithm": algorithm,
-            "communication": plan.text(),
-            "order": sequence,
-            "input_order": input_order,
-            "substeps": rates,
-            "start": start,
-            "stop": stop,
-            "tolerance": tolerance,
-            "wires": [str(wire) for wire in system.wires],
+            "algorithm": algorithm, "communication": settings.text(), "order": sequence,
+            "input_order": input_order, "substeps": rates, "start": start, "stop": stop,
+            "tolerance": tolerance, "wires": [str(wire) for wire in system.wires],
             "inputs": {port.name: profile.told() for port, profile in network.inputs},
-            "changes": list(system.changes),
-            "start_values": dict(system.start),
-            "open_inputs": {port.name: value for port, value in network.open},
-            "parts": identities,
+            "changes": list(system.changes), "start_values": dict(system.start),
+            "open_inputs": {port.name: value for port, value in network.open}, "parts": identities,
             "versions": versions(),
-        }
+        }  # fmt: skip
         row = Row([parts[name] for name in parts], ports)
         units = {port.name: port.unit for port in ports}
         path = None if csv is None else Path(csv).absolute()
         recorder = Recorder([port.name for port in ports], units, path, provenance)
         made = changes(network, parts, start, stop)
         stepped = [parts[name] for name in sequence]
-        run = Run(stepped, algorithm, input_order, plan, row, recorder, made)
+        run = Run(stepped, settings, row, recorder, made)
         status, reason = "failed", "stopped by an error outside the FMUs"
         try:
             for share in run.steps():
@@ -176,17 +124,10 @@ def run(
             heard += around.warnings
             if not ports:
                 heard.append("no FMU has an output that could be recorded: the rows hold the time")
-            result = recorder.finish(
-                provenance
-                | run.statistics()
-                | {"status": status, "reason": reason, "reached": run.t}
-                | {
-                    "rows": recorder.count,
-                    "bonds": energy,
-                    "warnings": [*heard, *complaints(energy)],
-                }
-                | {"wall_time": clock.perf_counter() - began}
-            )
+            end = {"status": status, "reason": reason, "reached": run.t, "rows": recorder.count}
+            end |= {"bonds": energy, "warnings": [*heard, *complaints(energy)]}
+            end |= {"wall_time": clock.perf_counter() - began}
+            result = recorder.finish(provenance | run.statistics() | end)
     stopped = f"{reason}; stopped at t = {run.t!r} s, {recorder.count} rows kept"
     if status == "failed":
         raise SimulationError(stopped, result)
@@ -197,12 +138,12 @@ def run(
 
 def problems(network: Network, settings: Settings) -> Iterator[str]:
     """What keeps these FMUs from being run in this way."""
-    plan, algorithm, order = settings.plan, settings.algorithm, settings.order
-    input_order, tolerance = settings.input_order, settings.tolerance
+    start, stop, step, algorithm = settings.start, settings.stop, settings.step, settings.algorithm
+    order, input_order, tolerance = settings.order, settings.input_order, settings.tolerance
     try:
         require_steps(network.descriptions, network.system.parts)
         settings.ports(network)
-        plan.check()
+        settings.check()
     except SetupError as error:
         yield str(error)
         return
@@ -236,35 +177,33 @@ def problems(network: Network, settings: Settings) -> Iterator[str]:
                 f"algebraic loop: {describe(loop)} act on each other at once; "
                 f"{algorithm} cannot solve that, iterated can"
             )
-    if isinstance(plan.step, Adaptive):
+    if isinstance(step, Adaptive):
         for name in steady:
             yield f"adaptive steps: {name} cannot vary its step"
-        if plan.step.control == "doubling":
+        if step.control == "doubling":
             for name in lost:
                 yield f"step doubling needs the FMU state, which {name} cannot save"
-        elif (plan.step.control == "energy" or lost) and not bonds(network):
+        elif (step.control == "energy" or lost) and not bonds(network):
             yield "step control by energy needs a power bond, and the system has none"
         watched = [p.name for ports in shown(network).values() for p in ports if p.type == "Real"]
-        for name in plan.step.absolute:
+        for name in step.absolute:
             if name not in watched:
                 yield f"absolute tolerance of {name}: only {', '.join(watched)}"
     elif steady:
-        moving = [port for port, _ in fed(network)]
-        times = {
-            port.name: profile.jumps(plan.start, plan.stop)
-            for port, profile in network.inputs
-            if port not in moving
-        }
-        for name, found in ({"stop": [plan.stop]} | times).items():
+        moving, times = [port for port, _ in fed(network)], {"stop": [stop]}
+        for port, profile in network.inputs:
+            if port not in moving:
+                times[port.name] = profile.jumps(start, stop)
+        for name, found in times.items():
             for time in found:
-                steps = max(1, round((time - plan.start) / plan.step))
-                if not same(plan.start + steps * plan.step, time):
+                steps = max(1, round((time - start) / step))
+                if not same(start + steps * step, time):
                     yield (
-                        f"{name} = {time!r} s must be a whole number of steps of {plan.step!r} s "
+                        f"{name} = {time!r} s must be a whole number of steps of {step!r} s "
                         f"after start, since {steady[0]} cannot vary its step"
                     )
     for port, profile in network.inputs:
-        if lack := profile.lacks(plan.start, plan.stop):
+        if lack := profile.lacks(start, stop):
             yield f"{port.name}: its table {lack}"
 
 
@@ -292,26 +231,12 @@ def stepping_order(network: Network, order: Sequence[str] | None) -> list[str]:
     return list(sequence.values())
 
 
-def _outputs(network: Network) -> list[Port]:
-    return [
-        Port(name, variable)
-        for name, description in network.descriptions.items()
-        for variable in description.modelVariables
-        if variable.causality == "output" and variable.type in NUMERIC
-    ]
-
-
 def _identity(part: Part, path: Path) -> dict[str, Any]:
     """What a result says of a part: file, guid, model and every parameter's value."""
     description = part.description
     parameters = [v for v in description.modelVariables if v.causality == "parameter"]
-    return {
-        "fmu": Path(path).name,
-        "model": description.modelName,
-        "guid": description.guid,
-        "tool": description.generationTool,
-        "parameters": part.values(parameters),
-    }
+    told = {"fmu": Path(path).name, "model": description.modelName, "guid": description.guid}
+    return told | {"tool": description.generationTool, "parameters": part.values(parameters)}
 
 
 @cache

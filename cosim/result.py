@@ -130,16 +130,13 @@ class Result:
             axis.grid(alpha=0.3)
             axis.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize="small")
         axes[-1].set_xlabel("time / s")
-        axes[0].set_title(self._subtitle(), fontsize="small", loc="left")
+        ran = self.provenance
+        ended = "" if ran["status"] == "complete" else f" ({ran['status']})"
+        title = f"{ran['algorithm']}, {ran['communication']}{ended}"
+        axes[0].set_title(title, fontsize="small", loc="left")
         if path is not None:
             figure.savefig(path, dpi=150)
         return figure
-
-    def _subtitle(self) -> str:
-        """How the run was made, and whether it came to its end."""
-        told = self.provenance
-        text = f"{told['algorithm']}, {told['communication']}"
-        return text if told["status"] == "complete" else f"{text} ({told['status']})"
 
 
 class SimulationError(RuntimeError):

@@ -33,6 +33,8 @@ READ: dict[str, Callable[[str], Value]] = {
     "String": str,
     "Enumeration": str,
 }
+BASES = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
+ANGLE = (0, 0, 0, 0, 0, 0, 0, 1)
 XML, LONGEST = "modelDescription.xml", 128 * 2**20
 WANTED = "this master runs co-simulation by FMI 2.0 and 3.0"
 NUMERIC = {"Real": float, "Integer": int, "Enumeration": int, "Boolean": int}
@@ -571,7 +573,7 @@ def lacking(descriptions: Mapping[str, ModelDescription], ability: str) -> list[
 
 def exponents(unit: Any) -> tuple[int, ...]:
     """The powers of the base units."""
-    return tuple(getattr(unit, base) for base in ("kg", "m", "s", "A", "K", "mol", "cd", "rad"))
+    return tuple(getattr(unit, base) for base in BASES)
 
 
 def _start(port: Port, value: Value) -> tuple[Port, Value]:
@@ -604,9 +606,8 @@ def _start(port: Port, value: Value) -> tuple[Port, Value]:
         raise SetupError(f"{port} = {value!r} must be {given}")
     if not math.isfinite(number):
         raise SetupError(f"{port} = {value!r} must be a finite number")
-    for limit, allowed in _limits(port):
-        if not allowed(number):
-            raise SetupError(f"{port} = {value!r} must be {limit} {port.unit}".rstrip())
+    for limit in _broken(port, number):
+        raise SetupError(f"{port} = {value!r} must be {limit} {port.unit}".rstrip())
     if items and number not in items.values():
         known = ", ".join(f"{n} ({item})" for item, n in items.items())
         raise SetupError(f"{port} = {value!r} must be one of {known}")
@@ -694,19 +695,19 @@ def enumeration(variable: ScalarVariable) -> dict[str, int]:
     return {str(item.name): int(item.value) for item in variable.declaredType.items or ()}
 
 
-def _limits(port: Port) -> Iterator[tuple[str, Any]]:
+def _broken(port: Port, number: float) -> Iterator[str]:
+    """The limits of a port that a number does not keep."""
     if port.type == "Boolean":
-        yield "true or false", lambda number: number in (0, 1)
+        if number not in (0, 1):
+            yield "true or false"
         return
     if port.type == "Integer":
         bits, signed = WIDTHS.get(port.native, (32, True))
         lowest, highest = (-(2 ** (bits - 1)), 2 ** (bits - 1)) if signed else (0, 2**bits)
-        kind = f"{bits}-bit {'' if signed else 'unsigned '}integer"
-        article = "an" if bits == 8 else "a"
-        yield f"{article} {kind}", lambda number: lowest <= number < highest
-    if port.variable.min is not None:
-        low = float(port.variable.min)
-        yield f"at least {low!r}", lambda number: number >= low
-    if port.variable.max is not None:
-        high = float(port.variable.max)
-        yield f"at most {high!r}", lambda number: number <= high
+        if not lowest <= number < highest:
+            article = "an" if bits == 8 else "a"
+            yield f"{article} {bits}-bit {'' if signed else 'unsigned '}integer"
+    if port.variable.min is not None and not number >= (low := float(port.variable.min)):
+        yield f"at least {low!r}"
+    if port.variable.max is not None and not number <= (high := float(port.variable.max)):
+        yield f"at most {high!r}"

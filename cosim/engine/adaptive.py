@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from ..errors import Discarded, NotFinite, PartFailure, SetupError
+from .algorithms import Advance
 from .clock import same
 from .exchange import Coupled
 from .snapshot import Snapshot, forget_after
@@ -94,7 +95,7 @@ class Controller:
     """
 
     def __init__(self, order: int, settings: Adaptive, times: Sequence[float]) -> None:
-        self.order, self.times, self.longest = order, times, settings.longest
+        self.order, self.settings, self.times, self.rejected = order, settings, times, 0
         self.t, self.span = times[0], times[-1] - times[0]
         first = FIRST * self.span if settings.first is None else settings.first
         self.h = min(first, settings.longest)
@@ -123,30 +124,22 @@ class Controller:
         factor = SAFETY * used ** (-0.7 / self.order) * self.before ** (0.3 / self.order)
         self.before = used
         self.t = self.end
-        self.h = min(self.longest, self.h * float(min(GROW, max(SHRINK, factor))))
+        self.h = min(self.settings.longest, self.h * float(min(GROW, max(SHRINK, factor))))
         return self.t
 
-    def reject(self, used: float) -> None:
+    def shrink(self, used: float) -> None:
         """Take a smaller step in place of one that used too much."""
         self.h *= float(max(SHRINK, SAFETY * used ** (-1.0 / self.order)))
 
 
-def doubling(
-    parts: Sequence[Coupled],
-    advance: Callable[[float, float], None],
-    settings: Adaptive,
-    order: int,
-    times: Sequence[float],
-    rejected: list[float],
-) -> Iterator[float]:
-    """The times at which accepted steps end, all of `times` [s], from the first to the last of
-    them, among them; sizes of rejected ones go to `rejected`.
+def doubling(parts: Sequence[Coupled], advance: Advance, control: Controller) -> Iterator[float]:
+    """The times at which accepted steps end, all of the controller's `times` [s], from the first to the
+    last of them, among them.
 
     The whole step's end serves the halves as a prediction where inputs move within a step.
     """
-    scale, snapshot = Scale(parts, settings), Snapshot(parts)
-    controller = Controller(order, settings, times)
-    for t, h in controller.steps():
+    scale, snapshot = Scale(parts, control.settings), Snapshot(parts)
+    for t, h in control.steps():
         snapshot.take()
         reason = ""
         try:
@@ -157,31 +150,25 @@ def doubling(
             advance(t + h / 2, h / 2)
         except (Discarded, NotFinite) as failure:
             reached = failure.reached if isinstance(failure, Discarded) else t
-            controller.h = min(h / 2, max(0.0, reached - t)) or h / 2
+            control.h = min(h / 2, max(0.0, reached - t)) or h / 2
             reason = f"{failure}; "
         else:
             errors = [a - b for a, b in zip(scale.values(), whole)]
-            used = scale.share(errors, controller.span / h)
+            used = scale.share(errors, control.span / h)
             if used <= ACCEPT:
                 scale.accept()
-                yield controller.accept(used)
+                yield control.accept(used)
                 continue
-            controller.reject(used)
-        rejected.append(h)
-        if controller.h < LEAST * controller.span:
-            raise PartFailure(f"{reason}the tolerance asks for steps below {controller.h:.2g} s")
+            control.shrink(used)
+        control.rejected += 1
+        if control.h < LEAST * control.span:
+            raise PartFailure(f"{reason}the tolerance asks for steps below {control.h:.2g} s")
         snapshot.restore()
         forget_after(parts, t)
 
 
-def by_energy(
-    parts: Sequence[Coupled],
-    advance: Callable[[float, float], None],
-    settings: Adaptive,
-    order: int,
-    times: Sequence[float],
-) -> Iterator[float]:
-    """The times at which steps end, all of `times` [s] among them; the next size from the energy
+def by_energy(parts: Sequence[Coupled], advance: Advance, control: Controller) -> Iterator[float]:
+    """The times at which steps end, all of the controller's among them; the next size from the energy
     that each bond made in the last.
 
     After the energy-conservation-based co-simulation of Sadjina et al. (2017), with the power that
@@ -190,12 +177,12 @@ def by_energy(
     booked = [end for part in parts for end in part.ends]
     bonds = dict.fromkeys(end.bond for end in booked)
     sides = [[end for end in booked if end.bond == bond] for bond in bonds]
-    controller = Controller(order, settings, times)
     largest = 0.0
-    for t, h in controller.steps():
+    for t, h in control.steps():
         before = [[end.energy for end in pair] for pair in sides]
         advance(t, h)
         given = [[end.energy - e for end, e in zip(p, b)] for p, b in zip(sides, before)]
         largest = max([largest, *(abs(e) / h for pair in given for e in pair)])
         made = max(abs(first - second) for first, second in given) / h
-        yield controller.accept(made / (settings.tolerance * largest) if largest else 0.0)
+        allowed = control.settings.tolerance * largest
+        yield control.accept(made / allowed if largest else 0.0)

@@ -105,14 +105,6 @@ def iterated(parts: Sequence[Coupled]) -> Advance:
     def ends() -> Vector:
         return np.array([cell for block in real for cell in block.cells])
 
-    def predict(t: float, h: float) -> Vector:
-        """The outputs at the step's end as their past tells them."""
-        guess = ends()
-        if parts[0].curves is not None:
-            signals = (s for part in parts if part.curves for s in part.curves.signals)
-            guess = np.array([value(signal.taylor(t), h) for signal in signals])
-        return guess
-
     def suppose(z: Vector, end: float) -> None:
         """Let the outputs at the step's end be z."""
         given = iter(z.tolist())
@@ -126,7 +118,10 @@ def iterated(parts: Sequence[Coupled]) -> Advance:
 
     def advance(t: float, h: float) -> None:
         snapshot.take()
-        z = predict(t, h)
+        z = ends()
+        if parts[0].curves is not None:  # as their past tells them
+            signals = (s for part in parts if part.curves for s in part.curves.signals)
+            z = np.array([value(signal.taylor(t), h) for signal in signals])
         mixing = Anderson()
         for sweep in range(MOST_SWEEPS):
             if sweep:

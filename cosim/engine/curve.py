@@ -132,14 +132,10 @@ class Link(Operation):
         if kind is ctypes.c_char_p or kind is not self.source._type_:
             return None
         plain = (self.factor, self.offset) == (1.0, 0.0)
-        return Layout(
-            ADD if self.adds else COPY if plain else SCALE,
-            ctypes.sizeof(kind),
-            cells=address(self.cells, self.i),
-            source=address(self.source, self.j),
-            factor=self.factor,
-            offset=self.offset,
-        )
+        code = ADD if self.adds else COPY if plain else SCALE
+        scale = {"factor": self.factor, "offset": self.offset}
+        cells, source = address(self.cells, self.i), address(self.source, self.j)
+        return Layout(code, ctypes.sizeof(kind), cells=cells, source=source, **scale)
 
     def follow(self, signal: Signal | Feed) -> None:
         """Move with a signal from now on."""

@@ -27,15 +27,10 @@ class Coupled(Part):
     """
 
     def __init__(
-        self,
-        name: str,
-        description: ModelDescription,
-        fmu: Library,
-        substeps: int = 1,
-        within: Sequence[Any] = (),
+        self, name: str, description: ModelDescription, fmu: Library, within: Sequence[Any] = ()
     ) -> None:
         super().__init__(name, description, fmu)
-        self.substeps = substeps
+        self.substeps = 1
         self.inputs: list[Block] = []
         self.outputs: list[Block] = []
         self.links: list[Link] = []

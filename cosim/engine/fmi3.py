@@ -52,11 +52,7 @@ class Block3(Block):
     """
 
     def __init__(
-        self,
-        part: Coupled3,
-        action: str,
-        variables: Sequence[Element],
-        orders: Sequence[int] = (),
+        self, part: Coupled3, action: str, variables: Sequence[Element], orders: Sequence[int] = ()
     ) -> None:
         families = {id(v.family): v.family for v in variables}.values()
         self.part: Coupled3 = part
@@ -156,12 +152,7 @@ class Coupled3(Coupled):
     )
 
     def __init__(
-        self,
-        name: str,
-        description: ModelDescription,
-        fmu: Library,
-        substeps: int = 1,
-        within: Sequence[Element] = (),
+        self, name: str, description: ModelDescription, fmu: Library, within: Sequence[Element] = ()
     ) -> None:
         can = getattr(description, self.SIDE)
         self.events = self.SIDE == "modelExchange" or bool(can.hasEventMode)
@@ -172,20 +163,21 @@ class Coupled3(Coupled):
         self._kept: dict[int, Any] = {}
         self._answer = Answer()
         self._raised: Exception | None = None
-        self._finish, self.taking = FINISH(self._finished), FINISH(self._took)
-        super().__init__(name, description, fmu, substeps)
+        self._finish = FINISH(  # for loop.c: the events of a step, or all of one that must stop
+            lambda t, h, stepped: self._status(lambda: self.advance(t, h, stepped=bool(stepped)))
+        )
+        self.taking = FINISH(lambda t, _, __: self._status(lambda: self.enter(t)))  # changed inputs
+        super().__init__(name, description, fmu)
         if self.within:
             self._glass = Block3(self, "Get", self.within)
             self._looked = [self._glass.variables.index(v) for v in self.within]
             self.watched = [f"{name}.{v.name}" for v in self.within]
 
     def instantiate(self, number: int) -> None:
-        options: dict[str, Any] = {
-            "loggingOn": True,
-            "logMessage": lambda _, status, __, text: self.hear(
-                status, (text or b"").decode("utf-8", "replace")
-            ),
-        }
+        def log(_: Any, status: int, __: Any, text: bytes | None) -> None:
+            self.hear(status, (text or b"").decode("utf-8", "replace"))
+
+        options: dict[str, Any] = {"loggingOn": True, "logMessage": log}
         if self.SIDE == "coSimulation":
             early = bool(self.description.coSimulation.mightReturnEarlyFromDoStep)
             options |= {"eventModeUsed": self.events, "earlyReturnAllowed": early}
@@ -356,7 +348,7 @@ class Coupled3(Coupled):
 
     def save(self, state: ctypes.c_void_p) -> None:
         super().save(state)
-        clocks = [(c.begin, c.count, c.interval) for c in self.clocks]
+        clocks = [vars(clock).copy() for clock in self.clocks]
         entered = [list(block.entered) for block in self._held()]
         self._kept[id(state)] = (self.due.value, self._now), entered, clocks
 
@@ -366,7 +358,7 @@ class Coupled3(Coupled):
         for block, cells in zip(self._held(), entered):
             block.entered[:] = cells
         for clock, kept in zip(self.clocks, clocks):
-            clock.begin, clock.count, clock.interval = kept
+            vars(clock).update(kept)
 
     def carried(self, state: ctypes.c_void_p, other: Part) -> tuple[ctypes.c_void_p, int]:
         copy, size = super().carried(state, other)
@@ -376,13 +368,10 @@ class Coupled3(Coupled):
 
     def slopes(self, unknown: Sequence[Element], known: Element) -> list[float]:
         families = list({id(v.family): v.family for v in unknown}.values())
-        found = self.call(
-            "getDirectionalDerivative",
-            [family[0].valueReference for family in families],
-            [known.valueReference],
-            [float(v is known) for v in known.family],
-            sum(map(len, families)),
-        )
+        references = [family[0].valueReference for family in families]
+        seed, count = [float(v is known) for v in known.family], sum(map(len, families))
+        given = references, [known.valueReference], seed, count
+        found = self.call("getDirectionalDerivative", *given)
         by_element = dict(zip(map(id, chain.from_iterable(families)), found))
         return [by_element[id(v)] for v in unknown]
 
@@ -464,14 +453,6 @@ class Coupled3(Coupled):
             self._glass.move()
             self.seen.append((t, [self._glass.cells[k] for k in self._looked]))
 
-    def _finished(self, t: float, h: float, stepped: int) -> int:
-        """For loop.c: the events of a step, or all of one that must stop on its way."""
-        return self._status(partial(self.advance, t, h, stepped=bool(stepped)))
-
-    def _took(self, t: float, h: float, stepped: int) -> int:
-        """For loop.c: inputs that have changed."""
-        return self._status(partial(self.enter, t))
-
     def _status(self, act: Callable[[], None]) -> int:
         try:
             act()
@@ -495,13 +476,9 @@ class Held(Operation):
         cells = self.block.cells
         if cells._type_ is ctypes.c_char_p:
             return None
-        return Layout(
-            ENTER,
-            ctypes.sizeof(cells),
-            function=ctypes.cast(self.part.taking, ctypes.c_void_p).value,
-            cells=address(cells),
-            source=address(self.block.entered),
-        )
+        entry, size = ctypes.cast(self.part.taking, ctypes.c_void_p).value, ctypes.sizeof(cells)
+        places = {"cells": address(cells), "source": address(self.block.entered)}
+        return Layout(ENTER, size, function=entry, **places)
 
     def answered(self, t: float, h: float, status: int) -> None:
         self.part.stepped(t, h, status)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from itertools import chain
 from math import isclose, isfinite
@@ -21,6 +21,7 @@ from .fmi3 import Coupled3
 from .ledger import End, bonds, watt
 from .library import borrow
 from .part import Block
+from .stepping import Settings
 
 Vector = NDArray[np.float64]
 MOST_ITERATIONS = 20
@@ -31,40 +32,35 @@ KINDS: dict[str, type[Coupled]] = {"2.0": Coupled, "3.0": Coupled3}
 
 def initialise(
     network: Network,
+    settings: Settings,
     sequence: Sequence[str],
     stack: ExitStack,
-    start: float,
-    stop: float,
-    *,
-    tolerance: float | None = None,
-    substeps: Mapping[str, int] | None = None,
-    input_order: int = 0,
     within: Sequence[Port] = (),
     kinds: Mapping[str, type[Coupled]] = KINDS,
 ) -> dict[str, Coupled]:
-    """All parts at `start`, their coupled start values consistent, ready for the first step.
+    """All parts at the start, their coupled start values consistent, ready for the first step.
 
     The FMUs that can are to show the ports `within` their steps. `kinds` makes a part, by the version
     of its FMU. The stack closes the parts.
     Raises PartFailure where an FMU refuses, SetupError where the start values have no solution.
     """
-    parts: dict[str, Coupled] = {}
+    start, parts = settings.start, dict[str, Coupled]()
     for name, path in network.system.parts.items():
         description = network.descriptions[name]
         try:
             fmu = borrow(Path(path), description)
         except PartFailure as error:
             raise PartFailure(f"{name}: {error}") from error
-        made = name, description, fmu, (substeps or {}).get(name, 1)
         watched = [port.variable for port in within if port.part == name]
-        parts[name] = kinds[description.fmiVersion](*made, watched)
-        stack.callback(parts[name].close)
+        parts[name] = part = kinds[description.fmiVersion](name, description, fmu, watched)
+        stack.callback(part.close)
+        part.substeps = settings.substeps.get(name, 1)
     given = {port.name: (port, value) for port, value in network.start}
     given |= {port.name: (port, profile.at(start)) for port, profile in network.inputs}
     for port, value in given.values():
         parts[port.part].set(port.variable, value)
     for part in parts.values():
-        part.set_up(tolerance, start, stop)
+        part.set_up(settings.tolerance, start, settings.stop)
     for port, value in given.values():
         if port.variable.causality == "input" or _keeps(port):
             parts[port.part].set(port.variable, value)
@@ -72,10 +68,9 @@ def initialise(
     settle([parts[name] for name in sequence], start)
     for part in parts.values():
         part.begin()
-    for port, value, kept in _lost(given.values(), parts):
-        parts[port.part].warn(f"{port} = {value!r} was given, but the FMU starts with {kept!r}")
-    if input_order:
-        _watch(parts, input_order)
+    _warn_of_lost(given.values(), parts)
+    if settings.input_order:
+        _watch(parts, settings.input_order)
     _open_ledger(network, parts)
     for part in parts.values():
         for operation in part.look():
@@ -90,10 +85,8 @@ def _keeps(port: Port) -> bool:
     return bool(port.variable.causality == "parameter" or port.variable.initial == "exact")
 
 
-def _lost(
-    given: Iterable[tuple[Port, Value]], parts: Mapping[str, Coupled]
-) -> Iterator[tuple[Port, Value, Value]]:
-    """What was given a start value and is to keep it, but has another: both values."""
+def _warn_of_lost(given: Iterable[tuple[Port, Value]], parts: Mapping[str, Coupled]) -> None:
+    """Let the parts warn of what was given a start value and is to keep it, but has another."""
     kept: dict[str, list[tuple[Port, Value]]] = {}
     for port, value in given:
         if port.variable.causality != "input" and _keeps(port):
@@ -104,7 +97,7 @@ def _lost(
             has = now[port.variable.name]
             real = port.type == "Real" and isclose(float(value), float(has), rel_tol=1e-9)
             if has != value and not real:
-                yield port, value, has
+                parts[name].warn(f"{port} = {value!r} was given, but the FMU starts with {has!r}")
 
 
 def _connect(network: Network, parts: Mapping[str, Coupled], start: float) -> None:

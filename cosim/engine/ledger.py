@@ -138,12 +138,10 @@ def balance(ends: Iterable[End]) -> dict[str, dict[str, float]]:
     found = {}
     for bond, pair in sides.items():
         first, second = sorted(pair, key=lambda end: end.side)
-        found[bond] = {
-            "given": first.energy,
-            "taken": second.energy,
-            "residual": first.energy - second.energy,
-            "exchanged": max(first.totals[EXCHANGED], second.totals[EXCHANGED]),
-        }
+        given, taken = first.energy, second.energy
+        exchanged = max(first.totals[EXCHANGED], second.totals[EXCHANGED])
+        found[bond] = {"given": given, "taken": taken, "residual": given - taken}
+        found[bond]["exchanged"] = exchanged
     return found
 
 

@@ -138,12 +138,8 @@ def _loaded(kind: Any, folder: Path, guid: str, interface: Any) -> Any:
     """The binary of one of an FMU's interfaces."""
     here = Path.cwd()
     try:
-        return kind(
-            guid=guid,
-            unzipDirectory=str(folder),
-            modelIdentifier=interface.modelIdentifier,
-            instanceName=None,
-        )
+        place = {"unzipDirectory": str(folder), "modelIdentifier": interface.modelIdentifier}
+        return kind(guid=guid, instanceName=None, **place)
     except Exception as error:
         raise PartFailure(str(error)) from error
     finally:

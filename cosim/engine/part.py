@@ -35,13 +35,8 @@ OK, WARNING, DISCARD, ERROR, FATAL = range(5)
 STATUS = ("OK", "Warning", "Discard", "Error", "Fatal", "Pending")
 LAST_SUCCESSFUL_TIME, TERMINATED = 2, 3
 MOST_WARNINGS = 100
-CELL: dict[str, Any] = {
-    "Real": ctypes.c_double,
-    "Integer": ctypes.c_int,
-    "Enumeration": ctypes.c_int,
-    "Boolean": ctypes.c_int,
-    "String": ctypes.c_char_p,
-}
+CELL: dict[str, Any] = {"Real": ctypes.c_double, "String": ctypes.c_char_p}
+CELL |= dict.fromkeys(("Integer", "Enumeration", "Boolean"), ctypes.c_int)
 CALL = {"Enumeration": "Integer"}
 
 log = logging.getLogger("cosim")
@@ -320,18 +315,20 @@ class Part:
             self.answered(call, status)
             return
         failure = self.failure(call, status)
-        time, ended = ctypes.c_double(t), ctypes.c_int()
-        told = [
-            function(self.component, ctypes.c_int(kind), ctypes.byref(answer)) in (OK, WARNING)
-            for function, kind, answer in (
-                (self.library.fmi2GetRealStatus, LAST_SUCCESSFUL_TIME, time),
-                (self.library.fmi2GetBooleanStatus, TERMINATED, ended),
-            )
-        ]
-        reached = time.value if told[0] else t
-        if told[1] and ended.value:
+        answer, time, ended = self.stopped()
+        reached = time if answer in (OK, WARNING) and not math.isnan(time) else t
+        if ended:
             raise Ended(f"{self.name} ended the simulation at t = {reached!r} s: {self.reason()}")
         raise Discarded(str(failure), reached)
+
+    def stopped(self) -> tuple[int, float, bool]:
+        """Of a discarded step: the status of the answer, the time reached [s], whether that is the end."""
+        time, ended = ctypes.c_double(math.nan), ctypes.c_int()
+        asked = self.component, ctypes.c_int(LAST_SUCCESSFUL_TIME), ctypes.byref(time)
+        status = self.library.fmi2GetRealStatus(*asked)
+        asked = self.component, ctypes.c_int(TERMINATED), ctypes.byref(ended)
+        told = self.library.fmi2GetBooleanStatus(*asked)
+        return status, time.value, told in (OK, WARNING) and bool(ended.value)
 
     def state(self) -> ctypes.c_void_p:
         """A place for a state of the FMU, freed with it."""

@@ -5,16 +5,16 @@ from __future__ import annotations
 import math
 import time as clock
 from bisect import bisect_left
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import chain
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from fmpy.model_description import ScalarVariable
 
 from ..errors import Discarded, Met, PartFailure, SetupError
-from ..system import STATE, VARIABLE_STEP, Port, lacking
-from . import adaptive
-from .adaptive import Adaptive
+from ..system import NUMERIC, STATE, VARIABLE_STEP, Network, Port, lacking
+from .adaptive import Adaptive, Controller, by_energy, doubling
 from .algorithms import EXPLICIT, Advance, explicit, iterated, order, program
 from .changes import Change, changing
 from .clock import same
@@ -30,13 +30,34 @@ PATIENCE = 0.05
 MOST_ROWS = 1 << 12
 
 
-class Plan(NamedTuple):
-    """When a run starts and stops, how it steps, and how far its rows are apart, all in s."""
+class Settings(NamedTuple):
+    """How a system is run, see `run`: all that a run takes and what may stand in its way judges."""
 
-    start: float
     stop: float
     step: float | Adaptive
-    output_step: float | None
+    start: float = 0.0
+    algorithm: str = "strang"
+    order: Sequence[str] | None = None
+    input_order: int = 0
+    substeps: Mapping[str, int] = MappingProxyType({})
+    tolerance: float | None = None
+    record: Sequence[str] | None = None
+    output_step: float | None = None
+
+    def ports(self, network: Network) -> list[Port]:
+        """What is recorded, by default all outputs; raises SetupError for what cannot be."""
+        if self.record is None:
+            return [
+                Port(name, v)
+                for name, description in network.descriptions.items()
+                for v in description.modelVariables
+                if v.causality == "output" and v.type in NUMERIC
+            ]
+        ports = [port for name in self.record for port in network.array(name)[1]]
+        for port in ports:
+            if port.type not in NUMERIC:
+                raise SetupError(f"{port} is a {port.type} and cannot be recorded")
+        return ports
 
     def check(self) -> None:
         """Raise SetupError for what makes no run."""
@@ -108,22 +129,21 @@ class Run:
     def __init__(
         self,
         parts: Sequence[Coupled],
-        algorithm: str,
-        input_order: int,
-        plan: Plan,
+        plan: Settings,
         row: Row,
         recorder: Recorder,
-        changes: Sequence[Change] = (),
+        changes: Sequence[Change],
     ) -> None:
         self.parts, self.plan, self.row, self.recorder = parts, plan, row, recorder
+        algorithm = plan.algorithm
         self.t = plan.start
         self.accepted = self.discarded = 0
-        self.rejected: list[float] = []
+        self.controller: Controller | None = None
         steps = program(EXPLICIT[algorithm](parts)) if algorithm in EXPLICIT else None
         self._advance: Advance = iterated(parts) if steps is None else explicit(steps)
         self._advance = changing(self._advance, changes)
         self._events = [change.time for change in changes]
-        self._order = order(algorithm, input_order, parts)
+        self._order = order(algorithm, plan.input_order, parts)
         every = plan.every()
         if plan.output_step is not None and self.row.discrete:
             every = None
@@ -180,12 +200,9 @@ class Run:
         start, stop = self.plan.start, self.plan.stop
         jumps = (f.profile.jumps(start, stop) for part in self.parts for f in part.feeds)
         times = [start, *sorted({*self._events, *chain.from_iterable(jumps)}), stop]
-        common = (self.parts, self._advance, settings, self._order, times)
-        if self.control == "doubling":
-            ends = adaptive.doubling(*common, self.rejected)
-        else:
-            ends = adaptive.by_energy(*common)
-        for t in ends:
+        self.controller = Controller(self._order, settings, times)
+        method = doubling if self.control == "doubling" else by_energy
+        for t in method(self.parts, self._advance, self.controller):
             row = self.row(t)
             self.accepted, self.t = self.accepted + 1, t
             add(row)
@@ -198,7 +215,11 @@ class Run:
         split = [*(self._step_at(time, step) for time in self._events), count]
         while self.accepted < count:
             n = self.accepted
-            self._take_checkpoint(n)
+            if self._checkpoint is not None:
+                before, snapshot = self._checkpoint
+                if n == 0 or n >= before + CHECKPOINT:
+                    snapshot.take()
+                    self._checkpoint = (n, snapshot)
             last = n
             if self._loop is not None:
                 last = min(n + chunk, count - 1, split[bisect_left(split, n)])
@@ -233,14 +254,6 @@ class Run:
         start = self.plan.start
         n = int((time - start) / step)
         return n + 1 if same(start + (n + 1) * step, time) else n
-
-    def _take_checkpoint(self, n: int) -> None:
-        """Remember the parts every CHECKPOINT steps, to come back to if one discards a step."""
-        if self._checkpoint is not None:
-            before, snapshot = self._checkpoint
-            if n == 0 or n >= before + CHECKPOINT:
-                snapshot.take()
-                self._checkpoint = (n, snapshot)
 
     def _redo(self, failure: PartFailure, step: float) -> None:
         """After a discarded step, come back to before it, from now on ready to step less."""
@@ -295,11 +308,7 @@ class Run:
     def statistics(self) -> dict[str, Any]:
         """What the run took."""
         return {
-            "control": self.control,
-            "convergence_order": self._order,
-            "steps": self.accepted,
-            "rejected": len(self.rejected),
-            "discarded": self.discarded,
-            "do_steps": {part.name: part.do_steps for part in self.parts},
-            "loop": self.loop,
-        }
+            "control": self.control, "convergence_order": self._order, "steps": self.accepted,
+            "rejected": self.controller.rejected if self.controller else 0, "discarded": self.discarded,
+            "do_steps": {part.name: part.do_steps for part in self.parts}, "loop": self.loop,
+        }  # fmt: skip

@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING
 from fmpy.validation import validate_fmu
 
 from ..errors import SetupError
-from ..loops import acts
-from ..system import Network, Port, System, require_fmi2, still
+from ..system import Network, Port, System, feedthrough, require_fmi2, still
 
 if TYPE_CHECKING:
     from fmu_manipulation_toolbox.container import FMUContainer
@@ -95,15 +94,7 @@ def _fill(container: FMUContainer, network: Network, sequence: Sequence[str]) ->
         link.name = f"wired.{link.name}"
     for port, value in network.start:
         container.add_start_value(_file(port.part), port.variable.name, port.text(value))
-    _set_once(container)
-
-
-def _set_once(container: FMUContainer) -> None:
-    """Keep the library from setting start values of inputs once more, over what the host has set.
-
-    It does so for what it finds to be an input.
-    """
-    for ends in container.start_values:
+    for ends in container.start_values:  # of inputs, which it would set over what the host has set
         ends.port = copy(ends.port)
         ends.port.causality = "local"
 
@@ -117,10 +108,13 @@ def _require_order(container: FMUContainer, network: Network, sequence: Sequence
     ranks = {_file(part): rank for rank, part in enumerate(sequence)}
     started = [sequence[rank] for rank in container.initialization_order(ranks)]
     for first in network.wires:
-        for then in network.wires:
-            late = started.index(first.source.part) >= started.index(first.target.part)
-            if late and acts(network, first, then):
+        part, entry = first.target.part, first.target.variable.name
+        if started.index(first.source.part) < started.index(part):
+            continue
+        acting = feedthrough(network.descriptions[part])
+        for then in (wire for wire in network.wires if wire.source.part == part):
+            if entry in acting.get(then.source.variable.name, ()):
                 raise SetupError(
                     f"{then.source} follows {first.target} at once, but a container starts "
-                    f"{first.target.part} before {first.source.part}: give another order"
+                    f"{part} before {first.source.part}: give another order"
                 )

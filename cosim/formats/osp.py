@@ -40,16 +40,9 @@ FILE = "OspSystemStructure.xml"
 TIMES = ("StartTime", "EndTime", "BaseStepSize")
 HOLDERS = ("OspSystemStructure", "Simulators", "InitialValues", "Functions", "Connections")
 CONTENTS = (
-    "Algorithm",
-    "Real",
-    "Integer",
-    "Boolean",
-    "String",
-    "Variable",
-    "Signal",
-    "VariableGroup",
+    "Algorithm", "Real", "Integer", "Boolean", "String", "Variable", "Signal", "VariableGroup",
     "SignalGroup",
-)
+)  # fmt: skip
 GROUPS = "{}_OspModelDescription.xml"
 SOURCES = ("output", "calculatedParameter")
 log = logging.getLogger("cosim")

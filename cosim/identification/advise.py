@@ -70,11 +70,8 @@ def _model(fit: Identified, experiment: Experiment, gap: float) -> tuple[Model, 
     """The model of an experiment, and its free values."""
     old = fit.model
     values = {k: v for k, v in old.values(fit.local.p).items() if not sensor(k)}
-    system = replace(
-        old.system,
-        start={**old.system.start, **values, **experiment.start},
-        inputs={**old.system.inputs, **experiment.inputs},
-    )
+    start = {**old.system.start, **values, **experiment.start}
+    system = replace(old.system, start=start, inputs={**old.system.inputs, **experiment.inputs})
     network = connect(system)
     times = np.linspace(0.0, experiment.stop, round(experiment.stop / gap) + 1)
     columns = [

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy import stats
 from scipy.signal import lombscargle
+from scipy.sparse.csgraph import connected_components
 
 from ..errors import SetupError
 from ..result import SimulationError
@@ -174,12 +175,39 @@ def profile(
 
     An end that is not found stays where it was tried last.
     """
-    reach = local.reach(g)
+    reach, (low, high) = local.reach(g), model.bounds
     start, ends = tell(local.p, local.derived), []
+
+    def held(target: float) -> float:
+        """The least chi2 with the quantity held at its target; inf where the FMUs refuse."""
+        p, residuals, J, C = local.p, local.residuals, local.J, local.covariance
+        value, best = start, math.inf
+        for turn in range(PASSES):
+            direction = C @ g
+            move = direction * (target - value) / (g @ direction)
+            if turn:
+                free = -C @ (J.T @ residuals)
+                move += free - direction * (g @ free) / (g @ direction)
+            p = np.clip(p + move, low, high)
+            try:
+                residuals, derived = look(p)
+            except (SimulationError, SetupError):
+                return math.inf
+            value, chi2 = tell(p, derived), float(np.sum(residuals**2))
+            if not math.isfinite(value):
+                return math.inf
+            if abs(chi2 - best) < NEAR:
+                break
+            best = min(best, chi2)
+            if turn == 1:
+                J = model.jacobian(p)
+                C = covariance(J)
+        return min(best, chi2)
+
     for sign in (-1.0, 1.0):
         away = reach
         for _ in range(TARGETS):
-            rise = _held(model, local, look, g, tell, start + sign * away) - local.chi2
+            rise = held(start + sign * away) - local.chi2
             if not 0.0 < rise < 1e3:
                 break
             ratio = math.sqrt(RISE / rise)
@@ -190,55 +218,14 @@ def profile(
     return ends[0], ends[1]
 
 
-def _held(
-    model: Model,
-    local: Local,
-    look: Look,
-    g: Vector,
-    tell: Callable[[Vector, Vector], float],
-    target: float,
-) -> float:
-    """The least chi2 with a quantity held at its target; inf where the FMUs refuse."""
-    low, high = model.bounds
-    p, residuals, J, C = local.p, local.residuals, local.J, local.covariance
-    value, best = tell(local.p, local.derived), math.inf
-    for turn in range(PASSES):
-        direction = C @ g
-        move = direction * (target - value) / (g @ direction)
-        if turn:
-            free = -C @ (J.T @ residuals)
-            move += free - direction * (g @ free) / (g @ direction)
-        p = np.clip(p + move, low, high)
-        try:
-            residuals, derived = look(p)
-        except (SimulationError, SetupError):
-            return math.inf
-        value, chi2 = tell(p, derived), float(np.sum(residuals**2))
-        if not math.isfinite(value):
-            return math.inf
-        if abs(chi2 - best) < NEAR:
-            break
-        best = min(best, chi2)
-        if turn == 1:
-            J = model.jacobian(p)
-            C = covariance(J)
-    return min(best, chi2)
-
-
 def residuals(model: Model, shown: Sequence[Vector]) -> dict[str, Residual]:
     """The columns beside what the model shows of them."""
-    return {
-        column.name: Residual(
-            column.port.unit,
-            column.times,
-            column.values,
-            x,
-            column.noise.sigma,
-            column.noise.told,
-            *spectrum(column.times, (x - column.values) / column.noise.sigma),
-        )
-        for column, x in zip(model.columns, shown)
-    }
+    found = {}
+    for column, x in zip(model.columns, shown):
+        port, times, values, noise = column
+        power = spectrum(times, (x - values) / noise.sigma)
+        found[column.name] = Residual(port.unit, times, values, x, noise.sigma, noise.told, *power)
+    return found
 
 
 def spectrum(times: Vector, residual: Vector) -> tuple[Vector, Vector]:
@@ -326,32 +313,20 @@ def _where(column: Column, seen: Residual) -> Iterator[tuple[str, bool]]:
     k = int(np.argmax(seen.power * reached))
     if seen.power[k] > math.log(len(seen.power) / DOUBT):
         f, amplitude = float(seen.frequencies[k]), 2.0 * math.sqrt(float(seen.power[k]) / len(r))
-        yield (
-            f"{name}: the residual swings at {f:.4g} Hz ({2 * math.pi * f:.4g} rad/s) with an "
-            f"amplitude of {seen.sigma * amplitude:.3g} {seen.unit}".rstrip(),
-            True,
-        )
+        swings = f"swings at {f:.4g} Hz ({2 * math.pi * f:.4g} rad/s) with an amplitude of"
+        size = f"{seen.sigma * amplitude:.3g} {seen.unit}".rstrip()
+        yield f"{name}: the residual {swings} {size}", True
     for rows in segments(column.times, SEGMENTS):
         x = r[rows]
         off = (float(np.sum(x**2)) - len(x)) / math.sqrt(len(x) * max(column.noise.spread, 2.0))
         if off > 4.0:
             first, last = column.times[rows][[0, -1]]
-            yield (
-                f"{name}: from {first:.4g} s to {last:.4g} s the residual is "
-                f"{math.sqrt(float(np.mean(x**2))):.1f} times the noise",
-                False,
-            )
+            ratio, span = math.sqrt(float(np.mean(x**2))), f"from {first:.4g} s to {last:.4g} s"
+            yield f"{name}: {span} the residual is {ratio:.1f} times the noise", False
 
 
 def alike(names: Sequence[str], correlations: Vector) -> list[list[str]]:
     """Groups of free values that a record cannot tell apart: each is all but a function of others."""
-    count = len(names)
-    tied = np.abs(correlations) > ALIKE
-    groups: list[set[int]] = []
-    for k in range(count):
-        mine = {j for j in range(count) if tied[k, j]}
-        for group in [g for g in groups if g & mine]:
-            groups.remove(group)
-            mine |= group
-        groups.append(mine)
-    return [[names[k] for k in sorted(group)] for group in groups if len(group) > 1]
+    count, label = connected_components(np.abs(correlations) > ALIKE)
+    groups = [[name for name, mine in zip(names, label) if mine == k] for k in range(count)]
+    return [group for group in groups if len(group) > 1]

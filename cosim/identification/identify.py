@@ -216,23 +216,22 @@ def _judged(
     values: dict[str, Interval] = {}
     told: dict[str, Interval] = {}
 
-    def interval(
-        value: float, g: Vector, unit: str, tell: Callable[[Vector, Vector], float] | None
-    ) -> Interval:
-        """The interval of a value with gradient g, by its profile where `tell` says how to tell it."""
+    def interval(value: float, g: Vector, unit: str, far: bool, which: int, k: int) -> Interval:
+        """That of a free value (0) or derived quantity (1) k with gradient g, `far` by its profile."""
         reach, off = local.reach(g), local.coupling(g)
         low, high = value - reach, value + reach
-        if tell is not None:
+        if far:
+            tell = lambda *both: float(both[which][k])
             low, high = evidence.profile(model, local, look, g, tell)
         return Interval(value, low - off, high + off, reach / DEVIATIONS, unit)
 
     if not misfit:
         for k, name in enumerate(derived):
-            value, g, tell = float(local.derived[k]), local.gradients[k], _pick(1, k)
-            told[name] = interval(value, g, units.get(name, ""), tell if groups else None)
+            value, g = float(local.derived[k]), local.gradients[k]
+            told[name] = interval(value, g, units.get(name, ""), bool(groups), 1, k)
         for k, free in enumerate(model.free):
-            value, g, tell = float(local.p[k]), np.eye(len(every))[k], _pick(0, k)
-            values[free.name] = interval(value, g, free.unit, tell if free.name in tied else None)
+            value, g = float(local.p[k]), np.eye(len(every))[k]
+            values[free.name] = interval(value, g, free.unit, free.name in tied, 0, k)
         misfit += _ambiguous(minima, told, local, look)
         if misfit:
             values, told = {}, {}
@@ -247,11 +246,6 @@ def _judged(
         values, told, misfit, model.names, correlations, groups, notes, seen, local.chi2, dof,
         (low, high), [m.chi2 for m in minima], result, model.step, model.runs, model, local,
     )  # fmt: skip
-
-
-def _pick(which: int, k: int) -> Callable[[Vector, Vector], float]:
-    """Of free values and derived quantities, one of the former or the latter."""
-    return lambda *both: float(both[which][k])
 
 
 def _ambiguous(

@@ -15,13 +15,13 @@ from ..errors import SetupError
 from ..figures import spline
 from ..master import run
 from ..result import Result, SimulationError
-from ..system import Network, System, Value, connect, exponents, own_start
+from ..system import ANGLE, Network, System, Value, connect, exponents, own_start
 from .record import Column
 
 Vector = NDArray[np.float64]
 Derived = Callable[[Mapping[str, float], Result], float]
 Known = Mapping[str, tuple[float, float]]
-ANGLE = (0, 0, 0, 0, 0, 0, 0, 1)
+Sought = Sequence[str] | Mapping[str, tuple[float, float]]
 SENSOR: dict[str, tuple[float, str]] = {"gain": (1.0, "1"), "delay": (0.0, "s"), "zero": (0.0, "")}
 FORWARD, CENTRAL = 1e-5, 1e-4
 WIDTH, DEVIATIONS, ROOM = 0.3, 3.0, 0.02
@@ -111,20 +111,14 @@ class Model:
         return given | dict(zip(self.names, p.tolist()))
 
     def play(self, p: Vector, step: float | None = None, *, all: bool = False) -> Result:
-        """A run with free values p over the record; raises SimulationError or SetupError where its FMUs
-        refuse them.
-        """
+        """A run with free values p over the record; raises what `run` does where its FMUs refuse them."""
         own = {n: v for n, v in zip(self.names, p.tolist()) if not sensor(n)}
         self.runs += 1
+        system = replace(self.system, start={**self.system.start, **own})
+        (start, stop), names = self.span, list(dict.fromkeys(c.name for c in self.columns))
+        how = {"step": step or self.step, "record": None if all else names, **self.settings}
         with quiet():
-            return run(
-                replace(self.system, start={**self.system.start, **own}),
-                start=self.span[0],
-                stop=self.span[1],
-                step=step or self.step,
-                record=None if all else list(dict.fromkeys(c.name for c in self.columns)),
-                **self.settings,
-            )
+            return run(system, start=start, stop=stop, **how)
 
     def shown(self, p: Vector, result: Result) -> list[Vector]:
         """What the sensors of the columns show of a run, at the times of their rows."""
@@ -141,9 +135,7 @@ class Model:
         return seen
 
     def residuals(self, p: Vector) -> Vector:
-        """Model less measurement over noise, column after column, then the prior's; LOST where the
-        FMUs refuse a run.
-        """
+        """Model less measurement over noise by column, then the prior's; LOST where the FMUs refuse."""
         key = p.tobytes() + repr(self.step).encode()
         if self._last is not None and self._last[0] == key:
             return self._last[1]
@@ -168,11 +160,8 @@ class Model:
         kept = self._last
         columns = []
         for k in range(len(p)) if which is None else which:
-            moved = p.copy()
-            room = self.free[k].high - p[k]
-            moved[k] += (
-                FORWARD * self.free[k].size * (1.0 if room > FORWARD * self.free[k].size else -1.0)
-            )
+            moved, step = p.copy(), FORWARD * self.free[k].size
+            moved[k] += step * (1.0 if self.free[k].high - p[k] > step else -1.0)
             columns.append((self.residuals(moved) - base) / (moved[k] - p[k]))
         self._last = kept
         return np.stack(columns, axis=1)
@@ -183,12 +172,7 @@ def sensor(name: str) -> bool:
     return name.partition("(")[0] in SENSOR and name.endswith(")")
 
 
-def frees(
-    network: Network,
-    columns: Sequence[Column],
-    names: Sequence[str] | Mapping[str, tuple[float, float]],
-    known: Prior,
-) -> list[Free]:
+def frees(network: Network, columns: Sequence[Column], names: Sought, known: Prior) -> list[Free]:
     """The free values of these names, in which what is known is free too.
 
     Raises SetupError for what cannot be free: no number, nothing that can be set, no room to move.
@@ -197,18 +181,12 @@ def frees(
     if not wanted:
         raise SetupError("no value is free")
     measured = {column.name: column for column in columns}
-    given: dict[str, Value] = {port.name: value for port, value in network.start}
     told = dict(zip(known.names, zip(known.mean.tolist(), known.deviations.tolist())))
-    return [_free(name, network, measured, given, names, told) for name in wanted]
+    return [_free(name, network, measured, names, told) for name in wanted]
 
 
 def _free(
-    name: str,
-    network: Network,
-    measured: Mapping[str, Column],
-    given: Mapping[str, Value],
-    names: Sequence[str] | Mapping[str, tuple[float, float]],
-    known: Known,
+    name: str, network: Network, measured: Mapping[str, Column], names: Sought, known: Known
 ) -> Free:
     low, high, guess, unit, size, turn = -math.inf, math.inf, 0.0, "", 0.0, False
     if sensor(name):
@@ -231,11 +209,10 @@ def _free(
             raise SetupError(
                 f"{port} cannot be free: it must be a Real start value that can be set"
             )
+        given: dict[str, Value] = {p.name: value for p, value in network.start}
         own = given.get(name, own_start(variable))
-        low, high = (
-            float(variable.min) if variable.min is not None else low,
-            float(variable.max) if variable.max is not None else high,
-        )
+        low = low if variable.min is None else float(variable.min)
+        high = high if variable.max is None else float(variable.max)
         guess, unit = float(own or 0.0), port.unit
         if name in measured and name not in network.system.start:
             guess = float(np.median(measured[name].values[:5]))
@@ -243,9 +220,8 @@ def _free(
         base = network.base_unit(port)
         turn = base is not None and exponents(base) == ANGLE and base.factor == 1.0
     size = abs(guess) or size or 1.0
-    drawn = (
-        (guess - math.pi, guess + math.pi) if turn else (guess - WIDTH * size, guess + WIDTH * size)
-    )
+    aside = math.pi if turn else WIDTH * size
+    drawn = guess - aside, guess + aside
     if name in measured:
         off = DEVIATIONS * measured[name].noise.sigma
         drawn = (guess - off, guess + off)

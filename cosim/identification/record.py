@@ -135,24 +135,25 @@ def columns(
     for name, sigma in noise.items():
         if name not in data or not 0.0 < sigma < math.inf:
             raise SetupError(f"noise of {name} = {sigma!r} must be above 0, of a measured column")
-    return [_column(network.port(name), network, table, noise) for name, table in data.items()]
-
-
-def _column(port: Port, network: Network, table: Table, noise: Mapping[str, float]) -> Column:
-    what = table.source or f"the record of {port.name}"
-    if port.variable.causality != "output" or port.type != "Real":
-        raise SetupError(f"{what}: {port} is no Real output, so nothing can be compared with it")
-    factor, offset = scale(network, port, table.unit, "be compared with a column")
-    times, values = np.array(table.times), factor * np.array(table.values, float) + offset
-    there = np.isfinite(values)
-    times, values = times[there], values[there]
-    if len(times) < 2 or not (np.diff(times) > 0.0).all():
-        raise SetupError(f"{what}: its times must rise, and there must be two rows at least")
-    if np.ptp(values) == 0.0:
-        raise SetupError(f"{what}: it is {table.values[0]!r} in all rows, which tells nothing")
-    given = noise.get(port.name)
-    known = told(times, values, what) if given is None else Noise(given, "as given", given=True)
-    return Column(port, times, values, known)
+    found = []
+    for port, table in ((network.port(name), table) for name, table in data.items()):
+        what = table.source or f"the record of {port.name}"
+        if port.variable.causality != "output" or port.type != "Real":
+            raise SetupError(
+                f"{what}: {port} is no Real output, so nothing can be compared with it"
+            )
+        factor, offset = scale(network, port, table.unit, "be compared with a column")
+        times, values = np.array(table.times), factor * np.array(table.values, float) + offset
+        there = np.isfinite(values)
+        times, values = times[there], values[there]
+        if len(times) < 2 or not (np.diff(times) > 0.0).all():
+            raise SetupError(f"{what}: its times must rise, and there must be two rows at least")
+        if np.ptp(values) == 0.0:
+            raise SetupError(f"{what}: it is {table.values[0]!r} in all rows, which tells nothing")
+        given = noise.get(port.name)
+        known = told(times, values, what) if given is None else Noise(given, "as given", given=True)
+        found.append(Column(port, times, values, known))
+    return found
 
 
 def told(times: Samples, values: Samples, what: str) -> Noise:
@@ -176,9 +177,8 @@ def told(times: Samples, values: Samples, what: str) -> Noise:
             break
         rough = max(NORMAL * float(np.median(np.abs(d))), quantum / math.sqrt(12.0))
         kept = d[np.abs(d) <= CLIPPED * rough]
-        rho = np.array([comb(2 * order, order + k) for k in range(order + 1)]) / comb(
-            2 * order, order
-        )
+        rho = np.array([comb(2 * order, order + k) for k in range(order + 1)])
+        rho = rho / comb(2 * order, order)
         spread = 4.0 * float((rho[1:] ** 2).sum())
         found.append((float(np.sqrt(np.mean(kept**2))), order, spread))
     least = quantum / math.sqrt(12.0)

@@ -25,14 +25,10 @@ class Minimum(NamedTuple):
 
 
 def descend(
-    model: Model,
-    p: Vector,
-    which: Sequence[int],
-    most: int,
-    loss: Loss = "linear",
-    tight: float = TIGHT,
+    model: Model, p: Vector, which: Sequence[int], most: int, rough: Loss | None = None
 ) -> Minimum:
-    """The least squares over some of the free values, from p, with at most so many steps."""
+    """The least squares over some free values, from p, in so many steps at most; roughly by a loss."""
+    tight = TIGHT if rough is None else LOOSE
     which = list(which)
 
     def whole(x: Vector) -> Vector:
@@ -40,7 +36,7 @@ def descend(
         moved[which] = x
         return moved
 
-    low, high = model.bounds
+    low, high = (bound[which] for bound in model.bounds)
 
     def residuals(x: Vector) -> Vector:
         return model.residuals(whole(x))
@@ -49,14 +45,9 @@ def descend(
         return model.jacobian(whole(x), which)
 
     found = least_squares(
-        residuals,
-        np.clip(p[which], low[which], high[which]),
-        jac=jacobian,
-        bounds=(low[which], high[which]),
-        x_scale="jac",
-        loss=loss,
-        ftol=tight, xtol=1e-3 * tight, gtol=None,
-        max_nfev=most,
+        residuals, np.clip(p[which], low, high),
+        jac=jacobian, bounds=(low, high), x_scale="jac", loss=rough or "linear",
+        ftol=tight, xtol=1e-3 * tight, gtol=None, max_nfev=most,
     )  # fmt: skip
     end = whole(np.asarray(found.x))
     return Minimum(end, float(np.sum(model.residuals(end) ** 2)))
@@ -86,8 +77,8 @@ def search(
                 other[list(first)] = rng.uniform(low, high)[list(first)]
                 drawn.append(other)
             p = min(drawn, key=lambda x: float(np.sum(model.residuals(x) ** 2)))
-            p = descend(model, p, first, FIRST, loss, LOOSE).p
-        found.append(descend(model, p, every, REST, loss, LOOSE))
+            p = descend(model, p, first, FIRST, loss).p
+        found.append(descend(model, p, every, REST, loss))
         found.sort(key=lambda minimum: minimum.chi2)
         best = found[0].chi2
         alike = best + SAME * max(1.0, best / rows)
@@ -97,7 +88,7 @@ def search(
     for k in (k for k in first if model.free[k].turns):
         p = found[0].p.copy()
         p[k] += math.pi if p[k] < model.free[k].guess else -math.pi
-        turned = descend(model, p, first, FIRST, loss, LOOSE)
+        turned = descend(model, p, first, FIRST, loss)
         if turned.chi2 < UNLIKE * found[0].chi2:
-            found.append(descend(model, turned.p, every, REST, loss, LOOSE))
+            found.append(descend(model, turned.p, every, REST, loss))
     return sorted(found, key=lambda minimum: minimum.chi2)

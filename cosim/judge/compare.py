@@ -199,23 +199,16 @@ def compare(
         rows = (ours.time, *ours.column(name, unit))
         t, own, wide = (values[shared & ~lost] for values in rows)
         band = Band(theirs.time, y, error, width, height)
-        found.append(_deviation((name, other, unit), (t, own, wide), band))
+        low, high = band.around(t)
+        apart = np.maximum(0.0, np.maximum(own - high, low - own))
+        allowed = band.room(t) + wide
+        k, outside = int(np.argmax(apart - allowed)), apart > allowed
+        worst = float(apart[k]), float(t[k]), float(allowed[k])
+        found.append(Deviation(name, other, unit, *worst, t, own, outside, band))
     notes = [*_notes(ours, theirs, pairs)]
     if gaps := np.count_nonzero(shared & lost):
         notes.append(f"{gaps} rows are not compared: they lie in gaps of {theirs.label}")
     return Comparison(tuple(found), start, stop, width, tuple(notes))
-
-
-def _deviation(names: tuple[str, str, str], rows: tuple[Rows, Rows, Rows], band: Band) -> Deviation:
-    t, y, error = rows
-    low, high = band.around(t)
-    apart = np.maximum(0.0, np.maximum(y - high, low - y))
-    allowed = band.room(t) + error
-    worst = int(np.argmax(apart - allowed))
-    outside = apart > allowed
-    return Deviation(
-        *names, float(apart[worst]), float(t[worst]), float(allowed[worst]), t, y, outside, band
-    )
 
 
 class Record:
@@ -264,12 +257,14 @@ class Record:
         return values, np.abs(self._in(name + ERROR, unit))
 
     def _in(self, name: str, unit: str) -> Rows:
+        import pandas as pd
+
         own = self.units[name]
         scale = 1.0 if not own or not unit or own == unit else multiples(unit).get(own)
         if scale is None:
             raise SetupError(f"{self.label}: {name} [{own}] cannot be told in {unit}")
         values = self.series[name]
-        numbers = np.asarray(_numbers(values), float)
+        numbers = np.asarray(pd.to_numeric(values, errors="coerce"), float)
         if (bad := np.flatnonzero(~np.isfinite(numbers))).size:
             row = int(bad[0])
             raise SetupError(
@@ -283,13 +278,6 @@ class Record:
         after = np.clip(np.searchsorted(self.time, t, "left"), 1, len(self.time) - 1)
         met = np.isin(t, self.time)
         return (self.time[after] - self.time[after - 1] > gap) & ~met
-
-
-def _numbers(values: Any) -> Any:
-    """Numbers of a column, nan for what is none."""
-    import pandas as pd
-
-    return pd.to_numeric(values, errors="coerce")
 
 
 def _read(source: Source, label: str) -> Record:
@@ -308,13 +296,9 @@ def _read(source: Source, label: str) -> Record:
             frame = pd.read_parquet(path)
         else:
             mark = separator(path)
-            frame = pd.read_csv(
-                path,
-                sep=mark,
-                decimal="." if mark == "," else ",",
-                skipinitialspace=True,
-                encoding="utf-8-sig",
-            )
+            point = "." if mark == "," else ","
+            how: Any = {"skipinitialspace": True, "encoding": "utf-8-sig"}
+            frame = pd.read_csv(path, sep=mark, decimal=point, **how)
         if beside.is_file():
             told = json.loads(beside.read_text())
             units = told.get("units", {}) if isinstance(told, dict) else {}
@@ -380,12 +364,8 @@ def _line(column: Deviation) -> tuple[str, ...]:
     if not column.passed:
         t = column.t[column.outside]
         verdict = f"FAIL: {len(t)} of {len(column.t)} rows outside, {t[0]:.6g} to {t[-1]:.6g} s"
-    return (
-        name,
-        f"{column.deviation:.4g}{unit} at {column.time:.6g} s",
-        f"allowed {column.allowed:.4g}{unit}",
-        verdict,
-    )
+    off = f"{column.deviation:.4g}{unit} at {column.time:.6g} s"
+    return name, off, f"allowed {column.allowed:.4g}{unit}", verdict
 
 
 def _draw(axis: Axes, column: Deviation, t: Rows) -> None:

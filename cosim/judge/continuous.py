@@ -19,6 +19,7 @@ from ..engine.fmi3 import Coupled3
 from ..engine.initial import initialise
 from ..engine.library import Library
 from ..engine.part import DISCARD, ERROR, OK, Block, Part
+from ..engine.stepping import Settings
 from ..errors import PartFailure, SetupError
 from ..inputs import Table
 from ..loops import algebraic_loops, describe
@@ -52,15 +53,8 @@ class Model(Coupled):
     SIDE = "modelExchange"
     RATES, UPDATE = "GetDerivatives", "newDiscreteStates"
 
-    def __init__(
-        self,
-        name: str,
-        description: ModelDescription,
-        fmu: Library,
-        substeps: int = 1,
-        within: Sequence[Any] = (),
-    ) -> None:
-        super().__init__(name, description, fmu, substeps)
+    def __init__(self, name: str, description: ModelDescription, *more: Any) -> None:
+        super().__init__(name, description, *more)
         self.rates: list[ScalarVariable] = [u.variable for u in description.derivatives]
         self.states: list[ScalarVariable] = [rate.derivative for rate in self.rates]
         numbers = (len(self.states), len(self.states), description.numberOfEventIndicators)
@@ -260,7 +254,12 @@ class Whole:
 
     def blocks(self) -> Blocks:
         """The derivatives of all parts as they stand."""
-        found = [part.jacobian() for part in self.parts]
+        from scipy.linalg import block_diag
+
+        pieces = []
+        for part in self.parts:
+            n, (by_states, by_inputs) = len(part.rates), part.jacobian()
+            pieces.append((by_states[:n], by_inputs[:n], by_states[n:], by_inputs[n:]))
         F = np.zeros((len(self.inputs), len(self.outputs)))
         row, column = (
             {port.name: k for k, port in enumerate(p)} for p in (self.inputs, self.outputs)
@@ -268,21 +267,7 @@ class Whole:
         for source, target, factor, _ in self.network.wires:
             if target.name in row:
                 F[row[target.name], column[source.name]] = factor
-
-        def diagonal(k: int, *, rates: bool) -> Array:
-            cut = [
-                jacobian[k][: len(p.rates)] if rates else jacobian[k][len(p.rates) :]
-                for p, jacobian in zip(self.parts, found)
-            ]
-            whole = np.zeros(np.sum([piece.shape for piece in cut], axis=0))
-            i = j = 0
-            for piece in cut:
-                whole[i : i + piece.shape[0], j : j + piece.shape[1]] = piece
-                i, j = i + piece.shape[0], j + piece.shape[1]
-            return whole
-
-        A, B = (diagonal(k, rates=True) for k in (0, 1))
-        C, D = (diagonal(k, rates=False) for k in (0, 1))
+        A, B, C, D = (block_diag(*each) for each in zip(*pieces))
         return Blocks(A, B, C, D, F)
 
     def closure(self, blocks: Blocks) -> Array:
@@ -387,6 +372,7 @@ def opened(network: Network, start: float, stop: float) -> Iterator[Whole]:
                 raise SetupError(f"{name}.{v.name} is a clock, which ticks in co-simulation only")
     with ExitStack() as stack:
         sequence = stepping_order(network, None)
-        parts = initialise(network, sequence, stack, start, stop, kinds=KINDS)
+        settings = Settings(stop, math.inf, start)
+        parts = initialise(network, settings, sequence, stack, kinds=KINDS)
         models = cast(dict[str, Model], parts)
         yield Whole(network, {name: models[name] for name in network.system.parts}, start, stop)

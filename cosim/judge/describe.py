@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 from fmpy import supported_platforms
-from fmpy.model_description import ModelDescription
 
 from ..engine.ledger import bonds
-from ..inputs import Course, Table
+from ..engine.stepping import Settings
 from ..loops import algebraic_loops, describe
-from ..master import Settings, problems, stepping_order
-from ..system import Connection, Network, Port, exponents
+from ..master import stepping_order
+from ..system import ANGLE, Connection, Network, Port, exponents
 
-ANGLE = (0, 0, 0, 0, 0, 0, 0, 1)
 ABILITIES = {
     "canGetAndSetFMUstate": "restores its state",
     "canHandleVariableCommunicationStepSize": "varies its step",
@@ -31,52 +30,38 @@ ABILITIES = {
 def info(network: Network) -> Iterator[str]:
     """Parts with their inputs and outputs, wires, start values, power bonds."""
     platforms = cache(supported_platforms)
+
+    def facts(told: Mapping[str, Any]) -> str:
+        return ", ".join(f"{what} {value}" for what, value in told.items())
+
     first = {wire.target: wire for wire in reversed(network.wires)}
     for name, description in network.descriptions.items():
         path = Path(network.system.parts[name])
-        yield from _part(name, description, path.name, platforms(str(path)))
+        version = "" if description.fmiVersion == "2.0" else f", FMI {description.fmiVersion}"
+        yield f"{name}: {description.modelName}, {path.name}{version}"
+        if description.description:
+            yield f"  {description.description}"
+        side = description.coSimulation
+        can = [text for flag, text in ABILITIES.items() if side and getattr(side, flag)]
+        told = ", ".join(can) or "fixed steps forward only" if side else "for model exchange only"
+        yield f"  for {', '.join(platforms(str(path)))}; {told}"
+        variables = description.modelVariables
+        for causality in ("input", "output"):
+            for port in (Port(name, v) for v in variables if v.causality == causality):
+                said = f", {port.variable.description}" if port.variable.description else ""
+                yield f"  {causality:<7} {port}: {port.native}{said}"
+        yield f"  {sum(v.causality == 'parameter' for v in variables)} parameters"
         for terminal, members in network.fmus[name].terminals.items():
             yield f"  terminal {name}.{terminal}: {', '.join(members)}"
     for title, lines in (
         ("wires", [_wire(wire, adds=first[wire.target] is not wire) for wire in network.wires]),
         ("start values", [f"{port} = {value!r}" for port, value in network.start]),
-        ("inputs over time", [_course(port, profile) for port, profile in network.inputs]),
+        ("inputs over time", [f"{port}: {facts(p.told())}" for port, p in network.inputs]),
         ("power bonds", [bond.name for bond in bonds(network)]),
     ):
         if lines:
             yield title
             yield from (f"  {line}" for line in lines)
-
-
-def _part(
-    name: str, description: ModelDescription, file: str, platforms: Sequence[str]
-) -> Iterator[str]:
-    version = "" if description.fmiVersion == "2.0" else f", FMI {description.fmiVersion}"
-    yield f"{name}: {description.modelName}, {file}{version}"
-    if description.description:
-        yield f"  {description.description}"
-    yield f"  for {', '.join(platforms)}; {_abilities(description)}"
-    for causality in ("input", "output"):
-        ports = [Port(name, v) for v in description.modelVariables if v.causality == causality]
-        for port in ports:
-            yield f"  {causality:<7} {port}: {port.native}{_said(port)}"
-    parameters = [v for v in description.modelVariables if v.causality == "parameter"]
-    yield f"  {len(parameters)} parameters"
-
-
-def _course(port: Port, profile: Table | Course) -> str:
-    return f"{port}: {', '.join(f'{what} {value}' for what, value in profile.told().items())}"
-
-
-def _said(port: Port) -> str:
-    return f", {port.variable.description}" if port.variable.description else ""
-
-
-def _abilities(description: ModelDescription) -> str:
-    if description.coSimulation is None:
-        return "for model exchange only"
-    can = [text for flag, text in ABILITIES.items() if getattr(description.coSimulation, flag)]
-    return ", ".join(can) or "fixed steps forward only"
 
 
 def _wire(wire: Connection, *, adds: bool = False) -> str:
@@ -85,12 +70,8 @@ def _wire(wire: Connection, *, adds: bool = False) -> str:
     return f"{wire.source}{scaled}{shifted} {'+' if adds else '-'}> {wire.target}"
 
 
-def check(network: Network, settings: Settings) -> tuple[list[str], list[str]]:
-    """What keeps the system from being run like this, and what is worth knowing about it."""
-    return list(problems(network, settings)), list(_notes(network, settings))
-
-
-def _notes(network: Network, settings: Settings) -> Iterator[str]:
+def notes(network: Network, settings: Settings) -> Iterator[str]:
+    """What is worth knowing about a run of the system, whether it is possible or not."""
     for name, blemish in network.blemishes.items():
         yield f"{name}: {blemish}"
     for port, value in network.open:
@@ -118,7 +99,11 @@ def _notes(network: Network, settings: Settings) -> Iterator[str]:
             )
     for bond in bonds(network):
         yield f"power bond: {bond.name}"
-    yield from _steps(network)
+    if preferred := preferred_steps(network):
+        part = min(preferred, key=preferred.__getitem__)
+        yield f"recommended step: {preferred[part]!r} s, which {part} prefers"
+    else:
+        yield "recommended step: no FMU prefers one; diagnose measures what a step does"
     if settings.algorithm == "jacobi" and bonds(network):
         yield (
             "jacobi delays every loop by a step, which takes damping away from its oscillations: "
@@ -133,15 +118,6 @@ def preferred_steps(network: Network) -> dict[str, float]:
         for name, description in network.descriptions.items()
         if description.defaultExperiment and description.defaultExperiment.stepSize
     }
-
-
-def _steps(network: Network) -> Iterator[str]:
-    preferred = preferred_steps(network)
-    if preferred:
-        part = min(preferred, key=lambda name: preferred[name])
-        yield f"recommended step: {preferred[part]!r} s, which {part} prefers"
-    else:
-        yield "recommended step: no FMU prefers one; diagnose measures what a step does"
 
 
 def table(rows: Sequence[Sequence[str]]) -> Iterator[str]:

@@ -17,14 +17,15 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..engine.adaptive import Adaptive
 from ..engine.changes import changes
 from ..engine.exchange import Coupled
 from ..engine.feed import Feed
 from ..engine.initial import initialise
 from ..engine.rows import Recorder
-from ..engine.stepping import Plan, Row, Run
+from ..engine.stepping import Row, Run, Settings
 from ..errors import PartFailure, SetupError
-from ..master import Settings, problems, stepping_order
+from ..master import problems, stepping_order
 from ..system import Network, System, connect
 from .linearize import linearize
 from .modes import SIGNIFICANT, Array, Fit, Mode, fit
@@ -157,32 +158,33 @@ def diagnose(
         raise SetupError(f"settle = {settle!r} s must be a finite number of at least 0")
     if not any(wire.source.type == "Real" for wire in network.wires):
         raise SetupError("a diagnosis needs a wire that carries a Real")
-    sequence = stepping_order(network, order)
-    bench = Bench(network, sequence, algorithm, input_order, start, settle, step)
     try:
-        return _diagnose(bench, step, share)
+        return _diagnose(Bench(network, settings, stepping_order(network, order), settle), share)
     except PartFailure as failure:
         raise SetupError(str(failure)) from failure
 
 
 @dataclass(frozen=True)
 class Bench:
-    """A system whose free response is measured again and again; `start`, `settle`, `kick` in s."""
+    """A system whose free response is measured again and again, from a kick after `settle` [s]."""
 
     network: Network
+    settings: Settings
     sequence: Sequence[str]
-    algorithm: str
-    input_order: int
-    start: float
     settle: float
-    kick: float
+
+    @property
+    def step(self) -> float:
+        """The step that it is asked for, as long as which the kick lasts [s]."""
+        assert not isinstance(self.settings.step, Adaptive)
+        return self.settings.step
 
     def modes(self, h: float, span: float) -> Fit:
         """The modes at steps of h [s], from what is seen for `span` [s]; raises PartFailure."""
         count = min(MOST_STEPS, round(span / h))
         calm, kicked = (self._run(h, count, kick) for kick in (0.0, KICK))
         rows = min(len(calm), len(kicked))
-        memory = MEMORY * len(self.sequence) * (1 + self.input_order)
+        memory = MEMORY * len(self.sequence) * (1 + self.settings.input_order)
         response = (kicked[:rows] - calm[:rows])[memory:]
         if len(response) < FEWEST_ROWS:
             raise SetupError(f"with steps of {h!r} s a part fails soon after the kick")
@@ -193,25 +195,22 @@ class Bench:
         real = (wire.source for wire in self.network.wires if wire.source.type == "Real")
         ports = list({port.name: port for port in real}.values())
         settled = round(self.settle / h)
-        begin = settled + max(1, round(self.kick / h))
+        begin = settled + max(1, round(self.step / h))
         end = begin + count
 
         recorder = Recorder([port.name for port in ports], {}, None, {})
 
         def go(first: int, last: int) -> int:
-            plan = Plan(self.start + first * h, self.start + last * h, h, None)
-            row = Row(parts, ports)
+            plan = self.settings._replace(start=began + first * h, stop=began + last * h, step=h)
             made = changes(self.network, named, plan.start, plan.stop)
-            run = Run(parts, self.algorithm, self.input_order, plan, row, recorder, made)
-            for _ in run.steps():
+            for _ in Run(parts, plan, Row(parts, ports), recorder, made).steps():
                 pass
             return recorder.count
 
+        began = self.settings.start
         with ExitStack() as stack:
-            named = initialise(
-                self.network, self.sequence, stack, self.start, self.start + end * h,
-                input_order=self.input_order,
-            )  # fmt: skip
+            whole = self.settings._replace(stop=began + end * h)
+            named = initialise(self.network, whole, self.sequence, stack)
             parts = [named[name] for name in self.sequence]
             if settled:
                 go(0, settled)
@@ -237,14 +236,13 @@ def _kicked(parts: Sequence[Coupled], kick: float) -> Iterator[None]:
             link.offset = offset
 
 
-def _diagnose(bench: Bench, step: float, share: float) -> Diagnosis:
+def _diagnose(bench: Bench, share: float) -> Diagnosis:
+    step, algorithm = bench.step, bench.settings.algorithm
     found, span = _watch(bench, step / 4)
     first = _chosen(found, span)
     if first is None:
-        nan = math.nan
-        return Diagnosis(
-            bench.algorithm, step, share, nan, nan, nan, nan, nan, None, 0.0, found.residual
-        )
+        how, nan = (algorithm, step, share), math.nan
+        return Diagnosis(*how, nan, nan, nan, nan, nan, None, 0.0, found.residual)
     fits, modes = {step / 4: found}, {step / 4: first}
 
     def follow(h: float) -> None:
@@ -269,19 +267,12 @@ def _diagnose(bench: Bench, step: float, share: float) -> Diagnosis:
             law = Law(modes, fits, own)
     seen = modes[step].damping
     return Diagnosis(
-        algorithm=bench.algorithm,
-        step=step,
-        share=share,
-        frequency=law.frequency,
-        damping=law.damping,
-        error=law.error,
-        damping_seen=seen,
-        delay=-2 * (seen - law.damping) / law.frequency,
-        recommended_step=recommended,
-        drift=_drift(fits, step, span),
-        residual=max(found.residual for found in fits.values()),
+        algorithm=algorithm, step=step, share=share, frequency=law.frequency,
+        damping=law.damping, error=law.error, damping_seen=seen,
+        delay=-2 * (seen - law.damping) / law.frequency, recommended_step=recommended,
+        drift=_drift(fits, step, span), residual=max(found.residual for found in fits.values()),
         linear=own is not None,
-    )
+    )  # fmt: skip
 
 
 def _own(bench: Bench, law: Law, span: float) -> Own | None:
@@ -291,7 +282,7 @@ def _own(bench: Bench, law: Law, span: float) -> Own | None:
     motion, so that the eigenvalues of an instant are not those of the motion, where none is near, or
     where the motion is too stiff to be followed so far.
     """
-    system, start = bench.network.system, bench.start
+    system, start = bench.network.system, bench.settings.start
     times = [bench.settle + share * span for share in MOMENTS]
     try:
         fastest = np.abs(linearize(system, start=start).eigenvalues).max(initial=0.0)
@@ -335,17 +326,14 @@ class Law:
     ) -> None:
         self.modes = modes
         self.doubt = dict.fromkeys(modes, 0.0)
+        steps = sorted(modes)[:3] if own is None else [0.0, *sorted(modes)[:2]]
+        powers = np.vander(steps)
+        ratios = [own.damping if own and not h else modes[h].damping for h in steps]
+        self.curve = np.linalg.solve(powers, ratios)
         if own is not None:
-            steps = [0.0, *sorted(modes)[:2]]
-            ratios = [own.damping, *(modes[h].damping for h in steps[1:])]
-            self.curve = np.linalg.solve(np.vander(steps), ratios)
             self.frequency, self.damping, self.error = own
             self.doubt = {h: self._unknown(fits[h], h) for h in modes}
             return
-        steps = sorted(modes)[:3]
-        powers = np.vander(steps)
-        ratios = [modes[h].damping for h in steps]
-        self.curve = np.linalg.solve(powers, ratios)
         self.damping = float(self.curve[-1])
         self.frequency = float(np.linalg.solve(powers, [modes[h].frequency for h in steps])[-1])
         line = ratios[0] - steps[0] * (ratios[1] - ratios[0]) / (steps[1] - steps[0])
@@ -390,11 +378,8 @@ def _watch(bench: Bench, h: float) -> tuple[Fit, float]:
 
 def _chosen(found: Fit, span: float) -> Mode | None:
     """The least damped oscillation that the response shows well."""
-    shown = [
-        mode
-        for mode in found.modes
-        if mode.share >= NOTICEABLE and mode.s.imag * span > 2 * math.pi * SEEN
-    ]
+    noticed = (mode for mode in found.modes if mode.share >= NOTICEABLE)
+    shown = (mode for mode in noticed if mode.s.imag * span > 2 * math.pi * SEEN)
     return min(shown, key=lambda mode: mode.damping, default=None)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import logging
 import math
@@ -56,33 +57,28 @@ def run_isolated(
     before = _stamps(csv)
     heard: list[logging.LogRecord] = []
     ended = ""
-    context = multiprocessing.get_context("spawn")
-    with TemporaryDirectory(dir=scratch()) as folder, interrupts() as pressed:
-        ours, its = context.Pipe(duplex=False)
-        process = context.Process(target=_work, args=(folder, its, system, csv, settings))
-        with _deaf():
-            process.start()
-        its.close()
-        try:
-            for kind, content in _messages(ours, process, pressed, timeout, csv, before):
-                if kind == "progress" and progress is not None:
-                    progress(content)
-                elif kind == "log":
-                    heard.append(content)
-                    if (logger := logging.getLogger(content.name)).isEnabledFor(content.levelno):
-                        logger.handle(content)
-                elif kind == "end":
-                    return _end(csv, *content)
-                elif kind == "error":
-                    raise content
-                elif kind == "silent":
-                    ended = f"did nothing for {content:g} s and was ended"
-                    process.kill()
-        finally:
-            ours.close()
-            process.join(GRACE)
-            process.kill()
-            process.join()
+    with (
+        interrupts() as pressed,
+        child(_work, system, csv, settings, grace=GRACE) as (process, ours),
+    ):
+        for kind, content in _messages(ours, process, pressed, timeout, csv, before):
+            if kind == "progress" and progress is not None:
+                progress(content)
+            elif kind == "log":
+                heard.append(content)
+                if (logger := logging.getLogger(content.name)).isEnabledFor(content.levelno):
+                    logger.handle(content)
+            elif kind == "end":
+                error, text, columns, units, facts, path = content
+                result = Result(columns, units, facts, functools.partial(read_rows, path))
+                if error is not None:
+                    raise error(text, result)
+                return result
+            elif kind == "error":
+                raise content
+            elif kind == "silent":
+                ended = f"did nothing for {content:g} s and was ended"
+                process.kill()
     dead = f"the process that ran the parts {', '.join(system.parts)} {ended or death(process)}"
     after = _stamps(csv)
     if before == after:
@@ -94,13 +90,39 @@ def run_isolated(
     raise _remains(path, dead, warnings, pressed=bool(pressed))
 
 
-def _work(
-    folder: str, pipe: Connection, system: System, csv: Path, settings: dict[str, Any]
-) -> None:
-    """Run in the child and tell the parent of the progress, the log and the end."""
-    threading.Thread(target=die_with_parent, args=(folder,), daemon=True).start()
-    signal.signal(signal.SIGINT, lambda *_: None)
+@contextmanager
+def child(
+    work: Callable[..., None], *arguments: Any, grace: float = 0.0
+) -> Iterator[tuple[BaseProcess, Connection]]:
+    """A process that does work(pipe, *arguments), and our end of the pipe; it is ended after a while [s].
+
+    Its temporary files go with it. It ignores Ctrl-C until it wants to hear it.
+    """
+    context = multiprocessing.get_context("spawn")
+    with TemporaryDirectory(dir=scratch()) as folder:
+        ours, its = context.Pipe(duplex=False)
+        process = context.Process(target=_begin, args=(folder, work, its, *arguments))
+        with _deaf():
+            process.start()
+        its.close()
+        try:
+            yield process, ours
+        finally:
+            ours.close()
+            process.join(grace)
+            process.kill()
+            process.join()
+
+
+def _begin(folder: str, work: Callable[..., None], *arguments: Any) -> None:
+    threading.Thread(target=_die_with_parent, args=(folder,), daemon=True).start()
     tempfile.tempdir = os.environ["TMPDIR"] = folder
+    work(*arguments)
+
+
+def _work(pipe: Connection, system: System, csv: Path, settings: dict[str, Any]) -> None:
+    """Run in the child and tell the parent of the progress, the log and the end."""
+    signal.signal(signal.SIGINT, lambda *_: None)
     logging.getLogger().addHandler(_Forward(pipe))
     told = clock.perf_counter()
     pipe.send(("progress", 0.0))
@@ -125,10 +147,11 @@ def _work(
         else:
             pipe.send(("progress", 1.0))
         facts = (result.columns, result.units, result.provenance)
-        pipe.send(("end", (ended and type(ended), str(ended), *facts)))
+        path = partial(csv) if ended else csv
+        pipe.send(("end", (ended and type(ended), str(ended), *facts, path)))
 
 
-def die_with_parent(folder: str) -> None:
+def _die_with_parent(folder: str) -> None:
     """Leave no trace when the parent is gone."""
     parent = multiprocessing.parent_process()
     assert parent is not None
@@ -147,18 +170,6 @@ class _Forward(logging.Handler):
     def emit(self, record: logging.LogRecord) -> None:
         record.msg, record.args, record.exc_info = record.getMessage(), None, None
         self._pipe.send(("log", record))
-
-
-def _end(
-    csv: Path, error: type[SimulationError | Interrupted] | None, text: str, *facts: Any
-) -> Result:
-    """The result of a run whose child came to its end; raises the error of one that failed."""
-    path = csv if error is None else partial(csv)
-    columns, units, provenance = facts
-    result = Result(columns, units, provenance, lambda: read_rows(path))
-    if error is not None:
-        raise error(text, result)
-    return result
 
 
 @contextmanager

@@ -69,9 +69,10 @@ class Linear:
 
         rows = self.states if matrix in "AB" else self.outputs
         columns = self.states if matrix in "AC" else self.inputs
-        return pd.DataFrame(
-            getattr(self, matrix), self._with_units(rows), self._with_units(columns)
+        index, heads = (
+            [f"{n} [{self.units[n] or '1'}]" for n in names] for names in (rows, columns)
         )
+        return pd.DataFrame(getattr(self, matrix), index, heads)
 
     def frequency_response(self, input: str, output: str, w: Any) -> Complex:
         """C (i w - A)^-1 B + D from an input to an output at angular frequencies w [rad/s].
@@ -146,9 +147,6 @@ class Linear:
         i, o = self.inputs.index(input), self.outputs.index(output)
         return self.B[:, i], self.C[o], float(self.D[o, i])
 
-    def _with_units(self, names: Sequence[str]) -> list[str]:
-        return [f"{name} [{self.units[name] or '1'}]" for name in names]
-
 
 def linearize(
     system: System, *, inputs: Sequence[str] | None = None, start: float = 0.0, at: float = 0.0
@@ -184,33 +182,19 @@ def linearize(
             rates = whole.slopes(whole.t, whole.x)
             names = [[p.name for p in g] for g in (whole.states, whole.inputs, whole.outputs)]
             known = [*whole.states, *whole.inputs, *whole.outputs]
-            point = {
-                port.name: float(
-                    whole.models[port.part].values([port.variable])[port.variable.name]
-                )
-                for port in known
-            }
+            values = {name: model.values for name, model in whole.models.items()}
+            point = {p.name: float(*values[p.part]([p.variable]).values()) for p in known}
     except PartFailure as failure:
         raise SetupError(str(failure)) from failure
     states, entries, outputs = names
     wired = {target.name for _, target, *_ in network.wires}
-    chosen = (
-        [name for name in entries if name not in wired]
-        if ports is None
-        else [port.name for port in ports]
-    )
+    chosen = [name for name in entries if name not in wired]
+    if ports is not None:
+        chosen = [port.name for port in ports]
     columns = [entries.index(name) for name in chosen]
     A, B, C, D, F = blocks
-    return Linear(
-        A=A + B @ inverse @ F @ C,
-        B=(B @ inverse)[:, columns],
-        C=C + D @ inverse @ F @ C,
-        D=(D @ inverse)[:, columns],
-        states=states,
-        inputs=chosen,
-        outputs=outputs,
-        units={port.name: port.unit for port in known},
-        point=point,
-        rates=dict(zip(states, rates.tolist())),
-        time=start + at,
-    )
+    B, D = B @ inverse, D @ inverse
+    A, C = A + B @ F @ C, C + D @ F @ C
+    names_of = states, chosen, outputs, {port.name: port.unit for port in known}
+    rising = dict(zip(states, rates.tolist()))
+    return Linear(A, B[:, columns], C, D[:, columns], *names_of, point, rising, start + at)

@@ -8,16 +8,17 @@ from __future__ import annotations
 
 import math
 import time as clock
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..engine.stepping import Plan, Row
+from ..engine.adaptive import Adaptive
+from ..engine.stepping import Row, Settings
 from ..errors import PartFailure, SetupError
 from ..master import versions
 from ..result import Result, SimulationError
-from ..system import Port, System, connect, require_steps
+from ..system import System, connect, require_steps
 from .certify import Estimate, certify, summary
 from .continuous import Array, Whole, opened
 
@@ -79,8 +80,9 @@ def oracle(
     """
     network = connect(system)
     spacing = (stop - start) / ROWS if output_step is None else output_step
-    Plan(start, stop, 1.0, output_step).check()
-    plan = Plan(start, stop, spacing, None)
+    Settings(stop, 1.0, start, output_step=output_step).check()
+    plan = Settings(stop, spacing, start, record=record)
+    ports = plan.ports(network)
     if method not in METHODS:
         raise SetupError(f"method {method!r} must be one of {', '.join(METHODS)}")
     if not 1e-13 <= tolerance <= 1e-3:
@@ -88,41 +90,29 @@ def oracle(
     for port, profile in network.inputs:
         if lack := profile.lacks(start, stop):
             raise SetupError(f"{port.name}: its table {lack}")
-    ports = None if record is None else [network.port(name) for name in record]
-    if any(port.type == "String" for port in ports or ()):
-        raise SetupError("a String cannot be recorded")
     began = clock.perf_counter()
     provenance: dict[str, Any] = {
-        "algorithm": "oracle",
-        "communication": f"{method}, tolerance {tolerance:g}",
-        "start": start,
-        "stop": stop,
-        "wires": [str(wire) for wire in system.wires],
-        "start_values": dict(system.start),
-        "versions": versions(),
-        "bonds": {},
-        "warnings": [],
-    }
+        "algorithm": "oracle", "communication": f"{method}, tolerance {tolerance:g}",
+        "start": start, "stop": stop, "wires": [str(wire) for wire in system.wires],
+        "start_values": dict(system.start), "versions": versions(), "bonds": {}, "warnings": [],
+    }  # fmt: skip
 
     def once(allowed: float) -> Result:
         with opened(network, start, stop) as whole:
-            shown = ports if ports is not None else _outputs(whole)
-            names, units = ["time", *(p.name for p in shown)], {p.name: p.unit for p in shown}
             rows: list[list[float]] = []
             events: list[float] = []
             told = {"status": "complete", "reason": "", "reached": stop, "events": events}
             try:
-                rows.extend(_rows(whole, shown, plan, method, allowed, events))
+                pieces = travel(whole, stop, method, allowed)
+                rows.extend(_rows(whole, Row(whole.parts, ports), plan, pieces, events))
             except PartFailure as failure:
                 told |= {"status": "failed", "reason": str(failure), "reached": whole.t}
             told["warnings"] = [
                 f"{part.name}: {text}" for part in whole.parts for text in part.warnings
             ]
+        units = {"time": "s"} | {port.name: port.unit for port in ports}
         result = Result(
-            names,
-            {"time": "s"} | units,
-            provenance | told,
-            lambda: np.array(rows).reshape(-1, len(names)),
+            [*units], units, provenance | told, lambda: np.array(rows).reshape(-1, len(units))
         )
         if told["status"] == "failed":
             raise SimulationError(f"{told['reason']}; stopped at t = {told['reached']!r} s", result)
@@ -132,7 +122,10 @@ def oracle(
         loose, result = once(LOOSER * tolerance), once(tolerance)
     except PartFailure as failure:
         raise SetupError(str(failure)) from failure
-    result.provenance["errors"] = _apart(result, loose)
+    ours, theirs = result.data, loose.data
+    _, here, there = np.intersect1d(ours[:, 0], theirs[:, 0], return_indices=True)
+    off = np.abs(ours[here] - theirs[there]).max(axis=0)
+    result.provenance["errors"] = dict(zip(result.columns[1:], off[1:].tolist()))
     result.provenance["wall_time"] = clock.perf_counter() - began
     return result
 
@@ -219,16 +212,10 @@ def _crossing(
 
 
 def _rows(
-    whole: Whole,
-    ports: Sequence[Port],
-    plan: Plan,
-    method: str,
-    tolerance: float,
-    events: list[float],
+    whole: Whole, row: Row, plan: Settings, pieces: Iterable[Piece], events: list[float]
 ) -> Iterator[list[float]]:
     """The rows of a plan, and those at which a discrete column changes."""
-    assert isinstance(plan.step, float)
-    row = Row(whole.parts, ports)
+    assert not isinstance(plan.step, Adaptive)
 
     def look(t: float) -> list[float]:
         for part in whole.parts:
@@ -240,7 +227,7 @@ def _rows(
     yield before
     times = iter([*(plan.start + k * plan.step for k in range(1, plan.number())), plan.stop])
     due = next(times)
-    for _, end, curve in travel(whole, plan.stop, method, tolerance):
+    for _, end, curve in pieces:
         while curve is not None and due <= end:
             whole.at(due, curve(due))
             before = look(due)
@@ -252,21 +239,3 @@ def _rows(
             if end != before[0] and any(now[k] != before[k] for k in row.discrete):
                 before = now
                 yield now
-
-
-def _outputs(whole: Whole) -> list[Port]:
-    """What a run records by default."""
-    return [
-        Port(part.name, variable)
-        for part in whole.parts
-        for variable in part.description.modelVariables
-        if variable.causality == "output" and variable.type != "String"
-    ]
-
-
-def _apart(result: Result, other: Result) -> dict[str, float]:
-    """By column the largest distance of two results, at the times that both have."""
-    ours, theirs = result.data, other.data
-    _, here, there = np.intersect1d(ours[:, 0], theirs[:, 0], return_indices=True)
-    off = np.abs(ours[here] - theirs[there]).max(axis=0)
-    return dict(zip(result.columns[1:], off[1:].tolist()))

@@ -88,15 +88,10 @@ def simulate(
 ) -> Result:
     """A run of the master, all states recorded."""
     return run(
-        couple(units, fmu, input_hold=scheme.hold, bond=bond),
-        stop=stop,
-        step=step,
-        algorithm=scheme.algorithm,
-        order=list(units),
-        input_order=scheme.input_order,
-        substeps={list(units)[-1]: scheme.substeps},
-        record=states(units),
-    )
+        couple(units, fmu, input_hold=scheme.hold, bond=bond), stop=stop, step=step,
+        algorithm=scheme.algorithm, order=list(units), input_order=scheme.input_order,
+        substeps={list(units)[-1]: scheme.substeps}, record=states(units),
+    )  # fmt: skip
 
 
 def deviation(got: Matrix, want: Matrix) -> float:

@@ -6,6 +6,7 @@ import sys
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from zipfile import ZipFile
 
 import fmpy
 
@@ -30,3 +31,13 @@ def binary(source: Path, *flags: str) -> bytes:
         ]  # fmt: skip
         subprocess.run(command, check=True)
         return library.read_bytes()
+
+
+def packed(path: Path, name: str, description: str, source: Path, *flags: str) -> Path:
+    """Write an FMU of this model identifier, description and C file."""
+    platform = fmpy.platform_tuple if 'fmiVersion="3.0"' in description else fmpy.platform
+    with ZipFile(path, "w") as archive:
+        archive.writestr("modelDescription.xml", description)
+        library = f"binaries/{platform}/{name}{fmpy.sharedLibraryExtension}"
+        archive.writestr(library, binary(source, *flags))
+    return path

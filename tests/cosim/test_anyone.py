@@ -198,24 +198,16 @@ def test_start_values_of_wrong_type_fail(name: str, value: Value, message: str, 
 def test_parts_have_their_resources_times_and_tolerance(make: Make) -> None:
     """What a part is told before the start; an adaptive run hands its own tolerance over."""
     names = ("start_time", "stop_time", "stop_time_defined", "tolerance", "tolerance_defined")
-    told = {}
-    for key, settings in {
-        "none": {"step": H},
-        "given": {"step": H, "tolerance": 1e-5},
-        "adaptive": {"step": Adaptive(1e-3)},
-        "both": {"step": Adaptive(1e-3), "tolerance": 1e-7},
-    }.items():
-        parts = {"A": make(), "B": make()}
-        chain = system(parts, "A.token -> B.string_in", "A.y -> B.u")
+    for settings, tolerance in (
+        ({"step": H}, 0.0),
+        ({"step": H, "tolerance": 1e-5}, 1e-5),
+        ({"step": Adaptive(1e-3)}, 1e-3),
+        ({"step": Adaptive(1e-3), "tolerance": 1e-7}, 1e-7),
+    ):
+        chain = system({"A": make(), "B": make()}, "A.token -> B.string_in", "A.y -> B.u")
         result = run(chain, start=-2.5, stop=9.0, **settings)
-        told[key] = tuple(result[f"B.{name}"][-1] for name in names)
-    first = (-2.5, 9.0, 1.0)
-    assert told == {
-        "none": (*first, 0.0, 0.0),
-        "given": (*first, 1e-5, 1.0),
-        "adaptive": (*first, 1e-3, 1.0),
-        "both": (*first, 1e-7, 1.0),
-    }
+        told = [result[f"B.{name}"][-1] for name in names]
+        assert told == [-2.5, 9.0, 1.0, tolerance, tolerance > 0.0]
     with pytest.raises(SetupError, match=r"tolerance = -1.0 must be above 0"):
         run(chain, stop=1.0, step=H, tolerance=-1.0)
 
@@ -386,10 +378,7 @@ def test_a_warning_without_words_counts(
 STEP_RETURNED = r"A: doStep\(t = \S+ s, h = \S+ s\) returned "
 ENDINGS: dict[str, tuple[str, list[str]]] = {
     "end": (r"A ended the simulation at t = 0\.55 s", CLOSED),
-    "error": (
-        rf"{STEP_RETURNED}Error: error at t = 0\.55 s, step \d+;",
-        [CLOSED[0], *CLOSED[1::2]],
-    ),
+    "error": (rf"{STEP_RETURNED}Error: error at t = 0\.55 s, step", [CLOSED[0], *CLOSED[1::2]]),
     "fatal": (rf"{STEP_RETURNED}Fatal: A broke down at t = 0\.55 s;", CLOSED[1::2]),
 }
 
@@ -487,23 +476,11 @@ def test_parts_that_can_do_less_run_as_others_do(loop: str, algorithm: str, make
     [
         (STEADY, {"stop": 1.05, "step": H}, "stop = 1.05 s must be a whole number of steps of 0.1"),
         (STEADY, {"step": Adaptive(1e-3)}, "adaptive steps: B cannot vary its step"),
-        (
-            STATELESS,
-            {"step": H, "algorithm": "iterated"},
-            "iterated needs the FMU state, which B c",
-        ),
-        (
-            STATELESS,
-            {"step": Adaptive(1e-3, control="doubling")},
-            "step doubling needs the FMU state, which B cannot save",
-        ),
-        (
-            STATELESS,
-            {"step": Adaptive(1e-3)},
-            "by energy needs a power bond, and the system has none",
-        ),
+        (STATELESS, {"step": H, "algorithm": "iterated"}, "iterated needs the FMU state, which B c"),
+        (STATELESS, {"step": Adaptive(1e-3, control="doubling")}, "doubling needs the FMU state, which B"),
+        (STATELESS, {"step": Adaptive(1e-3)}, "by energy needs a power bond, and the system has none"),
     ],
-)
+)  # fmt: skip
 def test_parts_that_can_do_less_are_refused_what_they_cannot(
     lacks: str, settings: dict[str, Any], message: str, make: Make
 ) -> None:
@@ -642,10 +619,8 @@ def test_moving_inputs_are_means_for_other_parts(order: int, make: Make) -> None
 @pytest.mark.parametrize(("told", "late"), [(0, True), (1, False)])
 def test_output_derivatives_serve_the_first_step(told: int, late: bool, make: Make) -> None:
     """Without them, Jacobi can but hold the ramp's first value over the first step."""
-    parts = {
-        "S": make(a=0.0, x0=0.0, u=1.0, maxOutputDerivativeOrder=told),
-        "B": make(a=0.0, x0=0.0),
-    }
+    source = make(a=0.0, x0=0.0, u=1.0, maxOutputDerivativeOrder=told)
+    parts = {"S": source, "B": make(a=0.0, x0=0.0)}
     coupled = system(parts, "S.y -> B.u", start={"S.u": 1.0})
     result = run(coupled, stop=1.0, step=H, algorithm="jacobi", input_order=1, record=["B.y"])
     missing = result["time"] ** 2 / 2 - result["B.y"]
@@ -653,17 +628,10 @@ def test_output_derivatives_serve_the_first_step(told: int, late: bool, make: Ma
     assert missing[1:] == pytest.approx(np.full(10, lost), abs=1e-15)
 
 
-@pytest.mark.parametrize(
-    "settings",
-    [
-        {"step": H, "algorithm": "iterated"},
-        {"step": Adaptive(1e-4, control="doubling")},
-        {"step": H, "algorithm": "jacobi"},
-    ],
-)
-def test_every_state_is_freed(settings: dict[str, Any], make: Make, diary: Diary) -> None:
-    parts = {"A": make(x0=0.0), "B": make()}
-    result = run(ring(parts), stop=2.0, record=["A.states_alive", "A.restores"], **settings)
+@pytest.mark.parametrize("algorithm", ["iterated", "doubling", "jacobi"])
+def test_every_state_is_freed(algorithm: str, make: Make, diary: Diary) -> None:
+    parts, record = {"A": make(x0=0.0), "B": make()}, ["A.states_alive", "A.restores"]
+    result = run(ring(parts), stop=2.0, record=record, **stepped(algorithm))
     assert 0 < result["A.states_alive"].max() <= 3
     assert sorted(diary()) == CLOSED
 
@@ -680,47 +648,20 @@ WHOLE = r"(?s)\A.*\Z"
 EXCHANGE = ("<CoSimulation.*?/>", '<ModelExchange modelIdentifier="foreign"/>')
 REFUSED: dict[str, tuple[Callable[[dict[str, Any]], Any], str]] = {
     "FMI 1.0": (described((WHOLE, FMI1)), "is FMI 1.0; this master runs co-simulation by FMI 2.0"),
-    "no binary of FMI 3.0": (
-        described((WHOLE, FMI3)),
-        f"has no binary for this platform, binaries/{platform_tuple}/foreign",
-    ),
-    "model exchange only": (
-        described(EXCHANGE),
-        "offers model exchange only; this master runs co-simulation by FMI 2.0 and 3.0: export it",
-    ),
-    "wrong GUID": (
-        described(("guid=.*?}", 'guid="{1}')),
-        "A: instantiate failed: the GUID {1} is not {",
-    ),
-    "no binary": (
-        lambda files: files.update({"binaries/win32/foreign.dll": files.pop(BINARY)}),
-        f"has no binary for this platform, {BINARY}; it is for win32",
-    ),
-    "no library": (
-        lambda files: files.update({BINARY: b"no library"}),
-        "A: Failed to load shared library",
-    ),
-    "no description": (
-        lambda files: files.pop(DESCRIPTION),
-        "is not a valid FMU, it has no modelDescription.xml",
-    ),
-    "malformed XML": (
-        described(("</ModelVariables>", "")),
-        "is not a valid FMU: modelDescription.xml: Opening and ending tag mismatch",
-    ),
-    "two of a name": (
-        described(('name="integer_in"', 'name="u"')),
-        "is not a valid FMU: it has two variables u",
-    ),
-}
+    "no binary of FMI 3.0": (described((WHOLE, FMI3)), f"has no binary for this platform, binaries/{platform_tuple}/foreign"),
+    "model exchange only": (described(EXCHANGE), "offers model exchange only; this master runs co-simulation by FMI 2.0 and 3.0: export it"),
+    "wrong GUID": (described(("guid=.*?}", 'guid="{1}')), "A: instantiate failed: the GUID {1} is not {"),
+    "no binary": (lambda files: files.update({"binaries/win32/foreign.dll": files.pop(BINARY)}), f"has no binary for this platform, {BINARY}; it is for win32"),
+    "no library": (lambda files: files.update({BINARY: b"no library"}), "A: Failed to load shared library"),
+    "no description": (lambda files: files.pop(DESCRIPTION), "is not a valid FMU, it has no modelDescription.xml"),
+    "malformed XML": (described(("</ModelVariables>", "")), "is not a valid FMU: modelDescription.xml: Opening and ending tag mismatch"),
+    "two of a name": (described(('name="integer_in"', 'name="u"')), "is not a valid FMU: it has two variables u"),
+}  # fmt: skip
 DAMAGED: dict[str, tuple[Callable[[bytes], bytes], str]] = {
-    "truncated": (
-        lambda data: data[: len(data) // 2],
-        "is not a valid FMU, it cannot be opened as zip: File is not a zip file",
-    ),
+    "truncated": (lambda data: data[: len(data) // 2], "is not a valid FMU, it cannot be opened as zip: File is not a zip file"),
     "flipped": (lambda data: data.replace("grün".encode(), b"green"), "A.fmu cannot be unpacked: "),
     "no file": (lambda _: b"", "there is no file"),
-}
+}  # fmt: skip
 
 
 def spoiled(path: Path, defect: str) -> tuple[Path, str]:
@@ -773,11 +714,8 @@ def test_an_isolated_run_is_the_same_run(
     caplog.clear()
     result = run_isolated(coupled, csv=tmp_path / "run.csv", progress=shares.append, **settings)
     assert np.array_equal(result.data, plain.data)
-    assert (result.columns, result.units, result.energy) == (
-        plain.columns,
-        plain.units,
-        plain.energy,
-    )
+    assert (result.columns, result.units) == (plain.columns, plain.units)
+    assert result.energy == plain.energy
     assert [record.getMessage() for record in caplog.records] == ["A: t = 1 s in A"]
     assert shares == sorted(shares)
     assert len(shares) > 1
@@ -925,13 +863,10 @@ def test_ctrl_c_ends_an_isolated_run(
     script.write_text(SCRIPT)
     fmu = make(hang_at=3e3 if hangs else 1e300)
     process = subprocess.Popen(
-        [sys.executable, str(script), str(fmu), str(tmp_path / "run.csv")],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        env=os.environ | {"TMPDIR": str(scratch), "PYTHONPATH": str(ROOT)},
-        start_new_session=True,
-        preexec_fn=hear_ctrl_c,  # noqa: PLW1509
-    )
+        [sys.executable, str(script), str(fmu), str(tmp_path / "run.csv")], start_new_session=True,
+        env=os.environ | {"TMPDIR": str(scratch), "PYTHONPATH": str(ROOT)}, preexec_fn=hear_ctrl_c,  # noqa: PLW1509
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+    )  # fmt: skip
     try:
         assert process.stdout is not None
         assert process.stdout.readline() == b"started\n"

@@ -10,6 +10,7 @@ import subprocess
 import sys
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -21,6 +22,7 @@ from cosim import System, run, write_ssp
 from cosim.__main__ import main
 from scenarios.conveyor.theory import SETS
 from tests.conftest import ROOT
+from tests.cosim.conftest import Said
 from tests.cosim.foreign import pack
 from tests.cosim.test_cosim import NU, pair
 
@@ -33,14 +35,8 @@ def drive(fmus: Path, tmp_path: Path) -> Path:
     return path
 
 
-def said(capsys: pytest.CaptureFixture[str], *arguments: object) -> str:
-    """What a command that succeeds prints."""
-    assert main([str(argument) for argument in arguments]) == 0
-    return capsys.readouterr().out
-
-
-def test_info_tells_what_a_system_is_made_of(drive: Path, capsys) -> None:
-    text = said(capsys, "info", drive)
+def test_info_tells_what_a_system_is_made_of(drive: Path, said: Said) -> None:
+    text = said("info", drive)
     for line in (
         "motor: DriveMotor, DriveMotor.fmu",
         "output  conveyor.w [rad/s]: Real, Crank speed",
@@ -52,19 +48,14 @@ def test_info_tells_what_a_system_is_made_of(drive: Path, capsys) -> None:
         assert line in text
 
 
-def test_run_writes_what_the_api_computes(drive: Path, fmus: Path, tmp_path: Path, capsys) -> None:
+def test_run_writes_what_the_api_computes(
+    drive: Path, fmus: Path, tmp_path: Path, said: Said
+) -> None:
     out = tmp_path / "out.csv"
-    options = (
-        "--stop",
-        0.5,
-        "--step",
-        1e-3,
-        "--algorithm",
-        "gauss-seidel",
-        "--set",
-        "motor.T=0.05",
-    )
-    text = said(capsys, "run", drive, "--out", out, "--plot", tmp_path / "out.png", *options)
+    options = [
+        "--stop", "0.5", "--step", "0.001", "--algorithm", "gauss-seidel", "--set", "motor.T=0.05",
+    ]  # fmt: skip
+    text = said("run", drive, "--out", out, "--plot", tmp_path / "out.png", *options)
     assert "gauss-seidel, steps of 0.001 s: 500 steps" in text
     assert "motor.tau * conveyor.w" in text
     system = pair(fmus, SETS["A"].start(NU) | {"motor.T": 0.05})
@@ -78,32 +69,28 @@ def test_run_writes_what_the_api_computes(drive: Path, fmus: Path, tmp_path: Pat
     assert (tmp_path / "out.png").exists()
 
 
-def test_step_and_stop_come_from_the_files(drive: Path, tmp_path: Path, capsys) -> None:
-    assert "steps of 0.001 s: 1000 steps" in said(capsys, "run", drive)
+def test_step_and_stop_come_from_the_files(drive: Path, tmp_path: Path, said: Said) -> None:
+    assert "steps of 0.001 s: 1000 steps" in said("run", drive)
 
 
-def test_columns_of_a_part_drive_fmpy(drive: Path, fmus: Path, tmp_path: Path, capsys) -> None:
+def test_columns_of_a_part_drive_fmpy(drive: Path, fmus: Path, tmp_path: Path, said: Said) -> None:
     """The conveyor's speed, taken by fmpy as the motor's input, gives the motor's torque."""
     speed, torque = tmp_path / "w.csv", tmp_path / "tau.csv"
     common = ("run", drive, "--step", 1e-3, "--algorithm", "jacobi")
-    said(capsys, *common, "--part", "conveyor", "--record", "conveyor.w", "--out", speed)
-    said(capsys, *common, "--part", "motor", "--out", torque)
+    said(*common, "--part", "conveyor", "--record", "conveyor.w", "--out", speed)
+    said(*common, "--part", "motor", "--out", torque)
     start = {k.partition(".")[2]: v for k, v in SETS["A"].start(NU).items() if k[:5] == "motor"}
     frame = pd.read_csv(speed)
-    made = simulate_fmu(
-        str(fmus / "DriveMotor.fmu"),
-        stop_time=1.0,
-        output_interval=1e-3,
-        start_values=start,
-        input=np.array([tuple(row) for row in frame.to_numpy()], [("time", "<f8"), ("w", "<f8")]),
-        output=["tau"],
-    )
+    rows = np.array([tuple(row) for row in frame.to_numpy()], [("time", "<f8"), ("w", "<f8")])
+    settings: dict[str, Any] = {"stop_time": 1.0, "output_interval": 1e-3, "output": ["tau"]}
+    motor = str(fmus / "DriveMotor.fmu")
+    made = simulate_fmu(motor, **settings, start_values=start, input=rows)
     ours = pd.read_csv(torque)["tau"]
     assert made["tau"] == pytest.approx(ours.to_numpy(), abs=1e-6)
 
 
-def test_certify_states_errors_and_orders(drive: Path, capsys) -> None:
-    text = said(capsys, "run", drive, "--certify", "--record", "motor.tau,conveyor.a")
+def test_certify_states_errors_and_orders(drive: Path, said: Said) -> None:
+    text = said("run", drive, "--certify", "--record", "motor.tau,conveyor.a")
     (mean,) = [line for line in text.splitlines() if "motor.tau, mean" in line]
     assert " +- " in mean
     assert "order 2.0" in mean
@@ -111,10 +98,10 @@ def test_certify_states_errors_and_orders(drive: Path, capsys) -> None:
     assert re.search(r" \+- 0\.0\d+ rad/s2 +order (0\.9|1\.\d)$", rate)
 
 
-def test_figures_of_names_with_commas_keep_their_units(fmus: Path, capsys) -> None:
+def test_figures_of_names_with_commas_keep_their_units(fmus: Path, said: Said) -> None:
     record = "LinearSystem.A[2,1],LinearSystem.x[1]"
     options = ("--stop", 0.1, "--certify", "--record", record)
-    lines = said(capsys, "run", fmus / "LinearSystem.fmu", *options).splitlines()
+    lines = said("run", fmus / "LinearSystem.fmu", *options).splitlines()
     (rate,) = [line for line in lines if "LinearSystem.A[2,1] at the end" in line]
     assert rate.split()[-6:] == ["-100.0000000", "+-", "0.0000001", "1", "order", "2.0"]
     assert any("LinearSystem.x[1], largest" in line for line in lines)
@@ -123,23 +110,21 @@ def test_figures_of_names_with_commas_keep_their_units(fmus: Path, capsys) -> No
 def test_a_run_that_fails_ends_with_code_1_and_keeps_its_rows(tmp_path: Path, capsys) -> None:
     fmu = pack(tmp_path / "part.fmu", error_at=0.5)
     out = tmp_path / "out.csv"
-    arguments = ["run", str(fmu), "--stop", "1", "--step", "0.01", "--out", str(out)]
-    assert main(arguments) == 1
+    assert main(["run", str(fmu), "--stop", "1", "--step", "0.01", "--out", str(out)]) == 1
     error = capsys.readouterr().err
-    assert error.startswith("error: part: doStep(t = ")
-    assert error.count("\n") == 1
+    assert error.startswith("error: part: doStep(t = ") and error.count("\n") == 1
     kept = pd.read_csv(tmp_path / "out.partial.csv")
     assert 0.45 < kept["time"].iloc[-1] < 0.5
     assert not out.exists()
 
 
-def test_held_angles_are_warned_of(fmus: Path, tmp_path: Path, capsys) -> None:
+def test_held_angles_are_warned_of(fmus: Path, tmp_path: Path, said: Said) -> None:
     """A crank that hears an angle of another over a wire."""
     parts = {"crank": fmus / "CrankConveyor.fmu", "other": fmus / "LinearSystem.fmu"}
     start = {"crank.tau": 0.0} | {f"other.u[{i}]": 0.0 for i in (2, 3, 4)}
     path = tmp_path / "angle.ssp"
     write_ssp(System(parts, ["crank.phi => other.u[1]"], start), path, stop=1.0)
-    assert "an angle that is held over a step pushes a stiff shaft" in said(capsys, "check", path)
+    assert "an angle that is held over a step pushes a stiff shaft" in said("check", path)
 
 
 def test_a_terminal_shows_simulated_time_pace_and_what_is_left(drive: Path) -> None:
@@ -153,30 +138,32 @@ def test_a_terminal_shows_simulated_time_pace_and_what_is_left(drive: Path) -> N
         while chunk := os.read(ours, 1 << 16):
             written += chunk
     os.close(ours)
-    said, _ = process.communicate()
+    told, _ = process.communicate()
     shown = written.decode(errors="replace")
     assert "drive" in shown
     assert re.search(r"of 0\.5 s, \S+ x real time", shown)
     assert re.search(r"\d:\d\d:\d\d", shown)
-    assert b"500 steps" in said
+    assert b"500 steps" in told
 
 
-def test_adaptive_run(drive: Path, tmp_path: Path, capsys) -> None:
+def test_adaptive_run(drive: Path, tmp_path: Path, said: Said) -> None:
     out = tmp_path / "out.csv"
-    text = said(capsys, "run", drive, "--adaptive", 0.01, "--output-step", 0.01, "--out", out)
+    text = said("run", drive, "--adaptive", 0.01, "--output-step", 0.01, "--out", out)
     assert "adaptive steps, tolerance 0.01" in text
     assert pd.read_csv(out)["time"].to_numpy() == pytest.approx(np.arange(101) * 0.01, abs=1e-15)
 
 
-def test_a_single_fmu_runs_with_its_own_inputs(fmus: Path, tmp_path: Path, capsys) -> None:
+def test_a_single_fmu_runs_with_its_own_inputs(fmus: Path, tmp_path: Path, said: Said) -> None:
     out = tmp_path / "out.csv"
     options = ("--stop", 2, "--set", "DriveMotor.w=30", "--out", out)
-    said(capsys, "run", fmus / "DriveMotor.fmu", *options)
+    said("run", fmus / "DriveMotor.fmu", *options)
     assert pd.read_csv(out)["DriveMotor.tau"].iloc[-1] == pytest.approx(8000 - 199.8 * 30)
 
 
-def test_check_tells_what_is_in_the_way(drive: Path, fmus: Path, tmp_path: Path, capsys) -> None:
-    text = said(capsys, "check", drive)
+def test_check_tells_what_is_in_the_way(
+    drive: Path, fmus: Path, tmp_path: Path, said: Said
+) -> None:
+    text = said("check", drive)
     assert "order of steps: motor, conveyor" in text
     assert "recommended step: 0.001 s, which motor prefers" in text
     assert text.endswith("ready to run\n")
@@ -185,21 +172,20 @@ def test_check_tells_what_is_in_the_way(drive: Path, fmus: Path, tmp_path: Path,
     start = {f"{part}.u[{i}]": 0.0 for part in parts for i in (2, 3, 4)}
     loop = tmp_path / "loop.ssp"
     write_ssp(System(parts, wires, start), loop, stop=1.0)
-    assert main(["check", str(loop), "--step", "0.01"]) == 1
-    text = capsys.readouterr().out
+    text = said("check", loop, "--step", 0.01, code=1)
     assert "error: algebraic loop: a.z[1] -> b.u[1], b.z[1] -> a.u[1]" in text
-    assert main(["check", str(loop), "--step", "0.01", "--algorithm", "iterated"]) == 0
+    said("check", loop, "--step", 0.01, "--algorithm", "iterated")
 
 
-def test_exports_are_files_of_their_kind(drive: Path, tmp_path: Path, capsys) -> None:
+def test_exports_are_files_of_their_kind(drive: Path, tmp_path: Path, said: Said) -> None:
     """Whose step and stop a run takes."""
     again = ("--out", tmp_path / "again.ssp", "--step", 2e-3)
-    said(capsys, "export", drive, "--to", "ssp", *again)
-    said(capsys, "export", drive, "--to", "osp", "--out", tmp_path / "osp")
-    said(capsys, "export", drive, "--to", "container", "--out", tmp_path / "drive.fmu")
-    assert "steps of 0.002 s: 500" in said(capsys, "run", tmp_path / "again.ssp")
+    said("export", drive, "--to", "ssp", *again)
+    said("export", drive, "--to", "osp", "--out", tmp_path / "osp")
+    said("export", drive, "--to", "container", "--out", tmp_path / "drive.fmu")
+    assert "steps of 0.002 s: 500" in said("run", tmp_path / "again.ssp")
     assert (tmp_path / "osp" / "OspSystemStructure.xml").exists()
-    assert "drive: " in said(capsys, "info", tmp_path / "drive.fmu")
+    assert "drive: " in said("info", tmp_path / "drive.fmu")
 
 
 @pytest.mark.parametrize(
@@ -221,25 +207,16 @@ def test_exports_are_files_of_their_kind(drive: Path, tmp_path: Path, capsys) ->
     ],
 )
 def test_bad_input_ends_with_code_2(
-    drive: Path, capsys, arguments: list[str], message: str
+    drive: Path, said: Said, arguments: list[str], message: str
 ) -> None:
-    assert main([str(drive) if word == "DRIVE" else word for word in arguments]) == 2
-    error = capsys.readouterr().err
-    assert message in error
-    assert error.count("\n") == 1
+    assert message in said(*(drive if word == "DRIVE" else word for word in arguments), code=2)
 
 
-def test_the_module_is_a_program(drive: Path) -> None:
-    command = [sys.executable, "-m", "cosim", "run", str(drive), "--stop", "0.1"]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
-    assert "strang, steps of 0.001 s: 100 steps" in done.stdout
-    assert done.stderr == ""
-
-
-def test_output_that_nobody_reads_any_more_is_no_traceback(fmus: Path) -> None:
+def test_output_that_nobody_reads_any_more_is_no_traceback(drive: Path) -> None:
+    """And there is nothing else on what is no terminal."""
     reading, writing = os.pipe()
     os.close(reading)
-    command = [sys.executable, "-m", "cosim", "info", fmus / "DriveMotor.fmu"]
+    command = [sys.executable, "-m", "cosim", "run", drive, "--stop", "0.1"]
     done = subprocess.run(command, cwd=ROOT, stdout=writing, stderr=subprocess.PIPE, check=False)
     os.close(writing)
     assert (done.returncode, done.stderr) == (141, b"")

@@ -11,10 +11,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from cosim import Result, SetupError, System, compare, run
-from cosim.__main__ import main
+from cosim import Result, SetupError, compare, run
 from cosim.judge.compare import Band
 from examples import measured_drive as drive
+from tests.cosim.conftest import Said
+from tests.cosim.test_measured import geared
 
 T = np.linspace(0.0, 10.0, 1001)
 
@@ -178,23 +179,21 @@ def test_a_constant_is_compared_by_its_value_and_a_jump_by_its_two_rows() -> Non
         assert compare(late, jump, time=0.02).passed is passes, at
 
 
-def test_the_command_tells_draws_and_has_an_exit_code(tmp_path: Path, capsys) -> None:
+def test_the_command_tells_draws_and_has_an_exit_code(tmp_path: Path, said: Said) -> None:
     ours, theirs, image = tmp_path / "run.csv", tmp_path / "log.csv", tmp_path / "it.png"
     frame(w=saw(T), x=saw(T)).to_csv(ours, index=False)
     ours.with_suffix(".json").write_text(json.dumps({"units": {"w": "rad/s", "x": "m"}}))
     frame(**{"speed [rpm]": saw(T) * 30 / pi, "pos [mm]": 1e3 * saw(T - 0.1)}).to_csv(theirs)
     pd.read_csv(theirs, index_col=0).to_csv(theirs, index=False)
     command = ["compare", str(ours), str(theirs), "--plot", str(image), "--map"]
-    assert main([*command, "w=speed"]) == 0
-    assert "every column stays in its band" in capsys.readouterr().out
+    assert "every column stays in its band" in said(*command, "w=speed")
     assert image.read_bytes().startswith(b"\x89PNG")
-    assert main([*command, "w=speed", "--map", "x=pos"]) == 1
-    assert "x = pos    80 mm at" in (text := capsys.readouterr().out) and "FAIL" in text
-    assert main([*command, "x=pos", "--error", "x=8cm"]) == 0
-    assert main([*command, "x=pos", "--time", "0.11"]) == 0
+    text = said(*command, "w=speed", "--map", "x=pos", code=1)
+    assert "x = pos    80 mm at" in text and "FAIL" in text
+    said(*command, "x=pos", "--error", "x=8cm")
+    said(*command, "x=pos", "--time", "0.11")
     theirs.with_suffix(".json").write_text("[]")  # of somebody else
-    assert main([*command, "x=speed"]) == 2
-    assert "run.csv: x [m] cannot be told in rpm" in capsys.readouterr().err
+    assert "run.csv: x [m] cannot be told in rpm" in said(*command, "x=speed", code=2)
 
 
 def test_the_picture_shows_both_curves_the_band_and_the_rows_outside() -> None:
@@ -210,12 +209,7 @@ def test_the_picture_shows_both_curves_the_band_and_the_rows_outside() -> None:
 
 def test_the_measured_drive_is_its_fmus_but_where_its_belt_slips(fmus: Path) -> None:
     """Within the encoder's step and the noise; the slip, which no FMU has, is found where it is."""
-    system = System(
-        {"motor": fmus / "native/DriveMotor.fmu", "conveyor": fmus / "native/CrankConveyor.fmu"},
-        [f"motor.tau * {drive.RATIO} -> conveyor.tau", f"conveyor.w * {drive.RATIO} -> motor.w"],
-        drive.TRUTH | {"conveyor.rod.finite": True, "conveyor.w": 0.0, "motor.tau": 0.0},
-    )
-    result = run(system, stop=drive.STOP, step=1e-3, record=["motor.w", "motor.tau"])
+    result = run(geared(fmus), stop=drive.STOP, step=1e-3, record=["motor.w", "motor.tau"])
     found = compare(
         result, drive.record(), columns={"motor.w": "speed", "motor.tau": "torque * 0.73:N.m"},
         errors={"motor.w": "8rpm", "motor.tau": "2.5N.m"}, gap=0.01,

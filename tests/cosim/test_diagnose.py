@@ -137,9 +137,8 @@ def test_gauss_seidel_coupled_by_speed_has_no_delay(fmus: Path) -> None:
 
 def test_moving_inputs_are_measured_too(fmus: Path) -> None:
     """Extrapolating FMUs, a master that extrapolates means, and a wire with a factor."""
-    extrapolating = diagnose(
-        coupled(fmus, DRIVES["two"], hold=1), step=1e-3, algorithm="jacobi", share=1.0
-    )
+    extrapolates = coupled(fmus, DRIVES["two"], hold=1)
+    extrapolating = diagnose(extrapolates, step=1e-3, algorithm="jacobi", share=1.0)
     assert extrapolating.damping_seen == pytest.approx(0.00564, abs=5e-6)
     system = coupled(fmus, DRIVES["two"])
     doubled = {"shaft.C[1,1]": STIFF / 2, "shaft.C[1,2]": DAMP / 2}
@@ -158,12 +157,8 @@ def test_loop_delay_of_the_conveyor_drive_on_its_orbit(algorithm: str, delay: fl
     nu = machine.nu_res
     parts = {"motor": "DriveMotor", "conveyor": "CrankConveyor"}
     fmus = {part: ROOT / "fmus" / f"{name}.fmu" for part, name in parts.items()}
-    got = diagnose(
-        conveyor_drive(fmus, machine.start(nu)),
-        step=2 * math.pi / nu / 128,
-        algorithm=algorithm,
-        settle=4 * 2 * math.pi / nu,
-    )
+    turn, system = 2 * math.pi / nu, conveyor_drive(fmus, machine.start(nu))
+    got = diagnose(system, step=turn / 128, algorithm=algorithm, settle=4 * turn)
     assert got.trusted
     assert got.frequency == pytest.approx(2 * nu, rel=1e-3)
     assert got.damping == pytest.approx(machine.zeta, rel=2e-3)
@@ -179,14 +174,8 @@ def test_loop_delay_of_the_conveyor_drive_on_its_orbit(algorithm: str, delay: fl
 )
 def test_model_exchange_gives_the_damping_itself(algorithm: str, fmus: Path, native: Path) -> None:
     """Two masses on a shaft: the eigenvalue, and within its error what runs of the Python FMUs tell."""
-    given = {
-        "shaft__c": STIFF,
-        "shaft__d": 100.0,
-        "one__w_a": 0.0,
-        "two__w_a": 0.0,
-        "two__tau_b": 0.0,
-    }
-    given["shaft__twist"] = 0.001
+    given = {"shaft__c": STIFF, "shaft__d": 100.0, "shaft__twist": 0.001}
+    given |= dict.fromkeys(("one__w_a", "two__w_a", "two__tau_b"), 0.0)
     linear, runs = (
         diagnose(two_masses(folder, **given), step=1e-4, algorithm=algorithm, share=LOOSE)
         for folder in (native, fmus)

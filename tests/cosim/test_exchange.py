@@ -12,9 +12,9 @@ import pytest
 from scipy.linalg import expm
 
 from cosim import SetupError, System, linearize, oracle, run, true_errors
-from cosim.__main__ import main
 from scenarios.packing_line import packing_line
 from tests.conftest import described, rewritten
+from tests.cosim.conftest import Said
 from tests.cosim.test_linearize import DRIVE
 from tests.cosim.test_oracle import HYBRID
 from tests.cosim.vector import pack
@@ -108,6 +108,8 @@ def test_arrays_discrete_inputs_and_events_of_time(tmp_path: Path) -> None:
         x = linear(3.0, k, end - begin, x)
     assert got.provenance["events"] == [0.3, 0.5]
     assert got.data[-1, 1:] == pytest.approx([x[1] + 1.5, x[0], x[2]], abs=1e-11)
+    whole = oracle(system, stop=0.1, record=["v.y"])
+    assert whole.columns == ["time", "v.y[1]", "v.y[2]"]
 
 
 @pytest.mark.parametrize("slopes", [True, False])
@@ -128,13 +130,10 @@ def test_arrays_are_linearised_element_by_element(slopes: bool, tmp_path: Path) 
     assert found.D[2:] == pytest.approx(np.eye(2) / 4, abs=1e-9)
 
 
-def test_the_shell_gives_the_truth_where_no_run_can_be(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_shell_gives_the_truth_where_no_run_can_be(tmp_path: Path, said: Said) -> None:
     fmu, out = pack(tmp_path / "vector.fmu"), tmp_path / "true.csv"
     options = ["--stop", "0.4", "--record", "vector.x[1]", "--out", str(out)]
-    assert main(["oracle", str(fmu), *options]) == 0
-    told = capsys.readouterr().out
+    told = said("oracle", fmu, *options)
     assert "no run beside them, since vector offers no co-simulation" in told
     values = {row.split("  ")[1]: row.split() for row in told.splitlines()[1:]}
     for what, exact in {
@@ -147,10 +146,8 @@ def test_the_shell_gives_the_truth_where_no_run_can_be(
         value, error = float(row[row.index("+-") - 1]), float(row[row.index("+-") + 1])
         assert 0.0 < error < 1e-6 and abs(value - exact) <= error, what
     assert len(out.read_text().splitlines()) == 1002
-    assert main(["run", str(fmu), "--stop", "1", "--step", "0.1"]) == 2
-    assert "offers model exchange only" in capsys.readouterr().err
-    assert main(["info", str(fmu)]) == 0
-    assert "for model exchange only" in capsys.readouterr().out
+    assert "offers model exchange only" in said("run", fmu, "--stop", "1", "--step", "0.1", code=2)
+    assert "for model exchange only" in said("info", fmu)
 
 
 def test_a_clock_that_is_to_tick_is_refused(tmp_path: Path) -> None:

@@ -27,12 +27,12 @@ from cosim import (
     write_osp,
     write_ssp,
 )  # fmt: skip
-from cosim.__main__ import main
-from cosim.engine import stepping
 from cosim.engine.initial import initialise
+from cosim.engine.stepping import Settings
 from cosim.judge.describe import info
 from cosim.system import connect
 from tests.cosim import foreign
+from tests.cosim.conftest import Said
 from tests.cosim.test_cosim import NU, WIRES
 from tests.cosim.third import BASES, pack
 from tests.fmukit.test_fmi3 import built
@@ -117,12 +117,7 @@ def test_both_versions_and_their_mixtures_give_the_same_bits(
 
 
 @pytest.mark.parametrize(
-    "settings",
-    [
-        {"step": Adaptive(1e-3)},
-        {"step": 2e-3, "algorithm": "iterated"},
-    ],
-    ids=str,
+    "settings", [{"step": Adaptive(1e-3)}, {"step": 2e-3, "algorithm": "iterated"}], ids=str
 )
 def test_going_back_gives_the_same_bits(
     settings: dict[str, Any], drives: dict[str, dict[str, Path]]
@@ -174,7 +169,7 @@ def test_what_changes_enters_by_event_mode(two: dict[str, Path]) -> None:
 
 @pytest.mark.parametrize("algorithm", ["jacobi", "gauss-seidel"])
 def test_what_takes_event_mode_is_the_same_in_both_loops(
-    algorithm: str, two: dict[str, Path], monkeypatch: pytest.MonkeyPatch
+    algorithm: str, two: dict[str, Path], request: pytest.FixtureRequest
 ) -> None:
     """A switch and a number of one are inputs of another, which enters event mode when they change."""
     wires = ["A.Int32_out -> B.Int32_in", "A.Boolean_out -> B.Boolean_in"]
@@ -183,11 +178,7 @@ def test_what_takes_event_mode_is_the_same_in_both_loops(
     record = ["B.h", "B.Int32_out", "B.Boolean_out", "B.events", "B.bounces"]
     settings: dict[str, Any] = {"stop": 1.2, "step": 0.01, "algorithm": algorithm, "record": record}
     quick = run(system, **settings)
-
-    def missing(*_: Any) -> None:
-        raise OSError("no compiler")
-
-    monkeypatch.setattr(stepping, "Loop", missing)
+    request.getfixturevalue("interpreted")
     slow = run(system, **settings)
     assert (quick.provenance["loop"], slow.provenance["loop"][:6]) == ("compiled", "Python")
     assert_array_equal(quick.data, slow.data)
@@ -257,7 +248,7 @@ def test_what_cannot_be_is_one_sentence(
 def test_binary_values_are_hexadecimal_digits(third: Path) -> None:
     network = connect(System({"A": third}, start={"A.Binary_in": "DEAD00BEEF"}))
     with ExitStack() as stack:
-        part = initialise(network, ["A"], stack, 0.0, 1.0)["A"]
+        part = initialise(network, Settings(1.0, 0.1), ["A"], stack)["A"]
         shown = [network.port(f"A.{name}_out").variable for name in ("Binary", "String")]
         assert part.values(shown) == {"Binary_out": "dead00beef", "String_out": "grün"}
     with pytest.raises(SetupError, match=r"A.Binary_out is a Binary and cannot be recorded"):
@@ -281,7 +272,7 @@ def test_a_ball_bounces_where_it_lands(step: float, events: str, tmp_path: Path)
 
 
 def test_events_are_the_same_in_both_loops_and_after_going_back(
-    third: Path, monkeypatch: pytest.MonkeyPatch
+    third: Path, request: pytest.FixtureRequest
 ) -> None:
     system, record = System({"A": third}, start={"A.discard_above": 0.05}), ["A.h", "A.v"]
     pieces = run(system, stop=1.2, step=0.1, record=record)
@@ -290,11 +281,7 @@ def test_events_are_the_same_in_both_loops_and_after_going_back(
     system = System({"A": third})
     falls(run(system, stop=1.2, step=0.1, algorithm="iterated", record=record))
     quick = run(system, stop=1.2, step=0.1, record=record)
-
-    def missing(*_: Any) -> None:
-        raise OSError("no compiler")
-
-    monkeypatch.setattr(stepping, "Loop", missing)
+    request.getfixturevalue("interpreted")
     assert_array_equal(quick.data, run(system, stop=1.2, step=0.1, record=record).data)
 
 
@@ -426,13 +413,10 @@ def test_a_package_with_both_versions_gives_the_same_bits(
         assert_array_equal(ours.data, theirs.data)
 
 
-def test_info_and_the_shell_tell_types_and_version(
-    third: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_info_and_the_shell_tell_types_and_version(third: Path, tmp_path: Path, said: Said) -> None:
     told = "\n".join(info(connect(System({"A": third}))))
     assert "A: third, third.fmu, FMI 3.0" in told
     assert "has event mode, returns early at events, shows values within a step" in told
     assert "input   A.UInt16_ins[2,1]: UInt16" in told
     assert "A.Binary_in = 'c0ffee'" in told
-    assert main(["check", str(third), "--stop", "1"]) == 0
-    assert "ready to run" in capsys.readouterr().out
+    assert "ready to run" in said("check", third, "--stop", "1")

@@ -132,6 +132,21 @@ def test_a_return_that_was_excluded_is_refused(make: Make) -> None:
     assert "before 0.1 s was excluded" in refused(unit.fmi.setFMUState, saved)
 
 
+STEADY = "canHandleVariableCommunicationStepSize"
+
+
+def drifting(unit: Unit) -> Unit:
+    return unit.step(0.0, H).step(H, H * (1 + 8e-10)).step(2 * H, H * (1 + 2e-9))
+
+
+def sloped(order: int) -> Callable[[Unit], Any]:
+    return lambda unit: unit.fmi.setRealInputDerivatives(references("u"), [order], [1.0])
+
+
+def second_rate(unit: Unit) -> Any:
+    return unit.fmi.getRealOutputDerivatives(references("y"), [2])
+
+
 def after_discard(unit: Unit) -> Unit:
     refused(unit.fmi.doStep, 0.0, H, status=fmi2Discard)
     return unit
@@ -140,27 +155,11 @@ def after_discard(unit: Unit) -> Unit:
 @pytest.mark.parametrize(
     ("start", "call", "reason"),
     [
-        (
-            {"canHandleVariableCommunicationStepSize": False},
-            lambda unit: unit.step(0.0, H).step(H, H * (1 + 8e-10)).step(2 * H, H * (1 + 2e-9)),
-            "h = 0.1000000002 s differs from the first one, 0.1 s",
-        ),
+        ({STEADY: False}, drifting, "h = 0.1000000002 s differs from the first one, 0.1 s"),
         ({"canGetAndSetFMUstate": False}, state, "fmi2GetFMUstate while stepping"),
-        (
-            {"canInterpolateInputs": False},
-            lambda unit: unit.fmi.setRealInputDerivatives(references("u"), [1], [1.0]),
-            "inputs are not interpolated",
-        ),
-        (
-            {},
-            lambda unit: unit.fmi.setRealInputDerivatives(references("u"), [3], [1.0]),
-            "no derivative of order 3",
-        ),
-        (
-            {"maxOutputDerivativeOrder": 1},
-            lambda unit: unit.fmi.getRealOutputDerivatives(references("y"), [2]),
-            "order 2, at most 1",
-        ),
+        ({"canInterpolateInputs": False}, sloped(1), "inputs are not interpolated"),
+        ({}, sloped(3), "no derivative of order 3"),
+        ({"maxOutputDerivativeOrder": 1}, second_rate, "order 2, at most 1"),
         ({}, lambda unit: unit.step(0.0, 0.0), "h = 0 s must be above 0"),
         ({}, lambda unit: unit.step(0.0, H).step(0.11, H), "step from t = 0.11 s, not 0.1 s"),
         ({}, lambda unit: unit.set(b=-2.0), "cannot be set"),

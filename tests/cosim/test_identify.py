@@ -206,14 +206,10 @@ def test_a_sensor_with_a_delay_and_a_gain_is_found_with_outliers_and_gaps(
     w[300:340] = np.nan
     start = {**MACHINE, "motor.B": 190.0, "motor.A": 6900.0}
     fit = identify(
-        system(fmus, **start),
-        {"conveyor.w": Table(t, w), "motor.tau": Table(late, tau)},
-        free=["motor.B", "motor.A", "gain(motor.tau)"],
-        known={"delay(motor.tau)": (0.0, 2e-3)},
-        noise={"conveyor.w": 0.05, "motor.tau": 1.0},
-        outliers=0.02,
-        starts=2,
-    )
+        system(fmus, **start), {"conveyor.w": Table(t, w), "motor.tau": Table(late, tau)},
+        free=["motor.B", "motor.A", "gain(motor.tau)"], known={"delay(motor.tau)": (0.0, 2e-3)},
+        noise={"conveyor.w": 0.05, "motor.tau": 1.0}, outliers=0.02, starts=2,
+    )  # fmt: skip
     assert not fit.misfit
     for name, truth in (("gain(motor.tau)", 1.04), ("delay(motor.tau)", 3e-3), ("motor.B", 199.8)):
         assert abs(fit.values[name].value - truth) < 1.5 * fit.values[name].error, name

@@ -17,10 +17,10 @@ import numpy as np
 import pytest
 
 from cosim import SetupError, System, run, run_isolated, write_ssp
-from cosim.__main__ import main
 from cosim.engine.library import KEPT, MOST_KEPT
 from cosim.scratch import scratch
 from tests.conftest import ROOT, described, hear_ctrl_c, rewritten, until
+from tests.cosim.conftest import Said
 from tests.cosim.test_cosim import pair
 
 
@@ -122,8 +122,7 @@ SCRIPT = """
     import sys
     from pathlib import Path
     from cosim import SetupError, System, run, run_isolated, write_ssp
-    from cosim.__main__ import main
-
+    
     if __name__ == "__main__":
         motor, conveyor, *strangers = map(Path, sys.argv[1:])
         drive = System(
@@ -151,16 +150,12 @@ def test_nothing_is_left_behind(
     scratch.mkdir()
     folder = fmus / "native" if flavour == "native" else fmus
     parts = drive(folder).parts.values()
+    own = {"TMPDIR": str(scratch), "PYTHONPATH": str(ROOT), "MALLOC_CHECK_": "3"}
     process = subprocess.Popen(
         [sys.executable, "-X", "faulthandler", str(script), *map(str, parts), str(echo)],
-        cwd=tmp_path,
-        env={**os.environ, "TMPDIR": str(scratch), "PYTHONPATH": str(ROOT), "MALLOC_CHECK_": "3"},
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        preexec_fn=hear_ctrl_c,  # noqa: PLW1509
-    )
+        cwd=tmp_path, env=os.environ | own, text=True, preexec_fn=hear_ctrl_c,  # noqa: PLW1509
+        stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+    )  # fmt: skip
     assert process.stdout.readline() == "ready\n", process.communicate()
     assert len([path for path in scratch.glob("cosim_*/*") if path.is_dir()]) == 3
     process.stdin.write("0.01\n" if ending == "end" else "1e6\n")
@@ -195,8 +190,9 @@ def test_a_system_without_parts_is_refused_and_leaves_no_file(tmp_path: Path) ->
 
 @pytest.mark.parametrize("command", [["diagnose"], ["export", "--to", "osp", "--out", "o"]])
 def test_a_step_of_zero_is_refused_by_every_command(
-    command: list[str], fmus: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    command: list[str], fmus: Path, tmp_path: Path, said: Said
 ) -> None:
     write_ssp(drive(fmus / "native"), tmp_path / "drive.ssp", stop=1.0)
-    assert main([command[0], str(tmp_path / "drive.ssp"), *command[1:], "--step", "0"]) == 2
-    assert "step = 0.0 s must be above 0" in capsys.readouterr().err
+    assert "step = 0.0 s must be above 0" in said(
+        command[0], tmp_path / "drive.ssp", *command[1:], "--step", "0", code=2
+    )

@@ -16,12 +16,8 @@ from scenarios.conveyor.theory import SETS
 from tests.conftest import described, rewritten
 
 DRIVE = ["motor.tau -> conveyor.tau", "conveyor.w -> motor.w"]
-SHAFT = [
-    "one.w_b -> shaft.w_a",
-    "two.w_a -> shaft.w_b",
-    "shaft.tau_a -> one.tau_b",
-    "shaft.tau_b -> two.tau_a",
-]
+SHAFT = ["one.w_b -> shaft.w_a", "two.w_a -> shaft.w_b"]
+SHAFT += ["shaft.tau_a -> one.tau_b", "shaft.tau_b -> two.tau_a"]
 J_1, J_2, STIFF = 1.1, 2.2, 1e6
 RIGID = {"one.J": J_1, "two.J": J_2, "one.i": 1.0, "two.i": 1.0, "one.eta": 1.0, "two.eta": 1.0}
 RIGID |= {"shaft.b": 0.0, "shaft.c": STIFF, "shaft.d": 0.0, "shaft.twist": 0.0}

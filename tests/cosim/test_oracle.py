@@ -15,8 +15,8 @@ from components.drive_motor import model as drive_motor
 from components.gearbox import model as gearbox
 from components.shaft_link import model as shaft_link
 from cosim import SetupError, System, Table, largest, linearize, mean, oracle, run, true_errors
-from cosim.__main__ import main
 from scenarios.packing_line import packing_line
+from tests.cosim.conftest import Said
 from tests.cosim.test_linearize import conveyor, looped, two_masses
 from tests.oracle import joined, monolithic, part
 
@@ -51,9 +51,7 @@ def test_two_masses_swing_as_the_cosine(native: Path, method: str) -> None:
     assert off <= (1e-12 if tight else 1e-7)
 
 
-def test_a_motor_behind_gears_and_a_shaft_is_integrated_as_from_its_equations(
-    native: Path,
-) -> None:
+def test_a_motor_behind_gears_and_a_shaft_is_integrated_as_from_its_equations(native: Path) -> None:
     """With losses in the teeth, a factor on both wires of a shaft end, and a sign."""
     parts = {"motor": "DriveMotor", "gear": "Gearbox", "shaft": "ShaftLink", "load": "Gearbox"}
     wires = [
@@ -249,14 +247,9 @@ def test_what_has_no_oracle_is_refused(native: Path, fmus: Path) -> None:
         linearize(system, at=-1.0)
 
 
-def test_the_shell_states_true_errors(
-    native: Path,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_the_shell_states_true_errors(native: Path, tmp_path: Path, said: Said) -> None:
     file, out = str(native / "IronDrive.fmu"), tmp_path / "exact.csv"
     options = ["--stop", "0.1", "--step", "0.01", "--record", "IronDrive.w", "--out", str(out)]
-    assert main(["oracle", file, *options]) == 0
-    told = capsys.readouterr().out
+    told = said("oracle", file, *options)
     assert "IronDrive.w, largest" in told and "+-" in told
     assert out.with_suffix(".json").exists() and len(out.read_text().splitlines()) == 12

@@ -19,10 +19,11 @@ from cosim import (
     write_osp,
     write_ssp,
 )
-from cosim.__main__ import main
 from cosim.system import connect
+from tests.cosim.conftest import Said
 from tests.cosim.test_cosim import halves
 from tests.cosim.test_ssp import everything, pair, ssd
+from tests.cosim.test_ssp import wired as ends
 
 FILE = "OspSystemStructure.xml"
 SPACE = "http://opensimulationplatform.com/MSMI/OSPSystemStructure"
@@ -83,28 +84,22 @@ def test_what_is_written_is_read_again(fmus: Path, echo: Path, tmp_path: Path) -
     package = read_osp(tmp_path)
     assert (package.start, package.stop, package.step) == (0.5, 2.0, 1e-3)
     written, given = connect(package.system), connect(System(system.parts, system.wires, start))
-    assert [(w.source.name, w.target.name, *w[2:]) for w in written.wires] == [
-        (w.source.name, w.target.name, *w[2:]) for w in given.wires
-    ]
-    assert {p.name: v for p, v in given.start} == {
-        p.name: v for p, v in written.start if p.name in start
-    }
-    results = [run(s, stop=0.1, step=1e-3) for s in (given.system, read_osp(tmp_path).system)]
-    assert_array_equal(results[0].data, results[1].data)
+    assert ends(written) == ends(given)
+    kept = {p.name: v for p, v in written.start if p.name in start}
+    assert {p.name: v for p, v in given.start} == kept
+    ours, theirs = (run(s, stop=0.1, step=1e-3) for s in (given.system, package.system))
+    assert_array_equal(ours.data, theirs.data)
 
 
 @pytest.mark.parametrize("name", ["", FILE])
-def test_a_folder_and_its_file_run_with_their_own_step(
-    name: str, place: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_folder_and_its_file_run_with_their_own_step(name: str, place: Path, said: Said) -> None:
     times = "<StartTime>0.5</StartTime><EndTime>0.7</EndTime><BaseStepSize>0.002</BaseStepSize>"
     (place / FILE).write_text(osp(MOTOR + CONVEYOR, TAU + W, times=times))
-    assert main(["run", str(place / name), "--out", str(place / "out.csv")]) == 0
-    assert "strang, steps of 0.002 s: 100 steps" in capsys.readouterr().out
-    assert main(["check", str(place / name)]) == 0
-    assert "communication step: 0.002 s, which the file gives" in capsys.readouterr().out
-    assert main(["info", str(place / name)]) == 0
-    said = capsys.readouterr().out
+    assert "strang, steps of 0.002 s: 100 steps" in said(
+        "run", place / name, "--out", place / "out.csv"
+    )
+    assert "communication step: 0.002 s, which the file gives" in said("check", place / name)
+    said = said("info", place / name)
     assert "default experiment: 0.5 to 0.7 s\ncommunication step: 0.002 s\n" in said
 
 
@@ -124,11 +119,7 @@ def test_connections_functions_and_bonds(fmus: Path, place: Path) -> None:
     ]
     assert system.start["other.rod.finite"] is True
     assert system.start["free.u[2]"] == 0.25
-    assert [port.name for port, _ in connect(system).open] == [
-        "free.u[1]",
-        "free.u[3]",
-        "free.u[4]",
-    ]
+    assert [p.name for p, _ in connect(system).open] == [f"free.u[{i}]" for i in (1, 3, 4)]
     bonded = [wired(("motor", "tau"), ("conveyor", "tau"), bond="b")]
     bonded += [wired(("motor", "w"), ("conveyor", "w"), bond="b")]
     (place / FILE).write_text(osp(MOTOR + CONVEYOR, "".join(bonded)))
@@ -151,9 +142,7 @@ def grouped(*names: str) -> str:
     return f'<VariableGroupConnection powerBond="b">{ends}</VariableGroupConnection>'
 
 
-def test_groups_are_connected_variable_by_variable(
-    place: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_groups_are_connected_variable_by_variable(place: Path) -> None:
     """In the order of their file, which stands beside the FMU."""
     for name in ("DriveMotor", "CrankConveyor"):
         text = GROUPS.format("http://opensimulationplatform.com/MSMI/OSPModelDescription")
@@ -198,10 +187,8 @@ def test_names_that_no_part_can_have_are_changed(place: Path) -> None:
     wires = wired(("DP motor", "tau"), ("conveyor", "tau"))
     (place / FILE).write_text(osp(motor + CONVEYOR, wires))
     system = read_osp(place).system
-    assert ([*map(str, system.wires)], system.start["DP_motor.T"]) == (
-        ["DP_motor.tau -> conveyor.tau"],
-        0.05,
-    )
+    assert [*map(str, system.wires)] == ["DP_motor.tau -> conveyor.tau"]
+    assert system.start["DP_motor.T"] == 0.05
 
 
 def test_numbers_pass_wires_as_they_stand(place: Path) -> None:
@@ -229,24 +216,13 @@ def test_a_sum_is_as_many_wires_into_one_input(place: Path) -> None:
     functions = """<LinearTransformation name="half" factor="0.5" offset="-1"/>
     <Sum name="first" inputCount="2"/><LinearTransformation name="twice" factor="2" offset="3"/>
     <Sum name="last" inputCount="2"/>"""
-    motor, other, end = (
-        f'Variable simulator="{n}" name="tau"' for n in ("motor", "other", "conveyor")
-    )
-    ways = [
-        (motor, "first", "in[0]"),
-        (other, "half", "in"),
-        (motor, "last", "in[1]"),
-        (end, "last", "out"),
-    ]
-    ways += [
-        (f'Signal function="{one}" name="out"', two, signal)
-        for one, two, signal in (
-            ("half", "first", "in[1]"), ("first", "twice", "in"), ("twice", "last", "in[0]")
-        )
-    ]  # fmt: skip
+    ways = [("motor", "first", "in[0]"), ("other", "half", "in"), ("motor", "last", "in[1]")]
+    ways += [("conveyor", "last", "out"), ("", "first", "in[1]"), ("", "twice", "in")]
+    ends = [f'Variable simulator="{part}" name="tau"' for part, _, _ in ways]
+    ends[4:] = [f'Signal function="{name}" name="out"' for name in ("half", "first", "twice")]
     connections = "".join(
-        f'<SignalConnection><{way}/><Signal function="{f}" name="{signal}"/></SignalConnection>'
-        for way, f, signal in ways
+        f'<SignalConnection><{end}/><Signal function="{f}" name="{signal}"/></SignalConnection>'
+        for end, (_, f, signal) in zip(ends, [*ways, ("", "last", "in[0]")])
     )
     elements = MOTOR + CONVEYOR + simulator("other", "DriveMotor")
     (place / FILE).write_text(osp(elements, connections, functions))
@@ -290,23 +266,15 @@ def test_a_sum_that_is_written_is_read_again(fmus: Path, tmp_path: Path) -> None
     """Other formats have no place for it, and libcosim none for factors in it."""
     system = halves(fmus / "native")
     write_osp(system, tmp_path / "osp", step=1e-3)
-    results = [
-        run(s, stop=0.02, step=1e-3, algorithm="jacobi")
-        for s in (system, read_osp(tmp_path / "osp").system)
-    ]
-    assert_array_equal(results[0].data, results[1].data)
-    for write, where in (
-        (write_ssp, "an .ssp"),
-        (partial(write_container, step=1e-3), "a container"),
-    ):
-        with pytest.raises(
-            SetupError, match=f"conveyor.tau is a sum of wires, which {where} cannot say"
-        ):
+    systems = (system, read_osp(tmp_path / "osp").system)
+    ours, theirs = (run(s, stop=0.02, step=1e-3, algorithm="jacobi") for s in systems)
+    assert_array_equal(ours.data, theirs.data)
+    container = partial(write_container, step=1e-3)
+    for write, where in ((write_ssp, "an .ssp"), (container, "a container")):
+        with pytest.raises(SetupError, match=f"is a sum of wires, which {where} cannot say"):
             write(system, tmp_path / "file")
     scaled = replace(system, wires=[system.wires[0], "other.tau * 2 +> conveyor.tau"])
-    with pytest.raises(
-        SetupError, match=r"other\.tau \[N\.m\] has a factor, .* libcosim adds none"
-    ):
+    with pytest.raises(SetupError, match=r"other\.tau \[N\.m\] has a factor, .* adds none"):
         write_osp(scaled, tmp_path / "osp", step=1e-3)
 
 

@@ -14,19 +14,12 @@ from lxml import etree
 from numpy.testing import assert_allclose, assert_array_equal
 
 from cosim import Package, SetupError, System, read_ssp, run, write_ssp
-from cosim.system import connect
+from cosim.system import Network, connect
 from tests.conftest import described, rewritten
 
 STANDARD = "http://ssp-standard.org/SSP1/SystemStructure"
-SPACES = " ".join(
-    f'xmlns:{prefix}="{STANDARD}{name}"'
-    for prefix, name in (
-        ("ssd", "Description"),
-        ("ssc", "Common"),
-        ("ssv", "ParameterValues"),
-        ("ssm", "ParameterMapping"),
-    )
-)
+NAMES = {"ssd": "Description", "ssc": "Common", "ssv": "ParameterValues", "ssm": "ParameterMapping"}
+SPACES = " ".join(f'xmlns:{prefix}="{STANDARD}{name}"' for prefix, name in NAMES.items())
 RPM = f'<ssc:Unit name="rpm"><ssc:BaseUnit s="-1" rad="1" factor="{math.pi / 30!r}"/></ssc:Unit>'
 RECORD = ["tau", "w"]
 
@@ -67,14 +60,11 @@ def system_in(name: str, inner: str, ports: str = "", connections: str = "") -> 
 
 def connectors(*triples: tuple[str, str, str]) -> str:
     """Connectors of a system: name, kind, content."""
-    return (
-        "<ssd:Connectors>"
-        + "".join(
-            f'<ssd:Connector name="{name}" kind="{kind}">{content}</ssd:Connector>'
-            for name, kind, content in triples
-        )
-        + "</ssd:Connectors>"
+    inner = "".join(
+        f'<ssd:Connector name="{name}" kind="{kind}">{content}</ssd:Connector>'
+        for name, kind, content in triples
     )
+    return f"<ssd:Connectors>{inner}</ssd:Connectors>"
 
 
 def values(parameters: str, more: str = "") -> str:
@@ -241,26 +231,19 @@ def test_an_embedded_system_can_be_used_again_by_its_id(fmus: Path, read: Read) 
 def test_outer_connectors_that_stand_for_one_variable_as_it_is(read: Read) -> None:
     """Not those that lead to two, or that scale or convert."""
     ports = connectors(
-        ("load", "input", ""),
-        ("half", "input", ""),
-        ("both", "parameter", ""),
-        ("speed", "output", '<ssc:Real unit="rad/s"/>'),
-        ("rpm", "output", '<ssc:Real unit="rpm"/>'),
-        ("loose", "output", ""),
-    )
+        ("load", "input", ""), ("half", "input", ""), ("both", "parameter", ""), ("loose", "output", ""),
+        ("speed", "output", '<ssc:Real unit="rad/s"/>'), ("rpm", "output", '<ssc:Real unit="rpm"/>'),
+    )  # fmt: skip
     inward = '<ssd:Connection startConnector="{}" endElement="{}" endConnector="{}"{}'
     outward = '<ssd:Connection startElement="conveyor" startConnector="w" endConnector="{}"/>'
-    half = '><ssc:LinearTransformation factor="0.5"/></ssd:Connection>'
     hold = '<ssd:Connector name="input_hold" kind="parameter"/></ssd:Connectors>'
     elements = (MOTOR + CONVEYOR).format("", "").replace("</ssd:Connectors>", hold)
-    connections = (
-        inward.format("load", "conveyor", "tau", "/>")
-        + inward.format("half", "motor", "w", half)
-        + inward.format("both", "conveyor", "input_hold", "/>")
-        + inward.format("both", "motor", "input_hold", "/>")
-        + outward.format("speed")
-        + outward.format("rpm")
+    connections = inward.format("load", "conveyor", "tau", "/>") + outward.format("speed")
+    connections += inward.format("half", "motor", "w", SCALED.format(0.5, 0)) + outward.format(
+        "rpm"
     )
+    for part in ("conveyor", "motor"):
+        connections += inward.format("both", part, "input_hold", "/>")
     units = f"<ssd:Units>{RPM}</ssd:Units>"
     package = read(ssd(elements, connections, ports, units))
     assert package.connectors == {"load": "conveyor.tau", "speed": "conveyor.w"}
@@ -364,14 +347,9 @@ def test_mapping_renames_converts_then_transforms(fmus: Path, read: Read, extern
     else:
         package = read(flat(more=bindings(values(rows, MS), mapped=entries)))
     expected = pair(
-        fmus,
-        motor__T=2 * (20 * 0.001) + 0.01,
-        motor__B=190.0,
-        conveyor__rod__finite=True,
-        motor__characteristic=1,
-        motor__input_hold=1,
-        conveyor__input_hold=1,
-    )
+        fmus, motor__T=2 * (20 * 0.001) + 0.01, motor__B=190.0, motor__characteristic=1,
+        conveyor__rod__finite=True, motor__input_hold=1, conveyor__input_hold=1,
+    )  # fmt: skip
     assert package.system.start == expected.start
     same(package, expected)
 
@@ -382,27 +360,19 @@ RPM_INSIDE = INSIDE[0], INWARD + OUTWARD, connectors(
 OMEGA = math.pi / 30
 
 
+SCALED = '><ssc:LinearTransformation factor="{}" offset="{}"/></ssd:Connection>'
+AS_IT_IS = ' suppressUnitConversion="true"'
+
+
 @pytest.mark.parametrize(
     ("inside", "outside", "wire"),
     [
         ("/>", "/>", "conveyor.w -> motor.w"),
-        (
-            '><ssc:LinearTransformation factor="2" offset="3"/></ssd:Connection>',
-            "/>",
-            f"conveyor.w * 2 + {3 * OMEGA!r} -> motor.w",
-        ),
-        (
-            "/>",
-            '><ssc:LinearTransformation factor="0.5" offset="-1.5"/></ssd:Connection>',
-            "conveyor.w * 0.5 - 1.5 -> motor.w",
-        ),
-        ("/>", ' suppressUnitConversion="true"/>', f"conveyor.w * {1 / OMEGA!r} -> motor.w"),
-        (' suppressUnitConversion="true"/>', "/>", f"conveyor.w * {OMEGA!r} -> motor.w"),
-        (
-            "/>",
-            ' suppressUnitConversion="true"><ssc:LinearTransformation factor="0.1"/></ssd:Connection>',
-            f"conveyor.w * {0.1 / OMEGA!r} -> motor.w",
-        ),
+        (SCALED.format(2, 3), "/>", f"conveyor.w * 2 + {3 * OMEGA!r} -> motor.w"),
+        ("/>", SCALED.format(0.5, -1.5), "conveyor.w * 0.5 - 1.5 -> motor.w"),
+        ("/>", f"{AS_IT_IS}/>", f"conveyor.w * {1 / OMEGA!r} -> motor.w"),
+        (f"{AS_IT_IS}/>", "/>", f"conveyor.w * {OMEGA!r} -> motor.w"),
+        ("/>", AS_IT_IS + SCALED.format(0.1, 0), f"conveyor.w * {0.1 / OMEGA!r} -> motor.w"),
     ],
 )
 def test_units_on_the_way(fmus: Path, read: Read, inside: str, outside: str, wire: str) -> None:
@@ -437,10 +407,7 @@ def annotated(content: str) -> str:
 @pytest.mark.parametrize(
     ("content", "step"),
     [
-        (
-            '<o:Algorithm xmlns:o="o"><o:FixedStepAlgorithm baseStepSize="1e-4"/></o:Algorithm>',
-            1e-4,
-        ),
+        ('<o:A xmlns:o="o"><o:FixedStepAlgorithm baseStepSize="1e-4"/></o:A>', 1e-4),
         ('<FixedStepMaster stepSize="0.002" description="oms-ma"/>', 0.002),
         ("<Other/>", None),
     ],
@@ -518,19 +485,12 @@ def renumbered() -> str:
     """The pair in the words of SSP 2.0."""
     parameters = values('T Float64 value="0.05";input_hold Int32 value="1"')
     news = '<ssc:MetaData kind="general" type="a" source="b"/><ssc:Signature role="a" type="b"/>'
-    structure = flat(motor=bindings(parameters), tail=news).replace(
-        'version="1.0"', 'version="2.0"'
-    )
-    return structure.replace("ssc:Real", "ssc:Float64")
+    structure = flat(motor=bindings(parameters), tail=news).replace("ssc:Real", "ssc:Float64")
+    return structure.replace('version="1.0"', 'version="2.0"')
 
 
-FROM_MS = mapping(
-    (
-        "lag",
-        'target="motor.T" suppressUnitConversion="true"',
-        '<ssc:LinearTransformation factor="0.01"/>',
-    )
-)
+HUNDREDTH = '<ssc:LinearTransformation factor="0.01"/>'
+FROM_MS = mapping(("lag", 'target="motor.T" suppressUnitConversion="true"', HUNDREDTH))
 GOOD: dict[str, tuple[str, dict[str, Any]]] = {
     "plain": (flat(), {}),
     "with comments, graphics and annotations": (decorated(), {}),
@@ -562,31 +522,23 @@ def test_inputs_without_a_source_keep_the_value_of_the_fmu(read: Read) -> None:
 
 def everything(fmus: Path, echo: Path) -> System:
     """Dotted names, every type, scaled, converted and unconverted wires."""
-    return System(
-        {
-            "line.motor": fmus / "DriveMotor.fmu",
-            "line.conveyor": fmus / "CrankConveyor.fmu",
-            "chute": fmus / "GravityOrientator.fmu",
-            "iron": fmus / "IronDrive.fmu",
-            "echo": echo,
-        },
-        [
-            "line.motor.tau * 1.5 - 0.25 -> line.conveyor.tau",
-            "line.conveyor.x => line.motor.w",
-            "line.motor.tau => echo.u",
-            "iron.top_dwell -> chute.release",
-            "iron.w_cam * 2.5 -> chute.w",
-        ],
-        {
-            "line.motor.characteristic": 1,
-            "line.motor.tau": 3.0,
-            "line.conveyor.rod.finite": True,
-            "iron.tau": 0.1,
-            "iron.spring.side": -1,
-            "echo.i": 7,
-            "echo.s": "Blanks & <signs>",
-        },
-    )
+    ours = {"line.motor": "DriveMotor", "line.conveyor": "CrankConveyor"}
+    ours |= {"chute": "GravityOrientator", "iron": "IronDrive"}
+    wires = ["line.motor.tau * 1.5 - 0.25 -> line.conveyor.tau", "line.conveyor.x => line.motor.w"]
+    wires += ["line.motor.tau => echo.u", "iron.top_dwell -> chute.release"]
+    start = {
+        "line.motor.characteristic": 1,
+        "line.motor.tau": 3.0,
+        "line.conveyor.rod.finite": True,
+    }
+    start |= {"iron.tau": 0.1, "iron.spring.side": -1, "echo.i": 7, "echo.s": "Blanks & <signs>"}
+    parts = {name: fmus / f"{fmu}.fmu" for name, fmu in ours.items()} | {"echo": echo}
+    return System(parts, [*wires, "iron.w_cam * 2.5 -> chute.w"], start)
+
+
+def wired(network: Network) -> list[Any]:
+    """The wires by the names of their ends."""
+    return [(w.source.name, w.target.name, *w[2:]) for w in network.wires]
 
 
 def test_what_is_written_is_read_again(fmus: Path, echo: Path, tmp_path: Path) -> None:
@@ -599,9 +551,7 @@ def test_what_is_written_is_read_again(fmus: Path, echo: Path, tmp_path: Path) -
     for path, name in package.system.parts.items():
         assert name.read_bytes() == Path(system.parts[path]).read_bytes()
     written, given = connect(package.system), connect(system)
-    assert [(w.source.name, w.target.name, *w[2:]) for w in written.wires] == [
-        (w.source.name, w.target.name, *w[2:]) for w in given.wires
-    ]
+    assert wired(written) == wired(given)
     assert {p.name: v for p, v in written.start} == {p.name: v for p, v in given.start}
     schemas = Path(fmpy.__file__).with_name("ssp") / "schema"
     structure = tmp_path / "unpacked" / "SystemStructure.ssd"
@@ -623,10 +573,8 @@ def test_fmus_of_one_name_do_not_overwrite_each_other(fmus: Path, tmp_path: Path
     start = {f"a.u[{i}]": 0.0 for i in range(1, 5)} | {"b.tau": 8.0}
     write_ssp(System(parts, [], start), tmp_path / "two.ssp")
     system = read_ssp(tmp_path / "two.ssp", tmp_path / "unpacked").system
-    assert [path.name for path in system.parts.values()] == [
-        "LinearSystem.fmu",
-        "LinearSystem_2.fmu",
-    ]
+    names = [path.name for path in system.parts.values()]
+    assert names == ["LinearSystem.fmu", "LinearSystem_2.fmu"]
     assert connect(system).descriptions["b"].modelName == "CrankConveyor"
 
 
@@ -790,41 +738,8 @@ def test_bad_packages_are_refused(read: Read, tmp_path: Path, name: str, existin
     assert left == (["test.ssp", "unpacked"] if existing else ["test.ssp"])
 
 
-def test_broken_archives_are_refused(fmus: Path, tmp_path: Path) -> None:
-    whole = write(fmus, tmp_path / "whole.ssp")
-    data = bytearray(whole.read_bytes())
-    (tmp_path / "cut.ssp").write_bytes(data[: len(data) // 2])
-    data[len(data) // 2] ^= 0xFF
-    (tmp_path / "flipped.ssp").write_bytes(data)
-    (tmp_path / "text.ssp").write_text("no zip")
-    pack(tmp_path / "empty.ssp", {"readme.txt": "nothing"})
-    before = sorted(tmp_path.rglob("*"))
-    for name, message in (
-        ("cut", "cut.ssp is not a readable zip file"),
-        ("flipped", "flipped.ssp is not a readable zip file"),
-        ("text", "text.ssp is not a readable zip file"),
-        ("empty", "empty.ssp: there is no file 'SystemStructure.ssd'"),
-        ("absent", "there is no file "),
-    ):
-        with pytest.raises(SetupError) as caught:
-            read_ssp(tmp_path / f"{name}.ssp", tmp_path / "unpacked")
-        assert message in str(caught.value)
-    assert sorted(tmp_path.rglob("*")) == before
-
-
-def write(fmus: Path, path: Path) -> Path:
-    write_ssp(pair(fmus), path)
-    return path
-
-
 def test_nothing_is_mixed_into_a_folder_in_use(fmus: Path, tmp_path: Path) -> None:
-    path = write(fmus, tmp_path / "pair.ssp")
+    write_ssp(pair(fmus), tmp_path / "pair.ssp")
     with pytest.raises(SetupError, match="must be an empty folder"):
-        read_ssp(path, tmp_path)
+        read_ssp(tmp_path / "pair.ssp", tmp_path)
     assert [file.name for file in tmp_path.iterdir()] == ["pair.ssp"]
-
-
-def test_a_system_that_cannot_be_written_leaves_no_file(fmus: Path, tmp_path: Path) -> None:
-    with pytest.raises(SetupError, match="is driven twice"):
-        write_ssp(pair(fmus, ["conveyor.w -> motor.w"] * 2), tmp_path / "bad.ssp")
-    assert list(tmp_path.iterdir()) == []

@@ -155,9 +155,5 @@ def linear(element: Element, where: str) -> Step:
     """The linear step of a mapping entry or a connection."""
     suppressed = FALSE_TRUE[element.get("suppressUnitConversion", "false").strip()]
     scale = element.find(qualified("ssc:LinearTransformation"))
-    factor, offset = (
-        (1.0, 0.0)
-        if scale is None
-        else (float(scale.get("factor", 1.0)), float(scale.get("offset", 0.0)))
-    )
-    return Step(where, None, not suppressed, factor, offset)
+    told = {} if scale is None else {key: float(value) for key, value in scale.attrib.items()}
+    return Step(where, None, not suppressed, told.get("factor", 1.0), told.get("offset", 0.0))

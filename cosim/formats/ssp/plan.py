@@ -196,7 +196,8 @@ class Plan:
         factor, offset = chain(self.connectors[source].unit, steps)
         if not math.isfinite(factor + offset):
             raise SetupError(f"{where}: factor {factor!r} and offset {offset!r} must be finite")
-        here, there = (self._own_unit(node) for node in (source, target))
+        ends = ((self.variables[node], self.descriptions[node[0]]) for node in (source, target))
+        here, there = (unit_of(*end) for end in ends)
         try:
             plain = chain(here, [Step(where, there)])
         except SetupError:
@@ -204,9 +205,6 @@ class Plan:
         if (factor, offset) == plain:
             return Wire(source, target)
         return Wire(source, target, factor, offset, plain == IDENTITY)
-
-    def _own_unit(self, node: Node) -> Unit | None:
-        return unit_of(self.variables[node], self.descriptions[node[0]])
 
     def starts(self) -> dict[str, Value]:
         """The start values that are bound."""

@@ -164,7 +164,14 @@ def _system(plan: Plan, document: Document, system: Element, path: str) -> None:
         raise SetupError(f"{document.at(dictionary)}: SignalDictionary is not supported")
     for element in children(system, "ssd:Elements", "*"):
         with document.placed(element):
-            _element(plan, document, element, path)
+            inner = plan.add_element(path, element.get("name"))
+            match plain(element.tag):
+                case "System":
+                    _system(plan, document, element, inner)
+                case "Component":
+                    _component(plan, document, element, inner)
+                case other:
+                    raise SetupError(f"{other} is not supported")
     for connection in children(system, "ssd:Connections", "ssd:Connection"):
         with document.placed(connection):
             _connection(plan, document, connection, path)
@@ -172,17 +179,6 @@ def _system(plan: Plan, document: Document, system: Element, path: str) -> None:
     inside = f"{path}." if path else ""
     for note in children(system, "ssd:Annotations", "ssc:Annotation", BOND):
         plan.bonds.append(" * ".join(inside + x.strip() for x in (note.text or "").split("*")))
-
-
-def _element(plan: Plan, document: Document, element: Element, outer: str) -> None:
-    path = plan.add_element(outer, element.get("name"))
-    match plain(element.tag):
-        case "System":
-            _system(plan, document, element, path)
-        case "Component":
-            _component(plan, document, element, path)
-        case other:
-            raise SetupError(f"{other} is not supported")
 
 
 def _component(plan: Plan, document: Document, component: Element, path: str) -> None:

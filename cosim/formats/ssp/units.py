@@ -9,10 +9,9 @@ from typing import Any, NamedTuple
 from fmpy.model_description import BaseUnit, ModelDescription, ScalarVariable
 
 from ...errors import SetupError
-from ...system import convert, exponents
+from ...system import BASES, convert, exponents
 from .files import Element, children
 
-POWERS = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
 SCALE = {"factor": 1.0, "offset": 0.0}
 
 
@@ -57,7 +56,7 @@ def definitions(root: Element, file: str) -> Definitions:
     items: dict[str, dict[str, int]] = {}
     for unit in children(root, "{*}Units", "ssc:Unit"):
         (base,) = children(unit, "ssc:BaseUnit")
-        powers = {key: int(base.get(key, 0)) for key in POWERS}
+        powers = {key: int(base.get(key, 0)) for key in BASES}
         scale = {key: float(base.get(key, default)) for key, default in SCALE.items()}
         name = _new(unit, units, file)
         units[name] = Unit(name, BaseUnit(**powers, **scale))

@@ -105,9 +105,8 @@ def _component(
         connectors = SubElement(component, qualified("ssd:Connectors"))
         for port in ports:
             kind = str(port.variable.causality)
-            connector = SubElement(
-                connectors, qualified("ssd:Connector"), name=port.variable.name, kind=kind
-            )
+            given = {"name": port.variable.name, "kind": kind}
+            connector = SubElement(connectors, qualified("ssd:Connector"), given)
             connector.append(_type("ssc", port, known))
     start = [(port, value) for port, value in network.start if port.part == part]
     for port, value in start:
@@ -167,12 +166,8 @@ def scaled(wire: Connection) -> bool:
 
 def _connection(connections: Element, wire: Connection) -> None:
     """Numbers as our master makes them: no reading tool is to convert units once more."""
-    ends = {
-        "startElement": wire.source.part,
-        "startConnector": wire.source.variable.name,
-        "endElement": wire.target.part,
-        "endConnector": wire.target.variable.name,
-    }
+    ends = {"startElement": wire.source.part, "startConnector": wire.source.variable.name}
+    ends |= {"endElement": wire.target.part, "endConnector": wire.target.variable.name}
     if scaled(wire) or wire.source.unit != wire.target.unit:
         ends["suppressUnitConversion"] = "true"
     connection = SubElement(connections, qualified("ssd:Connection"), ends)

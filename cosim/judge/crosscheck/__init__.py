@@ -2,24 +2,17 @@
 
 from __future__ import annotations
 
-import multiprocessing
 import os
 import signal
-import tempfile
-import threading
 from collections.abc import Sequence
 from multiprocessing.connection import Connection
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 from ...engine.part import quiet
 from ...errors import SetupError
-from ...scratch import scratch
-from ..isolated import death, die_with_parent
-from .checks import CHECKS, FAILED, NOT_RUN, STANDARD, Check, Subject, Verdict, checked
+from ..isolated import child, death
+from .checks import CHECKS, FAILED, NOT_RUN, STANDARD, Subject, Verdict, checked
 from .report import Crosscheck
-
-__all__ = ["CHECKS", "Check", "Crosscheck", "Verdict", "crosscheck"]
 
 
 def crosscheck(fmu: Path | str, *, step: float | None = None, timeout: float = 60.0) -> Crosscheck:
@@ -53,39 +46,25 @@ def _some(
     path: Path, version: str, step: float | None, names: Sequence[str], timeout: float
 ) -> list[Verdict]:
     """Verdicts of these checks, up to the first that does not come to its end."""
-    context = multiprocessing.get_context("spawn")
     verdicts: list[Verdict] = []
-    with TemporaryDirectory(dir=scratch()) as folder:
-        ours, its = context.Pipe(duplex=False)
-        process = context.Process(target=_work, args=(folder, its, path, step, names))
-        process.start()
-        its.close()
-        try:
-            for name in names:
-                said = f"no answer within {timeout:g} s: it hangs, or needs a longer timeout"
-                try:
-                    if ours.poll(timeout):
-                        verdicts.append(ours.recv())
-                        continue
-                except EOFError:
-                    process.join()
-                    said = f"the process {death(process)}"
-                verdicts.append(CHECKS[name].verdict(version, FAILED, said))
-                break
-        finally:
-            ours.close()
-            process.kill()
-            process.join()
+    with child(_work, path, step, names) as (process, pipe):
+        for name in names:
+            said = f"no answer within {timeout:g} s: it hangs, or needs a longer timeout"
+            try:
+                if pipe.poll(timeout):
+                    verdicts.append(pipe.recv())
+                    continue
+            except EOFError:
+                process.join()
+                said = f"the process {death(process)}"
+            verdicts.append(CHECKS[name].verdict(version, FAILED, said))
+            break
     return verdicts
 
 
-def _work(
-    folder: str, pipe: Connection, path: Path, step: float | None, names: Sequence[str]
-) -> None:
+def _work(pipe: Connection, path: Path, step: float | None, names: Sequence[str]) -> None:
     """Run in the child and tell each verdict."""
-    threading.Thread(target=die_with_parent, args=(folder,), daemon=True).start()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    tempfile.tempdir = os.environ["TMPDIR"] = folder
     os.dup2(2, 1)  # what an FMU prints is no part of the answer
     subject = Subject(path, step)
     with quiet():

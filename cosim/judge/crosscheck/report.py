@@ -55,14 +55,10 @@ class Crosscheck:
         """A line for each check, and for each that failed how to see it by hand."""
         rows = [(v.check, v.clause, v.status.upper() if v.status == FAILED else v.status, v.said)
                 for v in self.verdicts]  # fmt: skip
-        again = [
-            f"{v.check}, {self.standard}, {v.clause}: {v.again}"
-            for v in self.verdicts
-            if v.status == FAILED
-        ]
-        return "\n".join(
-            [f"{self.model}, {self.fmu}", self.how, *table(rows), *again, self.summary()]
-        )
+        failed = (v for v in self.verdicts if v.status == FAILED)
+        again = [f"{v.check}, {self.standard}, {v.clause}: {v.again}" for v in failed]
+        first = f"{self.model}, {self.fmu}"
+        return "\n".join([first, self.how, *table(rows), *again, self.summary()])
 
     def junit(self) -> str:
         """JUnit's XML; what is not offered or not run is skipped."""
@@ -95,13 +91,8 @@ class Crosscheck:
                 f"<td>{said}</td><td>{again}</td></tr>"
             )
         title = html.escape(f"{self.model}: crosscheck of {Path(self.fmu).name}")
-        return PAGE.format(
-            title=title,
-            summary=self.summary(),
-            how=html.escape(self.how),
-            standard=self.standard,
-            rows="\n".join(rows),
-        )
+        told = {"title": title, "summary": self.summary(), "how": html.escape(self.how)}
+        return PAGE.format(**told, standard=self.standard, rows="\n".join(rows))
 
     def write(self, path: Path | str) -> None:
         """Write a .txt, JUnit's .xml or a page .html; raises SetupError for another suffix."""

@@ -1,11 +1,8 @@
 """An FMU that keeps all its promises, and one for each way to break one."""
 
 from pathlib import Path
-from zipfile import ZipFile
 
-import fmpy
-
-from tests.cosim.compiled import binary
+from tests.cosim.compiled import packed
 
 DESCRIPTION = """<?xml version="1.0" encoding="UTF-8"?>
 <fmiModelDescription fmiVersion="2.0" modelName="faulty" guid="faulty {fault}">
@@ -117,9 +114,5 @@ def pack(path: Path, fault: str = "", version: str = "2.0") -> Path:
         assert swaps[fault][0] in text
         text = text.replace(*swaps[fault])
     flags = ['-DVERSION="2.1"', '-DVERSION3="2.1"'] if fault == "version" else []
-    library = binary(Path(__file__).with_name("faulty3.c" if third else "faulty.c"), *flags)
-    platform = fmpy.platform_tuple if third else fmpy.platform
-    with ZipFile(path, "w") as archive:
-        archive.writestr("modelDescription.xml", text)
-        archive.writestr(f"binaries/{platform}/faulty{fmpy.sharedLibraryExtension}", library)
-    return path
+    source = Path(__file__).with_name("faulty3.c" if third else "faulty.c")
+    return packed(path, "faulty", text, source, *flags)

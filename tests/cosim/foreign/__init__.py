@@ -19,18 +19,17 @@ a set without a step between) count over the life of an instance. Lines of the f
 "terminated NAME", "refused NAME" (a call out of order), "leaked states NAME", "used after fatal NAME", "hangs NAME", "freed NAME".
 """
 
-import subprocess
-import sys
 import zipfile
 from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import NamedTuple
 from uuid import NAMESPACE_URL, uuid5
 from xml.sax.saxutils import quoteattr
 
 import fmpy
+
+from tests.cosim.compiled import binary
 
 Value = float | int | bool | str
 GEARS = {"low": 1, "middle": 2, "high": 5}
@@ -58,6 +57,14 @@ class Variable(NamedTuple):
         return self.type.replace("Enumeration", "Integer")
 
 
+SWITCHES = (
+    "fresh", "counts", "stubborn", "needs_input", "talks", "crash_at_end", "hang_at_end", "forgets",
+    "overrules", "commits", "punctual", "chats",
+)  # fmt: skip
+LIMITS = (
+    "longest_step", "warn_at", "error_at", "fatal_at", "nan_at", "nan_above", "crash_at", "hang_at",
+    "meddle_at", "round_at", "exit_at", "end_at", "pause_at",
+)  # fmt: skip
 VARIABLES = [
     Variable("u", "Real", "input", 0.0),
     Variable("integer_in", "Integer", "input", 0),
@@ -86,40 +93,8 @@ VARIABLES = [
     Variable("d", "Real", "parameter", 0.5),
     Variable("x0", "Real", "parameter", 1.0),
     Variable("diary", "String", "parameter", ""),
-    *(
-        Variable(name, "Boolean", "parameter", False)
-        for name in (
-            "fresh",
-            "counts",
-            "stubborn",
-            "needs_input",
-            "talks",
-            "crash_at_end",
-            "hang_at_end",
-        )
-    ),
-    *(
-        Variable(name, "Boolean", "parameter", False)
-        for name in ("forgets", "overrules", "commits", "punctual", "chats")
-    ),
-    *(
-        Variable(name, "Real", "parameter", NEVER)
-        for name in [
-            "longest_step",
-            "warn_at",
-            "error_at",
-            "fatal_at",
-            "nan_at",
-            "nan_above",
-            "crash_at",
-            "hang_at",
-            "meddle_at",
-            "round_at",
-            "exit_at",
-            "end_at",
-            "pause_at",
-        ]
-    ),
+    *(Variable(name, "Boolean", "parameter", False) for name in SWITCHES),
+    *(Variable(name, "Real", "parameter", NEVER) for name in LIMITS),
     Variable("canHandleVariableCommunicationStepSize", "Boolean", "capability", True),
     Variable("canInterpolateInputs", "Boolean", "capability", True),
     Variable("maxOutputDerivativeOrder", "Integer", "capability", 2),
@@ -138,24 +113,11 @@ REFERENCES = {v.name: n for variables in CELLS.values() for n, v in enumerate(va
 @cache
 def library() -> bytes:
     """The binary for this platform, compiled once per process."""
-    with TemporaryDirectory(prefix="foreign_") as folder:
-        binary = Path(folder, f"foreign{fmpy.sharedLibraryExtension}")
-        command = [sys.executable, "-m", "ziglang", "cc", "-shared", "-fPIC", "-O2", "-std=c11"]
-        command += [
-            "-pthread",
-            "-Wall",
-            "-Wextra",
-            "-Werror",
-            f"-I{Path(fmpy.__file__).with_name('c-code')}",
-        ]
-        for cell, variables in CELLS.items():
-            command.append(f"-D{cell}_NAMES={','.join(v.name for v in variables)}")
-            command.append(
-                f"-D{cell}_CAUSALITIES={','.join(v.causality.upper() for v in variables)}"
-            )
-        command += [str(Path(__file__).with_name("foreign.c")), "-o", str(binary)]
-        subprocess.run(command, check=True)
-        return binary.read_bytes()
+    flags = ["-pthread"]
+    for cell, variables in CELLS.items():
+        flags.append(f"-D{cell}_NAMES={','.join(v.name for v in variables)}")
+        flags.append(f"-D{cell}_CAUSALITIES={','.join(v.causality.upper() for v in variables)}")
+    return binary(Path(__file__).with_name("foreign.c"), *flags)
 
 
 def pack(path: Path, **start: Value) -> Path:

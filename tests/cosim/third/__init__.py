@@ -11,17 +11,13 @@ is used.
 
 from collections.abc import Iterator
 from pathlib import Path
-from zipfile import ZipFile
 
-import fmpy
-
-from tests.cosim.compiled import binary
+from tests.cosim.compiled import packed
 
 BASES = {
     "Float32": 100, "Float64": 200, "Int8": 300, "UInt8": 400, "Int16": 500, "UInt16": 600,
     "Int32": 700, "UInt32": 800, "Int64": 900, "UInt64": 1700, "Boolean": 1800,
 }  # fmt: skip
-BINARY = f"binaries/{fmpy.platform_tuple}/third{fmpy.sharedLibraryExtension}"
 HEAD = """<?xml version="1.0" encoding="UTF-8"?>
 <fmiModelDescription fmiVersion="3.0" modelName="third" instantiationToken="third">
 <CoSimulation modelIdentifier="third" canHandleVariableCommunicationStepSize="true"
@@ -94,7 +90,4 @@ def pack(path: Path, clock: str = "", **swaps: str) -> Path:
     for name, value in swaps.items():
         assert f'{name}="true"' in text
         text = text.replace(f'{name}="true"', f'{name}="{value}"', 1)
-    with ZipFile(path, "w") as archive:
-        archive.writestr("modelDescription.xml", text)
-        archive.writestr(BINARY, binary(Path(__file__).with_name("third.c")))
-    return path
+    return packed(path, "third", text, Path(__file__).with_name("third.c"))

@@ -5,11 +5,8 @@ refused outside of event mode. At 0.5 s, an event of time, x[1] changes its sign
 """
 
 from pathlib import Path
-from zipfile import ZipFile
 
-import fmpy
-
-from tests.cosim.compiled import binary
+from tests.cosim.compiled import packed
 
 DESCRIPTION = """<?xml version="1.0" encoding="UTF-8"?>
 <fmiModelDescription fmiVersion="3.0" modelName="vector" instantiationToken="vector">
@@ -33,8 +30,5 @@ DESCRIPTION = """<?xml version="1.0" encoding="UTF-8"?>
 
 def pack(path: Path, *, slopes: bool = True) -> Path:
     """Write the FMU, which gives directional derivatives or not."""
-    with ZipFile(path, "w") as archive:
-        archive.writestr("modelDescription.xml", DESCRIPTION.format(slopes=str(slopes).lower()))
-        name = f"binaries/{fmpy.platform_tuple}/vector{fmpy.sharedLibraryExtension}"
-        archive.writestr(name, binary(Path(__file__).with_name("vector.c")))
-    return path
+    text = DESCRIPTION.format(slopes=str(slopes).lower())
+    return packed(path, "vector", text, Path(__file__).with_name("vector.c"))
