@@ -43,7 +43,7 @@ TOLD = {
     "speed": ("w2", "speed ripple", "rad/s", SPEED),
     "force": ("f_rod_peak", "largest rod force", "N", FORCE),
 }
-ROUNDS = 2
+ROUNDS, CLOSE = 12, 1e-9
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -165,13 +165,24 @@ def passed(
             else:
                 reason = f"it is at every speed of the sweep: the error stays below {most:g} %"
                 found[case] = Figure.refused("rad/s", reason)
+    before: dict[Case, tuple[float, float]] = {}
     for _ in range(ROUNDS):
         seen = simulated([x for x, _, _ in sought.values()])
         for (case, (x, level, slope)), row in zip(list(sought.items()), seen):
             at = off(case, machine, x, row)
+            if case in before:
+                slope = (at.value - before[case][1]) / (x - before[case][0])
             step, error = (level - at.value) / slope, at.error / abs(slope)
-            sought[case] = (x + step, level, slope)
             found[case] = Figure(x + step, "rad/s", abs(step) + error)
+            before[case], sought[case] = (x, at.value), (x + step, level, slope)
+            if not nus[0] <= x + step <= nus[-1]:
+                found[case] = Figure.refused("rad/s", "the sweep holds too few speeds near it")
+            if found[case].error is None or abs(step) <= max(error, CLOSE * x):
+                del sought[case]
+        if not sought:
+            return found
+    for case in sought:
+        found[case] = Figure.refused("rad/s", "the sweep holds too few speeds near it")
     return found
 
 

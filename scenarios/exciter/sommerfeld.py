@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 import cosim
 import workbench
@@ -100,14 +101,15 @@ def solve(o: Options, bench: Bench) -> Findings:
     table = Table.of_rows(rows, UNITS)
     w = np.linspace(1.0, 1.02 * table.frame["speed"].max(), 20_001)
     v, resonance = averaged(system, w)
-    turns = np.flatnonzero(np.diff(np.sign(np.diff(v)))) + 1
+    curve = CubicSpline(w, v)
+    folds = curve(curve.derivative().roots(extrapolate=False))
     found = {"nu_res": Figure(resonance, "rad/s", 0.0, "resonance of the mount by formula")}
     for k, (way, word) in enumerate(WAYS.items()):
         told = [x[k] for x in jumps]
         found |= {f"{name}_{way}": figure(told, name, word) for name in TOLD}
-        if len(turns) > k:
+        if len(folds) > k:
             theory = f"voltage of the jump by averaged theory, {word}"
-            found[f"theory_{way}"] = Figure(float(v[turns[k]]), "V", 0.0, theory)
+            found[f"theory_{way}"] = Figure(float(folds[k]), "V", 0.0, theory)
     steps, data = f"steps of {o.step:g} s, levels of {o.hold:g} s", (cases[0][1], table.frame, w, v)
     return Findings(found, data, system, {}, steps, "strang", {"sommerfeld.csv": table})
 

@@ -18,7 +18,7 @@ from cosim import Result, System
 from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, Table, option
 from workbench.answer import parameters
 from workbench.live import Slider
-from workbench.measure import ROUNDING, of_rows
+from workbench.measure import ROUNDING, largest, of_rows
 from workbench.report.chart import FORCE, LIFT, POWER, SPEED, TORQUE, recorded
 
 from . import drive as iron
@@ -128,7 +128,8 @@ def flight(r: Result, samples: int, speed: float, turn: int) -> Flight:
     e = r.provenance["parts"]["iron"]["parameters"]["follower.e"]
     apart = not (v[1:][new > 1] > e * hardest / 2).any()
     off, landings, loss = (float(x[-1] - x[0]) for x in (t, n, E))
-    return Flight(speed, off, landings, float(gap.max()), hardest, impulse, loss, apart)
+    widest = largest(r["time"][rows], gap).value
+    return Flight(speed, off, landings, widest, hardest, impulse, loss, apart)
 
 
 def force(f: Mapping[str, Figure], e: float, stiffness: float) -> Figure:

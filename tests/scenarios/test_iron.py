@@ -111,6 +111,16 @@ def test_iron_bounce_tells_what_the_reference_integrates(v: float) -> None:
     )
 
 
+def test_the_widest_gap_of_iron_bounce_lies_between_rows() -> None:
+    """At this speed a row is the widest with 720 rows and with twice as many."""
+    told, wanted = (
+        ask("iron_bounce", speeds="80rpm", speed="88.39190418499093rpm", samples=n).figures["gap"]
+        for n in (720, 4320)
+    )
+    assert told.error and wanted.error and told.error < 1e-6 * told.value
+    assert abs(told.value - wanted.value) <= told.error + wanted.error
+
+
 def test_iron_bounce_says_where_nothing_bounces_and_where_no_turn_is_like_the_next() -> None:
     quiet = ask("iron_bounce", speeds="70rpm", speed="70rpm", samples=360)
     assert quiet.verdict.endswith("it stays on the cam.")

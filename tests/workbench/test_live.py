@@ -344,7 +344,7 @@ def broken_off(
     answered(shown, 2)
     starts = [f"{key}={x}" for key, x in values.items() if "." in key] + given.pop("start", [])
     with pytest.raises((SetupError, SimulationError)) as refused:
-        ask(name, **given, start=starts, **{k: x for k, x in values.items() if "." not in k})
+        ask(name, start=starts, **given | {k: x for k, x in values.items() if "." not in k})
     assert shown.value(f"{PART}.querySelector('tbody').textContent") == before
     said = shown.value(f"{PART}.querySelector('.live-alarm').textContent")
     told = re.fullmatch(
@@ -369,6 +369,17 @@ def test_an_unstable_step_is_the_sentence_that_python_says(shown: Browser, tmp_p
     file = tmp_path / "page.html"
     said, wanted = broken_off(shown, file, "resonance", {"motor.B": 500.0}, **given)
     assert said == wanted and "unstable" in said
+
+
+@pytest.mark.slow
+def test_a_step_too_long_to_tell_errors_is_the_sentence_that_python_says(
+    shown: Browser, tmp_path: Path
+) -> None:
+    given: dict[str, Any] = {"algorithm": "jacobi", "step": 1.8e-3, "ratio": 6.0, "stop": 0.5}
+    file = tmp_path / "page.html"
+    said, wanted = broken_off(shown, file, "speed_step", {"ratio": 3.0}, **given)
+    begin = "step = 0.0018 s is too long to tell errors: a run with 4 times the step, 0.0072 s, fails: gear"
+    assert said.startswith(begin) and wanted.startswith(begin)
 
 
 def test_without_webassembly_and_on_paper_the_page_is_still(shown: Browser, folder: Path) -> None:
