@@ -176,6 +176,7 @@ def loads(r: Found, spring: Figure) -> dict[str, Figure]:
     """What rod and motor bear with either spring at the operating speed, and where it is resonant."""
     nu, order, sought = r.plane.speed, ORDERS[r.setup.algorithm], []
     found: dict[str, Figure] = {}
+    span, moved = np.linspace(r.speeds[0], r.speeds[-1], 1000), []
     for name, machine in r.machines.items():
         words = f"with the {DRAWN[name][0]}"
         orbits = list(r.setup.orbits([(machine, nu, k) for k in COARSER], "operating speed"))
@@ -183,20 +184,27 @@ def loads(r: Found, spring: Figure) -> dict[str, Figure]:
         beside = replace(machine, c=machine.c + (spring.error or 0.0) * bool(name))
         off = at["f_rod_peak_error"] + machine.r * (beside.c - machine.c)
         unsure = at["tau2_error"] + abs(beside.torque_ripple(nu) - machine.torque_ripple(nu))
-        formula = float(abs(rod_force(machine, nu)))
+        formula, other = (float(abs(rod_force(x, nu))) for x in (machine, beside))
+        expected = Figure(formula, "N", abs(other - formula), f"that by formula (17) {words}")
+        top, away = (float(abs(x.torque_ripple(span)).max()) for x in (machine, beside))
+        moved.append(abs(away - top))
         found |= {
             f"f_rod{name}": told(at["f_rod_peak"], off, "N", f"largest rod force {words}", nu),
-            f"f_rod_formula{name}": Figure(formula, "N", 0.0, f"that by formula (17) {words}"),
+            f"f_rod_formula{name}": expected,
             f"tau2{name}": told(at["tau2"], unsure, "N.m", f"torque ripple {words}", nu),
         }
         line = Line(partial(turning, machine), r.speeds[0], r.speeds[-1])
         known = [one for one in zip(r.speeds, r.sweep(machine)) if abs(one[1].torque) > 0.0]
         sought += [(line, place, known) for place in (LAG, TORQUE)]
     places_found = places(sought, COARSER, "rad/s", r.setup)
-    for name, (lag, _), (_, top) in zip(r.machines, places_found[::2], places_found[1::2]):
+    lags, tops = places_found[::2], places_found[1::2]
+    for name, (lag, _), (_, high), more in zip(r.machines, lags, tops, moved):
         words = f"with the {DRAWN[name][0]}"
         found[f"nu_90{name}"] = lag._replace(meaning=f"{LAG.meaning} {words}")
-        found[f"tau2_peak{name}"] = top._replace(meaning=f"largest torque ripple {words}")
+        error = None if high.error is None else high.error + more
+        found[f"tau2_peak{name}"] = high._replace(
+            error=error, meaning=f"largest torque ripple {words}"
+        )
     return found
 
 

@@ -70,7 +70,7 @@ EXACT |= {
     "least_slip",
 }
 EXACT |= {"theory_up", "theory_down", "spring", "spring_formula", "spring_theory"}
-EXACT |= {"f_rod_formula", "f_rod_formula_unloaded"}
+EXACT |= {"f_rod_formula"}
 EXACT |= {"theory_up", "theory_down", "formula", "joint"}
 EXACT |= {"theory_up", "theory_down", "landings"}
 SAID = {
