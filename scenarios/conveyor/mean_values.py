@@ -184,10 +184,10 @@ def drifts(sweep: Sweep, nu: float) -> tuple[Table, dict[str, Figure]]:
     machine, setup, _, coarser = sweep
     slow = (1.0 - SLOWER) * nu
     W, M, way = machine.speed_ripple(slow), machine.torque_ripple(slow), nu - slow
-    h = TURN / (nu * setup.steps_per_rev)
-    count = coarser[-1] * math.ceil(
-        LASTS * 2 * machine.theta0 * machine.T / machine.J / h / coarser[-1]
-    )
+    stop = LASTS * 2 * machine.theta0 * machine.T / machine.J
+    longest = coarser[-1] * TURN / (nu * setup.steps_per_rev)
+    count = coarser[-1] * math.ceil(stop / longest)
+    h = stop / count
     systems = []
     for phi in TURN / STARTS * np.arange(STARTS):
         turned = cmath.exp(2j * phi)

@@ -141,6 +141,15 @@ def window(r: Result) -> slice:
     return slice(releases(r)[0], releases(r)[-1] + 1)
 
 
+def span(r: Result) -> tuple[float, float, int]:
+    """When the whole cycles begin and end [s], between rows, and how many there are."""
+    phi = r["iron.phi"]
+    turns = int((phi[-1] - FIRST_RELEASE) / (2 * math.pi))
+    ends = FIRST_RELEASE + 2 * math.pi * np.array([0, turns])
+    began, ended = CubicSpline(phi, r["time"])(ends).tolist()
+    return began, ended, turns
+
+
 def figures(r: Result) -> dict[str, Figure]:
     """Counts of products, what the cycles tell, and the ends of the powers."""
     r = supplied(r)
@@ -161,9 +170,7 @@ def figures(r: Result) -> dict[str, Figure]:
 
 def cycles(r: Result) -> dict[str, Figure]:
     """Pace, cost of jams, powers and their ripple; no time of orientation after a jam."""
-    t, phi, inside, orders = r["time"], r["iron.phi"], window(r), ripple(r)
-    turns = int((phi[-1] - FIRST_RELEASE) / (2 * math.pi))
-    began, ended = CubicSpline(phi, t)(FIRST_RELEASE + 2 * math.pi * np.array([0, turns])).tolist()
+    t, inside, orders, (began, ended, turns) = r["time"], window(r), ripple(r), span(r)
     cycle, (x, y) = (ended - began) / turns, nearest(orders)
     gap = abs(x.frequency - y.frequency)
 
@@ -219,10 +226,11 @@ class Order(NamedTuple):
 
 def ripple(r: Result) -> list[Order]:
     """The orders of cam and crank over the whole cycles."""
-    inside, orders = window(r), []
+    inside, (began, ended, _), orders = window(r), span(r), []
     for drive, highest in HIGHEST.items():
+        at = CubicSpline(r["time"], r[f"{drive}.phi"])
+        rate = float(at(ended) - at(began)) / (2 * math.pi * (ended - began))
         phi = r[f"{drive}.phi"][inside]
-        rate = float(np.ptp(phi) / (2 * math.pi * np.ptp(r["time"][inside])))
         powers = (r[column][inside] for column in (POWERS[drive][0], "P_supply"))
         sizes = zip(*(np.abs(harmonics(phi, power, highest)).tolist() for power in powers))
         orders += [Order(drive, k, k * rate, *size) for k, size in enumerate(sizes, 1)]

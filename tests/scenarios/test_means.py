@@ -188,13 +188,14 @@ def test_the_mean_speed_drifts_as_one_system_does_and_theory_misses_it_by_second
     name, answer, _ = asked
     machine, rows = SETS[name], answer.tables["drift.csv"].frame
     nu, t = float(machine.nu_res), rows["time"].to_numpy()
-    mean = drifted(machine, nu, t[-1])(t)
-    assert rows["mean"].to_numpy() == pytest.approx(mean, abs=2e-4)
-    way = 0.05 * nu
+    course = drifted(machine, nu, t[-1])
+    assert rows["mean"].to_numpy() == pytest.approx(course(t), abs=2e-4)
+    way, t = 0.05 * nu, np.linspace(0.0, t[-1], 50_000)
+    mean = course(t)
     for key, theory in zip(("off_16", "off_whole"), drift(machine, t)):
         figure = answer.figures[key]
         apart = 100 * abs(mean - (nu - way * theory)).max() / way
-        assert abs(figure.value - apart) <= figure.error + 1e-3
+        assert abs(figure.value - apart) <= figure.error + 1e-5
     assert answer.figures["overshoot"].value == pytest.approx(
         100 * (mean.max() - nu) / way, abs=0.01
     )
@@ -462,3 +463,15 @@ def test_the_limit_of_a_calculation_lies_where_it_is_told_after_a_sweep_of_few_s
         for nu in (told.value - told.error, told.value + told.error)
     )
     assert below * above < 0.0
+
+
+def test_a_step_of_the_supply_lasts_as_long_whatever_the_steps() -> None:
+    """What the theory leaves grows to the end of that time."""
+    start = {"conveyor.trough.d": 1143.5, "conveyor.rotor.J": 0.255, "conveyor.trough.m": 111.1}
+    start |= {"conveyor.spring.c": 102833.0, "conveyor.crank.r": 0.008958}
+    coarse, fine = (
+        ask("mean_values", speeds="24.83,45.66", steps_per_rev=n, start=start).figures["off_whole"]
+        for n in (512, 1024)
+    )
+    assert coarse.error and fine.error and coarse.error < 0.01
+    assert abs(coarse.value - fine.value) <= coarse.error + fine.error

@@ -89,6 +89,11 @@ def test_the_supply_gives_what_both_drives_store_and_lose(line: Answer, cycles: 
     assert_allclose(rows["P_supply"], rows["iron_motor.P"] + rows["conveyor_motor.P"], rtol=1e-12)
 
 
+def test_the_orders_of_the_cam_have_whole_periods_in_a_cycle(line: Answer) -> None:
+    orders = line.figures["main_iron_frequency"].value * line.figures["cycle"].value
+    assert orders == pytest.approx(round(orders), rel=1e-12)
+
+
 def test_ripple_of_the_supply_is_that_of_its_drives(line: Answer) -> None:
     """Orders 2 of the crank by theory; far apart, mean squares add."""
     orders = line.tables["packing_line_orders.csv"].frame.set_index(["drive", "order"])
