@@ -54,4 +54,4 @@ def certified(runs: Sequence[Figure | None], order: float) -> Figure:
     if len(values) < len(runs):
         reason = "only some of the three runs with different communication steps have it"
         return Figure.refused(fine.unit, reason, fine.meaning)
-    return fine._replace(error=fine.error + coupling(values, order))
+    return fine._replace(error=fine.error + coupling(values, min(order, fine.order)))

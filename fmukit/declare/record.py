@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import namedtuple
 from collections.abc import Iterator, Sequence
 from enum import IntEnum
+from functools import cache
 from itertools import islice
 from operator import itemgetter
 from typing import (
@@ -135,7 +136,6 @@ def record(cls: type[R]) -> type[R]:
     names = [name.translate(IDENTIFIER) for name in fields]
     made = type(cls.__name__, (namedtuple(cls.__name__, names),), body)
     made._declared = fields  # type: ignore[attr-defined]
-    made._flat = all(isinstance(x, Declaration) for x in fields.values())  # type: ignore[attr-defined]
     return cast(type[R], made)
 
 
@@ -213,8 +213,14 @@ def fill(cls: type[R], values: Sequence[Value]) -> R:
     return cast(R, _fill(cls, iter(values)))
 
 
+@cache
+def _flat(cls: Any) -> bool:
+    """Whether no record is within this one."""
+    return all(isinstance(field, Declaration) for field in cls._declared.values())
+
+
 def _fill(cls: Any, values: Iterator[Value]) -> Any:
-    if cls._flat:
+    if _flat(cls):
         return cls._make(islice(values, len(cls._fields)))
     return cls._make(
         next(values) if isinstance(field, Declaration) else _fill(field, values)

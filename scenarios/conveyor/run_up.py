@@ -108,7 +108,9 @@ def figures(machine: Machine, word: str, r: Result) -> dict[str, Figure]:
     for name, (column, what) in LOADS.items():
         x, unit = r[column], r.units[column]
         found[f"{name}_max"] = largest(t, np.abs(x)).figure(unit, f"largest {what}, {word}")
-        if name != "f_rod":
+        if name == "f_rod":  # which follows the torque at once
+            found["f_rod_max"] = found["f_rod_max"]._replace(order=1.0)
+        else:
             end = since(t, x, END * t[-1])
             low, high = smallest(*end), largest(*end)
             found[f"{name}_end_min"] = low.figure(unit, f"least {what} in the end, {word}")

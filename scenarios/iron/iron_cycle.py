@@ -46,7 +46,7 @@ LIVE = (
 @dataclass(frozen=True, kw_only=True)
 class Options(workbench.Options):
     speed: float = option(iron.NOMINAL, "speed of the cam", "rad/s", above=0.0)
-    samples: int = option(1440, "rows of the turn", least=36)
+    samples: int = option(1440, "rows of the turn", least=180)
 
 
 def solve(o: Options, bench: Bench) -> Findings:
