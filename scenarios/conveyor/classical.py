@@ -34,10 +34,7 @@ SPEEDS = {"A": SLOW + resonance.SPEEDS["A"], "B": resonance.SPEEDS["B"]}
 TABLE = "classical.csv"
 WAYS = {"spring": False, "whole": True}
 WORDS = {"spring": "with the spring alone", "whole": "with spring and inertia"}
-LOOKS = {
-    "spring": ("spring alone, after (26)", "purple"),
-    "whole": ("spring and inertia", "black"),
-}
+LOOKS = {"spring": ("spring alone, after (26)", "purple"), "whole": ("spring and inertia", "black")}
 TOLD = {
     "torque": ("tau2", "torque ripple", "N.m", TORQUE),
     "speed": ("w2", "speed ripple", "rad/s", SPEED),

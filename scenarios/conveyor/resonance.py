@@ -17,18 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cosim import ORDERS, SetupError
-from workbench import (
-    Bench,
-    Chart,
-    Curve,
-    Figure,
-    Findings,
-    Mark,
-    Panel,
-    Show,
-    Table,
-    option,
-)  # fmt: skip
+from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, Table, option
 from workbench.limit import limit
 from workbench.live import Slider
 from workbench.orbit import NotSteady

@@ -21,18 +21,7 @@ from numpy.typing import NDArray
 
 from cosim import ORDERS, SetupError
 from cosim.result import partial
-from workbench import (
-    Bench,
-    Chart,
-    Curve,
-    Figure,
-    Findings,
-    Mark,
-    Panel,
-    Show,
-    Table,
-    option,
-)  # fmt: skip
+from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, Table, option
 from workbench.answer import stream
 from workbench.limit import coupling
 from workbench.options import refuse

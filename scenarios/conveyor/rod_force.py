@@ -18,17 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim import ORDERS, SetupError
-from workbench import (
-    Bench,
-    Chart,
-    Curve,
-    Figure,
-    Findings,
-    Mark,
-    Panel,
-    Show,
-    option,
-)  # fmt: skip
+from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, option
 from workbench.answer import parameters
 from workbench.report import chart as colors
 from workbench.report.chart import Direction, Field, Level, Picture, Second
