@@ -17,10 +17,9 @@ from scipy.interpolate import CubicSpline
 from cosim import ORDERS
 from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, Table, option
 from workbench.measure import Measured
-from workbench.orbit import NotSteady
 from workbench.report.chart import FORCE, SPEED, TORQUE, Second
 
-from . import mechanism, resonance, response
+from . import mechanism, resonance
 from .drive import PARTS as DRIVE
 from .drive import conveyor_drive
 from .sweep import HELD, Sweep, Swept, begun
@@ -232,9 +231,4 @@ def show(o: Options, f: Mapping[str, Figure], r: Found) -> Show:
         Chart("Errors of both calculations", axis, errors, marks, second=second),
     ]
     near = float(at[(at - machine.nu_res).abs().idxmin()])
-    try:
-        turns = response.orbit(setup.case(machine, near), mechanism.RECORD)
-    except NotSteady:
-        return Show(charts)
-    turn, motion = mechanism.revolution(near, turns.result)
-    return Show(charts, [motion], [turn])
+    return Show(charts, *mechanism.revolution(setup.case(machine, near)))
