@@ -206,11 +206,7 @@ def answer(
     )
 
 
-def row(
-    page: Path | str,
-    fmus: Mapping[str, Path],
-    case: Mapping[str, Any],
-) -> dict[str, Any]:
+def row(page: Path | str, fmus: Mapping[str, Path], case: Mapping[str, Any]) -> dict[str, Any]:
     """What the page of a file or a module answers to options and start values, which have a dot:
     {"figures": {name: (value, unit, error, reason)}, "warnings": texts}. Its errors name no folder.
     """

@@ -8,7 +8,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 import pandas as pd
+from scipy.integrate import cumulative_trapezoid
 
 import cosim
 from cosim import Advice, Experiment, Identified, SetupError, System
@@ -18,6 +20,7 @@ from cosim.units import QUANTITY, multiples
 
 from .answer import Table
 from .figure import Figure
+from .measure import Samples
 from .options import Options, option
 from .report.chart import Chart, Curve, Mark, Panel
 
@@ -74,6 +77,21 @@ class Recorded(Options):
         first = -math.inf if self.since is None else self.since
         last = math.inf if self.until is None else self.until
         return {name: table.between(first, last) for name, table in found.items()}
+
+    def turned(self, speed: Measured, what: str, gear: float = 1.0) -> tuple[Samples, Samples]:
+        """Speeds [rad/s] of a column but for its gaps, and how far what turns `gear` times slower has
+        turned at each [rad]; raises SetupError if that is less than once in the end.
+        """
+        w = np.array(speed.values) * multiples("rad/s").get(speed.unit, 1.0)
+        there = np.isfinite(w)
+        w = w[there]
+        turned = cumulative_trapezoid(w / gear, np.array(speed.times)[there], initial=0)
+        if turned[-1] < 2 * math.pi:
+            raise SetupError(
+                f"{self.data}: the record holds {turned[-1] / (2 * math.pi):.2g} turns of the {what}, "
+                "and one is the least that tells a drive"
+            )
+        return w, turned
 
     @property
     def priors(self) -> dict[str, tuple[float, float]]:

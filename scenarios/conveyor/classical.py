@@ -17,10 +17,9 @@ from scipy.interpolate import CubicSpline
 from cosim import ORDERS
 from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, Table, option
 from workbench.measure import Measured
-from workbench.orbit import NotSteady
 from workbench.report.chart import FORCE, SPEED, TORQUE, Second
 
-from . import mechanism, resonance, response
+from . import mechanism, resonance
 from .drive import PARTS as DRIVE
 from .drive import conveyor_drive
 from .sweep import HELD, Sweep, Swept, begun
@@ -34,10 +33,7 @@ SPEEDS = {"A": SLOW + resonance.SPEEDS["A"], "B": resonance.SPEEDS["B"]}
 TABLE = "classical.csv"
 WAYS = {"spring": False, "whole": True}
 WORDS = {"spring": "with the spring alone", "whole": "with spring and inertia"}
-LOOKS = {
-    "spring": ("spring alone, after (26)", "purple"),
-    "whole": ("spring and inertia", "black"),
-}
+LOOKS = {"spring": ("spring alone, after (26)", "purple"), "whole": ("spring and inertia", "black")}
 TOLD = {
     "torque": ("tau2", "torque ripple", "N.m", TORQUE),
     "speed": ("w2", "speed ripple", "rad/s", SPEED),
@@ -246,9 +242,4 @@ def show(o: Options, f: Mapping[str, Figure], r: Found) -> Show:
         Chart("Errors of both calculations", axis, errors, marks, second=second),
     ]
     near = float(at[(at - machine.nu_res).abs().idxmin()])
-    try:
-        turns = response.orbit(setup.case(machine, near), mechanism.RECORD)
-    except NotSteady:
-        return Show(charts)
-    turn, motion = mechanism.revolution(near, turns.result)
-    return Show(charts, [motion], [turn])
+    return Show(charts, *mechanism.revolution(setup.case(machine, near)))

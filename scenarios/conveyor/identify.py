@@ -78,7 +78,7 @@ def solve(o: Options, bench: Bench) -> Findings:
             "--known conveyor.trough.m=200+-5, or map a torque to motor.tau"
         )
     fit = o.identify(
-        conveyor_drive(bench.fmus, guess(o, base, record[SPEED].times, w)),
+        conveyor_drive(bench.fmus, guess(o, base, record[SPEED])),
         record,
         [slope, *FREE, supply, *STATES],
         derived={"nu_res": lambda v, _: found(o, base, nu, v).nu_res},
@@ -98,19 +98,12 @@ def solve(o: Options, bench: Bench) -> Findings:
     )
 
 
-def guess(o: Options, base: Machine, times: Sequence[float], w: Samples) -> dict[str, Value]:
+def guess(o: Options, base: Machine, speed: cosim.Table) -> dict[str, Value]:
     """Start values near the motion of a record: the angle at its start by the order 2 of its speed,
     the supply by its mean speed.
     """
-    there = np.isfinite(w)
-    t, w = np.asarray(times)[there], w[there]
+    w, turned = o.turned(speed, "crank")
     nu = float(w.mean())
-    turned = np.concatenate([[0.0], np.cumsum(np.diff(t) * (w[1:] + w[:-1]) / 2)])
-    if turned[-1] < 2 * math.pi:
-        raise SetupError(
-            f"{o.data}: the record holds {turned[-1] / (2 * math.pi):.2g} turns of the crank, and one "
-            "is the least that tells a drive"
-        )
     machine = linearised(base, o.start, nu)
     swing = complex(harmonics(turned, w, 2)[1]) / machine.speed_ripple(nu)
     phi = float(np.angle(swing)) / 2

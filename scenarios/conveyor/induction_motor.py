@@ -19,7 +19,6 @@ import workbench
 from cosim import ORDERS, SetupError
 from cosim.system import Value
 from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, Table, option
-from workbench.orbit import NotSteady
 from workbench.report.chart import LIFT, THEORY
 
 from . import mechanism, resonance, response
@@ -290,13 +289,8 @@ def show(o: Options, f: Mapping[str, Figure], r: Found) -> Show:
         moved_by("breakdown_slip", "breakdown slip", "breakdown slip [1]", r.rows.iloc[slips]),
         over_speed(f, r),
     ]
-    nu = r.motor.nu_res
-    try:
-        turns = response.orbit(r.motor.setup(True).case(r.motor.there, nu), mechanism.RECORD)
-    except NotSteady:
-        return Show(charts)
-    turn, motion = mechanism.revolution(nu, turns.result)
-    return Show(charts, [motion], [turn])
+    case = r.motor.setup(True).case(r.motor.there, r.motor.nu_res)
+    return Show(charts, *mechanism.revolution(case))
 
 
 def moved_by(column: str, name: str, x: str, rows: Any) -> Chart:

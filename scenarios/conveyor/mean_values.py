@@ -261,12 +261,7 @@ def show(o: Options, f: Mapping[str, Figure], r: Found) -> Show:
     """Means over the speed beside theory, the drift of the mean, one revolution."""
     machine, setup, *_ = r.sweep
     charts = [over_speed(f, r), course(f, r)]
-    try:
-        turns = response.orbit(setup.case(machine, r.operating), mechanism.RECORD)
-    except NotSteady:
-        return Show(charts)
-    turn, motion = mechanism.revolution(r.operating, turns.result)
-    return Show(charts, [motion], [turn])
+    return Show(charts, *mechanism.revolution(setup.case(machine, r.operating)))
 
 
 def over_speed(f: Mapping[str, Figure], r: Found) -> Chart:

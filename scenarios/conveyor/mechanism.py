@@ -9,9 +9,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from workbench import Chart
+from workbench.orbit import NotSteady
 from workbench.report import chart, motion
 from workbench.report.chart import recorded
 from workbench.report.motion import Columns, Motion, Shape, line
+
+from .response import Case, orbit
 
 if TYPE_CHECKING:
     from cosim import Result
@@ -24,8 +27,12 @@ RECORD = (
 NOTE = f"Crank and stroke are drawn {ENLARGED:g} times as long as they are against the rod."
 
 
-def revolution(nu: float, result: Result) -> tuple[Chart, Motion]:
-    """The last revolution of a steady run at the mean speed nu [rad/s]: its course, its motion."""
+def revolution(case: Case) -> tuple[list[Motion], list[Chart]]:
+    """The motion and the course of a revolution on the orbit of a case; none where there is no orbit."""
+    try:
+        result = orbit(case, RECORD).result
+    except NotSteady:
+        return [], []
     t, phi = result["time"], result["conveyor.phi"]
     first = float(np.interp(phi[-1] - 2 * math.pi, phi, t))
     late = t >= first
@@ -36,9 +43,9 @@ def revolution(nu: float, result: Result) -> tuple[Chart, Motion]:
         recorded("speed", result, since, {"conveyor.w": ("crank", chart.SPEED)}, rows=late),
         recorded("rod force", result, since, {"conveyor.f_rod": ("rod", chart.FORCE)}, "kN", late),
     ]
-    course = Chart(f"One revolution at {nu:g} rad/s", "time [ms]", panels)
-    title = f"Crank conveyor at {nu:g} rad/s"
-    return course, moving(title, {"": result}, first, float(t[-1]), 25.0)
+    course = Chart(f"One revolution at {case.nu:g} rad/s", "time [ms]", panels)
+    title = f"Crank conveyor at {case.nu:g} rad/s"
+    return [moving(title, {"": result}, first, float(t[-1]), 25.0)], [course]
 
 
 def moving(

@@ -17,21 +17,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cosim import ORDERS, SetupError
-from workbench import (
-    Bench,
-    Chart,
-    Curve,
-    Figure,
-    Findings,
-    Mark,
-    Panel,
-    Show,
-    Table,
-    option,
-)  # fmt: skip
+from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, Table, option
 from workbench.limit import limit
 from workbench.live import Slider
-from workbench.orbit import NotSteady
 from workbench.report import chart as colors
 from workbench.report.chart import Second, Span
 
@@ -307,13 +295,7 @@ def avoided(edges: Sequence[Edge]) -> str:
 
 def show(o: Options, f: Mapping[str, Figure], r: Sweep) -> Show:
     """The sweep against theory, and one revolution at the operating speed."""
-    chart = ripple(o, f, r)
-    try:
-        turns = response.orbit(r.setup.case(*r.line.at(r.speed)), mechanism.RECORD)
-    except NotSteady:
-        return Show([chart])
-    course, motion = mechanism.revolution(r.speed, turns.result)
-    return Show([chart], [motion], [course])
+    return Show([ripple(o, f, r)], *mechanism.revolution(r.setup.case(*r.line.at(r.speed))))
 
 
 def ripple(o: Options, f: Mapping[str, Figure], r: Sweep) -> Chart:

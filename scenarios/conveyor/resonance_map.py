@@ -21,18 +21,7 @@ from numpy.typing import NDArray
 
 from cosim import ORDERS, SetupError
 from cosim.result import partial
-from workbench import (
-    Bench,
-    Chart,
-    Curve,
-    Figure,
-    Findings,
-    Mark,
-    Panel,
-    Show,
-    Table,
-    option,
-)  # fmt: skip
+from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, Table, option
 from workbench.answer import stream
 from workbench.limit import coupling
 from workbench.options import refuse
@@ -43,7 +32,7 @@ from . import mechanism
 from .drive import PARTS as DRIVE
 from .drive import conveyor_drive, followed
 from .plane import SPEED, Built, Plane, Sample, axis, interval, on_edge, shares, span
-from .response import COARSER, LAG, TORQUE, Point, Ripple, Setup, orbit, places
+from .response import COARSER, LAG, TORQUE, Point, Ripple, Setup, places
 from .theory import FIELDS, SETS
 
 if TYPE_CHECKING:
@@ -375,8 +364,6 @@ def verdict(o: Options, f: Mapping[str, Figure], r: Map) -> str:
 def show(o: Options, f: Mapping[str, Figure], r: Map) -> Show:
     """Both maps, the rows, and one revolution where the torque swings most."""
     worst = r.plane.nodes()[int(r.points["ripple"].argmax())]
-    case = r.setup.case(*r.plane.at(*worst))
-    course, motion = mechanism.revolution(case.nu, orbit(case, mechanism.RECORD).result)
     title = (
         f"At {r.plane.speed:g} rad/s {r.sure()} of the map stays clear of resonance {NEARLY_ALL}"
     )
@@ -385,7 +372,8 @@ def show(o: Options, f: Mapping[str, Figure], r: Map) -> Show:
             f"{r.within[0]:g} .. {r.within[1]:g} rad/s stays clear of resonance {NEARLY_ALL} with "
             f"{r.plane.y.name} of {r.clear('probability_in_range', SURE)}"
         )
-    return Show([*maps(r, o.most), *chart_of_rows(r, o.most)], [motion], [course], title)
+    turn = mechanism.revolution(r.setup.case(*r.plane.at(*worst)))
+    return Show([*maps(r, o.most), *chart_of_rows(r, o.most)], *turn, title)
 
 
 def maps(r: Map, limit: float) -> list[Field]:

@@ -18,17 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim import ORDERS, SetupError
-from workbench import (
-    Bench,
-    Chart,
-    Curve,
-    Figure,
-    Findings,
-    Mark,
-    Panel,
-    Show,
-    option,
-)  # fmt: skip
+from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, option
 from workbench.answer import parameters
 from workbench.report import chart as colors
 from workbench.report.chart import Direction, Field, Level, Picture, Second
@@ -39,7 +29,7 @@ from .drive import conveyor_drive, followed
 from .plane import SPEED, Axis, Plane
 from .resonance import OPERATING, row, told
 from .resonance_map import coupling_error, torque_ripple
-from .response import COARSER, LAG, TORQUE, Line, Point, Ripple, Setup, Spot, orbit, places
+from .response import COARSER, LAG, TORQUE, Line, Point, Ripple, Setup, Spot, places
 from .rod import ORDER, around, between, course, largest, least, peak, search, unloading
 from .theory import ANGLES, FIELDS, SETS, Machine, rod_force
 
@@ -283,11 +273,10 @@ def verdict(o: Options, f: Mapping[str, Figure], r: Found) -> str:
 def show(o: Options, f: Mapping[str, Figure], r: Found) -> Show:
     """Force over crank angle and over speed, both maps, and one revolution with the best spring."""
     best, nu = list(r.machines.values())[-1], r.plane.speed
-    turns = orbit(r.setup.case(best, nu), mechanism.RECORD)
-    moved, motion = mechanism.revolution(nu, turns.result)
     title = f"A spring of {1e-3 * best.c:.4g} kN/m unloads the rod at {nu:g} rad/s"
     pictures: list[Picture] = [over_angle(r), over_speed(r), *maps(o, r)]
-    return Show(pictures, [motion], [moved], title if len(r.machines) > 1 else "")
+    turn = mechanism.revolution(r.setup.case(best, nu))
+    return Show(pictures, *turn, title if len(r.machines) > 1 else "")
 
 
 def over_angle(r: Found) -> Chart:

@@ -15,19 +15,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from cosim import Result
-from workbench import (
-    Bench,
-    Chart,
-    Curve,
-    Figure,
-    Findings,
-    Mark,
-    Panel,
-    Run,
-    Show,
-    Table,
-    option,
-)  # fmt: skip
+from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Run, Show, Table, option
 from workbench.live import Slider
 from workbench.measure import Samples, crossings, largest, measured, since, smallest
 from workbench.report.chart import THEORY, recorded

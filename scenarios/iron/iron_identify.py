@@ -14,12 +14,10 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.integrate import cumulative_trapezoid
 
 import cosim
 from cosim import Advice, Identified, SetupError, System
 from cosim.system import Value
-from cosim.units import multiples
 from workbench import Bench, Chart, Curve, Figure, Findings, Panel, Show, option, recorded
 from workbench.measure import Samples
 from workbench.recorded import Recorded, said
@@ -87,17 +85,9 @@ def guess(o: Options, fmus: Mapping[str, Path], speed: cosim.Table) -> System:
     """The drive near the motion of a record: fed for its mean speed, and as far in its turn as makes
     the last turn of the record most like one of the drive.
     """
-    w = np.array(speed.values) * multiples("rad/s").get(speed.unit, 1.0)
-    there = np.isfinite(w)
-    w, t = w[there], np.array(speed.times)[there]
     own: dict[str, Any] = {"iron.on_invalid": 1, **iron.MOTOR, **o.start}
     gear = float(own.get("iron.reducer.i_g", 36.0))
-    turned = cumulative_trapezoid(w / gear, t, initial=0)
-    if turned[-1] < 2 * math.pi:
-        raise SetupError(
-            f"{o.data}: the record holds {turned[-1] / (2 * math.pi):.2g} turns of the cam, and one "
-            "is the least that tells a drive"
-        )
+    w, turned = o.turned(speed, "cam", gear)
     nu = float(np.median(w)) / gear
     own |= {SUPPLY: float(own["motor.B"]) * gear * nu + LOAD, "iron.w_cam": nu, TORQUE: LOAD}
     system = System(fmus, iron.WIRES, own)

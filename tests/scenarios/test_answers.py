@@ -56,23 +56,13 @@ CHANGED = {
     "iron_identify": ("iron.rocker.J", 0.026),
     "orientator_identify": ("orientator.cup.m", 0.041),
 }
-EXACT = {"nu_res", "zeta", "build_up", "slope", "cycles", "oriented", "released", "lost"}
-EXACT |= {"theory_up", "theory_down", "torque_plain", "settling", "settling_16"}
-EXACT |= {
-    "motor_lag",
-    "free_frequency",
-    "held_frequency",
-    "slip",
-    "nu_flux",
-    "most_resistance",
-    "heavy_res",
-    "heavy_flux",
-    "least_slip",
-}
-EXACT |= {"theory_up", "theory_down", "spring", "spring_formula", "spring_theory"}
-EXACT |= {"f_rod_formula"}
-EXACT |= {"theory_up", "theory_down", "formula", "joint"}
-EXACT |= {"theory_up", "theory_down", "landings"}
+EXACT = {
+    "nu_res", "zeta", "build_up", "slope", "cycles", "oriented", "released", "lost", "theory_up",
+    "theory_down", "torque_plain", "settling", "settling_16", "motor_lag", "free_frequency",
+    "held_frequency", "slip", "nu_flux", "most_resistance", "heavy_res", "heavy_flux", "least_slip",
+    "spring", "spring_formula", "spring_theory", "f_rod_formula", "formula", "joint",
+    "landings",
+}  # fmt: skip
 SAID = {
     "iron_orders": [(iron_orders.IMPORTANT, "%"), *((lag, "ms") for lag in iron_orders.LAGS)],
     "iron_identify": [(120.0, "%")],
