@@ -93,7 +93,15 @@ class Library:
             self._unload()
 
     def _go(self) -> None:
+        """Unload the FMU.
+
+        pythonfmu's wrapper stays loaded on Linux whatever its host does, for its symbols are unique.
+        At exit it lets go of the interpreter twice, the second time in memory that is free by then,
+        unless it was told before to let go.
+        """
         if not self.abandoned:
+            if hasattr(self.free, "finalizePythonInterpreter"):
+                self.free.finalizePythonInterpreter()
             self._slave.freeLibrary()
         rmtree(self.folder, ignore_errors=True)
 

@@ -12,6 +12,7 @@ import sys
 import threading
 from pathlib import Path
 from textwrap import dedent
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -173,6 +174,39 @@ def test_nothing_is_left_behind(
         assert {len(row) for row in rows} == {len(rows[0])}
         assert (facts["status"], facts["reached"]) == ("interrupted", float(rows[-1][0]))
     assert list(scratch.iterdir()) == []
+
+
+def test_the_wrapper_of_python_fmus_lets_go_before_it_is_unloaded(
+    echo: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Without that it frees its memory twice when the process ends, and now and then crashes it."""
+    run(System({"a": echo}, start={"a.u": 1.0}), stop=0.01, step=0.01)
+    library, calls = KEPT[echo], []
+    assert hasattr(library.free, "finalizePythonInterpreter")
+    free = library._slave.freeLibrary
+    wrapper = SimpleNamespace(finalizePythonInterpreter=lambda: calls.append("let go"))
+    monkeypatch.setattr(library, "free", wrapper)
+    monkeypatch.setattr(library._slave, "freeLibrary", lambda: (calls.append("unloaded"), free()))
+    library.forget()
+    assert calls == ["let go", "unloaded"]
+
+
+@pytest.mark.slow
+def test_memory_is_sound_to_the_end_of_a_process_with_wrappers_of_others(
+    fmus: Path, echo: Path, tmp_path: Path
+) -> None:
+    if shutil.which("valgrind") is None:
+        pytest.skip("there is no valgrind")
+    (tmp_path / "script.py").write_text(dedent(SCRIPT))
+    parts = [*drive(fmus / "native").parts.values(), echo]
+    done = subprocess.run(
+        ["valgrind", "-q", "--undef-value-errors=no", sys.executable, "script.py", *map(str, parts)],
+        cwd=tmp_path, env=os.environ | {"PYTHONPATH": str(ROOT), "PYTHONMALLOC": "malloc"},
+        input="0.01\n", text=True, check=True, capture_output=True,
+    )  # fmt: skip
+    places = re.findall(r"(?:at|by) 0x\w+: (\S+)", done.stderr)
+    assert "ready" in done.stdout
+    assert "finalizePythonInterpreter" not in places, done.stderr
 
 
 def test_an_isolated_run_keeps_nothing(fmus: Path, tmp_path: Path) -> None:
