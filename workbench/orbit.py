@@ -14,7 +14,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import krogh_interpolate
 
 import cosim
 from cosim import Result, SimulationError, System
@@ -147,8 +146,11 @@ def return_map(sections: Samples) -> tuple[Samples, float]:
 def at_angles(phi: Samples, values: Samples, wanted: Samples) -> Samples:
     """Values, of shape (columns, rows), at wanted angles, on polynomials through NEAR rows."""
     found = np.empty((len(values), len(wanted)))
+    same = np.eye(NEAR)
     for k, angle in enumerate(wanted):
         i = int(np.clip(np.searchsorted(phi, angle) - NEAR // 2, 0, len(phi) - NEAR))
         near = slice(i, i + NEAR)
-        found[:, k] = krogh_interpolate(phi[near], values[:, near], angle, axis=1)
+        apart = phi[near][:, None] - phi[near] + same
+        lagrange = np.where(same, 1.0, (angle - phi[near]) / apart).prod(axis=1)
+        found[:, k] = values[:, near] @ lagrange
     return found

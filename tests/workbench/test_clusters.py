@@ -262,7 +262,7 @@ def test_a_study_whose_workers_are_gone_for_good_ends_with_its_rows(
             study.run(study.load(path, PROJECT), out=out, scheduler=address)
         vanished.result()
     asked = len((tmp_path / "ledger").read_text().split())
-    assert 0 < len(kept) == len(rows(out)) < asked
+    assert 0 < len(kept) == len(rows(out)) <= asked < 64
 
 
 @pytest.mark.slow

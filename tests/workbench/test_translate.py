@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-from scipy.interpolate import CubicSpline, krogh_interpolate
+from scipy.interpolate import CubicSpline
 from scipy.optimize import brentq
 
 from cosim import SetupError
@@ -162,7 +162,7 @@ def numerics() -> Any:
     told += [np.abs(np.linalg.eigvals([[0.2, 1.0], [-0.5, 0.1]])).max(), np.diff(grid, axis=0)]
     told += [np.sort(np.abs(np.linalg.eigvals(np.array([[2.0, 1, 0], [0, 3, 1], [1, 0, 4]]))))]
     told += [np.sort(np.roots([1.0, -2.5, -3.0, 4.0, 1.0]).real)]
-    told += [krogh_interpolate(x, np.stack([np.sin(x), x]), 0.33, axis=1)]
+    told += [np.where(np.eye(3), 1.0, grid[:3]).prod(axis=1), grid @ x[:3]]
     told += [brentq(lambda x: math.cos(x) - x, 0.0, 1.0, xtol=1e-15)]
     told += [harmonics(3 * x, np.stack([np.sin(3 * x) + 0.2, np.cos(6 * x)], axis=1), 2).imag]
     told += [abs(harmonics(3 * x, np.sin(3 * x + 0.4), 2))]

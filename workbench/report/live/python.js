@@ -365,6 +365,7 @@ const py = (() => {
     max(axis, initial) { return this.along(axis, x => Math.max(initial ?? -Infinity, most(x))); }
     min(axis, initial) { return this.along(axis, x => Math.min(initial ?? Infinity, -most(x, y => -y))); }
     sum(axis) { return this.along(axis, total); }
+    prod(axis) { return this.along(axis, x => x.reduce((a, b) => a * b, 1)); }
     mean(axis) { return this.along(axis, x => numbers.div(total(x), x.length)); }
     any(axis) { return this.along(axis, x => +x.some(y => y), true); }
     all(axis) { return this.along(axis, x => +x.every(y => y), true); }
@@ -381,7 +382,7 @@ const py = (() => {
     }
     cumsum() { let sum = 0; return new ND(this.shape, this.re.map(x => sum += x)); }
   }
-  for (const [name, names] of Object.entries({ max: "axis initial", min: "axis initial", sum: "axis", mean: "axis",
+  for (const [name, names] of Object.entries({ max: "axis initial", min: "axis initial", sum: "axis", mean: "axis", prod: "axis",
     any: "axis", all: "axis", cumprod: "axis" })) ND.prototype[name].params = names.split(" ");
 
   // Sums as numpy does them, in pairs of halves.
@@ -794,10 +795,6 @@ const lib = (() => {
       if (Math.sign(call(f, [x])) === sign) low = x; else high = x;
     }
   }, "f a b xtol");
-  const krogh_interpolate = named((x, y, at, der, axis = 0) => {
-    const rows = axis === 1 ? [...y] : [...(y.shape.length > 1 ? y.T : [y])];
-    return nd(rows.map(row => through(x.re, row.re)(at)));
-  }, "xi yi x der axis");
   const partial = (f, ...args) => made(f, args, {});
   const made = (f, args, words) => Object.assign((...more) => call(f, [...args, ...more], words), { bound: { f, args, words } });
   partial.made = made;
@@ -1001,7 +998,7 @@ const lib = (() => {
     },
     any: it => [...iter(it)].some(truth), all: it => { for (const one of iter(it)) if (!truth(one)) return false; return true; }, slice: (...ends) => ends.length > 1
       ? new py.Slice(ends[0], ends[1], ends[2] ?? null) : new py.Slice(null, ends[0] ?? null, null), set: it => new Set(it ?? []), reversed: it => [...iter(it)].reverse(),
-    type: it => it.constructor, getattr, islice, cache, brentq, krogh_interpolate, StopIteration, SimulationError: Failure, harmonics: named((phi, x, highest = 8) => {
+    type: it => it.constructor, getattr, islice, cache, brentq, StopIteration, SimulationError: Failure, harmonics: named((phi, x, highest = 8) => {
       const { shape } = x, columns = shape.length > 1 ? range(shape[1], k => x.column(k).re) : [x.re], out = new Float64Array(highest * columns.length), im = out.slice();
       harmonics(phi.re, columns, highest).forEach((orders, k) => orders.forEach(([a, b], n) => { out[n * columns.length + k] = a; im[n * columns.length + k] = b; }));
       return new ND([highest, ...shape.slice(1)], out, im);
