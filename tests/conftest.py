@@ -15,6 +15,8 @@ from zipfile import ZipFile
 
 for library in ("OMP", "OPENBLAS", "MKL"):
     os.environ.setdefault(f"{library}_NUM_THREADS", "1")
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # hundreds of processes would compile everything
+sys.dont_write_bytecode = False
 
 import pytest
 from pythonfmu import FmuBuilder
