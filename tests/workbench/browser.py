@@ -28,6 +28,7 @@ class Browser:
         self._write, self._read = write, read
         self._count, self._rest = 0, b""
         self._session: dict[str, str] = {}
+        self._open = ""
         self.events: list[dict[str, Any]] = []
 
     def _next(self) -> dict[str, Any]:
@@ -53,10 +54,12 @@ class Browser:
         return dict(reply["result"])
 
     def open(self, path: Path, width: int) -> None:
-        """Open a page that says when it is ready."""
-        self._session, self.events = {}, []
-        target = self.call("Target.createTarget", url="about:blank")["targetId"]
-        attached = self.call("Target.attachToTarget", targetId=target, flatten=True)
+        """Open a page that says when it is ready, in place of the one before."""
+        before, self._session, self.events = self._open, {}, []
+        self._open = self.call("Target.createTarget", url="about:blank")["targetId"]
+        if before:
+            self.call("Target.closeTarget", targetId=before)
+        attached = self.call("Target.attachToTarget", targetId=self._open, flatten=True)
         self._session = {"sessionId": attached["sessionId"]}
         for domain in ("Page", "Runtime", "Log", "Network"):
             self.call(f"{domain}.enable")
