@@ -43,7 +43,7 @@ def load(path: Path) -> ModuleType:
 
 
 def require_imports(path: Path) -> None:
-    """Raise ImportError for what would not be in the FMU."""
+    """Raise SyntaxError for what would not be in the FMU."""
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if not isinstance(node, ast.Import | ast.ImportFrom):
             continue
@@ -55,9 +55,10 @@ def require_imports(path: Path) -> None:
             package = name.partition(".")[0]
             whole = isinstance(node, ast.Import) and package == "fmukit"
             if whole or package not in {"fmukit", *sys.stdlib_module_names}:
-                raise ImportError(
-                    f"line {node.lineno}: {name or '.'} cannot go into the FMU: a model is one file "
-                    "on the standard library and 'from fmukit import ...'"
+                raise SyntaxError(
+                    f"{name or '.'} cannot go into the FMU: a model is one file on the standard "
+                    "library and 'from fmukit import ...'",
+                    (str(path), node.lineno, None, None),
                 )
 
 
@@ -71,11 +72,14 @@ def refusing(path: Path) -> Iterator[None]:
     except SyntaxError as error:
         raise Refused(f"{path}:{error.lineno}: {error.msg}") from error
     except Exception as error:
-        frames = [f for f in traceback.extract_tb(error.__traceback__) if f.filename == str(path)]
-        place = f"{path}:{frames[-1].lineno}" if frames else str(path)
-        where = f" in {frames[-1].name}" if frames and frames[-1].name != "<module>" else ""
-        said = " ".join(str(error).replace("'Node'", "a number").split()) or type(error).__name__
-        raise Refused(f"{place}:{where} {said}") from error
+        frames = traceback.extract_tb(error.__traceback__)
+        own = [f for f in frames if f.filename == str(path.absolute())]
+        place = f"{path}:{own[-1].lineno}" if own else str(path)
+        where = f" in {own[-1].name}:" if own and own[-1].name != "<module>" else ""
+        told = str(error).replace("'Node'", "a number").replace(".__new__()", "(...)")
+        raise Refused(
+            f"{place}:{where} {' '.join(told.split()) or type(error).__name__}"
+        ) from error
 
 
 def beside(model: ModuleType, name: str) -> Path | None:

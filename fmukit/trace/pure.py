@@ -16,16 +16,21 @@ from .values import Node, Tree, Untraceable, key
 REFUSED: dict[type[ast.AST], str] = {
     ast.Try: "try cannot go into the FMU, where nothing is raised: ask with if",
     ast.Global: "global cannot go into the FMU: what a function keeps is a State",
+    ast.MatchSingleton: "case True, False or None cannot go into the FMU: write if",
+    ast.Assert: "assert cannot go into the FMU: write if not ...: raise ValueError(...)",
 }
 
 
 def require(model: ModuleType, tracer: Tracer) -> None:
-    """Raise Untraceable for a function that the FMU would not repeat: that catches errors, gives
-    what is no number, or another value when called again with the same numbers.
+    """Raise SyntaxError or Untraceable for a function that the FMU would not repeat: that catches
+    errors, gives what is no number, or another value when called again with the same numbers.
     """
-    for node in ast.walk(ast.parse(inspect.getsource(model))):
-        if type(node) in REFUSED:
-            raise Untraceable(f"line {node.lineno}: {REFUSED[type(node)]}")  # type: ignore[attr-defined]
+    known = ast.walk(ast.parse(inspect.getsource(model)))
+    for node in (
+        inner for outer in known if isinstance(outer, ast.FunctionDef) for inner in ast.walk(outer)
+    ):
+        if isinstance(node, ast.stmt | ast.pattern) and (said := REFUSED.get(type(node))):
+            raise SyntaxError(said, (model.__file__, node.lineno, None, None))
     p, x, u = (start(cls) for cls in (model.Parameters, model.State, model.Inputs))
     for name, result in (("derivatives", model.State), ("outputs", model.Outputs)):
         seen = checked(model, name, result)
@@ -46,17 +51,23 @@ def checked(model: ModuleType, name: str, result: Any) -> Callable[..., Any]:
     def call(p: Any, t: Any, x: Any, u: Any) -> Any:
         found = getattr(model, name)(p, t, x, u)
         if not isinstance(found, result):
-            raise Untraceable(f"{name} gives {found!r}: write return {result.__name__}(...)")
+            raise Untraceable(f"{name} gives {_told(found)}: write return {result.__name__}(...)")
         for place, value, declared in zip(result._fields, found, result._declared.values()):
             truth = isinstance(value, bool) and declared.kind == "Real"
             if truth or not isinstance(value, Node | float | int):
                 raise Untraceable(
-                    f"in {name} {result.__name__}.{place} is {value!r}, which is no number"
+                    f"in {name} {result.__name__}.{place} is {_told(value)}, which is no number"
                     + (": write 1.0 if ... else 0.0" if truth else "")
                 )
         return found
 
     return call
+
+
+def _told(value: Any) -> str:
+    if value is None or isinstance(value, bool):
+        return repr(value)
+    return "a number" if isinstance(value, Node) else f"a {type(value).__name__}"
 
 
 def ends(tree: Tree) -> list[tuple[Any, ...]]:
