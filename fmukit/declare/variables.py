@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from enum import IntEnum
+from inspect import Signature, signature
+from math import inf
 from types import ModuleType
 from typing import Any, NamedTuple
 
@@ -60,6 +63,11 @@ class Variable(NamedTuple):
 
 
 RECORDS = ("Parameters", "Inputs", "State", "Outputs")
+FUNCTIONS = {
+    "derivatives": "p, t, x, u", "outputs": "p, t, x, u", "guard": "p, t, x, u",
+    "jump": "p, t, x, u, which", "prepare": "p, x", "settle": "p, x",
+}  # fmt: skip
+"""What the functions of a model take."""
 
 
 def complete(model: Any) -> None:
@@ -74,14 +82,37 @@ def complete(model: Any) -> None:
     if not hasattr(model, "outputs") and not model.Outputs._declared:
         empty = model.Outputs()
         model.outputs = lambda p, t, x, u: empty
-    for name, form in {
+    needed = {
         "__doc__": 'write """One line that says what it is""" at the top of the file',
         "EXPERIMENT": "write EXPERIMENT = Experiment(stop=10.0, step=0.01)",
         "derivatives": "write def derivatives(p, t, x, u), which returns the State of slopes",
         "outputs": "write def outputs(p, t, x, u), which returns the Outputs",
-    }.items():
+    }
+    if hasattr(model, "guard") or hasattr(model, "jump"):
+        needed["guard"] = "write def guard(p, t, x, u), which returns a tuple of what stays above 0"
+        needed["jump"] = "write def jump(p, t, x, u, which), which returns the State after it"
+    for name, form in needed.items():
         if not getattr(model, name, None):
             raise TypeError(f"{'the docstring' if name == '__doc__' else name} is missing: {form}")
+    stop, step = model.EXPERIMENT
+    if not 0.0 < step <= stop < inf:
+        raise ValueError(
+            f"EXPERIMENT has stop = {stop!r} s and step = {step!r} s: 0 < step <= stop"
+        )
+    for name, takes in FUNCTIONS.items():
+        if hasattr(model, name):
+            _require_arguments(name, signature(getattr(model, name)), takes.split(", "))
+
+
+def _require_arguments(name: str, has: Signature, takes: list[str]) -> None:
+    given = list(has.parameters)
+    swapped = given[: len(takes)] != takes and sorted(given[: len(takes)]) == sorted(takes)
+    try:
+        has.bind(*takes)
+    except TypeError:
+        swapped = True
+    if swapped:
+        raise TypeError(f"{name} takes {', '.join(given)}: write def {name}({', '.join(takes)})")
 
 
 class Interface:
@@ -100,8 +131,9 @@ class Interface:
         first = len(self.variables)
         self.derivatives = slice(first, first + len(self.continuous))
         self.by_name = {v.name: v for v in self.variables}
-        if len(self.by_name) != len(self.variables):
-            raise ValueError(f"{model.__name__} declares a name twice")
+        for name, times in Counter(v.name for v in self.variables).items():
+            if times > 1:
+                raise ValueError(f"{name} is declared twice: every state is an output, too")
 
     def _add(self, cls: Any, causality: str, initial: str) -> slice:
         first = len(self.variables)

@@ -32,10 +32,14 @@ def require(model: ModuleType, tracer: Tracer) -> None:
         if isinstance(node, ast.stmt | ast.pattern) and (said := REFUSED.get(type(node))):
             raise SyntaxError(said, (model.__file__, node.lineno, None, None))
     p, x, u = (start(cls) for cls in (model.Parameters, model.State, model.Inputs))
-    for name, result in (("derivatives", model.State), ("outputs", model.Outputs)):
+    results = {"derivatives": model.State, "outputs": model.Outputs}
+    if hasattr(model, "guard"):
+        results |= {"guard": tuple, "jump": model.State}
+    for name, result in results.items():
         seen = checked(model, name, result)
+        given = {"p": p, "t": 0.0, "x": x, "u": u} | ({"which": 0} if name == "jump" else {})
         try:
-            once, again = (tracer.trace(name, seen, p=p, t=0.0, x=x, u=u) for _ in range(2))
+            once, again = (tracer.trace(name, seen, **given) for _ in range(2))
         except RecursionError as error:
             raise Untraceable(f"{name} calls itself without end") from error
         if ends(once.tree) != ends(again.tree):
@@ -48,18 +52,20 @@ def require(model: ModuleType, tracer: Tracer) -> None:
 def checked(model: ModuleType, name: str, result: Any) -> Callable[..., Any]:
     """A function of a model that refuses to return anything but its record of numbers."""
 
-    def call(p: Any, t: Any, x: Any, u: Any) -> Any:
-        found = getattr(model, name)(p, t, x, u)
+    def call(**given: Any) -> Any:
+        found = getattr(model, name)(*given.values())
         if not isinstance(found, result):
-            raise Untraceable(f"{name} gives {_told(found)}: write return {result.__name__}(...)")
-        for place, value, declared in zip(result._fields, found, result._declared.values()):
+            form = "(..., ...)" if result is tuple else f"{result.__name__}(...)"
+            raise Untraceable(f"{name} gives {_told(found)}: write return {form}")
+        for place, declared in getattr(result, "_declared", {}).items():
+            value = getattr(found, place)
             truth = isinstance(value, bool) and declared.kind == "Real"
             if truth or not isinstance(value, Node | float | int):
                 raise Untraceable(
                     f"in {name} {result.__name__}.{place} is {_told(value)}, which is no number"
                     + (": write 1.0 if ... else 0.0" if truth else "")
                 )
-        return found
+        return 0.0 if result is tuple else found  # a guard may be as long as its stage needs
 
     return call
 

@@ -146,6 +146,8 @@ class State:
 def derivatives(p, t, x, u):
     return State(x=rate(x.x, p.n0))
 """
+STILL = BODY.replace("rate(x.x, p.n0)", "p.n0")
+JUMP = "def jump(p, t, x, u, which):\n    return State(x=1.0)\n"
 
 
 def test_names_of_a_model_are_not_those_of_the_printers(tmp_path: Path) -> None:
@@ -258,6 +260,21 @@ def test_all_functions_of_math_that_c_has_give_the_same_bits(tmp_path: Path) -> 
          "thing.py: derivatives gives a number: write return State(...)"),
         (HEAD + BODY.replace("State(x=rate(x.x, p.n0))", "x.x, 1.0"),
          "thing.py: derivatives gives a tuple: write return State(...)"),
+        (HEAD + STILL + "def guard(p, t, x, u):\n    return x.x\n" + JUMP,
+         "thing.py: guard gives a number: write return (..., ...)"),
+        (HEAD + BODY + "def guard(p, t, x, u):\n    return (x.x,)\n", "thing.py: jump is missing: write"),
+        (HEAD + BODY + JUMP, "thing.py: guard is missing: write def guard(p, t, x, u)"),
+        (HEAD + STILL + "def guard(p, t, x, u):\n    return (x.x,)\n" + JUMP.replace("State(x=1.0)", "(1.0,)"),
+         "thing.py: jump gives a tuple: write return State(...)"),
+        (HEAD + BODY.replace("(p, t, x, u)", "(p, x, t, u)"),
+         "thing.py: derivatives takes p, x, t, u: write def derivatives(p, t, x, u)"),
+        (HEAD + BODY.replace("(p, t, x, u)", "(p, t, x)"),
+         "thing.py: derivatives takes p, t, x: write def derivatives(p, t, x, u)"),
+        (HEAD + BODY + "@record\nclass Outputs:\n    x: Length = real(0.0, 'x')\n"
+         "def outputs(p, t, x, u):\n    return Outputs(x.x)\n",
+         "thing.py: x is declared twice: every state is an output, too"),
+        (HEAD.replace("step=", "step=-") + BODY,
+         "thing.py: EXPERIMENT has stop = 0.1 s and step = -0.01 s: 0 < step <= stop"),
         (HEAD + BODY.replace("State(x=rate(x.x, p.n0))", "State()"),
          "thing.py:16: in derivatives: State(...) missing 1 required positional argument: 'x'"),
         (HEAD + BODY.replace("    return State", "    assert x.x < 9.0\n    return State"),
