@@ -17,12 +17,12 @@ import numpy as np
 
 import cosim
 import workbench
-from cosim import System
+from cosim import System, largest
 from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, Table, option
 from workbench.answer import parameters
 from workbench.figure import refusals
 from workbench.limit import coupling
-from workbench.measure import Measured, Samples, harmonics
+from workbench.measure import Measured, Samples, harmonics, measured
 from workbench.orbit import NotSteady, steady
 from workbench.report.chart import SERIES
 
@@ -68,6 +68,18 @@ class Machine(NamedTuple):
         """Over a turn at constant speed [N.m]."""
         return self.still + self.moving * nu**2
 
+    def most(self, nu: float) -> Measured:
+        """The largest torque of such a turn, of either sign [N.m]."""
+        return measured(largest, self.phi, abs(self.torque(nu)))
+
+    def excitation(self, nu: float, order: int) -> Measured:
+        """What such a turn has of an order [N.m]."""
+        whole, *halves = (
+            float(abs(harmonics(self.phi[rows], self.torque(nu)[rows], ORDERS)[order - 1]))
+            for rows in (np.s_[:], np.s_[::2], np.s_[1::2])
+        )
+        return Measured(whole, max(abs(whole - half) for half in halves))
+
     def system(self, T: float, nu: float) -> System:
         """With the lag T [s] of a motor that is set for the mean speed nu [rad/s], turning from phi = 0."""
         mean = self.work / (2 * math.pi * self.i_g)
@@ -106,7 +118,8 @@ def measure(drive: System) -> Machine:
     still = one["iron.tau_cam"][:-1] - moving
     whole = (2 * one["iron.E_kin"] / one["iron.w_cam"] ** 2)[:-1]
     theta, work = whole - (iron.FLYWHEEL - rotor) * i_g**2, float(one["iron.E_friction"][-1])
-    off = max(abs(float(theta.mean() - theta[first::2].mean())) for first in (0, 1))
+    fewer = [theta[first::n].mean() for n in (2, 3) for first in range(n)]
+    off = max(abs(float(theta.mean() - mean)) for mean in fewer)
     mean = Measured(float(theta.mean()), off)
     return Machine(drive, slope, i_g, mean, work, one["iron.phi"][:-1], still, moving)
 
@@ -139,7 +152,7 @@ def simulate(machine: Machine, case: tuple[float, float, int]) -> list[Sequence[
     M, excited, behind = np.abs(torque), np.abs(tau), np.angle(tau) - np.angle(torque)
     columns = [
         M, np.degrees(np.angle(torque)), np.abs(speed), excited, np.degrees(behind) % 360.0,
-        M / excited, left * np.abs(torque - before), 100 * (M - excited) / abs(excitation).max(),
+        M / excited, left * np.abs(torque - before), 100 * (M - excited) / machine.most(nu).value,
     ]  # fmt: skip
     return [(T, nu, k, *row) for k, row in enumerate(np.transpose(columns).tolist(), 1)]
 
@@ -148,7 +161,7 @@ def figures(machine: Machine, orders: Frame, runs: Frame) -> dict[str, Figure]:
     """Inertia, slope and limit of the mechanism; of each lag the formula, and where it adds most.
 
     `runs` are the order that each lag adds most to, with all, a half and a quarter of the steps;
-    the errors are those of the coupling, and what settling leaves.
+    the errors are those of the coupling, of the excitation's rows, and what settling leaves.
     """
     theta, B, order = machine.theta, machine.i_g**2 * machine.slope, cosim.ORDERS[ALGORITHM]
     limits, off = iron.limits(machine.drive), theta.error / (2 * theta.value)
@@ -169,9 +182,13 @@ def figures(machine: Machine, orders: Frame, runs: Frame) -> dict[str, Figure]:
             "added": Figure.refused("%", f"{why} at any speed of the sweep", share),
         }
         for at in mine.head(1).itertuples():
-            left, scale = 2 * at.settling, at.added / (at.torque - at.excitation)
-            added = coupling(mine["added"].to_list(), order) + scale * left
-            gain = coupling(mine["gain"].to_list(), order) + left / at.excitation
+            left, most = 2 * at.settling, machine.most(at.nu)
+            apart = machine.excitation(at.nu, at.order).error
+            added = coupling(mine["added"].to_list(), order)
+            added += (100 * (left + apart) + at.added * most.error) / most.value
+            gain = (
+                coupling(mine["gain"].to_list(), order) + (left + at.gain * apart) / at.excitation
+            )
             told["added"] = Figure(at.added, "%", added, share)
             told["gain"] = Figure(at.gain, "1", gain, f"gain of order {at.order} there")
             told["worst_speed"] = Figure(at.nu, "rad/s", 0.0, "speed of the sweep there")

@@ -16,6 +16,7 @@ import pytest
 
 from scenarios.__main__ import PROJECT
 from scenarios.conveyor.theory import SETS, longest_step
+from scenarios.iron import iron_orders
 from tests.conftest import ROOT, ask
 from workbench import command, question
 
@@ -424,6 +425,16 @@ def test_iron_orders_know_when_a_resonance_matters() -> None:
     assert answer.verdict.startswith(beginning)
     slow = ask("iron_orders", speeds="2").verdict
     assert slow.startswith("No resonance is of practical importance: no lag adds more than 10 %")
+
+
+def test_what_the_lag_adds_lies_within_its_error_of_what_more_samples_of_a_turn_tell(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Also the largest torque, of which it is a share, stands between samples."""
+    few = ask("iron_orders", speeds="6.4").figures
+    monkeypatch.setattr(iron_orders, "PER_REV", 4 * iron_orders.PER_REV)
+    for name, figure in ask("iron_orders", speeds="6.4").figures.items():
+        assert abs(few[name].value - figure.value) <= few[name].error + figure.error, name
 
 
 def test_a_speed_without_steady_motion_is_warned_of() -> None:
