@@ -111,17 +111,19 @@ def gain(base: System, mu: float, speeds: Sequence[float], name: str) -> Sequenc
 
 def figures(plane: Any, raised: Any, machine: Machine, found: Figure) -> dict[str, Figure]:
     """The limit of the FMU's cup, how far formula and bound are off, and what each dimension gains."""
-    off, over = (100 * (plane[x] / plane["limit"] - 1) for x in ("formula", "joint"))
-    wide, formula = 100 * plane["error"] / plane["limit"], rpm(machine.limit()[0])
+    shares = [plane[x] / plane["limit"] for x in ("formula", "joint")]
+    off, over = (100 * (share - 1) for share in shares)
+    off_wide, over_wide = (100 * share * plane["error"] / plane["limit"] for share in shares)
+    formula = rpm(machine.limit()[0])
     told = {
         "limit": found,
         "formula": Figure(formula, "rpm", 0.0, "the same by the formula")
         if formula > 0.0
         else Figure.refused("rpm", "the formula finds none", "the same by the formula"),
         "joint": Figure(rpm(machine.lies_down), "rpm", 0.0, "closed bound: joint comes to its end"),
-        "off": extreme(off.abs(), wide, "largest difference of formula and simulation"),
-        "above_least": extreme(-over, wide, "least that the closed bound is above the limits"),
-        "above_most": extreme(over, wide, "most that it is above them"),
+        "off": extreme(off.abs(), off_wide, "largest difference of formula and simulation"),
+        "above_least": extreme(-over, over_wide, "least that the closed bound is above the limits"),
+        "above_most": extreme(over, over_wide, "most that it is above them"),
     }
     told["above_least"] = told["above_least"]._replace(value=-told["above_least"].value)
     for row in raised.itertuples():
@@ -134,10 +136,11 @@ def figures(plane: Any, raised: Any, machine: Machine, found: Figure) -> dict[st
 
 
 def extreme(values: Any, errors: Any, meaning: str) -> Figure:
-    """The largest of these values, with the error of its limit."""
+    """The largest of these values; its error is how much each of them might be further out, or its own."""
     if values.isna().all():
         return Figure.refused("%", "no limit was found", meaning)
-    return Figure(float(values.max()), "%", float(errors[values.idxmax()]), meaning)
+    own, beyond = errors[values.idxmax()], (values + errors).max() - values.max()
+    return Figure(float(values.max()), "%", float(max(own, beyond)), meaning)
 
 
 def strongest(f: Mapping[str, Figure], names: Sequence[str]) -> str:
@@ -150,11 +153,13 @@ def strongest(f: Mapping[str, Figure], names: Sequence[str]) -> str:
     return f"{name}, of which 1 % more changes it by {gain.text()}"
 
 
-def verdict(o: Options, f: Mapping[str, Figure], r: object) -> str:
+def verdict(o: Options, f: Mapping[str, Figure], r: tuple[System, Mapping[str, Table]]) -> str:
     """The limit, how well the formula tells it, and which dimension raises it most."""
+    known = r[1][PLANE].frame["limit"].notna()
+    where = "all" if known.all() else f"the {known.sum()} of {len(known)} pairs with a limit of"
     return (
         f"With friction {o.friction:g} the rotor may turn at up to {f['limit'].text()}; the formula says "
-        f"{f['formula'].text()}. Over all cups and frictions the formula is within {f['off'].text()} of "
+        f"{f['formula'].text()}. Over {where} cups and frictions the formula is within {f['off'].text()} of "
         f"the simulated limits, and the closed bound {f['above_least'].text()} to "
         f"{f['above_most'].text()} above them. The dimension that moves the limit most is "
         f"{strongest(f, LENGTHS)}; of the cup itself it is {strongest(f, LENGTHS[:3])}."

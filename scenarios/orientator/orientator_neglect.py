@@ -4,7 +4,7 @@ The times of orientation and the fastest rotors with each of them, less those of
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -17,6 +17,7 @@ from cosim.system import Value, connect
 from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, option
 from workbench.answer import parameters
 from workbench.figure import refusals
+from workbench.limit import coupling
 from workbench.measure import ROUNDING, Measured
 from workbench.report.chart import SERIES
 
@@ -32,7 +33,7 @@ OWN = (
     "orientator.chute.mu", "orientator.w", "orientator.release", f"{NEGLECTED}mu_side",
     f"{NEGLECTED}mu_catcher", f"{NEGLECTED}rim", f"{NEGLECTED}anchored", f"{NEGLECTED}length",
 )  # fmt: skip
-TABLE, PLAIN, SPACING = "orientator_neglect.csv", "paper", 0.03
+TABLE, PLAIN, SPACING, BESIDE = "orientator_neglect.csv", "paper", 0.03, (0.98, 1.02, 3)
 WORDS = {
     "coriolis": "Coriolis forces",
     "hook": "friction on the hook",
@@ -92,20 +93,46 @@ def solve(o: Options, bench: Bench) -> Findings:
     )
 
 
+def creeping(system: System) -> list[System]:
+    """The machine with a quarter, a half and all of the speed below which what would stick creeps; the
+    machine alone where nothing does.
+    """
+    told = parameters(system)
+    if not any(told[f"{NEGLECTED}{mu}"].value for mu in ("mu_side", "mu_catcher")):
+        return [system]
+    creeps = (float(told[CREEP].value) / n for n in (4, 2, 1))
+    return [replace(system, start={**system.start, CREEP: creep}) for creep in creeps]
+
+
+def crept(values: Sequence[float]) -> float:
+    """What the creep still makes of the first of values of `creeping` machines: they are linear in it."""
+    return coupling(values, 1.0) if len(values) > 1 else 0.0
+
+
 def takes(mu: float, case: tuple[System, float]) -> Measured:
-    """A time of orientation; its error is what half the step and half the creep change."""
+    """A time of orientation; its error is what half the step changes, and what is left of the creep."""
     system, n = case
-    creep = float(parameters(system)[CREEP].value)
-    slower = replace(system, start={**system.start, CREEP: creep / 2})
-    ways = ((system, STEP), (system, STEP / 2), (slower, STEP))
-    time, *others = (simulate(machine, mu, n, step)[4] for machine, step in ways)
-    return Measured(time, sum(abs(time - x) for x in others) + ROUNDING)
+    machines = creeping(system)
+    times = [simulate(machine, mu, n)[4] for machine in machines]
+    halved = simulate(machines[0], mu, n, STEP / 2)[4]
+    if not np.isfinite([*times, halved]).all():
+        return Measured(math.nan, math.nan)
+    return Measured(times[0], crept(times) + abs(times[0] - halved) + ROUNDING)
 
 
 def ending(mu: float, system: System) -> Figure:
-    """The fastest rotor that orients, sought below where friction holds cups in the chute."""
+    """The fastest rotor that orients, sought below where friction holds cups in the chute; its error
+    is the bracket, and what is left of the creep.
+    """
+    first, *others = creeping(system)
     speeds = np.arange(0.3, 1.0, SPACING) * rpm(Machine.of(system).sticks)
-    return fastest(system, speeds.tolist(), mu)
+    found = fastest(first, speeds.tolist(), mu)
+    near = (np.linspace(*BESIDE) * found.value).tolist()
+    ends = [found, *(fastest(machine, near, mu) for machine in others if found.error)]
+    for end in ends:
+        if end.error is None:
+            return end
+    return found._replace(error=(found.error or 0.0) + crept([end.value for end in ends]))
 
 
 def figures(told: Mapping[str, Measured]) -> dict[str, Figure]:

@@ -8,6 +8,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 from scipy.integrate import solve_ivp
 
@@ -169,6 +170,12 @@ def test_a_smaller_chute_raises_the_limit_as_the_centrifugal_force_says() -> Non
     assert gain == pytest.approx(-0.5 * 0.27 / (0.27 - 0.02), abs=0.03)
 
 
+def test_an_extreme_is_as_uncertain_as_what_may_lie_beyond_it() -> None:
+    values, errors = pd.Series([1.0, 0.99, math.nan]), pd.Series([0.001, 0.05, 0.2])
+    assert orientator_limit.extreme(values, errors, "x").error == pytest.approx(0.04)
+    assert orientator_limit.extreme(values, errors / 100, "x").error == pytest.approx(1e-5)
+
+
 def test_effects_have_the_sense_of_their_cause() -> None:
     answer = ask("orientator_neglect", speeds="0rpm")
     f, row = answer.figures, answer.table.iloc[0]
@@ -176,11 +183,24 @@ def test_effects_have_the_sense_of_their_cause() -> None:
         "no rotation, no Coriolis force"
     )
     assert f["coriolis"].value == pytest.approx(2.296, abs=1e-3)
-    assert f["hook"].value == pytest.approx(-11.643, abs=5e-3)
+    assert f["hook"].value == pytest.approx(-11.652, abs=5e-3)
     assert 0.0 < f["corner"].value < 0.05
     assert f["spring"].value == pytest.approx(-0.0323, abs=1e-4)
     assert f["limit_coriolis"].value < f["limit_paper"].value
     assert f["limit_paper"].value <= LIMITS[0.35] <= f["limit_paper"].value + f["limit_paper"].error
+
+
+def test_what_neglected_friction_makes_lies_within_its_error_of_what_hardly_creeps() -> None:
+    """Where it would stick the FMU creeps, which acts on times and limits in proportion."""
+    rough = system(0.35, **{"orientator.neglected.mu_catcher": 0.35})
+    hardly = replace(rough, start=rough.start | {orientator_neglect.CREEP: 1e-3 / 64})
+    told, limit = (
+        orientator_neglect.takes(0.35, (rough, 60.0)),
+        orientator_neglect.ending(0.35, rough),
+    )
+    assert abs(told.value - simulate(hardly, 0.35, 60.0)[4]) <= told.error < 2e-4
+    exact = fastest(hardly, np.arange(76.0, 79.0).tolist(), 0.35)
+    assert abs(limit.value - exact.value) <= limit.error + exact.error < 0.1
 
 
 def test_what_is_neglected_has_the_same_bits_in_both_flavours() -> None:
