@@ -285,10 +285,10 @@ def figures(points: DataFrame, rows: DataFrame, error: float) -> dict[str, Figur
         name: Figure(float(value), unit, error * float(value), meaning)
         for name, value, unit, meaning in (
             ("gain_max", points["gain"].max(), "1",
-             "largest gain: torque ripple over load ripple, order 2"),
-            ("ripple_max", points["ripple"].max(), "N.m", "largest torque ripple, order 2"),
-            ("ratio_min", ratio.min(), "1", f"least {over}"),
-            ("ratio_max", ratio.max(), "1", f"largest {over}"),
+             "largest gain at a point: torque ripple over load ripple, order 2"),
+            ("ripple_max", points["ripple"].max(), "N.m", "largest torque ripple at a point, order 2"),
+            ("ratio_min", ratio.min(), "1", f"least at a point: {over}"),
+            ("ratio_max", ratio.max(), "1", f"largest at a point: {over}"),
         )
     }  # fmt: skip
     for place, other, what in (
