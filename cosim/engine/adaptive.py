@@ -63,7 +63,7 @@ class Scale:
             if v.type == "Real"
         }
         self.largest = [nominal[name] for name in self.names]
-        fed_through = frozenset[str]().union(*(part.fed_through() for part in parts))
+        fed_through = set[str]().union(*(part.fed_through() for part in parts))
         self.instant = [name in fed_through for name in self.names]
 
     def values(self) -> list[float]:

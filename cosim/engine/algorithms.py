@@ -185,8 +185,21 @@ def order(algorithm: str, input_order: int, parts: Sequence[Coupled]) -> int:
     An FMU that cannot interpolate gets means, of order 2. Means and the half steps of Strang are of
     order 1 over outputs with direct feedthrough, which show an input from within the step.
     """
-    if input_order and all(part.curves is None or part.curves.capable for part in parts):
+    if moving(input_order, parts):
         return input_order + 1
     if any(part.fed_through() for part in parts):
         return 1
     return 2 if input_order else ORDERS[algorithm]
+
+
+def moving(input_order: int, parts: Sequence[Coupled]) -> bool:
+    """Whether all inputs move within a step, so that outputs belong to its end."""
+    return input_order > 0 and all(p.curves is None or p.curves.capable for p in parts)
+
+
+def late(input_order: int, parts: Sequence[Coupled]) -> set[str]:
+    """The outputs that show an input from within the step: whatever the order of the states, they
+    converge with order 1.
+    """
+    still = () if moving(input_order, parts) else parts
+    return set[str]().union(*(part.following() for part in still))

@@ -46,15 +46,18 @@ class Coupled(Part):
         """Whether a wire carries what its events alone change, and a step can end there."""
         return False
 
-    def fed_through(self) -> frozenset[str]:
-        """The wired Real outputs on which a wired input acts at once, as far as it is declared."""
+    def following(self) -> set[str]:
+        """The outputs on which a wired input acts at once, as far as it is declared."""
         wired = {name for block in self.inputs for name in block.names}
-        shown = frozenset(name for block in self.outputs if block.real for name in block.names)
-        return shown & {
+        return {
             f"{self.name}.{output}"
             for output, inputs in feedthrough(self.description).items()
             if any(f"{self.name}.{name}" in wired for name in inputs)
         }
+
+    def fed_through(self) -> set[str]:
+        """Those of them that are Real and wired themselves."""
+        return self.following() & {n for block in self.outputs if block.real for n in block.names}
 
     def bring(self) -> None:
         """Bring the values of the wires into the buffers."""

@@ -15,7 +15,7 @@ from fmpy.model_description import ScalarVariable
 from ..errors import Discarded, Met, PartFailure, SetupError
 from ..system import NUMERIC, STATE, VARIABLE_STEP, Network, Port, lacking
 from .adaptive import Adaptive, Controller, by_energy, doubling
-from .algorithms import EXPLICIT, Advance, explicit, iterated, order, program
+from .algorithms import EXPLICIT, Advance, explicit, iterated, late, order, program
 from .changes import Change, changing
 from .clock import same
 from .exchange import Coupled
@@ -143,7 +143,11 @@ class Run:
         self._advance: Advance = iterated(parts) if steps is None else explicit(steps)
         self._advance = changing(self._advance, changes)
         self._events = [change.time for change in changes]
-        self._order = order(algorithm, plan.input_order, parts)
+        self._order, behind = (
+            order(algorithm, plan.input_order, parts),
+            late(plan.input_order, parts),
+        )
+        self._late = [name for name in recorder.columns if name in behind]
         every = plan.every()
         if plan.output_step is not None and self.row.discrete:
             every = None
@@ -308,7 +312,8 @@ class Run:
     def statistics(self) -> dict[str, Any]:
         """What the run took."""
         return {
-            "control": self.control, "convergence_order": self._order, "steps": self.accepted,
+            "control": self.control, "convergence_order": self._order, "first_order": self._late,
+            "steps": self.accepted,
             "rejected": self.controller.rejected if self.controller else 0, "discarded": self.discarded,
             "do_steps": {part.name: part.do_steps for part in self.parts}, "loop": self.loop,
         }  # fmt: skip

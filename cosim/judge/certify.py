@@ -23,7 +23,6 @@ HALVED, TENTH = 2.0, 10.0
 THINNED, SHIFTED, FAR = (2, 3), (0.125, 0.25, 0.5, 0.75, 0.875), 10.0
 MOST_DIGITS, TICKS, SHARED = 7, 12, 0.5
 
-
 SUMMARY: dict[str, Callable[[Rows, Rows], float]] = {
     " at the end": lambda t, x: x[-1],
     ", smallest": smallest,
@@ -145,11 +144,14 @@ def certify(
         values.insert(0, figures(result))
         data.insert(0, result.data)
     order = 1.0 if ratio == TENTH else result.provenance["convergence_order"]
+    late = result.provenance.get("first_order", ())
+    orders = np.array([min(order, 1.0) if name in late else order for name in result.columns])
+    converges = _order(figures, result, values[0], orders)
     rows = by_rows(figures, result, values[0])
-    hidden = _hidden(figures, result, values[0], data, order, ratio)
+    hidden = _hidden(figures, result, values[0], data, orders, ratio)
     found = {}
     for name in values[0]:
-        coupling = estimate([v[name] for v in values], order, ratio)
+        coupling = estimate([v[name] for v in values], converges[name], ratio)
         whole = _summed(coupling, [v[name] for v in values], rows[name])
         if whole.error is not None and math.isfinite(least := hidden.get(name, 0.0)):
             whole = whole._replace(error=max(whole.error, least))
@@ -157,12 +159,27 @@ def certify(
     return Certified(result, found)
 
 
+def _order(
+    figures: Callable[[Result], Mapping[str, float]],
+    result: Result,
+    values: Mapping[str, float],
+    orders: Rows,
+) -> dict[str, float]:
+    """The order at which each figure converges: the lowest of the columns that change it."""
+    most, low = float(orders.max()), orders < orders.max()
+    rows = result.data.copy()
+    rows[:, low] *= np.linspace(0.5, 1.5, len(rows))[:, None]
+    seen = _tried(figures, result, rows) if low.any() else []
+    least = float(orders.min())
+    return {k: least if seen and seen[0][k] != value else most for k, value in values.items()}
+
+
 def _hidden(
     figures: Callable[[Result], Mapping[str, float]],
     result: Result,
     values: Mapping[str, float],
     runs: Sequence[Rows],
-    order: float,
+    orders: Rows,
     ratio: float,
 ) -> dict[str, float]:
     """How far figures are from those of the rows that the runs tend to, and of rows between them.
@@ -182,8 +199,8 @@ def _hidden(
     last, before = fine - middle, middle - coarse
     with np.errstate(all="ignore"):
         falls = np.log(before / last) / math.log(ratio)
-    regular = (last * before > 0.0) & (falls >= SLOWEST) & (falls <= order + FASTER)
-    off = np.where(regular, last, 0.0) / (ratio**order - 1)
+    regular = (last * before > 0.0) & (falls >= SLOWEST) & (falls <= orders + FASTER)
+    off = np.where(regular, last, 0.0) / (ratio**orders - 1)
     rows = data.copy()
     for k in 1 + np.flatnonzero((data != np.round(data))[:, 1:].any(axis=0)):
         rows[:, k] += np.interp(times[0], shared, off[:, k])

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cosim import Result, System, certify, estimate, smallest
+from cosim import Result, System, certify, estimate, run, smallest
 from cosim.verification.ideal import Ideal
 from cosim.verification.systems import couple, drive
-from tests.cosim.test_cosim import ripple
+from tests.cosim.test_cosim import pair, ripple
 
 
 @pytest.mark.parametrize("order", [1, 2])
@@ -55,6 +55,23 @@ def test_an_extreme_that_every_run_smoothes_away_is_in_the_error(figure: Any) ->
     ).figures["x"]
     assert found.value == pytest.approx(0.0, abs=1e-12)
     assert found.error is not None and 1 / 80 <= found.error <= 3 / 80
+
+
+@pytest.mark.parametrize(("J", "w"), [(4.93, 50.4), (0.77, 60.0), (2.89, 58.7)])
+def test_an_output_that_follows_its_input_at_once_converges_with_order_1(
+    J: float, w: float, native: Path
+) -> None:
+    """Also where the last step is shorter than the others, and by another share in each run."""
+    system = pair(native, {"conveyor.w": w, "conveyor.rotor.J": J})
+    asked = {"stop": 0.4, "record": ["conveyor.f_rod", "conveyor.w"]}
+    exact = run(system, step=2e-6, output_step=1e-3, **asked)["conveyor.f_rod"][-1]
+    ratios = []
+    for step in np.geomspace(1e-3, 4e-3, 13).tolist():
+        told = certify(system, lambda r: {"f": r["conveyor.f_rod"][-1]}, step=step, **asked)
+        figure = told.figures["f"]
+        if figure.error is not None:
+            ratios.append(abs(figure.value - exact) / figure.error)
+    assert len(ratios) > 6 and max(ratios) <= 1.0
 
 
 def test_the_order_stated_knows_of_direct_feedthrough(fmus: Path) -> None:
