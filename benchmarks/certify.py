@@ -55,6 +55,8 @@ FMUS = ROOT / "fmus"
 ALGORITHMS = ("jacobi", "gauss-seidel", "strang")
 HALVINGS = 5
 FINE, SHOWN = 20001, 4001
+EARLY, CLOSE = 1e-3, 401
+"""The share of the time in which what starts from rest is looked at as closely as this."""
 KNOWN = 1e-7
 
 
@@ -315,9 +317,13 @@ def integrated(
     system: System, stop: float, step: float, columns: list[str], levels: Mapping[str, float]
 ) -> Case:
     """Parts for model exchange, and the oracle's solution."""
-    got = oracle(system, stop=stop, output_step=stop / (SHOWN - 1), record=[*columns, *levels])
-    last = np.append(np.diff(got["time"]) > 0.0, True)
-    exact = {c: CubicSpline(got["time"][last], got[c][last]) for c in columns}
+    record, early = [*columns, *levels], EARLY * stop
+    got = oracle(system, stop=stop, output_step=stop / (SHOWN - 1), record=record)
+    first = oracle(system, stop=early, output_step=early / (CLOSE - 1), record=record)
+    later = got["time"] > early
+    times = np.append(first["time"], got["time"][later])
+    last = np.append(np.diff(times) > 0.0, True)
+    exact = {c: CubicSpline(times[last], np.append(first[c], got[c][later])[last]) for c in columns}
     changes = {}
     for name, level in levels.items():
         above = got[name] > level
@@ -330,14 +336,16 @@ def truth(x: Callable[[Any], Any], stop: float) -> dict[str, float]:
     t = np.linspace(0.0, stop, FINE)
     values = np.asarray(x(t))
     found = {"end": float(values[-1])}
+    places = np.union1d(t, np.linspace(0.0, EARLY * stop, CLOSE))
+    seen = np.asarray(x(places))
     for name, sign in (("max", 1.0), ("min", -1.0)):
-        top = int(np.argmax(sign * values))
-        place = float(t[top])
-        if 0 < top < FINE - 1:
-            near = (t[top - 1], t[top + 1])
+        top = int(np.argmax(sign * seen))
+        place = float(places[top])
+        if 0 < top < len(places) - 1:
+            near = (places[top - 1], places[top + 1])
             place = minimize_scalar(lambda s, sign=sign: -sign * float(x(s)), bounds=near, method="bounded",
                                     options={"xatol": 1e-12 * stop}).x  # fmt: skip
-        found[name] = max(sign * float(x(place)), sign * float(values[top])) * sign
+        found[name] = max(sign * float(x(place)), sign * float(seen[top])) * sign
         found[f"time of {name}"] = place
     h = stop / (FINE - 1)
     weights = np.ones(FINE)

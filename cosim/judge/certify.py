@@ -20,7 +20,8 @@ from ..system import System
 NEGLIGIBLE = 1e-10
 SLOWEST, FASTER, VAGUE, SAFETY = 0.5, 1.5, 0.1, 1.5
 HALVED, TENTH = 2.0, 10.0
-THINNED, SHIFTED, FAR = (2, 3), (0.125, 0.25, 0.5, 0.75, 0.875), 10.0
+THINNED, FAR = (2, 3), 10.0
+SHIFTED = (0.03, 0.06, 0.125, 0.25, 0.5, 0.75, 0.875)
 MOST_DIGITS, TICKS, SHARED = 7, 12, 0.5
 
 SUMMARY: dict[str, Callable[[Rows, Rows], float]] = {

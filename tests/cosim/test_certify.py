@@ -12,6 +12,7 @@ import pytest
 from cosim import Result, System, certify, estimate, run, smallest
 from cosim.verification.ideal import Ideal
 from cosim.verification.systems import couple, drive
+from scenarios.iron import drive as iron
 from tests.cosim.test_cosim import pair, ripple
 
 
@@ -55,6 +56,18 @@ def test_an_extreme_that_every_run_smoothes_away_is_in_the_error(figure: Any) ->
     ).figures["x"]
     assert found.value == pytest.approx(0.0, abs=1e-12)
     assert found.error is not None and 1 / 80 <= found.error <= 3 / 80
+
+
+def test_a_dip_close_behind_the_start_is_in_the_error(native: Path) -> None:
+    """The cam falls back for 30 us before its motor pulls, a sixth of a step."""
+    parts = {"motor": native / "DriveMotor.fmu", "iron": native / "IronDrive.fmu"}
+    system = System(parts, iron.WIRES, iron.MOTOR)
+    asked = {"step": 2e-4, "stop": 0.02, "record": ["iron.w_cam"]}
+    exact = run(system, **asked | {"step": 1e-6, "stop": 1e-4})["iron.w_cam"].min()
+    assert exact == pytest.approx(-3.248e-6, rel=1e-3)
+    told = certify(system, lambda r: {"least": r["iron.w_cam"].min()}, **asked).figures["least"]
+    assert told.value == 0.0 and told.error is not None
+    assert -exact < told.error < -3 * exact
 
 
 @pytest.mark.parametrize(("J", "w"), [(4.93, 50.4), (0.77, 60.0), (2.89, 58.7)])
