@@ -136,9 +136,10 @@ def pytest_sessionstart(session: pytest.Session) -> None:
 
 
 def pytest_collection_finish() -> None:
-    """Leave what all tests share out of the garbage collections that some of them ask for."""
+    """Collect garbage seldom, and leave out what all tests share."""
     gc.collect()
     gc.freeze()
+    gc.set_threshold(100_000)
 
 
 def hear_ctrl_c() -> None:
