@@ -14,9 +14,7 @@ class Figure(NamedTuple):
 
     The error covers every cause: coupling, rows between which the figure lies, settling, the place
     of a peak, a search's bracket. It is 0 for a formula alone. Where it cannot be told the figure is
-    refused: its error is None, its value nan, and `reason` says why in a sentence. With shorter
-    communication steps it converges with the order of the algorithm, or with `order` if that is
-    lower: with 1 where it looks at an output that follows an input at once.
+    refused: its error is None, its value nan, and `reason` says why in a sentence.
     """
 
     value: float
@@ -24,7 +22,6 @@ class Figure(NamedTuple):
     error: float | None
     meaning: str = ""
     reason: str = ""
-    order: float = math.inf
 
     @classmethod
     def refused(cls, unit: str, reason: str, meaning: str = "") -> Figure:

@@ -110,6 +110,7 @@ def of(
         "options": options,
         "machine": {
             "order": found.provenance.get("convergence_order"),
+            "late": found.provenance.get("first_order", []),
             "outputs": _variables(network, "output"),
             "parameters": _variables(network, "parameter"),
             "units": {

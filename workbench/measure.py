@@ -16,7 +16,7 @@ from .figure import Figure
 
 Samples = NDArray[np.float64]
 HIGHEST = 8
-ROUNDING = 1e-12
+ROUNDING, TOUCHED = 1e-12, 1e-9
 
 
 class Measured(NamedTuple):
@@ -108,10 +108,10 @@ def since(t: Samples, x: Samples, begin: float) -> tuple[Samples, Samples]:
 
 def crossings(t: Samples, x: Samples, level: float) -> list[Measured]:
     """The times at which x passes a level, on the spline through its rows."""
-    times = _passed(t, x, level)
+    times = passes(t, x, level)
     found = []
     for k, time in enumerate(times):
-        others = [_passed(t[half::2], x[half::2], level) for half in (0, 1)]
+        others = [passes(t[half::2], x[half::2], level) for half in (0, 1)]
         away = max(abs(o - time).min() if len(o) else math.inf for o in others)
         gap = min(abs(np.delete(times, k) - time), default=math.inf)
         spacing = float(np.diff(t).max())
@@ -128,8 +128,11 @@ def crossing(t: Samples, x: Samples, level: float, which: int = 0) -> Measured:
     return found[which] if -len(found) <= which < len(found) else Measured(math.nan, math.nan)
 
 
-def _passed(t: Samples, x: Samples, level: float) -> Samples:
-    return np.asarray(CubicSpline(t, x).solve(level, extrapolate=False))
+def passes(t: Samples, x: Samples, level: float) -> Samples:
+    """The times alone. Where x hardly moves, from rest, SciPy finds some that are none."""
+    curve = CubicSpline(t, x)
+    found = curve.solve(level, extrapolate=False)
+    return np.asarray(found[abs(curve(found) - level) <= TOUCHED * abs(x - level).max()])
 
 
 def integral(t: Samples, x: Samples) -> Measured:

@@ -197,9 +197,14 @@ def moving(input_order: int, parts: Sequence[Coupled]) -> bool:
     return input_order > 0 and all(p.curves is None or p.curves.capable for p in parts)
 
 
-def late(input_order: int, parts: Sequence[Coupled]) -> set[str]:
+def late(algorithm: str, input_order: int, parts: Sequence[Coupled]) -> set[str]:
     """The outputs that show an input from within the step: whatever the order of the states, they
     converge with order 1.
+
+    Strang's way back brings each part what those after it show at the step's end.
     """
-    still = () if moving(input_order, parts) else parts
-    return set[str]().union(*(part.following() for part in still))
+    if moving(input_order, parts):
+        return set()
+    back = algorithm == "strang" and not input_order
+    after = (parts[k:] if back else () for k in range(1, len(parts) + 1))
+    return set[str]().union(*(part.following(others) for part, others in zip(parts, after)))

@@ -46,9 +46,18 @@ class Coupled(Part):
         """Whether a wire carries what its events alone change, and a step can end there."""
         return False
 
-    def following(self) -> set[str]:
-        """The outputs on which a wired input acts at once, as far as it is declared."""
-        wired = {name for block in self.inputs for name in block.names}
+    def following(self, but: Sequence[Coupled] = ()) -> set[str]:
+        """The outputs on which a wired input acts at once, as far as it is declared; inputs that hear
+        nothing `but` these parts are left out.
+        """
+        heard = {id(block.cells) for part in but for block in part.outputs}
+        fed = {(id(link.cells), link.i) for link in self.links if id(link.source) not in heard}
+        wired = {
+            name
+            for block in self.inputs
+            for i, name in enumerate(block.names)
+            if (id(block.cells), i) in fed
+        }
         return {
             f"{self.name}.{output}"
             for output, inputs in feedthrough(self.description).items()

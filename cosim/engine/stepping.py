@@ -145,7 +145,7 @@ class Run:
         self._events = [change.time for change in changes]
         self._order, behind = (
             order(algorithm, plan.input_order, parts),
-            late(plan.input_order, parts),
+            late(algorithm, plan.input_order, parts),
         )
         self._late = [name for name in recorder.columns if name in behind]
         every = plan.every()

@@ -16,7 +16,7 @@ from scipy.interpolate import CubicSpline
 
 from cosim import ORDERS
 from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, Table, option
-from workbench.measure import Measured
+from workbench.measure import Measured, passes
 from workbench.report.chart import FORCE, SPEED, TORQUE, Second
 
 from . import mechanism, resonance
@@ -154,7 +154,7 @@ def passed(
             found[case] = Figure.refused("rad/s", "it is not at the lowest speed of the sweep")
         else:
             curve = CubicSpline(nus, errors)
-            ends = [(x, s) for s in (1, -1) for x in curve.solve(s * most, extrapolate=False)]
+            ends = [(x, s) for s in (1, -1) for x in passes(np.array(nus), errors, s * most)]
             if ends:
                 x, s = min(ends)
                 sought[case] = (float(x), s * most, float(curve(x, 1)))

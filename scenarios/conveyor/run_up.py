@@ -17,7 +17,7 @@ from scipy.interpolate import CubicSpline
 from cosim import Result
 from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Run, Show, Table, option
 from workbench.live import Slider
-from workbench.measure import Samples, crossings, largest, measured, since, smallest
+from workbench.measure import Samples, crossings, largest, measured, passes, since, smallest
 from workbench.report.chart import THEORY, recorded
 
 from .drive import PARTS as DRIVE
@@ -96,9 +96,7 @@ def figures(machine: Machine, word: str, r: Result) -> dict[str, Figure]:
     for name, (column, what) in LOADS.items():
         x, unit = r[column], r.units[column]
         found[f"{name}_max"] = largest(t, np.abs(x)).figure(unit, f"largest {what}, {word}")
-        if name == "f_rod":  # which follows the torque at once
-            found["f_rod_max"] = found["f_rod_max"]._replace(order=1.0)
-        else:
+        if name != "f_rod":
             end = since(t, x, END * t[-1])
             low, high = smallest(*end), largest(*end)
             found[f"{name}_end_min"] = low.figure(unit, f"least {what} in the end, {word}")
@@ -109,8 +107,7 @@ def figures(machine: Machine, word: str, r: Result) -> dict[str, Figure]:
 def revolutions_near(nu: float, t: Samples, w: Samples, phi: Samples) -> float:
     """Revolutions of the crank while its speed is within 10 % of nu."""
     speed = CubicSpline(t, w)
-    passes = [speed.solve(share * nu, extrapolate=False) for share in (0.9, 1.1)]
-    ends = np.sort(np.concatenate([t[:1], *passes, t[-1:]]))
+    ends = np.sort(np.concatenate([t[:1], *(passes(t, w, x * nu) for x in (0.9, 1.1)), t[-1:]]))
     middle = np.abs(speed((ends[1:] + ends[:-1]) / 2) / nu - 1.0) < 0.1
     return float(np.diff(CubicSpline(t, phi)(ends))[middle].sum() / (2 * math.pi))
 

@@ -87,6 +87,19 @@ def test_an_output_that_follows_its_input_at_once_converges_with_order_1(
     assert len(ratios) > 6 and max(ratios) <= 1.0
 
 
+def test_what_strang_shows_of_the_end_of_a_step_converges_with_order_2(native: Path) -> None:
+    """On its way back the motor hears the speed of the end, and its power is not wider than need be."""
+    system = pair(native, {"conveyor.w": 50.4, "motor.tau": 15.0})
+    asked: dict[str, Any] = {"stop": 0.4, "record": ["motor.P", "conveyor.f_rod"]}
+    exact = run(system, step=1e-5, output_step=1e-3, **asked)["motor.P"][-1]
+    told = certify(system, lambda r: {"P": r["motor.P"][-1]}, step=1e-3, **asked)
+    assert told.result.provenance["first_order"] == ["conveyor.f_rod"]
+    assert told.figures["P"].error is not None
+    assert 0.5 < abs(told.figures["P"].value - exact) / told.figures["P"].error <= 1.0
+    backwards = run(system, step=1e-3, order=["conveyor", "motor"], **asked)
+    assert backwards.provenance["first_order"] == ["motor.P"]
+
+
 def test_the_order_stated_knows_of_direct_feedthrough(fmus: Path) -> None:
     """Strang on the drive at its torsional resonance: outputs with feedthrough make it order 1."""
     units = drive(1.0)

@@ -1,9 +1,11 @@
 """Figures between rows, and the errors that questions state."""
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 import pytest
+from scipy.interpolate import CubicSpline
 
 from cosim import Result
 from scenarios.conveyor import run_up
@@ -34,6 +36,15 @@ def test_crossings_are_found_up_and_down_with_their_errors() -> None:
     assert len(found) == 2
     for crossing, exact in zip(found, (math.pi / 6, 5 * math.pi / 6)):
         assert 0.0 < abs(crossing.value - exact) < crossing.error < 1e-3
+
+
+def test_where_x_hardly_moves_from_rest_it_crosses_nothing() -> None:
+    """A spline that is nearly zero there, 1e-319, has zeros of the level in SciPy's arithmetic."""
+    t = np.linspace(0.0, 1.0, 2001)
+    x = np.maximum(t - 0.5, 0.0) ** 3
+    assert len(CubicSpline(t, x).solve(0.1, extrapolate=False)) > 1
+    (only,) = measure.crossings(t, x, 0.1)
+    assert abs(only.value - 0.5 - 0.1 ** (1 / 3)) < only.error < 1e-6
 
 
 def test_a_crossing_that_never_happens_is_a_refused_figure() -> None:
@@ -95,13 +106,41 @@ def test_values_in_no_order_have_twice_their_spread_and_only_a_count_is_exact() 
     assert value == 1.0 and error == pytest.approx(8e-6)
 
 
+def course(steps: float = 1.0, late: Sequence[str] = ()) -> Result:
+    """Columns x and y, which are off by 0.1 steps**2."""
+    t = np.linspace(0.0, 1.0, 11)
+    off = 0.1 * steps**2 * np.ones_like(t)
+    made = {"convergence_order": 2, "first_order": late}
+    units = {"time": "s", "x": "N", "y": "N"}
+    return Result(list(units), units, made, lambda: np.column_stack([t, 5.0 + off, 5.0 + off]))
+
+
+def ends(r: Result) -> dict[str, Figure]:
+    return {name: Figure(r[name][-1], "N", 0.02, "force") for name in "xy"}
+
+
 def test_errors_of_rows_and_coupling_add_up_and_a_refusal_stays_one() -> None:
-    runs = [Figure(5.0 + 0.1 * h**2, "N", 0.02, "force") for h in (4.0, 2.0, 1.0)]
-    error = certified(runs, 2.0).error
+    told = [ends(course(steps)) for steps in (4.0, 2.0, 1.0)]
+    error = certified(ends, course(), told)["x"].error
     assert error is not None and 0.12 < error < 0.18
-    refused = Figure.refused("N", "it never was", "force")
-    assert certified([*runs[:2], refused], 2.0) == refused
-    assert certified([refused, *runs[1:]], 2.0).error is None
+    refused = {"x": Figure.refused("N", "it never was", "force")}
+    assert certified(ends, course(), [*told[:2], refused]) == refused
+    assert certified(ends, course(), [refused, *told[1:]])["x"].error is None
+
+
+def test_figures_of_outputs_of_order_1_have_the_errors_of_order_1() -> None:
+    """Only those that look at such an output; all where figures cannot be told of other rows."""
+    told = [ends(course(steps)) for steps in (4.0, 2.0, 1.0)]
+    found = certified(ends, course(late=["y"]), told)
+    assert found["x"] == certified(ends, course(), told)["x"]
+    assert found["y"].error == pytest.approx(0.02 + coupling([5.1, 5.4, 6.6], 1.0))
+    assert found["y"].error > found["x"].error + 0.1
+
+    def strict(r: Result) -> dict[str, Figure]:
+        assert r["y"][-1] == 5.1
+        return ends(r)
+
+    assert certified(strict, course(late=["y"]), told)["x"].error == found["y"].error
 
 
 LIGHT = {
