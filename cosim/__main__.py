@@ -21,7 +21,7 @@ from .engine.algorithms import ALGORITHMS
 from .engine.part import quiet
 from .engine.rows import Stream
 from .engine.stepping import Settings
-from .errors import SetupError
+from .errors import SetupError, counted
 from .formats.container import write_container
 from .formats.osp import FILE, read_osp, write_osp
 from .formats.ssp.read import Package, read_ssp
@@ -422,13 +422,13 @@ def summed(result: Result) -> Iterator[tuple[str, str]]:
 def told(result: Result) -> Iterator[str]:
     """What a run did, in a few lines."""
     ran = result.provenance
-    did = f"{ran['steps']} steps"
+    did = counted(ran["steps"], "step")
     for what in ("rejected", "discarded"):
         did += f", {ran[what]} {what}" if ran[what] else ""
     pace = (ran["stop"] - ran["start"]) / ran["wall_time"]
     yield (
         f"{ran['algorithm']}, {ran['communication']}: {did} in {ran['wall_time']:.3g} s "
-        f"({pace:.3g} x real time), {ran['rows']} rows"
+        f"({pace:.3g} x real time), {counted(ran['rows'], 'row')}"
     )
     for bond, energy in result.energy.items():
         yield (

@@ -29,3 +29,8 @@ class NotFinite(PartFailure):
 
 class Ended(PartFailure):
     """A part ended the simulation of its own accord."""
+
+
+def counted(number: int, noun: str) -> str:
+    """The number and the noun in a message: "1 row", "2 rows"."""
+    return f"{number} {noun}{'s' * (number != 1)}"

@@ -24,7 +24,7 @@ from .engine.part import Part
 from .engine.rows import Recorder
 from .engine.stepping import Row, Run, Settings
 from .engine.surroundings import Surroundings
-from .errors import PartFailure, SetupError
+from .errors import PartFailure, SetupError, counted
 from .loops import algebraic_loops, describe
 from .result import Interrupted, Result, SimulationError
 from .signals import interrupts
@@ -128,7 +128,7 @@ def run(
             end |= {"bonds": energy, "warnings": [*heard, *complaints(energy)]}
             end |= {"wall_time": clock.perf_counter() - began}
             result = recorder.finish(provenance | run.statistics() | end)
-    stopped = f"{reason}; stopped at t = {run.t!r} s, {recorder.count} rows kept"
+    stopped = f"{reason}; stopped at t = {run.t!r} s, {counted(recorder.count, 'row')} kept"
     if status == "failed":
         raise SimulationError(stopped, result)
     if status == "interrupted":

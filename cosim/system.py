@@ -601,13 +601,15 @@ def _start(port: Port, value: Value) -> tuple[Port, Value]:
     except (TypeError, ValueError):
         expected = f"one of {', '.join(items)}" if items else f"of type {port.type}"
         raise SetupError(f"{port} = {value!r} must be {expected}") from None
-    if isinstance(value, str) or number != value:
+    logical = isinstance(value, bool) and port.type != "Boolean"
+    if isinstance(value, str) or logical or number != value:
         given = "a finite number" if port.type == "Real" else f"of type {port.type}"
         raise SetupError(f"{port} = {value!r} must be {given}")
     if not math.isfinite(number):
         raise SetupError(f"{port} = {value!r} must be a finite number")
     for limit in _broken(port, number):
-        raise SetupError(f"{port} = {value!r} must be {limit} {port.unit}".rstrip())
+        unit = "" if port.unit in ("", "1") else f" {port.unit}"
+        raise SetupError(f"{port} = {value!r} must be {limit}{unit}")
     if items and number not in items.values():
         known = ", ".join(f"{n} ({item})" for item, n in items.items())
         raise SetupError(f"{port} = {value!r} must be one of {known}")

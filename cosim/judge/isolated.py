@@ -22,7 +22,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from ..engine.part import log
-from ..errors import SetupError
+from ..errors import SetupError, counted
 from ..master import run
 from ..result import Interrupted, Result, SimulationError, partial, read_rows, write_json
 from ..scratch import scratch
@@ -267,5 +267,5 @@ def _remains(
     write_json(path.with_suffix(".json"), facts)
     units = facts.pop("units")
     result = Result(header.split(","), units, facts, lambda: read_rows(path))
-    text = f"{dead} after t = {reached!r} s, {len(rows)} rows in {path.name}"
+    text = f"{dead} after t = {reached!r} s, {counted(len(rows), 'row')} in {path.name}"
     return Interrupted(text, result) if pressed else SimulationError(text, result)

@@ -183,6 +183,7 @@ def test_start_values_of_every_type_arrive(gear: Value, make: Make, tmp_path: Pa
         ("integer_in", 2**31, "A.integer_in = 2147483648 must be a 32-bit integer"),
         ("integer_in", 0.5, "A.integer_in = 0.5 must be of type Integer"),
         ("boolean_in", 2, "A.boolean_in = 2 must be true or false"),
+        ("integer_in", True, "A.integer_in = True must be of type Integer"),
         ("boolean_in", "true", "A.boolean_in = 'true' must be of type Boolean"),
         ("string_in", 7, "A.string_in = 7 must be of type String"),
         ("enumeration_in", 3, "A.enumeration_in = 3 must be one of 1 (low), 2 (middle), 5 (high)"),
@@ -341,7 +342,7 @@ def test_where_no_part_can_go_back_a_discarded_step_ends_the_run(
     assert text.startswith("A: doStep(t = 0.0 s, h = 0.1 s) returned Discard: step 1 ends at t = ")
     assert "it computed up to t = 0.04 s" in text
     assert "every part must be able to restore its state and to vary its step" in text
-    assert text.endswith("stopped at t = 0.0 s, 1 rows kept")
+    assert text.endswith("stopped at t = 0.0 s, 1 row kept")
     assert sorted(diary()) == CLOSED
 
 

@@ -236,7 +236,7 @@ def test_fmus_travel_to_workers_and_other_code_is_refused(
 
     with (home / "cosim" / "engine" / "curve.py").open("a") as file:
         file.write("# changed\n")
-    refused(r"differs: code.\"cosim/engine/curve.py\" is another one")
+    refused(r"differs: code.\"cosim/engine/curve.py\" has changed")
     shutil.rmtree(home / "workbench")
     refused("cannot do runs: .*No module named 'workbench'.*; start it in the project's folder")
 

@@ -150,8 +150,8 @@ def test_a_question_of_ones_own_that_was_changed_takes_no_rows_of_the_one_before
         with pytest.raises(KeyboardInterrupt):
             answer(page, page.Options(), {}, out=tmp_path)
     goes_on, dropped = capsys.readouterr().err.splitlines()
-    assert goes_on == f"{tmp_path}: 1 runs are done already"
-    assert dropped.endswith("runs: question is another one; they are dropped")
+    assert goes_on == f"{tmp_path}: 1 run already done"
+    assert dropped.endswith("runs: question has changed; they are dropped")
 
 
 def test_a_task_that_crashes_ends_its_sweep_with_one_sentence(
@@ -188,7 +188,7 @@ def test_an_interrupted_sweep_goes_on_and_leaves_no_journal(
     sweep(who, 0.0)
     assert set(lines(ledger)) <= {"4.0", "5.0"}
     assert lines(ledger) == ["4.0", "5.0"] or jobs == 2
-    assert "runs are done already" in capsys.readouterr().err
+    assert "runs already done" in capsys.readouterr().err
     assert not (tmp_path / journal.NAME).exists()
     with pytest.raises(KeyboardInterrupt):
         sweep(who, 9.0)
@@ -197,7 +197,7 @@ def test_an_interrupted_sweep_goes_on_and_leaves_no_journal(
     assert sorted(set(lines(ledger))) == ["1.0", "2.0", "3.0", "4.0", "5.0"]
     assert capsys.readouterr().err == (
         f"{tmp_path} holds the rows of other runs: options.speed was 3.0 and is 4.0; "
-        'code."a.py" is another one; they are dropped\n'
+        'code."a.py" has changed; they are dropped\n'
     )
 
 

@@ -137,7 +137,7 @@ LHS = 'method = "lhs"\nnumber = 1000'
 TOLERANCE = 'x = { nominal = 1.0, uniform = "10 %" }'
 REFUSED = [
     (GRID, 'scenario = "plane.py"', 'scenario = "plain.py"', "scenario = 'plain.py' must be a file NAME.py that is there"),
-    (GRID, 'scenario = "plane.py"', "", "scenario = nothing must be the name of one"),
+    (GRID, 'scenario = "plane.py"', "", "scenario = nothing must be the name of a question"),
     (GRID, "[grid]", "[gird]", "unknown key 'gird', expected scenario, timeout, figures, fixed"),
     (GRID, "[grid]", "grid = 3\n[fixed]", "grid = 3 must be a table [grid]"),
     (GRID, "x = {", "u = {", "grid.u: plane has no option 'u', only x, y, z, times, mood"),
@@ -166,6 +166,7 @@ REFUSED = [
     (GRID, "y = [", "x = [", "is no TOML file: Cannot overwrite a value"),
     (GRID, "[grid]", "timeout = 0\n[grid]", "timeout = 0 s must be a finite number above 0 s"),
     (GRID, "[grid]", "figures = 'z'\n[grid]", "figures = 'z' must be a list of names"),
+    (GRID, "[grid]", "figures = ['z', 'z']\n[grid]", "figures names 'z' twice"),
     (GRID, "[grid]", "[sampling]\n[grid]", "[tolerances] and [sampling] need each"),
     (GRID, GRID, "scenario = 'plane.py'", "nothing varies: it needs a table [grid] or"),
     (TOLERANCES, "lhs", "dice", "sampling.method = 'dice' must be one of lhs, sobol, saltelli"),
@@ -383,7 +384,7 @@ def test_another_study_is_not_mixed_into_a_folder(write: Write, tmp_path: Path) 
     before = page.read_text()
     write(GRID)
     page.write_text(f"{before}# changed\n")
-    with pytest.raises(SetupError, match="runs: question is another one; choose another folder"):
+    with pytest.raises(SetupError, match="runs: question has changed; choose another folder"):
         study.run(study.load(tmp_path / "some.toml"), out=out)
     page.write_text(before)
     assert rows(out) == kept

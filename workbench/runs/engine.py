@@ -19,6 +19,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
 
 from cosim import Result, SetupError, SimulationError
+from cosim.errors import counted
 from cosim.signals import heard
 
 from ..options import at_least
@@ -106,7 +107,7 @@ class Engine:
             except KeyboardInterrupt:
                 if journal is None:
                     raise
-                kept = f"{len(journal)} runs in {journal.path}; the same command goes on"
+                kept = f"{counted(len(journal), 'run')} in {journal.path}; the same command goes on"
                 raise KeyboardInterrupt(kept) from None
 
     def each(

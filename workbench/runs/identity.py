@@ -73,7 +73,7 @@ def _differences(before: Any, now: Any, keys: Sequence[str]) -> Iterator[str]:
     elif before != now:
         name = ".".join(f'"{key}"' if "." in key else key for key in keys)
         if all(isinstance(value, str) and DIGEST.fullmatch(value) for value in (before, now)):
-            yield f"{name} is another one"
+            yield f"{name} has changed"
         else:
             yield f"{name} was {_text(before)} and is {_text(now)}"
 

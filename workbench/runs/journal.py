@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from cosim import SetupError
+from cosim.errors import counted
 
 from .identity import differences
 from .worker import Outcome
@@ -77,7 +78,7 @@ def opened(
             _same(base, folder, json.loads(json.dumps(identity)), passing)
             journal = Journal(path, base, pickle if passing else json)
             if passing and len(journal):
-                print(f"{folder}: {len(journal)} runs are done already", file=sys.stderr)
+                print(f"{folder}: {counted(len(journal), 'run')} already done", file=sys.stderr)
             yield journal
     except sqlite3.Error as error:
         if getattr(error, "sqlite_errorname", "") == "SQLITE_BUSY":

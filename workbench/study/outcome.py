@@ -15,6 +15,7 @@ import pandas as pd
 
 import cosim
 from cosim import SetupError
+from cosim.errors import counted
 
 from ..answer import Answer, Show, Table
 from ..figure import rounded
@@ -56,7 +57,7 @@ def conclude(
         "session": dict(zip(("runs", "seconds"), session)),
         "identity": identity,
     }
-    title = f"{study.name}: {study.scenario}, {len(outcomes)} runs"
+    title = f"{study.name}: {study.scenario}, {counted(len(outcomes), 'run')}"
     pictures = {
         "overview.png": show.overview(study, table.frame, shown, table.units),
         "sensitivity.png": [] if indices.empty else show.sensitivity(study, indices, table.units),
@@ -78,7 +79,7 @@ def conclude(
     words = [
         *(f"{spread}." for spread in spreads[:SENTENCES]),
         *(f"  {spread}" for spread in spreads[SENTENCES:]),
-        f"{len(outcomes)} runs, {session[0]} of them now in {session[1]:.1f} s: {ended}.",
+        f"{counted(len(outcomes), 'run')}, {session[0]} of them now in {session[1]:.1f} s: {ended}.",
         *_remarks(outcomes),
     ]
     answer = Answer(
@@ -101,12 +102,13 @@ def _spread(column: pd.Series[float], unit: str) -> str:
     if y.empty:
         return f"No run has {name}"
     runs = f"the {len(y)} of {len(column)} runs that have it"
-    runs = f"all {len(y)} runs" if len(y) == len(column) else runs
+    runs = f"all {len(y)} runs" if len(y) == len(column) > 1 else runs
+    runs = "the only run" if len(column) == 1 else runs
     unit = "" if unit == "1" else f" {unit}"
     if y.min() == y.max():
         return f"{name} is {y.min():.6g}{unit} in {runs}"
     if not unit and show.flag(y):
-        return f"{name} is 1 in {y.sum():.0f} runs and 0 in {len(y) - y.sum():.0f}"
+        return f"{name} is 1 in {counted(int(y.sum()), 'run')} and 0 in {len(y) - y.sum():.0f}"
     low, high, mean = (rounded(x, y.std())[0] for x in (y.min(), y.max(), y.mean()))
     return (
         f"{name} lies between {low} and {high}{unit} in {runs}, with a mean of {mean}{unit} and a "

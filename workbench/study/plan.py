@@ -146,7 +146,7 @@ def _study(path: Path, content: Spec, project: Project) -> Study:
     _known("", content, KEYS)
     scenario, figures = content.get("scenario"), content.get("figures", [])
     if not isinstance(scenario, str):
-        raise SetupError(f"scenario = {shown(scenario)} must be the name of one")
+        raise SetupError(f"scenario = {shown(scenario)} must be the name of a question")
     try:
         where = question.find(project.home, scenario, path.parent)
     except SetupError as error:
@@ -157,6 +157,7 @@ def _study(path: Path, content: Spec, project: Project) -> Study:
             raise SetupError(f"{key} = {shown(table)} must be a table [{key}]")
     if not isinstance(figures, list) or not all(isinstance(name, str) for name in figures):
         raise SetupError(f"figures = {shown(figures)} must be a list of names")
+    _once("figures", figures)
     page = question.load(where)
     readers: dict[str, Callable[[Option, Any, str], Any]] = {
         "fixed": lambda option, given, key: option.read(given, key),
@@ -231,10 +232,15 @@ def _values(option: Option, spec: Any, key: str) -> list[Value]:
     values = [option.read(x, key) for x in spec]
     if not values:
         raise SetupError(f"{key} = [] must name at least one value")
+    _once(key, values)
+    return values
+
+
+def _once(key: str, values: Sequence[Value]) -> None:
+    """Refuse a value that a list names twice."""
     for x, times in Counter(values).items():
         if times > 1:
             raise SetupError(f"{key} names {shown(x)} twice")
-    return values
 
 
 def _tolerance(option: Option, spec: Any, key: str) -> Any:
