@@ -1,1 +1,43 @@
-"""One module, one question: `python -m scenarios list`."""
+"""One module, one question: `python -m scenarios list`, or `scenarios.ask` from Python."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from workbench import Answer
+
+__all__ = ["ask"]
+
+
+def ask(
+    question: str,
+    *,
+    flavour: str = "",
+    jobs: int | None = None,
+    scheduler: str | None = None,
+    out: Path | str | None = None,
+    **options: Any,
+) -> Answer:
+    """The answer to a question, by its name or a file NAME.py: `ask("resonance", set="B", speed="300rpm")`.
+
+    Options are those of the command line, with `_` for `-`, as texts or as values in SI units; `start` is a
+    dictionary of start values of FMUs. By default `jobs` are all cores, but one on FMUs of another flavour
+    than the question's own. Files are written to the folder `out`, none without it. Raises cosim.SetupError
+    for what is refused, cosim.SimulationError for a run that fails, workbench.question.QuestionError where
+    a file of one's own raises.
+    """
+    from workbench.answer import write
+    from workbench.ask import ask
+
+    from .__main__ import PROGRAM, PROJECT
+
+    folder = None if out is None else Path(out)
+    answer = ask(
+        PROJECT, question, options, flavour=flavour, jobs=jobs, scheduler=scheduler, out=folder,
+        program=PROGRAM,
+    )  # fmt: skip
+    if folder is not None:
+        write(answer, folder)
+    return answer

@@ -36,9 +36,12 @@ FILL = (lambda names, flavour: build(tuple(names), flavour)) if CLONE else None
 PROJECT = Project(HOME, FOLDERS, FILL)
 
 
+PROGRAM = "python -m scenarios" if CLONE else "scenarios"
+
+
 def run() -> int:
     """The words of the command line; its exit code."""
-    return main(sys.argv[1:], PROJECT, "python -m scenarios" if CLONE else "scenarios")
+    return main(sys.argv[1:], PROJECT, PROGRAM)
 
 
 if __name__ == "__main__":

@@ -23,9 +23,7 @@ from pythonfmu import FmuBuilder
 
 from scenarios.__main__ import PROJECT
 from workbench.answer import Answer
-from workbench.ask import answer
-from workbench.options import made
-from workbench.question import find, load
+from workbench.ask import ask as asked
 
 ROOT = Path(__file__).resolve().parents[1]
 DESCRIPTION = "modelDescription.xml"
@@ -95,14 +93,8 @@ def fmus_of(page: ModuleType, flavour: str = "native") -> dict[str, Path]:
 
 def ask(name: str, out: Path | None = None, **given: Any) -> Answer:
     """The answer to a question of the project, on compiled FMUs, in this process."""
-    page = load(find(PROJECT.home, name))
-    o, modules = (
-        made(page.Options, given, name),
-        PROJECT._replace(fill=None).modules(page, "native"),
-    )
-    command = f"scenarios run {name}"
-    fmus = fmus_of(page)
-    return answer(page, o, fmus, flavour="native", out=out, modules=modules, command=command)
+    project = PROJECT._replace(fill=None)
+    return asked(project, name, given, flavour="native", jobs=1, out=out, program="scenarios")
 
 
 def rewritten(fmu: Path, copy: Path, edit: Callable[[dict[str, Any]], Any]) -> Path:

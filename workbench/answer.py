@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import csv
+from base64 import b64encode
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from html import escape
 from importlib.util import find_spec
 from math import isnan
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from cosim import Result, System
@@ -91,12 +94,13 @@ class Findings:
     files: Mapping[str, Callable[[Path], object]] = field(default_factory=dict)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class Answer(Findings):
     """What was found, who asked, and what is said and shown of it.
 
     `show` is called for picture and page; names of parameters are those of the system, "motor.T".
-    `live` is what the page needs to ask again.
+    `live` is what the page needs to ask again. As a text it is what the command line prints, in a
+    notebook that and the picture.
     """
 
     scenario: str
@@ -112,6 +116,29 @@ class Answer(Findings):
     def table(self) -> pd.DataFrame:
         """The rows of the first table."""
         return next(iter(self.tables.values())).frame
+
+    def __repr__(self) -> str:
+        labels = [figure.meaning or name for name, figure in self.figures.items()]
+        wide, warned, more = (
+            max(map(len, labels), default=0),
+            self.warnings,
+            len(self.warnings) - SPOKEN,
+        )
+        return "\n".join([
+            *self.verdict.splitlines(),
+            *(f"  {label:<{wide}}  {x.text()}" for label, x in zip(labels, self.figures.values())),
+            *(f"Warning: {warning}" for warning in warned[:SPOKEN]),
+            *[f"and {more} more warnings, in {self.scenario}.json"] * (more > 0),
+        ])  # fmt: skip
+
+    def _repr_html_(self) -> str:
+        with TemporaryDirectory() as folder:
+            path = Path(folder) / "answer.png"
+            drawn = draw(self.show(), self.question, path) and b64encode(path.read_bytes()).decode()
+        picture = (
+            f'<img src="data:image/png;base64,{drawn}" style="max-width: 100%">' if drawn else ""
+        )
+        return f"<pre>{escape(repr(self))}</pre>{picture}"
 
 
 def parameters(system: System, own: Iterable[str] = ()) -> dict[str, Parameter]:
@@ -197,15 +224,8 @@ def content(answer: Answer) -> dict[str, Any]:
 def finish(answer: Answer, folder: Path, animate: bool = False) -> None:
     """Write the files; print the verdict, the figures, the FMUs' warnings, and where the files are."""
     names = write(answer, folder, animate)
-    if answer.verdict:
-        print(answer.verdict)
-    labels = [figure.meaning or name for name, figure in answer.figures.items()]
-    for label, figure in zip(labels, answer.figures.values()):
-        print(f"  {label:<{max(map(len, labels))}}  {figure.text()}")
-    for warning in answer.warnings[:SPOKEN]:
-        print(f"Warning: {warning}")
-    if len(answer.warnings) > SPOKEN:
-        print(f"and {len(answer.warnings) - SPOKEN} more warnings, in {answer.scenario}.json")
+    if text := repr(answer):
+        print(text)
     print(f"{', '.join(names)} written to {folder}")
     if PAGE not in names:
         print("there is no page: it needs the package plotly")

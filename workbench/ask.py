@@ -25,7 +25,7 @@ from .answer import Answer, Findings, Parameter, Show, Table, parameters, stream
 from .figure import Figure
 from .limit import certified
 from .options import Options, Run, declared, made, refuse
-from .question import QuestionError, blamed, name, where
+from .question import FLAVOURS, PYTHON, Project, QuestionError, blamed, name, where
 from .runs.engine import Engine
 from .runs.identity import computation
 from .runs.journal import Journal, opened
@@ -144,6 +144,41 @@ def hearing() -> Iterator[Callable[[], list[str]]]:
         yield lambda: list(dict.fromkeys(record.getMessage() for record in handler.buffer))
     finally:
         log.handlers, log.propagate = before
+
+
+def ask(
+    project: Project,
+    text: str,
+    options: Mapping[str, Any],
+    *,
+    flavour: str = "",
+    jobs: int | None = None,
+    scheduler: str | None = None,
+    out: Path | None = None,
+    program: str = "",
+) -> Answer:
+    """The answer to a question of a project, by its name, or of a file.
+
+    Options are given as its command line has them, or as values in the declared units; "start" holds
+    start values of FMUs. By default `jobs` are all cores on FMUs of the question's own flavour, and one
+    on others. Rows are kept in the folder `out` on the way. Raises what `answer` raises.
+    """
+    page = question.load(question.find(project.home, text))
+    own = getattr(page, "FLAVOUR", PYTHON)
+    flavour = flavour or own
+    if flavour not in FLAVOURS:
+        raise SetupError(f"flavour = {flavour!r} must be one of {', '.join(FLAVOURS)}")
+    one = jobs is None and scheduler is None and flavour != own
+    return answer(
+        page,
+        made(page.Options, options, name(page)),
+        project.fmus(page, flavour),
+        flavour=flavour,
+        engine=Engine(1 if one else jobs, scheduler, project.packages),
+        out=out,
+        modules=project.modules(page, flavour),
+        command=f"{program} run {text}" + f" --flavour {flavour}" * (flavour != own),
+    )
 
 
 def answer(

@@ -10,11 +10,11 @@ from pathlib import Path
 
 from cosim.commandline import Parser, exit_code
 
-from . import ask, question
+from . import question
 from .answer import finish
+from .ask import ask
 from .options import add, declared, made, unknown
-from .question import Project, QuestionError
-from .runs.engine import Engine
+from .question import FLAVOURS, PYTHON, Project, QuestionError
 from .runs.worker import OK
 
 USAGE = "list | run NAME or FILE.py [options] | study FILE.toml [options]"
@@ -61,7 +61,7 @@ def run(words: Sequence[str], project: Project, program: str) -> int:
         allow_abbrev=False,
     )
     add(parser, page.Options)
-    _add_common(parser, getattr(page, "FLAVOUR", "python"), "results/NAME, or NAME/SET")
+    _add_common(parser, getattr(page, "FLAVOUR", PYTHON), "results/NAME, or NAME/SET")
     parser.add_argument("--animate", action="store_true", help="also write the motions as GIF")
     found, rest = parser.parse_known_args(words[1:])
     if rest:
@@ -71,18 +71,11 @@ def run(words: Sequence[str], project: Project, program: str) -> int:
     options = {name: told.pop(name) for name in (*declared(page.Options), "start") if name in told}
     o = made(page.Options, options, question.name(page))
     folder = Path("results") / question.name(page)
-    out = told.get("out", folder / o.set if hasattr(o, "set") else folder)
-    quick = found.flavour == parser.get_default("flavour") or "scheduler" in told
-    jobs = told.get("jobs", None if quick else 1)
-    engine = Engine(jobs, told.get("scheduler"), project.packages)
-    fmus = project.fmus(page, found.flavour)
-    again = f"{program} run {words[0]}" + f" --flavour {found.flavour}" * (not quick)
-    modules = project.modules(page, found.flavour)
-    answer = ask.answer(
-        page, o, fmus, flavour=found.flavour, engine=engine, out=out, modules=modules, command=again
-    )
+    told["out"] = told.get("out", folder / o.set if hasattr(o, "set") else folder)
+    animate = told.pop("animate")
+    answer = ask(project, words[0], options, **told, program=program)
     with question.blamed(page):
-        finish(answer, out, found.animate)
+        finish(answer, told["out"], animate)
     return 0
 
 
@@ -98,7 +91,7 @@ def study(words: Sequence[str], project: Project, program: str) -> int:
     parser.add_argument(
         "file", type=Path, metavar="FILE.toml", help="what varies, see docs/studies.md"
     )
-    _add_common(parser, "python", "results/studies/NAME")
+    _add_common(parser, PYTHON, "results/studies/NAME")
     told = vars(parser.parse_args(words))
     answer = studies.run(studies.load(told.pop("file"), project), **told, end=finish)
     return 0 if (answer.table["status"] == OK).any() else 1
@@ -107,7 +100,7 @@ def study(words: Sequence[str], project: Project, program: str) -> int:
 def _add_common(parser: Parser, flavour: str, out: str) -> None:
     """The options of any runs."""
     of = f"of the FMUs (default: {flavour})"
-    parser.add_argument("--flavour", choices=("python", "native"), default=flavour, help=of)
+    parser.add_argument("--flavour", choices=FLAVOURS, default=flavour, help=of)
     parser.add_argument("--jobs", type=int, help="parallel processes (default: all cores)")
     parser.add_argument("--scheduler", help="Dask cluster that does the runs, tcp://HOST:8786")
     parser.add_argument("--out", type=_folder, help=f"folder (default: {out})")

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+import os
 from argparse import ArgumentParser, BooleanOptionalAction
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from difflib import get_close_matches
+from numbers import Integral, Real
 from operator import ge, gt, le
 from types import NoneType
 from typing import Any, TypeVar, get_args, get_origin, get_type_hints
@@ -79,6 +81,10 @@ class Option:
         if self.kind is float:
             return self._checked(self._number(given, key), key)
         value = literal(given) if isinstance(given, str) and self.kind is not str else given
+        if self.kind is int and isinstance(value, Integral) and not isinstance(value, bool):
+            value = int(value)
+        if self.kind is str and isinstance(value, os.PathLike):
+            value = os.fspath(value)
         if self.choices and value not in self.choices:
             raise SetupError(f"{key} = {shown(given)} must be one of {', '.join(self.choices)}")
         if type(value) is not self.kind:
@@ -89,7 +95,7 @@ class Option:
         said = f"{key} = {shown(given)}"
         if isinstance(given, str):
             return self._parsed([given], said, self._expected())[0]
-        if isinstance(given, bool) or not isinstance(given, int | float):
+        if isinstance(given, bool) or not isinstance(given, Real):
             raise SetupError(f"{said} must {self._expected()}")
         return float(given)
 
@@ -231,6 +237,9 @@ def starts(given: Mapping[str, Value] | Iterable[str]) -> Start:
     """Start values by name, from a mapping or from texts, ["motor.T=0.05"]."""
     if isinstance(given, Mapping):
         return dict(given)
+    if isinstance(given, str) or not isinstance(given, Iterable):
+        form = 'a dictionary, {"motor.T": 0.05}'
+        raise SetupError(f"start = {shown(given)} must be start values by name, {form}")
     return {name: literal(text) for name, text in map(assignment, given)}
 
 

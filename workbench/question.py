@@ -19,7 +19,8 @@ from cosim import SetupError, SimulationError
 
 from .options import Options, declared
 
-FROM_FILE, FMU, NATIVE, MODULES = "__question__", ".fmu", "native", "wasm"
+FROM_FILE, FMU, MODULES = "__question__", ".fmu", "wasm"
+FLAVOURS = PYTHON, NATIVE = "python", "native"
 TAKEN = ("help", "start", "flavour", "jobs", "scheduler", "out", "animate")
 
 

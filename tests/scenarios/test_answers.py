@@ -15,6 +15,7 @@ import pandas as pd
 import pytest
 from fmpy.model_description import read_model_description
 
+import scenarios
 from cosim import SetupError, System
 from scenarios.__main__ import PROJECT
 from scenarios.conveyor.theory import FIELDS, Machine
@@ -24,6 +25,7 @@ from scenarios.orientator import machine as orientator
 from scenarios.packing_line import packing_line
 from tests.conftest import LONG, QUICK, SAMPLED, ask, fmus_of
 from workbench.answer import Answer, content, finish, write
+from workbench.command import main
 from workbench.figure import rounded
 from workbench.measure import harmonics
 from workbench.question import find, load, names
@@ -365,6 +367,53 @@ def test_start_values_that_theory_or_fmus_cannot_bear_are_refused(start: str, me
     for name in ("resonance", "run_up"):
         with pytest.raises(SetupError, match=re.escape(message)):
             ask(name, start=[start])
+
+
+def test_python_asks_what_the_command_asks(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """An answer is the text of the command and, in a notebook, the text and the picture."""
+    mine = tmp_path / "mine"
+    asked = scenarios.ask("resonance", speeds=np.linspace(36, 44, 3), flavour="native", out=mine)
+    there = tmp_path / "there"
+    words = ["run", "resonance", "--speeds", "36:44:3", "--flavour", "native", "--out", str(there)]
+    assert main(words, PROJECT, "scenarios") == 0
+    text, files = capsys.readouterr().out.rsplit("\n", 2)[:2]
+    assert repr(asked) == text
+    assert files.endswith(f"written to {there}")
+    assert sorted(x.name for x in mine.iterdir()) == sorted(x.name for x in there.iterdir())
+    assert (mine / "resonance.csv").read_bytes() == (there / "resonance.csv").read_bytes()
+    shown = asked._repr_html_()
+    assert (
+        shown.startswith("<pre>Yes: at the operating speed") and "data:image/png;base64,iV" in shown
+    )
+    assert "±" in shown and "<script" not in shown
+
+
+def test_python_gives_numbers_and_paths_of_its_libraries() -> None:
+    turn = scenarios.ask("iron_cycle", flavour="native", samples=np.int64(720), speed=np.float32(3))
+    assert turn.options["samples"].value == 720 and turn.options["speed"].value == 3.0
+    assert len(turn.table) == 721
+    given: dict[str, Any] = {"flavour": "native", "data": Path("no record.csv"), "map": ["time=t"]}
+    with pytest.raises(SetupError, match="no record"):
+        scenarios.ask("identify", **given)
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"sed": 1}, "run_up has no option 'sed': did you mean 'speed'?"),
+        ({"set": "C"}, "set = 'C' must be one of A, B"),
+        ({"flavour": "nativ"}, "flavour = 'nativ' must be one of python, native"),
+        ({"jobs": 0}, "jobs = 0 must be at least 1"),
+        ({"start": 3}, 'start = 3 must be start values by name, a dictionary, {"motor.T": 0.05}'),
+        ({"start": "motor.T=1"}, "start = 'motor.T=1' must be start values by name"),
+        ({"stop": True}, "stop = True must be a number in s"),
+    ],
+)
+def test_python_is_refused_what_the_command_is(given: dict[str, Any], message: str) -> None:
+    with pytest.raises(SetupError, match=re.escape(message)):
+        scenarios.ask("run_up", **{"flavour": "native"} | given)
 
 
 def test_rows_are_kept_on_the_way_and_the_files_stand_at_the_end(tmp_path: Path) -> None:

@@ -176,7 +176,8 @@ def moved(shown: Browser, name: str, values: Mapping[str, float], number: int = 
     words = shlex.split(shown.value(f"{PART}.querySelector('code').textContent"))
     kind, parser = load(names(PROJECT.home)[name]).Options, ArgumentParser()
     add(parser, kind)
-    asked = {k: x for k, x in vars(parser.parse_args(words[3:])).items() if x is not None}
+    assert words[3:5] == ["--flavour", "native"]
+    asked = {k: x for k, x in vars(parser.parse_args(words[5:])).items() if x is not None}
     starts = {key: value for key, value in values.items() if "." in key}
     given = {**LIVE[name], **{key: x for key, x in values.items() if key not in starts}}
     assert made(kind, asked, name) == made(kind, {**given, "start": starts}, name)
