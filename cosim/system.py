@@ -603,7 +603,7 @@ def _start(port: Port, value: Value) -> tuple[Port, Value]:
         raise SetupError(f"{port} = {value!r} must be {expected}") from None
     logical = isinstance(value, bool) and port.type != "Boolean"
     if isinstance(value, str) or logical or number != value:
-        given = "a finite number" if port.type == "Real" else f"of type {port.type}"
+        given = f"of type {port.type}" if logical or port.type != "Real" else "a finite number"
         raise SetupError(f"{port} = {value!r} must be {given}")
     if not math.isfinite(number):
         raise SetupError(f"{port} = {value!r} must be a finite number")

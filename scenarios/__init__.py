@@ -1,4 +1,4 @@
-"""One module, one question: `python -m scenarios list`, or `scenarios.ask` from Python."""
+"""One module, one question: `python -m scenarios list`, or from Python `ask` and `study`."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from workbench import Answer
 
-__all__ = ["ask"]
+__all__ = ["ask", "study"]
 
 
 def ask(
@@ -41,3 +41,25 @@ def ask(
     if folder is not None:
         write(answer, folder)
     return answer
+
+
+def study(
+    file: Path | str,
+    *,
+    flavour: str = "python",
+    jobs: int | None = None,
+    scheduler: str | None = None,
+    out: Path | str | None = None,
+) -> Answer:
+    """What a study found, `study("studies/rotor_speed.toml")`; runs that are done already are not done again.
+
+    `jobs` are all cores by default. Files go to the folder `out`, by default results/studies/NAME. Raises
+    cosim.SetupError for what is wrong with the file, before any run.
+    """
+    from workbench import study
+
+    from .__main__ import PROJECT
+
+    folder = None if out is None else Path(out)
+    asked = study.load(Path(file), PROJECT)
+    return study.run(asked, flavour=flavour, jobs=jobs, scheduler=scheduler, out=folder)

@@ -25,6 +25,7 @@ import pandas as pd
 import pytest
 from fmpy.model_description import read_model_description
 
+import scenarios
 from cosim import SetupError
 from scenarios.__main__ import PROJECT
 from tests.conftest import ROOT, fmus_of, hear_ctrl_c, until
@@ -246,15 +247,31 @@ def test_what_many_runs_say_alike_is_said_once_with_a_sensible_number_of_digits(
 
 
 def test_start_values_may_be_names_and_numbers(tmp_path: Path) -> None:
-    """Those of an enumeration, in the order of the file; what the FMU does not know is refused there."""
+    """Those of an enumeration, in the order of the file."""
     path = tmp_path / "some.toml"
     path.write_text(
-        "scenario = 'run_up'\n[fixed]\nstop = 0.01\n[grid]\n"
-        "'conveyor.rod.finite' = ['yes', true, 0]"
+        "scenario = 'run_up'\n[fixed]\nstop = 0.01\n[grid]\n'conveyor.rod.finite' = [true, 0]"
     )
-    table = study.run(study.load(path, PROJECT), out=tmp_path / "out", flavour="native").table
-    assert table["conveyor.rod.finite"].tolist() == ["yes", "True", "0"]
-    assert table["status"].tolist() == ["refused", "ok", "ok"]
+    table = scenarios.study(path, out=tmp_path / "out", flavour="native").table
+    assert table["conveyor.rod.finite"].tolist() == [1, 0]
+    assert table["status"].tolist() == ["ok", "ok"]
+
+
+@pytest.mark.parametrize(
+    ("value", "message"),
+    [
+        ("'yes'", "conveyor.rod.finite = 'yes' must be of type Boolean"),
+        ("2", "conveyor.rod.finite = 2 must be true or false"),
+    ],
+)
+def test_a_start_value_that_the_fmu_refuses_is_told_before_the_first_run(
+    value: str, message: str, tmp_path: Path
+) -> None:
+    path, out = tmp_path / "some.toml", tmp_path / "out"
+    path.write_text(f"scenario = 'run_up'\n[grid]\n'conveyor.rod.finite' = [true, {value}]")
+    with pytest.raises(SetupError, match=re.escape(f"{path}: {message}")):
+        scenarios.study(path, out=out, flavour="native")
+    assert not out.exists()
 
 
 def test_a_study_without_any_answer_says_so_by_its_exit_code(

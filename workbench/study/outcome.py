@@ -181,8 +181,9 @@ def frame(
             units[name + show.ERROR] = unit
     columns: dict[str, Any] = {"run": range(len(rows))}
     for name, given in zip(study.varied, zip(*study.runs())):
-        texts = any(isinstance(value, str) for value in given)
-        columns[name] = list(map(str, given)) if texts else given
+        kinds = set(map(type, given))
+        one: Callable[[Any], Any] = str if str in kinds else lambda value: +value
+        columns[name] = given if len(kinds) == 1 else [one(value) for value in given]
     for figure, name in names.items():
         cells = [row.get(figure, (None, "", None, "")) for row in rows]
         columns[name] = pd.Series([value for value, *_ in cells], dtype=float)

@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -82,8 +83,16 @@ def identity(study: Study, fmus: Mapping[str, Path], flavour: str) -> dict[str, 
 
 
 def _units(study: Study, fmus: Mapping[str, Path]) -> dict[str, str]:
-    """The units of the varied inputs; raises SetupError for a start value that no FMU has."""
-    names, options = [*study.varied, *study.fixed], declared(study.module.Options)
+    """The units of the varied inputs; raises SetupError for a start value that no FMU has or takes."""
+    values = {**{name: [value] for name, value in study.fixed.items()}, **study.grid}
+    given = {name: several for name, several in values.items() if "." in name}
     network = connect(System(fmus)) if fmus else None
-    starts = {name: network.port(name).unit for name in names if network and "." in name}
-    return {name: starts[name] if "." in name else options[name].unit for name in study.varied}
+    try:
+        for each in zip_longest(*given.values()):
+            start = {name: value for name, value in zip(given, each) if value is not None}
+            connect(System(fmus, start=start))
+        units = {name: network.port(name).unit for name in study.varied if network and "." in name}
+    except SetupError as error:
+        raise SetupError(f"{study.path}: {error}") from None
+    options = declared(study.module.Options)
+    return {name: units[name] if "." in name else options[name].unit for name in study.varied}
