@@ -52,13 +52,23 @@ def main() -> int:
         parser.error(
             "--docs draws the results that an FMU carries: choose a flavour other than wasm"
         )
-    models = [known[plain(name)] for name in options.component or MACHINES]
+    models = [known[plain(name)] for name in options.component or made(options.flavour)]
     if failed := make_all(models, options.flavour, options.into, options.force):
         return min(1, failed)
     if options.docs:
         write_pages([load(file) for file in models], options.into)
         write_papers()
     return 0
+
+
+def made(flavour: str) -> list[str]:
+    """The components of which there are FMUs of the flavour."""
+    compiled = flavour in ("native", "wasm", "fmi3")
+    return [
+        name
+        for name, file in MACHINES.items()
+        if not (compiled and hasattr(load(file), "PYTHON_ONLY"))
+    ]
 
 
 def plain(name: str) -> str:

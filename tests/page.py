@@ -13,6 +13,7 @@ from typing import Any
 
 def main() -> None:
     names: dict[str, Any] = {"__name__": "page"}
+    sys.path.insert(0, "")
     aliases = ""
     for language, place, text in json.load(sys.stdin):
         print(f"--- {place}", flush=True)

@@ -202,7 +202,7 @@ def perform(tree: Path, items: list[tuple[str, str, str]]) -> str:
         [sys.executable, ROOT / "tests" / "page.py"],
         input=json.dumps(items),
         cwd=tree,
-        env=os.environ | {"PATH": os.pathsep.join(map(str, path)), "PYTHONPATH": str(tree)},
+        env=os.environ | {"PATH": os.pathsep.join(map(str, path))},
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,

@@ -25,6 +25,7 @@ from lxml import html
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
+from build_fmus import made
 from components import MACHINES
 from components.crank_conveyor import model as crank_conveyor
 from fmukit import VERSION
@@ -304,6 +305,13 @@ def test_a_component_without_native_flavour_is_named_with_the_reason() -> None:
     said = build(ROOT, "linear_system", "--flavour", "native", code=1)
     assert "linear_system has no native flavour: its matrix exp" in said
     assert "linear_system" in MACHINES
+
+
+@pytest.mark.parametrize("flavour", ["native", "wasm", "fmi3"])
+def test_all_components_are_those_that_have_the_flavour(flavour: str) -> None:
+    """So that the build of all ends well, and a name that was given does not."""
+    assert set(MACHINES) - set(made(flavour)) == {"linear_system"}
+    assert set(made("all")) == set(made("python")) == set(MACHINES)
 
 
 def test_two_versions_in_one_process_compute_their_own_numbers(fmus: Path, tree: Path) -> None:
