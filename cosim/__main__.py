@@ -15,7 +15,7 @@ from tempfile import TemporaryDirectory, TemporaryFile, mkdtemp
 from typing import Any, NamedTuple
 
 from . import __version__
-from .commandline import Parser, assignment, exit_code, literal, require
+from .commandline import Help, Parser, assignment, exit_code, literal, number, require
 from .engine.adaptive import Adaptive
 from .engine.algorithms import ALGORITHMS
 from .engine.part import quiet
@@ -143,13 +143,14 @@ def parser() -> Parser:
     commands = top.add_subparsers(required=True, metavar="COMMAND", dest="command")
 
     def command(name: str, does: Callable[..., int], text: str, *, file: bool = True) -> Parser:
-        how = argparse.ArgumentDefaultsHelpFormatter
-        one = commands.add_parser(name, help=text, description=text, formatter_class=how)
+        one = commands.add_parser(name, help=text, description=text, formatter_class=Help)
         one.set_defaults(does=does)
         if file:
-            one.path("file", f".ssp, .ssd, {FILE}, a folder with one, or a single .fmu")
+            one.path(
+                "file", f".ssp, .ssd, {FILE}, a folder with one, or a single .fmu", metavar="file"
+            )
             values = "start values: an .ssv, or a .csv with the columns name, value and unit"
-            one.path("--parameters", values, metavar="FILE")
+            one.path("--parameters", values)
             value = "start value of a parameter or input, by its dotted name"
             one.several("--set", value, dest="given", metavar="NAME=VALUE")
             text = "refuse an FMU whose model description is not valid"
@@ -161,8 +162,12 @@ def parser() -> Parser:
     one = command("run", simulate, "run a system and write its rows")
     stepping(one)
     one.path("--out", ".csv or .parquet; JSON with units and provenance beside it")
-    one.number("--timeout", "longest time of a step before it is ended [s]", math.inf)
-    one.add_argument("--part", help="write this part's columns only, under their bare names")
+    one.number(
+        "--timeout", "longest time of a step before it is ended [s]; none by default", math.inf
+    )
+    one.add_argument(
+        "--part", metavar="NAME", help="write this part's columns only, under their bare names"
+    )
     one.path("--plot", "image of all columns")
     text = "run with smaller steps too, tell coupling errors"
     one.add_argument("--certify", action="store_true", help=text)
@@ -187,14 +192,14 @@ def parser() -> Parser:
     one.number("--step", "communication step [s]")
 
     one = command("crosscheck", cross, "whether an FMU keeps what it promises", file=False)
-    one.path("fmu", "a co-simulation FMU of FMI 2.0 or 3.0")
+    one.path("fmu", "a co-simulation FMU of FMI 2.0 or 3.0", metavar="fmu")
     one.number("--step", "communication step [s]; the FMU's by default")
     one.number("--timeout", "longest time of a check [s]", 60.0)
-    one.several("--out", "report: .txt, .xml (JUnit) or .html; may be given again", type=Path)
+    one.several("--out", "report: .txt, .xml (JUnit) or .html", metavar="FILE", type=Path)
 
     one = command("compare", beside, "whether a result stays beside a reference", file=False)
-    one.path("result", ".csv or .parquet, its first column the time")
-    one.path("reference", "the same: another result, or a measurement")
+    one.path("result", ".csv or .parquet, its first column the time", metavar="result")
+    one.path("reference", "the same: another result, or a measurement", metavar="reference")
     text = (
         "columns of result and reference, w=n:rpm or tau=M*0.73:N.m; by default, those of one name"
     )
@@ -203,22 +208,25 @@ def parser() -> Parser:
     one.number("--time", f"half the width of the band [s]; {SHARE} of the time by default")
     text = "error of a column, in the reference's unit or as in 7.3rpm"
     one.several("--error", text, metavar="NAME=VALUE")
-    one.number("--gap", "compare nothing between rows of the reference further apart [s]", math.inf)
+    text = "compare nothing between rows of the reference further apart [s]; none by default"
+    one.number("--gap", text, math.inf)
     one.path("--plot", "image of the curves and their bands")
 
     one = command("verify", verify, "test the master against closed solutions", file=False)
-    one.path("fmu", "LinearSystem.fmu", nargs="?", default=EXACT)
+    one.path(
+        "fmu", f"LinearSystem.fmu, by default {EXACT}", metavar="fmu", nargs="?", default=EXACT
+    )
     return top
 
 
 def shared(one: Parser, *options: str) -> None:
     """Options of several commands."""
     told: dict[str, dict[str, Any]] = {
-        "--start": {"type": float, "help": "start time [s]; the file's by default"},
-        "--stop": {"type": float, "help": "stop time [s]; the file's by default"},
-        "--step": {"type": float, "help": "communication step [s]; the file's, or the FMUs', by default"},
+        "--start": {"type": number, "metavar": "NUMBER", "help": "start time [s]; the file's by default"},
+        "--stop": {"type": number, "metavar": "NUMBER", "help": "stop time [s]; the file's by default"},
+        "--step": {"type": number, "metavar": "NUMBER", "help": "communication step [s]; the file's, or the FMUs', by default"},
         "--algorithm": {"choices": ALGORITHMS, "default": "strang", "help": "coupling algorithm"},
-        "--record": {"type": names, "help": "columns by dotted names, a,b,c; all outputs by default"},
+        "--record": {"type": names, "metavar": "LIST", "help": "columns by dotted names, a,b,c; all outputs by default"},
     }  # fmt: skip
     for option in options:
         one.add_argument(option, **told[option])
@@ -230,8 +238,14 @@ def stepping(one: Parser) -> None:
     one.number("--adaptive", "choose steps for this coupling error", metavar="TOLERANCE")
     shared(one, "--algorithm")
     add = one.add_argument
-    add("--order", type=names, help="order in which parts step: a,b,c")
-    add("--input-order", type=int, default=0, help="polynomial order of inputs within a step")
+    add("--order", type=names, metavar="LIST", help="order in which parts step: a,b,c")
+    add(
+        "--input-order",
+        type=int,
+        default=0,
+        metavar="N",
+        help="polynomial order of inputs within a step",
+    )
     one.several("--substeps", "steps within a step", metavar="PART=N")
     one.number("--tolerance", "relative tolerance handed to the FMUs")
     one.path("--input", "CSV of inputs over time, its first column the time [s]")

@@ -17,6 +17,20 @@ from .signals import heard
 from .system import Value
 
 
+class Help(argparse.HelpFormatter):
+    """Tells defaults as a person writes them, and none where there is none."""
+
+    def _get_help_string(self, action: argparse.Action) -> str | None:
+        default = (
+            f"{action.default:g}" if isinstance(action.default, float) else str(action.default)
+        )
+        if not action.option_strings or default in ("None", "False", "inf", argparse.SUPPRESS):
+            return action.help
+        if isinstance(action, argparse._AppendAction):
+            return f"{action.help} (repeatable)"
+        return f"{action.help} (default: {default})"
+
+
 class Parser(argparse.ArgumentParser):
     """Reports bad input as one line, as everything else does."""
 
@@ -25,15 +39,25 @@ class Parser(argparse.ArgumentParser):
 
     def path(self, name: str, text: str, **more: Any) -> None:
         """An option that is a file."""
-        self.add_argument(name, type=Path, help=text, **more)
+        self.add_argument(name, type=Path, help=text, **{"metavar": "FILE"} | more)
 
     def number(self, name: str, text: str, default: float | None = None, **more: Any) -> None:
         """An option that is a number."""
-        self.add_argument(name, type=float, default=default, help=text, **more)
+        told: dict[str, Any] = {"type": number, "metavar": "NUMBER", "default": default} | more
+        self.add_argument(name, help=text, **told)
 
     def several(self, name: str, text: str, **more: Any) -> None:
         """An option that may be given again."""
         self.add_argument(name, action="append", default=[], help=text, **more)
+
+
+def number(text: str) -> float:
+    """A number; raises ArgumentTypeError for another text."""
+    try:
+        return float(text)
+    except ValueError:
+        other = "; start values are given with --set" if "=" in text else ""
+        raise argparse.ArgumentTypeError(f"{text!r} is no number{other}") from None
 
 
 def exit_code(action: Callable[[], int]) -> int:

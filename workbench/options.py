@@ -86,7 +86,10 @@ class Option:
         if self.kind is str and isinstance(value, os.PathLike):
             value = os.fspath(value)
         if self.choices and value not in self.choices:
-            raise SetupError(f"{key} = {shown(given)} must be one of {', '.join(self.choices)}")
+            start = "; a start value of an FMU is given with --start" * ("=" in str(given))
+            raise SetupError(
+                f"{key} = {shown(given)} must be one of {', '.join(self.choices)}{start}"
+            )
         if type(value) is not self.kind:
             raise SetupError(f"{key} = {shown(given)} must be {KINDS[self.kind]}")
         return self._checked(value, key)

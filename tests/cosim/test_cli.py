@@ -19,7 +19,7 @@ from fmpy import simulate_fmu
 from numpy.testing import assert_array_equal
 
 from cosim import System, run, write_ssp
-from cosim.__main__ import main
+from cosim.__main__ import main, parser
 from scenarios.conveyor.theory import SETS
 from tests.conftest import ROOT
 from tests.cosim.conftest import Said
@@ -199,6 +199,8 @@ def test_exports_are_files_of_their_kind(drive: Path, tmp_path: Path, said: Said
         (["run", "DRIVE", "--set", "motor.T=-1"], "motor.T [s] = -1 must be"),
         (["run", "DRIVE", "--step", "0"], "step = 0.0 s must be above 0"),
         (["run", "DRIVE", "--step", "1", "--adaptive", "1"], "exclude each other"),
+        (["run", "DRIVE", "--stop", "soon"], "argument --stop: 'soon' is no number"),
+        (["run", "DRIVE", "--start", "motor.T=1"], "start values are given with --set"),
         (["run", "DRIVE", "--algorithm", "euler"], "invalid choice: 'euler'"),
         (["run", "DRIVE", "--substeps", "motor=1.5"], "must be a whole number"),
         (["run", "DRIVE", "--out", "x.xls"], "must end in .csv or .parquet"),
@@ -210,6 +212,19 @@ def test_bad_input_ends_with_code_2(
     drive: Path, said: Said, arguments: list[str], message: str
 ) -> None:
     assert message in said(*(drive if word == "DRIVE" else word for word in arguments), code=2)
+
+
+@pytest.mark.parametrize("command", parser()._actions[-1].choices or ())
+def test_help_tells_defaults_as_a_person_writes_them(command: str) -> None:
+    """None where there is none, and what may be given again."""
+    commands: Any = parser()._actions[-1].choices
+    said = " ".join(commands[command].format_help().split())
+    assert not re.search(r"default: (None|False|inf|\[\]|\d+\.0\b)", said)
+    for option in ("--set", "--substeps", "--at", "--map"):
+        if f" {option} " in said:
+            assert re.search(rf"{option} [^(]*?\(repeatable\)", said.split("options:")[1])
+    if command == "run":
+        assert "--input-order N polynomial order of inputs within a step (default: 0)" in said
 
 
 def test_output_that_nobody_reads_any_more_is_no_traceback(drive: Path) -> None:

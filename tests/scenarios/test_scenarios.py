@@ -168,6 +168,7 @@ REFUSED = [
     ("run resonance --scheduler x", "scheduler = 'x' must read tcp://HOST:PORT"),
     ("study some.toml --out README.md", "argument --out: 'README.md' is no folder"),
     ("run resonance --jobs two", "--jobs: invalid int value: 'two'"),
+    ("run run_up --set motor.T=1", "of A, B; a start value of an FMU is given with --start"),
     ("run run_up --step 0", "step = 0 s must be a finite number above 0 s"),
     ("run run_up --step 2rpm", "step = '2rpm' must be a number in s or ms or us or min"),
     ("run run_up --speed nan", "speed = nan rad/s must be a finite number above 0 rad/s"),
