@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import base64
 import html
 import json
 from collections.abc import Callable, Sequence
 from functools import cached_property
+from importlib.util import find_spec
+from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +22,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Rows = NDArray[np.float64]
+SHOWN = 6
 
 
 class Result:
@@ -35,14 +39,28 @@ class Result:
         self._load = load
 
     def __repr__(self) -> str:
-        ran = self.provenance
         shown = (f"{name} [{self.units.get(name, '')}]" for name in self.columns[1:])
-        return (
-            f"Result({ran['status']}, {ran['start']:g} to {ran['reached']:g} s: {', '.join(shown)})"
-        )
+        return f"Result({self._span()}: {', '.join(shown)})"
+
+    def _span(self) -> str:
+        """How it ended, from when to when."""
+        ran = self.provenance
+        return f"{ran['status']}, {ran['start']:g} to {ran['reached']:g} s"
 
     def _repr_html_(self) -> str:
-        return f"<p>{html.escape(repr(self))}</p>{self.frame.describe().to_html()}"
+        """Status, warnings, the extremes of every column and, with matplotlib, the first SHOWN of them."""
+        told = "".join(f"<p>{html.escape(text)}</p>" for text in (self._span(), *self.warnings))
+        if len(self.columns) < 2 or not len(self.data):
+            return told
+        rows = self.frame.drop(columns="time")
+        table = rows.agg(["min", "mean", "max"]).T.assign(last=rows.iloc[-1])
+        table.insert(0, "unit", [self.units.get(x, "") for x in self.columns[1:]])
+        told += table.to_html(float_format="{:.6g}".format)
+        if find_spec("matplotlib"):
+            self.plot(self.columns[1 : 1 + SHOWN], drawn := BytesIO())
+            picture = base64.b64encode(drawn.getvalue()).decode()
+            told += f'<img src="data:image/png;base64,{picture}" style="max-width: 100%">'
+        return told
 
     @cached_property
     def data(self) -> Rows:
@@ -112,7 +130,7 @@ class Result:
             raise
 
     def plot(
-        self, names: Sequence[str] | str | None = None, path: Path | str | None = None
+        self, names: Sequence[str] | str | None = None, path: Path | str | IO[bytes] | None = None
     ) -> Figure:
         """The columns over time, those of one unit in one axis; written to a file if asked."""
         from matplotlib.figure import Figure

@@ -15,7 +15,7 @@ from zipfile import ZipFile
 import numpy as np
 import pytest
 
-from cosim import Adaptive, SetupError, System, run
+from cosim import Adaptive, Result, SetupError, System, run
 from cosim.__main__ import alone as single
 from cosim.__main__ import main
 from cosim.engine.rows import Grid
@@ -200,7 +200,13 @@ def test_a_run_without_files_shows_where_it_ends(tmp_path: Path, said: Said) -> 
     )
     result = run(single(fmu), stop=1.0, step=0.1, record=["A.y"])
     assert repr(result) == "Result(complete, 0 to 1 s: A.y [])"
-    assert "<td>" in result._repr_html_()
+    shown = result._repr_html_()
+    for text in ("complete, 0 to 1 s", "data:image/png;base64,iV", f"<td>{math.exp(-1):.6g}</td>"):
+        assert text in shown
+    result.provenance["warnings"].append("A: 3 < 4")
+    assert "<p>A: 3 &lt; 4</p>" in result._repr_html_()
+    empty = Result(result.columns, result.units, result.provenance, lambda: result.data[:0])
+    assert "<td>" not in empty._repr_html_()
 
 
 def test_the_version_is_the_project_s(capsys: pytest.CaptureFixture[str]) -> None:
