@@ -327,7 +327,8 @@ def integrated(
     changes = {}
     for name, level in levels.items():
         above = got[name] > level
-        changes[name] = level, float(got["time"][int(np.argmax(above != above[0]))])
+        k = int(np.argmax(above != above[0]))
+        changes[name] = level, float(got["time"][k - 1 : k + 1].mean())
     return Case(system, stop, step, exact, changes=changes)
 
 
@@ -405,9 +406,11 @@ class Verdict(NamedTuple):
 
     @property
     def ratio(self) -> float:
-        """True over stated error; the truth itself is known to KNOWN of the largest value."""
+        """True over stated error; the truth itself is known to KNOWN of the largest value, when a discrete
+        column changes to half the distance of the oracle's rows."""
         assert self.error is not None
-        return max(0.0, abs(self.value - self.true) - KNOWN * self.size) / self.error
+        known = 0.5 / (SHOWN - 1) if self.figure == "event" else KNOWN
+        return max(0.0, abs(self.value - self.true) - known * self.size) / self.error
 
 
 def judged(

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import reduce
+from itertools import permutations, product
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,6 +23,7 @@ SLOWEST, FASTER, VAGUE, SAFETY = 0.5, 1.5, 0.1, 1.5
 HALVED, TENTH = 2.0, 10.0
 THINNED, FAR = (2, 3), 10.0
 SHIFTED = (0.03, 0.06, 0.125, 0.25, 0.5, 0.75, 0.875)
+CUBIC, CALM, KINK, FLAT, SIDED = 4, 3, 8.0, 1e-8, (0.25, 0.5, 0.75)
 MOST_DIGITS, TICKS, SHARED = 7, 12, 0.5
 
 SUMMARY: dict[str, Callable[[Rows, Rows], float]] = {
@@ -201,14 +203,54 @@ def _hidden(
     with np.errstate(all="ignore"):
         falls = np.log(before / last) / math.log(ratio)
     regular = (last * before > 0.0) & (falls >= SLOWEST) & (falls <= orders + FASTER)
-    off = np.where(regular, last, 0.0) / (ratio**orders - 1)
-    rows = data.copy()
+    off = np.zeros((2, *data.shape))
     for k in 1 + np.flatnonzero((data != np.round(data))[:, 1:].any(axis=0)):
-        rows[:, k] += np.interp(times[0], shared, off[:, k])
+        left = last[:, k] / (ratio ** orders[k] - 1)
+        for found, of in zip(off, (np.where(regular[:, k], left, 0.0), abs(left))):
+            found[:, k] = np.interp(times[0], shared, of)
+    rows = data + off[0]
+    tipped = _tipped(figures, result, data, off[1], values)
     for seen in _tried(figures, result, rows):
         moved = _moved(figures, result, rows, seen)
-        return {k: SAFETY * (abs(seen[k] - value) + moved[k]) for k, value in values.items()}
+        return {
+            k: max(SAFETY * (abs(seen[k] - value) + moved[k]), tipped[k])
+            for k, value in values.items()
+        }
     return {}
+
+
+def _tipped(
+    figures: Callable[[Result], Mapping[str, float]],
+    result: Result,
+    data: Rows,
+    off: Rows,
+    values: Mapping[str, float],
+) -> dict[str, float]:
+    """How far figures jump if the highest or the lowest part of each column is less so by its error `off`,
+    all of it or either end.
+
+    Another peak that is nearly as high, or the other end of one that is flat, may be the highest in truth,
+    and its time is then another one. What follows the rows evenly moves half as far for half of that, and is
+    left out.
+    """
+    found = dict.fromkeys(values, 0.0)
+    for sign, ends in product((1.0, -1.0), ((SAFETY, SAFETY), (0.0, 1.0), (1.0, 0.0))):
+        cut = np.zeros_like(data)
+        for k in range(1, data.shape[1]):
+            top = _around_top(sign * data[:, k])
+            cut[top, k] = -sign * off[top, k] * np.linspace(*ends, top.stop - top.start)
+        for half in _tried(figures, result, data + cut / 2):
+            for whole in _tried(figures, result, data + cut):
+                for name, value in values.items():
+                    found[name] = max(found[name], abs(whole[name] - 2 * half[name] + value))
+    return found
+
+
+def _around_top(x: Rows) -> slice:
+    """The rows around the highest, down to where they rise again."""
+    top, steps = int(np.argmax(x)), np.diff(x)
+    falls, rises = np.flatnonzero(steps[:top] < 0.0), np.flatnonzero(steps[top:] > 0.0)
+    return slice(falls[-1] + 1 if len(falls) else 0, top + rises[0] + 1 if len(rises) else len(x))
 
 
 def by_rows(
@@ -316,11 +358,50 @@ def _others(data: Rows) -> Iterator[Rows]:
             between[:, whole] = data[:-1, whole]
             between[:, 0] = t
             yield np.vstack([data[:1], between, data[-1:]])
+        for way in (1, -1):
+            yield from _beyond_kinks(data, curve, way)
     t = np.unique(data[:, 0])
     if len(t) > FEWEST and t[1] == data[1, 0]:
         rows, after = data.copy(), data[1 : FEWEST + 1]
         rows[0, 1:] = spline(after[:, 0], after[:, 1:])(rows[0, 0])
         yield rows
+
+
+def _beyond_kinks(data: Rows, curve: Callable[[Rows], Rows], way: int) -> Iterator[Rows]:
+    """The rows with more of them between two where a column has a kink, as the cubic through the next four
+    has it, or with a way of -1 the four before.
+
+    That cubic tells the row before its four nearly as well as the next ones do theirs, unless something
+    has happened in between: an impact, after which a dip may be over before the next row.
+    """
+    rows = data[::way]
+    t, many = rows[:, 0], len(rows) - CUBIC
+    if many <= CALM:
+        return
+
+    def told(k: Any, s: Rows) -> Rows:
+        """The cubics through rows k + 1 to k + 4 at times s, shape (len(k), columns)."""
+        nodes, weights = t[k[:, None] + np.arange(1, CUBIC + 1)], np.ones((len(k), CUBIC))
+        for i, j in permutations(range(CUBIC), 2):
+            weights[:, j] *= (s - nodes[:, i]) / (nodes[:, j] - nodes[:, i])
+        return np.asarray(sum(weights[:, [j]] * rows[k + 1 + j] for j in range(CUBIC)))
+
+    every = np.arange(many)
+    off = abs(told(every, t[:many]) - rows[:many])
+    calm = np.max([off[n : many - CALM + n] for n in range(1, CALM + 1)], axis=0)
+    kinked = off[:-CALM] > np.maximum(KINK * calm, FLAT * np.ptp(rows, axis=0))
+    kinked &= (data != np.round(data)).any(axis=0)
+    k = np.flatnonzero(kinked.any(axis=1))
+    if not len(k):
+        return
+    more = [data]
+    for share in SIDED:
+        s = (1.0 - share) * t[k] + share * t[k + 1]
+        seen = np.where(kinked[k], told(k, s), curve(s))
+        seen[:, 0] = s
+        more.append(seen)
+    together = np.vstack(more)
+    yield together[np.argsort(together[:, 0], kind="stable")]
 
 
 def summary(result: Result) -> dict[str, float]:
