@@ -510,6 +510,38 @@ def test_a_start_value_that_no_fmu_has_is_named_before_the_first_run(tmp_path: P
         study.load(path, PROJECT)
 
 
+@pytest.mark.parametrize(
+    ("tolerance", "message"),
+    [
+        (
+            "speed = { nominal = 3.0, uniform = 5.0 }",
+            "an end of tolerances.speed = -2 rad/s must be a",
+        ),
+        ("speed = { from = -1, to = 2 }", "an end of tolerances.speed = -1 rad/s must be a"),
+        (
+            "speed = { nominal = 3.0, normal = 2.0, within = 4.0 }",
+            "an end of tolerances.speed = -1 rad/s",
+        ),
+        ("'orientator.chute.mu' = { nominal = 0.2, uniform = 0.3 }", "chute.mu [1] = -0.09999"),
+        ("speed = { nominal = 3.0, uniform = '100 %' }", ""),
+        ("speed = { nominal = 3.0, normal = 2.0 }", ""),
+    ],
+)
+def test_a_tolerance_with_an_end_beyond_a_bound_is_refused(
+    tolerance: str, message: str, tmp_path: Path
+) -> None:
+    """One that touches the bound is not, nor one without an end, whose samples may keep within."""
+    path, out = tmp_path / "cup.toml", tmp_path / "out"
+    sampling = "[sampling]\nmethod = 'lhs'\nnumber = 2\nseed = 1\n[tolerances]"
+    path.write_text(f"scenario = 'orientator_cycle'\n{sampling}\n{tolerance}")
+    if message:
+        with pytest.raises(SetupError, match=re.escape(message)):
+            scenarios.study(path, out=out, flavour="native")
+        assert not out.exists()
+    else:
+        assert len(study.load(path, PROJECT).runs()) == 2
+
+
 def test_the_studies_of_the_project_and_of_the_page_are_sound(tmp_path: Path) -> None:
     page = (ROOT / "docs" / "studies.md").read_text()
     (tmp_path / "page.toml").write_text(page.split("```toml mine.toml\n")[1].split("```")[0])

@@ -244,7 +244,21 @@ def _once(key: str, values: Sequence[Value]) -> None:
 
 
 def _tolerance(option: Option, spec: Any, key: str) -> Any:
-    """The distribution of a sampled input."""
+    """The distribution of a sampled input, all of which its option takes if it has ends."""
+    found = _distribution(option, spec, key)
+    for end in ends(found):
+        option.read(end, f"an end of {key}")
+    return found
+
+
+def ends(distribution: Any) -> list[float]:
+    """The least and the largest sample of a distribution; none if it has no ends."""
+    if not np.isfinite(distribution.support()).all():
+        return []
+    return [float(x) for x in distribution.ppf([LEAST, 1.0 - LEAST])]
+
+
+def _distribution(option: Option, spec: Any, key: str) -> Any:
     if option.kind is not float or option.many:
         expected = "a list" if option.many else KINDS[option.kind]
         raise SetupError(f"{key}: the option takes {expected}; vary it in [grid]")

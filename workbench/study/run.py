@@ -23,7 +23,7 @@ from ..runs.engine import Engine
 from ..runs.identity import computation
 from ..runs.journal import opened
 from .outcome import conclude
-from .plan import Study
+from .plan import Study, ends
 
 PRESENTATION = "figures"
 
@@ -85,6 +85,7 @@ def identity(study: Study, fmus: Mapping[str, Path], flavour: str) -> dict[str, 
 def _units(study: Study, fmus: Mapping[str, Path]) -> dict[str, str]:
     """The units of the varied inputs; raises SetupError for a start value that no FMU has or takes."""
     values = {**{name: [value] for name, value in study.fixed.items()}, **study.grid}
+    values |= {name: ends(tolerance) for name, tolerance in study.tolerances.items()}
     given = {name: several for name, several in values.items() if "." in name}
     network = connect(System(fmus)) if fmus else None
     try:
