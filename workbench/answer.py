@@ -138,7 +138,7 @@ class Answer(Findings):
         picture = (
             f'<img src="data:image/png;base64,{drawn}" style="max-width: 100%">' if drawn else ""
         )
-        return f"<pre>{escape(repr(self))}</pre>{picture}"
+        return f'<pre style="white-space: pre-wrap">{escape(repr(self))}</pre>{picture}'
 
 
 def parameters(system: System, own: Iterable[str] = ()) -> dict[str, Parameter]:
