@@ -170,7 +170,7 @@ class Run(Options):
     """What every question of one certified run is asked."""
 
     stop: float = option(1.0, "simulated time", "s", above=0.0)
-    step: float = option(2e-4, "finest of three communication steps", "s", above=0.0)
+    step: float = option("0.2ms", "finest of three communication steps", "s", above=0.0)
     algorithm: str = option("strang", "coupling algorithm", choices=cosim.ALGORITHMS)
 
 

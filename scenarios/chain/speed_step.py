@@ -61,7 +61,7 @@ LIVE = (
 class Options(Run):
     speed: float = option(20.0, "set speed of the load", "rad/s", above=0.0)
     ratio: float = option(5.0, "ratio of the gearbox", "1", above=0.0)
-    step: float = option(5e-4, "finest of three communication steps", "s", above=0.0)
+    step: float = option("0.5ms", "finest of three communication steps", "s", above=0.0)
 
 
 def solve(o: Options, bench: Bench) -> Findings:

@@ -40,6 +40,9 @@ TOLD = {
     "force": ("f_rod_peak", "largest rod force", "N", FORCE),
 }
 ROUNDS, CLOSE = 12, 1e-9
+UNKNOWN = "the coupling error of an orbit is not known; take more steps per revolution"
+FEW = "the sweep holds too few speeds near it"
+NOWHERE = "not even at the lowest speed of the sweep"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -128,11 +131,15 @@ def cells(machine: Machine, nu: float, row: Row) -> list[float]:
 
 
 def worst(errors: Sequence[Measured], meaning: str) -> Figure:
-    """The largest of errors of either sign."""
-    top = max(errors, key=lambda x: abs(x.value))
-    if any(math.isnan(sum(x)) for x in errors):
-        return Figure.refused("%", "not every speed has an orbit with a known error", meaning)
-    return Figure(top.value, "%", max(x.error for x in errors), meaning)
+    """The largest of errors of either sign; what it may be covers others that are as large."""
+    top = max(errors, key=lambda x: math.inf if math.isnan(x.value) else abs(x.value))
+    if math.isnan(top.value):
+        return Figure.refused("%", "not every speed of the sweep has a steady orbit", meaning)
+    if any(math.isnan(x.error) for x in errors):
+        return Figure.refused("%", UNKNOWN, meaning)
+    as_large = [x for x in errors if abs(x.value) + x.error >= abs(top.value) - top.error]
+    error = max(abs(x.value - top.value) + x.error for x in as_large)
+    return Figure(top.value, "%", error, meaning)
 
 
 def passed(
@@ -151,7 +158,7 @@ def passed(
             reason = "the sweep holds no two speeds, or one without a steady orbit"
             found[case] = Figure.refused("rad/s", reason)
         elif abs(errors[0]) > most:
-            found[case] = Figure.refused("rad/s", "it is not at the lowest speed of the sweep")
+            found[case] = Figure.refused("rad/s", NOWHERE)
         else:
             curve = CubicSpline(nus, errors)
             ends = [(x, s) for s in (1, -1) for x in passes(np.array(nus), errors, s * most)]
@@ -161,6 +168,7 @@ def passed(
             else:
                 reason = f"it is at every speed of the sweep: the error stays below {most:g} %"
                 found[case] = Figure.refused("rad/s", reason)
+    few = Figure.refused("rad/s", FEW)
     before: dict[Case, tuple[float, float]] = {}
     for _ in range(ROUNDS):
         seen = simulated([x for x, _, _ in sought.values()])
@@ -168,38 +176,51 @@ def passed(
             at = off(case, machine, x, row)
             if case in before:
                 slope = (at.value - before[case][1]) / (x - before[case][0])
-            step, error = (level - at.value) / slope, at.error / abs(slope)
-            found[case] = Figure(x + step, "rad/s", abs(step) + error)
-            before[case], sought[case] = (x, at.value), (x + step, level, slope)
-            if not nus[0] <= x + step <= nus[-1]:
-                found[case] = Figure.refused("rad/s", "the sweep holds too few speeds near it")
-            if found[case].error is None or abs(step) <= max(error, CLOSE * x):
-                del sought[case]
+            step = (level - at.value) / slope if slope else math.inf
+            if math.isnan(at.error):
+                found[case] = Figure.refused("rad/s", UNKNOWN)
+            elif not nus[0] <= x + step <= nus[-1]:
+                found[case] = few
+            else:
+                error = at.error / abs(slope)
+                found[case] = Figure(x + step, "rad/s", abs(step) + error)
+                before[case] = (x, at.value)
+                if abs(step) > max(error, CLOSE * x):
+                    sought[case] = (x + step, level, slope)
+                    continue
+            del sought[case]
         if not sought:
             return found
-    for case in sought:
-        found[case] = Figure.refused("rad/s", "the sweep holds too few speeds near it")
-    return found
+    return {**found, **dict.fromkeys(sought, few)}
 
 
 def verdict(o: Options, f: Mapping[str, Figure], r: Found) -> str:
     """Up to which speed either calculation may be used, and how wrong it gets."""
     lines = []
     for way, words in WORDS.items():
-        parts, tops = [], []
+        kept, tops, reasons = [], [], set()
         for load, (_, name, *_) in TOLD.items():
             end, top = f[f"limit_{way}_{load}"], f[f"worst_{way}_{load}"]
-            where = "at no speed that is told"
+            if top.error is None:
+                reasons.add(top.reason)
+            else:
+                tops.append(f"{top.text()} for the {name}")
             if end.error is not None:
-                where = f"up to {end.text()}"
+                kept.append(f"the {name} up to {end.text()}")
+            elif end.reason == NOWHERE:
+                kept.append(f"the {name} {NOWHERE}")
             elif top.error is not None and abs(top.value) <= o.tolerance:
-                where = "at every speed"
-            parts.append(f"the {name} {where}")
-            tops.append(top.text())
-        lines.append(
-            f"{words.capitalize()} as its load, the calculation is within {o.tolerance:g} % for "
-            f"{', '.join(parts)}. Its largest errors are {', '.join(tops)}."
-        )
+                kept.append(f"the {name} at every speed")
+            elif top.error is not None:
+                reasons.add(end.reason)
+        told = []
+        if kept:
+            told.append(f"is within {o.tolerance:g} % for {', '.join(kept)}.")
+        if tops:
+            told.append(f"has largest errors of {', '.join(tops)}.")
+        if reasons:
+            told.append(f"is not judged{' further' * bool(told)}: {'; '.join(sorted(reasons))}.")
+        lines.append(f"{words.capitalize()} as its load, the calculation {' It '.join(told)}")
     if f["share"].error is not None:
         lines.append(
             "The spring alone no longer gives the torque ripple once the inertia force of the trough is "

@@ -296,13 +296,13 @@ def figures(points: DataFrame, rows: DataFrame, error: float) -> dict[str, Figur
         ("peak", "formula", "largest torque ripple beside formula (22)"),
         ("peak", "peak_theory", "largest torque ripple beside that of first-order theory"),
     ):
-        off = (100 * (rows[place] / rows[other] - 1.0)).dropna()
+        off = 100 * abs(rows[place] / rows[other] - 1.0).dropna()
         if len(off):
             left = float((100 * rows[f"{place}_error"] / rows[other]).max())
-            farthest, rms = max(off, key=abs), math.sqrt((off**2).mean())
+            rms = math.sqrt((off**2).mean())
             what = f"{what}, {len(off)} of {len(rows)} rows"
             name = f"{place}_off_{other}"
-            found[f"{name}_max"] = Figure(float(farthest), "%", left, f"{what}, at most")
+            found[f"{name}_max"] = Figure(float(off.max()), "%", left, f"{what}, at most")
             found[f"{name}_rms"] = Figure(rms, "%", left, f"{what}, rms")
     return found
 

@@ -40,7 +40,7 @@ class Options(Run):
     motor_B: float = option(0.025, "slope of the motor's line", "N.m.s/rad", least=0.0)
     motor_T: float = option("12ms", "lag of the motor", "s", above=0.0)
     stop: float = option(3.0, "simulated time", "s", above=0.0)
-    step: float = option(5e-4, "finest of three communication steps", "s", above=0.0)
+    step: float = option("0.5ms", "finest of three communication steps", "s", above=0.0)
 
 
 def solve(o: Options, bench: Bench) -> Findings:

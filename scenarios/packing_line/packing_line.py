@@ -77,7 +77,7 @@ class Options(Run):
     set: str = option("B", "parameter set of the conveyor's drive", choices=SETS)
     speed: float = option(60.0, "mean speed of the crank", "rad/s", above=0.0)
     stop: float = option(5.5, "simulated time", "s", above=0.0)
-    step: float = option(5e-4, "finest of three communication steps", "s", above=0.0)
+    step: float = option("0.5ms", "finest of three communication steps", "s", above=0.0)
 
 
 def system(o: Options, fmus: Mapping[str, Path]) -> System:

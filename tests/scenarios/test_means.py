@@ -15,11 +15,12 @@ from scipy.integrate import solve_ivp
 
 from cosim import SetupError
 from scenarios.conveyor import induction_motor
+from scenarios.conveyor.classical import worst
 from scenarios.conveyor.theory import SETS, Machine, classical, drift, flux_lag, means, settling
 from tests.conftest import QUICK, ask, fmus_of
 from tests.scenarios.orbit_oracle import Drive, Orbit, angles, orbit
 from workbench.answer import Answer
-from workbench.measure import harmonics
+from workbench.measure import Measured, harmonics
 
 POINTS = {"A": "20,36,40,60", "B": "8,21,30,60"}
 
@@ -307,8 +308,25 @@ def test_where_the_classical_calculation_goes_wrong_is_where_exact_orbits_say(na
 def test_a_tolerance_that_nothing_keeps_has_no_limit() -> None:
     answer = ask("classical", speeds="20,40", steps_per_rev=128, tolerance=1.0)
     end = answer.figures["limit_spring_torque"]
-    assert (end.error, end.reason) == (None, "it is not at the lowest speed of the sweep")
-    assert "within 1 % for the torque ripple at no speed that is told" in answer.verdict
+    assert (end.error, end.reason) == (None, "not even at the lowest speed of the sweep")
+    assert "within 1 % for the torque ripple not even at the lowest speed" in answer.verdict
+
+
+def test_what_steps_too_long_leave_of_the_classical_calculation_is_one_reason() -> None:
+    """T is one to four steps: no order is seen, and the secant comes to rest at the limit itself."""
+    answer = ask("classical", speeds="10:30:4", steps_per_rev=128, start={"motor.T": 0.00625})
+    why = "the coupling error of an orbit is not known; take more steps per revolution"
+    assert answer.figures["limit_spring_torque"].reason == why
+    for words in ("With the spring alone", "With spring and inertia"):
+        assert f"{words} as its load, the calculation is not judged: {why}." in answer.verdict
+
+
+def test_a_largest_error_covers_another_as_large() -> None:
+    """Of the other sign, too: which is the largest is not known then."""
+    off = [Measured(5.0, 0.1), Measured(-4.9, 0.1), Measured(1.0, 0.3)]
+    assert worst(off, "").error == pytest.approx(10.0, rel=1e-12)
+    assert worst([off[0], off[2]], "").error == pytest.approx(0.1, rel=1e-12)
+    assert worst([off[0], Measured(math.nan, math.nan)], "").reason.endswith("has a steady orbit")
 
 
 MOTOR = {"tau_b": 190.0, "s_b": 0.16, "w_s": 65.4}
