@@ -3,6 +3,11 @@
 from __future__ import annotations
 
 import math
+import random
+from bisect import bisect
+from functools import cache
+from itertools import accumulate, pairwise
+from operator import attrgetter
 from typing import Any
 
 import mpmath
@@ -12,12 +17,18 @@ from scipy.optimize import minimize_scalar
 
 from components.iron_drive import model as iron
 from cosim import SetupError
-from fmukit.declare.record import start
+from fmukit.declare.record import declarations, start
 from scenarios.iron import iron_kinematics
 from tests.components.iron_flight import DIMENSIONS, Reference, numbers, transfer
-from tests.components.iron_oracle import tables
+from tests.components.iron_oracle import by_material_points, tables
 from tests.conftest import QUICK, ask
+from tests.oracle import drawn
 
+GIVEN = {
+    name: attrgetter(name)
+    for name, d in declarations(iron.Parameters)
+    if d.kind == "Real" and name != "reducer.J"
+}
 FUNCTIONS = list(iron_kinematics.FUNCTIONS)[:6]
 
 
@@ -81,6 +92,59 @@ def test_iron_kinematics_meets_every_reference_row() -> None:
 def test_a_cam_without_a_rise_is_refused(name: str) -> None:
     with pytest.raises(SetupError, match=r"^iron.cam.h = 0 m: a cam without a rise "):
         ask(name, **QUICK[name], start={"iron.cam.h": 0.0})
+
+
+@pytest.mark.parametrize("seed", [1, *(pytest.param(x, marks=SLOW) for x in range(2, 8))])
+def test_iron_cycle_tells_what_material_points_bear(seed: int) -> None:
+    """A drawn machine at a drawn speed: the extremes, where they are, the work of friction, and the
+    speed at which a force vanishes first, from points of mass that know no equation of the FMU.
+    """
+    draw = random.Random(seed)
+    p = drawn(iron, draw, 0.1, **{"reducer.J": 2e-4, "on_invalid": iron.OnInvalid.warn})
+    speed = draw.uniform(2.0, 7.0)
+    given = {f"iron.{name}": getter(p) for name, getter in GIVEN.items()}
+    told = ask("iron_cycle", speed=speed, samples=720, start=given).figures
+    ends = list(accumulate((p.cam.rise, p.cam.top, p.cam.ret)))
+
+    @cache
+    def points(phi: float, w: float) -> dict[str, Any]:
+        going = bisect(ends, phi)
+        K = {0: p.friction.K_up, 2: p.friction.K_down}.get(going, 0.0)
+        with mpmath.workdps(20):
+            return by_material_points(p, phi, w, 0.0, K)
+
+    def extreme(force: str, sign: int) -> tuple[float, float]:
+        """The angle [deg] and the value, near the best of some places in each part of a turn."""
+        best = (0.0, -math.inf)
+        for begin, end in pairwise([0.0, *ends, 2 * math.pi]):
+            places = np.linspace(begin + 1e-9, end - 1e-9, 25)
+            top = int(np.argmax([sign * points(phi, speed)[force] for phi in places]))
+            bounds = places[max(top - 1, 0)], places[min(top + 1, 24)]
+            found = minimize_scalar(
+                lambda phi: -sign * float(points(phi, speed)[force]),
+                bounds=bounds, method="bounded", options={"xatol": 1e-7},
+            )  # fmt: skip
+            best = max(best, (found.x, -found.fun), key=lambda it: it[1])
+        return math.degrees(best[0]), sign * best[1]
+
+    for name, force, sign in (
+        ("tau_cam_min", "tau_cam", -1),
+        ("tau_cam_max", "tau_cam", 1),
+        ("follower_force_min", "N", -1),
+        ("follower_force_max", "N", 1),
+        ("run_force_min", "T_span", -1),
+    ):
+        angle, value = extreme(force, sign)
+        assert abs(told[name].value - value) <= told[name].error, name
+        if at := told.get(f"{name}_angle"):
+            assert abs(at.value - angle) <= at.error, name
+    for name, force in (("follower", "N"), ("run", "T_span"), ("iron", "T_iron")):
+        limit, where = told[f"{name}_limit"], math.radians(told[f"{name}_limit_angle"].value)
+        still, moving = (float(points(where, w)[force]) for w in (0.0, 1.0))
+        exact = math.sqrt(still / (still - moving))
+        assert abs(limit.value - exact) <= limit.error, name
+        places = np.linspace(where - 0.02, where + 0.02, 9)
+        assert min(points(phi, exact)[force] for phi in places) == pytest.approx(0.0, abs=1e-9)
 
 
 @pytest.mark.parametrize("v", [1e-3, pytest.param(2e-5, marks=SLOW)])
