@@ -1,0 +1,168 @@
+"""Starts of drives drawn at random: every figure within its error of one system without FMUs or master."""
+
+from __future__ import annotations
+
+import math
+import random
+from collections.abc import Iterator, Mapping
+from operator import attrgetter
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.interpolate import CubicSpline
+
+from components.crank_conveyor import model as conveyor
+from components.DC_motor import model as motor
+from components.gearbox import model as gearbox
+from components.iron_drive import model as iron
+from components.shaft_link import model as link
+from components.slotted_link import model as load
+from components.speed_controller import model as controller
+from fmukit.declare.record import declarations, start
+from scenarios.chain import speed_step
+from scenarios.conveyor.theory import SETS
+from tests.components.iron_oracle import OneSystem
+from tests.conftest import ask
+from tests.oracle import drawn, joined, monolithic, part, split
+from workbench import Figure
+
+SLOW = pytest.mark.slow
+SEEDS = [1, *(pytest.param(n, marks=SLOW) for n in range(2, 12))]
+SCALED = {
+    "motor.T": "T", "motor.B": "B", "conveyor.trough.m": "m", "conveyor.trough.d": "d",
+    "conveyor.spring.c": "c", "conveyor.rotor.J": "theta1", "conveyor.crank.r": "r",
+}  # fmt: skip
+CHAIN = {"controller": controller, "motor": motor, "gear": gearbox, "shaft": link, "load": load}
+
+
+def extremes(t: Any, x: Any) -> Iterator[tuple[float, float]]:
+    """The least and the largest value of close rows, each with its time."""
+    curve = CubicSpline(t, x)
+    at = np.concatenate([t[:1], curve.derivative().roots(extrapolate=False), t[-1:]])
+    for k in np.argmin(curve(at)), np.argmax(curve(at)):
+        yield float(curve(at[k])), float(at[k])
+
+
+def agree(told: Mapping[str, Figure], wanted: Mapping[str, float]) -> None:
+    """At least 19 of 20 within their error, and none off by twice as much."""
+    off = {}
+    for name, value in wanted.items():
+        error, away = told[name].error, abs(told[name].value - value)
+        assert error is not None, name
+        off[name] = away / error if error else math.inf if away else 0.0
+    assert max(off.values()) <= 2.0, off
+    assert sum(x > 1.0 for x in off.values()) <= len(off) / 20, off
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_run_up_tells_what_one_system_does(seed: int) -> None:
+    """When it passes the resonance, largest values and those of the end, with both motors."""
+    draw = random.Random(seed)
+    name, speed, stop = draw.choice("AB"), draw.uniform(30.0, 80.0), draw.choice([0.5, 1.0])
+    given = {
+        key: getattr(SETS[name], SCALED[key]) * math.exp(draw.gauss(0.0, 0.4))
+        for key in draw.sample(list(SCALED), k=3)
+    }
+    step = draw.choice([2e-4, 5e-4, 1e-3])
+    told = ask("run_up", set=name, speed=speed, stop=stop, step=step, start=given).figures
+    t, wanted = np.linspace(0.0, stop, round(stop / 1e-4) + 1), {}
+    for word, characteristic in (("linear", 0), ("kloss", 1)):
+        rest = {"motor.tau": 0.0, "conveyor.w": 0.0, "motor.characteristic": characteristic}
+        values = {"conveyor.phi": 0.0} | SETS[name].follow(given).start(speed) | rest | given
+        rows = monolithic(values, stop, t, max_step=2e-3, rtol=1e-11).y[:3]
+        own = split(values)[1]
+        p = start(conveyor.Parameters, **{x: own[x] for x in own if x not in ("phi", "w")})
+        force = [
+            conveyor.outputs(p, 0.0, conveyor.State(*x), conveyor.Inputs(tau)).f_rod
+            for *x, tau in rows.T
+        ]
+        above = CubicSpline(t, rows[1]).solve(told["nu_res"].value, extrapolate=False)
+        if rows[1][-1] > told["nu_res"].value:
+            wanted[f"{word}_passing"] = above[-1]
+        end = t >= 0.8 * stop - 1e-9
+        for key, x in (("w", rows[1]), ("tau", rows[2]), ("f_rod", np.array(force))):
+            wanted[f"{word}_{key}_max"] = max(abs(value) for value, _ in extremes(t, x))
+            if key != "f_rod":
+                (low, _), (high, _) = extremes(t[end], x[end])
+                wanted |= {f"{word}_{key}_end_min": low, f"{word}_{key}_end_max": high}
+    agree(told, wanted)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_iron_start_tells_what_one_system_does(seed: int) -> None:
+    """Speed, torque, angle and energies of a motor too weak to have the follower lift off."""
+    draw = random.Random(seed)
+    p = drawn(iron, draw, 0.1, **{"reducer.J": 2e-4, "on_invalid": iron.OnInvalid.warn})
+    line = {
+        "A": draw.uniform(2.0, 4.0),
+        "B": draw.uniform(0.03, 0.06),
+        "T": draw.uniform(2e-3, 2e-2),
+    }
+    stop, step = 0.3, draw.choice([2e-4, 5e-4, 1e-3])
+    given = {
+        f"iron.{name}": attrgetter(name)(p)
+        for name, d in declarations(iron.Parameters)
+        if d.kind == "Real"
+    }
+    mine = {f"motor_{name}": value for name, value in line.items()}
+    told = ask("iron_start", stop=stop, step=step, start=given, **mine).figures
+    one, t = OneSystem(p, line), np.linspace(0.0, stop, 1501)
+    rows = [one.x, *(one.to(x) for x in t[1:])]
+    phi, w, tau = (np.array([getattr(x, name) for x in rows]) for name in ("phi", "w_cam", "tau"))
+    (_, (fastest, when)), (_, (most, _)) = extremes(t, w), extremes(t, tau)
+    agree(told, {
+        "w_cam_max": fastest, "w_cam_max_time": when, "tau_max": most,
+        "turns": (phi[-1] - phi[0]) / (2 * math.pi),
+        "w_cam_mean": (phi[-1] - CubicSpline(t, phi)(stop / 2)) / (stop / 2),
+        "energy_in": rows[-1].E_in, "energy_friction": rows[-1].E_friction,
+    })  # fmt: skip
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_speed_step_tells_what_one_system_does(seed: int) -> None:
+    """Five parts with play in the shaft and a limit of the torque, largest values and their times."""
+    draw = random.Random(seed)
+    speed, ratio = draw.uniform(10.0, 40.0), draw.uniform(3.0, 8.0)
+    own, given = speed_step.MACHINE, {}
+    known = {
+        f"{word}.{name}": d.start
+        for word, model in CHAIN.items()
+        for name, d in declarations(model.Parameters)
+        if d.kind == "Real" and d.start and name not in ("i", "eta")
+    }
+    for name in draw.sample(list(known), k=3):
+        given[name] = own.get(name, known[name]) * math.exp(draw.gauss(0.0, 0.3))
+    step = draw.choice([2e-4, 5e-4])
+    told = ask("speed_step", speed=speed, ratio=ratio, stop=0.3, step=step, start=given).figures
+    values = own | {"controller.w_ref": ratio * speed, "gear.i": ratio} | given
+    parts = {
+        word: part(
+            model, **{x.partition(".")[2]: values[x] for x in values if x.startswith(f"{word}.")}
+        )
+        for word, model in CHAIN.items()
+    }
+
+    def torques(twist: float, w_a: float, w_b: float) -> Any:
+        return link.outputs(parts["shaft"].p, 0.0, link.State(twist), link.Inputs(w_a, w_b))
+
+    def feed(x: dict[str, Any]) -> list[Any]:
+        w = x["gear"].w_a
+        asked, ends = controller.Inputs(ratio * speed, w), link.Inputs(w / ratio, x["load"].w)
+        v = 2.5 * controller.outputs(parts["controller"].p, 0.0, x["controller"], asked).tau
+        shaft, i = torques(x["shaft"].twist, *ends), x["motor"].i
+        gear = gearbox.Inputs(parts["motor"].p.k * i, shaft.tau_a)
+        return [asked, motor.Inputs(v, w), gear, ends, load.Inputs(shaft.tau_b)]
+
+    t = np.linspace(0.0, 0.3, 6001)
+    x = joined(parts, feed, t, rtol=1e-10, atol=1e-11, max_step=1e-3)
+    twisted = zip(x["shaft"].twist, x["gear"].w_a / ratio, x["load"].w)
+    (least, _), (most, when) = extremes(t, np.array([torques(*row).tau_b for row in twisted]))
+    wanted = {"tau_max": most, "tau_max_time": when, "i_max": max(extremes(t, x["motor"].i))[0]}
+    wanted["w_max"] = max(extremes(t, x["load"].w))[0]
+    if told["tau_min"].error:
+        wanted["tau_min"] = least
+    passed = CubicSpline(t, x["load"].w).solve(0.9 * speed, extrapolate=False)
+    if told["near_time"].error is not None:
+        wanted["near_time"] = passed[passed > 1e-6][0]
+    agree(told, wanted)
