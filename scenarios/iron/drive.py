@@ -14,7 +14,7 @@ from workbench.measure import largest
 from workbench.options import Start
 from workbench.report.chart import Span
 
-FLYWHEEL, HEAVIER = 1e6, 1e9
+FLYWHEEL = 1e9
 EDGE = 1e-6
 NOMINAL = "40rpm"
 PER_MINUTE = 30 / math.pi
@@ -33,9 +33,9 @@ LETS_GO = {
 def imposed(system: System, speed: float, rotor: float = FLYWHEEL) -> System:
     """The iron drive of a system by itself, at a practically constant cam speed [rad/s], from phi = 0.
 
-    A rotor a million times as heavy as any motor's imposes the speed: the acceleration left is
-    below 1e-8 rad/s2, so that forces and cam torque are the kinetostatic ones. A stiff motor would
-    need communication steps below 0.1 us to stay stable.
+    A rotor far heavier than any motor's imposes the speed: the acceleration left is below 1e-11
+    rad/s2, so that forces and cam torque are the kinetostatic ones. A stiff motor would need
+    communication steps below 0.1 us to stay stable.
     """
     others = tuple(f"{part}." for part in system.parts if part != "iron")
     start = {x: value for x, value in system.start.items() if not x.startswith(others)}
@@ -63,11 +63,11 @@ def limits(system: System) -> dict[str, Figure]:
     At constant speed a force is f_0(phi) + f_2(phi) w^2, and two turns tell both: it vanishes where
     -f_2 / f_0 is largest. It does somewhere, because accelerations have both signs in a turn.
 
-    Both turns must have their rows at the same angles: a heavier rotor holds them within 1e-11 rad.
-    Friction changes at the ends of rise and return, where nothing accelerates: rows there are left
-    out, lest one turn be on one side and the other beyond.
+    Both turns have their rows at the same angles, within 1e-11 rad. Friction changes at the ends of
+    rise and return, where nothing accelerates: rows there are left out, lest one turn be on one side
+    and the other beyond.
     """
-    slow, fast = (turn(system, w, rotor=HEAVIER) for w in (1.0, 2.0))
+    slow, fast = (turn(system, w) for w in (1.0, 2.0))
     phi = slow["iron.phi"]
     spans = phases(slow.provenance["parts"]["iron"]["parameters"])
     clear = np.min([abs(phi - math.radians(x.last)) for x in spans], axis=0) > EDGE

@@ -23,9 +23,11 @@ from fmukit.declare.record import declarations, start
 from scenarios.chain import speed_step
 from scenarios.conveyor.theory import SETS
 from tests.components.iron_oracle import OneSystem
+from tests.components.test_iron_drive import quantities
 from tests.conftest import ask
 from tests.oracle import drawn, joined, monolithic, part, split
 from workbench import Figure
+from workbench.measure import harmonics
 
 SLOW = pytest.mark.slow
 SEEDS = [1, *(pytest.param(n, marks=SLOW) for n in range(2, 12))]
@@ -42,6 +44,12 @@ def extremes(t: Any, x: Any) -> Iterator[tuple[float, float]]:
     at = np.concatenate([t[:1], curve.derivative().roots(extrapolate=False), t[-1:]])
     for k in np.argmin(curve(at)), np.argmax(curve(at)):
         yield float(curve(at[k])), float(at[k])
+
+
+def of_iron(p: Any) -> dict[str, float]:
+    """The start values of the iron drive with these parameters."""
+    known = [name for name, d in declarations(iron.Parameters) if d.kind == "Real"]
+    return {f"iron.{name}": attrgetter(name)(p) for name in known}
 
 
 def agree(told: Mapping[str, Figure], wanted: Mapping[str, float]) -> None:
@@ -100,13 +108,8 @@ def test_iron_start_tells_what_one_system_does(seed: int) -> None:
         "T": draw.uniform(2e-3, 2e-2),
     }
     stop, step = 0.3, draw.choice([2e-4, 5e-4, 1e-3])
-    given = {
-        f"iron.{name}": attrgetter(name)(p)
-        for name, d in declarations(iron.Parameters)
-        if d.kind == "Real"
-    }
     mine = {f"motor_{name}": value for name, value in line.items()}
-    told = ask("iron_start", stop=stop, step=step, start=given, **mine).figures
+    told = ask("iron_start", stop=stop, step=step, start=of_iron(p), **mine).figures
     one, t = OneSystem(p, line), np.linspace(0.0, stop, 1501)
     rows = [one.x, *(one.to(x) for x in t[1:])]
     phi, w, tau = (np.array([getattr(x, name) for x in rows]) for name in ("phi", "w_cam", "tau"))
@@ -166,3 +169,31 @@ def test_speed_step_tells_what_one_system_does(seed: int) -> None:
     if told["near_time"].error is not None:
         wanted["near_time"] = passed[passed > 1e-6][0]
     agree(told, wanted)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(1, 9))
+def test_iron_orders_tell_what_one_system_does(seed: int) -> None:
+    """What a lag of 12 ms adds to an order and its gain, in a steady turn; the mean inertia."""
+    draw = random.Random(seed)
+    p = drawn(iron, draw, 0.1, **{"reducer.J": 2e-4, "on_invalid": iron.OnInvalid.warn})
+    nu, B, T = draw.uniform(2.5, 6.0), draw.uniform(0.018, 0.038), 0.012
+    told = ask("iron_orders", speeds=[nu], start=of_iron(p) | {"motor.B": B}).figures
+    angles = np.linspace(0.0, 2 * math.pi, 1440, endpoint=False)
+    alone = [quantities(p, phi, nu) for phi in angles]
+    torque = np.array([x["tau_cam"] for x in alone])
+    mean = torque.mean() / p.reducer.i_g
+    one = OneSystem(p, {"A": B * p.reducer.i_g * nu + mean, "B": B, "T": T}, w_cam=nu, tau=mean)
+    begun = [one.until(2 * math.pi * turn) for turn in (1, 2, 3, 4)]
+    assert begun[-1].tau == pytest.approx(begun[-2].tau, rel=1e-7)
+    t = np.linspace(one.t, one.t + 1.02 * 2 * math.pi / nu, 1500)
+    rows = [begun[-1], *(one.to(x) for x in t[1:])]
+    at = CubicSpline([x.phi for x in rows], [p.reducer.i_g * x.tau for x in rows])
+    with_lag = at(begun[-1].phi + angles)
+    more, less = (np.abs(harmonics(angles, x, 12)) for x in (with_lag, torque))
+    worst = int(np.argmax(more - less))
+    agree(told, {
+        "theta": float(np.mean([x["J"] for x in alone])),
+        "gain_12ms": more[worst] / less[worst],
+        "added_12ms": 100 * (more - less)[worst] / np.abs(torque).max(),
+    })  # fmt: skip
