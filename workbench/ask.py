@@ -22,7 +22,7 @@ from cosim.system import connect
 
 from . import live, question
 from .answer import Answer, Findings, Parameter, Show, Table, parameters, stream
-from .figure import Figure
+from .figure import Figure, whole
 from .limit import certified
 from .options import Options, Run, declared, made, refuse
 from .question import FLAVOURS, PYTHON, Project, QuestionError, blamed, name, where
@@ -195,8 +195,8 @@ def answer(
     """The answer of a page to its options, with these FMUs by part; sweeps are done by the engine.
 
     Rows are kept in the folder `out` on the way. The page lives where there are modules of the FMUs by
-    part; `command` is then the start of the command line that asks the same. Raises SetupError for what is refused, SimulationError
-    for a run that fails, QuestionError where the page's own code raises.
+    part; `command` is then the start of the command line that asks the same. Raises SetupError for what
+    is refused, SimulationError for a run that fails, QuestionError where the page's own code raises.
     """
     own = getattr(page, "OWN", ())
     refuse(o.start, own)
@@ -215,6 +215,7 @@ def answer(
             raise SetupError(f"{page.__file__}: solve must return workbench.Findings")
         _check(page, found.figures)
         verdict = page.verdict(o, found.figures, found.data) if hasattr(page, "verdict") else ""
+        verdict = whole(verdict, found.figures)
         system = found.system or System({})
         told = parameters(system, own) if system.parts else {}
         alive = live.of(page, o, found, told, modules, command)

@@ -54,6 +54,30 @@ def refusals(figures: Mapping[str, Figure]) -> list[str]:
     return [f"With {', '.join(them)} {reason}." for reason, them in whose.items()]
 
 
+def whole(verdict: str, figures: Mapping[str, Figure]) -> str:
+    """A verdict without sentences in which a refused figure leaves a hole, "It takes not told (..)",
+    and at its end why there are none; "It is not told (..)" is no hole.
+    """
+    refused = {f.text(): f.reason for f in figures.values() if f.error is None}
+    lines: list[str] = []
+    reasons: dict[str, str] = {}
+    for line in verdict.split("\n"):
+        kept = []
+        for sentence in line.removesuffix(".").split(". "):
+            said = sentence.replace(" is not told", "").replace(" are not told", "")
+            torn = {text: reason for text, reason in refused.items() if text in said}
+            kept += [] if torn else [sentence]
+            reasons |= torn
+        if kept:
+            lines.append(". ".join(kept) + "." * line.endswith("."))
+    known = " ".join(lines)
+    new = [reason for reason in reasons.values() if reason not in known]
+    why = f": {new[0]}" if len(new) == 1 else ", for reasons that stand with the figures"
+    if new:
+        lines.append(f"{'More is not' if lines else 'Nothing is'} told{why}.")
+    return "\n".join(lines)
+
+
 def rounded(value: float, error: float) -> tuple[str, str]:
     """Value and error as texts: the error rounded up to two digits, the value as far as it reaches,
     and no further than six digits.

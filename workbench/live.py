@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from cosim import SetupError
 from cosim.system import Network, connect
 
+from .figure import whole
 from .limit import certified
 from .options import Options, declared
 from .report.html import motion
@@ -54,7 +55,7 @@ class Live(NamedTuple):
 def script_of(page: ModuleType) -> str:
     """What a worker runs to answer a page; raises SetupError for what cannot be translated."""
     roots = {name: getattr(page, name, None) for name in ASKED}
-    roots |= {"record": getattr(page, "RECORD", None), "certified": certified}
+    roots |= {"record": getattr(page, "RECORD", None), "certified": certified, "whole": whole}
     roots |= {"picture": figure, "moving": motion}
     runtime = "\n".join(_read(FOLDER / name) for name in ENGINE)
     made = script(roots, [page.__name__.partition(".")[0]])

@@ -198,29 +198,19 @@ def verdict(o: Options, f: Mapping[str, Figure], r: Found) -> str:
     """Up to which speed either calculation may be used, and how wrong it gets."""
     lines = []
     for way, words in WORDS.items():
-        kept, tops, reasons = [], [], set()
+        parts, tops = [], []
         for load, (_, name, *_) in TOLD.items():
             end, top = f[f"limit_{way}_{load}"], f[f"worst_{way}_{load}"]
-            if top.error is None:
-                reasons.add(top.reason)
-            else:
-                tops.append(f"{top.text()} for the {name}")
-            if end.error is not None:
-                kept.append(f"the {name} up to {end.text()}")
-            elif end.reason == NOWHERE:
-                kept.append(f"the {name} {NOWHERE}")
-            elif top.error is not None and abs(top.value) <= o.tolerance:
-                kept.append(f"the {name} at every speed")
-            elif top.error is not None:
-                reasons.add(end.reason)
-        told = []
-        if kept:
-            told.append(f"is within {o.tolerance:g} % for {', '.join(kept)}.")
-        if tops:
-            told.append(f"has largest errors of {', '.join(tops)}.")
-        if reasons:
-            told.append(f"is not judged{' further' * bool(told)}: {'; '.join(sorted(reasons))}.")
-        lines.append(f"{words.capitalize()} as its load, the calculation {' It '.join(told)}")
+            known = end if end.error is not None or top.error is not None else top
+            where = NOWHERE if end.reason == NOWHERE else f"up to {known.text()}"
+            if end.error is None and top.error is not None and abs(top.value) <= o.tolerance:
+                where = "at every speed"
+            parts.append(f"the {name} {where}")
+            tops.append(f"{top.text()} for the {name}")
+        lines.append(
+            f"{words.capitalize()} as its load, the calculation is within {o.tolerance:g} % for "
+            f"{', '.join(parts)}. It has largest errors of {', '.join(tops)}."
+        )
     if f["share"].error is not None:
         lines.append(
             "The spring alone no longer gives the torque ripple once the inertia force of the trough is "

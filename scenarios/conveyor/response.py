@@ -140,13 +140,18 @@ class Setup:
 
     def check(self, machine: Machine, nu: float, coarser: int = 1) -> None:
         """Raise SetupError for too few steps per revolution to fit orders or to stay stable at nu."""
-        steps, longest = self.steps_per_rev // coarser, longest_step(machine, self.algorithm)
-        if steps < FEWEST:
-            raise SetupError(f"{steps} steps per revolution must be at least {FEWEST}")
-        if steps <= TURN / (nu * longest):
+        said, longest = (
+            f"{self.steps_per_rev} steps per revolution",
+            longest_step(machine, self.algorithm),
+        )
+        fewest = coarser * TURN / (nu * longest)
+        why = f", as {coarser} times fewer tell the errors" if coarser > 1 else ""
+        if self.steps_per_rev // coarser < FEWEST:
+            raise SetupError(f"{said} must be at least {coarser * FEWEST}{why}")
+        if self.steps_per_rev <= fewest:
             raise SetupError(
-                f"{steps} steps per revolution are unstable with {self.algorithm} at {nu:g} rad/s: "
-                f"its limit there is {TURN / (nu * longest):.2f} (a step of {longest:.3g} s)"
+                f"{said} are unstable with {self.algorithm} at {nu:g} rad/s: its limit there is "
+                f"{fewest:.2f} (a step of {longest / coarser:.3g} s){why}"
             )
 
 

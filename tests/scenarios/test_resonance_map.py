@@ -345,7 +345,10 @@ def test_start_values_change_the_machine_of_the_map(tmp_path: Path) -> None:
         ({"rated_torque": -5.0}, "rated_torque = -5 N.m must be"),
         ({"start": ["motor.T=0.1"]}, "start value motor.T: this question sets it"),
         ({"start": ["motor.characteristic=1"]}, "motor.characteristic: this question sets it"),
-        ({"steps_per_rev": 64}, "16 steps per revolution must be at least 18"),
+        (
+            {"steps_per_rev": 64},
+            "64 steps per revolution must be at least 72, as 4 times fewer tell the errors",
+        ),
     ],
 )
 def test_settings_that_give_no_answer_are_refused(

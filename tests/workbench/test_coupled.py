@@ -11,6 +11,7 @@ from cosim import Result
 from scenarios.conveyor import run_up
 from tests.conftest import ask
 from workbench import Figure, measure
+from workbench.figure import whole
 from workbench.limit import certified, coupling, limit
 
 
@@ -126,6 +127,27 @@ def test_errors_of_rows_and_coupling_add_up_and_a_refusal_stays_one() -> None:
     refused = {"x": Figure.refused("N", "it never was", "force")}
     assert certified(ends, course(), [*told[:2], refused]) == refused
     assert certified(ends, course(), [refused, *told[1:]])["x"].error is None
+
+
+@pytest.mark.parametrize(
+    ("said", "left"),
+    [
+        ("It takes {t}. The force rises to {f}.\nMore.", "It takes 2.00 ± 0.10 s.\nMore.\nMore is not told: it stuck."),
+        ("The force is not told (it stuck).", "The force is not told (it stuck)."),
+        ("Pull and push are {f}. It rises to {f}, {f}.", "Pull and push are not told (it stuck)."),
+        ("Of {f} it has {t}.", "Nothing is told: it stuck."),
+        ("It is {t}. Of {f}, {g}.", "It is 2.00 ± 0.10 s.\nMore is not told, for reasons that stand with the figures."),
+        ("Take 0.5 m. A. B", "Take 0.5 m. A. B"),
+    ],
+)  # fmt: skip
+def test_no_sentence_has_a_hole(said: str, left: str) -> None:
+    """Where a refused figure stands in another place than after "is" or "are"."""
+    figures = {"t": Figure(2.0, "s", 0.1)}
+    figures |= {
+        x: Figure.refused("N", why) for x, why in {"f": "it stuck", "g": "it broke"}.items()
+    }
+    text = said.format(**{name: figure.text() for name, figure in figures.items()})
+    assert whole(text, figures) == left
 
 
 def test_figures_of_outputs_of_order_1_have_the_errors_of_order_1() -> None:

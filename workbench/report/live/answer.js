@@ -16,7 +16,7 @@ function* answer({ options, asked }) {
     }
     ({ figures, data } = found);
   } else [data, figures] = bench.certify(py.call(page.system, [o, bench.fmus]), r => py.call(page.figures, [o, r]), o, page.record);
-  const known = { figures: {}, verdict: py.call(page.verdict, [o, figures, data]).split("\n"), warnings: [...heard.lines] };
+  const known = { figures: {}, verdict: py.call(page.whole, [py.call(page.verdict, [o, figures, data]), figures]).split("\n"), warnings: [...heard.lines] };
   for (const [name, figure] of figures.items()) known.figures[name] = { ...figure, text: figure.text() };
   yield known;
   const shown = py.call(page.show, [o, figures, data]);
