@@ -79,7 +79,7 @@ TEXTS: dict[str, tuple[str | bytes | Files, str]] = {
     "a thousand million parts": (doubled(9, 10), "the system has too many elements"),
     "a long name": (component("").replace("part", "a" * 11_000_000), "Buffer size limit exceeded"),
     "a long file name": (component(f'source="{"a" * 5000}"'), "is no name of a file: File name too"),
-    "no file name": (component('source="a%00b"'), "is no name of a file: embedded null byte"),
+    "no file name": (component('source="a%00b"'), "is no name of a file: "),
     "no address": (component('source="http://["'), "not a valid value"),
     "foreign bytes": (encoded(PLAIN.replace("all", "ä"), "latin-1", "UTF-8"), "Invalid bytes in character"),
     "unknown encoding": (encoded(PLAIN, "utf-8", "klingon"), "nsupported encoding"),
