@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 MOST_DIGITS, LEAST = 6, -7
@@ -56,7 +57,7 @@ def refusals(figures: Mapping[str, Figure]) -> list[str]:
 
 def whole(verdict: str, figures: Mapping[str, Figure]) -> str:
     """A verdict without sentences in which a refused figure leaves a hole, "It takes not told (..)",
-    and at its end why there are none; "It is not told (..)" is no hole.
+    and at its end why there are none; "It is not told (..)." is no hole.
     """
     refused = {f.text(): f.reason for f in figures.values() if f.error is None}
     lines: list[str] = []
@@ -64,8 +65,7 @@ def whole(verdict: str, figures: Mapping[str, Figure]) -> str:
     for line in verdict.split("\n"):
         kept = []
         for sentence in line.removesuffix(".").split(". "):
-            said = sentence.replace(" is not told", "").replace(" are not told", "")
-            torn = {text: reason for text, reason in refused.items() if text in said}
+            torn = {text: reason for text, reason in refused.items() if _holed(sentence, text)}
             kept += [] if torn else [sentence]
             reasons |= torn
         if kept:
@@ -76,6 +76,13 @@ def whole(verdict: str, figures: Mapping[str, Figure]) -> str:
     if new:
         lines.append(f"{'More is not' if lines else 'Nothing is'} told{why}.")
     return "\n".join(lines)
+
+
+def _holed(sentence: str, text: str) -> bool:
+    return any(
+        not before.endswith((" is ", " are ")) or after[:1] not in ("", ";")
+        for before, after in pairwise(sentence.split(text))
+    )
 
 
 def rounded(value: float, error: float) -> tuple[str, str]:
