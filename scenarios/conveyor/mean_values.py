@@ -240,19 +240,14 @@ def speeds(algorithm: str, task: tuple[System, float, int]) -> Samples:
 def verdict(o: Options, f: Mapping[str, Figure], r: Found) -> str:
     """What the ripple costs, who pays, and what (16) is worth."""
     text = {name: figure.text() for name, figure in f.items()}
-    if f["torque"].error is None:
-        answer = f"The means at {r.operating:g} rad/s are {text['torque']}."
-    else:
-        answer = (
-            f"At {r.operating:g} rad/s the ripple changes the mean torque from the {text['torque_plain']} of "
-            f"(24) to {text['torque']}, by {text['more']}; the mean speed is {text['speed']} in time and "
-            f"{text['angle']} over the crank angle.\n"
-            f"The supply gives {text['supply_more']} more than without ripple. Of that the motor turns "
-            f"{text['motor_more']} into heat, and the trough takes {text['trough_more']}."
-        )
     return (
-        f"{answer}\nAfter a step of the supply the mean speed overshoots by {text['overshoot']}. (16), which "
-        f"has a time constant of {text['settling_16']} and no overshoot, is off by up to {text['off_16']} of the "
+        f"At {r.operating:g} rad/s the ripple changes the mean torque from the {text['torque_plain']} of (24) "
+        f"to {text['torque']}, by {text['more']}. The mean speed is {text['speed']} in time and "
+        f"{text['angle']} over the crank angle.\n"
+        f"The supply gives {text['supply_more']} more than without ripple. Of that the motor turns "
+        f"{text['motor_more']} into heat, and the trough takes {text['trough_more']}.\n"
+        f"After a step of the supply the mean speed overshoots by {text['overshoot']}. (16), which has a "
+        f"time constant of {text['settling_16']} and no overshoot, is off by up to {text['off_16']} of the "
         f"step; with the term that it leaves out, {text['off_whole']}."
     )
 
