@@ -2,7 +2,7 @@
 
 import math
 import re
-from typing import Annotated, NamedTuple, get_args
+from typing import Annotated, NamedTuple, NoReturn, get_args, get_origin
 
 
 class Display(NamedTuple):
@@ -91,3 +91,16 @@ def per_second(quantity: Quantity) -> Quantity:
     slashed = re.fullmatch(r"(.+/s)(\d*)", quantity.unit)
     unit = f"{slashed[1]}{int(slashed[2] or 1) + 1}" if slashed else f"{quantity.unit}/s"
     return Quantity(f"{quantity.name}Rate", unit, quantity.exponents | {"s": power})
+
+
+def known() -> str:
+    """The names of all quantities, to choose from, and how another one is written."""
+    names = ", ".join(name for name, it in globals().items() if get_origin(it) is Annotated)
+    return f'{names}; or write Annotated[float, Quantity("Density", "kg/m3", {{"kg": 1, "m": -3}})]'
+
+
+def __getattr__(name: str) -> NoReturn:
+    """Raise ImportError with the names of the quantities for one that is none of them."""
+    if name.startswith("_"):
+        raise AttributeError(name)
+    raise ImportError(f"fmukit.si has no {name}: import one of {known()}")

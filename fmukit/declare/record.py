@@ -10,7 +10,6 @@ from itertools import islice
 from operator import itemgetter
 from typing import (
     TYPE_CHECKING,
-    Annotated,
     Any,
     NamedTuple,
     TypeVar,
@@ -144,12 +143,8 @@ def _annotations(cls: Any) -> dict[str, Any]:
     try:
         return get_type_hints(cls, include_extras=True)
     except NameError as error:
-        known = ", ".join(
-            name for name, value in vars(si).items() if get_origin(value) is Annotated
-        )
-        raise TypeError(
-            f"{error.name} in class {cls.__name__} is no type: from fmukit.si import one of {known}"
-        ) from None
+        known = f"from fmukit.si import one of {si.known()}"
+        raise TypeError(f"{error.name} in class {cls.__name__} is no type: {known}") from None
 
 
 def _declared(cls: Any, name: str) -> Any:

@@ -227,6 +227,8 @@ def test_all_functions_of_math_that_c_has_give_the_same_bits(tmp_path: Path) -> 
          "thing.py:12: State.x has no declaration: write x: ... = real(2.0"),
         (HEAD + BODY.replace("x: Length", "x: Furlong"),
          "thing.py:12: Furlong in class State is no type: from fmukit.si import one of Angle, "),
+        (HEAD + "from fmukit.si import Furlong\n" + BODY,
+         "thing.py:8: fmukit.si has no Furlong: import one of Angle, "),
         (HEAD + BODY.replace("    x: Length", "    größe: Length"),
          "thing.py:12: State.größe is no name in FMI: write letters from a to z"),
         (HEAD + BODY.replace("rate(x.x, p.n0)", "p.m0"),
