@@ -24,8 +24,10 @@ class Empty:
     def __init__(self, python: str, folder: Path) -> None:
         self.home, self.folder = folder / "env", folder / "work"
         self.folder.mkdir()
-        made = subprocess.run([*UV, "venv", "-q", "-p", python, str(self.home)], check=False)
-        if made.returncode:
+        others = Path.home().glob(".pyenv/versions/*/bin")
+        places = os.pathsep.join([*map(str, others), os.environ["PATH"]])
+        make = [*UV, "venv", "-q", "-p", python, str(self.home)]
+        if subprocess.run(make, env=os.environ | {"PATH": places}, check=False).returncode:
             pytest.skip(f"uv cannot get Python {python}")
 
     def install(self, *what: str) -> None:
