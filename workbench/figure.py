@@ -57,7 +57,7 @@ def refusals(figures: Mapping[str, Figure]) -> list[str]:
 
 def whole(verdict: str, figures: Mapping[str, Figure]) -> str:
     """A verdict without sentences in which a refused figure leaves a hole, "It takes not told (..)",
-    and at its end why there are none; "It is not told (..)." is no hole.
+    and at its end why there are none; "It is not told (..)." and "With it: not told (..)." are no hole.
     """
     refused = {f.text(): f.reason for f in figures.values() if f.error is None}
     lines: list[str] = []
@@ -80,7 +80,7 @@ def whole(verdict: str, figures: Mapping[str, Figure]) -> str:
 
 def _holed(sentence: str, text: str) -> bool:
     return any(
-        not before.endswith((" is ", " are ")) or after[:1] not in ("", ";")
+        not before.endswith((" is ", " are ", ": ")) or after[:1] not in ("", ";")
         for before, after in pairwise(sentence.split(text))
     )
 

@@ -136,6 +136,7 @@ def test_errors_of_rows_and_coupling_add_up_and_a_refusal_stays_one() -> None:
         ("The force is not told (it stuck).", "The force is not told (it stuck)."),
         ("Pull and push are {f}. It has {f}, {f}.", "Pull and push are not told (it stuck)."),
         ("Of {f} it has {t}.", "Nothing is told: it stuck."),
+        ("With it: {t}; without: {f}.", "With it: 2.00 ± 0.10 s; without: not told (it stuck)."),
         ("It is {f} of {t}.", "Nothing is told: it stuck."),
         ("It is {f}; it is {t}.", "It is not told (it stuck); it is 2.00 ± 0.10 s."),
         ("It is {t}. Of {f}, {g}.", "It is 2.00 ± 0.10 s.\nMore is not told, for reasons that stand with the figures."),
