@@ -16,7 +16,7 @@ from tests.oracle import joined, part
 
 @pytest.fixture(scope="module")
 def answer() -> Any:
-    return ask("sommerfeld", supplies="18:30:13")
+    return ask("sommerfeld", supplies="18:30:13", step=0.02)
 
 
 def test_jumps_lie_where_theory_has_its_folds(answer: Any) -> None:

@@ -19,6 +19,7 @@ from scipy.optimize import brentq
 from cosim import SetupError
 from tests.workbench.browser import Browser
 from tests.workbench.test_report import shown
+from workbench.figure import Figure, whole
 from workbench.live import ENGINE, FOLDER
 from workbench.measure import harmonics
 from workbench.translate import script
@@ -169,12 +170,26 @@ def numerics() -> Any:
     return [y.tolist() if isinstance(y, np.ndarray) else float(y) for y in told]
 
 
+def verdicts() -> Any:
+    figures = {"t": Figure(2.0, "s", 0.1), "f": Figure.refused("N", "it stuck")}
+    figures |= {"g": Figure.refused("N", "it broke")}
+    t, f, g = (x.text() for x in figures.values())
+    said = (
+        f"It takes {t}. It gives {f}.\nIt is {f}; it is {t}.",
+        f"Of {f}, {g}.",
+        f"With it: {f}.\n{f}",
+    )
+    return [whole(x, figures) for x in said]
+
+
 def leaves() -> None:
     with Path("x").open():
         pass
 
 
-@pytest.mark.parametrize("tell", [formats, collections, arrays, running, generators, numerics])
+@pytest.mark.parametrize(
+    "tell", [formats, collections, arrays, running, generators, numerics, verdicts]
+)
 def test_translated_python_tells_what_python_tells(
     tell: Callable[[], Any], shown: Browser, tmp_path: Path
 ) -> None:

@@ -113,7 +113,7 @@ const py = (() => {
     removeprefix: (it, start) => it.startsWith(start) ? it.slice(start.length) : it,
     removesuffix: (it, end) => end && it.endsWith(end) ? it.slice(0, -end.length) : it,
     startswith: (it, starts) => [starts].flat().some(start => it.startsWith(start)),
-    endswith: (it, end) => it.endsWith(end), splitlines: it => it.split("\n"), count: (it, part) => it.split(part).length - 1,
+    endswith: (it, ends) => [ends].flat().some(end => it.endsWith(end)), splitlines: it => it.split("\n"), count: (it, part) => it.split(part).length - 1,
     lower: it => it.toLowerCase(), upper: it => it.toUpperCase(), format: fail,
   };
   const LISTS = {
