@@ -16,17 +16,21 @@ from .figure import Figure
 
 Samples = NDArray[np.float64]
 HIGHEST = 8
-ROUNDING, TOUCHED = 1e-12, 1e-9
+ROUNDING, ON_LEVEL, TOUCHED = 1e-12, 1e-9, 1e-3
 
 
 class Measured(NamedTuple):
-    """A value that rows tell, and what they leave open of it; nan for what does not happen."""
+    """A value that rows tell, and what they leave open of it; nan for what does not happen, and an
+    infinite error where that is not certain.
+    """
 
     value: float
     error: float
 
     def figure(self, unit: str, meaning: str) -> Figure:
-        """The value as a figure, which is refused for what does not happen."""
+        """The value as a figure, which is refused for what does not happen, or may not."""
+        if self.error == math.inf:
+            return Figure.refused(unit, "the level is only just reached, or just missed", meaning)
         if math.isnan(self.value):
             return Figure.refused(unit, "it does not happen while the run lasts", meaning)
         return Figure(self.value, unit, self.error, meaning)
@@ -106,33 +110,42 @@ def since(t: Samples, x: Samples, begin: float) -> tuple[Samples, Samples]:
     return np.concatenate([[begin], t[late]]), np.concatenate([[first], x[late]])
 
 
-def crossings(t: Samples, x: Samples, level: float) -> list[Measured]:
-    """The times at which x passes a level, on the spline through its rows."""
-    times = passes(t, x, level)
-    found = []
-    for k, time in enumerate(times):
-        others = [passes(t[half::2], x[half::2], level) for half in (0, 1)]
-        away = max(abs(o - time).min() if len(o) else math.inf for o in others)
-        gap = min(abs(np.delete(times, k) - time), default=math.inf)
-        spacing = float(np.diff(t).max())
-        error = away if away < min(gap, 4 * spacing) else spacing
-        found.append(Measured(float(time), max(float(error), ROUNDING * abs(float(time)))))
-    return found
-
-
 def crossing(t: Samples, x: Samples, level: float, which: int = 0) -> Measured:
-    """One of these times: the first, or which = 1, 2, .. after it, -1 for the last; nan where x does
-    not pass the level so often.
+    """When x passes a level, on the spline through its rows: the first time, or which = 1, 2, .. after
+    it, -1 for the last; nan where x does not pass it so often.
+
+    The error is infinite where x turns so near to the level, on the way there from the first row, or
+    from the last one for which < 0, that a small error of x decides which time it is.
     """
-    found = crossings(t, x, level)
-    return found[which] if -len(found) <= which < len(found) else Measured(math.nan, math.nan)
+    times = passes(t, x, level)
+    found, begin, end = Measured(math.nan, math.nan), t[0], t[-1]
+    if -len(times) <= which < len(times):
+        k = which % len(times)
+        found, others = _crossing(t, x, level, times, k), np.concatenate([t[:1], times, t[-1:]])
+        begin, end = (others[k], end) if which < 0 else (begin, others[k + 2])
+    curve = CubicSpline(t, x)
+    turns = curve.derivative().roots(extrapolate=False)
+    near = np.abs(curve(turns) - level) < TOUCHED * (x.max() - x.min())
+    doubtful = near & (begin < turns) & (turns < end)
+    return found._replace(error=math.inf) if doubtful.any() else found
+
+
+def _crossing(t: Samples, x: Samples, level: float, times: Samples, k: int) -> Measured:
+    """One of the times that `passes` tells, with the error that the rows' spacing leaves."""
+    time = float(times[k])
+    others = [passes(t[half::2], x[half::2], level) for half in (0, 1)]
+    away = max(abs(o - time).min() if len(o) else math.inf for o in others)
+    gap = min(abs(np.delete(times, k) - time), default=math.inf)
+    spacing = float(np.diff(t).max())
+    error = away if away < min(gap, 4 * spacing) else spacing
+    return Measured(time, max(float(error), ROUNDING * abs(time)))
 
 
 def passes(t: Samples, x: Samples, level: float) -> Samples:
     """The times alone. Where x hardly moves, from rest, SciPy finds some that are none."""
     curve = CubicSpline(t, x)
     found = curve.solve(level, extrapolate=False)
-    return np.asarray(found[abs(curve(found) - level) <= TOUCHED * abs(x - level).max()])
+    return np.asarray(found[abs(curve(found) - level) <= ON_LEVEL * abs(x - level).max()])
 
 
 def integral(t: Samples, x: Samples) -> Measured:

@@ -115,6 +115,8 @@ def verdict(o: Options, f: Mapping[str, Figure], r: Result) -> str:
     told = {name: figure.text() for name, figure in f.items()}
     set_speed = f"{NEAR:.0%} of its {o.speed:g} rad/s"
     comes = f"The load does not reach {set_speed}: it gets to {told['w_max']}"
+    if f["w_max"].value > NEAR * o.speed:
+        comes = f"The load gets to {told['w_max']}; when it first has {set_speed} is {told['near_time']}"
     if f["near_time"].error is not None:
         beyond = "goes up to" if f["w_max"].value > o.speed else "stays below"
         comes = f"The load has {set_speed} after {told['near_time']} and {beyond} {told['w_max']}"

@@ -17,7 +17,7 @@ from scipy.interpolate import CubicSpline
 from cosim import Result
 from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Run, Show, Table, option
 from workbench.live import Slider
-from workbench.measure import Samples, crossings, largest, measured, passes, since, smallest
+from workbench.measure import Samples, crossing, largest, measured, passes, since, smallest
 from workbench.report.chart import THEORY, recorded
 
 from .drive import PARTS as DRIVE
@@ -40,6 +40,7 @@ LOADS = {
     "f_rod": ("conveyor.f_rod", "rod force"),
 }
 END = 0.8
+BELOW = "the crank does not stay above the resonance"
 LIVE = (
     Slider("speed", 30.0, 90.0),
     Slider("motor.T", 0.01, 0.15),
@@ -88,9 +89,9 @@ def figures(machine: Machine, word: str, r: Result) -> dict[str, Figure]:
     meaning = f"when the crank has passed it, {word}"
     near = measured(partial(revolutions_near, machine.nu_res), t, w, r["conveyor.phi"])
     found = {
-        "passing": Figure.refused(second, "the crank does not stay above the resonance", meaning)
+        "passing": Figure.refused(second, BELOW, meaning)
         if w[-1] < machine.nu_res
-        else crossings(t, w, machine.nu_res)[-1].figure(second, meaning),
+        else crossing(t, w, machine.nu_res, -1).figure(second, meaning),
         "revolutions_near": near.figure("1", f"revolutions within 10 % of it, {word}"),
     }
     for name, (column, what) in LOADS.items():
@@ -121,8 +122,11 @@ def verdict(o: Options, f: Mapping[str, Figure], r: Mapping[str, Result]) -> str
             answer = f"has passed the resonance at {f['nu_res'].text()} after {passing.text()}"
         elif f[f"{motor}_w_end_max"].value < 0.1 * f["nu_res"].value:
             answer = "stalls: in the end the crank stands or only rocks"
-        else:
+        elif passing.reason == BELOW:
             answer = f"does not stay above the resonance within {o.stop:g} s"
+        else:
+            where = f["nu_res"].text()
+            answer = f"comes to the resonance at {where}; when it has passed it is {passing.text()}"
         lines.append(f"The {word} {answer}.")
     return "\n".join(lines)
 

@@ -33,9 +33,8 @@ def test_a_largest_value_at_an_end_is_that_row(end: float) -> None:
 
 def test_crossings_are_found_up_and_down_with_their_errors() -> None:
     t = np.linspace(0.0, 2 * math.pi, 60)
-    found = measure.crossings(t, np.sin(t), 0.5)
-    assert len(found) == 2
-    for crossing, exact in zip(found, (math.pi / 6, 5 * math.pi / 6)):
+    for which, exact in zip((0, 1, -1), np.pi / 6 * np.array([1, 5, 5])):
+        crossing = measure.crossing(t, np.sin(t), 0.5, which)
         assert 0.0 < abs(crossing.value - exact) < crossing.error < 1e-3
 
 
@@ -44,20 +43,41 @@ def test_where_x_hardly_moves_from_rest_it_crosses_nothing() -> None:
     t = np.linspace(0.0, 1.0, 2001)
     x = np.maximum(t - 0.5, 0.0) ** 3
     assert len(CubicSpline(t, x).solve(0.1, extrapolate=False)) > 1
-    (only,) = measure.crossings(t, x, 0.1)
+    only = measure.crossing(t, x, 0.1)
+    assert measure.crossing(t, x, 0.1, -1) == only
     assert abs(only.value - 0.5 - 0.1 ** (1 / 3)) < only.error < 1e-6
 
 
 def test_a_crossing_that_never_happens_is_a_refused_figure() -> None:
     t = np.linspace(0.0, 2 * math.pi, 60)
-    found = measure.crossings(t, np.sin(t), 0.5)
-    assert [measure.crossing(t, np.sin(t), 0.5, which) for which in (0, 1, -1)] == [
-        *found,
-        found[1],
-    ]
     for level, which in ((2.0, 0), (0.5, 2), (0.5, -3)):
         figure = measure.crossing(t, np.sin(t), level, which).figure("s", "when")
         assert (figure.error, figure.reason) == (None, "it does not happen while the run lasts")
+
+
+@pytest.mark.parametrize("level", [3.9677, 3.9695])
+def test_a_level_that_is_only_just_reached_or_missed_gives_no_time(level: float) -> None:
+    """x = 3 - cos(t) - t / 100 turns at 3.9686, 1.9371, 3.9058: what comes before the time sought decides."""
+    t = np.linspace(0.0, 12.0, 400)
+    x = 3.0 - np.cos(t) - t / 100.0
+    told = [measure.crossing(t, x, level, which).figure("s", "when") for which in (0, 1, -1, -2)]
+    assert {figure.reason for figure in told} == {"the level is only just reached, or just missed"}
+    late = t > 4.0
+    assert (
+        measure.crossing(t[late], x[late], level).figure("s", "when").reason.startswith("it does")
+    )
+    for low in (2.5, 3.5):
+        assert measure.crossing(t, x, low).figure("s", "when").error
+
+
+def test_only_turns_on_the_way_to_a_time_make_it_doubtful() -> None:
+    """t sin(t) turns at 1.820 and at 7.917: a level there is passed twice, and twice or not again."""
+    t = np.linspace(0.1, 12.0, 800)
+    x = t * np.sin(t)
+    for level, doubtful in ((1.8195, {0, 1, 2, 3, -3, -4}), (7.915, {*range(-4, 4)})):
+        for which in range(-4, 4):
+            infinite = math.isinf(measure.crossing(t, x, level, which).error)
+            assert infinite == (which in doubtful), (level, which)
 
 
 def test_an_integral_states_what_its_rows_leave_open() -> None:
