@@ -127,8 +127,9 @@ def pytest_sessionstart(session: pytest.Session) -> None:
         subprocess.run([*build, "--flavour", "both"], cwd=ROOT, check=True)
 
 
-def pytest_collection_finish() -> None:
-    """Collect garbage seldom, and leave out what all tests share."""
+@pytest.fixture(scope="module", autouse=True)
+def _garbage_is_what_these_tests_leave() -> None:
+    """Collect it seldom, and leave out what was there before."""
     gc.collect()
     gc.freeze()
     gc.set_threshold(100_000)

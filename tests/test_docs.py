@@ -176,7 +176,7 @@ def tree(tmp_path: Path) -> Path:
         if path.name.startswith(".") or path.name == "results":
             continue
         if path.is_dir():
-            shutil.copytree(path, copy / path.name, ignore=shutil.ignore_patterns("__pycache__"))
+            shutil.copytree(path, copy / path.name)
         elif path.suffix in (".py", ".md", ".toml") or path.name == "LICENSE":
             shutil.copy2(path, copy)
     programs = Path(sys.executable).parent

@@ -46,7 +46,12 @@ OPTIONS = (
     "-std=c99", "-O2", "-ffp-contract=off", "-fno-math-errno", "-fno-slp-vectorize",
     "-fvisibility=hidden", "-s",
 )  # fmt: skip
-LIBRARY = ("-shared", "-fPIC")
+ALONE = ("-shared", "-fPIC", "-rtlib=none")
+WINDOWS = Path(__file__).with_name("windows.c")
+UCRT = [
+    f"-lapi-ms-win-crt-{part}-l1-1-0"
+    for part in ("convert", "heap", "math", "private", "stdio", "string", "utility")
+]
 FLAT = Path(__file__).with_name("wasm.c")
 MODULE = ("-mexec-model=reactor", "-Wl,--strip-all")
 EXTRA = "extra/org.webassembly.wasm32"
@@ -166,8 +171,14 @@ def compile_for(target: str, place: str, name: str, folder: Path) -> bytes:
     """The shared library for one target of Zig."""
     library = folder / place
     library.parent.mkdir()
-    options = [*LIBRARY] if "windows" in target else [*LIBRARY, "-lm"]
-    options += [f"-Wl,-install_name,@rpath/{library.name}"] if "macos" in target else []
+    if "windows" in target:
+        made = f"{name}.obj"
+        compiled(target, str(WINDOWS), made, folder, ["-c", "-I.", f'-DMODEL="{name}.c"'])
+        return compiled(target, made, place, folder, ["-shared", "-nostdlib", *UCRT])
+    options = [*ALONE, "-lm"]
+    options += (
+        [f"-Wl,-install_name,@rpath/{library.name}"] if "macos" in target else ["-Wl,-z,defs"]
+    )
     return compiled(target, f"{name}.c", place, folder, options)
 
 
