@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -95,6 +96,12 @@ def ask(name: str, out: Path | None = None, **given: Any) -> Answer:
     """The answer to a question of the project, on compiled FMUs, in this process."""
     project = PROJECT._replace(fill=None)
     return asked(project, name, given, flavour="native", jobs=1, out=out, program="scenarios")
+
+
+@cache
+def plain(name: str) -> Answer:
+    """The answer with few runs, asked once."""
+    return ask(name, **QUICK[name])
 
 
 def rewritten(fmu: Path, copy: Path, edit: Callable[[dict[str, Any]], Any]) -> Path:

@@ -28,16 +28,17 @@ SEED = 20261122
 OTHERS = ("Kloss motor", "Brusselator", "drive", "quarter car", "DC motor", "dual mass")
 
 
-def test_stated_errors_hold_the_true_ones_of_random_systems(half: Path) -> None:
+@pytest.mark.parametrize("part", [0, pytest.param(1, marks=pytest.mark.slow)])
+def test_stated_errors_hold_the_true_ones_of_random_systems(part: int, half: Path) -> None:
     """At least 19 of 20, none three times as large, and few figures without an error."""
-    drawn = dict(cases(SEED, half))
+    drawn = list(cases(SEED, half))
     assert len(drawn) == 16
     found: list[Verdict] = []
-    for k, (name, case) in enumerate(drawn.items()):
+    for k, (name, case) in list(enumerate(drawn))[part::2]:
         algorithm = ("jacobi", "gauss-seidel", "strang")[k % 3]
         found += judged(name, case, [algorithm], halvings=3)
     stated = [v for v in found if v.error is not None]
-    assert len(stated) > 0.95 * len(found) > 1000
+    assert len(stated) > 0.95 * len(found) > 500
     assert np.mean([v.ratio <= 1.0 for v in stated]) >= 0.95
     worst = max(stated, key=lambda v: v.ratio)
     assert worst.ratio <= 3.0, worst

@@ -23,8 +23,8 @@ from scenarios.iron import drive as iron
 from scenarios.iron import iron_orders
 from scenarios.orientator import machine as orientator
 from scenarios.packing_line import packing_line
-from tests.conftest import LONG, QUICK, SAMPLED, ask, fmus_of
-from workbench.answer import Answer, content, finish, write
+from tests.conftest import LONG, QUICK, SAMPLED, ask, fmus_of, plain
+from workbench.answer import content, finish, write
 from workbench.command import main
 from workbench.figure import rounded
 from workbench.measure import harmonics
@@ -145,12 +145,6 @@ WORDS = {
     r"|\w+_(res|flux|kloss|limit|speed)|\w+_w_end_max",
 }
 """Units of figures and columns that no FMU has, by the first pattern that their names match."""
-
-
-@cache
-def plain(name: str) -> Answer:
-    """The answer with few runs, asked once."""
-    return ask(name, **QUICK[name])
 
 
 @cache

@@ -8,6 +8,8 @@ import os
 import re
 import subprocess
 import sys
+from contextlib import redirect_stdout
+from io import StringIO
 from pathlib import Path
 from typing import Any
 
@@ -47,12 +49,6 @@ def main(*words: object) -> int:
     return command.main([*map(str, words)], PROJECT, "python -m scenarios")
 
 
-def scenario(*words: object) -> subprocess.CompletedProcess[str]:
-    """The command line, in a process of its own."""
-    line = [sys.executable, "-m", "scenarios", *map(str, words)]
-    return subprocess.run(line, check=False, cwd=ROOT, capture_output=True, text=True)
-
-
 def found(folder: Path, name: str, table: str = "") -> tuple[dict[str, float], Any, pd.DataFrame]:
     """The values of the figures, all that the JSON holds, a table."""
     facts = json.loads((folder / f"{name}.json").read_text())
@@ -73,9 +69,10 @@ def sweep(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
     """The resonance with its defaults: name of the set, figures, JSON, rows, what it printed."""
     folder = tmp_path_factory.mktemp("resonance")
     name, flavour = request.param.split()
-    done = scenario("run", "resonance", "--set", name, "--out", folder, "--flavour", flavour)
-    assert done.returncode == 0, done.stderr
-    return name, *found(folder, "resonance"), done.stdout
+    with redirect_stdout(StringIO()) as said:
+        words = ("--set", name, "--out", folder, "--flavour", flavour, "--jobs", 1)
+        assert main("run", "resonance", *words) == 0
+    return name, *found(folder, "resonance"), said.getvalue()
 
 
 def test_ripple_follows_first_order_theory_at_every_speed(sweep: Any) -> None:
@@ -115,8 +112,7 @@ def test_tables_are_identical_in_parallel_and_with_native_fmus(tmp_path: Path) -
     ways = {"two": (*NATIVE, "--speeds", "20,24", "--jobs", 2), "python": ("--speeds", "20")}
     for name, way in ways.items():
         out = ("--steps-per-rev", "64", "--out", tmp_path / name)
-        done = scenario("run", "resonance", *way, *out)
-        assert done.returncode == 0, done.stderr
+        assert main("run", "resonance", *way, *out) == 0
     two, python = ((tmp_path / x / "resonance.csv").read_bytes() for x in ways)
     one = ask("resonance", speeds="20,24", steps_per_rev=64).table.to_csv(index=False).encode()
     assert one == two

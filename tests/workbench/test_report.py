@@ -29,7 +29,7 @@ from scenarios.conveyor import resonance
 from scenarios.conveyor.drive import conveyor_drive
 from scenarios.conveyor.theory import SETS
 from scenarios.iron import mechanism as iron_mechanism
-from tests.conftest import QUICK, SAMPLED, ask, fmus_of
+from tests.conftest import SAMPLED, ask, fmus_of, plain
 from tests.workbench.browser import Browser, browser
 from workbench.answer import Answer, Parameter, Show, Table, write
 from workbench.figure import Figure
@@ -45,7 +45,7 @@ from workbench.study import show as study_show
 PROGRAMS = ("chromium", "chromium-browser", "google-chrome")
 QUESTIONS = names(PROJECT.home)
 SEEN = ("resonance",)
-OPTIONS = QUICK | {
+OPTIONS = {
     "resonance": {"speeds": "36,38,40,42,44", "steps_per_rev": 66, "algorithm": "gauss-seidel"}
 }
 MARGIN = 14 / 25.4 * 72
@@ -66,7 +66,7 @@ def shown(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
 @cache
 def answered(name: str) -> tuple[Answer, Show]:
     """The answer of a question with short options, and what it shows."""
-    answer = ask(name, **OPTIONS[name])
+    answer = ask(name, **OPTIONS[name]) if name in OPTIONS else plain(name)
     show = answer.show()
     return replace(answer, show=lambda: show), show
 
