@@ -28,7 +28,7 @@ from workbench.ask import ask as asked
 
 ROOT = Path(__file__).resolve().parents[1]
 DESCRIPTION = "modelDescription.xml"
-TRIED = ("drive_motor", "iron_drive", "gravity_orientator")
+TRIED = ("drive_motor", "gravity_orientator")
 """Machines whose FMUs of FMI 3.0 are tried in the default tests."""
 STAGES = ("falling", "joint", "turning", "released")
 QUICK: dict[str, dict[str, Any]] = {

@@ -102,6 +102,8 @@ SLOW = {
     ".venv/bin/python benchmarks/studies.py",
     ".venv/bin/python benchmarks/tolerance.py",
 }
+RARELY = ("docs/compare.md", "docs/identify.md", "docs/studies.md")
+"""Pages whose commands do what other tests try, too."""
 SILENT = {"math", "text", "xml", "csv"}
 FENCED = r"^ *```.*?^ *```$"
 PROGRAMS = r"(\.?/?\S*/)?(python3?|pip3?|uv|fmpy|pytest|bash|sh|gcc|git|cosim|scenarios)"
@@ -212,7 +214,14 @@ def perform(tree: Path, items: list[tuple[str, str, str]]) -> str:
     return done.stdout
 
 
-@pytest.mark.parametrize("page", [page for page in PAGES if work(page, False)])
+@pytest.mark.parametrize(
+    "page",
+    [
+        pytest.param(page, marks=[pytest.mark.slow] if page in RARELY else [])
+        for page in PAGES
+        if work(page, False)
+    ],
+)
 def test_the_commands_of_a_page_work_in_order(page: str, tree: Path) -> None:
     said = perform(tree, work(page, slow=False))
     for shown in re.findall(r"^print\(.*  # (\d\S* \+- \S+ \S+):", text_of(page), re.MULTILINE):
