@@ -174,7 +174,9 @@ def compile_for(target: str, place: str, name: str, folder: Path) -> bytes:
     if "windows" in target:
         made = f"{name}.obj"
         compiled(target, str(WINDOWS), made, folder, ["-c", "-I.", f'-DMODEL="{name}.c"'])
-        return compiled(target, made, place, folder, ["-shared", "-nostdlib", *UCRT])
+        return compiled(
+            target, made, place, folder, ["-shared", "-nostdlib", "-Wl,--no-entry", *UCRT]
+        )
     options = [*ALONE, "-lm"]
     options += (
         [f"-Wl,-install_name,@rpath/{library.name}"] if "macos" in target else ["-Wl,-z,defs"]

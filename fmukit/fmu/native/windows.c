@@ -1,16 +1,12 @@
-/* A component for Windows that needs nothing but the C library of Windows, ucrtbase.dll: its entry,
-   what MinGW's headers take for granted, and a stack that grows page by page. MODEL is the generated
-   file. The mathematics are those that Python on Windows has, too, and no library of MinGW is built,
+/* A component for Windows that needs nothing but the C library of Windows, ucrtbase.dll: what
+   MinGW's headers take for granted, and a stack that grows page by page. MODEL is the generated file. The mathematics are those that Python on Windows has, too, and no library of MinGW is built,
    which would take a minute of processor time. */
 
 #include MODEL
 
-int _fltused = 1;
-
-int __stdcall DllMainCRTStartup(void *library, unsigned reason, void *reserved) {
-    (void)library, (void)reason, (void)reserved;
-    return 1;
-}
+#include <math.h>
+#include <stdarg.h>
+#include <stdio.h>
 
 int vsnprintf(char *text, size_t size, const char *form, va_list values) {
     return __stdio_common_vsprintf(_CRT_INTERNAL_PRINTF_STANDARD_SNPRINTF_BEHAVIOR, text, size, form,
