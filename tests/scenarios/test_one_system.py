@@ -15,14 +15,17 @@ from scipy.interpolate import CubicSpline
 from components.crank_conveyor import model as conveyor
 from components.DC_motor import model as motor
 from components.gearbox import model as gearbox
+from components.gravity_orientator import model as orientator
 from components.iron_drive import model as iron
 from components.shaft_link import model as link
 from components.slotted_link import model as load
 from components.speed_controller import model as controller
+from cosim import SetupError
 from fmukit.declare.record import declarations, start
 from scenarios.chain import speed_step
 from scenarios.conveyor.theory import SETS
 from tests.components.iron_oracle import OneSystem
+from tests.components.orientator_oracle import Jam, passage
 from tests.components.test_iron_drive import quantities
 from tests.conftest import ask
 from tests.oracle import drawn, joined, monolithic, part, split
@@ -197,3 +200,26 @@ def test_iron_orders_tell_what_one_system_does(seed: int) -> None:
         "gain_12ms": more[worst] / less[worst],
         "added_12ms": 100 * (more - less)[worst] / np.abs(torque).max(),
     })  # fmt: skip
+
+
+@pytest.mark.parametrize("seed", [1, *(pytest.param(n, marks=SLOW) for n in range(2, 6))])
+def test_a_passage_of_the_orientator_is_that_of_another_solution(seed: int) -> None:
+    """Of machines with other dimensions at other speeds, some of which jam."""
+    rng, oriented = np.random.default_rng(seed), 0
+    known = {n: d.start for n, d in declarations(orientator.Parameters) if d.kind == "Real"}
+    varied = [name for name in known if name[:3] != "neg" and name != "g"]
+    while oriented < 12:
+        chosen = rng.choice(varied, 4, replace=False)
+        start = {f"orientator.{x}": known[x] * math.exp(rng.normal(0.0, 0.2)) for x in chosen}
+        speed = rng.uniform(0.0, 12.0)
+        try:
+            told = ask("orientator_cycle", speed=speed, start=start).figures
+        except SetupError:
+            continue
+        try:
+            wanted = passage(known | {x.partition(".")[2]: v for x, v in start.items()}, speed)
+        except Jam:
+            assert told["oriented"].value == 0.0
+            continue
+        oriented += 1
+        agree(told, wanted)
