@@ -79,9 +79,9 @@ class Path:
 
 def flatten(value: Any) -> tuple[Any, list[Any]]:
     """The arrangement of a value, and its numbers in order."""
-    if isinstance(value, Node | int | float):
+    if isinstance(value, (Node, int, float)):
         return "number", [value]
-    if isinstance(value, tuple | list):
+    if isinstance(value, (tuple, list)):
         parts = [flatten(item) for item in value]
         numbers = [number for _, numbers in parts for number in numbers]
         shape = (type(value), tuple(shape for shape, _ in parts))

@@ -60,7 +60,7 @@ def checked(model: ModuleType, name: str, result: Any) -> Callable[..., Any]:
         for place, declared in getattr(result, "_declared", {}).items():
             value = getattr(found, place)
             truth = isinstance(value, bool) and declared.kind == "Real"
-            if truth or not isinstance(value, Node | float | int):
+            if truth or not isinstance(value, (Node, float, int)):
                 raise Untraceable(
                     f"in {name} {result.__name__}.{place} is {_told(value)}, which is no number"
                     + (": write 1.0 if ... else 0.0" if truth else "")

@@ -241,7 +241,7 @@ def computed(op: str, args: Sequence[Any]) -> Node:
 
 def operation(op: str, *args: Any) -> Any:
     """The result of an operation that C knows by this name, computed here."""
-    if not all(isinstance(arg, int | float | Node) for arg in args):
+    if not all(isinstance(arg, (int, float, Node)) for arg in args):
         return NotImplemented
     return PATHS[-1].visit(computed(op, args))
 
@@ -253,7 +253,7 @@ def plain(args: Sequence[Any]) -> list[Any]:
 
 def compared(op: str, left: Node, right: Any) -> Any:
     """A comparison, with its answer where the path knows it."""
-    if not isinstance(right, int | float | Node):
+    if not isinstance(right, (int, float, Node)):
         return NotImplemented
     known = PATHS[-1].choices.get(left.number, left.items)
     if known and not isinstance(right, Node) and op in ("==", "!="):
