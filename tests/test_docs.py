@@ -102,7 +102,7 @@ SLOW = {
     ".venv/bin/python benchmarks/studies.py",
     ".venv/bin/python benchmarks/tolerance.py",
 }
-RARELY = ("docs/compare.md", "docs/identify.md", "docs/studies.md")
+RARELY = ("docs/compare.md", "docs/identify.md", "docs/scenarios.md", "docs/studies.md")
 """Pages whose commands do what other tests try, too."""
 SILENT = {"math", "text", "xml", "csv"}
 FENCED = r"^ *```.*?^ *```$"

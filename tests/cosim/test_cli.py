@@ -90,17 +90,17 @@ def test_columns_of_a_part_drive_fmpy(drive: Path, fmus: Path, tmp_path: Path, s
 
 
 def test_certify_states_errors_and_orders(drive: Path, said: Said) -> None:
-    text = said("run", drive, "--certify", "--record", "motor.tau,conveyor.a")
+    text = said("run", drive, "--stop", 0.1, "--certify", "--record", "motor.tau,conveyor.a")
     (mean,) = [line for line in text.splitlines() if "motor.tau, mean" in line]
     assert " +- " in mean
     assert "order 2.0" in mean
     (rate,) = [line for line in text.splitlines() if "conveyor.a, mean" in line]
-    assert re.search(r" \+- 0\.0\d+ rad/s2 +order (0\.9|1\.\d)$", rate)
+    assert re.search(r" \+- 0\.\d+ rad/s2 +order (0\.9|1\.\d)$", rate)
 
 
 def test_figures_of_names_with_commas_keep_their_units(fmus: Path, said: Said) -> None:
     record = "LinearSystem.A[2,1],LinearSystem.x[1]"
-    options = ("--stop", 0.1, "--certify", "--record", record)
+    options = ("--stop", 0.02, "--certify", "--record", record)
     lines = said("run", fmus / "LinearSystem.fmu", *options).splitlines()
     (rate,) = [line for line in lines if "LinearSystem.A[2,1] at the end" in line]
     assert rate.split()[-6:] == ["-100.0000000", "+-", "0.0000001", "1", "order", "2.0"]

@@ -9,12 +9,10 @@ from benchmarks.published import CASES, WAYS, cost, system
 ORDER_6, HELD = "Gauss-Seidel, inputs of order 6", "Strang, inputs held"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "tolerance", "error", "steps"),
-    [
-        pytest.param("quarter car", 0.1, 3.2e-4, 150 * 3, marks=pytest.mark.slow),
-        ("predators and prey", 1e-3, 1e-4, 2000),
-    ],
+    [("quarter car", 0.1, 3.2e-4, 150 * 3), ("predators and prey", 1e-3, 1e-4, 2000)],
 )
 def test_coupled_runs_cost_less_than_published(
     name: str, tolerance: float, error: float, steps: int, tmp_path: Path

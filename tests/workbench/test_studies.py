@@ -352,7 +352,9 @@ def at_work(path: Path, out: Path, *options: object) -> subprocess.Popen[bytes]:
     return process
 
 
-@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT])
+@pytest.mark.parametrize(
+    "number", [signal.SIGKILL, pytest.param(signal.SIGINT, marks=pytest.mark.slow)]
+)
 def test_an_ended_study_goes_on_with_the_missing_runs(
     number: signal.Signals, write: Write, tmp_path: Path
 ) -> None:
