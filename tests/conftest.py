@@ -134,6 +134,11 @@ def pytest_sessionstart(session: pytest.Session) -> None:
         subprocess.run([*build, "--flavour", "both"], cwd=ROOT, check=True)
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """The longest tests first, those of the whole project, so that no core waits for them at the end."""
+    items.sort(key=lambda item: item.path.parent != ROOT / "tests")
+
+
 @pytest.fixture(scope="module", autouse=True)
 def _garbage_is_what_these_tests_leave() -> None:
     """Collect it seldom, and leave out what was there before."""
