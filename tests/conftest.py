@@ -82,7 +82,13 @@ QUICK: dict[str, dict[str, Any]] = {
 
 LONG = {"iron_identify", "identify", "sommerfeld"}
 """Questions of many seconds of processor time, which have tests of their own; others are slow."""
-COSTLY = LONG | {"induction_motor", "orientator_limit", "rod_force"}
+COSTLY = LONG | {
+    "induction_motor",
+    "orientator_limit",
+    "orientator_neglect",
+    "resonance_map",
+    "rod_force",
+}
 SAMPLED = [pytest.param(x, marks=[pytest.mark.slow] if x in COSTLY else []) for x in QUICK]
 """Every question; those whose shortest answer takes seconds are looked at again in slow tests."""
 
