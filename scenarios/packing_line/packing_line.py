@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -44,7 +44,7 @@ WIRES = (
     "conveyor_motor.tau -> conveyor.tau",
     "conveyor.w -> conveyor_motor.w",
 )
-I_G, START, FIRST_RELEASE = 36.0, math.radians(-60.0), math.radians(100.0)
+I_G = 36.0
 RECORD = (
     "iron_motor.P", "iron_motor.tau", *(f"iron.{x}" for x in iron_mechanism.SEEN), "iron.w_cam",
     "iron.top_dwell", "iron.E_kin", "iron.E_pot", "iron.E_friction",
@@ -58,7 +58,14 @@ POWERS = {
     "conveyor": ("conveyor_motor.P", "the conveyor's motor", "sky"),
     "supply": ("P_supply", "the supply", POWER),
 }
+TOLD = {
+    "mean": "mean power",
+    "rms": "ripple of the power",
+    "least": "least power",
+    "most": "largest power",
+}
 HIGHEST = {"iron": 12, "conveyor": 4}
+TURN, MEASURED, EVEN = 2 * math.pi, 2, 120
 UNITS = {"drive": "1", "order": "1", "frequency": "Hz", "own": "W", "supply": "W"}
 MAIN, AROUND = 0.1, 0.05
 LIVE = (
@@ -100,12 +107,7 @@ def system(o: Options, fmus: Mapping[str, Path]) -> System:
 
 
 def solve(o: Options, bench: Bench) -> Findings:
-    """The line, long enough for two cycles."""
-    least = (FIRST_RELEASE - START + 4.2 * math.pi) / o.iron_speed
-    if o.stop < least:
-        raise SetupError(
-            f"stop = {o.stop:g} s must be at least {least:.3f} s, two cycles after the first release"
-        )
+    """The line, with its rows, its orders and its SSP."""
     line = system(o, bench.fmus)
     result, found = bench.certify(line, figures, o, RECORD, "packing_line.csv")
     r = supplied(result)
@@ -125,74 +127,117 @@ def releases(r: Result) -> list[int]:
     """The rows of the releases, whole cycles apart; raises SetupError where the cam does not keep
     turning."""
     phi = r["iron.phi"]
-    if phi[-1] < FIRST_RELEASE + 2 * math.pi or np.diff(phi).min() <= 0.0:
+    if np.diff(phi).min() <= 0.0:
         raise SetupError(
             f"the cam stands or turns back, at iron.phi = {phi[-1]:.4g} rad in the end: at this "
             "speed its motor cannot lift the iron"
         )
     found: list[int] = (np.flatnonzero(np.diff(r["iron.top_dwell"]) > 0.5) + 1).tolist()
-    if len(found) < 2:
-        raise SetupError(f"{len(found)} top dwells begin until t = {r['time'][-1]:g} s, two must")
     return found
 
 
-def window(r: Result) -> slice:
-    """The rows of the whole cycles."""
-    return slice(releases(r)[0], releases(r)[-1] + 1)
+class Order(NamedTuple):
+    """An order of the angle of a drive: its frequency [Hz], its amplitude in the power of the drive's
+    motor, and with all of the other drive that it beats with, as the supply has it at worst [W]."""
+
+    drive: str
+    order: int
+    frequency: float
+    own: float
+    supply: float
 
 
-def span(r: Result) -> tuple[float, float, int]:
-    """When the whole cycles begin and end [s], between rows, and how many there are."""
-    phi = r["iron.phi"]
-    turns = int((phi[-1] - FIRST_RELEASE) / (2 * math.pi))
-    ends = FIRST_RELEASE + 2 * math.pi * np.array([0, turns])
-    began, ended = CubicSpline(phi, r["time"])(ends).tolist()
-    return began, ended, turns
+class Turns(NamedTuple):
+    """The last whole turns of a drive: how long they last [s], their number; power of the motor [W]:
+    mean, ripple, least, most, orders."""
+
+    lasted: float
+    number: int
+    power: list[float]
+    orders: list[Order]
+
+
+def turns(r: Result, drive: str) -> Turns:
+    """Those of the last cycles, of the cam from release to release, of the crank from where the trough is
+    farthest; raises SetupError where there are none."""
+    ends, begin = releases(r), 0.0
+    if drive == "iron":
+        begin = r.provenance["parts"]["iron"]["parameters"]["cam.rise"]
+    rows = slice(ends[-1 - MEASURED] - 1, ends[-1] + 1)
+    t, phi, power = (r[x][rows] for x in ("time", f"{drive}.phi", POWERS[drive][0]))
+    first, last = math.ceil((phi[0] - begin) / TURN), math.floor((phi[-1] - begin) / TURN)
+    if np.diff(phi).min() <= 0.0 or first >= last:
+        raise SetupError(
+            f"{drive}.phi goes from {phi[0]:.4g} to {phi[-1]:.4g} rad in the last {MEASURED} cycles, and "
+            "must go on for a whole turn: the drive is too slow"
+        )
+    began, ended = CubicSpline(phi, t)(begin + TURN * np.array([first, last])).tolist()
+    lasted, inside, number = ended - began, (t >= began) & (t <= ended), last - first
+    mean = float(CubicSpline(t, power).integrate(began, ended) / lasted)
+    square = float(CubicSpline(t, (power - mean) ** 2).integrate(began, ended) / lasted)
+    low, high = (end(t[inside], power[inside]).value for end in (smallest, largest))
+    angles = begin + TURN * np.arange(first * EVEN, last * EVEN) / EVEN
+    sizes = np.abs(harmonics(angles, CubicSpline(phi, power)(angles), HIGHEST[drive])).tolist()
+    orders = [Order(drive, k, k * number / lasted, x, x) for k, x in enumerate(sizes, 1)]
+    return Turns(lasted, number, [mean, math.sqrt(square), low, high], orders)
 
 
 def figures(r: Result) -> dict[str, Figure]:
-    """Counts of products, what the cycles tell, and the ends of the powers."""
-    r = supplied(r)
-    inside, begins = window(r), releases(r)
+    """Counts of products, and what the last cycles tell; what is not settled in them is at most what
+    they differ from those that end a cycle before. Raises SetupError where there are too few."""
+    r, begins = supplied(r), releases(r)
+    if len(begins) < MEASURED + 2:
+        raise SetupError(
+            f"stop = {r['time'][-1]:g} s is too short: of {MEASURED + 2} releases that are needed it "
+            f"sees {len(begins)}. The figures are those of the last {MEASURED} cycles, and the one "
+            "before tells how settled they are"
+        )
+    whole = slice(begins[0], begins[-1] + 1)
     counts = {
         "released": (len(begins) - 1, "products released in the whole cycles"),
-        "oriented": (np.ptp(r["orientator.oriented"][inside]), "products oriented of these"),
-        "missed": (r["orientator.missed"][inside][-2], "released while one was under way"),
+        "oriented": (np.ptp(r["orientator.oriented"][whole]), "products oriented of these"),
+        "missed": (r["orientator.missed"][whole][-2], "released while one was under way"),
     }
     found = {name: Figure(float(x), "1", 0.0, meaning) for name, (x, meaning) in counts.items()}
-    found |= over_rows(cycles, r)
-    for name, (column, who, _) in POWERS.items():
-        low, high = (end(r["time"][inside], r[column][inside]) for end in (smallest, largest))
-        found[f"least_{name}"] = low.figure(r.units[column], f"least power of {who}")
-        found[f"most_{name}"] = high.figure(r.units[column], f"largest power of {who}")
+    before = cycles(of_rows(r, r.data[: begins[-2] + 1]))
+    for name, figure in over_rows(cycles, r).items():
+        found[name] = figure
+        if figure.error is not None:
+            moved = abs(figure.value - before[name].value)
+            found[name] = figure._replace(error=figure.error + moved)
     return found
 
 
 def cycles(r: Result) -> dict[str, Figure]:
-    """Pace, cost of jams, powers and their ripple; no time of orientation after a jam."""
-    t, inside, orders, (began, ended, turns) = r["time"], window(r), ripple(r), span(r)
-    cycle, (x, y) = (ended - began) / turns, nearest(orders)
-    gap = abs(x.frequency - y.frequency)
+    """Pace, cost of jams, powers and their ripple; no time of orientation after a jam.
 
-    def mean(x: Any) -> float:
-        return float(CubicSpline(t, x).integrate(began, ended) / (ended - began))
-
+    Cam and crank have no common period, so that their powers add in the long run: means and ends as they
+    are, ripples as mean squares.
+    """
+    begins, iron, conveyor = releases(r), turns(r, "iron"), turns(r, "conveyor")
+    orders, cycle = ripple(r), iron.lasted / iron.number
     told: dict[str, tuple[float, str, str]] = {
         "cycle": (cycle, "s", "mean time from release to release"),
-        "cam": (2 * math.pi / cycle, "rad/s", "mean speed of the cam"),
+        "cam": (TURN / cycle, "rad/s", "mean speed of the cam"),
     }
-    for name, (column, who, _) in POWERS.items():
-        told[f"mean_{name}"] = mean(r[column]), "W", f"mean power of {who}"
-        rms = math.sqrt(mean((r[column] - mean(r[column])) ** 2))
-        told[f"rms_{name}"] = rms, "W", f"ripple of the power of {who}"
+    supply = [a + b for a, b in zip(iron.power, conveyor.power)]
+    supply[1] = math.hypot(iron.power[1], conveyor.power[1])
+    ends = {"iron": iron.power, "conveyor": conveyor.power, "supply": supply}
+    for name, values in ends.items():
+        who = POWERS[name][1]
+        for (word, meaning), value in zip(TOLD.items(), values):
+            told[f"{word}_{name}"] = value, "W", f"{meaning} of {who}"
     for drive in sorted(HIGHEST):
         main, who = largest_order(orders, drive), POWERS[drive][1]
         told[f"main_{drive}"] = main.own, "W", f"largest order in the power of {who}"
         meaning = f"frequency of that order of {who}"
         told[f"main_{drive}_frequency"] = main.frequency, "Hz", meaning
-    orientation, reason = (r[f"orientator.{x}"][inside][-2] for x in ("orientation_time", "reason"))
-    made = np.ptp(r["orientator.oriented"][inside]) / (len(releases(r)) - 1)
-    cam, crank = (r[POWERS[drive][0]][inside] for drive in HIGHEST)
+    x, y = nearest(orders)
+    gap = abs(x.frequency - y.frequency)
+    orientation, reason = (
+        r[f"orientator.{x}"][begins[-1] - 1] for x in ("orientation_time", "reason")
+    )
+    made = np.ptp(r["orientator.oriented"][begins[0] : begins[-1] + 1]) / (len(begins) - 1)
     told |= {
         "orientation": (orientation, "s", "time of orientation of the last product"),
         "spare": (cycle - orientation, "s", "time to spare in a cycle"),
@@ -202,7 +247,6 @@ def cycles(r: Result) -> dict[str, Figure]:
         "gap": (gap, "Hz", "distance of the nearest main orders of cam and crank"),
         "beat": (60 * gap, "1/min", "how often they beat"),
         "together": (x.own + y.own, "W", "what they add to at worst"),
-        "correlation": (np.corrcoef(cam, crank)[0, 1], "1", "correlation of the motors' powers"),
     }
     found = {name: Figure(float(x), unit, 0.0, what) for name, (x, unit, what) in told.items()}
     why = f"the orientator jams: {orientator.REASONS[int(reason)]}"
@@ -213,28 +257,19 @@ def cycles(r: Result) -> dict[str, Figure]:
     return found
 
 
-class Order(NamedTuple):
-    """An order of the angle of a drive: its frequency [Hz], its amplitude in the power of the drive's
-    motor and in that of the supply [W]."""
-
-    drive: str
-    order: int
-    frequency: float
-    own: float
-    supply: float
-
-
 def ripple(r: Result) -> list[Order]:
-    """The orders of cam and crank over the whole cycles."""
-    inside, (began, ended, _), orders = window(r), span(r), []
-    for drive, highest in HIGHEST.items():
-        at = CubicSpline(r["time"], r[f"{drive}.phi"])
-        rate = float(at(ended) - at(began)) / (2 * math.pi * (ended - began))
-        phi = r[f"{drive}.phi"][inside]
-        powers = (r[column][inside] for column in (POWERS[drive][0], "P_supply"))
-        sizes = zip(*(np.abs(harmonics(phi, power, highest)).tolist() for power in powers))
-        orders += [Order(drive, k, k * rate, *size) for k, size in enumerate(sizes, 1)]
-    return orders
+    """The orders of cam and crank in the last cycles."""
+    orders = [x for drive in HIGHEST for x in turns(r, drive).orders]
+    return [
+        x._replace(supply=x.own + sum(y.own for y in orders if y.drive != x.drive and meet(x, y)))
+        for x in orders
+    ]
+
+
+def meet(x: Order, y: Order) -> bool:
+    """Whether they are less than half a turn of the slower drive apart."""
+    slower = min(z.frequency / z.order for z in (x, y))
+    return abs(x.frequency - y.frequency) < slower / 2
 
 
 def largest_order(orders: Sequence[Order], drive: str) -> Order:
@@ -265,7 +300,7 @@ def verdict(o: Options, f: Mapping[str, Figure], r: tuple[Result, System]) -> st
             f"oriented, {f['orientation'].reason}."
         )
     (cam, crank), meets = nearest(ripple(r[0])), ""
-    if abs(cam.frequency - crank.frequency) < cam.frequency / cam.order / 2:
+    if meet(cam, crank):
         meets = (
             f", where order {cam.order} of the cam and order {crank.order} of the crank "
             f"meet and beat {f['beat'].text('times a minute')}"

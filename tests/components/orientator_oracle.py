@@ -23,13 +23,13 @@ class Jam(Exception):
 
 
 def until(
-    rates: Rates, state: Sequence[float], *ends: tuple[Rates, float]
+    rates: Rates, begin: float, state: Sequence[float], *ends: tuple[Rates, float]
 ) -> tuple[int, float, Any]:
     """The first of some functions that passes zero in a sense, when, and the state there."""
     for function, sense in ends:
         function.terminal, function.direction = True, sense  # type: ignore[attr-defined]
     found = solve_ivp(
-        rates, (0.0, 5.0), state, "DOP853", events=[function for function, _ in ends],
+        rates, (begin, begin + 5.0), state, "DOP853", events=[function for function, _ in ends],
         rtol=1e-13, atol=1e-15, max_step=2e-3,
     )  # fmt: skip
     if found.status != 1:
@@ -38,16 +38,19 @@ def until(
     return which, float(found.t_events[which][0]), found.y_events[which][0]
 
 
-def passage(v: Mapping[str, float], w: float) -> dict[str, float]:
-    """The passage of a machine with these parameters by name, at a speed of the rotor [rad/s]."""
+def passage(v: Mapping[str, float], w: Callable[[float], float]) -> dict[str, float]:
+    """The passage of a machine with these parameters by name; w gives the speed of its rotor [rad/s] at a
+    time since the release."""
     d, h, l2, m2, J2 = (v[f"cup.{name}"] for name in ("d", "h", "l", "m", "J"))
     l1, h1, m1, J1, rest = (v[f"catcher.{name}"] for name in ("l", "h", "m", "J", "phi"))
     c, R, H, mu, g = (v[x] for x in ("spring.c", "chute.R", "chute.H", "chute.mu", "g"))
     r, e, L = d / 2, h - l2, l1 * cos(rest) + d
-    F1, F2 = m1 * w * w * (R - d - l1 * cos(rest) / 2), m2 * w * w * (R - r)
-    Ff = mu * F2
 
-    def Q1(p: float) -> float:
+    def F2(t: float) -> float:
+        return m2 * w(t) ** 2 * (R - r)
+
+    def Q1(t: float, p: float) -> float:
+        F1 = m1 * w(t) ** 2 * (R - d - l1 * cos(rest) / 2)
         return float(-F1 * l1 / 2 * sin(p) - c * l1 * l1 / 4 * (p - rest) * cos(p))
 
     def joint(p: float) -> tuple[float, ...]:
@@ -72,18 +75,23 @@ def passage(v: Mapping[str, float], w: float) -> dict[str, float]:
         M = [[J1 + m2 * Y1 * Y1, m2 * Y1 * z2], [m2 * Y1 * z2, J2 + m2 * (x2 * x2 + z2 * z2)]]
         return Bx, By, G, Y1, Y2, z2, x2, (G + r * sin(p2)) / cos(p2), np.array(M)
 
-    def falls_in_joint(_: float, y: Any) -> Sequence[float]:
-        _, _, x_1, y_1, path, J, half = joint(y[0])
-        return [y[1], (Q1(y[0]) + m2 * g * y_1 + F2 * x_1 - Ff * path - half * y[1] ** 2) / J]
+    def falls(t: float, y: Any) -> Sequence[float]:
+        return [y[1], g - mu * F2(t) / m2]
 
-    def turns(_: float, y: Any) -> Sequence[float]:
+    def falls_in_joint(t: float, y: Any) -> Sequence[float]:
+        _, _, x_1, y_1, path, J, half = joint(y[0])
+        pushed = F2(t) * (x_1 - mu * path)
+        return [y[1], (Q1(t, y[0]) + m2 * g * y_1 + pushed - half * y[1] ** 2) / J]
+
+    def turns(t: float, y: Any) -> Sequence[float]:
         p, p2, w1, w2 = y
         Bx, By, G, Y1, Y2, z2, x2, _, M = hook(p, p2)
         T, S = tan(p2), 1 / cos(p2)
         bend = 2 * G * S * S * T + r * S * (T * T + S * S) + e * sin(p2)
         ay = (Bx * T - By) * w1 * w1 + 2 * By * S * S * w1 * w2 + bend * w2 * w2
-        slid = m2 * z2 * (g - ay) + x2 * (F2 - m2 * e * cos(p2) * w2 * w2) - Ff * (Y2 + r)
-        return [w1, w2, *np.linalg.solve(M, [Q1(p) + m2 * Y1 * (g - ay) - Ff * Y1, slid])]
+        Ff = mu * F2(t)
+        slid = m2 * z2 * (g - ay) + x2 * (F2(t) - m2 * e * cos(p2) * w2 * w2) - Ff * (Y2 + r)
+        return [w1, w2, *np.linalg.solve(M, [Q1(t, p) + m2 * Y1 * (g - ay) - Ff * Y1, slid])]
 
     def tip_slides(_: float, y: Any) -> float:
         at = hook(y[0], y[1])
@@ -92,18 +100,23 @@ def passage(v: Mapping[str, float], w: float) -> dict[str, float]:
     def arm(p2: float) -> float:
         return float(e * sin(p2) - mu * (e * cos(p2) + r))
 
-    def wall(_: float, y: Any) -> float:
-        pushed = F2 - m2 * e * cos(y[0]) * y[1] ** 2
+    def wall(t: float, y: Any) -> float:
+        pushed = F2(t) - m2 * e * cos(y[0]) * y[1] ** 2
         return float(J2 * pushed / (J2 + arm(y[0]) * m2 * e * sin(y[0])))
 
-    def slides(_: float, y: Any) -> Sequence[float]:
-        N = wall(_, y)
+    def slides(t: float, y: Any) -> Sequence[float]:
+        N = wall(t, y)
         return [y[1], arm(y[0]) * N / J2, g - mu * N / m2]
 
-    if Ff >= m2 * g:
+    if mu * F2(0.0) >= m2 * g:
         raise Jam("held in the chute")
-    t_falling = math.sqrt(2 * H / (g - Ff / m2))
-    s1, c1, fall = sin(rest), cos(rest), (g - Ff / m2) * t_falling
+    stop, landed, (_, fall) = until(
+        falls, 0.0, [0.0, 0.0], (lambda _, y: y[0] - H, ONWARDS),
+        (lambda t, _: falls(t, [0.0, 0.0])[1], DOWN),
+    )  # fmt: skip
+    if stop:
+        raise Jam("held in the chute")
+    s1, c1 = sin(rest), cos(rest)
     landing = np.array([  # w1, w2, vxc, vyc, S_x, S_y, S_k
         [0, 0, m2, 0, 1, 0, 1], [0, 0, 0, m2, 0, 1, 0], [0, J2, 0, 0, -l2, -r, e],
         [J1, 0, 0, 0, l1 * s1, -l1 * c1, 0], [l1 * s1, -l2, 1, 0, 0, 0, 0],
@@ -111,8 +124,8 @@ def passage(v: Mapping[str, float], w: float) -> dict[str, float]:
     ])  # fmt: skip
     w1, *_, S_y, S_k = np.linalg.solve(landing, [0, m2 * fall, 0, 0, 0, 0, 0])
 
-    stop, t_joint, (p, w1) = until(
-        falls_in_joint, [rest, w1],
+    stop, hooked, (p, w1) = until(
+        falls_in_joint, landed, [rest, w1],
         (lambda _, y: joint(y[0])[0] - y[0] - 1.5 * pi, ONWARDS), (lambda _, y: y[1], DOWN),
     )  # fmt: skip
     if stop:
@@ -123,20 +136,20 @@ def passage(v: Mapping[str, float], w: float) -> dict[str, float]:
     after = np.linalg.solve(M, before)
     P_B = -m2 * (z1 * after[0] + z2 * after[1] - y_1 * w1) / cos(p2)
 
-    stop, t_turning, (p, p2, w1, w2) = until(
-        turns, [p, p2, *after], (lambda _, y: hook(y[0], y[1])[7] - h, ONWARDS),
+    stop, t, (p, p2, w1, w2) = until(
+        turns, hooked, [p, p2, *after], (lambda _, y: hook(y[0], y[1])[7] - h, ONWARDS),
         (lambda _, y: y[3], DOWN), (lambda _, y: y[0] - rest, DOWN), (tip_slides, DOWN),
     )  # fmt: skip
     if stop:
         raise Jam("in turning")
     at = hook(p, p2)
-    vx, vy, t_released, stop = at[6] * w2, at[3] * w1 + at[5] * w2, 0.0, 1
-    on_wall = wall(0.0, [p2, w2]) > 0.0
+    vx, vy, left, stop = at[6] * w2, at[3] * w1 + at[5] * w2, t, 1
+    on_wall = wall(t, [p2, w2]) > 0.0
     while stop:
-        over = (lambda _, y: y[0] - 2.5 * pi, UP)
+        over, begin = (lambda _, y: y[0] - 2.5 * pi, UP), t
         if on_wall:
             stop, t, (p2, w2, vy) = until(
-                slides, [p2, w2, vy], over, (wall, DOWN), (lambda _, y: y[1], DOWN),
+                slides, begin, [p2, w2, vy], over, (wall, DOWN), (lambda _, y: y[1], DOWN),
                 (lambda _, y: y[2] + y[1] * (e * cos(y[0]) + r), DOWN),
             )  # fmt: skip
             if stop > 1:
@@ -144,17 +157,17 @@ def passage(v: Mapping[str, float], w: float) -> dict[str, float]:
             vx = e * sin(p2) * w2
         else:
             stop, t, (p2, _, vx) = until(
-                lambda _, y, w2=w2: [w2, e * sin(y[0]) * w2 - y[2], F2 / m2], [p2, 0.0, vx],
-                over, (lambda t, y: y[1] if t > 1e-7 else 1.0, DOWN),
+                lambda t, y, w2=w2: [w2, e * sin(y[0]) * w2 - y[2], F2(t) / m2], begin,
+                [p2, 0.0, vx], over,
+                (lambda t, y, soon=begin + 1e-7: y[1] if t > soon else 1.0, DOWN),
             )  # fmt: skip
-            vy += g * t
+            vy += g * (t - begin)
             w2 = (J2 * w2 + m2 * e * sin(p2) * vx) / (J2 + m2 * (e * sin(p2)) ** 2)
-        t_released += t
         on_wall = not on_wall
-    times = {"falling": t_falling, "joint": t_joint, "turning": t_turning, "released": t_released}
-    found = {f"t_{name}": time for name, time in times.items()}
+    times = {"falling": landed, "joint": hooked - landed, "turning": left - hooked}
+    found = {f"t_{name}": float(time) for name, time in (times | {"released": t - left}).items()}
     return found | {
-        "orientation_time": sum(times.values()),
+        "orientation_time": t,
         "corner_impulse": float(S_y),
         "wall_impulse": float(S_k),
         "hook_impulse": float(P_B),

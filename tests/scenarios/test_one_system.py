@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import random
 from collections.abc import Iterator, Mapping
+from itertools import product
 from operator import attrgetter
 from typing import Any
 
@@ -32,7 +33,7 @@ from tests.oracle import drawn, joined, monolithic, part, split
 from workbench import Figure
 from workbench.measure import harmonics
 
-SLOW = pytest.mark.slow
+SLOW, TURN = pytest.mark.slow, 2 * math.pi
 SEEDS = [1, *(pytest.param(n, marks=SLOW) for n in range(2, 12))]
 SCALED = {
     "motor.T": "T", "motor.B": "B", "conveyor.trough.m": "m", "conveyor.trough.d": "d",
@@ -217,9 +218,92 @@ def test_a_passage_of_the_orientator_is_that_of_another_solution(seed: int) -> N
         except SetupError:
             continue
         try:
-            wanted = passage(known | {x.partition(".")[2]: v for x, v in start.items()}, speed)
+            own = known | {x.partition(".")[2]: v for x, v in start.items()}
+            wanted = passage(own, lambda _, w=speed: w)
         except Jam:
             assert told["oriented"].value == 0.0
             continue
         oriented += 1
         agree(told, wanted)
+
+
+def powers(t: Any, x: Mapping[str, Any], ends: Any) -> tuple[tuple[float, ...], Any]:
+    """Mean, rms, least and largest of the power of a shaft between two of its angles, whole turns
+    apart, and amplitudes of its orders."""
+    turns = round(np.ptp(ends) / TURN)
+    at = [CubicSpline(t, x["phi"]).solve(end, extrapolate=False)[0] for end in ends]
+    mean = float(np.diff(CubicSpline(t, x["work"])(at))[0] / np.ptp(at))
+    inside, P = (t >= at[0]) & (t <= at[1]), x["P"]
+    rms = math.sqrt(CubicSpline(t, (P - mean) ** 2).integrate(*at) / np.ptp(at))
+    (least, _), (most, _) = extremes(t[inside], P[inside])
+    angles = ends[0] + np.arange(720 * turns) * TURN / 720
+    rising = np.maximum.accumulate(x["phi"]) == x["phi"]
+    by_angle = CubicSpline(*np.unique(np.stack([x["phi"], P])[:, rising], axis=1))(angles)
+    orders = np.fft.rfft(by_angle)[: 13 * turns : turns]
+    return (mean, rms, least, most), 2 * np.abs(orders) / len(angles)
+
+
+@pytest.mark.parametrize("seed", [1, *(pytest.param(n, marks=SLOW) for n in range(2, 9))])
+def test_the_packing_line_tells_what_one_system_does(seed: int) -> None:
+    """Its pace, the time of a product while the rotor's speed varies, powers, ripple and orders."""
+    draw = random.Random(seed)
+    p = drawn(iron, draw, 0.1, **{"reducer.J": 2e-4, "on_invalid": iron.OnInvalid.warn})
+    pace, gear, i_g = draw.uniform(4.0, 6.0), draw.uniform(0.6, 1.6), p.reducer.i_g
+    cup = {n: d.start for n, d in declarations(orientator.Parameters) if d.kind == "Real"}
+    for name in draw.sample([x for x in cup if x[:3] != "neg" and x != "g"], k=4):
+        cup[name] *= math.exp(draw.gauss(0.0, 0.1))
+    chosen, nu, stop = draw.choice("AB"), draw.uniform(30.0, 80.0), 22.4 / pace
+    shaken = {
+        key: getattr(SETS[chosen], SCALED[key]) * math.exp(draw.gauss(0.0, 0.2))
+        for key in draw.sample(list(SCALED), k=3)
+    }
+    start = of_iron(p) | {f"orientator.{x}": cup[x] for x in cup}
+    start |= {x.replace("motor.", "conveyor_motor."): shaken[x] for x in shaken}
+    asked = {"gear": gear, "iron_speed": pace, "set": chosen, "speed": nu, "start": start}
+    told = ask("packing_line", stop=stop, step=5e-4, **asked).figures
+
+    t = np.linspace(0.0, stop, round(stop / 5e-4) + 1)
+    one = OneSystem(p, {"A": 0.025 * i_g * pace, "B": 0.025, "T": 0.012})
+    rows = [one.x, *(one.to(x) for x in t[1:])]
+    x = {name: np.array([getattr(row, name) for row in rows]) for name in ("phi", "w_cam")}
+    x["P"] = i_g * x["w_cam"] * np.array([row.tau for row in rows])
+    x["work"] = np.array([row.E_in for row in rows])
+    ends = p.cam.rise + TURN * np.array([1, 2, 3])
+    begun, last, ended = (CubicSpline(t, x["phi"]).solve(end, extrapolate=False)[0] for end in ends)
+    cycle, speed = (ended - begun) / 2, CubicSpline(t, gear * x["w_cam"])
+    iron_ends, cam = powers(t, x, ends[[0, 2]])
+
+    own = SETS[chosen].follow(shaken).start(nu) | shaken
+    own |= {"motor.tau": 0.0, "conveyor.phi": 0.0, "conveyor.w": 0.0}
+    phi, w, tau, work, _ = monolithic(own, stop, t, max_step=2e-3, rtol=1e-11).y
+    turns = np.ceil(CubicSpline(t, phi)([begun, ended]) / TURN) - [0, 1]
+    crank_ends, crank = powers(t, {"phi": phi, "P": tau * w, "work": work}, TURN * turns)
+    rate = np.ptp(turns) / np.ptp([CubicSpline(t, phi).solve(TURN * n)[0] for n in turns])
+    tones = {
+        "iron": [(k / cycle, size) for k, size in enumerate(cam[1:], 1)],
+        "conveyor": [(k * rate, size) for k, size in enumerate(crank[1:5], 1)],
+    }
+    found = {"iron": iron_ends, "conveyor": crank_ends}
+    found["supply"] = tuple(a + b for a, b in zip(*found.values()))
+    wanted = {
+        f"{word}_{drive}": value
+        for drive, values in found.items()
+        for word, value in zip(("mean", "rms", "least", "most"), values)
+    }
+    wanted["rms_supply"] = math.hypot(iron_ends[1], crank_ends[1])
+    strong = {}
+    for drive, known in tones.items():
+        frequency, most = max(known, key=lambda x: x[1])
+        wanted |= {f"main_{drive}": most, f"main_{drive}_frequency": frequency}
+        strong[drive] = [x for x in known if x[1] > 0.1 * most]
+    (f, a), (g, b) = min(product(*strong.values()), key=lambda pair: abs(pair[0][0] - pair[1][0]))
+    wanted |= {"cycle": cycle, "cam": TURN / cycle, "gap": abs(f - g), "beat": 60 * abs(f - g)}
+    wanted |= {"together": a + b, "work": wanted["mean_supply"] * cycle}
+    wanted |= {"products": 60 / cycle, "lost": 0.0}
+    try:
+        lasts = passage(cup, lambda since: float(speed(last + since)))["orientation_time"]
+        wanted |= {"orientation": lasts, "spare": cycle - lasts}
+    except Jam:
+        wanted |= {"products": 0.0, "lost": 60 / cycle}
+        assert told["orientation"].error is None
+    agree(told, wanted)

@@ -235,7 +235,7 @@ def test_the_gain_of_an_order_states_its_error() -> None:
 
 
 def test_the_cost_of_a_jam_and_its_error_follow_the_cycle() -> None:
-    found = ask("packing_line", stop=4.0, step=1e-3).figures
+    found = ask("packing_line", step=1e-3).figures
     cycle, products = found["cycle"], found["products"]
     assert products.value == pytest.approx(60 / cycle.value, rel=1e-12)
     share = products.error / products.value
