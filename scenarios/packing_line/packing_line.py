@@ -19,7 +19,7 @@ import cosim
 from cosim import Result, SetupError, System
 from workbench import Bench, Chart, Figure, Findings, Mark, Panel, Run, Show, Table, option
 from workbench.live import Slider
-from workbench.measure import extended, harmonics, largest, of_rows, over_rows, smallest
+from workbench.measure import extended, harmonics, of_rows, over_rows
 from workbench.options import Start
 from workbench.report.chart import LIFT, POWER, Lanes, Span, recorded
 from workbench.report.motion import Motion, moved, rows
@@ -111,7 +111,7 @@ def solve(o: Options, bench: Bench) -> Findings:
     line = system(o, bench.fmus)
     result, found = bench.certify(line, figures, o, RECORD, "packing_line.csv")
     r = supplied(result)
-    orders = Table.of_rows(ripple(r), UNITS)
+    orders = Table.of_rows(ripple(drives(r)), UNITS)
     tables = {"packing_line.csv": Table.of(r), "packing_line_orders.csv": orders}
     files = {"line.ssp": partial(cosim.write_ssp, line, stop=o.stop)}
     return Findings(found, (r, line), line, r.provenance, tables=tables, files=files)
@@ -175,7 +175,7 @@ def turns(r: Result, drive: str) -> Turns:
     lasted, inside, number = ended - began, (t >= began) & (t <= ended), last - first
     mean = float(CubicSpline(t, power).integrate(began, ended) / lasted)
     square = float(CubicSpline(t, (power - mean) ** 2).integrate(began, ended) / lasted)
-    low, high = (end(t[inside], power[inside]).value for end in (smallest, largest))
+    low, high = (s * cosim.figures.largest(t[inside], s * power[inside]) for s in (-1.0, 1.0))
     angles = begin + TURN * np.arange(first * EVEN, last * EVEN) / EVEN
     sizes = np.abs(harmonics(angles, CubicSpline(phi, power)(angles), HIGHEST[drive])).tolist()
     orders = [Order(drive, k, k * number / lasted, x, x) for k, x in enumerate(sizes, 1)]
@@ -214,8 +214,8 @@ def cycles(r: Result) -> dict[str, Figure]:
     Cam and crank have no common period, so that their powers add in the long run: means and ends as they
     are, ripples as mean squares.
     """
-    begins, iron, conveyor = releases(r), turns(r, "iron"), turns(r, "conveyor")
-    orders, cycle = ripple(r), iron.lasted / iron.number
+    begins, (iron, conveyor) = releases(r), drives(r)
+    orders, cycle = ripple([iron, conveyor]), iron.lasted / iron.number
     told: dict[str, tuple[float, str, str]] = {
         "cycle": (cycle, "s", "mean time from release to release"),
         "cam": (TURN / cycle, "rad/s", "mean speed of the cam"),
@@ -257,9 +257,14 @@ def cycles(r: Result) -> dict[str, Figure]:
     return found
 
 
-def ripple(r: Result) -> list[Order]:
-    """The orders of cam and crank in the last cycles."""
-    orders = [x for drive in HIGHEST for x in turns(r, drive).orders]
+def drives(r: Result) -> list[Turns]:
+    """The cam and the crank in the last cycles."""
+    return [turns(r, drive) for drive in HIGHEST]
+
+
+def ripple(both: Sequence[Turns]) -> list[Order]:
+    """The orders of cam and crank."""
+    orders = [x for drive in both for x in drive.orders]
     return [
         x._replace(supply=x.own + sum(y.own for y in orders if y.drive != x.drive and meet(x, y)))
         for x in orders
@@ -299,7 +304,7 @@ def verdict(o: Options, f: Mapping[str, Figure], r: tuple[Result, System]) -> st
             f"The line does not keep pace: {told['oriented']} of {told['released']} products are "
             f"oriented, {f['orientation'].reason}."
         )
-    (cam, crank), meets = nearest(ripple(r[0])), ""
+    (cam, crank), meets = nearest(ripple(drives(r[0]))), ""
     if meet(cam, crank):
         meets = (
             f", where order {cam.order} of the cam and order {crank.order} of the crank "

@@ -262,7 +262,7 @@ def test_the_packing_line_tells_what_one_system_does(seed: int) -> None:
     asked = {"gear": gear, "iron_speed": pace, "set": chosen, "speed": nu, "start": start}
     told = ask("packing_line", stop=stop, step=5e-4, **asked).figures
 
-    t = np.linspace(0.0, stop, round(stop / 5e-4) + 1)
+    t = np.linspace(0.0, stop, round(stop / 1e-3) + 1)
     one = OneSystem(p, {"A": 0.025 * i_g * pace, "B": 0.025, "T": 0.012})
     rows = [one.x, *(one.to(x) for x in t[1:])]
     x = {name: np.array([getattr(row, name) for row in rows]) for name in ("phi", "w_cam")}
@@ -273,7 +273,7 @@ def test_the_packing_line_tells_what_one_system_does(seed: int) -> None:
     cycle, speed = (ended - begun) / 2, CubicSpline(t, gear * x["w_cam"])
     iron_ends, cam = powers(t, x, ends[[0, 2]])
 
-    own = SETS[chosen].follow(shaken).start(nu) | shaken
+    t, own = np.linspace(0.0, stop, 4 * len(t) - 3), SETS[chosen].follow(shaken).start(nu) | shaken
     own |= {"motor.tau": 0.0, "conveyor.phi": 0.0, "conveyor.w": 0.0}
     phi, w, tau, work, _ = monolithic(own, stop, t, max_step=2e-3, rtol=1e-11).y
     turns = np.ceil(CubicSpline(t, phi)([begun, ended]) / TURN) - [0, 1]
