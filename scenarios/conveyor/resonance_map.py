@@ -187,8 +187,8 @@ def swept(plane: Plane, setup: Setup, path: Path | None) -> DataFrame:
     """
     spots, units = plane.spots(), plane.units | VALUES
     rows: list[tuple[float, ...]] = []
-    with stream(path, list(units)) as keep:
-        try:
+    try:
+        with stream(path, list(units)) as keep:
             for node, spot, orbit in zip(
                 plane.nodes(), spots, setup.each(spots, "map"), strict=True
             ):
@@ -198,9 +198,11 @@ def swept(plane: Plane, setup: Setup, path: Path | None) -> DataFrame:
                 theory, left = abs(machine.torque_ripple(nu)), orbit.torque_error / ripple
                 rows.append((*node, ripple, ripple / abs(load), lag, left, theory))
                 keep(rows[-1:])
-        except KeyboardInterrupt:
-            kept = f" in {partial(path)}" if path else ""
-            raise KeyboardInterrupt(f"{len(rows)} of {len(spots)} points{kept}") from None
+    except KeyboardInterrupt:
+        if not path:
+            raise KeyboardInterrupt(f"{len(rows)} of {len(spots)} points") from None
+        done = len(partial(path).read_text(encoding="utf-8").splitlines()) - 1
+        raise KeyboardInterrupt(f"{done} of {len(spots)} points in {partial(path)}") from None
     points = Table.of_rows(rows, units).frame
     if points["ripple"].isna().all():
         raise SetupError("no orbit of the map is steady")

@@ -211,14 +211,8 @@ def test_stall_and_stick_as_one_system() -> None:
         assert line.to(0.05).phi - radians(50) == pytest.approx(moved, rel=2e-3, abs=1e-300)
 
 
-@pytest.mark.parametrize(
-    ("A", "cycles"),
-    [
-        pytest.param(4.0, 42.3895, marks=pytest.mark.slow),
-        pytest.param(3.7732, 39.9822, marks=pytest.mark.slow),
-        (3.77488, 40.0),
-    ],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize(("A", "cycles"), [(4.0, 42.3895), (3.7732, 39.9822), (3.77488, 40.0)])
 def test_speed_torque_and_friction_loss_of_the_steady_state(A: float, cycles: float) -> None:
     line = OneSystem(start(iron.Parameters), MOTOR | {"A": A})
     x, t = line.until(4 * pi), line.t

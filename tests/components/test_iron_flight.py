@@ -74,10 +74,10 @@ CASES: dict[str, tuple[dict[str, Any], float, float, float, float, int]] = {
 }  # fmt: skip
 
 
-REVERSING = pytest.param("reversing in the air", marks=pytest.mark.slow)
+FIRST, *MORE = CASES
 
 
-@pytest.mark.parametrize("name", [*list(CASES)[:2], REVERSING])
+@pytest.mark.parametrize("name", [FIRST, *(pytest.param(x, marks=pytest.mark.slow) for x in MORE)])
 def test_flight_and_landings_are_those_of_another_integration(name: str, fmus: Path) -> None:
     values, tau, phi, w, stop, landings = CASES[name]
     end = Reference(start(iron.Parameters, **FLIES, **values), tau).run(phi, w, stop)

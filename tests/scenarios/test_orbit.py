@@ -31,7 +31,8 @@ from workbench.orbit import NotSteady, at_angles, return_map, steady
 
 FIGURES = ("nu_90", "nu_peak_tau", "tau2_peak", "nu_peak_w", "w2_peak", "f_rod_peak")
 FMUS = fmus_of(resonance)
-TWELVE = [[3, k] if k % 2 else pytest.param([3, k], marks=pytest.mark.slow) for k in range(12)]
+SLOW = pytest.mark.slow
+TWELVE = [[3, k] if k % 4 == 1 else pytest.param([3, k], marks=SLOW) for k in range(12)]
 
 
 def asked(
@@ -114,8 +115,8 @@ SIDES = {"from": "from", "above": "from", "to": "to", "below": "to"}
     ("drive", "speeds", "limit", "names"),
     [
         (Drive(), "20:66:9", 50.0, ["from {}", "to {}"]),
-        (Drive(), "30:66:9", 50.0, ["below {}"]),
-        (Drive(), "20:40:9", 50.0, ["above {}"]),
+        pytest.param(Drive(), "30:66:9", 50.0, ["below {}"], marks=SLOW),
+        pytest.param(Drive(), "20:40:9", 50.0, ["above {}"], marks=SLOW),
         (Drive(d=400.0), "20:90:15", 5.0, ["below {}", "and above {}"]),
     ],
 )
