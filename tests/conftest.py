@@ -55,7 +55,7 @@ QUICK: dict[str, dict[str, Any]] = {
     "orientator_cycle": {},
     "orientator_limit": {"frictions": "0.5"},
     "orientator_neglect": {"speeds": "20rpm,60rpm"},
-    "packing_line": {"step": 1e-3},
+    "packing_line": {"iron_speed": 6.0, "stop": 3.75, "step": 1e-3},
     "speed_step": {"stop": 0.2},
     "sommerfeld": {"supplies": "18:30:3", "hold": 2.0, "step": 0.02},
     "identify": {

@@ -146,6 +146,7 @@ def test_pages_are_whole_and_every_link_leads_somewhere(site: Path) -> None:
     assert "Alias for field" not in text
 
 
+@pytest.mark.slow
 def test_pages_are_for_everybody_and_need_no_network(site: Path, shown: Browser) -> None:
     assert not looked_at(shown, [site / name for name in LOOKED_AT])
 
