@@ -32,7 +32,7 @@ from workbench.orbit import NotSteady, at_angles, return_map, steady
 FIGURES = ("nu_90", "nu_peak_tau", "tau2_peak", "nu_peak_w", "w2_peak", "f_rod_peak")
 FMUS = fmus_of(resonance)
 SLOW = pytest.mark.slow
-TWELVE = [[3, k] if k % 4 == 1 else pytest.param([3, k], marks=SLOW) for k in range(12)]
+TWELVE = [[3, k] if k % 6 == 1 else pytest.param([3, k], marks=SLOW) for k in range(12)]
 
 
 def asked(

@@ -108,7 +108,8 @@ def test_ripple_of_the_supply_is_that_of_its_drives(line: Answer) -> None:
         assert figure.error is not None and figure.error <= 1e-3 * abs(figure.value), name
 
 
-@pytest.mark.parametrize("chosen", ["A", pytest.param("B", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("chosen", "AB")
 def test_figures_do_not_depend_on_how_long_the_line_runs_nor_where_it_starts(chosen: str) -> None:
     """Beyond their errors, though the crank begins far off its orbit, most of all in set A."""
     ways = [{"stop": 5.5}, {"stop": 11.0}, {"stop": 7.0, "start": {"iron.phi": 2.0}}]
