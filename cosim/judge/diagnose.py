@@ -93,8 +93,8 @@ class Diagnosis:
                 yield "The oscillation has no damping to speak of: the system itself does not damp it."
             else:
                 yield (
-                    "No damping can be told: the damping does not converge with the step, as where "
-                    "there is none to speak of; begin with a shorter step."
+                    "The damping cannot be determined: it still changes with the step, or with how long "
+                    "the motion is watched, as it does where there is none to speak of; try a shorter step."
                 )
             return
         else:
@@ -107,7 +107,7 @@ class Diagnosis:
         if self.residual > UNEXPLAINED:
             yield f"Do not trust this: the modes leave {self.residual:.1%} unexplained."
         elif not self.trusted and not math.isnan(self.frequency):
-            yield "Do not trust this: the damping does not converge, begin with a shorter step."
+            yield "Do not trust this: the damping does not converge; try a shorter step."
 
     def _mode(self) -> Iterator[str]:
         way = "by derivatives of the FMUs" if self.linear else "by runs with shorter steps"
@@ -318,7 +318,8 @@ class Law:
     system's own value at zero and the two shortest.
 
     The error of the value at zero is the difference to a line, and what goes through the
-    extrapolation of SPREAD times the residuals and of what a fit neglects per radian.
+    extrapolation of SPREAD times the residuals, of what a fit neglects per radian, and of what a mode
+    moves when it is watched for a shorter time: modes of a system that changes along its motion do.
     """
 
     def __init__(
@@ -332,17 +333,18 @@ class Law:
         self.curve = np.linalg.solve(powers, ratios)
         if own is not None:
             self.frequency, self.damping, self.error = own
-            self.doubt = {h: self._unknown(fits[h], h) for h in modes}
+            self.doubt = {h: self._unknown(h, fits[h]) for h in modes}
             return
         self.damping = float(self.curve[-1])
         self.frequency = float(np.linalg.solve(powers, [modes[h].frequency for h in steps])[-1])
         line = ratios[0] - steps[0] * (ratios[1] - ratios[0]) / (steps[1] - steps[0])
-        unknown = [self._unknown(fits[h], h) for h in steps]
+        unknown = [self._unknown(h, fits[h]) for h in steps]
         self.error = abs(self.damping - line) + float(np.abs(np.linalg.inv(powers)[-1]) @ unknown)
 
-    def _unknown(self, found: Fit, h: float) -> float:
+    def _unknown(self, h: float, found: Fit) -> float:
         """What may be wrong with a damping ratio that was seen at a step [s]."""
-        return SPREAD * found.residual + SIGNIFICANT / (self.frequency * h)
+        neglected = SIGNIFICANT / (self.frequency * h)
+        return SPREAD * found.residual + neglected + self.modes[h].moved
 
     def keeps(self, h: float, share: float) -> bool:
         """Whether a step that was tried keeps the damping within its share for certain."""

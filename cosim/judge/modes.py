@@ -15,10 +15,15 @@ DEAD, CANCELLING = 1e-6, 1e-4
 
 
 class Mode(NamedTuple):
-    """exp(s t) with s in 1/s; `share` is its part of the energy of the signal that shows it most."""
+    """exp(s t) with s in 1/s; `share` is its part of the energy of the signal that shows it most.
+
+    `moved` is by how much of |s| it differs from what the first three quarters of the time show:
+    nothing, where the system is linear and does not change.
+    """
 
     s: complex
     share: float
+    moved: float
 
     @property
     def frequency(self) -> float:
@@ -61,9 +66,12 @@ def fit(samples: Array, h: float) -> Fit:
     )
     energy = np.sum(y**2, axis=0)
     shares = (np.abs(amplitudes) ** 2 / energy).max(axis=1)
+    shorter = eigenvalues(y[: 3 * count // 4])
+    before = np.log(shorter[np.abs(shorter) > DEAD])
+    moved = [np.abs(before - s).min(initial=np.inf) / abs(s) for s in np.log(z)]
     modes = [
-        Mode(complex(np.log(v)) / h, float(2.0 * share if v.imag else share))
-        for v, share in zip(z, shares)
+        Mode(complex(np.log(v)) / h, float(2.0 * share if v.imag else share), float(change))
+        for v, share, change in zip(z, shares, moved)
         if v.imag >= 0.0
     ]
     rest = np.sum((y - (powers @ exact).real) ** 2, axis=0)
