@@ -236,9 +236,9 @@ def powers(t: Any, x: Mapping[str, Any], ends: Any) -> tuple[tuple[float, ...], 
     inside, P = (t >= at[0]) & (t <= at[1]), x["P"]
     rms = math.sqrt(CubicSpline(t, (P - mean) ** 2).integrate(*at) / np.ptp(at))
     (least, _), (most, _) = extremes(t[inside], P[inside])
-    angles = ends[0] + np.arange(720 * turns) * TURN / 720
-    rising = np.maximum.accumulate(x["phi"]) == x["phi"]
-    by_angle = CubicSpline(*np.unique(np.stack([x["phi"], P])[:, rising], axis=1))(angles)
+    begin, end = t.searchsorted(at)
+    near, angles = slice(begin - 2, end + 2), np.arange(720 * turns) * TURN / 720
+    by_angle = CubicSpline(x["phi"][near], P[near])(ends[0] + angles)
     orders = np.fft.rfft(by_angle)[: 13 * turns : turns]
     return (mean, rms, least, most), 2 * np.abs(orders) / len(angles)
 
@@ -248,7 +248,7 @@ def test_the_packing_line_tells_what_one_system_does(seed: int) -> None:
     """Its pace, the time of a product while the rotor's speed varies, powers, ripple and orders."""
     draw = random.Random(seed)
     p = drawn(iron, draw, 0.1, **{"reducer.J": 2e-4, "on_invalid": iron.OnInvalid.warn})
-    pace, gear, i_g = draw.uniform(4.0, 6.0), draw.uniform(0.6, 1.6), p.reducer.i_g
+    pace, gear, i_g = draw.uniform(4.0, 6.0), draw.uniform(0.6, 2.4), p.reducer.i_g
     cup = {n: d.start for n, d in declarations(orientator.Parameters) if d.kind == "Real"}
     for name in draw.sample([x for x in cup if x[:3] != "neg" and x != "g"], k=4):
         cup[name] *= math.exp(draw.gauss(0.0, 0.1))
@@ -305,5 +305,5 @@ def test_the_packing_line_tells_what_one_system_does(seed: int) -> None:
         wanted |= {"orientation": lasts, "spare": cycle - lasts}
     except Jam:
         wanted |= {"products": 0.0, "lost": 60 / cycle}
-        assert told["orientation"].error is None
+        assert told["orientation"].reason.startswith("the orientator jams: ")
     agree(told, wanted)
