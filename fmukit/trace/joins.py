@@ -137,6 +137,7 @@ class Merge:
         self.heads = [nodes[: len(nodes) - shared] for nodes in acting]
         self.tails = [nodes[len(nodes) - shared :] for nodes in acting]
         self.busy = [self.reach(side, self.needs(side)) for side in (0, 1)]
+        self.ahead = [set(inside) for inside in self.inside]
         self.late = [self.after(side) for side in (0, 1)]
         self.rest: list[Node] = []
         self.known: dict[tuple[Any, Any], Any] = {}
@@ -165,15 +166,19 @@ class Merge:
         return [join(self.condition, arms, handed)], rest
 
     def after(self, side: int) -> set[int]:
-        """The numbers of what is computed from the acting nodes that are done after the join."""
-        found = {node.number for node in self.tails[side]}
+        """The numbers of what is computed from the acting nodes that are done after the join.
+
+        Only what lies `ahead` is followed: a node that was passed is known to be late or not.
+        """
+        found, ahead = {node.number for node in self.tails[side]}, self.ahead[side]
         for node in self.ways[side].nodes:
-            if not found.isdisjoint(self.reach(side, used(node))):
+            if not found.isdisjoint(reach(used(node), self.joins[side], ahead)):
                 found.add(node.number)
+            ahead.discard(node.number)
         return found
 
     def is_late(self, side: int, value: Any) -> bool:
-        return not self.late[side].isdisjoint(self.reach(side, [value]))
+        return not self.late[side].isdisjoint(reach([value], self.joins[side], self.ahead[side]))
 
     def reach(self, side: int, values: Iterable[Any]) -> set[int]:
         """The numbers of all on a way that these values are computed from."""

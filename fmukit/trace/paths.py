@@ -82,9 +82,12 @@ def flatten(value: Any) -> tuple[Any, list[Any]]:
     if isinstance(value, (Node, int, float)):
         return "number", [value]
     if isinstance(value, (tuple, list)):
-        parts = [flatten(item) for item in value]
-        numbers = [number for _, numbers in parts for number in numbers]
-        shape = (type(value), tuple(shape for shape, _ in parts))
+        shapes, numbers = [], []
+        for item in value:
+            shape, some = flatten(item)
+            shapes.append(shape)
+            numbers += some
+        shape = (type(value), tuple(shapes))
         if not has_static(shape) or any(isinstance(number, Node) for number in numbers):
             return shape, numbers
     return ("static", Static(value)), []
