@@ -26,14 +26,14 @@ class Figure(NamedTuple):
 
     @classmethod
     def refused(cls, unit: str, reason: str, meaning: str = "") -> Figure:
-        """A figure that is not told, and why."""
+        """A figure that is not determined, and why."""
         return cls(math.nan, unit, None, meaning, reason)
 
     def text(self, unit: str = "") -> str:
         """The figure as it may be printed, "12.34 ± 0.05 rad/s"; `unit` is its unit as one says it."""
         unit = "" if self.unit in ("", "1") and not unit else f" {unit or self.unit}"
         if self.error is None:
-            return f"not told ({self.reason})" if self.reason else "not told"
+            return f"not determined ({self.reason})" if self.reason else "not determined"
         if self.error == 0.0:
             return f"{self.value:.6g}{unit}"
         value, error = rounded(self.value, self.error)
@@ -47,7 +47,7 @@ class Figure(NamedTuple):
 
 
 def refusals(figures: Mapping[str, Figure]) -> list[str]:
-    """A sentence for each reason why figures, by whose they are, are not told: "With A, B it jams."."""
+    """A sentence for each reason why figures are refused, with whose they are: "With A, B it jams."."""
     whose: dict[str, list[str]] = {}
     for who, figure in figures.items():
         if figure.error is None:
@@ -56,8 +56,8 @@ def refusals(figures: Mapping[str, Figure]) -> list[str]:
 
 
 def whole(verdict: str, figures: Mapping[str, Figure]) -> str:
-    """A verdict without sentences in which a refused figure leaves a hole, "It takes not told (..)",
-    and at its end why there are none; "It is not told (..)." and "With it: not told (..)." are no hole.
+    """A verdict without the sentences in which a refused figure leaves a hole, "It takes not determined
+    (..)", and at its end the reason; "It is not determined (..)." and "With it: not determined (..)." stay.
     """
     refused = {f.text(): f.reason for f in figures.values() if f.error is None}
     lines: list[str] = []
@@ -72,9 +72,9 @@ def whole(verdict: str, figures: Mapping[str, Figure]) -> str:
             lines.append(". ".join(kept) + "." * line.endswith("."))
     known = " ".join(lines)
     new = [reason for reason in reasons.values() if reason not in known]
-    why = f": {new[0]}" if len(new) == 1 else ", for reasons that stand with the figures"
+    why = f": {new[0]}" if len(new) == 1 else ", for the reasons beside the figures"
     if new:
-        lines.append(f"{'More is not' if lines else 'Nothing is'} told{why}.")
+        lines.append(f"Nothing {'more ' if lines else ''}can be determined{why}.")
     return "\n".join(lines)
 
 

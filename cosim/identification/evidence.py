@@ -48,7 +48,7 @@ class Interval(NamedTuple):
     def text(self) -> str:
         """The value and its interval, rounded to two digits of this."""
         if not 0.0 < self.error < math.inf:
-            return f"{self.value:.6g} {self.unit} (not told)".replace("  ", " ")
+            return f"{self.value:.6g} {self.unit} (not determined)".replace("  ", " ")
         places = max(0, 1 - math.floor(math.log10(self.error)))
         return f"{self.value:.{places}f} +- {self.error:.{places}f} {self.unit}".rstrip()
 

@@ -252,7 +252,7 @@ def verdict(o: Options, f: Mapping[str, Figure], r: Sweep) -> str:
     at = f"the operating speed of {r.speed:g} rad/s ({r.speed * 30 / math.pi:.0f} rpm)"
     first, last, away = r.line.first, r.line.last, resonance.value / r.speed - 1.0
     if ripple.error is None:
-        answer = f"Whether {at} is on it is not told: {ripple.reason}"
+        answer = f"Whether {at} is on it is not determined: {ripple.reason}"
     else:
         answer = (
             f"{'Yes' if ripple.value > o.most else 'No'}: at {at} the torque ripple is "
@@ -265,7 +265,9 @@ def verdict(o: Options, f: Mapping[str, Figure], r: Sweep) -> str:
         answer += f", and the resonance at {resonance.text()} is {abs(away):.1%} {side} that speed"
     lines = [f"{answer}."]
     if r.edges:
-        why = [f"; their error is not told: {f.reason}" for _, f in r.edges if f.error is None]
+        why = [
+            f"; their error is not determined: {f.reason}" for _, f in r.edges if f.error is None
+        ]
         where = f"{avoided(r.edges)}, where the torque ripple is above the limit"
         lines.append(f"Avoid speeds {where}{''.join(why[:1])}.")
     elif r.avoid:

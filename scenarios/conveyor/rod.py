@@ -69,7 +69,7 @@ def around(machine: Machine, nu: float) -> list[float]:
 
 
 def between(springs: Sequence[float], points: Sequence[Point]) -> float | str:
-    """The spring with the least peak among some whose orbits are known [N/m], or why it is not told."""
+    """The spring with the least peak among some whose orbits are known [N/m], or why it is not determined."""
     if problem := next((point.problem for point in points if point.problem), ""):
         return problem
     c, known = zip(*sorted(zip(springs, points), key=lambda one: one[0]))

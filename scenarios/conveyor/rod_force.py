@@ -234,7 +234,7 @@ def verdict(o: Options, f: Mapping[str, Figure], r: Found) -> str:
         f"{f['f_rod_formula'].text()} with {own.text()}."
     )
     if spring.error is None:
-        why = f"Which spring unloads the rod {at} is not told: {spring.reason}."
+        why = f"Which spring unloads the rod {at} is not determined: {spring.reason}."
         return f"{why}\nWith {own.text()} the rod bears {f['f_rod'].text()}.\n{said}"
     force, ripple, lag, top = (
         [f[f"{key}{name}"] for name in DRAWN] for key in ("f_rod", "tau2", "nu_90", "tau2_peak")

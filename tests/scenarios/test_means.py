@@ -317,7 +317,7 @@ def test_what_steps_too_long_leave_of_the_classical_calculation_is_one_reason() 
     answer = ask("classical", speeds="10:30:4", steps_per_rev=128, start={"motor.T": 0.00625})
     why = "the coupling error of an orbit is not known; take more steps per revolution"
     assert answer.figures["limit_spring_torque"].reason == why
-    assert answer.verdict == f"Nothing is told: {why}."
+    assert answer.verdict == f"Nothing can be determined: {why}."
 
 
 def test_a_largest_error_covers_another_as_large() -> None:

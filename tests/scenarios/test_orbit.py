@@ -148,7 +148,7 @@ def test_speeds_to_avoid_whose_error_is_not_known_are_about_right() -> None:
     told = ask("resonance", speeds="20:66:9", steps_per_rev=64)
     assert (
         "Avoid speeds from about 26 rad/s to about 45 rad/s, where the torque ripple is above the "
-        "limit; their error is not told: the coupling is not stable with a quarter of the steps."
+        "limit; their error is not determined: the coupling is not stable with a quarter of the steps."
     ) in told.verdict
     assert {told.figures[name].error for name in ("avoid_from", "avoid_to")} == {None}
     assert "the coupling error is not known; take more steps per revolution." in told.verdict

@@ -223,7 +223,9 @@ def test_a_spring_far_from_formula_17_is_not_told() -> None:
     light = {"conveyor.trough.m": 20.0, "motor.B": 1.0}
     far = ask("rod_force", speed=8.0, start=light, **FEW)
     assert far.figures["spring_unloaded"].reason == "it lies far from that of formula (17)"
-    assert far.verdict.startswith("Which spring unloads the rod at 8 rad/s (76 rpm) is not told: ")
+    assert far.verdict.startswith(
+        "Which spring unloads the rod at 8 rad/s (76 rpm) is not determined: "
+    )
     assert far.show().title == ""
 
 
@@ -236,7 +238,9 @@ def test_without_damping_the_rod_is_freed_and_a_spring_that_stalls_the_crank_is_
     assert free.figures["f_rod"].error is not None
     assert free.show().charts
     stalled = ask("rod_force", speed=4.0, start={"motor.B": 0.5}, **QUICK)
-    assert "with that of the machine: not told (there is no steady orbit at 4" in stalled.verdict
+    assert (
+        "with that of the machine: not determined (there is no steady orbit at 4" in stalled.verdict
+    )
 
 
 def test_figures_with_the_spring_that_unloads_the_rod_carry_the_error_of_that_spring() -> None:

@@ -52,5 +52,5 @@ def test_a_speed_that_is_only_just_reached_gives_no_time() -> None:
     given = {"speed": 38.039264987949466, "ratio": 5.760955354111306, "stop": 0.35}
     answer = ask("speed_step", **given, start=just)
     assert answer.figures["w_max"].value > 0.9 * given["speed"]
-    why = "is not told (the level is only just reached, or just missed). The shaft"
+    why = "is not determined (the level is only just reached, or just missed). The shaft"
     assert f"; when it first has 90% of its 38.0393 rad/s {why}" in answer.verdict

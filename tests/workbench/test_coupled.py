@@ -152,14 +152,14 @@ def test_errors_of_rows_and_coupling_add_up_and_a_refusal_stays_one() -> None:
 @pytest.mark.parametrize(
     ("said", "left"),
     [
-        ("It takes {t}. The force rises to {f}.\nMore.", "It takes 2.00 ± 0.10 s.\nMore.\nMore is not told: it stuck."),
-        ("The force is not told (it stuck).", "The force is not told (it stuck)."),
-        ("Pull and push are {f}. It has {f}, {f}.", "Pull and push are not told (it stuck)."),
-        ("Of {f} it has {t}.", "Nothing is told: it stuck."),
-        ("With it: {t}; without: {f}.", "With it: 2.00 ± 0.10 s; without: not told (it stuck)."),
-        ("It is {f} of {t}.", "Nothing is told: it stuck."),
-        ("It is {f}; it is {t}.", "It is not told (it stuck); it is 2.00 ± 0.10 s."),
-        ("It is {t}. Of {f}, {g}.", "It is 2.00 ± 0.10 s.\nMore is not told, for reasons that stand with the figures."),
+        ("It takes {t}. The force rises to {f}.\nMore.", "It takes 2.00 ± 0.10 s.\nMore.\nNothing more can be determined: it stuck."),
+        ("The force is not determined (it stuck).", "The force is not determined (it stuck)."),
+        ("Pull and push are {f}. It has {f}, {f}.", "Pull and push are not determined (it stuck)."),
+        ("Of {f} it has {t}.", "Nothing can be determined: it stuck."),
+        ("With it: {t}; without: {f}.", "With it: 2.00 ± 0.10 s; without: not determined (it stuck)."),
+        ("It is {f} of {t}.", "Nothing can be determined: it stuck."),
+        ("It is {f}; it is {t}.", "It is not determined (it stuck); it is 2.00 ± 0.10 s."),
+        ("It is {t}. Of {f}, {g}.", "It is 2.00 ± 0.10 s.\nNothing more can be determined, for the reasons beside the figures."),
         ("Take 0.5 m. A. B", "Take 0.5 m. A. B"),
     ],
 )  # fmt: skip

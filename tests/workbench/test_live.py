@@ -134,7 +134,7 @@ def agrees(shown: Browser | Firefox, answer: Answer) -> None:
     for name, figure in answer.figures.items():
         told, data = cells.pop(name)
         if figure.error is None:
-            assert told == f"not told ({figure.reason})", name
+            assert told == f"not determined ({figure.reason})", name
             continue
         assert float(data["value"]) == pytest.approx(figure.value, rel=1e-9), name
         slack = 1e-9 * abs(figure.value)

@@ -415,7 +415,7 @@ def test_the_page_of_every_question_holds_all_that_was_found(name: str, tmp_path
     assert [(row[0], row[3]) for row in rows] == [(n, f.unit) for n, f in answer.figures.items()]
     for (_, value, error, *_), figure in zip(rows, answer.figures.values()):
         if figure.error is None:
-            assert (value, error) == ("not told", figure.reason)
+            assert (value, error) == ("not determined", figure.reason)
         else:
             assert float(value) == pytest.approx(figure.value, rel=1e-5, abs=figure.error)
     text = tree.text_content()
@@ -435,7 +435,7 @@ def test_the_page_tells_errors_warnings_and_what_is_dangerous_as_text(sample: Pa
     assert lines(tree, FIGURES) == [
         ["told", "2.000", "±\N{NO-BREAK SPACE}0.010", "N", "a force"],
         ["formula", "1.25", "none", "1", ""],
-        ["lost", "not told", "the runs contradict each other", "m", ""],
+        ["lost", "not determined", "the runs contradict each other", "m", ""],
     ]
     assert tree.xpath("string(//h1)") == "Is <this> & that told?"
     (box,) = tree.xpath("//main/section[contains(@class, 'warnings')]")

@@ -215,18 +215,24 @@ def test_whatever_becomes_of_a_run_costs_its_row_and_no_more(write: Write, tmp_p
     keys = ("status", "message", "height", "root", "warnings")
     assert [tuple(row[key] for key in keys) for row in table(out)] == [
         ("crashed", "the run ended its process: SIGSEGV", "", "", ""),
-        ("ok", "root not told: x < 0", "-6.0", "", ""),
+        ("ok", "root not determined: x < 0", "-6.0", "", ""),
         ("refused", "this point is refused", "", "", ""),
         ("timeout", "no answer after 5 s", "", "", ""),
         ("failed", f"plane.py:{line}: ZeroDivisionError: no plane at all", "", "", ""),
-        ("ok", "root not told: x < 0", "-6.0", "", "the plane is steep, 0.3333333333333333 rad"),
+        (
+            "ok",
+            "root not determined: x < 0",
+            "-6.0",
+            "",
+            "the plane is steep, 0.3333333333333333 rad",
+        ),
     ]
     for words in (
         "6 runs, 6 of them now",
         "2 ok, 1 crashed, 1 refused, 1 timeout, 1 failed.",
         "Run 0: crashed: the run ended its process: SIGSEGV\n",
         "\nRun 5: warning: the plane is steep, 0.333333 rad",
-        "\n2 runs, first run 1: root not told: x < 0\n",
+        "\n2 runs, first run 1: root not determined: x < 0\n",
         "No run has root.",
     ):
         assert words in outcome.verdict
@@ -240,7 +246,7 @@ def test_what_many_runs_say_alike_is_said_once_with_a_sensible_number_of_digits(
     text = "scenario = 'plane.py'\n[fixed]\nmood = 'warn'\n[grid]\nx = [-3.5, -2, -1, 2.0]"
     verdict = study.run(study.load(write(text)), out=tmp_path / "out").verdict
     assert verdict.splitlines()[-3:] == [
-        "3 runs, first run 0: root not told: x < 0",
+        "3 runs, first run 0: root not determined: x < 0",
         "3 runs, first run 1: warning: the plane is steep, 0.333333 rad",
         "Run 0: warning: the plane is steep, -0.166667 rad",
     ]
@@ -300,7 +306,7 @@ def test_the_table_tells_inputs_figures_errors_and_units(
         assert float(row["height"]) == 3.0 * x + y
         assert float(row["height_error"]) == 1e-3 * abs(x)
         assert (row["root"], row["root_error"], row["message"]) == (
-            ("", "", "root not told: x < 0") if x < 0.0 else (repr(x**0.5), "0.0", "")
+            ("", "", "root not determined: x < 0") if x < 0.0 else (repr(x**0.5), "0.0", "")
         )
     facts = json.loads((out / "study.json").read_text())
     assert facts["units"] == {

@@ -79,7 +79,7 @@ def _figure(name: str, figure: Figure) -> Sequence[str]:
     value, _, error = figure._replace(unit="").text().partition(" ± ")
     error = f"±\N{NO-BREAK SPACE}{error}" if error else "none"
     if figure.error is None:
-        value, error = "not told", figure.reason
+        value, error = "not determined", figure.reason
     return name, value, error, figure.unit, figure.meaning
 
 

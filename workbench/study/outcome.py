@@ -157,7 +157,7 @@ def found(outcome: Outcome) -> Mapping[str, Any]:
 def refusals(outcome: Outcome) -> list[str]:
     """The figures that a run did not tell, and why."""
     figures = found(outcome)["figures"].items()
-    return [f"{name} not told: {reason}" for name, (*_, reason) in figures if reason]
+    return [f"{name} not determined: {reason}" for name, (*_, reason) in figures if reason]
 
 
 def frame(

@@ -567,7 +567,7 @@ def discards(s: Subject) -> str:
         answer, reached, ended = part.stopped()
     said = f"a step of {h:g} s is discarded"
     if answer > WARNING:
-        raise Broken(f"{said}, fmi2LastSuccessfulTime not told: {STATUS[answer]}")
+        raise Broken(f"{said}, fmi2LastSuccessfulTime is not reported: {STATUS[answer]}")
     if not t <= reached < t + h:
         raise Broken(f"fmi2LastSuccessfulTime is {reached!r} s after a step from {t!r} by {h!r} s")
     if ended:

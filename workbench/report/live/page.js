@@ -124,7 +124,7 @@ const live = async content => {
     }
     for (const row of rows) {
       const found = figures[row.dataset.figure], cell = row.querySelector("td");
-      cell.textContent = !found ? "…" : found.error === null ? `not told (${found.reason})` : found.text;
+      cell.textContent = !found ? "…" : found.error === null ? `not determined (${found.reason})` : found.text;
       cell.dataset.value = found?.value ?? "";
       cell.dataset.error = found?.error ?? "";
     }
