@@ -141,9 +141,9 @@ def diagnose(
     """Measure the loop delay of an algorithm on a system, and find the step that keeps it small.
 
     From `start` [s] the system runs for `settle` [s], then all its Real wires are kicked. The least
-    damped of the oscillations that they show well is followed from `step` [s] to a half and a
-    quarter of it and from there to zero, or to the eigenvalue of `linearize` there; then shorter steps are tried until the artificial damping
-    is at most `share` of the real one. `order` and `input_order` are those of `run`.
+    damped of the oscillations that they show well is followed from `step` [s] to three quarters,
+    a half and a quarter of it and from there to zero, or to the eigenvalue of `linearize` there; then
+    shorter steps are tried until the artificial damping is at most `share` of the real one. `order` and `input_order` are those of `run`.
 
     Works on a steady motion too, as long as the kick is small to it: what it sees then are the
     modes of the deviations from that motion. Raises SetupError for what cannot be run.
@@ -249,8 +249,8 @@ def _diagnose(bench: Bench, share: float) -> Diagnosis:
         fits[h] = bench.modes(h, span)
         modes[h] = _nearest(fits[h], modes, h)
 
-    follow(step / 2)
-    follow(step)
+    for part in (0.5, 0.75, 1.0):
+        follow(part * step)
     law = Law(modes, fits)
     own = _own(bench, law, span)
     law = Law(modes, fits, own)
@@ -317,9 +317,10 @@ class Law:
     """A mode's damping ratio over the step: the parabola through the three shortest steps, or through the
     system's own value at zero and the two shortest.
 
-    The error of the value at zero is the difference to a line, and what goes through the
-    extrapolation of SPREAD times the residuals, of what a fit neglects per radian, and of what a mode
-    moves when it is watched for a shorter time: modes of a system that changes along its motion do.
+    The error of the value at zero is the larger of the differences to the line through the two shortest
+    steps and to the cubic through four, and what goes through the extrapolation of SPREAD times the
+    residuals, of what a fit neglects per radian, and of what a mode moves when it is watched for a
+    shorter time: modes of a system that changes along its motion do.
     """
 
     def __init__(
@@ -337,9 +338,15 @@ class Law:
             return
         self.damping = float(self.curve[-1])
         self.frequency = float(np.linalg.solve(powers, [modes[h].frequency for h in steps])[-1])
-        line = ratios[0] - steps[0] * (ratios[1] - ratios[0]) / (steps[1] - steps[0])
+        others = [self._at_zero(sorted(modes)[:count]) for count in (2, 4)]
         unknown = [self._unknown(h, fits[h]) for h in steps]
-        self.error = abs(self.damping - line) + float(np.abs(np.linalg.inv(powers)[-1]) @ unknown)
+        self.error = max(abs(self.damping - other) for other in others)
+        self.error += float(np.abs(np.linalg.inv(powers)[-1]) @ unknown)
+
+    def _at_zero(self, steps: Sequence[float]) -> float:
+        """The damping ratio at zero of the polynomial through that at these steps [s]."""
+        ratios = [self.modes[h].damping for h in steps]
+        return float(np.linalg.solve(np.vander(steps), ratios)[-1])
 
     def _unknown(self, h: float, found: Fit) -> float:
         """What may be wrong with a damping ratio that was seen at a step [s]."""

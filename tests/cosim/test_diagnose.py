@@ -209,6 +209,56 @@ def test_an_undamped_system_has_no_share_to_keep(fmus: Path) -> None:
     assert "does not damp it" in got.text()
 
 
+def drawn_masses(draw: random.Random) -> tuple[dict[str, Unit], Any]:
+    """Two masses with springs and dampers to the ground and between them, in two parts, and the
+    matrix A of x' = A x of the whole.
+    """
+    m, n = (10 ** draw.uniform(-1.0, 1.0) for _ in "ab")
+    c, k = (10 ** draw.uniform(0.0, 3.0) * draw.choice([0, 1, 1]) for _ in "ab")
+    between, share = 10 ** draw.uniform(0.0, 3.0), 10 ** draw.uniform(-4.0, 0.0)
+    pairs = ((c, m), (k, n), (between, m))
+    d, e, both = (share * draw.uniform(0.0, 2.0) * math.sqrt(c * m) for c, m in pairs)
+    units = {
+        "a": Unit([[0, 1], [-c / m, -d / m]], [[0], [1 / m]], np.eye(2), [0.1, 0], ["b.1"]),
+        "b": Unit(
+            [[0, 1], [-(k + between) / n, -(e + both) / n]], [[0, 0], [between / n, both / n]],
+            [[between, both]], [0, 0.2], ["a.1", "a.2"], D=[[-between, -both]],
+        ),
+    }  # fmt: skip
+    one = [-(c + between) / m, -(d + both) / m, between / m, both / m]
+    other = [between / n, both / n, -(k + between) / n, -(e + both) / n]
+    return units, np.array([[0, 1, 0, 0], one, [0, 0, 0, 1], other])
+
+
+@pytest.mark.parametrize(
+    ("seed", "count"), [(2, 3), *(pytest.param(n, 16, marks=pytest.mark.slow) for n in (1, 2, 3, 4))]
+)
+def test_damping_and_steps_of_systems_drawn_at_random_are_the_true_ones(
+    fmus: Path, seed: int, count: int
+) -> None:
+    """At steps where a damping ratio follows a parabola, and where it does not yet."""
+    draw, outside, told = random.Random(seed), [], 0
+    while told < count:
+        units, A = drawn_masses(draw)
+        modes = np.linalg.eigvals(A)
+        h = 2 * math.pi / np.abs(modes).max() / 10 ** draw.uniform(0.8, 2.3)
+        algorithm, share = draw.choice(["jacobi", "gauss-seidel"]), 10 ** draw.uniform(-2.0, 0.0)
+        got = diagnose(coupled(fmus, units), step=h, algorithm=algorithm, share=share)
+        if not (got.trusted and got.damped):
+            continue
+        told += 1
+        seen = got.frequency * complex(-got.damping, math.sqrt(1.0 - got.damping**2))
+        true = min(modes, key=lambda s: abs(s - seen))
+        damping = -true.real / abs(true)
+        outside.append(abs(got.damping - damping) / got.error)
+        if got.recommended_step is not None:
+            s = rates(units, Scheme(algorithm, 0), got.recommended_step)
+            kept = min(s, key=lambda s: abs(s - true))
+            assert abs(-kept.real / abs(kept) - damping) <= share * damping * (1.0 + 1e-6)
+    assert sum(ratio > 1.0 for ratio in outside) <= count / 16
+    assert max(outside) < 1.5
+
+
 def hunt(half: Path, a: float, b: float, x: float, y: float) -> System:
     """Prey x' = x (a - y) and hunters y' = y (x - b) from (x, y): they go round the centre (b, a)."""
     parts = {"prey": f"x1 * ({a!r} - u1)", "hunter": f"x1 * (u1 - {b!r})"}
