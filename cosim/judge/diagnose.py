@@ -314,13 +314,13 @@ class Own(NamedTuple):
 
 
 class Law:
-    """A mode's damping ratio over the step: the parabola through the three shortest steps, or through the
-    system's own value at zero and the two shortest.
+    """A mode's damping ratio over the step: the cubic through the four shortest steps, or the parabola
+    through the system's own value at zero and the two shortest.
 
-    The error of the value at zero is the larger of the differences to the line through the two shortest
-    steps and to the cubic through four, and what goes through the extrapolation of SPREAD times the
-    residuals, of what a fit neglects per radian, and of what a mode moves when it is watched for a
-    shorter time: modes of a system that changes along its motion do.
+    The error of the value at zero is the larger of the differences to the line and to the parabola
+    through the shortest steps, and what goes through the extrapolation of SPREAD times the residuals,
+    of what a fit neglects per radian, and of what a mode moves when it is watched for a shorter time:
+    modes of a system that changes along its motion do.
     """
 
     def __init__(
@@ -328,7 +328,7 @@ class Law:
     ) -> None:
         self.modes = modes
         self.doubt = dict.fromkeys(modes, 0.0)
-        steps = sorted(modes)[:3] if own is None else [0.0, *sorted(modes)[:2]]
+        steps = sorted(modes)[:4] if own is None else [0.0, *sorted(modes)[:2]]
         powers = np.vander(steps)
         ratios = [own.damping if own and not h else modes[h].damping for h in steps]
         self.curve = np.linalg.solve(powers, ratios)
@@ -338,15 +338,10 @@ class Law:
             return
         self.damping = float(self.curve[-1])
         self.frequency = float(np.linalg.solve(powers, [modes[h].frequency for h in steps])[-1])
-        others = [self._at_zero(sorted(modes)[:count]) for count in (2, 4)]
+        lower = [np.linalg.solve(np.vander(steps[:n]), ratios[:n])[-1] for n in (2, 3)]
         unknown = [self._unknown(h, fits[h]) for h in steps]
-        self.error = max(abs(self.damping - other) for other in others)
+        self.error = max(abs(self.damping - float(value)) for value in lower)
         self.error += float(np.abs(np.linalg.inv(powers)[-1]) @ unknown)
-
-    def _at_zero(self, steps: Sequence[float]) -> float:
-        """The damping ratio at zero of the polynomial through that at these steps [s]."""
-        ratios = [self.modes[h].damping for h in steps]
-        return float(np.linalg.solve(np.vander(steps), ratios)[-1])
 
     def _unknown(self, h: float, found: Fit) -> float:
         """What may be wrong with a damping ratio that was seen at a step [s]."""

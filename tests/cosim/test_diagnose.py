@@ -231,7 +231,8 @@ def drawn_masses(draw: random.Random) -> tuple[dict[str, Unit], Any]:
 
 
 @pytest.mark.parametrize(
-    ("seed", "count"), [(2, 3), *(pytest.param(n, 16, marks=pytest.mark.slow) for n in (1, 2, 3, 4))]
+    ("seed", "count"),
+    [(2, 3), *(pytest.param(n, 16, marks=pytest.mark.slow) for n in (1, 2, 3, 4))],
 )
 def test_damping_and_steps_of_systems_drawn_at_random_are_the_true_ones(
     fmus: Path, seed: int, count: int
