@@ -22,7 +22,7 @@ KEY = "made_of.txt"
 
 
 class Answered(NamedTuple):
-    """A question, its page of Python, the command that asked it, and the folder of its files."""
+    """A question, its Python module, the command that answers it, and the folder of its files."""
 
     name: str
     page: ModuleType
