@@ -1,10 +1,10 @@
 """From nothing to a changed motor and its new resonance, line by line.
 
-In the folder of this file (Python 3.11 or newer is all you need), this sets up and runs all:
+All you need is Python 3.11 or newer. In the folder of this file, this sets everything up and runs it:
 
     python3 -m venv .venv && .venv/bin/pip install -q uv && .venv/bin/uv run --no-dev python tutorial.py
 
-Then start `.venv/bin/python` there and enter the lines yourself. What follows `# prints:` is what
+Then start `.venv/bin/python` there and enter the lines yourself. The comments `# prints:` show what
 you should see.
 """
 
@@ -37,7 +37,7 @@ for variable in read_model_description(motor).modelVariables:
 # prints: output tau_static [N.m]: Torque of the static characteristic
 # prints: output P [W]: Mechanical power given to the shaft
 
-# %% The motor alone: its speed jumps from 40 to 39 rad/s, its torque follows with a lag of T
+# %% The motor alone: its speed jumps from 40 to 39 rad/s, and its torque follows with the lag T
 
 alone = run(System({"motor": motor}, start={"motor.w": 39.0}), stop=1.0, step=1e-3)
 for t in (0.0, 0.0625, 1.0):
@@ -55,7 +55,7 @@ torque = result["motor.tau"][1000:]
 print(f"torque of the motor: {torque.min():.0f} to {torque.max():.0f} {result.units['motor.tau']}")
 # prints: torque of the motor: -96 to 114 N.m
 
-# The load needs 8 N m on average; the rest is ripple. Is it real, or made by the coupling?
+# The load needs 8 N m on average; the rest is ripple. Is it real, or an artefact of the coupling?
 
 certified = certify(drive, lambda r: {"peak": r["motor.tau"][1000:].max()}, stop=2.0, step=1e-3)
 print(certified.figures["peak"].text("N.m"))
@@ -64,7 +64,7 @@ print(certified.figures["peak"].text("N.m"))
 Path("results").mkdir(exist_ok=True)
 result.plot(["motor.tau", "conveyor.w"], Path("results/tutorial.png"))
 
-# %% The resonance: the speed at which the motor's ripple lags that of the load by 90 degrees
+# %% The resonance: the speed at which the motor's ripple lags the load's ripple by 90 degrees
 
 
 def lag(machine: Machine, speed: float) -> float:
@@ -95,5 +95,5 @@ found = brentq(lambda speed: lag(slow, speed) - 90.0, 25.0, 32.0, xtol=0.01)
 print(f"T = {slow.T} s: 90 degrees at {found:.1f} rad/s; the formula says {slow.nu_res:.1f}")
 # prints: T = 0.125 s: 90 degrees at 28.3 rad/s; the formula says 28.3
 
-# The resonance went down with the root of the lag, from 40 to 28.3 rad/s. All its speeds at once, with
-# a picture: .venv/bin/python -m scenarios run resonance
+# The resonance fell with the square root of the lag, from 40 to 28.3 rad/s. To sweep all speeds at
+# once and get a picture: .venv/bin/python -m scenarios run resonance

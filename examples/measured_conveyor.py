@@ -1,24 +1,26 @@
-"""Make conveyor_record.csv as a logger at a conveyor near its resonance would.
+"""Make conveyor_record.csv as a logger on a conveyor near its resonance would.
 
     python examples/measured_conveyor.py [FILE.csv [SEED]]
 
-No FMU has a part in it. SciPy integrates a motor that drives, through a belt, a crank far shorter than
-its rod, for the angle phi and the speed w of the crank and the torque M on it:
+No FMU is involved. A motor drives, through a belt, a crank that is far shorter than its rod. SciPy
+integrates the angle phi and speed w of the crank and the torque M on it:
 
     (J + m x'^2) dw/dt = M - c x x' - d x'^2 w - m x' x'' w^2,   x = r sin phi,   ' = d/dphi
     T dM/dt + M = A - B w (1 + s M)
 
-The belt creeps: under the torque M the motor runs ahead of the crank by the share s M, 0.1 % at the
-rated 80 N.m. No FMU here knows of that. To first order it is a motor with A, B and T less by the factor
-1 + B s w, and this is the drive that a record tells, belt and all: `seen` is that drive.
+The belt creeps: under the torque M the motor runs ahead of the crank by the fraction s M, which is
+0.1 % at the rated 80 N.m. No FMU here models this. To first order, motor and belt are a motor whose
+A, B and T are divided by 1 + B s w. A record therefore shows this equivalent drive, which `seen`
+returns.
 
-What the logger makes of it, every 2 ms:
+Every 2 ms the logger records:
 
-* `n [rpm]`: of the crank, from the counts that an encoder of 16384 a turn passes in these 2 ms: their
-  mean, in steps of 1.8 rpm; `t [ms]` is their middle;
-* `M`: what the inverter takes for the torque then, in percent of 80 N.m, with noise of 0.8 %, to 0.1 %.
+* `n [rpm]`: the mean speed of the crank over these 2 ms, from the counts of an encoder with 16384
+  per turn, in steps of 1.8 rpm; `t [ms]` is the middle of the interval;
+* `M`: the inverter's estimate of the torque at that time, in percent of 80 N.m, with noise of 0.8 %
+  and a resolution of 0.1 %.
 
-The seed makes the noise; nothing else is drawn.
+The seed determines the noise; nothing else is random.
 """
 
 from __future__ import annotations
@@ -43,17 +45,17 @@ TRUTH = {
     "conveyor.trough.d": 4300.0,  # [N.s/m]
     "conveyor.spring.c": 7.1e5,  # [N/m]
     "conveyor.crank.r": 0.01,  # [m]
-    "conveyor.phi": 1.0,  # these three at t = 0
+    "conveyor.phi": 1.0,  # these three are values at t = 0
     "conveyor.w": 38.0,
     "motor.tau": 30.0,
 }
-RATED, CREEP = 80.0, 0.001  # torque [N.m]; share of the speed at it
+RATED, CREEP = 80.0, 0.001  # torque [N.m]; creep at this torque, as a fraction of the speed
 NOISE, RESOLUTION = 0.8, 0.1  # of the torque [%]
-STOP, SAMPLE, COUNTS = 1.2, 0.002, 16384  # [s]; [s]; a turn
+STOP, SAMPLE, COUNTS = 1.2, 0.002, 16384  # [s]; [s]; per turn
 
 
 def moved(p: Mapping[str, float], t: Samples, creep: float = 0.0) -> Samples:
-    """Angle, speed and torque at times t from the first, shape (3, n)."""
+    """Angle, speed and torque at times t, starting at the first of them, shape (3, n)."""
     m, c, d, r = (p[f"conveyor.{x}"] for x in ("trough.m", "spring.c", "trough.d", "crank.r"))
 
     def rates(_: float, y: Samples) -> list[float]:
@@ -70,14 +72,14 @@ def moved(p: Mapping[str, float], t: Samples, creep: float = 0.0) -> Samples:
 
 
 def seen(p: Mapping[str, float] = TRUTH) -> dict[str, float]:
-    """What a record tells of a motor with its belt."""
+    """The equivalent drive, without belt creep, that a record shows."""
     speed = p["motor.A"] / (p["motor.B"] + p["conveyor.trough.d"] * p["conveyor.crank.r"] ** 2 / 2)
     less = 1.0 + p["motor.B"] * CREEP / RATED * speed
     return {**p, **{f"motor.{x}": p[f"motor.{x}"] / less for x in "ABT"}}
 
 
 def record(seed: int = 1, drift: float = 0.0) -> pd.DataFrame:
-    """The rows of the logger; with a drift, its clock of the speed loses that share a second."""
+    """The logger's rows; with a drift, the measured speed grows by that fraction per second."""
     number = round(STOP / SAMPLE)
     halves = SAMPLE / 2 * np.arange(2 * number + 1)
     phi, _, M = moved(TRUTH, halves, CREEP)

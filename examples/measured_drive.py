@@ -1,8 +1,8 @@
-"""Make a record as a logger at a vibrating conveyor would: something to identify a drive from.
+"""Make a record as a logger on a vibrating conveyor would, for identifying the drive.
 
     python examples/measured_drive.py [FILE.csv]
 
-No FMU has a part in it. SciPy integrates the equations of a motor behind a belt and of an exact
+No FMU is involved. SciPy integrates the equations of a motor with a belt and of an exact
 slider-crank, for the angle phi and speed w of the crank, the torque M on it and the angle phi_m of
 the motor's shaft:
 
@@ -12,21 +12,21 @@ the motor's shaft:
     dphi_m/dt = i w (1 + s)
 
 The belt, of ratio i, slips once, on a drop of water: the motor runs ahead by s, up to 3 %. The
-conveyor stands at mid-stroke, where its spring leaves it, and at t = 0 the motor of 11 kW is switched
-on, its setpoint of 950 rpm, which is A / B, already there.
+conveyor is at rest at mid-stroke, where its spring is relaxed. At t = 0 the 11 kW motor is switched
+on with its full setpoint of 950 rpm, which is A / B.
 
-What the logger makes of it, every 2 ms:
+Every 2 ms the logger records:
 
-* `speed [rpm]`: of the motor's shaft, from the counts that an encoder of 4096 a turn passes in
-  these 2 ms. So it is the mean over them, in steps of 7.3 rpm, and `time [s]` is their middle;
-* `torque [%]`: what the inverter takes for the torque of the motor then, in percent of the rated
+* `speed [rpm]`: the mean speed of the motor's shaft over these 2 ms, from the counts of an encoder
+  with 4096 per turn, in steps of 7.3 rpm; `time [s]` is the middle of the interval;
+* `torque [%]`: the inverter's estimate of the motor torque at that time, in percent of the rated
   73 N.m, with noise of 1 % and a resolution of 0.1 %.
 
-Twice the logger loses its rows, for 20 ms and for 100 ms. The seed makes the noise; nothing else is
-drawn. Who identifies the drive has to find `TRUTH`. Its names are those of a system of DriveMotor and
-CrankConveyor, with the ratio on both wires; there `rod.finite` must be true, and `w` and `tau` are 0
-at t = 0, before the first row. It is not what these FMUs have as defaults, and no belt slips in their
-equations: only the rows before 1.15 s are those of such a drive.
+The logger loses rows twice, for 20 ms and for 100 ms. The seed determines the noise; nothing else
+is random. Identifying the drive should give `TRUTH`. Its names are those of a system of DriveMotor
+and CrankConveyor, with the ratio on both wires; there `rod.finite` must be true, and `w` and `tau`
+are 0 at t = 0, before the first row. These values are not the defaults of the FMUs, and no belt
+slips in their equations, so only the rows before 1.15 s are those of such a drive.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ from scipy.integrate import solve_ivp
 
 RPM = 2 * pi / 60
 TRUTH = {
-    "motor.A": 950 * RPM * 3.1,  # at the motor's shaft, as all of the motor [N.m]
+    "motor.A": 950 * RPM * 3.1,  # at the motor's shaft, like all values of the motor [N.m]
     "motor.B": 3.1,  # [N.m.s/rad]
     "motor.T": 0.035,  # [s]
     "conveyor.rotor.J": 0.54,  # [kg.m2]
@@ -53,16 +53,16 @@ TRUTH = {
     "conveyor.spring.c": 7.6e5,  # [N/m]
 }
 RATIO, RATED = 2.4, 73.0  # of the belt; torque of the motor [N.m]
-SLIP, SLIPS, SLIPPING = 0.03, 1.15, 0.1  # at most; from, for [s]
-STOP, SAMPLE, COUNTS = 2.0, 0.002, 4096  # [s]; [s]; a turn
-GAPS = ((0.54, 0.56), (1.5, 1.6))  # rows that are lost [s]
+SLIP, SLIPS, SLIPPING = 0.03, 1.15, 0.1  # largest slip; its beginning and duration [s]
+STOP, SAMPLE, COUNTS = 2.0, 0.002, 4096  # [s]; [s]; per turn
+GAPS = ((0.54, 0.56), (1.5, 1.6))  # lost rows [s]
 NOISE, RESOLUTION = 1.0, 0.1  # of the torque [%]
 
 
 def motion(times: NDArray[np.float64], belt: float = 1.0) -> NDArray[np.float64]:
     """Angle of the crank [rad], its speed [rad/s], torque on it [N.m], angle of the motor [rad].
 
-    At rising times from t = 0 [s], shape (4, times). With `belt = 0` it does not slip.
+    At increasing times from t = 0 [s], shape (4, times). With `belt = 0` the belt does not slip.
     """
     A, B, T, J, r, l, m, d, c = TRUTH.values()
 

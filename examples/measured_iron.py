@@ -1,27 +1,28 @@
-"""Make a record as a logger at a sealing iron's drive would: something to identify it from.
+"""Make a record as a logger on a sealing iron's drive would, for identifying the drive.
 
     python examples/measured_iron.py [FILE.csv]
 
-No FMU has a part in it. The mechanism is a drawing in the complex plane, with the rocker's axis at 0.
-Inertia J and potential energy U of all but the iron, and the hanging length H of the chain, come from
-splines through drawings of 1440 positions, and so do their derivatives, ' = d/dphi, by the angle phi of
-the cam. With an iron of mass m, a spring of stiffness c and mass m_s, and friction K,
+No FMU is involved. The mechanism is drawn in the complex plane, with the rocker's axis at 0. The
+inertia J and potential energy U of everything but the iron, the hanging length H of the chain, and
+their derivatives with respect to the cam angle phi, ' = d/dphi, come from splines through drawings
+of 1440 positions. With an iron of mass m, a spring of stiffness c and mass m_s, and friction K,
 
     (J + (1 + K) m H'^2) dw/dt + (J'/2 + (1 + K) m H' H'') w^2 = i M - U' + ((1 + K) F + K m_s g / 2) H'
     F = m g + c (e_0 + H(0) - H),   K = K_down where H' > 0, else K_up
     T dM/dt + M = A - B i w
 
-SciPy integrates them. The drive stands in the middle of its bottom dwell; at t = 0 the motor is
-switched on, and 0.1 s later the logger begins.
+SciPy integrates these equations. The drive is at rest in the middle of its bottom dwell. At t = 0
+the motor is switched on, and 0.1 s later the logger starts.
 
-What the logger makes of it, every 2 ms:
+Every 2 ms the logger records:
 
-* `n [rpm]`: of the motor's shaft, from the counts that an encoder of 16384 a turn passes in
-  these 2 ms: their mean, in steps of 1.8 rpm; `t [ms]` is their middle;
-* `M`: the torque of the motor then, in percent of 2 N.m, with noise of 2 %, to 0.1 %.
+* `n [rpm]`: the mean speed of the motor's shaft over these 2 ms, from the counts of an encoder with
+  16384 per turn, in steps of 1.8 rpm; `t [ms]` is the middle of the interval;
+* `M`: the motor torque at that time, in percent of 2 N.m, with noise of 2 %, resolved to 0.1 %.
 
-The seed makes the noise; nothing else is drawn. Who identifies the drive has to find `TRUTH`, whose
-names are those of a system of DriveMotor and IronDrive. The rest is as these have it by default.
+The seed determines the noise; nothing else is random. Identifying the drive should give `TRUTH`,
+whose names are those of a system of DriveMotor and IronDrive. All other values are the defaults of
+these FMUs.
 """
 
 from __future__ import annotations
@@ -50,14 +51,14 @@ TRUTH = {
 }
 STATES = {"iron.phi": -pi / 3, "iron.w_cam": 0.0, "motor.tau": 0.0}
 GEAR, G = 36.0, 9.80665
-STRETCH, SPRING = 0.080, 0.15  # of the spring with the iron down [m]; its mass [kg]
-RATED, NOISE, RESOLUTION = 2.0, 2.0, 0.1  # torque [N.m]; of the torque [%]
-FIRST, STOP, SAMPLE, COUNTS = 0.1, 2.5, 0.002, 16384  # [s]; [s]; [s]; a turn
+STRETCH, SPRING = 0.080, 0.15  # stretch of the spring with the iron down [m]; its mass [kg]
+RATED, NOISE, RESOLUTION = 2.0, 2.0, 0.1  # torque [N.m]; both of the torque [%]
+FIRST, STOP, SAMPLE, COUNTS = 0.1, 2.5, 0.002, 16384  # [s]; [s]; [s]; per turn
 
 
 @cache
 def drawn() -> CubicSpline:
-    """J [kg.m2], U [J] and H [m] by the angle of the cam [rad], without iron and spring's force."""
+    """J [kg.m2], U [J] and H [m] over the cam angle [rad], without iron and spring force."""
     phi = np.linspace(0.0, 2 * pi, 1441)
     up, top, down = np.radians([100.0, 60.0, 80.0])
     back = (phi - up - top) / down
@@ -87,7 +88,7 @@ def drawn() -> CubicSpline:
 
 
 def rates(p: Mapping[str, float], t: float, y: Samples) -> list[float]:
-    """Of the cam's angle and speed, and of the torque of the motor."""
+    """Derivatives of the cam's angle and speed, and of the motor torque."""
     phi, w, M = y
     at = phi % (2 * pi)
     (J, _, H), (J1, U1, H1), (_, _, H2) = (drawn()(at, k) for k in range(3))
@@ -101,7 +102,7 @@ def rates(p: Mapping[str, float], t: float, y: Samples) -> list[float]:
 
 
 def moved(p: Mapping[str, float], t: Samples) -> Samples:
-    """Angle and speed of the cam and torque of the motor at times t after it starts, shape (3, n)."""
+    """Angle and speed of the cam and motor torque at times t after the start, shape (3, n)."""
     start = list(STATES.values())
     run = solve_ivp(
         lambda t, y: rates(p, t, y), (0.0, t[-1]), start, "DOP853", t,

@@ -1,9 +1,9 @@
-"""Make a record as a high-speed camera at a gravity orientator would: stage times to identify it from.
+"""Make a record as a high-speed camera at a gravity orientator would, for identification.
 
     python examples/measured_orientator.py [FILE.csv]
 
-No FMU has a part in it. Catcher and cup are two bodies with four coordinates, the angles phi1 and phi2
-and the place x, y of the cup's centre (outwards and down from the pivot), and what touches is a
+No FMU is involved. Catcher and cup are two bodies with four coordinates: the angles phi1 and phi2
+and the position x, y of the cup's centre (outwards and down from the pivot). Every contact is a
 constraint g(q) = 0 with the gradient G:
 
     M dv/dt - G' s = Q,   G dv/dt = -dG/dt v;   at an impact   M (v+ - v-) = G' S,   G v+ = 0
@@ -12,12 +12,12 @@ constraint g(q) = 0 with the gradient G:
 * the rim is in the inner corner of the catcher, in stage joint;
 * the inner wall of the cup lies on the tip of the hook, in stage turning.
 
-Friction on the wall is mu times the centrifugal force, and mu times the true force after the release,
-when the bottom may leave the wall. SciPy integrates the stages from event to event.
+Friction on the wall is mu times the centrifugal force. After the release, when the bottom may leave
+the wall, it is mu times the actual contact force. SciPy integrates the stages from event to event.
 
-What the camera makes of it: a row for each product, the speed of the rotor in rpm and the durations
-of the four stages in ms, of which each is off by 0.5 ms or so, in steps of 0.1 ms. The seed makes that
-noise; nothing else is drawn. Who identifies the machine has to find `TRUTH`.
+The camera records a row for each product: the speed of the rotor in rpm and the durations of the
+four stages in ms, each off by about 0.5 ms, in steps of 0.1 ms. The seed determines this noise;
+nothing else is random. Identifying the machine should give `TRUTH`.
 """
 
 from __future__ import annotations
@@ -46,14 +46,14 @@ MASSES = np.array([J1, J2, M2, M2])
 
 
 def tip(q: Vector) -> tuple[float, float]:
-    """The tip of the hook seen from the cup's centre: along its axis, and towards its inner wall."""
+    """The tip of the hook from the cup's centre: along its axis, and towards its inner wall."""
     c1, s1, c2, s2 = cos(q[0]), sin(q[0]), cos(q[1]), sin(q[1])
     a, b = L1 * c1 + H1 * s1 - q[2], L1 * s1 - H1 * c1 - q[3]
     return a * c2 + b * s2, -a * s2 + b * c2
 
 
 def gradient(q: Vector, touching: Sequence[str]) -> Vector:
-    """Of the constraints, shape (n, 4)."""
+    """Gradient of the constraints, shape (n, 4)."""
     c1, s1, c2, s2 = cos(q[0]), sin(q[0]), cos(q[1]), sin(q[1])
     along, _ = tip(q)
     rows = {
@@ -69,7 +69,7 @@ def forced(
 ) -> tuple[Vector, float]:
     """Accelerations, and the force of the wall; W is the squared speed of the rotor."""
     F1, F2 = M1 * W * (WALL - D - L1 / 2 * cos(PHI)), M2 * W * (WALL - R)
-    drag = np.array([0.0, -(E * cos(q[1]) + R), 0.0, -1.0])  # of a force up the wall
+    drag = np.array([0.0, -(E * cos(q[1]) + R), 0.0, -1.0])  # of an upward force on the wall
     spring = C * L1 / 2 * (q[0] - PHI) * cos(q[0])
     Q = np.array([-L1 / 2 * (F1 * sin(q[0]) + spring), 0.0, F2, M2 * G])
     A = gradient(q, touching)
@@ -93,8 +93,8 @@ def hit(q: Vector, v: Vector, touching: Sequence[str]) -> Vector:
 
 
 def times(n: float, mu: float, fall: float) -> list[float]:
-    """Durations of the stages [s] at a rotor speed [rpm], a friction and a height of fall [m]; nan for
-    what a jammed product does not reach.
+    """Durations of the stages [s] at a rotor speed [rpm], a friction and a height of fall [m]; nan
+    for stages that a jammed product does not reach.
     """
     W = (n * pi / 30) ** 2
     down = G - mu * W * (WALL - R)
@@ -105,7 +105,7 @@ def times(n: float, mu: float, fall: float) -> list[float]:
     found = [sqrt(2 * fall / down)]
 
     def until(touching: Sequence[str], *ends: Any) -> int:
-        """Move on to the first of events that fall below zero, and which that is."""
+        """Integrate to the first event that falls below zero, and return its number."""
         nonlocal q, v
 
         def rates(t: float, y: Vector) -> Vector:

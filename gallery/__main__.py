@@ -1,8 +1,8 @@
-"""python -m gallery [--questions NAME,NAME] [--pictures] [--out DIR]: make the site of the project.
+"""python -m gallery [--questions NAME,NAME] [--pictures] [--out DIR]: build the project's website.
 
-DIR/site is the site: guides, machines with their live models, the answers of the questions, reference,
-search. It needs no server and no network: open index.html, or publish the folder as it is. Answers are
-kept in DIR/answers and asked for again when code or FMUs have changed.
+DIR/site contains the guides, the machines with their live models, the answers to the questions, a
+reference and a search. It needs no server and no network: open index.html, or publish the folder as
+it is. Answers are kept in DIR/answers and renewed when the code or the FMUs have changed.
 """
 
 from __future__ import annotations
@@ -32,16 +32,16 @@ MENDED = {
 
 
 def main() -> int:
-    """Make the site as the command line says; its exit code."""
+    """Build the site as the command line says; return the exit code."""
     known = [*names(HOME)]
-    parser = Parser(prog="python -m gallery", description="Make the site.")
+    parser = Parser(prog="python -m gallery", description="Build the project's website.")
     parser.add_argument(
         "--questions", type=lambda text: text.split(","), default=known, metavar="NAME,NAME",
-        help="answer these alone (default: all)",
+        help="answer only these (default: all)",
     )  # fmt: skip
     parser.add_argument(
         "--pictures", action="store_true",
-        help="also renew the pictures of answers in docs, and the drawings of machines",
+        help="also renew the pictures in docs and the drawings of machines",
     )  # fmt: skip
     parser.add_argument("--out", type=Path, default=ROOT / "results" / "gallery", help="folder")
     options = parser.parse_args()
@@ -62,7 +62,7 @@ def main() -> int:
 
 
 def build(answers: Sequence[Answered], out: Path) -> Path:
-    """Make the site that shows these answers in out/site; raises SphinxError for any warning."""
+    """Build the site with these answers in out/site; raises SphinxError for any warning."""
     from sphinx.application import Sphinx
     from sphinx.util.docutils import docutils_namespace, patch_docutils
 
@@ -85,7 +85,7 @@ def build(answers: Sequence[Answered], out: Path) -> Path:
 
 
 def mended(text: str) -> str:
-    """A page of the theme with what people need who do not see it or use no mouse."""
+    """A page of the theme, made accessible without sight or mouse."""
     for less, more in MENDED.items():
         text = text.replace(less, more)
     return text

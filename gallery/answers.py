@@ -1,4 +1,4 @@
-"""The answers that the site shows: each question with the options it has by default, asked once."""
+"""The answers that the site shows: each question with its default options, answered once."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ KEY = "made_of.txt"
 
 
 class Answered(NamedTuple):
-    """A question, its page of Python, the command that asked it, and the folder of its files."""
+    """A question, its Python module, the command that answers it, and the folder of its files."""
 
     name: str
     page: ModuleType
@@ -31,7 +31,7 @@ class Answered(NamedTuple):
 
     @property
     def found(self) -> dict[str, Any]:
-        """What its JSON holds."""
+        """The content of its JSON."""
         text = (self.folder / f"{self.name}.json").read_text(encoding="utf-8")
         return dict(json.loads(text))
 
@@ -47,7 +47,7 @@ class Answered(NamedTuple):
 
 
 def answered(name: str, folder: Path) -> Answered:
-    """The answer in that folder, asked for again unless it is that of this code and these FMUs.
+    """The answer in that folder, made again unless it is that of this code and these FMUs.
 
     Raises SetupError where the question has no answer.
     """
@@ -74,7 +74,7 @@ def answered(name: str, folder: Path) -> Answered:
 
 
 def given(name: str) -> list[str]:
-    """The record that a question cannot do without, and what else its guide gives with it."""
+    """The record that a question needs, and the other options that its guide gives with it."""
     for guide in sorted((ROOT / "docs").glob("*.md")):
         text = guide.read_text(encoding="utf-8")
         if found := re.search(rf"scenarios run {name} (.*--data .*)", text):
@@ -84,7 +84,7 @@ def given(name: str) -> list[str]:
 
 @cache
 def code() -> str:
-    """A hash of all that makes an answer of a question and its FMUs."""
+    """A hash of everything that turns a question and its FMUs into an answer."""
     found = hashlib.sha256()
     for package in ("cosim", "workbench", "scenarios", "examples"):
         for path in sorted((ROOT / package).rglob("*.*")):

@@ -26,7 +26,7 @@ html_static_path = [str(Path(__file__).with_name("static"))]
 html_css_files, html_js_files = ["gallery.css"], [("gallery.js", {"defer": "defer"})]
 html_copy_source = html_use_index = html_domain_indices = False
 html_show_sphinx = html_show_copyright = False
-html_show_search_summary = False  # it asks for pages, which a browser refuses on a file
+html_show_search_summary = False  # it fetches pages, which a browser refuses for a local file
 html_theme_options = {"navigation_with_keys": False}
 include_patterns = ["*.md", "docs/**", "questions/**", "reference/**"]
 
@@ -45,7 +45,7 @@ def plain_formulas(_app: Sphinx, _name: str, text: list[str]) -> None:
 
 
 def no_aliases(_app: Sphinx, _what: str, _name: str, member: object, skip: bool, _: object) -> Any:
-    """Leave out what Python says of the fields of a named tuple; its docstring tells them."""
+    """Leave out Python's own text on the fields of a named tuple; its docstring describes them."""
     return skip or (getattr(member, "__doc__", None) or "").startswith("Alias for field") or None
 
 

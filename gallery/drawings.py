@@ -1,7 +1,7 @@
-"""The drawings of machines: poses of the mechanisms that the pages of questions move, with the symbols
-of the equations.
+"""The drawings of machines: poses of the mechanisms that the pages of questions animate, with the
+symbols of the equations.
 
-A machine that no question moves has a drawing of its own.
+A machine that no question animates has a separate drawing.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ ORIENTATOR = (
 
 
 def drawings() -> dict[Path, str]:
-    """The drawings that mechanisms make, by the file that each is kept in."""
+    """The drawings made from mechanisms, by the file in which each is kept."""
     made = {
         "crank_conveyor": drawing(still("CrankConveyor", crank_conveyor, phi=2.3), CONVEYOR),
         "unbalance_exciter": drawing(still("UnbalanceExciter", exciter, phi=0.7), EXCITER),
@@ -96,11 +96,11 @@ def turning() -> Motion:
 
 
 def started(part: str, fmu: str, start: Mapping[str, float]) -> tuple[System, Result]:
-    """A machine by itself, and what its outputs are at the start."""
+    """A machine by itself, and its outputs at the start."""
     system = System({part: FMUS / "native" / f"{fmu}.fmu"}, start=start)
     return system, cosim.run(system, stop=1e-3, step=1e-3)
 
 
 def posed(shapes: list[Shape], ghosts: Mapping[int, str] = MappingProxyType({})) -> Motion:
-    """Shapes as a motion that stands."""
+    """Shapes as a motion that stands still."""
     return Motion("", np.zeros(1), 1.0, [""], shapes, ghosts=ghosts)

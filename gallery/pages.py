@@ -1,4 +1,4 @@
-"""What Sphinx is given: the guides as they are, and pages made of machines, answers and docstrings."""
+"""The input of Sphinx: the guides as they are, and pages made of machines, answers, docstrings."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ from .answers import Answered
 
 EXTRA, THUMB = "_extra", (480, 360)
 LANDING = "resonance"
-MOVE = "Move a slider: all of it runs in your browser, offline, and every figure carries its error."
+MOVE = "Move a slider: everything runs in your browser, offline, and every figure states its error."
 
 
 def write(answers: Sequence[Answered], folder: Path) -> None:
-    """Write all pages into a folder, in which links lead where they lead in the project."""
+    """Write all pages into a folder in which links resolve as they do in the project."""
     folder.mkdir(parents=True)
     for path in ROOT.iterdir():
         if path.suffix in (".md", ".py", ".toml") or path.name == "LICENSE":
@@ -59,18 +59,18 @@ def write_text(path: Path, text: str) -> None:
 
 
 def tree(caption: str, pages: str) -> str:
-    """A part of the list of pages."""
+    """A section of the list of pages."""
     head = f":caption: {caption}\n" if caption else ""
     return f":::{{toctree}}\n:hidden:\n{head}\n{pages}\n:::"
 
 
 def live(one: Answered, root: str) -> str:
-    """The live part of a question's page, and the way to the whole of it."""
+    """The live part of a question's page, and a link to the whole page."""
     page = f"{root}questions/{one.name}/report.html"
     title = escape(f"Live model: {asked(one.page)}")
     return (
         f'<iframe class="live" src="{page}" title="{title}" loading="lazy"></iframe>\n\n'
-        f'<p class="way"><a href="{page}">Open the live page alone</a>, with all curves, '
+        f'<p class="way"><a href="{page}">Open the live page on its own</a>, with all curves, '
         "figures and data.</p>"
     )
 
@@ -81,10 +81,10 @@ def landing(answers: Sequence[Answered]) -> str:
     guides = re.findall(r"\]\(([\w/]+)\.md\)", (ROOT / "docs" / "README.md").read_text("utf-8"))
     guides = [f"docs/{name}" for name in dict.fromkeys(guides) if "/" not in name]
     trees = {
-        "Look": ["machines", "questions"],
-        "Read": ["The project <README>", "All guides <docs/README>", *guides],
-        "Look up": ["commands", *(f"reference/{name}" for name in reference.API), "CONTRIBUTING",
-                    "CHANGELOG"],
+        "Explore": ["machines", "questions"],
+        "Guides": ["The project <README>", "All guides <docs/README>", *guides],
+        "Reference": ["commands", *(f"reference/{name}" for name in reference.API), "CONTRIBUTING",
+                      "CHANGELOG"],
     }  # fmt: skip
     contents = "\n\n".join(tree(caption, "\n".join(names)) for caption, names in trees.items())
     return f"""\
@@ -114,7 +114,7 @@ def question(one: Answered) -> str:
         for fmu in dict.fromkeys(parts(one.page).values())
     )
     verdict = "\n".join(f"> {line}\n>" for line in found["verdict"])
-    shown = [f'<p class="way"><a class="button" href="{one.name}/report.html">Open the whole '
+    shown = [f'<p class="way"><a class="button" href="{one.name}/report.html">Open the full '
              "answer</a> with curves, motion, data and how it was made.</p>"]  # fmt: skip
     if one.lives:
         shown = [live(one, "../")]
@@ -126,7 +126,7 @@ def question(one: Answered) -> str:
     return "\n\n".join([
         f"# {head}", rest.strip(), f"Machines: {used}.", verdict, *shown,
         f"## Figures\n\n| figure | value |\n| --- | --- |\n{figures}",
-        f"## Ask it\n\n```sh\n{one.command}\n```\n\n```text\n{reference.question(one.name)}\n```",
+        f"## Run it\n\n```sh\n{one.command}\n```\n\n```text\n{reference.question(one.name)}\n```",
     ]) + "\n"  # fmt: skip
 
 
@@ -149,19 +149,19 @@ def charts(one: Answered) -> list[str]:
 
 
 def page_of(fmu: str) -> str:
-    """The name of a machine's page, "drive_motor", from that of its FMU."""
+    """The name of a machine's page, such as "drive_motor", from that of its FMU."""
     pages = (ROOT / "docs" / "machines").glob("*.md")
     return next(page.stem for page in pages if page.stem.replace("_", "").lower() == fmu.lower())
 
 
 def machine(page: Path, answers: Sequence[Answered]) -> str:
-    """The page of a machine, with its live model and the questions asked of it."""
+    """The page of a machine, with its live model and the questions about it."""
     text = page.read_text(encoding="utf-8")
     about = [one for one in answers if page.stem in map(page_of, parts(one.page).values())]
     if not about:
         return text
     asked_of = "\n".join(f"* [{asked(one.page)}](../../questions/{one.name}.md)" for one in about)
-    shown = f"## Questions asked of it\n\n{asked_of}\n"
+    shown = f"## Questions about this machine\n\n{asked_of}\n"
     for one in [one for one in about if one.lives][:1]:
         shown = f"## Live model\n\n{MOVE}\n\n{live(one, '../../')}\n\n{shown}"
     before, heading, after = text.partition("\n## ")
@@ -179,7 +179,7 @@ def machine_list(machines: Sequence[Path], folder: Path) -> str:
         copyfile(drawing, folder / place)
         cards.append(card(f"docs/machines/{page.stem}.html", place, name, title))
     pages = tree("", "\n".join(f"docs/machines/{page.stem}" for page in machines))
-    return f"# Machines\n\nOne FMU each, from a page of equations.\n\n{deck(cards)}\n\n{pages}\n"
+    return f"# Machines\n\nEach is one FMU, made from a page of equations.\n\n{deck(cards)}\n\n{pages}\n"
 
 
 def question_list(answers: Sequence[Answered], folder: Path) -> str:
@@ -195,7 +195,7 @@ def question_list(answers: Sequence[Answered], folder: Path) -> str:
         title = asked(one.page) + (" Live." if one.lives else "")
         cards.append(card(f"questions/{one.name}.html", place, one.name, title))
     pages = tree("", "\n".join(f"{one.name} <questions/{one.name}>" for one in answers))
-    return f"# Questions\n\nEach is a page of Python, [answered](docs/scenarios.md) with errors.\n\n{deck(cards)}\n\n{pages}\n"
+    return f"# Questions\n\nEach is a short Python file; the [answers](docs/scenarios.md) state their errors.\n\n{deck(cards)}\n\n{pages}\n"
 
 
 def deck(cards: Sequence[str]) -> str:
@@ -203,6 +203,6 @@ def deck(cards: Sequence[str]) -> str:
 
 
 def card(page: str, picture: Path, name: str, title: str) -> str:
-    """A picture that leads to a page."""
+    """A picture that links to a page."""
     drawn = f'<img src="{picture.relative_to(EXTRA).as_posix()}" alt="" loading="lazy">'
     return f'<li><a href="{page}">{drawn}<b>{name}</b></a><span>{escape(title)}</span></li>'

@@ -1,4 +1,4 @@
-"""The reference: commands by what their --help says, the Python API by its docstrings."""
+"""The reference: the commands from their --help, the Python API from its docstrings."""
 
 from __future__ import annotations
 
@@ -32,8 +32,10 @@ SCRIPTS = {
 
 
 def commands() -> str:
-    """The page of the commands; the options of a question stand on its own page."""
-    parts = ["# Commands\n\nEach tells the same with `--help`. Those of a question: see its page."]
+    """The page of the commands; the options of a question are on its own page."""
+    parts = [
+        "# Commands\n\nThe help of every command. The options of a question are on its own page."
+    ]
     coupling = cosim.__main__.parser()
     for name in coupling._actions[-1].choices or ():
         said = help_of(partial(coupling.parse_args, [name, "--help"]))
@@ -55,13 +57,13 @@ def section(title: str, said: str) -> str:
 
 
 def question(name: str) -> str:
-    """The options of a question, as its command tells them."""
+    """The options of a question, as its command lists them."""
     said = help_of(partial(main, ["run", name, "--help"], PROJECT, PROGRAM))
     return said[said.index("options:") :].strip()
 
 
 def help_of(call: Callable[[], object]) -> str:
-    """What a parser prints before it ends the program."""
+    """What a parser prints before it exits."""
     said = io.StringIO()
     with patch.dict(os.environ, COLUMNS="88"), redirect_stdout(said), suppress(SystemExit):
         call()
@@ -69,7 +71,7 @@ def help_of(call: Callable[[], object]) -> str:
 
 
 def api(package: str) -> str:
-    """The page of a package: what it offers, in a table and one by one."""
+    """The page of a package: its public names, in a table and in detail."""
     title, modules = API[package]
     module = import_module(package)
     public = sorted(set(module.__all__) - {"VERSION"}, key=str.lower)
@@ -80,7 +82,7 @@ def api(package: str) -> str:
         f"\n| [`{name}`](#{package}.{name}) | {first(getattr(module, name))} |" for name in public
     )
     blocks = "\n".join(line for name in public for line in directive(package, name))
-    rows.append(f"## One by one\n\n```{{eval-rst}}\n{blocks}\n```")
+    rows.append(f"## Details\n\n```{{eval-rst}}\n{blocks}\n```")
     for name in modules:
         whole = f"{package}.{name}"
         rows.append(f"## `{whole}`\n\n```{{eval-rst}}\n.. automodule:: {whole}\n```")
