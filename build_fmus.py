@@ -39,7 +39,7 @@ def main() -> int:
     parser.add_argument("component", nargs="*", help=f"one of {', '.join(MACHINES)} (default: all)")
     parser.add_argument("--flavour", choices=FLAVOURS, default="python")
     parser.add_argument("--into", type=Path, default=ROOT / "fmus", help="folder of the FMUs")
-    parser.add_argument("--force", action="store_true", help="rebuild what is up to date too")
+    parser.add_argument("--force", action="store_true", help="rebuild even what is up to date")
     parser.add_argument(
         "--docs", action="store_true", help="also write their docs/machines and docs/papers.md"
     )

@@ -9,8 +9,8 @@ power stored in the field of the armature:
 $$ v\,i = \tau\,\omega + R\,i^2 + \frac{\mathrm d}{\mathrm dt}\,\tfrac12 L\,i^2 $$
 
 A step of any length is exact. For a voltage and a speed that change linearly from $v_0$, $\omega_0$
-to $v_1$, $\omega_1$ over $h$, with $i_s = (v - k\,\omega)/R$, the current settled at a constant $v$
-and $\omega$,
+to $v_1$, $\omega_1$ over $h$, with the steady current $i_s = (v - k\,\omega)/R$ at constant $v$ and
+$\omega$,
 
 $$ i(h) = i_{s1} + (i(0) - i_{s0})\,e^{-z} - (i_{s1} - i_{s0})\,\frac{1 - e^{-z}}{z},
    \quad z = \frac{h\,R}{L} $$

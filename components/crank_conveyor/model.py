@@ -6,7 +6,7 @@ and $' = \mathrm{d}/\mathrm{d}\varphi$, the reduced inertia and the load torque 
 
 $$ \theta = \theta_1 + m\,x'^2, \qquad M_c = c\,x\,x' + \alpha\,x'^2\,\omega $$
 
-and the equation of motion follows from Lagrange:
+and the equation of motion follows from Lagrange's:
 
 $$ \dot\varphi = \omega, \qquad
    \theta\,\dot\omega = \tau - M_c - \tfrac{1}{2}\,\theta'\,\omega^2,

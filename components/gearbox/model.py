@@ -19,7 +19,7 @@ loss $\mu\,|\tau\,\omega_a\,s|$ is never negative.
 
 Assumptions: rigid shafts and teeth, no backlash, no churning losses and no friction without load.
 Below $\omega_0$ the friction of the teeth is viscous: a gearbox that should stick, because its
-friction holds the load, creeps instead, more slowly than $\omega_0$.
+friction alone holds the load, creeps instead, more slowly than $\omega_0$.
 
 The defaults describe a 5:1 stage with a rising load that slows down, stops and drives it back.
 """

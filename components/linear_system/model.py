@@ -2,7 +2,7 @@ r"""Linear system of up to four states, inputs and outputs: a yardstick for co-s
 
 $$ \dot x = A\,x + B\,u, \qquad y = C\,x, \qquad z = C\,x + D\,u $$
 
-A system coupled from linear parts has a closed solution. This part adds no error of its own to it.
+A system coupled from linear parts has a closed solution. This part adds no error of its own.
 For inputs that change linearly from $u_0$ to $u_1$ over a communication step $h$, which covers
 every `input_hold`, its step ends where the equations end:
 
@@ -12,8 +12,8 @@ $$ x(h) = e^{Ah}x(0) + G_0u_0 + G_1u_1, \quad
 $$ \varphi_1(M) = \sum_{k=0}^{\infty}\frac{M^k}{(k+1)!}, \quad
    \varphi_2(M) = \sum_{k=0}^{\infty}\frac{M^k}{(k+2)!} $$
 
-Any difference from the closed solution of the whole system is the master's. $A$ may be singular or
-stiff. The three matrices are computed in decimal arithmetic, with as many more digits than a Real
+Any difference from the closed solution of the whole system is due to the master. $A$ may be
+singular or stiff. The three matrices are computed in decimal arithmetic, with as many more digits than a Real
 as $\|A\|h$ can cost, and then rounded. The rounding error of $e^{Ah}$ is kept as a second number,
 so that it does not accumulate over millions of short steps.
 
@@ -29,8 +29,8 @@ defaults describe a damped oscillator, released at 1:
 $$ \ddot x_1 = -\omega^2 x_1 - 2\,\zeta\,\omega\,\dot x_1 + u_1, \quad
    \omega = 10, \quad \zeta = 0.1, \quad y_1 = z_1 = x_1 $$
 
-For your own system, set its non-zero entries, and set to zero any of the oscillator's that it does
-not have: `A[1,2]`, `A[2,1]`, `A[2,2]`, `B[2,1]`, `C[1,1]`, `x[1]`. All other entries are zero. A
+For your own system, set its non-zero entries, and set to zero the oscillator's entries that it
+does not have: `A[1,2]`, `A[2,1]`, `A[2,2]`, `B[2,1]`, `C[1,1]`, `x[1]`. All other entries are zero. A
 state with only zeros in every matrix keeps its value.
 """
 

@@ -5,8 +5,8 @@ $' = \mathrm{d}/\mathrm{d}\varphi$, the reduced inertia is
 
 $$ \theta = \theta_1 + m\,x'^2 $$
 
-The load resists with a force that depends on position, speed and acceleration of the trough. Its
-torque on the crank is
+The load resists with a force that depends on position, speed and acceleration of the trough. The
+torque of this load on the crank is
 
 $$ M_c(\varphi, \dot\varphi, \ddot\varphi) = x'\,(c\,x + d\,\dot x + m_L\,\ddot x), \qquad
    \dot x = x'\,\dot\varphi, \quad \ddot x = x'\,\ddot\varphi + x''\,\dot\varphi^2 $$
