@@ -82,7 +82,7 @@ def check(p: Parameters) -> Iterator[str]:
     if p.i == 0.0:
         raise ValueError("i = 0.0 must not be 0")
     if p.eta < 0.5:
-        yield f"eta = {p.eta!r}: most gears below 0.5 lock if the load drives them; this one does not"
+        yield f"eta = {p.eta!r}: most gears below 0.5 lock if the load drives; this one does not"
 
 
 def friction(p: Parameters, x: State, u: Inputs) -> float:

@@ -13,9 +13,9 @@ $$ \varphi_1(M) = \sum_{k=0}^{\infty}\frac{M^k}{(k+1)!}, \quad
    \varphi_2(M) = \sum_{k=0}^{\infty}\frac{M^k}{(k+2)!} $$
 
 Any difference from the closed solution of the whole system is due to the master. $A$ may be
-singular or stiff. The three matrices are computed in decimal arithmetic, with as many more digits than a Real
-as $\|A\|h$ can cost, and then rounded. The rounding error of $e^{Ah}$ is kept as a second number,
-so that it does not accumulate over millions of short steps.
+singular or stiff. The three matrices are computed in decimal arithmetic, with as many more digits
+than a Real as $\|A\|h$ can cost, and then rounded. The rounding error of $e^{Ah}$ is kept as a
+second number, so that it does not accumulate over millions of short steps.
 
 `y` does not depend directly on `u`, and `ModelStructure` says so: parts coupled through `y` form no
 algebraic loop, and a master has no reason to look for one. `z` is declared to depend on all inputs,
@@ -30,8 +30,8 @@ $$ \ddot x_1 = -\omega^2 x_1 - 2\,\zeta\,\omega\,\dot x_1 + u_1, \quad
    \omega = 10, \quad \zeta = 0.1, \quad y_1 = z_1 = x_1 $$
 
 For your own system, set its non-zero entries, and set to zero the oscillator's entries that it
-does not have: `A[1,2]`, `A[2,1]`, `A[2,2]`, `B[2,1]`, `C[1,1]`, `x[1]`. All other entries are zero. A
-state with only zeros in every matrix keeps its value.
+does not have: `A[1,2]`, `A[2,1]`, `A[2,2]`, `B[2,1]`, `C[1,1]`, `x[1]`. All other entries are zero.
+A state with only zeros in every matrix keeps its value.
 """
 
 from __future__ import annotations
@@ -122,7 +122,7 @@ def propagator(A: Matrix, B: Matrix, h: float) -> Matrix:
 
 
 def exponentials(M: Digits, doublings: int) -> tuple[Digits, Digits, Digits]:
-    """exp(M), phi_1(M) and phi_2(M): the series at M / 2^doublings, then doubled that many times."""
+    """exp(M), phi_1(M) and phi_2(M): the series at M / 2^doublings, then doubled that often."""
     M = scaled(M, HALF**doublings)
     one = [[Decimal(i == j) for j in range(len(M))] for i in range(len(M))]
     term = phi_2 = scaled(one, HALF)
