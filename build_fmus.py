@@ -3,8 +3,8 @@
 usage: python build_fmus.py [COMPONENT ...] [--flavour python|native|wasm|both|fmi3|all] [--into DIR]
                             [--force] [--docs]
 
-Native FMUs go to a folder `native` of their own, native ones of FMI 3.0 to a folder `fmi3`, and modules
-for WebAssembly to `wasm`; native FMUs bring these along.
+Native FMUs are written to the folder `native`, those of FMI 3.0 to `fmi3`, and WebAssembly modules to
+`wasm`. Building a native FMU also builds its module.
 """
 
 import argparse
@@ -25,23 +25,23 @@ HOME = r"`(\w+/[\w/.]+)(:\w+)?`"
 PAPERS = """\
 # The papers, formula by formula
 
-Every formula and figure of the three papers, where it lives in this project, and how well it is met. A home is a
-file and the function or property in it, a variable of an FMU (`IronDrive.alpha`), or a
-[question](scenarios.md). An erratum is named as in the table of errata of its machine's page. How well a formula is
-met ends with the test that holds it; errors are relative unless they have a unit.
+This page lists every formula and figure of the three papers, where it is found in this project, and how well it
+is met. A home is a file with the function or property in it, a variable of an FMU (`IronDrive.alpha`), or a
+[question](scenarios.md). An erratum is named as in the table of errata on its machine's page. The last column ends
+with the test that checks the formula. Errors are relative unless they have a unit.
 
-The rows are kept in `page.md` beside each machine's `model.py`, under *Formulas of the paper*."""
+The rows are kept in `page.md` next to each machine's `model.py`, under *Formulas of the paper*."""
 MACHINES = {file.parent.name: file for file in sorted(ROOT.glob("components/*/model.py"))}
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(description="Build and validate the FMUs.")
-    parser.add_argument("component", nargs="*", help=f"one of {', '.join(MACHINES)} (default all)")
+    parser.add_argument("component", nargs="*", help=f"one of {', '.join(MACHINES)} (default: all)")
     parser.add_argument("--flavour", choices=FLAVOURS, default="python")
     parser.add_argument("--into", type=Path, default=ROOT / "fmus", help="folder of the FMUs")
-    parser.add_argument("--force", action="store_true", help="build also what is up to date")
+    parser.add_argument("--force", action="store_true", help="rebuild even what is up to date")
     parser.add_argument(
-        "--docs", action="store_true", help="also write their docs/machines, and docs/papers.md"
+        "--docs", action="store_true", help="also write their docs/machines and docs/papers.md"
     )
     options = parser.parse_args()
     known = {plain(name): file for name, file in MACHINES.items()}
@@ -50,7 +50,7 @@ def main() -> int:
         parser.error(f"unknown component {unknown[0]!r}; there are {', '.join(MACHINES)}")
     if options.docs and options.flavour == "wasm":
         parser.error(
-            "--docs draws the results that an FMU carries: choose a flavour other than wasm"
+            "--docs plots the results contained in an FMU: choose a flavour other than wasm"
         )
     models = [known[plain(name)] for name in options.component or made(options.flavour)]
     if failed := make_all(models, options.flavour, options.into, options.force):
@@ -62,7 +62,7 @@ def main() -> int:
 
 
 def made(flavour: str) -> list[str]:
-    """The components of which there are FMUs of the flavour."""
+    """The components that can be built in the flavour."""
     compiled = flavour in ("native", "wasm", "fmi3")
     return [
         name
@@ -72,12 +72,12 @@ def made(flavour: str) -> list[str]:
 
 
 def plain(name: str) -> str:
-    """A component's name whether it is spelt as its folder or as its FMU: drivemotor."""
+    """A component's name in one spelling for its folder and its FMU: drivemotor."""
     return name.replace("_", "").lower()
 
 
 def write_pages(models: list[ModuleType], fmus: Path) -> None:
-    """Write the pages of components, with the default experiment that their FMUs carry."""
+    """Write the pages of components, with the default experiment contained in their FMUs."""
     folder = ROOT / "docs" / "machines"
     folder.mkdir(parents=True, exist_ok=True)
     for model in models:
@@ -90,7 +90,7 @@ def write_pages(models: list[ModuleType], fmus: Path) -> None:
 
 
 def write_papers() -> None:
-    """Write what the pages of the machines say about the formulas of their papers, in one page."""
+    """Write one page of all that the machine pages say about the formulas of their papers."""
     parts = [PAPERS]
     for name, file in MACHINES.items():
         notes = file.with_name("page.md")

@@ -1,23 +1,25 @@
-r"""Direct-current motor with constant excitation, fed with a voltage.
+r"""Direct-current motor with constant excitation, fed by a voltage.
 
 $$ L\,\dot i + R\,i = v - k\,\omega, \qquad \tau = k\,i $$
 
-One constant $k$ makes torque of current and voltage of speed, so that the motor gives to its shaft
-what the source gives it, less what heats the winding and what the field of the armature stores:
+The same constant $k$ relates torque to current and induced voltage to speed. The motor therefore
+delivers to its shaft the power that it takes from the source, less the heat of the winding and the
+power stored in the field of the armature:
 
 $$ v\,i = \tau\,\omega + R\,i^2 + \frac{\mathrm d}{\mathrm dt}\,\tfrac12 L\,i^2 $$
 
-A step of any length is exact. For a voltage and a speed that run linearly from $v_0$, $\omega_0$ to
-$v_1$, $\omega_1$ during $h$, with the current $i_s = (v - k\,\omega)/R$ that they would settle at,
+A step of any length is exact. For a voltage and a speed that change linearly from $v_0$, $\omega_0$
+to $v_1$, $\omega_1$ over $h$, with the steady current $i_s = (v - k\,\omega)/R$ at constant $v$ and
+$\omega$,
 
 $$ i(h) = i_{s1} + (i(0) - i_{s0})\,e^{-z} - (i_{s1} - i_{s0})\,\frac{1 - e^{-z}}{z},
    \quad z = \frac{h\,R}{L} $$
 
-Assumptions: constant flux, thus no field weakening and no armature reaction; a winding whose
-resistance does not warm up and whose iron does not saturate; no friction, no loss in iron and
-brushes, no ripple of the commutator. The inertia of the rotor belongs to what the motor turns.
+Assumptions: constant flux, so no field weakening and no armature reaction; a winding whose
+resistance does not change with temperature and whose iron does not saturate; no friction, no iron
+or brush losses, no commutator ripple. The inertia of the rotor is counted with the driven machine.
 
-The defaults are a motor of 48 V and 0.5 kW, switched on at 200 rad/s.
+The defaults describe a 48 V, 0.5 kW motor that is switched on at 200 rad/s.
 """
 
 from __future__ import annotations
@@ -43,10 +45,10 @@ FLANGES = {"flange": ("tau", "w")}
 
 @record
 class Parameters:
-    R: Resistance = real(0.5, "Resistance of the armature", positive=True)
-    L: Inductance = real(0.002, "Inductance of the armature", positive=True)
+    R: Resistance = real(0.5, "Armature resistance", positive=True)
+    L: Inductance = real(0.002, "Armature inductance", positive=True)
     k: ElectricalTorqueConstant = real(
-        0.2, "Torque per current, also voltage induced per speed", min=0.0
+        0.2, "Torque per current, and induced voltage per speed", min=0.0
     )
 
 
@@ -58,7 +60,7 @@ class Inputs:
 
 @record
 class State:
-    i: Current = real(0.0, "Current of the armature", nominal=10.0)
+    i: Current = real(0.0, "Armature current", nominal=10.0)
 
 
 @record
@@ -66,12 +68,12 @@ class Outputs:
     tau: Torque = real(0.0, "Torque on the shaft, in the sense of +w")
     P: Power = real(0.0, "Mechanical power given to the shaft", feedthrough=("w",))
     P_el: Power = real(0.0, "Electrical power taken from the source", feedthrough=("v",))
-    P_loss: Power = real(0.0, "Power that heats the winding")
+    P_loss: Power = real(0.0, "Power lost as heat in the winding")
     E_mag: Energy = real(0.0, "Magnetic energy of the armature")
 
 
 def settled(p: Parameters, u: Inputs) -> float:
-    """The current that a constant voltage and speed settle at."""
+    """The current that settles at a constant voltage and speed."""
     return (u.v - p.k * u.w) / p.R
 
 
@@ -80,7 +82,7 @@ def derivatives(p: Parameters, t: float, x: State, u: Inputs) -> State:
 
 
 def exact(p: Parameters, x: State, u0: Inputs, u1: Inputs, h: float) -> State:
-    """Exact update for a voltage and a speed that run linearly."""
+    """Exact update for a voltage and a speed that change linearly."""
     z = h * p.R / p.L
     start, end = settled(p, u0), settled(p, u1)
     decay = expm1(-z)

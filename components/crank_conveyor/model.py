@@ -2,11 +2,11 @@ r"""Crank and rod that shake the trough of a vibrating conveyor.
 
 A crank of radius $r$ moves a trough of mass $m$ through a rod of length $l$ against a spring $c$,
 neutral at mid-stroke, and a viscous resistance $\alpha$. With the trough's position $x(\varphi)$
-and $' = \mathrm{d}/\mathrm{d}\varphi$ the reduced inertia and the load torque are
+and $' = \mathrm{d}/\mathrm{d}\varphi$, the reduced inertia and the load torque are
 
 $$ \theta = \theta_1 + m\,x'^2, \qquad M_c = c\,x\,x' + \alpha\,x'^2\,\omega $$
 
-and the equation of motion follows from Lagrange:
+and the equation of motion follows from Lagrange's:
 
 $$ \dot\varphi = \omega, \qquad
    \theta\,\dot\omega = \tau - M_c - \tfrac{1}{2}\,\theta'\,\omega^2,
@@ -22,14 +22,14 @@ stays $\pm r$:
 $$ x = r \sin\varphi + R - l, \quad x' = r\cos\varphi\,(1 + r\sin\varphi/R), \quad
    x'' = -r\sin\varphi + \frac{r^2\cos 2\varphi}{R} - \frac{r^4\sin^2\varphi\cos^2\varphi}{R^3} $$
 
-The rod pushes the trough along $x$ with $m\,\ddot x + c\,x + \alpha\,\dot x$; its axial force is
-$l/R$ times that.
+The rod pushes the trough along $x$ with the force $m\,\ddot x + c\,x + \alpha\,\dot x$; its axial
+force is $l/R$ times that.
 
-Assumptions: rotating masses balanced; gravity and bearing friction neglected; the rod's mass split
-onto its two ends, inside $\theta_1$ and $m$; no backlash, although at resonance the torque may
-swing through zero.
+Assumptions: rotating masses balanced; gravity and bearing friction neglected; the rod's mass
+divided between its two ends and included in $\theta_1$ and $m$; no backlash, although at resonance
+the torque may swing through zero.
 
-The defaults are a conveyor of 200 kg with a stroke of 10 mm either way, running at 40 rad/s.
+The defaults describe a 200 kg conveyor with a stroke of 10 mm either way, running at 40 rad/s.
 """
 
 from __future__ import annotations
@@ -61,7 +61,9 @@ FLANGES = {"flange": ("tau", "w", "phi")}
 
 @record
 class Rotor:
-    J: Inertia = real(0.49, "Moment of inertia of all that turns with the crank", positive=True)
+    J: Inertia = real(
+        0.49, "Moment of inertia of everything that turns with the crank", positive=True
+    )
 
 
 @record
@@ -78,7 +80,9 @@ class Rod:
 @record
 class Trough:
     m: Mass = real(200.0, "Mass of the trough", positive=True)
-    d: TranslationalDamping = real(4000.0, "Viscous resistance to the trough", min=0.0)
+    d: TranslationalDamping = real(
+        4000.0, "Coefficient of the viscous resistance to the trough", min=0.0
+    )
 
 
 @record
@@ -113,7 +117,7 @@ class Outputs:
     v: Velocity = real(0.0, "Velocity of the trough")
     tau_load: Torque = real(0.0, "Load torque on the crank at constant speed, against +phi")
     f_rod: Force = real(
-        0.0, "Axial force of the rod, pushing the trough if positive", feedthrough=("tau",)
+        0.0, "Axial force of the rod, positive if it pushes the trough", feedthrough=("tau",)
     )
     E_kin: Energy = real(0.0, "Kinetic energy")
     E_pot: Energy = real(0.0, "Potential energy of the spring")
@@ -126,7 +130,7 @@ def check(p: Parameters) -> Iterator[str]:
     if r >= l and p.rod.finite:
         raise ValueError(f"crank.r = {r!r} m must be below rod.l = {l!r} m")
     if r > 0.2 * l and not p.rod.finite:
-        yield f"crank.r = {r!r} m is not small against rod.l = {l!r} m: set rod.finite = true"
+        yield f"crank.r = {r!r} m is not small compared with rod.l = {l!r} m: set rod.finite = true"
 
 
 def prepare(p: Parameters, x: State) -> near.Direction:

@@ -2,30 +2,30 @@ r"""Drive motor whose torque follows its static characteristic with a lag.
 
 $$ \tau + T\,\dot\tau = \tau_{\mathrm{static}}(\omega) $$
 
-Linear characteristic, exact for a direct-current machine with constant excitation and for a
+The linear characteristic is exact for a direct-current machine with constant excitation and for a
 speed controller with droop:
 
 $$ \tau_{\mathrm{static}} = A - B\,\omega $$
 
-Kloss characteristic of an induction machine, with the slip $s = 1 - \omega/\omega_s$; it is
-zero at $s = 0$, and beyond the synchronous speed the machine brakes:
+The Kloss characteristic describes an induction machine with the slip $s = 1 - \omega/\omega_s$. It
+is zero at $s = 0$, and beyond the synchronous speed the machine brakes:
 
 $$ \tau_{\mathrm{static}} = \frac{2\,\tau_b}{s/s_b + s_b/s} = \frac{2\,\tau_b\,s\,s_b}{s^2 + s_b^2} $$
 
-With the linear characteristic a step of any length is exact: for a speed that runs linearly from
-$\omega_0$ to $\omega_1$ during $h$,
+With the linear characteristic a step of any length is exact. For a speed that changes linearly
+from $\omega_0$ to $\omega_1$ over $h$,
 
 $$ \tau(h) = \tau_{\mathrm{static}}(\omega_1)
    + [\tau(0) - \tau_{\mathrm{static}}(\omega_0)]\,e^{-z}
    + B\,(\omega_1 - \omega_0)\,\frac{1 - e^{-z}}{z}, \quad z = h/T $$
 
-Assumptions: one lag stands for all electrical transients; no current limit, no saturation, no
-backlash. The linear characteristic is used at any speed, also far from the working point.
+Assumptions: one lag represents all electrical transients; no current limit, no saturation, no
+backlash. The linear characteristic is used at any speed, even far from the operating point.
 
-The defaults of `A`, `B` and `T` are a stiff speed-droop drive that turns the default crank
-conveyor at 40 rad/s, on its electromechanical resonance. The defaults of the Kloss characteristic
-are a 5.5 kW four-pole induction machine behind a 2.4:1 belt; it starts the loaded conveyor from
-rest.
+The defaults of `A`, `B` and `T` describe a stiff speed-droop drive that turns the default crank
+conveyor at 40 rad/s, its electromechanical resonance. The defaults of the Kloss characteristic
+describe a 5.5 kW four-pole induction machine behind a 2.4:1 belt. It starts the loaded conveyor
+from rest.
 """
 
 from __future__ import annotations
@@ -94,7 +94,7 @@ def derivatives(p: Parameters, t: float, x: State, u: Inputs) -> State:
 
 
 def exact(p: Parameters, x: State, u0: Inputs, u1: Inputs, h: float) -> State | None:
-    """Exact update with the linear characteristic, None with any other."""
+    """Exact update with the linear characteristic; None with any other."""
     if p.characteristic != Characteristic.linear:
         return None
     z = h / p.T

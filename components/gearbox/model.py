@@ -1,27 +1,27 @@
-r"""Gearbox between two shafts, with an efficiency that follows the direction of the power.
+r"""Gearbox between two shafts, with losses that depend on the direction of the power flow.
 
-Shaft b turns $i$ times slower than shaft a, and the inertia $J$ of all that turns, counted at shaft
-a, owns the speed of both:
+Shaft b turns $i$ times slower than shaft a. The inertia $J$ of all rotating parts, reduced to shaft
+a, determines the speed of both:
 
 $$ \dot\varphi_a = \omega_a, \qquad \omega_b = \frac{\omega_a}{i}, \qquad
    J\,\dot\omega_a = \tau_a + \tau - \mu\,|\tau|\,s, \qquad \tau = \frac{\tau_b}{i} $$
 
-What the teeth lose is a share of the torque that they carry to or from shaft b. It changes with
-the side from which the power comes, so that in both directions the efficiency is $\eta$:
+The teeth lose a share of the torque that they transmit to or from shaft b. The share depends on the
+side from which the power comes, so that the efficiency is $\eta$ in both directions:
 
 $$ \mu = \frac1\eta - 1 \quad (\text{a drives b, } \tau\,\omega_a < 0), \qquad
    \mu = 1 - \eta \quad (\text{b drives a, } \tau\,\omega_a > 0), \qquad
    s = \min\left(\max\left(\frac{\omega_a}{\omega_0}, -1\right), 1\right) $$
 
-$s$ is the direction of rotation; below the small speed $\omega_0$ it fades. The right-hand side is
-thus continuous: a reversal of speed or torque needs no event and cannot chatter, and the loss
-$\mu\,|\tau\,\omega_a\,s|$ is never negative.
+$s$ is the direction of rotation, which fades out below the small speed $\omega_0$. The right-hand
+side is thus continuous: a reversal of speed or torque needs no event and cannot chatter, and the
+loss $\mu\,|\tau\,\omega_a\,s|$ is never negative.
 
-Assumptions: rigid shafts and teeth, no backlash, no churning and no friction without load. Below
-$\omega_0$ the friction of the teeth is viscous: a gearbox that ought to stick, as under a load that
-it holds by its friction alone, creeps instead, slower than $\omega_0$.
+Assumptions: rigid shafts and teeth, no backlash, no churning losses and no friction without load.
+Below $\omega_0$ the friction of the teeth is viscous: a gearbox that should stick, because its
+friction alone holds the load, creeps instead, more slowly than $\omega_0$.
 
-The defaults are a 5:1 stage that slows a rising load down, stops and is driven back by it.
+The defaults describe a 5:1 stage with a rising load that slows down, stops and drives it back.
 """
 
 from __future__ import annotations
@@ -46,10 +46,14 @@ FLANGES = {"flange_a": ("tau_a", "w_a", "phi_a"), "flange_b": ("tau_b", "w_b", "
 
 @record
 class Parameters:
-    i: Ratio = real(5.0, "Ratio w_a/w_b, below 0 where the shafts turn against each other")
-    eta: Ratio = real(0.9, "Efficiency, the same in both directions", min=0.01, max=1.0)
-    J: Inertia = real(0.01, "Moment of inertia of all that turns, at shaft a", positive=True)
-    w_0: AngularVelocity = real(0.1, "Speed of shaft a below which losses fade", positive=True)
+    i: Ratio = real(5.0, "Ratio w_a/w_b, negative if the shafts turn in opposite senses")
+    eta: Ratio = real(
+        0.9, "Efficiency, the same in both directions of power flow", min=0.01, max=1.0
+    )
+    J: Inertia = real(0.01, "Moment of inertia of all rotating parts, at shaft a", positive=True)
+    w_0: AngularVelocity = real(
+        0.1, "Speed of shaft a below which the losses fade out", positive=True
+    )
 
 
 @record
@@ -74,15 +78,15 @@ class Outputs:
 
 
 def check(p: Parameters) -> Iterator[str]:
-    """Refuse a ratio of 0; warn where the gearbox would lock itself."""
+    """Refuse a ratio of 0; warn where a real gearbox would self-lock."""
     if p.i == 0.0:
         raise ValueError("i = 0.0 must not be 0")
     if p.eta < 0.5:
-        yield f"eta = {p.eta!r}: gears below 0.5 mostly lock when the load drives; this one does not"
+        yield f"eta = {p.eta!r}: most gears below 0.5 lock if the load drives; this one does not"
 
 
 def friction(p: Parameters, x: State, u: Inputs) -> float:
-    """The torque at shaft a that the losses take, in the sense of +phi_a if it slows w_a > 0."""
+    """The torque lost in the teeth, at shaft a; positive if it slows down a positive w_a."""
     tau = u.tau_b / p.i
     share = 1.0 / p.eta - 1.0 if tau * x.w_a < 0.0 else 1.0 - p.eta
     return share * abs(tau) * min(max(x.w_a / p.w_0, -1.0), 1.0)

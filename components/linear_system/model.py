@@ -1,11 +1,10 @@
-r"""Linear system of up to four states, inputs and outputs: the yardstick of co-simulation masters
+r"""Linear system of up to four states, inputs and outputs: a yardstick for co-simulation masters.
 
 $$ \dot x = A\,x + B\,u, \qquad y = C\,x, \qquad z = C\,x + D\,u $$
 
-Parts coupled to a linear whole have a closed solution as long as every part, and the whole, is
-linear. This part takes none of its own error into it: for inputs that run linearly from $u_0$ to
-$u_1$ over a communication step $h$, which covers every `input_hold`, it ends where the equations
-end,
+A system coupled from linear parts has a closed solution. This part adds no error of its own.
+For inputs that change linearly from $u_0$ to $u_1$ over a communication step $h$, which covers
+every `input_hold`, its step ends where the equations end:
 
 $$ x(h) = e^{Ah}x(0) + G_0u_0 + G_1u_1, \quad
    G_0 = h\,[\varphi_1(Ah) - \varphi_2(Ah)]\,B, \quad G_1 = h\,\varphi_2(Ah)\,B $$
@@ -13,26 +12,26 @@ $$ x(h) = e^{Ah}x(0) + G_0u_0 + G_1u_1, \quad
 $$ \varphi_1(M) = \sum_{k=0}^{\infty}\frac{M^k}{(k+1)!}, \quad
    \varphi_2(M) = \sum_{k=0}^{\infty}\frac{M^k}{(k+2)!} $$
 
-and what differs from the closed solution of the whole is the master's. $A$ may be singular or
-stiff. The three matrices are computed in decimals, with as many more digits than a Real as
-$\|A\|h$ can cost, then rounded; $e^{Ah}$ keeps its rounding error as a second number, so that it
-does not pile up over millions of short steps.
+Any difference from the closed solution of the whole system is due to the master. $A$ may be
+singular or stiff. The three matrices are computed in decimal arithmetic, with as many more digits
+than a Real as $\|A\|h$ can cost, and then rounded. The rounding error of $e^{Ah}$ is kept as a
+second number, so that it does not accumulate over millions of short steps.
 
-`y` does not depend on `u` within an instant, and `ModelStructure` says so: parts coupled through
-`y` form no algebraic loop, and a master has no reason to look for one. `z` declares all inputs,
-because `D` may hold any number: a master that reads `ModelStructure` must take parts coupled
-through `z` both ways as a possible algebraic loop, even where `D` is zero. Use `z` where the part
-has feedthrough, `y` everywhere else.
+`y` does not depend directly on `u`, and `ModelStructure` says so: parts coupled through `y` form no
+algebraic loop, and a master has no reason to look for one. `z` is declared to depend on all inputs,
+because `D` may contain any number. A master that reads `ModelStructure` must treat parts coupled
+through `z` in both directions as a possible algebraic loop, even where `D` is zero. Use `z` where
+the part has feedthrough, `y` everywhere else.
 
-All variables are dimensionless, since their meaning is the user's; time is in seconds. The
-defaults are a damped oscillator, let go at 1,
+All variables are dimensionless, since their meaning is up to the user; time is in seconds. The
+defaults describe a damped oscillator, released at 1:
 
 $$ \ddot x_1 = -\omega^2 x_1 - 2\,\zeta\,\omega\,\dot x_1 + u_1, \quad
    \omega = 10, \quad \zeta = 0.1, \quad y_1 = z_1 = x_1 $$
 
-A system of your own sets what is not zero in it, and to zero what is not zero in the oscillator:
-`A[1,2]`, `A[2,1]`, `A[2,2]`, `B[2,1]`, `C[1,1]`, `x[1]`. All else is zero, and a state that is
-zero in every matrix stays what it is.
+For your own system, set its non-zero entries, and set to zero the oscillator's entries that it
+does not have: `A[1,2]`, `A[2,1]`, `A[2,2]`, `B[2,1]`, `C[1,1]`, `x[1]`. All other entries are zero.
+A state with only zeros in every matrix keeps its value.
 """
 
 from __future__ import annotations
@@ -48,7 +47,7 @@ from fmukit import Experiment, array, fill, record
 from fmukit.si import Ratio
 
 EXPERIMENT = Experiment(stop=5.0, step=0.01)
-PYTHON_ONLY = "its matrix exponential is computed in decimals, which C has not"
+PYTHON_ONLY = "its matrix exponential needs decimal arithmetic, which C does not have"
 
 Vector = tuple[Ratio, ...]
 Matrix = tuple[Vector, ...]
@@ -81,8 +80,8 @@ class State:
 
 @record
 class Outputs:
-    y: Vector = array(ZERO, "Output {0} without feedthrough, of C x")
-    z: Vector = array(ZERO, "Output {0} with feedthrough, of C x + D u", feedthrough=INPUTS)
+    y: Vector = array(ZERO, "Output {0} without feedthrough, from C x")
+    z: Vector = array(ZERO, "Output {0} with feedthrough, from C x + D u", feedthrough=INPUTS)
 
 
 def derivatives(p: Parameters, t: float, x: State, u: Inputs) -> State:
@@ -90,7 +89,7 @@ def derivatives(p: Parameters, t: float, x: State, u: Inputs) -> State:
 
 
 def exact(p: Parameters, x: State, u0: Inputs, u1: Inputs, h: float) -> State:
-    """Exact update for inputs that run linearly from u0 to u1."""
+    """Exact update for inputs that change linearly from u0 to u1."""
     known = x.x + u0.u + u1.u + x.x
     return fill(State, [fsum(map(mul, row, known)) for row in propagator(p.A, p.B, h)])
 

@@ -4,28 +4,28 @@ The twist is the angle by which end a is ahead of end b:
 
 $$ \dot\varphi = \omega_a - \omega_b $$
 
-The play $b$ lies half on either side of the middle. Beyond it the flanks are pressed together by
-$\delta$, and in the play there is no torque:
+The backlash $b$ is centred at zero twist. Beyond it the flanks are pressed together by $\delta$;
+within it there is no torque:
 
 $$ \delta = |\varphi| - \tfrac12 b, \qquad
    T = 0 \quad (\delta \le 0), \qquad
    T = \operatorname{sgn}(\varphi)\,c\,\delta + \tau_d \quad (\delta > 0) $$
 
-The damping acts in contact alone. It is limited to the torque of the spring, so that flanks never
-pull at each other, and that $T$ is continuous where they meet and part:
+The damping acts only in contact. It is limited to the torque of the spring, so that the flanks
+never pull on each other and $T$ is continuous where they meet and part:
 
 $$ \tau_d = \min\left(\max(d\,\dot\varphi, -c\,\delta), c\,\delta\right) $$
 
-A shaft without play ($b = 0$) has no flanks that could part: there $T = c\,\varphi + d\,\dot\varphi$.
-What the shaft exerts on the two ends adds up to nothing:
+A shaft without backlash ($b = 0$) has no flanks that could part:
+$T = c\,\varphi + d\,\dot\varphi$. The torques of the shaft on its two ends add up to zero:
 
 $$ \tau_a = -T, \qquad \tau_b = T $$
 
-Assumptions: a shaft without mass; flanks that are pressed together as the shaft is twisted, with
-one stiffness and one damping; no friction in the play; an impact of the flanks is a contact of
+Assumptions: a massless shaft; one stiffness and one damping for the twist of the shaft and the
+compression of the flanks; no friction within the backlash; an impact of the flanks is a contact of
 finite stiffness.
 
-The defaults twist the shaft at 1 rad/s from one flank through the play onto the other.
+The defaults twist the shaft at 1 rad/s from one flank through the backlash to the other.
 """
 
 from __future__ import annotations
@@ -47,8 +47,8 @@ FLANGES = {"flange_a": ("tau_a", "w_a"), "flange_b": ("tau_b", "w_b")}
 
 @record
 class Parameters:
-    c: RotationalStiffness = real(1000.0, "Stiffness", positive=True)
-    d: RotationalDamping = real(5.0, "Damping, in contact alone", min=0.0)
+    c: RotationalStiffness = real(1000.0, "Stiffness of the shaft", positive=True)
+    d: RotationalDamping = real(5.0, "Damping of the shaft, only in contact", min=0.0)
     b: Angle = real(0.02, "Backlash, from flank to flank", min=0.0)
 
 
@@ -66,17 +66,17 @@ class State:
 @record
 class Outputs:
     tau_a: Torque = real(
-        0.0, "Torque on what end a is fixed to, in the sense of +w_a", feedthrough=("w_a", "w_b")
+        0.0, "Torque on the part at end a, in the sense of +w_a", feedthrough=("w_a", "w_b")
     )
     tau_b: Torque = real(
-        0.0, "Torque on what end b is fixed to, in the sense of +w_b", feedthrough=("w_a", "w_b")
+        0.0, "Torque on the part at end b, in the sense of +w_b", feedthrough=("w_a", "w_b")
     )
     E_pot: Energy = real(0.0, "Elastic energy")
     P_loss: Power = real(0.0, "Power lost in the damping", feedthrough=("w_a", "w_b"))
 
 
 def torques(p: Parameters, x: State, u: Inputs) -> tuple[float, float]:
-    """The torque of the spring and that of the damping, both positive against a growing twist."""
+    """Torques of spring and damping, positive if they oppose a growing twist."""
     damping = p.d * (u.w_a - u.w_b)
     if p.b == 0.0:
         return p.c * x.twist, damping

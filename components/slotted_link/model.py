@@ -1,12 +1,12 @@
-r"""Crank pin in the slot of a link that moves a trough: a Scotch yoke, or a link that swings.
+r"""Crank pin in the slot of a link that moves a trough: a Scotch yoke or a swinging link.
 
-The mechanism is its position function, the trough's position $x(\varphi)$; with
-$' = \mathrm{d}/\mathrm{d}\varphi$ the reduced inertia is
+The mechanism is defined by its position function, the trough's position $x(\varphi)$. With
+$' = \mathrm{d}/\mathrm{d}\varphi$, the reduced inertia is
 
 $$ \theta = \theta_1 + m\,x'^2 $$
 
-The load resists with a force that depends on position, speed and acceleration of the trough, and
-loads the crank with
+The load resists with a force that depends on position, speed and acceleration of the trough. The
+torque of this load on the crank is
 
 $$ M_c(\varphi, \dot\varphi, \ddot\varphi) = x'\,(c\,x + d\,\dot x + m_L\,\ddot x), \qquad
    \dot x = x'\,\dot\varphi, \quad \ddot x = x'\,\ddot\varphi + x''\,\dot\varphi^2 $$
@@ -18,24 +18,24 @@ $$ \dot\varphi = \omega, \qquad
    = \tau - M_c(\varphi, \omega, 0) - \tfrac12\,\theta'\,\omega^2,
    \quad \tfrac12\,\theta' = m\,x'\,x'' $$
 
-Scotch yoke, whose link slides along $x$ (`link.swings = false`):
+The link of a Scotch yoke slides along $x$ (`link.swings = false`):
 
 $$ x = r\sin\varphi $$
 
-Link that swings about a pivot at the distance $l$ below the crank's centre, and moves the trough
-through a block at the height of that centre (`link.swings = true`):
+A swinging link turns about a pivot at the distance $l$ below the crank's centre and moves the
+trough through a block at the height of that centre (`link.swings = true`):
 
 $$ x = \frac{r\sin\varphi}{1 + (r/l)\cos\varphi} $$
 
-The crank pin pushes the flank of the slot with the force along $x$ that trough and load take, and
-with $l\,\sqrt{l^2 + 2\,l\,r\cos\varphi + r^2}\,/\,(l + r\cos\varphi)^2$ times that if the link
-swings.
+The crank pin pushes the flank of the slot with the force along $x$ that trough and load require. If
+the link swings, the force is
+$l\,\sqrt{l^2 + 2\,l\,r\cos\varphi + r^2}\,/\,(l + r\cos\varphi)^2$ times that.
 
-Assumptions: rotating masses balanced; a link without mass; gravity and friction in slots and bearings
+Assumptions: rotating masses balanced; a massless link; gravity and friction in slots and bearings
 neglected; no backlash.
 
-The defaults are the crank conveyor with its rod replaced by a yoke, running at 40 rad/s; 20 of its
-200 kg are a load that the trough takes along.
+The defaults describe the crank conveyor with a yoke in place of its rod, running at 40 rad/s; 20 of
+its 200 kg are a load that moves with the trough.
 """
 
 from __future__ import annotations
@@ -68,7 +68,9 @@ FLANGES = {"flange": ("tau", "w", "phi")}
 
 @record
 class Rotor:
-    J: Inertia = real(0.49, "Moment of inertia of all that turns with the crank", positive=True)
+    J: Inertia = real(
+        0.49, "Moment of inertia of everything that turns with the crank", positive=True
+    )
 
 
 @record
@@ -79,13 +81,15 @@ class Crank:
 @record
 class Link:
     l: Length = real(0.05, "Distance of the link's pivot from the crank's centre", positive=True)
-    swings: bool = discrete(False, "Link that swings about its pivot instead of a Scotch yoke")
+    swings: bool = discrete(False, "Swinging link instead of a Scotch yoke")
 
 
 @record
 class Trough:
     m: Mass = real(180.0, "Mass of the trough", positive=True)
-    d: TranslationalDamping = real(4000.0, "Viscous resistance to the trough", min=0.0)
+    d: TranslationalDamping = real(
+        4000.0, "Coefficient of the viscous resistance to the trough", min=0.0
+    )
 
 
 @record
@@ -129,9 +133,9 @@ class Outputs:
         0.0, "Force of spring, resistance and load on the trough, along -x", feedthrough=("tau",)
     )
     f_pin: Force = real(
-        0.0, "Force of the pin on the slot, pushing the trough if positive", feedthrough=("tau",)
+        0.0, "Force of the pin on the slot, positive if it pushes the trough", feedthrough=("tau",)
     )
-    E_kin: Energy = real(0.0, "Kinetic energy, with that of the load")
+    E_kin: Energy = real(0.0, "Kinetic energy, including that of the load")
     E_pot: Energy = real(0.0, "Potential energy of the spring")
     P_loss: Power = real(0.0, "Power lost in the viscous resistance")
 
@@ -149,7 +153,7 @@ def prepare(p: Parameters, x: State) -> near.Direction:
 
 
 def position(p: Parameters, crank: near.Direction) -> Jet:
-    """The position of the trough along the crank angle: another mechanism is another function."""
+    """The position of the trough over the crank angle; another mechanism has another function."""
     across, up = p.crank.r * crank.sin, p.crank.r * crank.cos
     x = Jet(across, up, -across)
     return x / (Jet(up, -across, -up) / p.link.l + 1.0) if p.link.swings else x
@@ -165,7 +169,7 @@ def resistance(p: Parameters, x: Jet, w: float, a: float) -> float:
 
 
 def reduced(p: Parameters, x: Jet, w: float) -> tuple[float, float]:
-    """Reduced inertia with that of the load, and M_c + theta' w^2 / 2 at constant speed."""
+    """Reduced inertia including the load, and M_c + theta' w^2 / 2 at constant speed."""
     theta = p.rotor.J + (p.trough.m + p.load.m) * x.first * x.first
     return theta, x.first * (resistance(p, x, w, 0.0 * w * w) + p.trough.m * x.second * w * w)
 

@@ -1,26 +1,26 @@
-r"""Speed controller that limits its torque: PI with back-calculation against windup.
+r"""Speed controller with a torque limit: PI with back-calculation against windup.
 
-With the deviation $e = \omega_s - \omega$ of the speed from its set value,
+With the deviation $e = \omega_s - \omega$ of the speed from its setpoint,
 
 $$ \tau_{\mathrm{free}} = K\,e + \tau_i, \qquad
    \tau = \min\left(\max(\tau_{\mathrm{free}}, -\tau_{\max}), \tau_{\max}\right) $$
 
 $$ \dot\tau_i = \frac{K}{T_i}\,e + \frac{\tau - \tau_{\mathrm{free}}}{T_t} $$
 
-The last term acts at the limit alone. It leads the integral part back until $\tau_{\mathrm{free}}$
-is beyond the limit by no more than $K e\,T_t/T_i$, with the time constant $T_t$; so the torque comes
-off its limit as soon as the deviation has nearly gone, however long it was there. Without it
-(`antiwindup = false`) the integral part goes on growing.
+The last term acts only at the limit. With the time constant $T_t$ it drives the integral part back
+until $\tau_{\mathrm{free}}$ exceeds the limit by no more than $K e\,T_t/T_i$. The torque therefore
+leaves its limit as soon as the deviation has nearly vanished, however long it was there. Without
+this term (`antiwindup = false`) the integral part keeps growing.
 
-On an inertia $J$ without a limit the loop is a system of second order,
+With an inertia $J$ and no limit, the loop is a second-order system,
 
 $$ J\,\ddot\omega + K\,\dot\omega + \frac{K}{T_i}\,\omega = K\,\dot\omega_s + \frac{K}{T_i}\,\omega_s,
    \qquad \omega_0 = \sqrt{\frac{K}{T_i J}}, \quad D = \frac12\sqrt{\frac{K\,T_i}{J}} $$
 
-Assumptions: continuous in time, without sampling or delay; a measured speed without noise and
-filter; what follows makes the torque that is asked for.
+Assumptions: continuous in time, without sampling or delay; a measured speed without noise or
+filter; an actuator that delivers the requested torque.
 
-The defaults ask for 5 rad/s more than the shaft ever gets: the torque grows into its limit.
+With the defaults the shaft stays 5 rad/s below its setpoint, so the torque grows to its limit.
 """
 
 from __future__ import annotations
@@ -35,15 +35,15 @@ FLANGES = {"flange": ("tau", "w")}
 @record
 class Parameters:
     K: RotationalDamping = real(2.0, "Gain: torque per deviation of the speed", positive=True)
-    T_i: Time = real(0.5, "Time of integration", positive=True)
-    tau_max: Torque = real(30.0, "Limit of the torque, either way", positive=True)
-    T_t: Time = real(0.1, "Time in which back-calculation unwinds the integral", positive=True)
-    antiwindup: bool = discrete(True, "Back-calculate the integral part at the limit")
+    T_i: Time = real(0.5, "Integral time", positive=True)
+    tau_max: Torque = real(30.0, "Limit of the torque in both directions", positive=True)
+    T_t: Time = real(0.1, "Time constant of the back-calculation", positive=True)
+    antiwindup: bool = discrete(True, "Back-calculation of the integral part at the torque limit")
 
 
 @record
 class Inputs:
-    w_ref: AngularVelocity = real(40.0, "Set value of the speed")
+    w_ref: AngularVelocity = real(40.0, "Setpoint of the speed")
     w: AngularVelocity = real(35.0, "Measured speed")
 
 
@@ -55,16 +55,18 @@ class State:
 @record
 class Outputs:
     tau: Torque = real(
-        0.0, "Set value of the torque on the shaft, in the sense of +w", feedthrough=("w_ref", "w")
+        0.0, "Setpoint of the torque on the shaft, in the sense of +w", feedthrough=("w_ref", "w")
     )
-    tau_free: Torque = real(0.0, "The same without the limit", feedthrough=("w_ref", "w"))
+    tau_free: Torque = real(
+        0.0, "Setpoint of the torque without the limit", feedthrough=("w_ref", "w")
+    )
     e: AngularVelocity = real(
-        0.0, "Deviation: what the speed lacks of its set value", feedthrough=("w_ref", "w")
+        0.0, "Deviation: setpoint minus measured speed", feedthrough=("w_ref", "w")
     )
 
 
 def torques(p: Parameters, x: State, u: Inputs) -> tuple[float, float]:
-    """The torque within its limit, and the one without."""
+    """The torque with its limit, and without it."""
     free = p.K * (u.w_ref - u.w) + x.tau_i
     return min(max(free, -p.tau_max), p.tau_max), free
 

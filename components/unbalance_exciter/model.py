@@ -1,7 +1,7 @@
-r"""Unbalanced rotor on a spring mount: the machine on which Sommerfeld saw a motor being caught.
+r"""Unbalanced rotor on a spring mount, on which Sommerfeld saw a motor caught at resonance.
 
-A rotor with an eccentric mass $m_u$ at the radius $r$ turns in a body that a spring $c$ and a damper
-$d$ hold to the foundation and that moves along one line. The angle $\varphi$ counts from the
+A rotor with an eccentric mass $m_u$ at the radius $r$ turns in a body that moves along one line and
+is held to the foundation by a spring $c$ and a damper $d$. The angle $\varphi$ is measured from the
 direction of $+x$. With the energies
 
 $$ T = \tfrac12\,m\,\dot x^2 + \tfrac12\,J\,\dot\varphi^2
@@ -14,15 +14,16 @@ $$ M\,\ddot x - U\,\ddot\varphi\sin\varphi = U\,\dot\varphi^2\cos\varphi - d\,\d
 
 $$ \theta\,\ddot\varphi - U\,\ddot x\sin\varphi = \tau - d_r\,\dot\varphi $$
 
-The foundation feels what spring and damper exert on it:
+Spring and damper exert on the foundation the force
 
 $$ f = c\,x + d\,\dot x $$
 
 Assumptions: one guided direction of motion; gravity without effect, as in a horizontal plane; a
-linear spring, whatever the displacement; a rigid foundation; a shaft that does not bend.
+spring that is linear at any displacement; a rigid foundation; a shaft that does not bend.
 
-The defaults are a machine of 20 kg on a mount of 50 rad/s, started by 0.6 N m: the rotor stays caught
-just below the resonance instead of rising to 120 rad/s, and the torque goes into shaking the mount.
+The defaults describe a 20 kg machine on a mount with a natural frequency of 50 rad/s, started by
+0.6 N m. The rotor stays caught just below the resonance instead of reaching 120 rad/s, and the
+torque goes into shaking the mount.
 """
 
 from __future__ import annotations
@@ -53,15 +54,17 @@ FLANGES = {"flange": ("tau", "w", "phi")}
 
 @record
 class Rotor:
-    J: Inertia = real(0.02, "Inertia of all that turns but the eccentric mass", positive=True)
+    J: Inertia = real(
+        0.02, "Moment of inertia of all that turns, without the eccentric mass", positive=True
+    )
     m: Mass = real(0.5, "Eccentric mass", min=0.0)
     r: Length = real(0.05, "Radius of the eccentric mass", min=0.0)
-    d: RotationalDamping = real(0.005, "Friction of the bearings", min=0.0)
+    d: RotationalDamping = real(0.005, "Viscous friction of the bearings", min=0.0)
 
 
 @record
 class Mount:
-    m: Mass = real(19.5, "Mass that the mount carries, without the eccentric one", positive=True)
+    m: Mass = real(19.5, "Mass carried by the mount, without the eccentric mass", positive=True)
     c: TranslationalStiffness = real(50000.0, "Stiffness of the mount", min=0.0)
     d: TranslationalDamping = real(80.0, "Damping of the mount", min=0.0)
 
@@ -91,11 +94,11 @@ class Outputs:
     f: Force = real(0.0, "Force on the foundation, along +x")
     E_kin: Energy = real(0.0, "Kinetic energy")
     E_pot: Energy = real(0.0, "Potential energy of the spring")
-    P_loss: Power = real(0.0, "Power lost in mount and bearings")
+    P_loss: Power = real(0.0, "Power lost in the mount and the bearings")
 
 
 def inertias(p: Parameters, phi: float) -> tuple[float, float, float]:
-    """Of the matrix of inertia: M, theta, and U sin(phi), by which they are coupled."""
+    """Entries of the inertia matrix: M, theta, and U sin(phi), which couples the two."""
     U = p.rotor.m * p.rotor.r
     return p.mount.m + p.rotor.m, p.rotor.J + U * p.rotor.r, U * sin(phi)
 

@@ -1,8 +1,8 @@
-"""What people read of a component: one page, for the documentation and for the FMU.
+"""The page of a component, for the documentation and for the FMU.
 
-Its text is written once: what the machine is in the model's docstring, and the rest, equations that
-take more than a screen among it, in `page.md` beside the model, with `drawing.svg`; the variables in
-their declarations.
+Its text is written only once. The model's docstring says what the machine is, and the declarations
+describe the variables. The rest, such as equations longer than a screen, is in `page.md` next to the
+model, with `drawing.svg`.
 """
 
 import os
@@ -20,16 +20,16 @@ from .xml import start_text
 EXTERNAL_DEPENDENCIES = """\
 linux64 or win64, and CPython 3.10 or newer with its standard library; nothing else.
 
-A host that is itself Python (fmpy, PyFMI, libcosimpy, ecospy) needs no more.
+A host that runs in Python (fmpy, PyFMI, libcosimpy, ecospy) needs nothing more.
 
-Any other host must find libpython and the standard library. Linux: start it as
+Any other host must find libpython and the standard library. On Linux, start it like this:
     LD_PRELOAD=$(python3 -c "import sysconfig as s, os; \
 print(os.path.join(s.get_config_var('LIBDIR'), s.get_config_var('INSTSONAME')))") HOST
-with the python3 on PATH that the line asks (PYTHONHOME names another one).
-Windows: the folder of python3.dll must be on PATH.
+The host must find the same python3 on PATH as this line (PYTHONHOME selects another one).
+On Windows, the folder of python3.dll must be on PATH.
 
-The path that the FMU is unpacked to must not contain + # % or letters beyond ASCII: pythonfmu's
-wrapper does not decode them. It does not compare the GUID handed to fmi2Instantiate either.
+The path to which the FMU is unpacked must not contain + # % or non-ASCII letters, because pythonfmu's
+wrapper does not decode them. Nor does it check the GUID passed to fmi2Instantiate.
 """
 
 STYLE = """\
@@ -45,21 +45,21 @@ code{font-size:.9em;overflow-wrap:anywhere}
 HEADER = ("name", "type", "unit", "causality", "variability", "initial", "start", "meaning")
 
 HOLD = """\
-`input_hold` says what an input does between two communication points, for hosts that can only
-set inputs. `zero` (0) holds the value that was set: right for Gauss-Seidel and Strang masters.
-`extrapolate` (1) follows the line through the last two values: second order in a Jacobi master,
-where every unit is given the values of the step's beginning; this is also the setting of the unit
-that a Gauss-Seidel master steps first. `interpolate` (2) runs from the value before to the one
-just set: right for the unit that a Gauss-Seidel master steps last, which is given the values of
-the step's end. Interpolating only one of two coupled inputs, the other one held, is worse than
-holding both.
+`input_hold` selects how the inputs behave between two communication points, for hosts that can only
+set inputs. `zero` (0) holds the value that was set; this is right for Gauss-Seidel and Strang
+masters. `extrapolate` (1) follows the line through the last two values. It gives second order in a
+Jacobi master, where every unit receives the values from the start of the step, and it is also the
+setting for the unit that a Gauss-Seidel master steps first. `interpolate` (2) runs from the previous
+value to the one just set. It is right for the unit that a Gauss-Seidel master steps last, which
+receives the values from the end of the step. Interpolating one of two coupled inputs while the other
+is held is worse than holding both.
 """
 
 FORMULA = re.compile(r"\$\$(.+?)\$\$|\$(.+?)\$", re.DOTALL)
 
 
 def rows(interface: Interface) -> Iterator[tuple[str, ...]]:
-    """The variable table, one row of HEADER's columns per variable."""
+    """The variable table: one row per variable, with the columns of HEADER."""
     for v in interface.variables:
         yield (
             v.name,
@@ -74,7 +74,7 @@ def rows(interface: Interface) -> Iterator[tuple[str, ...]]:
 
 
 def meaning(variable: Variable) -> str:
-    """The description with bounds, or with the values of an enumeration."""
+    """The description with the bounds, or with the values of an enumeration."""
     d = variable.declaration
     if d.items:
         values = ", ".join(f"{item.value} = {item.name}" for item in d.items)
@@ -92,7 +92,7 @@ def table(interface: Interface) -> str:
 
 
 def text(interface: Interface, drawing: str, plot: str) -> str:
-    """The page in Markdown with $ formulas, and with these pictures."""
+    """The page in Markdown with $ formulas and these pictures."""
     model, notes = interface.model, beside(interface.model, "page.md")
     stop, step = model.EXPERIMENT
     sections = [
@@ -102,8 +102,8 @@ def text(interface: Interface, drawing: str, plot: str) -> str:
         (model.__doc__ or "").strip().partition("\n")[2].strip(),
         notes.read_text(encoding="utf-8").strip() if notes else "",
         f"## Inputs between communication points\n\n{HOLD.strip()}",
-        f"## Default experiment\n\nInputs and parameters at their start values, {stop:g} s in steps "
-        f"of {step:g} s; the FMU carries these numbers as CSV.",
+        f"## Default experiment\n\nInputs and parameters keep their start values for {stop:g} s, in steps "
+        f"of {step:g} s. The FMU contains these results as CSV.",
         plot,
         f"## Variables\n\n{table(interface)}",
     ]
@@ -121,7 +121,7 @@ def github(interface: Interface, plot: str, folder: Path) -> str:
 
 
 def written(page: str) -> str:
-    """A page as it stands in the documentation, formulas where Markdown cannot touch them."""
+    """The page for the documentation, with its formulas protected from Markdown."""
 
     def keep(match: re.Match[str]) -> str:
         return f"```math\n{match[1].strip()}\n```" if match[1] else f"$`{match[2]}`$"
@@ -130,7 +130,7 @@ def written(page: str) -> str:
 
 
 def html(interface: Interface, plot: str = "") -> str:
-    """The page as one file that needs no network: formulas as MathML, pictures as SVG."""
+    """The page as one file that needs no network, with formulas as MathML and pictures as SVG."""
     picture = beside(interface.model, "drawing.svg")
     drawing = picture.read_text(encoding="utf-8") if picture else ""
     body = prose(text(interface, "DRAWING", "PLOT"))
@@ -145,7 +145,7 @@ def html(interface: Interface, plot: str = "") -> str:
 
 
 def prose(text: str) -> str:
-    """Markdown with $$ equations $$ and $ symbols $ to HTML with MathML."""
+    """Convert Markdown with $$ equations $$ and $ symbols $ to HTML with MathML."""
     formulas: list[str] = []
 
     def keep(match: re.Match[str]) -> str:

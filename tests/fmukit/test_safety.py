@@ -27,7 +27,7 @@ def test_a_misuse_is_refused_and_harms_nobody(unit: str, both: Path, fmus: Path)
 
 def test_what_is_unusual_only_warns_and_a_percent_sign_harms_no_logger(both: Path) -> None:
     warning, outputs, refusal = safety.unusual(both / CONVEYOR)
-    assert "100%s%n%d: crank.r = 0.15 m is not small against rod.l = 0.4 m" in warning
+    assert "100%s%n%d: crank.r = 0.15 m is not small compared with rod.l = 0.4 m" in warning
     assert all(map(math.isfinite, outputs))
     assert "100%s%n%d: communication step = 0.0 s" in refusal
 
