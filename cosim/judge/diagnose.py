@@ -89,7 +89,7 @@ class Diagnosis:
         if math.isnan(self.frequency):
             yield f"No oscillation shows on the wires with {self.algorithm} and {self.step:.4g} s."
         elif not self.damped:
-            if self.trusted or self.damping <= 0.0:
+            if self.trusted:
                 yield "The oscillation has no damping to speak of: the system itself does not damp it."
             else:
                 yield (
@@ -188,7 +188,7 @@ class Bench:
         response = (kicked[:rows] - calm[:rows])[memory:]
         if len(response) < FEWEST_ROWS:
             raise SetupError(f"with steps of {h!r} s a part fails soon after the kick")
-        return fit(response, h)
+        return fit(response, h, calm[memory:rows])
 
     def _run(self, h: float, count: int, kick: float) -> Array:
         """The outputs from the end of the kick on, shape (times, outputs); to where a part fails."""
@@ -264,7 +264,11 @@ def _diagnose(bench: Bench, share: float) -> Diagnosis:
             recommended = None
         else:
             follow(recommended)
-            law = Law(modes, fits, own)
+            shorter_law = Law(modes, fits, own)
+            if shorter_law.error > law.error:
+                recommended = None
+            else:
+                law = shorter_law
     seen = modes[step].damping
     return Diagnosis(
         algorithm=algorithm, step=step, share=share, frequency=law.frequency,
@@ -382,7 +386,7 @@ def _watch(bench: Bench, h: float) -> tuple[Fit, float]:
 
 def _chosen(found: Fit, span: float) -> Mode | None:
     """The least damped oscillation that the response shows well."""
-    noticed = (mode for mode in found.modes if mode.share >= NOTICEABLE)
+    noticed = (mode for mode in found.modes if mode.share >= NOTICEABLE and not mode.shift)
     shown = (mode for mode in noticed if mode.s.imag * span > 2 * math.pi * SEEN)
     return min(shown, key=lambda mode: mode.damping, default=None)
 

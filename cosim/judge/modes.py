@@ -12,18 +12,21 @@ Array = NDArray[np.float64]
 WINDOWS, COLUMNS = 16, 256
 SIGNIFICANT, MOST_MODES = 1e-9, 24
 DEAD, CANCELLING = 1e-6, 1e-4
+STAYS, ALIKE = 0.1, 0.02
 
 
 class Mode(NamedTuple):
     """exp(s t) with s in 1/s; `share` is its part of the energy of the signal that shows it most.
 
     `moved` is by how much of |s| it differs from what the first three quarters of the time show:
-    nothing, where the system is linear and does not change.
+    nothing, where the system is linear and does not change. `shift` says that the mode is the motion
+    itself, a little earlier or later, as a turning machine goes on after a push.
     """
 
     s: complex
     share: float
     moved: float
+    shift: bool = False
 
     @property
     def frequency(self) -> float:
@@ -43,8 +46,10 @@ class Fit(NamedTuple):
     residual: float
 
 
-def fit(samples: Array, h: float) -> Fit:
+def fit(samples: Array, h: float, motion: Array | None = None) -> Fit:
     """The modes of samples of shape (times, signals) that are h [s] apart, in no order.
+
+    `motion`, of the same shape, is that from which the samples deviate.
 
     Eigensystem realisation (Juang and Pappa 1985): windows of the response at many delays stand
     side by side, their strongest directions are the state, and a step h maps it linearly. Exact for
@@ -52,7 +57,8 @@ def fit(samples: Array, h: float) -> Fit:
     leave aside what several modes add and take away again.
     """
     largest = np.abs(samples).max(axis=0)
-    y = samples[:, largest > 0.0] / largest[largest > 0.0]
+    seen = largest > 0.0
+    y = samples[:, seen] / largest[seen]
     if y.size == 0:
         return Fit([], 0.0)
     count = len(y)
@@ -69,13 +75,32 @@ def fit(samples: Array, h: float) -> Fit:
     shorter = eigenvalues(y[: 3 * count // 4])
     before = np.log(shorter[np.abs(shorter) > DEAD])
     moved = [np.abs(before - s).min(initial=np.inf) / abs(s) for s in np.log(z)]
+    shifts = np.zeros(len(z), bool)
+    if motion is not None:
+        rates = np.gradient(motion[:, seen], axis=0) / largest[seen]
+        shifts = _shifts(
+            np.log(z) * count, exact, np.linalg.lstsq(powers, rates + 0j, rcond=None)[0]
+        )
     modes = [
-        Mode(complex(np.log(v)) / h, float(2.0 * share if v.imag else share), float(change))
-        for v, share, change in zip(z, shares, moved)
+        Mode(complex(np.log(v)) / h, float(2.0 * share if v.imag else share), float(change), shift)
+        for v, share, change, shift in zip(z, shares, moved, shifts.tolist())
         if v.imag >= 0.0
     ]
     rest = np.sum((y - (powers @ exact).real) ** 2, axis=0)
     return Fit(modes, float(np.sqrt(np.max(rest / energy))))
+
+
+def _shifts(
+    decay: NDArray[np.complex128], a: NDArray[np.complex128], b: NDArray[np.complex128]
+) -> NDArray[np.bool_]:
+    """Which modes neither grow nor decay over the record and have in all signals the same real multiple
+    of the amplitudes b of the motion's rates.
+    """
+    with np.errstate(invalid="ignore", divide="ignore"):
+        multiple = np.sum(b.conj() * a, axis=1) / np.sum(np.abs(b) ** 2, axis=1)
+    rest = np.linalg.norm(a - multiple.real[:, None] * b, axis=1)
+    shifts: NDArray[np.bool_] = rest < ALIKE * np.linalg.norm(a, axis=1)
+    return shifts & (np.abs(decay.real) < STAYS)
 
 
 def eigenvalues(y: Array) -> NDArray[np.complex128]:

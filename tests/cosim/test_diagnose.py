@@ -376,6 +376,20 @@ def test_the_mode_of_a_frequency_that_drifts_moves_with_the_time_watched() -> No
     assert found.residual < 1e-3 < strongest.moved
 
 
+def test_a_mode_that_shifts_the_motion_in_time_is_told_from_one_of_its_own() -> None:
+    """Of a motion with two harmonics, pushed on by 2 ms; another mode has the same frequency."""
+    h = 2e-3
+    t = h * np.arange(800)
+    motion = np.transpose([np.sin(9.0 * t) + 0.3 * np.cos(18.0 * t), np.cos(9.0 * t + 0.4)])
+    rates = np.transpose([9 * np.cos(9 * t) - 5.4 * np.sin(18 * t), -9 * np.sin(9 * t + 0.4)])
+    decaying = np.outer(np.exp(-0.8 * t) * np.cos(21.0 * t + 1.0), [0.02, 0.05])
+    pushed = fit(2e-3 * rates + decaying, h, motion).modes
+    assert sorted(round(mode.s.imag) for mode in pushed if mode.shift) == [9, 18]
+    assert [round(mode.s.imag) for mode in pushed if not mode.shift and mode.share > 0.01] == [21]
+    other = np.transpose([np.sin(9.0 * t + 0.2), np.cos(9.0 * t + 0.1)])
+    assert not any(mode.shift for mode in fit(other, h, motion).modes)
+
+
 def test_a_response_that_is_no_sum_of_modes_leaves_a_residual() -> None:
     noise = np.random.default_rng(7).standard_normal((400, 2))
     assert fit(noise, 1e-3).residual > 0.5
