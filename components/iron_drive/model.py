@@ -82,7 +82,9 @@ class Cam:
     R_b: Length = real(
         0.100, "Distance from the cam's axis to the roller, iron down", positive=True
     )
-    h: Length = real(0.020, "Increase of the distance from the cam's axis to the roller", min=0.0)
+    h: Length = real(
+        0.020, "Increase of the distance from the cam's axis to the roller, iron up", min=0.0
+    )
     rise: Angle = real(radians(100.0), "Cam angle of the rise, iron going up", positive=True)
     top: Angle = real(radians(60.0), "Cam angle of the top dwell", min=0.0)
     ret: Angle = real(radians(80.0), "Cam angle of the return, iron going down", positive=True)
@@ -179,7 +181,7 @@ class Joints:
 @record
 class Parameters:
     wrap: Wrap = discrete(
-        Wrap.top, "The chain meets the sprocket at its top (0) or along its tangent (1)"
+        Wrap.top, "The chain meets the sprocket at its top (0) or tangentially (1)"
     )
     on_invalid: OnInvalid = discrete(
         OnInvalid.stop,
