@@ -1,10 +1,11 @@
 r"""Gravity orientator: an L-shaped catcher on a rotor turns a falling cup over
 
-On a rotor with a vertical axis, speed $\omega$, a cup with a hemispherical bottom falls open end
-down along the outer wall of a chute. Its rim lands in the inner corner of an L-shaped catcher, which
-swings down and turns the cup while its bottom slides on the wall; the cup then lies on the tip of the
-catcher's hook, slips off, and turns on until it stands open end up. Each stage is Lagrange's, in the
-radial plane and relative to the rotor; between the stages the impacts are plastic.
+A rotor turns about a vertical axis at the speed $\omega$. On it a cup with a hemispherical bottom
+falls, open end down, along the outer wall of a chute. Its rim lands in the inner corner of an L-shaped
+catcher, which swings down and turns the cup while its bottom slides on the wall. The cup then lies on
+the tip of the catcher's hook, slips off, and turns on until it stands open end up. Each stage follows
+from Lagrange's equations, in the radial plane and relative to the rotor. The impacts between the
+stages are plastic.
 """
 
 from __future__ import annotations
@@ -84,12 +85,14 @@ class Catcher:
 
 @record
 class Spring:
-    c: TranslationalStiffness = real(14.0, "Stiffness of the catcher's spring, at mid-arm", min=0.0)
+    c: TranslationalStiffness = real(
+        14.0, "Stiffness of the catcher's spring, which acts at mid-arm", min=0.0
+    )
 
 
 @record
 class Chute:
-    R: Length = real(0.270, "Radius of the wall from the rotor's axis", positive=True)
+    R: Length = real(0.270, "Distance of the chute's wall from the rotor's axis", positive=True)
     H: Length = real(0.040, "Height of the fall in the chute", positive=True)
     mu: Ratio = real(0.35, "Friction coefficient between cup and wall", min=0.0)
 
@@ -98,16 +101,20 @@ class Chute:
 class Neglected:
     mu_side: Ratio = real(0.0, "Friction coefficient between cup and side walls", min=0.0)
     J_a: Inertia = real(
-        1.3e-5, "Moment of inertia of the cup about its axis, for the side walls", positive=True
+        1.3e-5,
+        "Moment of inertia of the cup about its axis, for friction at the side walls",
+        positive=True,
     )
     mu_catcher: Ratio = real(0.0, "Friction coefficient between cup and catcher", min=0.0, max=1.0)
     rim: Length = real(
-        0.0, "Radius of the rim's edge, on which the cup turns in the corner", min=0.0
+        0.0, "Radius of the rim's edge, on which the cup turns in the catcher's corner", min=0.0
     )
     creep: Velocity = real(
-        1e-3, "Speed far above which these frictions are Coulomb's", positive=True
+        1e-3,
+        "Speed far above which friction at side walls and catcher is Coulomb friction",
+        positive=True,
     )
-    anchored: bool = discrete(False, "The spring pulls at a fixed point instead of vertically")
+    anchored: bool = discrete(False, "The spring pulls towards a fixed point instead of vertically")
     length: Length = real(
         0.1, "Length of the anchored spring with the catcher at its stop", positive=True
     )
@@ -125,7 +132,7 @@ class Parameters:
 
 @record
 class Inputs:
-    w: AngularVelocity = real(40 * pi / 30, "Speed of the rotor, either sense")
+    w: AngularVelocity = real(40 * pi / 30, "Speed of the rotor, in either sense")
     release: bool = discrete(True, "A rising edge, or true at the start, drops a product")
 
 
@@ -136,9 +143,14 @@ class State:
     phi2: Angle = real(1.5 * pi, "Angle of the product, from 3 pi/2 to 5 pi/2", nominal=1.0)
     w2: AngularVelocity = real(0.0, "Speed of the product", nominal=10.0)
     xc: Length = real(
-        0.0, "Product's centre of mass, outwards from the pivot", nominal=0.1, follows=True
+        0.0,
+        "Position of the product's centre of mass, outwards from the pivot",
+        nominal=0.1,
+        follows=True,
     )
-    yc: Length = real(0.007, "Product's centre of mass, down from the pivot", nominal=0.1)
+    yc: Length = real(
+        0.007, "Position of the product's centre of mass, down from the pivot", nominal=0.1
+    )
     vxc: Velocity = real(
         0.0, "Velocity of the product's centre of mass, outwards", nominal=1.0, follows=True
     )
@@ -148,7 +160,7 @@ class State:
     contact: bool = discrete(True, "The product slides on the wall")
     oriented: int = discrete(0, "Number of products oriented")
     jammed: int = discrete(0, "Number of products jammed")
-    missed: int = discrete(0, "Number of edges of release that found a product under way")
+    missed: int = discrete(0, "Number of rising edges of release with a product still under way")
     since: Time = real(0.0, "Time at which the present stage began", held=True)
     t_falling: Time = real(0.0, "Duration of stage falling, 0 until it is over", held=True)
     t_joint: Time = real(0.0, "Duration of stage joint, 0 until it is over", held=True)
@@ -175,16 +187,16 @@ class Outputs:
     N_B: Force = real(0.0, "Force of the hook on the product, a pull if < 0", feedthrough=("w",))
     E_kin: Energy = real(0.0, "Kinetic energy of catcher and product relative to the rotor")
     E_pot: Energy = real(0.0, "Potential energy of the product's weight and the spring")
-    u_phi2: Ratio = real(0.0, "Transfer function of phi2 by phi1 in stage joint, else 0")
-    u_xc1: Length = real(0.0, "Transfer function of xc by phi1 in joint and turning, else 0")
-    u_xc2: Length = real(0.0, "Transfer function of xc by phi2 in stage turning, else 0")
-    u_yc1: Length = real(0.0, "Transfer function of yc by phi1 in joint and turning, else 0")
-    u_yc2: Length = real(0.0, "Transfer function of yc by phi2 in stage turning, else 0")
+    u_phi2: Ratio = real(0.0, "Transfer function d(phi2)/d(phi1) in stage joint, else 0")
+    u_xc1: Length = real(0.0, "Transfer function d(xc)/d(phi1) in stages joint and turning, else 0")
+    u_xc2: Length = real(0.0, "Transfer function d(xc)/d(phi2) in stage turning, else 0")
+    u_yc1: Length = real(0.0, "Transfer function d(yc)/d(phi1) in stages joint and turning, else 0")
+    u_yc2: Length = real(0.0, "Transfer function d(yc)/d(phi2) in stage turning, else 0")
     u_yK1: Length = real(
-        0.0, "Transfer function of the contact's height by phi1 in joint and turning, else 0"
+        0.0, "Derivative by phi1 of the wall contact's height in stages joint and turning, else 0"
     )
     u_yK2: Length = real(
-        0.0, "Transfer function of the contact's height by phi2 in stage turning, else 0"
+        0.0, "Derivative by phi2 of the wall contact's height in stage turning, else 0"
     )
 
 
@@ -200,7 +212,7 @@ Turning = namedtuple("Turning", "x1 yc M11 M12 M22 z1 z2 x2 Y11 Y12 Y22")
 
 
 def check(p: Parameters) -> Iterator[str]:
-    """Refuse what cannot be assembled or cannot turn over; warn of a landing that would pull."""
+    """Refuse what cannot be assembled or cannot turn over; warn of a landing that would need a pull."""
     cup, catcher, phi, r, e = p.cup, p.catcher, p.catcher.phi, p.cup.d / 2, p.cup.h - p.cup.l
     for name, value, limit, most in (
         ("cup.l", cup.l, "cup.h + cup.d/2", cup.h + r),
@@ -236,7 +248,7 @@ def check(p: Parameters) -> Iterator[str]:
     arm, tip = x.S_y * cos(phi) - x.S_x * sin(phi), x.S_x * cos(phi) + x.S_y * sin(phi)
     for part, push in (("wall", x.S_k), ("arm", arm), ("hook", tip)):
         if push < 0.0:
-            yield f"when the product lands the {part} would have to pull at it"
+            yield f"when the product lands, the {part} would have to pull it"
 
 
 def bottom(p: Parameters) -> float:
@@ -268,7 +280,7 @@ def loads(p: Parameters, phi1: float, w: float) -> tuple[float, float, float]:
 
 def anchored(p: Parameters, phi1: float) -> tuple[float, float]:
     """Pull of the spring across the arm, less the weight that it balances at the stop, and their
-    energy, where its upper end is fixed above the arm's middle at the stop."""
+    energy, with its upper end fixed above the middle of the arm at the stop."""
     half, phi10, weight, length = (
         p.catcher.l / 2,
         p.catcher.phi,
@@ -285,13 +297,13 @@ def anchored(p: Parameters, phi1: float) -> tuple[float, float]:
 
 
 def over_speed(p: Parameters, vx: float, vy: float) -> float:
-    """Coulomb friction over its push and the speed against which it acts; what would stick creeps."""
+    """Coulomb friction over normal force and the velocity that it opposes; a stuck contact creeps."""
     return 1 / sqrt(vx * vx + vy * vy + p.neglected.creep * p.neglected.creep)
 
 
 def sides(p: Parameters, x: State, w: float) -> tuple[float, float, float]:
-    """Force and moment on the product of its friction at the side walls, to which Coriolis forces
-    press rim and end of the cylinder."""
+    """Force and moment on the product from friction at the side walls, against which Coriolis forces
+    press the rim and the end of the cylinder."""
     h, l2, m, e, mu = p.cup.h, p.cup.l, p.cup.m, p.cup.h - p.cup.l, p.neglected.mu_side
     c2, s2 = cos(x.phi2), sin(x.phi2)
     F, S = 2 * m * w * x.vxc, -2 * w * x.w2 * s2 * (p.cup.J - p.neglected.J_a / 2)
@@ -304,7 +316,7 @@ def sides(p: Parameters, x: State, w: float) -> tuple[float, float, float]:
 
 
 def share(k: float, tried: float, push: float, pushed: float) -> float:
-    """Friction k N over the one that was tried, where N is `push` without it and `pushed` with it."""
+    """Friction k N over the friction tried; the normal force N is `push` without it, `pushed` with it."""
     return k * push / (tried - k * (pushed - push)) if push > 0 * push else 0 * k * push / tried
 
 
@@ -340,7 +352,7 @@ def joint(p: Parameters, x: State, w: float) -> Rates:
     beside, below = at.x.value - l1 * c1, at.y.value - l1 * s1
 
     def rates(M: float) -> tuple[float, ...]:
-        """With the moment M of friction in the corner; last what arm and hook push together."""
+        """Rates with the moment M of friction in the corner; the last is the push of arm and hook."""
         a1 = (Q - M * (at.phi2.first - 1) - at.half_dJ * x.w1 * x.w1) / at.J
         a2, ax, ay = (q.first * a1 + q.second * x.w1 * x.w1 for q in (at.phi2, at.x, at.y))
         right, down = F_2 + fx - m * ax, m * (ay - p.g) + F_f - fy
@@ -358,7 +370,7 @@ def joint(p: Parameters, x: State, w: float) -> Rates:
 
 
 def hook(p: Parameters, phi1: float, phi2: float) -> Turning:
-    """Stage turning: tip on the cup, height, masses; derivatives by phi1 and phi2 of the centre."""
+    """Stage turning: tip on the cup, height, mass matrix; the centre's derivatives by phi1 and phi2."""
     l1, h1, m, r, e = p.catcher.l, p.catcher.h, p.cup.m, p.cup.d / 2, p.cup.h - p.cup.l
     c1, s1, s2, T, S = cos(phi1), sin(phi1), sin(phi2), tan(phi2), 1 / cos(phi2)
     Bx, By = l1 * c1 + h1 * s1, l1 * s1 - h1 * c1
@@ -371,7 +383,7 @@ def hook(p: Parameters, phi1: float, phi2: float) -> Turning:
 
 
 def solve(at: Turning, Q_1: float, Q_2: float) -> tuple[float, float]:
-    """What the masses of stage turning make of two torques, or of two momenta."""
+    """Accelerations from two torques in stage turning, or speeds from two momenta."""
     det = at.M11 * at.M22 - at.M12 * at.M12
     return (Q_1 * at.M22 - Q_2 * at.M12) / det, (Q_2 * at.M11 - Q_1 * at.M12) / det
 
@@ -390,7 +402,7 @@ def turning(p: Parameters, x: State, w: float) -> Rates:
     slip = along * x.w1 + about * x.w2
 
     def rates(F: float) -> tuple[float, ...]:
-        """With the friction F on the hook."""
+        """Rates with the friction F on the hook."""
         a1, a2 = solve(at, Q_1 + at.z1 * down - F * along, Q_2 - F * about)
         bx, by = ax + at.x2 * a2, ay + at.z1 * a1 + at.z2 * a2
         N_B = (m * (p.g - by) - F_f + fy - F * s2) / c2
@@ -408,7 +420,7 @@ def surplus(p: Parameters, w: float) -> float:
 
 
 def pressure(p: Parameters, x: State, w: float) -> float:
-    """What presses a released product to the wall, less what its turning takes."""
+    """Force that presses a released product to the wall, less what its rotation takes."""
     fx, _, turn = sides(p, x, w)
     m, e, c2, s2 = p.cup.m, p.cup.h - p.cup.l, cos(x.phi2), sin(x.phi2)
     return loads(p, x.phi1, w)[1] - m * e * c2 * x.w2 * x.w2 + fx - m * e * s2 * turn / p.cup.J
@@ -452,7 +464,7 @@ def under_way(x: State) -> bool:
 
 
 def settle(p: Parameters, x: State) -> State:
-    """The state with what its stage makes of the independent coordinates."""
+    """The state with the dependent coordinates of its stage."""
     e, centre = p.cup.h - p.cup.l, bottom(p)
     match x.stage:
         case Stage.waiting:
@@ -486,7 +498,7 @@ def over(x: State, t: float, stage: Stage, **changes: float) -> State:
 
 
 def jam(reason: Reason) -> Consequence:
-    """The consequence that the product stays where it is, for this reason."""
+    """A consequence that makes the product stay where it is, for this reason."""
 
     def jammed(p: Parameters, t: float, x: State) -> State:
         x = replace(x, w1=0.0, w2=0.0, vxc=0.0, vyc=0.0, orientation_time=0.0)
@@ -550,7 +562,7 @@ def finish(p: Parameters, t: float, x: State) -> State:
 
 
 def drive(p: Parameters, x: State, w: float) -> float:
-    """Of a product at rest, friction less weight; of a falling one, its speed."""
+    """Friction less weight of a product at rest, speed of a falling one."""
     return surplus(p, w) if x.reason == Reason.held_in_chute else x.vyc
 
 
@@ -560,7 +572,7 @@ def sliding(p: Parameters, x: State, w: float = 0.0) -> float:
 
 
 def wall(p: Parameters, x: State, w: float) -> float:
-    """What presses a released product to the wall; in flight the gap, 0 while the bottom moves off."""
+    """Force that presses a released product to the wall; in flight the gap, 0 while it opens."""
     if x.contact:
         return pressure(p, x, w)
     e = p.cup.h - p.cup.l
@@ -569,7 +581,7 @@ def wall(p: Parameters, x: State, w: float) -> float:
 
 
 EVENTS: dict[int, tuple[tuple[Guard, Consequence], ...]] = {
-    # what falls below zero, and what follows
+    # a guard that falls below zero, and its consequence
     Stage.falling: (
         (lambda p, x, w: landing(p) - x.yc, land),
         (drive, hold),
@@ -623,9 +635,9 @@ def sample(p: Parameters, t: float, x: State, before: Inputs | None, now: Inputs
 
 def notes(p: Parameters, t: float, old: State, new: State, u: Inputs) -> Iterator[str]:
     if new.missed > old.missed == 0:
-        yield f"release at t = {t!r} s found a product under way; later ones are only counted"
+        yield f"release at t = {t!r} s found a product under way; further ones are only counted"
     if new.jammed > old.jammed == 0:
-        yield f"product jammed at t = {t!r} s, {Reason(new.reason).name}; later ones are only counted"
+        yield f"product jammed at t = {t!r} s, {Reason(new.reason).name}; further jams are only counted"
 
 
 def transfer(p: Parameters, x: State) -> tuple[float, ...]:

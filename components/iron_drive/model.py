@@ -1,14 +1,14 @@
 r"""Cam drive of a sealing iron: cam, rocker, link, chain and the iron it lifts against dry friction
 
 A motor turns a cam through a reducer ($\omega_m = i_g\,\omega$, $M = i_g\,\tau$). The cam moves the
-small arm of a rocker; the end of its large arm pulls, through a link and a chain over a sprocket, an
-iron that hangs in a vertical guide, loaded by its weight and by a spring. From the energies, with the
-friction $K$ of the guide, which is proportional to the load $W_0 - m_y\ddot H$,
+small arm of a rocker. The end of its large arm pulls, through a link and a chain over a sprocket, an
+iron that hangs in a vertical guide and is loaded by its weight and by a spring. The friction of the
+guide is $K$ times the load $W_0 - m_y\ddot H$. The energies give the equation of motion
 
 $$ (J + K m_y H'^2)\,\dot\omega + \left(\tfrac12 J' + K m_y H'H''\right)\omega^2
    = M - \Pi' + K W_0 H' $$
 
-If it may, the follower leaves a cam that is too fast, flies, and lands on it.
+With `follower.lifts` the follower leaves a cam that turns too fast, flies, and lands on it again.
 """
 
 from __future__ import annotations
@@ -79,11 +79,15 @@ class Motion(IntEnum):
 
 @record
 class Cam:
-    R_b: Length = real(0.100, "Distance from cam to roller with the iron down", positive=True)
-    h: Length = real(0.020, "Rise of the distance from cam to roller", min=0.0)
-    rise: Angle = real(radians(100.0), "Cam angle of the rise, iron up", positive=True)
+    R_b: Length = real(
+        0.100, "Distance from the cam's axis to the roller, iron down", positive=True
+    )
+    h: Length = real(
+        0.020, "Increase of the distance from the cam's axis to the roller, iron up", min=0.0
+    )
+    rise: Angle = real(radians(100.0), "Cam angle of the rise, iron going up", positive=True)
     top: Angle = real(radians(60.0), "Cam angle of the top dwell", min=0.0)
-    ret: Angle = real(radians(80.0), "Cam angle of the return, iron down", positive=True)
+    ret: Angle = real(radians(80.0), "Cam angle of the return, iron going down", positive=True)
     J: Inertia = real(0.0125, "Moment of inertia of the cam", positive=True)
     m: Mass = real(2.5, "Mass of the cam", positive=True)
     r: Length = real(0.008, "Distance of the cam's centre of mass from its axis", min=0.0)
@@ -95,7 +99,7 @@ class Rocker:
     L: Length = real(0.150, "Distance between the axes of cam and rocker", positive=True)
     l: Length = real(0.090, "Length of the rocker's small arm, to the roller", positive=True)
     l_K: Length = real(0.280, "Length of the rocker's large arm, to the link", positive=True)
-    alpha0: Angle = real(2.38, "Angle of the large arm that would put the roller on the cam's axis")
+    alpha0: Angle = real(2.38, "Angle of the large arm with the small arm towards the cam's axis")
     J: Inertia = real(0.025, "Moment of inertia of the rocker about its axis", positive=True)
     m: Mass = real(1.2, "Mass of the rocker", positive=True)
     r: Length = real(0.090, "Distance of the rocker's centre of mass from its axis", min=0.0)
@@ -107,14 +111,14 @@ class Link:
     l: Length = real(0.200, "Length of the link", positive=True)
     m: Mass = real(0.25, "Mass of the link", positive=True)
     J: Inertia = real(
-        0.25 * 0.2**2 / 12, "Moment of inertia of the link about its middle", positive=True
+        0.25 * 0.2**2 / 12, "Moment of inertia of the link about its centre", positive=True
     )
 
 
 @record
 class Chain:
     l: Length = real(0.700, "Length of the chain", positive=True)
-    rho: LinearDensity = real(0.70, "Mass of the chain per length", positive=True)
+    rho: LinearDensity = real(0.70, "Mass of the chain per unit length", positive=True)
 
 
 @record
@@ -140,23 +144,30 @@ class Spring:
 
 @record
 class Friction:
-    K_down: Ratio = real(-0.0747, "Friction over load with the iron going down")
-    K_up: Ratio = real(0.089, "Friction over load with the iron going up")
+    K_down: Ratio = real(-0.0747, "Ratio of friction to load with the iron going down")
+    K_up: Ratio = real(0.089, "Ratio of friction to load with the iron going up")
 
 
 @record
 class Reducer:
-    i_g: Ratio = real(36.0, "Speed of the motor over speed of the cam", positive=True)
-    J: Inertia = real(3.0e-4, "Moment of inertia of rotor and reducer, at the motor", positive=True)
+    i_g: Ratio = real(36.0, "Gear ratio, speed of the motor over speed of the cam", positive=True)
+    J: Inertia = real(
+        3.0e-4, "Moment of inertia of rotor and reducer, at the motor's shaft", positive=True
+    )
 
 
 @record
 class Follower:
     lifts: bool = discrete(False, "The follower may lift off the cam, fly and land on it")
     e: Ratio = real(
-        0.3, "Restitution: impulse while they part over impulse while they meet", min=0.0, max=1.0
+        0.3,
+        "Restitution of a landing: impulse of rebound over impulse of approach",
+        min=0.0,
+        max=1.0,
     )
-    v: Velocity = real(1e-3, "Speed of a rebound below which it stays on the cam", positive=True)
+    v: Velocity = real(
+        1e-3, "Rebound speed below which the follower stays on the cam", positive=True
+    )
 
 
 @record
@@ -169,9 +180,12 @@ class Joints:
 
 @record
 class Parameters:
-    wrap: Wrap = discrete(Wrap.top, "Run to the top (0) or on the tangent (1) of the sprocket")
+    wrap: Wrap = discrete(
+        Wrap.top, "The chain meets the sprocket at its top (0) or tangentially (1)"
+    )
     on_invalid: OnInvalid = discrete(
-        OnInvalid.stop, "Where follower or chain would have to pull or push: stop (0) or warn (1)"
+        OnInvalid.stop,
+        "If the follower would have to pull or the chain to push: stop (0) or warn (1)",
     )
     g: Acceleration = real(9.80665, "Gravity", positive=True)
     reducer: Reducer
@@ -198,17 +212,20 @@ class State:
     w_cam: AngularVelocity = real(0.0, "Speed of the cam", nominal=1.0)
     E_friction: Energy = real(0.0, "Energy dissipated by friction in the guide", nominal=1.0)
     direction: int = discrete(
-        0, "Sense of the cam's motion, in flight of the rocker's: 1 along its angle, -1, 0 stuck"
+        0,
+        "Sense of motion of the cam, in flight of the rocker: 1 along its angle, -1 against it, 0 stuck",
     )
-    valid: bool = discrete(True, "Follower and chain are loaded, so that the equations hold")
-    gap: Angle = real(0.0, "Angle of the rocker from where it meets the cam", min=0.0, nominal=0.1)
+    valid: bool = discrete(True, "Follower and chain are loaded, so the equations hold")
+    gap: Angle = real(0.0, "Angle by which the rocker is off the cam", min=0.0, nominal=0.1)
     w_gap: AngularVelocity = real(
-        0.0, "Rate at which the rocker moves away from there", nominal=1.0
+        0.0, "Rate of the angle by which the rocker is off the cam", nominal=1.0
     )
     E_joints: Energy = real(0.0, "Energy dissipated by friction in the joints", nominal=1.0)
-    t_flight: Time = real(0.0, "Time that the follower has been off the cam", nominal=1.0)
+    t_flight: Time = real(0.0, "Total time that the follower has been off the cam", nominal=1.0)
     E_landing: Energy = real(0.0, "Energy lost between cam and follower in landings", held=True)
-    v_landing: Velocity = real(0.0, "Speed of the last landing, along the normal", held=True)
+    v_landing: Velocity = real(
+        0.0, "Speed of the last landing, along the contact's normal", held=True
+    )
     S_landing: Impulse = real(
         0.0, "Impulse of the cam on the follower at the last landing", held=True
     )
@@ -226,33 +243,43 @@ class Outputs:
     v: Velocity = real(0.0, "Velocity of the iron, upwards")
     a: Acceleration = real(0.0, "Acceleration of the iron, upwards", feedthrough=TAU)
     tau_cam: Torque = real(
-        0.0, "Torque at the cam's shaft: geared motor torque less its inertia's", feedthrough=TAU
+        0.0,
+        "Torque at the cam: geared motor torque less the inertia torque of rotor and reducer",
+        feedthrough=TAU,
     )
     T_iron: Force = real(0.0, "Pull of the chain on the iron", feedthrough=TAU)
-    T_hang: Force = real(0.0, "Pull of the chain on the sprocket, iron's side", feedthrough=TAU)
-    T_span: Force = real(0.0, "Pull of the chain on the sprocket, link's side", feedthrough=TAU)
+    T_hang: Force = real(
+        0.0, "Pull of the chain on the sprocket, on the iron's side", feedthrough=TAU
+    )
+    T_span: Force = real(
+        0.0, "Pull of the chain on the sprocket, on the link's side", feedthrough=TAU
+    )
     M_rocker: Torque = real(
         0.0, "Torque of the cam on the rocker, negative while they touch", feedthrough=TAU
     )
     N: Force = real(0.0, "Force between cam and follower", feedthrough=TAU)
-    pressure: Angle = real(0.0, "Pressure angle between cam and follower, with sign")
+    pressure: Angle = real(0.0, "Pressure angle between cam and follower, signed")
     E_kin: Energy = real(0.0, "Kinetic energy of the drive")
-    E_pot: Energy = real(0.0, "Potential energy of the drive, weights and spring")
+    E_pot: Energy = real(0.0, "Potential energy of the drive's weights and spring")
     motion: Motion = discrete(Motion.dwell, "Motion of the iron")
     top_dwell: bool = discrete(False, "The cam is in its top dwell")
-    alpha_1: Ratio = real(0.0, "First derivative of alpha by phi, on the cam")
-    alpha_2: Ratio = real(0.0, "Second derivative of alpha by phi, on the cam")
-    beta_1: Ratio = real(0.0, "First derivative of beta by phi, on the cam")
-    beta_2: Ratio = real(0.0, "Second derivative of beta by phi, on the cam")
-    H_1: Length = real(0.0, "First derivative of H by phi, on the cam, per radian")
-    H_2: Length = real(0.0, "Second derivative of H by phi, on the cam, per radian squared")
-    A_1: Inertia = real(0.0, "Factor of the cam's acceleration in the equation of motion")
-    B_1: Inertia = real(0.0, "Factor of the cam's squared speed in the equation of motion")
+    alpha_1: Ratio = real(0.0, "First derivative of alpha by phi, with the follower on the cam")
+    alpha_2: Ratio = real(0.0, "Second derivative of alpha by phi, with the follower on the cam")
+    beta_1: Ratio = real(0.0, "First derivative of beta by phi, with the follower on the cam")
+    beta_2: Ratio = real(0.0, "Second derivative of beta by phi, with the follower on the cam")
+    H_1: Length = real(
+        0.0, "First derivative of H by phi, per radian, with the follower on the cam"
+    )
+    H_2: Length = real(
+        0.0, "Second derivative of H by phi, per radian squared, with the follower on the cam"
+    )
+    A_1: Inertia = real(0.0, "Coefficient of the cam's acceleration in the equation of motion")
+    B_1: Inertia = real(0.0, "Coefficient of the cam's squared speed in the equation of motion")
     C_1: Torque = real(0.0, "Torque of weights, spring and friction in the equation of motion")
 
 
 def check(p: Parameters) -> Iterator[str]:
-    """Refuse a mechanism that does not close or not turn; warn of a run too steep for `top`."""
+    """Refuse a mechanism that cannot close or turn; warn of a run too steep for `wrap = top`."""
     c, r, K = p.cam, p.rocker, p.friction
     if (turn := c.rise + c.top + c.ret) > 2 * pi * (1 + 1e-12):
         raise ValueError(
@@ -261,8 +288,8 @@ def check(p: Parameters) -> Iterator[str]:
     low, high = abs(r.L - r.l), r.L + r.l
     if not low < c.R_b <= c.R_b + c.h < high:
         raise ValueError(
-            f"cam triangle cannot close: cam.R_b = {c.R_b!r} m must be > {low!r} m and with "
-            f"cam.h = {c.h!r} m < {high!r} m, difference and sum of rocker.L and rocker.l"
+            f"cam triangle cannot close: cam.R_b = {c.R_b!r} m must be > {low!r} m and, with "
+            f"cam.h = {c.h!r} m added, < {high!r} m: difference and sum of rocker.L and rocker.l"
         )
     if not -1.0 < K.K_down <= 0.0 <= K.K_up:
         raise ValueError(
@@ -277,7 +304,7 @@ def check(p: Parameters) -> Iterator[str]:
 
 @lru_cache(maxsize=16)
 def turns(p: Parameters) -> bool:
-    """True; raises ValueError for what is in the way first in a turn in steps of half a degree."""
+    """True; raises ValueError at the first obstacle in a turn in steps of half a degree."""
 
     def passed(step: int) -> tuple[bool, int]:
         passes(p, radians(step / 2))
@@ -296,7 +323,7 @@ def passes(p: Parameters, phi: float) -> bool:
 
 
 def conditions(p: Parameters, phi: float) -> Iterator[tuple[bool, str]]:
-    """What must be true at this cam angle, and what is in the way otherwise."""
+    """Conditions at this cam angle, each with what is in the way if it is false."""
     alpha, R = rocker(p, cam(p, phi)[2].value), p.sprocket.R
     X, Y = p.sprocket.C + p.rocker.l_K * cos(alpha), p.sprocket.A - p.rocker.l_K * sin(alpha)
     yield (
@@ -311,10 +338,10 @@ def conditions(p: Parameters, phi: float) -> Iterator[tuple[bool, str]]:
         yield free, f"link reaches the sprocket: its end is within sprocket.R = {R!r} m of the axis"
     at = position(p, phi)
     n, l, H, e = at.n, p.link.l, at.H.value, at.e
-    yield n > l, f"link reaches the sprocket: link.l = {l!r} m of {n!r} m"
+    yield n > l, f"link reaches the sprocket: link.l = {l!r} m of a run of {n!r} m"
     yield (
         H > 0.0,
-        f"chain too short: hanging part vanishes: H = {H!r} m of chain.l = {p.chain.l!r} m",
+        f"chain too short: hanging part vanishes: H = {H!r} m with chain.l = {p.chain.l!r} m",
     )
     yield at.H_a > 0.0, f"dead centre: beta - alpha = {at.beta.value - alpha!r} rad"
     yield e >= 0.0, f"spring slack: stretch = {e!r} m with spring.e_0 = {p.spring.e_0!r} m"
@@ -324,7 +351,7 @@ def conditions(p: Parameters, phi: float) -> Iterator[tuple[bool, str]]:
     yield taut, f"chain slack at standstill: T_iron = {pull!r} N"
 
 
-Position = namedtuple(  # what the cam angle says; alpha, beta and H are jets along it
+Position = namedtuple(  # all that the cam angle determines; alpha, beta and H are jets along it
     "Position",
     "slope top touch alpha n beta gamma H H_a H_aa lift e W_0 J_a J_aa J J_1 Pi Pi_a Pi_1 D_a D",
 )
@@ -385,17 +412,17 @@ def lowest(p: Parameters) -> float:
 
 
 def prepare(p: Parameters, x: State) -> float:
-    """What all evaluations of a step have in common."""
+    """What all evaluations within a step have in common."""
     return lowest(p)
 
 
 def position(p: Parameters, phi: float) -> Position:
-    """What the cam angle phi says, with the follower on the cam."""
+    """The position at the cam angle phi, with the follower on the cam."""
     return placed(p, phi, 0.0, lowest(p))
 
 
 def placed(p: Parameters, phi: float, gap: float, H_b: float) -> Position:
-    """What the cam angle and the gap say, with the hanging length H_b where the iron is down."""
+    """The position at a cam angle and a gap; H_b is the hanging length with the iron down."""
     g, r, T, rho, z, s = p.g, p.rocker, p.link, p.chain.rho, p.sprocket, p.spring
     slope, top, R = cam(p, phi)
     alpha = rocker(p, R) - gap
@@ -428,7 +455,7 @@ def placed(p: Parameters, phi: float, gap: float, H_b: float) -> Position:
 
 
 def seen(p: Parameters, x: State, at: Position, M: float) -> tuple[Position, float, float]:
-    """Position, speed and torque along what the iron follows: the cam's angle, in flight the rocker's."""
+    """Position, speed and torque along the angle that the iron follows, in flight the rocker's."""
     if not x.flying:
         return at, x.w_cam, M
     rocker = at._replace(
@@ -439,19 +466,19 @@ def seen(p: Parameters, x: State, at: Position, M: float) -> tuple[Position, flo
 
 
 def friction(p: Parameters, at: Position, direction: float) -> float:
-    """Coefficient K where the cam turns in this direction."""
+    """Coefficient K with the cam turning in this direction."""
     up = at.slope * direction
     return p.friction.K_up if up > 0 else p.friction.K_down if up < 0 else 0.0
 
 
 def thresholds(p: Parameters, at: Position, M: float) -> tuple[float, float]:
-    """g_+ and g_-: what is left of M to start forwards, and to start backwards."""
+    """g_+ and g_-: the torque that is left to start forwards, and to start backwards."""
     rest, weight = M - at.Pi_1, at.W_0 * at.H.first
     return rest + friction(p, at, 1) * weight, rest + friction(p, at, -1) * weight
 
 
 def sense(p: Parameters, at: Position, w: float, M: float) -> int:
-    """Direction of the cam's motion, of its start from rest, or 0 where it sticks."""
+    """Direction in which the cam moves or starts from rest; 0 where it sticks."""
     forwards, backwards = (w, w) if w else thresholds(p, at, M)
     return 1 if forwards > 0.0 else -1 if backwards < 0.0 else 0
 
@@ -472,7 +499,7 @@ def dynamics(p: Parameters, at: Position, w: float, direction: float, M: float) 
 
 
 def slip(p: Parameters, alpha: Jet) -> tuple[float, float]:
-    """Speed of the cam beneath the follower over the cam's: across the small arm, and along it."""
+    """Velocity of the cam under the follower over the cam's speed: across and along the small arm."""
     L, l, psi = p.rocker.L, p.rocker.l, p.rocker.alpha0 - alpha.value
     return L * sin(psi), l * (1 - alpha.first) - L * cos(psi)
 
@@ -494,7 +521,7 @@ def forces(p: Parameters, at: Position, w: float, d: Dynamics) -> Forces:
 
 
 def lever(p: Parameters, alpha: Jet) -> float:
-    """Distance of the contact's normal from the rocker's axis."""
+    """Lever arm of the contact's normal about the rocker's axis."""
     across, along = slip(p, alpha)
     return p.rocker.l * across / sqrt(across * across + along * along)
 
@@ -505,7 +532,7 @@ def shaft(p: Parameters) -> float:
 
 
 def acceleration(p: Parameters, x: State, d: Dynamics, M: float) -> float:
-    """Acceleration of the cam, which in flight is alone with the motor."""
+    """Acceleration of the cam, which in flight is coupled only to the motor."""
     if not x.flying:
         eps: float = d.eps
         return eps
@@ -537,7 +564,7 @@ def derivatives(p: Parameters, t: float, x: State, u: Inputs, H_b: float | None 
 
 
 def lost(p: Parameters, x: State, at: Position, W: float, f: Forces) -> str:
-    """What has lost its load or its place, empty if nothing has."""
+    """A message on what has lost its load or its place; empty if nothing has."""
     where = f"at phi = {x.phi!r} rad, omega = {x.w_cam!r} rad/s"
     if f.N < 0.0 and not p.follower.lifts:
         return f"cam follower lifts off {where}: N = {f.N!r} N"
@@ -553,7 +580,7 @@ def lost(p: Parameters, x: State, at: Position, W: float, f: Forces) -> str:
 
 
 def judged(p: Parameters, x: State, u: Inputs) -> State:
-    """The state with `valid` as the forces say; raises ValueError where it is to stop."""
+    """The state with `valid` set from the forces; raises ValueError if the run is to stop."""
     _, own, w, _, d = instant(p, x, u, lowest(p))
     reason = lost(p, x, own, d.W, forces(p, own, w, d))
     if reason and p.on_invalid == OnInvalid.stop:
@@ -562,19 +589,19 @@ def judged(p: Parameters, x: State, u: Inputs) -> State:
 
 
 def directed(p: Parameters, x: State, u: Inputs) -> State:
-    """The state with the direction in which the iron, or what moves it, goes or starts from rest."""
+    """The state with the direction in which the cam, in flight the rocker, moves or starts."""
     at = placed(p, x.phi, x.gap, lowest(p))
     return replace(x, direction=sense(p, *seen(p, x, at, p.reducer.i_g * u.tau)))
 
 
 def sample(p: Parameters, t: float, x: State, before: Inputs | None, now: Inputs) -> State:
-    """The direction of a start from rest; at the beginning also flight and validity."""
+    """Set the direction of a start from rest; at the beginning also flight and validity."""
     if before is None:
         flying = x.gap > 0.0 or x.w_gap != 0.0
         if flying and not (p.follower.lifts and (x.gap > 0.0 or x.w_gap > 0.0)):
             raise ValueError(
                 f"gap = {x.gap!r} rad, w_gap = {x.w_gap!r} rad/s: the follower can be off the cam "
-                "with follower.lifts alone, and cannot go into the cam"
+                "only with follower.lifts, and cannot move into the cam"
             )
         x = replace(x, flying=flying)
         return judged(p, directed(p, x, now), now)
@@ -582,8 +609,8 @@ def sample(p: Parameters, t: float, x: State, before: Inputs | None, now: Inputs
 
 
 def guard(p: Parameters, t: float, x: State, u: Inputs) -> tuple[float, float, float]:
-    """Below zero: the iron's drive leaves its direction or its rest; the model loses or regains
-    validity; the follower leaves the cam or meets it."""
+    """Below zero where what drives the iron leaves its direction or its rest; where the model loses
+    or regains validity; where the follower leaves or meets the cam."""
     _, own, w, M, d = instant(p, x, u, lowest(p))
     f = forces(p, own, w, d)
     forwards, backwards = thresholds(p, own, M)
@@ -606,17 +633,17 @@ def jump(p: Parameters, t: float, x: State, u: Inputs, which: int) -> State:
 
 
 def stopped(p: Parameters, x: State) -> State:
-    """The state with the cam at rest, in flight the rocker."""
+    """The state with the cam, in flight the rocker, at rest."""
     if not x.flying:
         return replace(x, w_cam=0.0)
     return replace(x, w_gap=placed(p, x.phi, x.gap, lowest(p)).alpha.first * x.w_cam)
 
 
 def landed(p: Parameters, x: State) -> State:
-    """The state after the follower met the cam: an impact with Poisson's restitution.
+    """The state after the follower has met the cam: an impact with Poisson's restitution.
 
-    The impulse acts on the rocker against alpha, and times alpha' on the cam's shaft. The friction of
-    the guide takes its share: with K_down until the iron stands, from there on with K_up.
+    The impulse acts on the rocker against alpha and, times alpha', on the cam's shaft. The friction of
+    the guide takes its share, with K_down until the iron stands still and with K_up from then on.
     """
     at, J_c, K, meets = position(p, x.phi), shaft(p), p.friction, x.w_gap
     a_1, arm, load = at.alpha.first, lever(p, at.alpha), p.iron.m * at.H_a * at.H_a
@@ -655,7 +682,7 @@ def notes(p: Parameters, t: float, old: State, new: State, u: Inputs) -> Iterato
     if old.valid and not new.valid:
         _, own, w, _, d = instant(p, new, u, lowest(p))
         reason = lost(p, new, own, d.W, forces(p, own, w, d))
-        yield f"{reason}, t = {t!r} s; the results are not valid until it is loaded again"
+        yield f"{reason}, t = {t!r} s; the results are not valid until all is loaded again"
 
 
 def outputs(p: Parameters, t: float, x: State, u: Inputs) -> Outputs:

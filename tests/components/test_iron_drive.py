@@ -323,7 +323,7 @@ def test_coupled_stall_sticks_where_the_one_system_does(fmus: Path) -> None:
 BAD = {
     "cam angles exceed one revolution: cam.rise + cam.top + cam.ret = 8.1": {"cam.top": 5.0},
     "cam triangle cannot close: cam.R_b = 0.06 m must be > 0.06 m": {"cam.R_b": 0.06},
-    "cam triangle cannot close: cam.R_b = 0.1 m must be > 0.06 m and with cam.h = 0.14 m":
+    "cam triangle cannot close: cam.R_b = 0.1 m must be > 0.06 m and, with cam.h = 0.14 m":
         {"cam.h": 0.14},
     "friction: -1 < K_down <= 0 <= K_up violated: friction.K_down = -1.0,": {"friction.K_down": -1.0},
     "K_up violated: friction.K_down = 0.1, friction.K_up = 0.089": {"friction.K_down": 0.1},
@@ -333,7 +333,7 @@ BAD = {
     "on_invalid = 7 must be one of 0 (stop), 1 (warn)": {"on_invalid": 7},
     "rocker end must stay on the far side of the sprocket: sprocket.C + rocker.l_K cos(alpha) = -0":
         {"sprocket.C": 0.02},
-    "link reaches the sprocket: link.l = 0.4 m of 0.37": {"link.l": 0.4},
+    "link reaches the sprocket: link.l = 0.4 m of a run of 0.37": {"link.l": 0.4},
     "link reaches the sprocket: its end is within sprocket.R": {"sprocket.C": 0.03, "wrap": 1},
     "chain too short: hanging part vanishes: H = -": {"chain.l": 0.25},
     "dead centre: beta - alpha = -1": {"rocker.alpha0": 4.0},

@@ -230,7 +230,7 @@ def test_a_follower_off_its_cam_needs_the_option(fmus: Path) -> None:
     ):
         unit = Unit(fmus / "IronDrive.fmu")
         reason = unit.refusal(lambda u, values=values: u.start(**values))
-        assert "the follower can be off the cam with follower.lifts alone" in reason
+        assert "the follower can be off the cam only with follower.lifts" in reason
         unit.fmi.freeInstance()
 
 
