@@ -134,7 +134,7 @@ def _seen(client: Any, scheduler: str, before: float) -> float:
         return before
     raise Broken(
         f"the scheduler at {scheduler} has had no workers for {GRACE:g} s; what was computed is kept, "
-        "the same command goes on"
+        "and the same command continues"
     )
 
 

@@ -51,7 +51,7 @@ def indices(
     x, y = x[whole], y[whole]
     count, least = len(y) // group, LEAST[sampling.method]
     if count < least:
-        return f"{count} whole samples are too few, it takes {least}"
+        return f"{count} complete samples are too few; at least {least} are needed"
     if np.ptp(y) <= FLAT * np.abs(y).max():
         return "it does not vary"
     shares, r2 = _line(x, y)
@@ -74,7 +74,7 @@ def indices(
         for name, value, half in zip(inputs, told[kind], told[f"{kind}_conf"])
     ]
     if not all(np.isfinite([index.value, index.confidence]).all() for index in found):
-        return "too few runs differ to tell a confidence interval"
+        return "too few runs differ to determine a confidence interval"
     return found
 
 
