@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -52,10 +52,12 @@ def refusals(figures: Mapping[str, Figure]) -> list[str]:
     for who, figure in figures.items():
         if figure.error is None:
             whose.setdefault(figure.reason, []).append(who)
-    return [
-        f"With {' and '.join([', '.join(them[:-1])] * (len(them) > 1) + them[-1:])}, {reason}."
-        for reason, them in whose.items()
-    ]
+    return [f"With {listed(them)}, {reason}." for reason, them in whose.items()]
+
+
+def listed(texts: Sequence[str]) -> str:
+    """Texts as they stand in a sentence: "a", "a and b", "a, b and c"."""
+    return " and ".join([", ".join(texts[:-1]), texts[-1]] if len(texts) > 1 else texts)
 
 
 def whole(verdict: str, figures: Mapping[str, Figure]) -> str:

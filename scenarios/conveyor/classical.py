@@ -17,6 +17,7 @@ from scipy.interpolate import CubicSpline
 
 from cosim import ORDERS
 from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, Table, option
+from workbench.figure import listed
 from workbench.measure import Measured, passes
 from workbench.report.chart import FORCE, SPEED, TORQUE, Second
 
@@ -218,12 +219,6 @@ def verdict(o: Options, f: Mapping[str, Figure], r: Found) -> str:
             f"{f['share'].text()} of the spring force."
         )
     return "\n".join(lines)
-
-
-def listed(texts: Sequence[str]) -> str:
-    """Texts as a list in a sentence."""
-    *first, last = texts
-    return f"{', '.join(first)} and {last}"
 
 
 def show(o: Options, f: Mapping[str, Figure], r: Found) -> Show:

@@ -269,13 +269,13 @@ def verdict(o: Options, f: Mapping[str, Figure], r: Found) -> str:
     text = {name: figure.text() for name, figure in f.items()}
     lines = [
         f"With a motor lag of {text['motor_lag']} and a slope of {text['slope']} at the slip there, "
-        f"(22) puts the resonance at {text['nu_res']}. A linear motor of this slope puts it at "
+        f"formula (22) puts the resonance at {text['nu_res']}. A linear motor of this slope puts it at "
         f"{text['nu_linear']}, the full characteristic at {text['nu_kloss']}."
     ]
     if f["shift"].error is not None:
         lines.append(f"The curvature of the characteristic moves it by {text['shift']}.")
     lines.append(
-        f"With a trough resistance of {text['most_resistance']}, (22) puts it at {text['heavy_res']}, the "
+        f"With a trough resistance of {text['most_resistance']}, formula (22) puts it at {text['heavy_res']}, the "
         f"full characteristic at {text['heavy_kloss']}, and theory with the rotor flux instead of (2) at "
         f"{text['heavy_flux']}. With a breakdown slip of {text['least_slip']} the full characteristic "
         f"puts it at {text['small_kloss']}."

@@ -216,7 +216,7 @@ def drifts(sweep: Sweep, nu: float) -> tuple[Table, dict[str, Figure]]:
             cells = np.stack([t, mean, plain, whole, each[0]], axis=1)
     meant = {
         "overshoot": "overshoot of the mean speed after a step of the supply",
-        "off_16": "largest deviation of (16) from the mean speed in that step",
+        "off_16": "largest deviation of formula (16) from the mean speed in that step",
         "off_whole": "the same with the term that (16) neglects",
     }
     order = cosim.ORDERS[setup.algorithm]

@@ -20,7 +20,7 @@ import workbench
 from cosim import System, largest
 from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, Table, option
 from workbench.answer import parameters
-from workbench.figure import refusals
+from workbench.figure import listed, refusals
 from workbench.limit import coupling
 from workbench.measure import Measured, Samples, harmonics, measured
 from workbench.orbit import NotSteady, steady
@@ -213,10 +213,10 @@ def verdict(o: Options, f: Mapping[str, Figure], r: object) -> str:
     matter = " and ".join(lag for lag, share in adds.items() if share.value > IMPORTANT)
     which = "No resonance is of practical importance: no lag adds"
     if matter:
-        which = f"A resonance is of practical importance with a lag of {matter}: there it adds"
+        which = f"A resonance is of practical importance with a lag of {matter}: such a lag adds"
     answer = [
         f"{which} more than {IMPORTANT:g} % of the largest torque to an order.",
-        f"The lag adds at most {', '.join(most)}.",
+        f"At most it adds {listed(most)}." if most else "",
     ]
     lift = f"The follower lifts off at {f['follower_limit'].text()}."
     return " ".join([*(answer if most else []), *refusals(adds), lift])

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from cosim import Result, System
 from workbench import Chart, Figure, Mark, Run, Show, option
+from workbench.figure import listed
 from workbench.live import Slider
 from workbench.report.chart import FORCE, SPEED, THEORY, TORQUE, recorded
 
@@ -84,7 +85,7 @@ def verdict(o: Options, f: Mapping[str, Figure], r: Result) -> str:
     """What becomes of the product, and how long each stage takes."""
     after = f" after {f['orientation_time'].text()}" if f["oriented"].value else ""
     stages = [f"{f[f't_{x}'].text()} ({x})" for x in STAGES if f[f"t_{x}"].error is not None]
-    told = f"Its stages take {', '.join(stages)}" if stages else "None of its stages came to an end"
+    told = f"Its stages take {listed(stages)}" if stages else "None of its stages came to an end"
     return f"{ending(r).capitalize()}{after}. {told}."
 
 

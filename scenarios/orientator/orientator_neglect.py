@@ -17,7 +17,7 @@ from cosim import System
 from cosim.system import Value, connect
 from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, option
 from workbench.answer import parameters
-from workbench.figure import refusals
+from workbench.figure import listed, refusals
 from workbench.limit import coupling
 from workbench.measure import ROUNDING, Measured
 from workbench.report.chart import SERIES
@@ -173,10 +173,10 @@ def verdict(o: Options, f: Mapping[str, Figure], r: object) -> str:
     ]
     lines = [
         f"At {o.speed * 30 / math.pi:g} rpm and friction {o.friction:g} a product takes "
-        f"{f['orientation_time'].text()} by the equations of the paper. What they neglect adds "
-        f"{', '.join(costs)}."
+        f"{f['orientation_time'].text()} by the equations of the paper. What they neglect changes this by "
+        f"{listed(costs)}."
     ]
-    lines += [f"The largest rotor speed is {', '.join(limits)}."] if limits else []
+    lines += [f"The largest rotor speed is {listed(limits)}."] if limits else []
     return " ".join(lines)
 
 
