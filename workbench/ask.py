@@ -136,7 +136,7 @@ def _heard(function: Callable[[Case], Found], case: Case) -> tuple[Found, list[s
 
 @contextmanager
 def hearing() -> Iterator[Callable[[], list[str]]]:
-    """Tells the warnings of the runs in this process so far, each once; nobody else hears them."""
+    """Collect the warnings of the runs in this process, each once, and keep them from other handlers."""
     log, handler = logging.getLogger("cosim"), BufferingHandler(sys.maxsize)
     handler.setLevel(logging.WARNING)
     before = log.handlers, log.propagate

@@ -21,7 +21,7 @@ USAGE = "list | run NAME or FILE.py [options] | study FILE.toml [options]"
 
 
 def main(words: Sequence[str], project: Project, program: str) -> int:
-    """Do what the words of a command line say; its exit code."""
+    """Run a command line, given as its words; returns its exit code."""
 
     def act() -> int:
         top = Parser(prog=program, usage=f"{program} {USAGE}", allow_abbrev=False)

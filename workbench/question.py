@@ -1,4 +1,4 @@
-"""Questions: pages in the folders of a package, found by name, or files of one's own, by path."""
+"""Questions: pages in the folders of a package, found by name, or a user's own files, by path."""
 
 from __future__ import annotations
 
@@ -206,8 +206,8 @@ def _checked(page: ModuleType, where: str) -> ModuleType:
 
 @contextmanager
 def blamed(page: ModuleType) -> Iterator[None]:
-    """Turns what a page's own code raises into a QuestionError with its file and line; so, too, what
-    a file of one's own makes others raise.
+    """Turn what a page's own code raises into a QuestionError with its file and line, and also what a
+    user's own file makes other code raise.
     """
     try:
         yield

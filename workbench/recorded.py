@@ -1,4 +1,4 @@
-"""What questions share that fit a machine to its record: the record's options, figures, rows, pictures."""
+"""Shared by questions that fit a machine to a record: its options, figures, rows and pictures."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Recorded(Options):
     data: str = option("", "CSV file of the record")
     map: tuple[str, ...] = option(
         (),
-        "a column, such as conveyor.w=n:rpm or motor.tau=M*0.88:N.m; time=t is that of the times",
+        "a column, such as conveyor.w=n:rpm or motor.tau=M*0.88:N.m; time=t is the time column",
     )
     known: tuple[str, ...] = option(
         (), "a known value, conveyor.trough.m=200+-5 or =200+-2.5%, with its standard deviation"
@@ -178,7 +178,7 @@ def tables(fit: Identified, advice: Sequence[Advice], name: str, unit: str) -> d
 
 
 def facts(fit: Identified, advice: Sequence[Advice], exact: Sequence[str]) -> dict[str, Any]:
-    """What else stands in the JSON; `exact` are values that were taken as they are, unless free."""
+    """Further entries of the JSON; `exact` are values that were taken as exact, unless free."""
     taken = fit.model.values(fit.local.p)
     return {
         "chi2": {"sum": fit.chi2, "degrees": fit.dof, "band": list(fit.band)},

@@ -99,7 +99,7 @@ class Motor(NamedTuple):
             return self.line.expected(LAG)
         except Lost as reason:
             where = f"{self.line.first:.4g} .. {self.line.last:.4g} rad/s"
-            raise SetupError(f"no lag of 90 deg by (22) in {where}: {reason}") from None
+            raise SetupError(f"formula (22) gives no lag of 90 deg in {where}: {reason}") from None
 
     @property
     def there(self) -> Machine:

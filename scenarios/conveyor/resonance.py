@@ -325,9 +325,9 @@ def ripple(o: Options, f: Mapping[str, Figure], r: Sweep) -> Chart:
     rated, limit = f"rated torque {o.rated:g} N.m", f"limit {o.most:g} N.m"
     there = {MARKS[name]: x for name, x in f.items() if name in MARKS and math.isfinite(x.value)}
     over = f["tau2_operating"].value > o.most or any(x <= r.speed <= y for x, y in r.avoid)
-    where = " and ".join(f"from {x:.1f} to {y:.1f} rad/s" for x, y in r.avoid) or "at no speed"
+    where = " and ".join(f"{x:.1f} to {y:.1f} rad/s" for x, y in r.avoid) or "no speed"
     return Chart(
-        f"{'Yes' if over else 'No'} at {r.speed:g} rad/s: the torque ripple is above {o.most:g} N.m {where}",
+        f"{'Yes' if over else 'No'} at {r.speed:g} rad/s: the torque ripple is above {o.most:g} N.m at {where}",
         "operating speed [rad/s]",
         [
             panel("torque ripple", tau2, "tau2", abs(torque), colors.TORQUE,

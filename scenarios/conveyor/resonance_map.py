@@ -347,7 +347,7 @@ def stretches(along: Direction, good: NDArray[np.bool_]) -> str:
     groups = groupby(zip(good, along.values), lambda one: one[0])
     runs = [[x for _, x in group] for ok, group in groups if ok]
     told = [f"{run[0]:.3g} .. {run[-1]:.3g} {along.unit}" for run in runs]
-    return " and ".join(told) or "no part of the map"
+    return " and ".join(told) or "no value on the map"
 
 
 def verdict(o: Options, f: Mapping[str, Figure], r: Map) -> str:
@@ -363,8 +363,8 @@ def verdict(o: Options, f: Mapping[str, Figure], r: Map) -> str:
     name = r.plane.y.name
     return (
         f"The operating range {r.within[0]:g} .. {r.within[1]:g} rad/s stays clear of a torque ripple "
-        f"{above} with {name} in {r.clear('ripple_in_range', o.most)}. {built} "
-        f"it stays clear {NEARLY_ALL} with {name} in "
+        f"{above} with {name} of {r.clear('ripple_in_range', o.most)}. {built} "
+        f"it stays clear {NEARLY_ALL} with {name} of "
         f"{r.clear('probability_in_range', SURE)}."
     )
 
@@ -378,7 +378,7 @@ def show(o: Options, f: Mapping[str, Figure], r: Map) -> Show:
     if r.within is not None:
         title = (
             f"{r.within[0]:g} .. {r.within[1]:g} rad/s stays clear of resonance {NEARLY_ALL} with "
-            f"{r.plane.y.name} in {r.clear('probability_in_range', SURE)}"
+            f"{r.plane.y.name} of {r.clear('probability_in_range', SURE)}"
         )
     turn = mechanism.revolution(r.setup.case(*r.plane.at(*worst)))
     return Show([*maps(r, o.most), *chart_of_rows(r, o.most)], *turn, title)
@@ -395,7 +395,7 @@ def maps(r: Map, limit: float) -> list[Field]:
     bounds = [Span(*r.within, "operating range", "green")] if r.within else []
     formula = [curve for curve in over if curve.look == "theory"]
     return [
-        Field("How much the drive magnifies the load ripple", x, y,
+        Field("How much the drive magnifies the load's ripple", x, y,
               "torque ripple over load ripple", r.field("gain"), over, True, line, bounds),
         Field(f"Machines within tolerance whose torque ripple is above {limit:g} N.m", x, y,
               "share of the machines", r.field("probability"), formula, levels=line, spans=bounds,
@@ -408,7 +408,7 @@ def chart_of_rows(r: Map, limit: float) -> list[Chart]:
     x, y, curves, title = r.plane.x, r.plane.y.along, r.ridges("y"), "The ridges"
     panels = [Panel(x.name, x.along.unit, curves)] if curves else []
     if r.within:
-        title = f"Anywhere from {r.within[0]:g} to {r.within[1]:g} rad/s"
+        title = f"Anywhere in {r.within[0]:g} to {r.within[1]:g} rad/s"
         share, ripple = 100 * r.rows["probability_in_range"], r.rows["ripple_in_range"]
         above = Curve("machines above the limit", y.values, share.to_numpy(), "purple")
         worst = Curve("nominal machine", y.values, ripple.to_numpy(), colors.TORQUE)

@@ -1,4 +1,4 @@
-"""How the coupled drive answers to its speed: steady orbits, and where their ripple is special.
+"""The response of the coupled drive over its speed: steady orbits, and where their ripple is special.
 
 At a speed nu the motor's line is set for the mean speed nu, motor and conveyor are coupled until their
 orbit is steady, and the ripple of order 2 is read off the last revolution. The places where the torque
@@ -47,7 +47,7 @@ Spot = tuple[Machine, float, int]
 
 @dataclass(frozen=True, kw_only=True)
 class Ripple(workbench.Options):
-    """What is asked of the torque ripple, at one speed or in a plane."""
+    """Options of the torque ripple, at one speed or in a plane."""
 
     set: str = option("A", "parameter set", choices=SETS)
     limit: float = option(

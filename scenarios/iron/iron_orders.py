@@ -216,7 +216,7 @@ def verdict(o: Options, f: Mapping[str, Figure], r: object) -> str:
         which = f"A resonance is of practical importance with a lag of {matter}: such a lag adds"
     answer = [
         f"{which} more than {IMPORTANT:g} % of the largest torque to an order.",
-        f"At most it adds {listed(most)}." if most else "",
+        f"The lag adds at most {listed(most)}.",
     ]
     lift = f"The follower lifts off at {f['follower_limit'].text()}."
     return " ".join([*(answer if most else []), *refusals(adds), lift])

@@ -108,9 +108,7 @@ def products(speeds: Sequence[float]) -> dict[str, Measured]:
 def dropped(name: str, table: Measured) -> Measured:
     """A column by the ends of the periods of its products."""
     if name.removeprefix("orientator.") not in TIMES:
-        raise SetupError(
-            f"{table.source}: {name} is no stage time of a product, only {', '.join(TIMES)}"
-        )
+        raise SetupError(f"{table.source}: {name} is not a stage time, only {', '.join(TIMES)}")
     ends = PERIOD * (np.array(table.times) + 1.0)
     return Measured(ends.tolist(), table.values, unit=table.unit, source=table.source)
 
@@ -151,7 +149,7 @@ def figures(told: Told, limit: Figure) -> dict[str, Figure]:
     """The fastest rotor that orients, how far the record is from it, and all values that were free."""
     meaning = "largest rotor speed that works"
     fast = max(told.speeds)
-    room = "that speed above that of the fastest product of the record"
+    room = "margin of that speed over the fastest product of the record"
     if limit.error is None:
         away = Figure.refused("%", limit.reason, room)
     else:

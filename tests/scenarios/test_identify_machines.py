@@ -127,7 +127,7 @@ REFUSED: list[tuple[str, dict[str, Any], str]] = [
     ("orientator_identify", {"map": ["orientator.w=n:kg", "orientator.t_joint=joint"]},
      "each product needs a speed of the rotor, in rad/s or rpm"),
     ("orientator_identify", {"map": ["orientator.w=n", "orientator.xc=joint"]},
-     "orientator.xc is no stage time of a product"),
+     "orientator.xc is not a stage time"),
     ("orientator_identify", {"data": "none.csv"}, "none.csv cannot be read as a table"),
 ]  # fmt: skip
 

@@ -277,9 +277,9 @@ def test_answer_has_verdict_tables_and_picture(tmp_path: Path) -> None:
         "The operating range 45 .. 60 rad/s stays clear of a torque ripple above"
     )
     assert (lines["ripple_in_range"] <= 50.0).to_list() == [True, False, True]
-    assert "motor.T in 0.03 .. 0.03 s and 0.12 .. 0.12 s. With every part" in verdict
+    assert "motor.T of 0.03 .. 0.03 s and 0.12 .. 0.12 s. With every part" in verdict
     assert (lines["probability_in_range"] <= 0.01).to_list() == [False, False, True]
-    assert verdict.endswith("99% of the machines with motor.T in 0.12 .. 0.12 s.")
+    assert verdict.endswith("99% of the machines with motor.T of 0.12 .. 0.12 s.")
     figures = facts["figures"]
     assert figures["gain_max"]["value"] == pytest.approx(rows["gain"].max())
     assert 0.0 < figures["gain_max"]["error"] < 0.01 * rows["gain"].max()
@@ -318,7 +318,10 @@ def test_start_values_change_the_machine_of_the_map(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"y": "motor.Q=1:2:5"}, "'motor.Q' is no parameter of the drive, only motor.B, motor.T"),
+        (
+            {"y": "motor.Q=1:2:5"},
+            "'motor.Q' is not a parameter of the drive, only motor.B, motor.T",
+        ),
         ({"y": "speed=1:2:5"}, "the speed belongs on x"),
         ({"x": "motor.T=1:2:5", "range": None}, "both motor.T"),
         ({"y": "motor.T=a:2:5"}, "must read NAME=FROM:TO:NUMBER"),
@@ -338,7 +341,7 @@ def test_start_values_change_the_machine_of_the_map(tmp_path: Path) -> None:
         ({"tolerance": ["motor.T=-1"]}, "must be at least 0 and below 100"),
         ({"tolerance": ["motor.T=nan"]}, "must be at least 0 and below 100"),
         ({"tolerance": ["motor.T"]}, "must read NAME=PERCENT"),
-        ({"tolerance": ["motor.kloss.s_b=5"]}, "'motor.kloss.s_b' is no parameter of the drive"),
+        ({"tolerance": ["motor.kloss.s_b=5"]}, "'motor.kloss.s_b' is not a parameter of the drive"),
         ({"samples": 100}, "samples = 100 must be a power of 2"),
         ({"check_runs": 512}, "check_runs = 512 must be at most samples = 256"),
         ({"limit": 0.0}, "limit = 0 % must be a finite number above 0"),

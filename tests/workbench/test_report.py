@@ -333,7 +333,7 @@ def test_the_resonance_answers_its_question_in_the_title() -> None:
         )
         for speed, tau2 in ((40.0, 105.0), (57.0, 15.0))
     )
-    where = "the torque ripple is above 50 N.m from 27.0 to 45.0 rad/s"
+    where = "the torque ripple is above 50 N.m at 27.0 to 45.0 rad/s"
     assert (on.title, off.title) == (f"Yes at 40 rad/s: {where}", f"No at 57 rad/s: {where}")
     assert list(on.spans) == [Span(27.0, 45.0, "avoid", "red")]
     assert [mark.text for mark in on.marks] == [

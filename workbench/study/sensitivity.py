@@ -2,8 +2,8 @@
 
 Saltelli's samples give Sobol's indices of first order, S1, and total, ST. Latin hypercube and Sobol
 samples give S1: where a straight line through the inputs explains the figure (adjusted R2 of 0.9 and
-more) by its squared standardised coefficients, else by RBD-FAST. What a row lacks, its samples lack:
-of Saltelli's groups of dimensions + 2 runs only whole ones count. Estimates below 0 are told as 0.
+more) by its squared standardised coefficients, else by RBD-FAST. Runs without the figure are left out;
+of Saltelli's groups of dimensions + 2 runs only complete ones count. Estimates below 0 are given as 0.
 """
 
 from __future__ import annotations
