@@ -22,11 +22,11 @@ def ask(
 ) -> Answer:
     """The answer to a question, by its name or a file NAME.py: `ask("resonance", set="B", speed="300rpm")`.
 
-    Options are those of the command line, with `_` for `-`, as texts or as values in SI units; `start` is a
-    dictionary of start values of FMUs. By default `jobs` are all cores, but one on FMUs of another flavour
-    than the question's own. Files are written to the folder `out`, none without it. Raises cosim.SetupError
-    for what is refused, cosim.SimulationError for a run that fails, workbench.question.QuestionError where
-    a file of one's own raises.
+    Options are those of the command line, with `_` for `-`, as texts or as values in SI units. `start` is a
+    dictionary of start values of FMUs. By default `jobs` are all cores, but one with FMUs of another
+    flavour than the question's own. Files are written to the folder `out` if it is given. Raises
+    cosim.SetupError for what is refused, cosim.SimulationError for a run that fails, and
+    workbench.question.QuestionError where a file of one's own raises.
     """
     from workbench.answer import write
     from workbench.ask import ask
@@ -51,10 +51,10 @@ def study(
     scheduler: str | None = None,
     out: Path | str | None = None,
 ) -> Answer:
-    """What a study found, `study("studies/rotor_speed.toml")`; runs that are done already are not done again.
+    """What a study found, `study("studies/rotor_speed.toml")`; runs that are already done are not repeated.
 
     `jobs` are all cores by default. Files go to the folder `out`, by default results/studies/NAME. Raises
-    cosim.SetupError for what is wrong with the file, before any run.
+    cosim.SetupError for a mistake in the file, before any run.
     """
     from workbench import study
 

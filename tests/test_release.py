@@ -91,7 +91,7 @@ def test_drives_answer_without_a_compiler(empty: Empty) -> None:
     assert empty.megabytes() < ALL
     assert "packing_line" in empty.does("scenarios", "list")
     ask = ("scenarios", "run", "resonance", "--flavour", "native", "--out", "answer")
-    assert "there is no page: it needs the package plotly" in empty.does(*ask)
+    assert "no page was written: it needs the package plotly" in empty.does(*ask)
     answer = json.loads((empty.folder / "answer" / "resonance.json").read_text())
     lag = answer["figures"]["nu_90"]
     assert abs(lag["value"] - 40.00222) < 3e-4 > lag["error"]

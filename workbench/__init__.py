@@ -1,7 +1,7 @@
 """A question becomes an answer: figures with their errors, tables, pictures, a page, studies.
 
-Matrices are small here, so that threads of BLAS cost more than they gain: one, unless the environment
-says otherwise or NumPy is loaded already.
+Matrices are small here, so BLAS threads cost more than they gain: there is one, unless the environment
+says otherwise or NumPy is already loaded.
 """
 
 import os
@@ -32,7 +32,7 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    """Load what is asked for, so that a process that only runs something need not load it all."""
+    """Load what is requested, so that a process that only does runs need not load everything."""
     if name in HOMES:
         return getattr(import_module(f"{__name__}.{HOMES[name]}"), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

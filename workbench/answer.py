@@ -1,4 +1,4 @@
-"""What a question found, and the files that tell it."""
+"""What a question found, and the files that show it."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ Rows = Callable[[Iterable[Sequence[float]]], None]
 
 
 class Parameter(NamedTuple):
-    """A value that was given or stands in an FMU, its unit and meaning."""
+    """A value that was given or that an FMU has, its unit and meaning."""
 
     value: Any
     unit: str
@@ -55,16 +55,16 @@ class Table(NamedTuple):
 
     @classmethod
     def of_rows(cls, rows: Iterable[Sequence[Any]], units: Mapping[str, str]) -> Table:
-        """Rows of as many values as there are units."""
+        """The table of rows, each with as many values as there are units."""
         import pandas as pd
 
         return cls(pd.DataFrame(list(rows), columns=list(units)), units)
 
 
 class Show(NamedTuple):
-    """What is shown besides numbers: pictures, motions, and `more` pictures for the page alone.
+    """What is shown besides numbers: pictures, motions, and `more` pictures only for the page.
 
-    `title` is the answer in a line, which stands above the pictures; the question by default.
+    `title` is the answer in one line, shown above the pictures; by default it is the question.
     """
 
     charts: Sequence[Picture] = ()
@@ -75,12 +75,12 @@ class Show(NamedTuple):
 
 @dataclass(frozen=True)
 class Findings:
-    """What `solve` returns: figures with their whole errors, and what verdict and show are given.
+    """What `solve` returns: figures with their whole errors, and the data for verdict and show.
 
-    Names of figures are identifiers. `system` tells the FMUs and parameters behind it all, `provenance`
-    is that of a run, or else `algorithm` and `communication` say how many were made. Tables and files
-    by file name without folder: `files` write what only this question has, such as a system, to the
-    path that they get; `facts` is what else stands in the JSON.
+    Names of figures are identifiers. `system` gives the FMUs and parameters; `provenance` is that of a
+    run, or else `algorithm` and `communication` say how several runs were made. Tables and files are by
+    file name without folder. Functions in `files` write what only this question has, such as a system,
+    to a path. `facts` are further entries of the JSON.
     """
 
     figures: Mapping[str, Figure]
@@ -96,11 +96,11 @@ class Findings:
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class Answer(Findings):
-    """What was found, who asked, and what is said and shown of it.
+    """What was found, for which question and options, and what is said and shown of it.
 
-    `show` is called for picture and page; names of parameters are those of the system, "motor.T".
-    `live` is what the page needs to ask again. As a text it is what the command line prints, in a
-    notebook that and the picture.
+    `show` is called for picture and page. Names of parameters are those of the system, "motor.T". `live`
+    is what the page needs to ask again. As text it is what the command line prints; a notebook shows
+    the picture as well.
     """
 
     scenario: str
@@ -142,8 +142,8 @@ class Answer(Findings):
 
 
 def parameters(system: System, own: Iterable[str] = ()) -> dict[str, Parameter]:
-    """All parameters of a system's FMUs and what else has a start value, by dotted name, but for
-    what the question sets on its `own`.
+    """All parameters of a system's FMUs and all other variables that are given a start value, by dotted
+    name, except for its `own`, which the question sets itself.
 
     Raises SetupError for what `cosim.run` refuses in a system.
     """
@@ -228,4 +228,4 @@ def finish(answer: Answer, folder: Path, animate: bool = False) -> None:
         print(text)
     print(f"{', '.join(names)} written to {folder}")
     if PAGE not in names:
-        print("there is no page: it needs the package plotly")
+        print("no page was written: it needs the package plotly")

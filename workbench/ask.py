@@ -32,7 +32,7 @@ from .runs.journal import Journal, opened
 
 ALONE = Engine(jobs=1)
 TOO_LONG = (
-    "step = {:g} s is too long to tell errors: a run with {} times the step, {:g} s, fails: {}"
+    "step = {:g} s is too long to determine errors: a run with {} times the step, {:g} s, fails: {}"
 )
 FEWEST = 16
 Case = TypeVar("Case")
@@ -41,8 +41,8 @@ Found = TypeVar("Found")
 
 @dataclass(frozen=True)
 class Bench:
-    """What a question has at hand: its FMUs by part, who does its runs, a folder for rows on the way,
-    the journal of its sweeps.
+    """What a question works with: its FMUs by part, the engine of its runs, a folder for rows as they
+    are computed, and the journal of its sweeps.
     """
 
     fmus: Mapping[str, Path]
@@ -58,16 +58,17 @@ class Bench:
         record: Sequence[str] | None,
         csv: str = "",
     ) -> tuple[Result, dict[str, Figure]]:
-        """The result with steps of `o.step`, and its figures; their errors are those that `figures`
-        gives for this result, and that of the coupling, from runs with two and four times the step.
+        """The result with steps of `o.step`, and its figures. Their errors are those that `figures`
+        gives for this result plus that of the coupling, from runs with two and four times the step.
 
-        Rows go to the CSV file of that name on the way. Raises what `cosim.run` raises, and for a step
-        that is too long to tell errors SetupError before the runs, SimulationError after them.
+        Rows go to the CSV file of that name as they are computed. Raises what `cosim.run` raises. For a
+        step that is too long to determine errors it raises SetupError before the runs or SimulationError
+        after them.
         """
         if o.step > o.stop / FEWEST:
             raise SetupError(
                 f"step = {o.step:g} s must be at most {o.stop / FEWEST:g} s, a {FEWEST}th of stop = "
-                f"{o.stop:g} s: three runs with up to four times the step tell the errors"
+                f"{o.stop:g} s: three runs with up to four times the step give the errors"
             )
 
         def advance(cost: int, part: float) -> None:
@@ -105,9 +106,9 @@ class Bench:
         title: str,
         probes: bool = False,
     ) -> Iterator[Found]:
-        """function(case) for every case, in their order, wherever the engine does its runs.
+        """function(case) for every case, in order, wherever the engine does its runs.
 
-        Warnings are those of the question, but for `probes`, which look for what FMUs warn of.
+        Warnings become those of the question, except for `probes`, which look for what FMUs warn of.
         """
         call = partial(_heard, function)
         for found, warnings in self.engine.each(call, cases, title, self.journal()):
@@ -116,7 +117,7 @@ class Bench:
             yield found
 
     def kept(self, csv: str, units: Mapping[str, str], rows: Iterable[Sequence[Any]]) -> Table:
-        """The table of rows, which are kept in NAME.partial.csv as they come."""
+        """The table of rows, which are kept in NAME.partial.csv as they are computed."""
 
         def passed() -> Iterator[Sequence[Any]]:
             for row in rows:
@@ -135,7 +136,7 @@ def _heard(function: Callable[[Case], Found], case: Case) -> tuple[Found, list[s
 
 @contextmanager
 def hearing() -> Iterator[Callable[[], list[str]]]:
-    """Tells the warnings of the runs in this process so far, each once; nobody else hears them."""
+    """Collect the warnings of the runs in this process, each once, and keep them from other handlers."""
     log, handler = logging.getLogger("cosim"), BufferingHandler(sys.maxsize)
     handler.setLevel(logging.WARNING)
     before = log.handlers, log.propagate
@@ -159,9 +160,9 @@ def ask(
 ) -> Answer:
     """The answer to a question of a project, by its name, or of a file.
 
-    Options are given as its command line has them, or as values in the declared units; "start" holds
-    start values of FMUs. By default `jobs` are all cores on FMUs of the question's own flavour, and one
-    on others. Rows are kept in the folder `out` on the way. Raises what `answer` raises.
+    Options are given as on its command line, or as values in the declared units; "start" contains
+    start values of FMUs. By default `jobs` are all cores with FMUs of the question's own flavour, and
+    one with others. Rows are kept in the folder `out` as they are computed. Raises what `answer` raises.
     """
     page = question.load(question.find(project.home, text))
     own = getattr(page, "FLAVOUR", PYTHON)
@@ -192,11 +193,12 @@ def answer(
     modules: Mapping[str, Path] = MappingProxyType({}),
     command: str = "",
 ) -> Answer:
-    """The answer of a page to its options, with these FMUs by part; sweeps are done by the engine.
+    """The answer of a page to its options, with these FMUs by part; the engine does the sweeps.
 
-    Rows are kept in the folder `out` on the way. The page lives where there are modules of the FMUs by
-    part; `command` is then the start of the command line that asks the same. Raises SetupError for what
-    is refused, SimulationError for a run that fails, QuestionError where the page's own code raises.
+    Rows are kept in the folder `out` as they are computed. The page has a live part if there are
+    modules of the FMUs by part; `command` is then the start of the command line that asks the same.
+    Raises SetupError for what is refused, SimulationError for a run that fails, and QuestionError where
+    the page's own code raises.
     """
     own = getattr(page, "OWN", ())
     refuse(o.start, own)
@@ -294,11 +296,13 @@ def _check(page: ModuleType, figures: Any) -> None:
         if not isinstance(figure, Figure):
             raise SetupError(f"{where} must be a workbench.Figure(value, unit, error, meaning)")
         if not isinstance(figure.unit, str) or not figure.unit:
-            raise SetupError(f'{where} has no unit; a number without one has the unit "1"')
+            raise SetupError(f'{where} has no unit; a dimensionless number has the unit "1"')
         if figure.error is None and not (figure.reason and math.isnan(figure.value)):
-            raise SetupError(f"{where} has no error; Figure.refused(unit, reason) says why not")
+            raise SetupError(f"{where} has no error; use Figure.refused(unit, reason) to say why")
         if figure.error is not None and not (figure.error >= 0.0 and math.isfinite(figure.value)):
-            raise SetupError(f"{where} = {figure.value!r} +- {figure.error!r} is no figure")
+            raise SetupError(
+                f"{where} = {figure.value!r} +- {figure.error!r} is not a valid figure"
+            )
 
 
 def _identity(

@@ -21,7 +21,7 @@ USAGE = "list | run NAME or FILE.py [options] | study FILE.toml [options]"
 
 
 def main(words: Sequence[str], project: Project, program: str) -> int:
-    """Do what the words of a command line say; its exit code."""
+    """Run a command line, given as its words; returns its exit code."""
 
     def act() -> int:
         top = Parser(prog=program, usage=f"{program} {USAGE}", allow_abbrev=False)
@@ -50,7 +50,7 @@ def run(words: Sequence[str], project: Project, program: str) -> int:
         prog=f"{program} run",
         usage=f"{program} run NAME|FILE.py [options]",
         description=f"Answer a question: one of {known}, or a file of your own.",
-        epilog=f"{program} run NAME --help tells the options of a question.",
+        epilog=f"{program} run NAME --help lists the options of a question.",
     )
     top.add_argument("question", metavar="NAME|FILE.py")
     page = question.load(question.find(project.home, top.parse_args(words[:1]).question))
@@ -62,7 +62,7 @@ def run(words: Sequence[str], project: Project, program: str) -> int:
     )
     add(parser, page.Options)
     _add_common(parser, getattr(page, "FLAVOUR", PYTHON), "results/NAME, or NAME/SET")
-    parser.add_argument("--animate", action="store_true", help="also write the motions as GIF")
+    parser.add_argument("--animate", action="store_true", help="also write the motions as GIFs")
     found, rest = parser.parse_known_args(words[1:])
     if rest:
         flags = [x[2:] for x in parser._option_string_actions if x[:2] == "--" and x != "--help"]
@@ -80,16 +80,16 @@ def run(words: Sequence[str], project: Project, program: str) -> int:
 
 
 def study(words: Sequence[str], project: Project, program: str) -> int:
-    """Do the study of a file and say what it found; 1 if no run came to its end."""
+    """Run the study of a file and say what it found; 1 if no run came to its end."""
     from . import study as studies  # pandas and what draws take their time
 
     parser = Parser(
         prog=f"{program} study",
-        description="Vary inputs of a question as a file says.",
+        description="Vary the inputs of a question as a study file says.",
         allow_abbrev=False,
     )
     parser.add_argument(
-        "file", type=Path, metavar="FILE.toml", help="what varies, see docs/studies.md"
+        "file", type=Path, metavar="FILE.toml", help="study file, see docs/studies.md"
     )
     _add_common(parser, PYTHON, "results/studies/NAME")
     told = vars(parser.parse_args(words))
@@ -99,17 +99,19 @@ def study(words: Sequence[str], project: Project, program: str) -> int:
 
 def _add_common(parser: Parser, flavour: str, out: str) -> None:
     """The options of any runs."""
-    of = f"of the FMUs (default: {flavour})"
+    of = f"flavour of the FMUs (default: {flavour})"
     parser.add_argument("--flavour", choices=FLAVOURS, default=flavour, help=of)
     parser.add_argument("--jobs", type=int, help="parallel processes (default: all cores)")
-    parser.add_argument("--scheduler", help="Dask cluster that does the runs, tcp://HOST:8786")
-    parser.add_argument("--out", type=_folder, help=f"folder (default: {out})")
+    parser.add_argument(
+        "--scheduler", help="scheduler of a Dask cluster that does the runs, tcp://HOST:8786"
+    )
+    parser.add_argument("--out", type=_folder, help=f"output folder (default: {out})")
 
 
 def _folder(text: str) -> Path:
     """A path that may be a folder."""
     if Path(text).exists() and not Path(text).is_dir():
-        raise ArgumentTypeError(f"{text!r} is no folder")
+        raise ArgumentTypeError(f"{text!r} is not a folder")
     return Path(text)
 
 

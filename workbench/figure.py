@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -14,8 +14,8 @@ class Figure(NamedTuple):
     """A value, its unit, and its error in the same unit.
 
     The error covers every cause: coupling, rows between which the figure lies, settling, the place
-    of a peak, a search's bracket. It is 0 for a formula alone. Where it cannot be told the figure is
-    refused: its error is None, its value nan, and `reason` says why in a sentence.
+    of a peak, a search's bracket. It is 0 for a formula alone. A figure that cannot be determined is
+    refused: its error is None, its value is nan, and `reason` says why in a sentence.
     """
 
     value: float
@@ -30,7 +30,7 @@ class Figure(NamedTuple):
         return cls(math.nan, unit, None, meaning, reason)
 
     def text(self, unit: str = "") -> str:
-        """The figure as it may be printed, "12.34 ± 0.05 rad/s"; `unit` is its unit as one says it."""
+        """The figure as text, "12.34 ± 0.05 rad/s"; `unit` is the wording of its unit."""
         unit = "" if self.unit in ("", "1") and not unit else f" {unit or self.unit}"
         if self.error is None:
             return f"not determined ({self.reason})" if self.reason else "not determined"
@@ -47,12 +47,17 @@ class Figure(NamedTuple):
 
 
 def refusals(figures: Mapping[str, Figure]) -> list[str]:
-    """A sentence for each reason why figures are refused, with whose they are: "With A, B it jams."."""
+    """A sentence for each reason why figures are refused, and for which: "With A and B, it jams."."""
     whose: dict[str, list[str]] = {}
     for who, figure in figures.items():
         if figure.error is None:
             whose.setdefault(figure.reason, []).append(who)
-    return [f"With {', '.join(them)} {reason}." for reason, them in whose.items()]
+    return [f"With {listed(them)}, {reason}." for reason, them in whose.items()]
+
+
+def listed(texts: Sequence[str]) -> str:
+    """Texts as they stand in a sentence: "a", "a and b", "a, b and c"."""
+    return " and ".join([", ".join(texts[:-1]), texts[-1]] if len(texts) > 1 else texts)
 
 
 def whole(verdict: str, figures: Mapping[str, Figure]) -> str:
@@ -72,7 +77,7 @@ def whole(verdict: str, figures: Mapping[str, Figure]) -> str:
             lines.append(". ".join(kept) + "." * line.endswith("."))
     known = " ".join(lines)
     new = [reason for reason in reasons.values() if reason not in known]
-    why = f": {new[0]}" if len(new) == 1 else ", for the reasons beside the figures"
+    why = f": {new[0]}" if len(new) == 1 else ", for the reasons given with the figures"
     if new:
         lines.append(f"Nothing {'more ' if lines else ''}can be determined{why}.")
     return "\n".join(lines)

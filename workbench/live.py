@@ -1,9 +1,9 @@
-"""The live part of a page: a question asked again in the browser, of the modules of its FMUs.
+"""The live part of a page: a question asked again in the browser, with the modules of its FMUs.
 
-A page declares `LIVE`, sliders over its options and start values. Its functions are translated, and
-with them what they use of the workbench and draw with. A `solve` that yields functions without
-parameters, each of which makes a Show, shows what it knows before it knows all. An option without a
-value of its own has the one that the data of the findings have by its name.
+A page declares `LIVE`, sliders over its options and start values. Its functions are translated, along
+with all they use of the workbench. A `solve` may yield functions without parameters, each of which makes
+a Show of what is known so far. An option without a value of its own takes the value of that name from
+the data of the findings.
 """
 
 from __future__ import annotations
@@ -34,8 +34,8 @@ ASKED = ("solve", "system", "figures", "verdict", "show", "Options")
 
 
 class Slider(NamedTuple):
-    """An option, or a start value of an FMU, "motor.T", and from where to where it may be moved; the
-    ends give way to a value that was asked for beyond them.
+    """An option or a start value of an FMU, "motor.T", and the range of its slider, which is widened to
+    include a requested value outside it.
     """
 
     name: str

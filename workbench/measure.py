@@ -1,4 +1,4 @@
-"""What rows tell: values between them with the error their spacing leaves, and orders of an angle."""
+"""Values read from rows: between them, with the error their spacing leaves, and orders of an angle."""
 
 from __future__ import annotations
 
@@ -19,24 +19,24 @@ ROUNDING, ON_LEVEL, TOUCHED = 1e-12, 1e-9, 1e-3
 
 
 class Measured(NamedTuple):
-    """A value that rows tell, and what they leave open of it; nan for what does not happen, and an
-    infinite error where that is not certain.
+    """A value read from rows and its error; nan for what does not happen, with an infinite error where
+    that is not certain.
     """
 
     value: float
     error: float
 
     def figure(self, unit: str, meaning: str) -> Figure:
-        """The value as a figure, which is refused for what does not happen, or may not."""
+        """The value as a figure, which is refused for what does not or may not happen."""
         if self.error == math.inf:
             return Figure.refused(unit, "the level is only just reached, or just missed", meaning)
         if math.isnan(self.value):
-            return Figure.refused(unit, "it does not happen while the run lasts", meaning)
+            return Figure.refused(unit, "it does not happen during the run", meaning)
         return Figure(self.value, unit, self.error, meaning)
 
 
 class Peak(NamedTuple):
-    """The largest value, its error, and the time where it stands."""
+    """The largest value, its error, and its time."""
 
     value: float
     error: float
@@ -48,8 +48,8 @@ class Peak(NamedTuple):
 
 
 def measured(tell: Callable[..., float], *columns: Samples) -> Measured:
-    """What `tell` makes of columns of shape (n,): its error is how much every second row, of either
-    half, would change it. The first and the last row stand in both halves.
+    """What `tell` returns for columns of shape (n,). Its error is how much it would change with every
+    second row alone, of either half. The first and the last row are in both halves.
     """
     value = float(tell(*columns))
     others = [float(tell(*(x[half] for x in columns))) for half in _halves(len(columns[0]))]
@@ -57,7 +57,7 @@ def measured(tell: Callable[..., float], *columns: Samples) -> Measured:
 
 
 def over_rows(tell: Callable[[Result], Mapping[str, Figure]], result: Result) -> dict[str, Figure]:
-    """The figures that `tell` makes of a result, by name, with the same error; refused ones stay so."""
+    """The figures that `tell` returns for a result, by name, with the same error; refused ones stay so."""
     whole = tell(result)
     others = [tell(of_rows(result, result.data[half])) for half in _halves(len(result.data))]
     return {
@@ -110,11 +110,11 @@ def since(t: Samples, x: Samples, begin: float) -> tuple[Samples, Samples]:
 
 
 def crossing(t: Samples, x: Samples, level: float, which: int = 0) -> Measured:
-    """When x passes a level, on the spline through its rows: the first time, or which = 1, 2, .. after
-    it, -1 for the last; nan where x does not pass it so often.
+    """When x passes a level, on the spline through its rows: the first time, or with which = 1, 2, ..
+    a later one, and with -1 the last one; nan where x does not pass it that often.
 
-    The error is infinite where x turns so near to the level, on the way there from the first row, or
-    from the last one for which < 0, that a small error of x decides which time it is.
+    The error is infinite where x turns so near to the level before that (after it for which < 0) that
+    a small error of x decides which time it is.
     """
     times = passes(t, x, level)
     found, begin, end = Measured(math.nan, math.nan), t[0], t[-1]
@@ -141,7 +141,7 @@ def _crossing(t: Samples, x: Samples, level: float, times: Samples, k: int) -> M
 
 
 def passes(t: Samples, x: Samples, level: float) -> Samples:
-    """The times alone. Where x hardly moves, from rest, SciPy finds some that are none."""
+    """The times alone, without those that SciPy finds by mistake where x hardly moves, from rest."""
     curve = figures.spline(t, x)
     found = curve.solve(level, extrapolate=False)
     return np.asarray(found[abs(curve(found) - level) <= ON_LEVEL * abs(x - level).max()])

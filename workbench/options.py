@@ -23,7 +23,7 @@ from cosim.units import QUANTITY, multiples
 
 Start = dict[str, Value]
 HOLDS = {"above": gt, "at least": ge, "at most": le}
-KINDS = {float: "a finite number", int: "a whole number", str: "a text", bool: "true or false"}
+KINDS = {float: "a finite number", int: "a whole number", str: "a string", bool: "true or false"}
 
 
 def option(
@@ -36,7 +36,7 @@ def option(
     most: float | None = None,
     choices: Iterable[str] = (),
 ) -> Any:
-    """Declare an option of a dataclass of options; the default is written as a person would."""
+    """Declare an option of a dataclass of options; the default may be written with a unit, "2ms"."""
     bounds = {"above": above, "at least": least, "at most": most}
     told = {word: bound for word, bound in bounds.items() if bound is not None}
     declared = Option("", float, False, default, meaning, unit, told, tuple(choices))
@@ -117,7 +117,7 @@ class Option:
         elif len(ends) != 2 or not count.strip().isdigit():
             raise SetupError(f"{said} must {form}")
         elif int(count) < 1:
-            raise SetupError(f"{said} names no number")
+            raise SetupError(f"{said} contains no number")
         else:
             low, high = self._parsed(ends, said, form)
             numbers = np.linspace(low, high, int(count)).tolist()
@@ -152,7 +152,7 @@ class Option:
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    """What every question is asked; values are read and checked when it is made.
+    """The options of every question; values are read and checked when it is made.
 
     Raises SetupError for a value that an option cannot take.
     """
@@ -167,7 +167,7 @@ class Options:
 
 @dataclass(frozen=True, kw_only=True)
 class Run(Options):
-    """What every question of one certified run is asked."""
+    """The options of every question of one certified run."""
 
     stop: float = option(1.0, "simulated time", "s", above=0.0)
     step: float = option("0.2ms", "finest of three communication steps", "s", above=0.0)
@@ -232,7 +232,7 @@ def add(parser: ArgumentParser, kind: type[Options]) -> None:
         "--start",
         action="append",
         metavar="NAME=VALUE",
-        help="start value of an FMU, above what other options say (repeatable)",
+        help="start value of an FMU, which overrides other options (repeatable)",
     )
 
 
@@ -247,10 +247,10 @@ def starts(given: Mapping[str, Value] | Iterable[str]) -> Start:
 
 
 def refuse(start: Mapping[str, Value], own: Iterable[str]) -> None:
-    """Raise SetupError for a start value that a question sets on its own."""
+    """Raise SetupError for a start value that a question sets itself."""
     for name in own:
         if name in start:
-            raise SetupError(f"start value {name}: this question sets it on its own")
+            raise SetupError(f"start value {name}: this question sets it itself")
 
 
 def at_least(name: str, value: int, least: int) -> None:

@@ -1,4 +1,4 @@
-"""The steady orbit of a coupled machine that turns: found, looked at, and refused where it is not there.
+"""The steady orbit of a coupled machine that turns: found, checked, and refused where there is none.
 
 A revolution maps the states at one crank angle to the states a revolution later. Its fixed point is
 the orbit. The first revolutions from a start show that map; where it is nearly linear, they tell the
@@ -28,7 +28,7 @@ SLACK = 1.02
 
 
 class NotSteady(Exception):
-    """There is no steady orbit that a figure could be taken from; says why in a sentence."""
+    """There is no steady orbit from which to take a figure; says why in a sentence."""
 
 
 class Turns(NamedTuple):
@@ -95,7 +95,7 @@ def steady(
         phi = result[angle]
         if not (np.diff(phi) > 0.0).all():
             if safe is None:
-                raise NotSteady("the crank does not turn all the way")
+                raise NotSteady("the crank does not complete a turn")
             at = (at + safe) / 2
             continue
         if phi[-1] < TURN * count:
@@ -127,7 +127,7 @@ def steady(
         safe = sections[-1] * scale
         at = safe + map_ @ ahead * scale
     raise NotSteady(
-        f"after {ROUNDS * count} revolutions the orbit still moves by {moved:.1g} of itself"
+        f"after {ROUNDS * count} revolutions the orbit still changes by a share of {moved:.1g}"
     )
 
 

@@ -1,4 +1,4 @@
-"""Questions: pages in the folders of a package, found by name, or files of one's own, by path."""
+"""Questions: pages in the folders of a package, found by name, or a user's own files, by path."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ TAKEN = ("help", "start", "flavour", "jobs", "scheduler", "out", "animate")
 
 
 class Project(NamedTuple):
-    """A package of questions, by its folder, and the FMUs they stand on: folders of them by flavour,
-    and under "wasm" that of their modules for WebAssembly.
+    """A package of questions, by its folder, and the folders of the FMUs they use, by flavour, and of
+    their modules for WebAssembly, under "wasm".
 
-    `fill` makes FMUs of these names and flavour that are missing or out of date, and raises SetupError
-    with the reason where it cannot.
+    `fill` makes FMUs of these names and flavour that are missing or out of date. It raises SetupError
+    with the reason if it cannot.
     """
 
     home: Path | None = None
@@ -172,7 +172,7 @@ def find(home: Path | None, text: str, folder: Path = Path()) -> str:
     if text.endswith(".py") and (folder / text).is_file():
         return str((folder / text).resolve())
     known = f"one of {', '.join(names(home))}, or " if home else ""
-    raise SetupError(f"{text!r} must be {known}a file NAME.py that is there")
+    raise SetupError(f"{text!r} must be {known}an existing file NAME.py")
 
 
 def _checked(page: ModuleType, where: str) -> ModuleType:
@@ -187,25 +187,27 @@ def _checked(page: ModuleType, where: str) -> ModuleType:
             if not hasattr(page, wanted):
                 raise SetupError(f"{where} must define {wanted}{form}, or solve(o, bench)")
         if not hasattr(kind, "step"):
-            raise SetupError(f"{where}: with system and figures, Options stand on workbench.Run")
+            raise SetupError(
+                f"{where}: with system and figures, Options must derive from workbench.Run"
+            )
     if any(isinstance(value, Field) for value in vars(kind).values()):
         raise SetupError(
-            f"{where}: above class Options stands @dataclass(frozen=True, kw_only=True)"
+            f"{where}: class Options must be decorated with @dataclass(frozen=True, kw_only=True)"
         )
     for name in declared(kind):
         if name in TAKEN:
             raise SetupError(
-                f"{where}: no option can be called {name!r}, as one of all questions is"
+                f"{where}: no option can be called {name!r}, since every question has one of that name"
             )
     if not asked(page):
-        raise SetupError(f"{where} must begin with its question, as a text in quotes")
+        raise SetupError(f"{where} must begin with its question as a docstring")
     return page
 
 
 @contextmanager
 def blamed(page: ModuleType) -> Iterator[None]:
-    """Turns what a page's own code raises into a QuestionError with its file and line; so, too, what
-    a file of one's own makes others raise.
+    """Turn what a page's own code raises into a QuestionError with its file and line, and also what a
+    user's own file makes other code raise.
     """
     try:
         yield

@@ -1,4 +1,4 @@
-"""What questions share that fit a machine to its record: the record's options, figures, rows, pictures."""
+"""Shared by questions that fit a machine to a record: its options, figures, rows and pictures."""
 
 from __future__ import annotations
 
@@ -32,26 +32,29 @@ KNOWN = re.compile(
 
 @dataclass(frozen=True, kw_only=True)
 class Recorded(Options):
-    """What is asked of a record, and what is known of its machine beforehand."""
+    """The options of a record, and what is known of its machine beforehand."""
 
     data: str = option("", "CSV file of the record")
     map: tuple[str, ...] = option(
-        (), "a column, conveyor.w=n:rpm or motor.tau=M*0.88:N.m; time=t names the times"
+        (),
+        "a column, such as conveyor.w=n:rpm or motor.tau=M*0.88:N.m; time=t is the time column",
     )
     known: tuple[str, ...] = option(
-        (), "what is known, conveyor.trough.m=200+-5 or =200+-2.5%, one standard deviation"
+        (), "a known value, conveyor.trough.m=200+-5 or =200+-2.5%, with its standard deviation"
     )
-    free: tuple[str, ...] = option((), "what else is sought, conveyor.spring.c or gain(motor.tau)")
+    free: tuple[str, ...] = option(
+        (), "a further value to fit, conveyor.spring.c or gain(motor.tau)"
+    )
     noise: tuple[str, ...] = option(
-        (), "noise of a column, conveyor.w=2rpm, told from its rows if not"
+        (), "noise of a column, conveyor.w=2rpm, estimated from its rows by default"
     )
     gaps: bool = option(False, "whether cells may be empty")
     outliers: float = option(
-        0.0, "share of the rows that may lie far out", "%", least=0.0, most=20.0
+        0.0, "share of the rows that may be outliers", "%", least=0.0, most=20.0
     )
-    since: float | None = option(None, "time from which on rows count", "s")
-    until: float | None = option(None, "time up to which rows count", "s")
-    starts: int = option(12, "starts of the search, at most", least=2)
+    since: float | None = option(None, "time from which rows are used", "s")
+    until: float | None = option(None, "time up to which rows are used", "s")
+    starts: int = option(12, "largest number of starts of the search", least=2)
 
     def columns(self, *wanted: str, timed: bool = True) -> dict[str, Measured]:
         """The measured columns by variable, those that are wanted among them; against the number of
@@ -88,8 +91,8 @@ class Recorded(Options):
         turned = cumulative_trapezoid(w / gear, np.array(speed.times)[there], initial=0)
         if turned[-1] < 2 * math.pi:
             raise SetupError(
-                f"{self.data}: the record holds {turned[-1] / (2 * math.pi):.2g} turns of the {what}, "
-                "and one is the least that tells a drive"
+                f"{self.data}: the record contains {turned[-1] / (2 * math.pi):.2g} turns of the "
+                f"{what}; at least one is needed"
             )
         return w, turned
 
@@ -140,10 +143,10 @@ def prior(text: str) -> tuple[str, tuple[float, float]]:
 
 
 def said(interval: Any, meaning: str = "") -> Figure:
-    """An interval as a figure, refused where the record does not tell the value."""
+    """An interval as a figure, refused where the record does not determine the value."""
     unit = interval.unit or "1"
     if not math.isfinite(interval.error) or interval.error > abs(interval.value) * 1e3 + 1e9:
-        return Figure.refused(unit, "the record does not tell it", meaning)
+        return Figure.refused(unit, "the record does not determine it", meaning)
     return Figure(interval.value, unit, interval.error, meaning)
 
 
@@ -154,7 +157,7 @@ def key(name: str) -> str:
 
 def values(fit: Identified) -> dict[str, Figure]:
     """All values that were free, by name."""
-    return {key(name): said(x, f"{name}, found") for name, x in fit.values.items()}
+    return {key(name): said(x, f"{name}, fitted") for name, x in fit.values.items()}
 
 
 def tables(fit: Identified, advice: Sequence[Advice], name: str, unit: str) -> dict[str, Table]:
@@ -175,7 +178,7 @@ def tables(fit: Identified, advice: Sequence[Advice], name: str, unit: str) -> d
 
 
 def facts(fit: Identified, advice: Sequence[Advice], exact: Sequence[str]) -> dict[str, Any]:
-    """What else stands in the JSON; `exact` are values that were taken as they are, unless free."""
+    """Further entries of the JSON; `exact` are values that were taken as exact, unless free."""
     taken = fit.model.values(fit.local.p)
     return {
         "chi2": {"sum": fit.chi2, "degrees": fit.dof, "band": list(fit.band)},
@@ -216,10 +219,11 @@ def next_one(advice: Sequence[Advice], now: float, what: str, unit: str) -> str:
     best = [x for x in advice if x.error <= (1 + SAME) * advice[0].error]
     error = max(x.error for x in best)
     if error >= now / (1 + SAME):
-        return f"Next: no record of these narrows the interval of {what} by much."
+        return f"No further record of these kinds would narrow the interval of {what} by much."
     *others, name = (x.name for x in best)
-    names = f"{', '.join(others)} or {name}, all alike," if others else name
-    return f"Next: {names} would narrow the interval of {what} to {error:.2g} {unit}".rstrip() + "."
+    names = f"{', '.join(others)} or {name}; each" if others else f"{name}: that"
+    said = f"Next, record {names} would narrow the interval of {what} to {error:.2g} {unit}"
+    return f"{said.rstrip()}."
 
 
 def charts(fit: Identified, drawn: Mapping[str, tuple[str, str]]) -> list[Chart]:
@@ -231,7 +235,7 @@ def charts(fit: Identified, drawn: Mapping[str, tuple[str, str]]) -> list[Chart]
         panels = [
             Panel(what, seen.unit, [Curve("measured", seen.times, seen.measured, "grey", "points"),
                                     Curve("fitted", seen.times, seen.fitted, color)]),
-            Panel("fitted less measured", seen.unit, [Curve("residual", seen.times, off, color, "points")],
+            Panel("fitted minus measured", seen.unit, [Curve("residual", seen.times, off, color, "points")],
                   [Mark(s * 2 * seen.sigma, f"{2 * s:+d} sigma of the noise") for s in (-1, 1)]),
         ]  # fmt: skip
         found.append(Chart(f"The {what}, measured and fitted", "time [s]", panels))

@@ -1,7 +1,7 @@
-"""How does a controlled drive follow a new speed through its shaft?
+"""How does a controlled drive reach a new speed through an elastic shaft?
 
-A motor with speed controller and gearbox brings a slotted link from rest to its set speed; between
-gearbox and link lies an elastic shaft with backlash.
+A motor with a speed controller and a gearbox brings a slotted link from rest to its set speed. An
+elastic shaft with backlash connects gearbox and link.
 """
 
 import math
@@ -84,12 +84,12 @@ def figures(o: Options, r: Result) -> dict[str, Figure]:
     fast, shaft = largest(t, r["load.w"]), largest(t, r["shaft.tau_b"])
     return {
         "near_time": crossing(t, r["load.w"], NEAR * o.speed).figure(
-            "s", f"until the load first has {NEAR:.0%} of its set speed"
+            "s", f"time until the load first reaches {NEAR:.0%} of its set speed"
         ),
         "w_max": fast.figure(rad, "largest speed of the load"),
         "tau_max": shaft.figure(torque, "largest torque in the shaft"),
-        "tau_max_time": shaft.at.figure("s", "when the torque in the shaft is largest"),
-        "tau_min": smallest(t, r["shaft.tau_b"]).figure(torque, "least torque in the shaft"),
+        "tau_max_time": shaft.at.figure("s", "time of the largest torque in the shaft"),
+        "tau_min": smallest(t, r["shaft.tau_b"]).figure(torque, "smallest torque in the shaft"),
         "i_max": largest(t, r["motor.i"]).figure(r.units["motor.i"], "largest current"),
     }
 
@@ -103,27 +103,31 @@ def frequencies(r: Result) -> dict[str, Figure]:
     J_1 = gear["J"] * gear["i"] ** 2
     J_2 = load["rotor.J"] + (load["trough.m"] + load["load.m"]) * load["crank.r"] ** 2 / 2
     free, held = math.sqrt(shaft["c"] * (1 / J_1 + 1 / J_2)), math.sqrt(shaft["c"] / J_2)
-    meanings = {"free": "gearbox and load on the shaft", "held": "the load, the gearbox held"}
+    meanings = {"free": "gearbox and load on the shaft", "held": "the load with the gearbox held"}
+    own = "natural frequency of"
     return {
-        f"{word}_frequency": Figure(w / (2 * math.pi), "Hz", 0.0, f"{meanings[word]}, by formula")
+        f"{word}_frequency": Figure(w / (2 * math.pi), "Hz", 0.0, f"{own} {meanings[word]}")
         for word, w in (("free", free), ("held", held))
     }
 
 
 def verdict(o: Options, f: Mapping[str, Figure], r: Result) -> str:
-    """How the load comes to its speed, what that takes, and how the shaft may swing."""
+    """How the load reaches its speed, what that takes, and how the shaft may oscillate."""
     told = {name: figure.text() for name, figure in f.items()}
-    set_speed = f"{NEAR:.0%} of its {o.speed:g} rad/s"
-    comes = f"The load does not reach {set_speed}: it gets to {told['w_max']}"
+    set_speed = f"{NEAR:.0%} of its set speed of {o.speed:g} rad/s"
+    comes = f"The load does not reach {set_speed}; its largest speed is {told['w_max']}"
     if f["w_max"].value > NEAR * o.speed:
-        comes = f"The load gets to {told['w_max']}; when it first has {set_speed} is {told['near_time']}"
+        first = f"the time at which it first reaches {set_speed} is {told['near_time']}"
+        comes = f"The largest speed of the load is {told['w_max']}; {first}"
     if f["near_time"].error is not None:
-        beyond = "goes up to" if f["w_max"].value > o.speed else "stays below"
-        comes = f"The load has {set_speed} after {told['near_time']} and {beyond} {told['w_max']}"
+        beyond = "overshoots to" if f["w_max"].value > o.speed else "does not exceed"
+        comes = (
+            f"The load reaches {set_speed} after {told['near_time']} and {beyond} {told['w_max']}"
+        )
     return (
-        f"{comes}. The shaft bears up to {told['tau_max']} for it, the motor {told['i_max']}. On this "
-        f"shaft gearbox and load swing at {told['free_frequency']}, or the load alone at "
-        f"{told['held_frequency']} while the controller holds the gearbox."
+        f"{comes}. The shaft carries up to {told['tau_max']}, and the motor draws up to "
+        f"{told['i_max']}. Gearbox and load oscillate on the shaft at {told['free_frequency']}; while "
+        f"the controller holds the gearbox, the load oscillates alone at {told['held_frequency']}."
     )
 
 
@@ -131,7 +135,7 @@ def show(o: Options, f: Mapping[str, Figure], r: Result) -> Show:
     """Speeds, torques and current over time, and both ends of the shaft in motion."""
     panel = partial(recorded, result=r, x=r["time"])
     speeds = {"gear.w_b": ("gearbox", SPEED), "load.w": ("load", LIFT)}
-    torques = {"controller.tau": ("asked for", THEORY, "theory"), "motor.tau": ("motor", TORQUE)}
+    torques = {"controller.tau": ("requested", THEORY, "theory"), "motor.tau": ("motor", TORQUE)}
     wanted = [Mark(o.speed, "set speed")]
     panels = [
         panel("speed", curves=speeds, levels=wanted),
@@ -167,5 +171,5 @@ def moving(r: Result) -> Motion:
     ]
     rows = zip(t[picked], gear["w_b"], load["w"])
     captions = [f"{s:.3f} s: gearbox {w:.1f} rad/s; load {v:.1f} rad/s" for s, w, v in rows]
-    note = "The thin hand is the gearbox's end of the shaft, the crank the load's: between them is the twist."
+    note = "The thin hand is the gearbox end of the shaft, the crank the load end. Their angle is the twist."
     return Motion("Both ends of the shaft", t[picked], 5.0, captions, shapes, note)

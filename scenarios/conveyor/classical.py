@@ -1,8 +1,9 @@
-"""How far may the classical calculation, constant inertia and a load over time, be trusted?
+"""How far can the classical calculation, with constant inertia and a load over time, be trusted?
 
-Its ripple of torque and speed, and its rod force, are held against co-simulation at each speed: once
-with the spring alone for a load, as the formula after (26) has it, and once with all that there is at
-constant speed, the inertia of the trough among it. Where either goes wrong is found on orbits there.
+Its ripple of torque and speed and its rod force are compared with co-simulation at each speed: once
+with the spring as the only load, as in the formula after (26), and once with the whole load at constant
+speed, including the inertia of the trough. The speed at which each error leaves its bounds is located
+on orbits there.
 """
 
 import math
@@ -16,6 +17,7 @@ from scipy.interpolate import CubicSpline
 
 from cosim import ORDERS
 from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, Table, option
+from workbench.figure import listed
 from workbench.measure import Measured, passes
 from workbench.report.chart import FORCE, SPEED, TORQUE, Second
 
@@ -41,13 +43,13 @@ TOLD = {
 }
 ROUNDS, CLOSE = 12, 1e-9
 UNKNOWN = "the coupling error of an orbit is not known; take more steps per revolution"
-FEW = "the sweep holds too few speeds near it"
+FEW = "the sweep has too few speeds near it"
 NOWHERE = "not even at the lowest speed of the sweep"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Options(Swept):
-    tolerance: float = option(5.0, "error that is borne", "%", above=0.0)
+    tolerance: float = option(5.0, "error that is accepted", "%", above=0.0)
 
 
 class Case(NamedTuple):
@@ -77,7 +79,7 @@ class Found(NamedTuple):
 
 
 def solve(o: Options, bench: Bench) -> Findings:
-    """Sweep, compare, and find where an error is borne no more; raises cosim.SetupError."""
+    """Sweep, compare, and find where an error is no longer accepted; raises cosim.SetupError."""
     machine, setup, nus, coarser = sweep = begun(o, bench, SPEEDS)
 
     def simulated(nus: Sequence[float]) -> list[Row]:
@@ -90,7 +92,7 @@ def solve(o: Options, bench: Bench) -> Findings:
     figures = {}
     for case in CASES:
         what = f"{TOLD[case.load][1]} {WORDS[case.way]}"
-        meaning = f"speed up to which the {what} is good enough"
+        meaning = f"speed up to which the {what} is accurate enough"
         figures[f"limit_{case.key}"] = limits[case]._replace(meaning=meaning)
         errors = [off(case, machine, nu, row) for nu, row in zip(nus, rows)]
         figures[f"worst_{case.key}"] = worst(errors, f"largest error, {what}")
@@ -155,7 +157,7 @@ def passed(
     for case in CASES:
         errors = np.array([off(case, machine, nu, row) for nu, row in zip(nus, rows)])[:, 0]
         if np.isnan(errors).any() or len(nus) < 2:
-            reason = "the sweep holds no two speeds, or one without a steady orbit"
+            reason = "the sweep has fewer than two speeds, or one without a steady orbit"
             found[case] = Figure.refused("rad/s", reason)
         elif abs(errors[0]) > most:
             found[case] = Figure.refused("rad/s", NOWHERE)
@@ -166,7 +168,7 @@ def passed(
                 x, s = min(ends)
                 sought[case] = (float(x), s * most, float(curve(x, 1)))
             else:
-                reason = f"it is at every speed of the sweep: the error stays below {most:g} %"
+                reason = f"the error stays below {most:g} % at every speed of the sweep"
                 found[case] = Figure.refused("rad/s", reason)
     few = Figure.refused("rad/s", FEW)
     before: dict[Case, tuple[float, float]] = {}
@@ -209,12 +211,12 @@ def verdict(o: Options, f: Mapping[str, Figure], r: Found) -> str:
             tops.append(f"{top.text()} for the {name}")
         lines.append(
             f"{words.capitalize()} as its load, the calculation is within {o.tolerance:g} % for "
-            f"{', '.join(parts)}. It has largest errors of {', '.join(tops)}."
+            f"{listed(parts)}. Its largest errors are {listed(tops)}."
         )
     if f["share"].error is not None:
         lines.append(
             "The spring alone no longer gives the torque ripple once the inertia force of the trough is "
-            f"{f['share'].text()} of the spring's."
+            f"{f['share'].text()} of the spring force."
         )
     return "\n".join(lines)
 
@@ -244,9 +246,9 @@ def show(o: Options, f: Mapping[str, Figure], r: Found) -> Show:
     axis, second = "operating speed [rad/s]", Second("rpm", 30 / math.pi)
     good, share = f["limit_spring_torque"], f["share"].value
     title = (
-        "The spring alone is not good enough at these speeds"
+        "The spring alone is not accurate enough at these speeds"
         if good.error is None
-        else f"The spring alone is good up to {good.value:.3g} rad/s, where inertia is {share:.2g} % of its force"
+        else f"The spring alone is good up to {good.value:.3g} rad/s; inertia is {share:.2g} % of its force there"
     )
     charts = [
         Chart(title, axis, loads, marks, second=second),

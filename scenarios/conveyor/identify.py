@@ -1,8 +1,8 @@
 """Where is the electromechanical resonance of a measured drive, and what would get the drive clear of it?
 
-The drive is fitted to a record of its speed, and of its torque if that was measured: its parameters,
-its supply and how it stood at the start. The resonance follows with an interval, and so does the
-torque ripple at the operating speed. A record that no drive of this kind makes is refused.
+The parameters of the drive, its supply and its state at the start are fitted to a record of its speed,
+and of its torque if that was measured. The resonance follows with an interval, and so does the torque
+ripple at the operating speed. A record that no drive of this kind fits is refused.
 """
 
 from __future__ import annotations
@@ -74,7 +74,7 @@ def solve(o: Options, bench: Bench) -> Findings:
     supply, slope = KLOSS if induction(o.start) else LINEAR
     if not o.known and TORQUE not in record:
         raise SetupError(
-            f"{o.data}: speed alone tells no mass and no torque; give what is known, as in "
+            f"{o.data}: speed alone determines neither mass nor torque; give what is known, as in "
             "--known conveyor.trough.m=200+-5, or map a torque to motor.tau"
         )
     fit = o.identify(
@@ -134,14 +134,14 @@ def figures(o: Options, bench: Bench, told: Told) -> dict[str, Figure]:
         "avoid_to": "rad/s",
     }
     meanings = {
-        "nu_res": "resonance by formula (22) of the machine found",
+        "nu_res": "resonance by formula (22) of the fitted machine",
         "away": "operating speed above the resonance",
         "tau2": "torque ripple at the operating speed",
-        "avoid_from": "speed above which the torque ripple is too much",
-        "avoid_to": "speed below which the torque ripple is too much",
+        "avoid_from": "speed above which the torque ripple exceeds its limit",
+        "avoid_to": "speed below which the torque ripple exceeds its limit",
     }
     for name, key in CHANGED.items():
-        meanings[f"clear_{key}"] = f"{name} with which the torque ripple there is at its limit"
+        meanings[f"clear_{key}"] = f"{name} at which that torque ripple is at its limit"
         units[f"clear_{key}"] = fit.model.free[fit.names.index(name)].unit
     if fit.misfit:
         why = "no machine of this kind fits the record"
@@ -247,9 +247,13 @@ def edges(
 
     ends = [said(fit.interval(partial(edge, x), "rad/s"), "") for x in passed(values).tolist()]
     if abs(machine(values).torque_ripple(nus[0])) > o.most:
-        ends.insert(0, Figure.refused("rad/s", "it is above its limit at every speed below"))
+        ends.insert(
+            0, Figure.refused("rad/s", "the torque ripple is above its limit at every lower speed")
+        )
     if len(ends) % 2:
-        ends.append(Figure.refused("rad/s", "it is above its limit at every speed above"))
+        ends.append(
+            Figure.refused("rad/s", "the torque ripple is above its limit at every higher speed")
+        )
     return list(zip(ends[::2], ends[1::2]))
 
 
@@ -273,9 +277,9 @@ def cleared(o: Options, told: Told, name: str, unit: str) -> Figure:
         return float(v[name] * min(at, key=lambda x: abs(math.log(x)), default=math.nan))
 
     if abs(told.machine(values).torque_ripple(nu)) <= o.most:
-        return Figure.refused(unit, "the operating speed is clear as it is")
+        return Figure.refused(unit, "the operating speed is already clear")
     if math.isnan(passed(values)):
-        return Figure.refused(unit, f"no value from a fifth to five times that of {name} does it")
+        return Figure.refused(unit, f"no {name} from a fifth to five times its value does it")
     return said(fit.interval(passed, unit), "")
 
 
@@ -292,7 +296,7 @@ def advice(o: Options, fit: Identified) -> list[Advice]:
     supply = KLOSS[0] if induction(o.start) else LINEAR[0]
     rest = {"conveyor.phi": 0.0, SPEED: 0.0, TORQUE: 0.0}
     kinds: dict[str, Mapping[str, Value]] = {
-        "the same once more": last,
+        "the same again": last,
         "a run-up from rest": rest,
         "a step of the supply to 120 %": {**last, supply: 1.2 * values[supply]},
     }
@@ -312,7 +316,7 @@ def facts(o: Options, told: Told) -> dict[str, Any]:
 def verdict(o: Options, f: Mapping[str, Figure], r: Told) -> str:
     """The answer in plain words."""
     if r.fit.misfit:
-        return "\n".join(["No drive of this kind makes this record:", *r.fit.misfit])
+        return "\n".join(["No drive of this kind fits this record:", *r.fit.misfit])
     away, nu = f["away"], r.operating
     over = f["tau2"].value > o.most
     lines = [
@@ -324,12 +328,12 @@ def verdict(o: Options, f: Mapping[str, Figure], r: Told) -> str:
     ends = [f[name] for name in ("avoid_from", "avoid_to")]
     if over:
         near = sorted((e for e in ends if e.error is not None), key=lambda e: abs(e.value - nu))
-        ways = [f"to a speed of {end.text()}" for end in near[:1]]
+        ways = [f"a speed of {end.text()}" for end in near[:1]]
         for name, key in CHANGED.items():
             if f[f"clear_{key}"].error is not None:
-                ways.append(f"to {name} = {f[f'clear_{key}'].text()}")
+                ways.append(f"{name} = {f[f'clear_{key}'].text()}")
         lines.append(
-            f"To get clear, go {', or '.join(ways)}." if ways else "Nothing gets it clear."
+            f"To get clear, choose {' or '.join(ways)}." if ways else "No change gets it clear."
         )
     elif ends[0].error is not None and ends[1].error is not None:
         lines.append(f"Avoid speeds from {ends[0].text()} to {ends[1].text()}.")
@@ -349,9 +353,7 @@ def show(o: Options, f: Mapping[str, Figure], r: Told) -> Show:
     if not r.fit.misfit:
         charts.insert(0, band(o, f, r))
     first, last = (float(t) for t in r.fit.result["time"][[0, -1]])
-    return Show(
-        charts, [moving("The conveyor as it was fitted", {"": r.fit.result}, first, last, 25.0)]
-    )
+    return Show(charts, [moving("The fitted conveyor", {"": r.fit.result}, first, last, 25.0)])
 
 
 def band(o: Options, f: Mapping[str, Figure], r: Told) -> Chart:
@@ -363,7 +365,7 @@ def band(o: Options, f: Mapping[str, Figure], r: Told) -> Chart:
 
     each = [r.fit.interval(partial(height, nu), "N.m") for nu in nus.tolist()]
     curve = Curve(
-        "first-order theory of the machine found", nus, [x.value for x in each], colors.TORQUE,
+        "first-order theory of the fitted machine", nus, [x.value for x in each], colors.TORQUE,
         "line", [x.error for x in each],
     )  # fmt: skip
     limit = Mark(o.most, f"limit {o.most:g} N.m")
@@ -373,7 +375,7 @@ def band(o: Options, f: Mapping[str, Figure], r: Told) -> Chart:
     ]
     spans = [Span(a.value, b.value, "avoid", "red") for a, b in r.edges if a.error and b.error]
     return Chart(
-        "Torque ripple of the machine found, with its 95 % band",
+        "Torque ripple of the fitted machine, with its 95 % band",
         "operating speed [rad/s]",
         [Panel("torque ripple", "N.m", [curve], [limit], (0.0,))],
         marks,

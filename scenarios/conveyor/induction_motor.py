@@ -1,8 +1,8 @@
-"""Where does an induction motor put the resonance, by its data sheet, its slip and its load?
+"""Where does an induction motor put the resonance, given its data sheet, its slip and its load?
 
-The lag of (2) is that of the rotor's flux, T = 1 / (2 pi f s_b), and its slope that of Kloss's
-characteristic at the working point. The speed of 90 degrees lag of the full characteristic is held
-against a linear motor of that slope, over the load and over the breakdown slip.
+The lag of (2) is that of the rotor flux, T = 1 / (2 pi f s_b), and its slope is that of Kloss's
+characteristic at the working point. The speed of the 90 degree lag with the full characteristic is
+compared with that of a linear motor of this slope, over the load and over the breakdown slip.
 """
 
 import math
@@ -43,10 +43,10 @@ COLUMNS = {
 @dataclass(frozen=True, kw_only=True)
 class Options(workbench.Options):
     frequency: float = option(
-        50.0, "frequency of the supply that gives motor.kloss.w_s without load", "Hz", above=0.0
+        50.0, "supply frequency that gives motor.kloss.w_s without load", "Hz", above=0.0
     )
     resistances: tuple[float, ...] = option(
-        "4000:40000:5", "resistances to the trough", "N.s/m", above=0.0
+        "4000:40000:5", "resistances of the trough", "N.s/m", above=0.0
     )
     slips: tuple[float, ...] = option(
         "0.08,0.1,0.13,0.16,0.22,0.35", "breakdown slips", "1", above=0.0
@@ -99,7 +99,7 @@ class Motor(NamedTuple):
             return self.line.expected(LAG)
         except Lost as reason:
             where = f"{self.line.first:.4g} .. {self.line.last:.4g} rad/s"
-            raise SetupError(f"no lag of 90 deg by (22) in {where}: {reason}") from None
+            raise SetupError(f"formula (22) gives no lag of 90 deg in {where}: {reason}") from None
 
     @property
     def there(self) -> Machine:
@@ -218,7 +218,7 @@ def told(motor: Motor, kloss: Figure, line: Figure) -> dict[str, Figure]:
     """The figures of the motor of the data sheet."""
     nu, machine = motor.nu_res, motor.there
     shift = Figure.refused(
-        "%", kloss.reason or line.reason, "shift by the curve of the characteristic"
+        "%", kloss.reason or line.reason, "shift due to the curvature of the characteristic"
     )
     if kloss.error is not None and line.error is not None:
         ratio = kloss.value / line.value
@@ -227,7 +227,9 @@ def told(motor: Motor, kloss: Figure, line: Figure) -> dict[str, Figure]:
     return {
         "motor_lag": Figure(machine.T, "s", 0.0, "lag T of (2)"),
         "slope": Figure(machine.B, "N.m.s/rad", 0.0, "slope B at the slip of the resonance"),
-        "slip": Figure(100 * motor.slip(nu), "%", 0.0, "slip there, of the breakdown slip"),
+        "slip": Figure(
+            100 * motor.slip(nu), "%", 0.0, "slip there, as a share of the breakdown slip"
+        ),
         "zeta": Figure(machine.zeta, "1", 0.0, "damping ratio by formula"),
         "nu_res": Figure(nu, "rad/s", 0.0, "resonance by formula (22) with this slope"),
         "nu_flux": fluxed(motor, "first order"),
@@ -243,20 +245,20 @@ def extremes(heavy: tuple[Motor, Places], small: tuple[Motor, Places]) -> dict[s
     most, least = loaded.machine.d, float(stiff.start["motor.kloss.s_b"])
     here = f"with {most:g} N.s/m"
     return {
-        "most_resistance": Figure(most, "N.s/m", 0.0, "largest resistance to the trough"),
+        "most_resistance": Figure(most, "N.s/m", 0.0, "largest resistance of the trough"),
         "heavy_res": Figure(loaded.nu_res, "rad/s", 0.0, f"resonance by formula (22), {here}"),
         "heavy_flux": fluxed(loaded, here),
         "heavy_kloss": full._replace(meaning=f"speed of 90 deg lag, full characteristic, {here}"),
-        "least_slip": Figure(least, "1", 0.0, "least breakdown slip"),
+        "least_slip": Figure(least, "1", 0.0, "smallest breakdown slip"),
         "small_kloss": sharp._replace(
-            meaning="speed of 90 deg lag, full characteristic, with that"
+            meaning="speed of 90 deg lag, full characteristic, with that slip"
         ),
     }
 
 
 def fluxed(motor: Motor, where: str) -> Figure:
     """The speed of 90 degrees lag with the rotor's flux in the place of (2)."""
-    nu, meaning = motor.flux(), f"speed of 90 deg lag, rotor's flux in the place of (2), {where}"
+    nu, meaning = motor.flux(), f"speed of 90 deg lag, rotor flux instead of (2), {where}"
     if math.isnan(nu):
         return Figure.refused("rad/s", "no speed near (22) has it", meaning)
     return Figure(nu, "rad/s", 0.0, meaning)
@@ -266,17 +268,17 @@ def verdict(o: Options, f: Mapping[str, Figure], r: Found) -> str:
     """Where the resonance is, and what moves it."""
     text = {name: figure.text() for name, figure in f.items()}
     lines = [
-        f"With the motor's lag of {text['motor_lag']} and a slope of {text['slope']} at the slip there, "
-        f"(22) puts the resonance at {text['nu_res']}. A linear motor of this slope has it at "
+        f"With a motor lag of {text['motor_lag']} and a slope of {text['slope']} at the slip there, "
+        f"formula (22) puts the resonance at {text['nu_res']}. A linear motor of this slope puts it at "
         f"{text['nu_linear']}, the full characteristic at {text['nu_kloss']}."
     ]
     if f["shift"].error is not None:
-        lines.append(f"The curve of the characteristic moves it by {text['shift']}.")
+        lines.append(f"The curvature of the characteristic moves it by {text['shift']}.")
     lines.append(
-        f"Loaded with {text['most_resistance']}, (22) has it at {text['heavy_res']}, the full "
-        f"characteristic at {text['heavy_kloss']}, and theory with the flux of the rotor in the place "
-        f"of (2) at {text['heavy_flux']}. With a breakdown slip of {text['least_slip']} the full "
-        f"characteristic has it at {text['small_kloss']}."
+        f"With a trough resistance of {text['most_resistance']}, formula (22) puts it at {text['heavy_res']}, the "
+        f"full characteristic at {text['heavy_kloss']}, and theory with the rotor flux instead of (2) at "
+        f"{text['heavy_flux']}. With a breakdown slip of {text['least_slip']} the full characteristic "
+        f"puts it at {text['small_kloss']}."
     )
     return "\n".join(lines)
 
@@ -299,7 +301,7 @@ def moved_by(column: str, name: str, x: str, rows: Any) -> Chart:
     at = rows[column]
     place = [
         Curve("formula (22), slope at the slip", at, rows["nu_res"], THEORY, "theory"),
-        Curve("rotor's flux for (2)", at, rows["nu_flux"], "black", "theory"),
+        Curve("rotor flux instead of (2)", at, rows["nu_flux"], "black", "theory"),
     ]
     for key, (label, color) in MOTORS.items():
         nu = rows[f"nu_{key}"]
@@ -307,7 +309,7 @@ def moved_by(column: str, name: str, x: str, rows: Any) -> Chart:
     damping = [Curve("formula", at, rows["zeta"], LIFT, "linked")]
     ends = [f"{rows['nu_kloss'].iloc[k]:.4g}" for k in (0, -1)]
     return Chart(
-        f"More {name} moves the resonance from {ends[0]} to {ends[1]} rad/s",
+        f"A larger {name} moves the resonance from {ends[0]} to {ends[1]} rad/s",
         x,
         [
             Panel("speed of 90 deg lag", "rad/s", place),
@@ -332,5 +334,5 @@ def over_speed(f: Mapping[str, Figure], r: Found) -> Chart:
             curves.append(Curve(label, r.speeds["nu"], y, color, "points", error))
         panels.append(Panel(quantity, unit, curves, [Mark(90.0, "90 deg")] * (name == "lag")))
     marks = [Mark.of(MOTORS[x][0], f[f"nu_{x}"]) for x in MOTORS if f[f"nu_{x}"].error is not None]
-    title = "The full characteristic beside a line of its slope"
+    title = "The full characteristic and a linear motor of its slope"
     return Chart(title, "operating speed [rad/s]", panels, marks)

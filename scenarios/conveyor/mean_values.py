@@ -1,8 +1,9 @@
-"""What does the ripple do to the mean values, how much more must the motor give, and where does it go?
+"""How does the ripple change the mean values, how much more must the motor give, and where does it go?
 
-Mean speed and torque of steady orbits are held against (18), (19) and (24), which know no ripple, and
-against second-order theory; the supply's power is followed into trough and motor. How the mean speed
-drifts after the supply has changed is held against (16), over starts at evenly spaced crank angles.
+Mean speed and torque of steady orbits are compared with (18), (19) and (24), which neglect the ripple,
+and with second-order theory. The power of the supply is followed into trough and motor. The drift of
+the mean speed after a change of the supply is compared with (16), over starts at evenly spaced crank
+angles.
 """
 
 import cmath
@@ -37,12 +38,12 @@ OWN = HELD
 TABLE, COURSE = "mean_values.csv", "drift.csv"
 RECORD = ("motor.tau", "conveyor.phi", "conveyor.w", "conveyor.P_loss")
 MEANT = {
-    "speed": ("rad/s", "mean speed, in time"),
-    "angle": ("rad/s", "mean speed, over the crank angle"),
+    "speed": ("rad/s", "mean speed over time"),
+    "angle": ("rad/s", "mean speed over the crank angle"),
     "torque": ("N.m", "mean torque"),
     "supply": ("W", "power from the supply"),
-    "trough": ("W", "power into the resistance to the trough"),
-    "motor": ("W", "power into the heat of the motor"),
+    "trough": ("W", "power into the resistance of the trough"),
+    "motor": ("W", "power into heat in the motor"),
 }
 STARTS, SLOWER, LASTS = 8, 0.05, 3.0
 
@@ -151,14 +152,14 @@ def compared(machine: Machine, nu: float, figures: Mapping[str, Figure]) -> dict
     found["more"] = (
         moved(torque, plain.torque, above, 100 / plain.torque, "%")
         if plain.torque
-        else Figure.refused("%", "without resistance that is 0", above)
+        else Figure.refused("%", "without resistance that torque is 0", above)
     )
     for name in ("supply", "motor", "trough"):
         what = f"{MEANT[name][1]}, above that without ripple"
         found[f"{name}_more"] = moved(figures[name], getattr(plain, name), what)
     parts = [figures[name] for name in ("supply", "motor", "trough")]
     errors = [figure.error for figure in parts if figure.error is not None]
-    gap = "power that this account does not find"
+    gap = "power not accounted for"
     found["missing"] = (
         Figure(parts[0].value - parts[1].value - parts[2].value, "W", sum(errors), gap)
         if len(errors) == len(parts)
@@ -215,8 +216,8 @@ def drifts(sweep: Sweep, nu: float) -> tuple[Table, dict[str, Figure]]:
             cells = np.stack([t, mean, plain, whole, each[0]], axis=1)
     meant = {
         "overshoot": "overshoot of the mean speed after a step of the supply",
-        "off_16": "how far (16) is from the mean speed at most, in that step",
-        "off_whole": "the same with the term that (16) leaves out",
+        "off_16": "largest deviation of formula (16) from the mean speed in that step",
+        "off_whole": "the same with the term that (16) neglects",
     }
     order = cosim.ORDERS[setup.algorithm]
     found = {name: converged(runs, order, "%", meant[name]) for name, runs in off.items()}
@@ -224,7 +225,10 @@ def drifts(sweep: Sweep, nu: float) -> tuple[Table, dict[str, Figure]]:
         machine.J / machine.slope, "s", 0.0, "time constant of settling by formula (16)"
     )
     found["settling"] = Figure(
-        float(-1 / settling(machine).real.max()), "s", 0.0, "the same with the term it leaves out"
+        float(-1 / settling(machine).real.max()),
+        "s",
+        0.0,
+        "the same with the term that (16) neglects",
     )
     units = dict.fromkeys(("time", "mean", "mean_16", "mean_whole", "w"), "rad/s") | {"time": "s"}
     return Table.of_rows(cells.tolist(), units), found
@@ -238,17 +242,17 @@ def speeds(algorithm: str, task: tuple[System, float, int]) -> Samples:
 
 
 def verdict(o: Options, f: Mapping[str, Figure], r: Found) -> str:
-    """What the ripple costs, who pays, and what (16) is worth."""
+    """What the ripple costs, where the power goes, and how accurate (16) is."""
     text = {name: figure.text() for name, figure in f.items()}
     return (
-        f"At {r.operating:g} rad/s the ripple changes the mean torque from the {text['torque_plain']} of (24) "
-        f"to {text['torque']}, by {text['more']}. The mean speed is {text['speed']} in time and "
-        f"{text['angle']} over the crank angle.\n"
-        f"The supply gives {text['supply_more']} more than without ripple. Of that the motor turns "
+        f"At {r.operating:g} rad/s the ripple changes the mean torque by {text['more']}, from "
+        f"{text['torque_plain']} by formula (24) to {text['torque']}. The mean speed is {text['speed']} over "
+        f"time and {text['angle']} over the crank angle.\n"
+        f"The supply gives {text['supply_more']} more than without ripple. Of this, the motor turns "
         f"{text['motor_more']} into heat, and the trough takes {text['trough_more']}.\n"
-        f"After a step of the supply the mean speed overshoots by {text['overshoot']}. (16), which has a "
+        f"After a step of the supply the mean speed overshoots by {text['overshoot']}. Formula (16), with a "
         f"time constant of {text['settling_16']} and no overshoot, is off by up to {text['off_16']} of the "
-        f"step; with the term that it leaves out, {text['off_whole']}."
+        f"step. With the term that it neglects, the largest deviation is {text['off_whole']}."
     )
 
 
@@ -283,20 +287,23 @@ def over_speed(f: Mapping[str, Figure], r: Found) -> Chart:
         ]
 
     torque = pair("with ripple", "torque", TORQUE)
-    torque.insert(0, Curve("without, formula (24)", nu, plain.torque, THEORY, "theory"))
-    speed = [*pair("in time", "speed", SPEED, "nu"), *pair("over the angle", "angle", "sky", "nu")]
+    torque.insert(0, Curve("without ripple, formula (24)", nu, plain.torque, THEORY, "theory"))
+    speed = [
+        *pair("over time", "speed", SPEED, "nu"),
+        *pair("over the angle", "angle", "sky", "nu"),
+    ]
     power = [
         curve
         for name, label, color in (
             ("supply", "from the supply", POWER),
-            ("motor", "heat of the motor", TORQUE),
+            ("motor", "heat in the motor", TORQUE),
             ("trough", "into the trough", "green"),
         )
         for curve in pair(label, name, color, f"{name}_plain")
     ]
     more = {name: f"{f[f'{name}_more'].value:.3g} W" for name in ("supply", "motor")}
     return Chart(
-        f"At {r.operating:g} rad/s the ripple takes {more['supply']} from the supply and heats the motor by "
+        f"At {r.operating:g} rad/s the ripple takes {more['supply']} from the supply and heats the motor with "
         f"{more['motor']}",
         "nominal mean speed [rad/s]",
         [
@@ -316,8 +323,8 @@ def course(f: Mapping[str, Figure], r: Found) -> Chart:
         Curve("one of the starts", t, r.course["w"], "sky"),
         Curve(f"mean of {STARTS} starts", t, r.course["mean"], SPEED),
         Curve("formula (16)", t, r.course["mean_16"], TORQUE, "theory"),
-        Curve("with the term it leaves out", t, r.course["mean_whole"], "black", "theory"),
+        Curve("with the term it neglects", t, r.course["mean_whole"], "black", "theory"),
     ]
-    title = f"The supply is raised for {r.operating:g} rad/s: (16) settles too soon"
+    title = f"After the supply is raised for {r.operating:g} rad/s, (16) settles too soon"
     level = Mark(r.operating, f"nominal {r.operating:g} rad/s")
     return Chart(title, "time [ms]", [Panel("crank speed", "rad/s", curves, [level])])

@@ -24,7 +24,7 @@ ENLARGED = 4.0
 RECORD = (
     "motor.tau", "conveyor.phi", "conveyor.w", "conveyor.x", "conveyor.tau_load", "conveyor.f_rod",
 )  # fmt: skip
-NOTE = f"Crank and stroke are drawn {ENLARGED:g} times as long as they are against the rod."
+NOTE = f"Relative to the rod, crank and stroke are drawn {ENLARGED:g} times too long."
 
 
 def revolution(case: Case) -> tuple[list[Motion], list[Chart]]:

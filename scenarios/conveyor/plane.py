@@ -178,7 +178,7 @@ def interval(hits: int, samples: int) -> tuple[float, float]:
 def part(fmus: Mapping[str, Path], name: str) -> Parameter:
     """A parameter as its FMU has it; raises SetupError for names not in FIELDS."""
     if name not in FIELDS:
-        raise SetupError(f"{name!r} is no part of the drive, only {', '.join(FIELDS)}")
+        raise SetupError(f"{name!r} is not a parameter of the drive, only {', '.join(FIELDS)}")
     return parameters(conveyor_drive(fmus, {}))[name]
 
 

@@ -1,8 +1,8 @@
 """Does the operating speed sit on the electromechanical resonance of the drive?
 
-Motor and conveyor are coupled at each speed of a sweep until their orbit is steady; the ripple of
-order 2 of speed and torque is compared with first-order theory, and the speed where the torque
-ripple lags 90 degrees behind the load ripple with formula (22).
+Motor and conveyor are coupled at each speed of a sweep until their orbit is steady. The ripple of
+order 2 of speed and torque is compared with first-order theory. The speed at which the torque ripple
+lags 90 degrees behind the load ripple is compared with formula (22).
 """
 
 from __future__ import annotations
@@ -57,7 +57,9 @@ class Options(Ripple):
         None, "operating speed, 40 in set A and 60 in set B by default", "rad/s", above=0.0
     )
     steps_per_rev: int = option(512, "communication steps per revolution", least=1)
-    speeds: tuple[float, ...] = option((), "those of the set by default", "rad/s", above=0.0)
+    speeds: tuple[float, ...] = option(
+        (), "speeds of the sweep, those of the set by default", "rad/s", above=0.0
+    )
 
 
 Edge = tuple[Place, Figure]
@@ -252,17 +254,18 @@ def verdict(o: Options, f: Mapping[str, Figure], r: Sweep) -> str:
     at = f"the operating speed of {r.speed:g} rad/s ({r.speed * 30 / math.pi:.0f} rpm)"
     first, last, away = r.line.first, r.line.last, resonance.value / r.speed - 1.0
     if ripple.error is None:
-        answer = f"Whether {at} is on it is not determined: {ripple.reason}"
+        answer = f"Whether {at} is on the resonance is not determined: {ripple.reason}"
     else:
         answer = (
             f"{'Yes' if ripple.value > o.most else 'No'}: at {at} the torque ripple is "
-            f"{ripple.text()}, {ripple.value / o.rated:.0%} of the rated torque; the limit is {o.most:g} N.m"
+            f"{ripple.text()}, {ripple.value / o.rated:.0%} of the rated torque, and the limit is "
+            f"{o.most:g} N.m"
         )
     if abs(away) < 5e-4:
-        answer += f", and the resonance is there, at {resonance.text()}"
+        answer += f". The resonance is at that speed, {resonance.text()}"
     elif resonance.error is not None:
         side = "above" if away > 0 else "below"
-        answer += f", and the resonance at {resonance.text()} is {abs(away):.1%} {side} that speed"
+        answer += f". The resonance is at {resonance.text()}, {abs(away):.1%} {side} that speed"
     lines = [f"{answer}."]
     if r.edges:
         why = [
@@ -275,10 +278,11 @@ def verdict(o: Options, f: Mapping[str, Figure], r: Sweep) -> str:
     elif not all(math.isnan(r.rows[nu]["tau2"][0]) for nu in r.nus):
         lines.append("The torque ripple stays below the limit at every speed of the sweep.")
     if resonance.error is None:
-        lines.append(f"No 90 degree lag of the torque ripple is told: {resonance.reason}.")
+        lag = "The speed at which the torque ripple lags by 90 degrees"
+        lines.append(f"{lag} is not determined: {resonance.reason}.")
     if not first <= formula <= last:
         sweep = f"The sweep from {first:g} to {last:g} rad/s"
-        lines[-1] += f" {sweep} does not hold the {formula:.3f} rad/s of formula (22)."
+        lines[-1] += f" {sweep} does not include the {formula:.3f} rad/s of formula (22)."
     return "\n".join(lines)
 
 

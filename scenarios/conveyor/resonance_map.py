@@ -1,9 +1,10 @@
-"""Which motors, flywheels and springs keep the operating range clear of resonance, and how surely?
+"""Which motors, flywheels and springs keep the operating range clear of resonance, and how reliably?
 
 Motor and conveyor are coupled at every point of a plane of two parameters until their orbit is
-steady. The map shows by how much the drive magnifies the load's ripple of order 2, the ridge where
-the torque ripple lags it by 90 degrees beside formula (22), the ridge where the torque ripple is
-largest, and how likely it is above a limit when every part may be off within its tolerance.
+steady. The map shows by how much the drive magnifies the load ripple of order 2. It shows the ridge
+where the torque ripple lags the load ripple by 90 degrees, next to formula (22), and the ridge where the
+torque ripple is largest. It also shows how likely the torque ripple is to exceed a limit when every part
+may be off within its tolerance.
 """
 
 from __future__ import annotations
@@ -68,7 +69,7 @@ OWN = ("motor.A", "motor.tau", "motor.characteristic", "conveyor.phi", "conveyor
 @dataclass(frozen=True, kw_only=True)
 class Options(Ripple):
     x: str = option(X, f"NAME=FROM:TO:NUMBER[:log] of `speed` [rad/s], {', '.join(FIELDS)}")
-    y: str = option(Y, "the same without `speed`")
+    y: str = option(Y, "the same for the other axis, without `speed`")
     speed: float | None = option(
         None, f"operating speed where x is not the speed, {FIXED:g} by default", "rad/s", above=0.0
     )
@@ -77,13 +78,13 @@ class Options(Ripple):
     )
     tolerance: tuple[str, ...] = option(
         (),
-        "NAME=PERCENT, within which a part's parameter lies evenly, above "
+        "NAME=PERCENT, tolerance within which a parameter is evenly distributed, instead of "
         + ", ".join(f"{name}={100 * share:g}" for name, share in TOLERANCES.items())
         + " (repeatable)",
     )
     samples: int = option(4096, "machines per point, a power of 2", least=2)
-    checks: int = option(8, "points to check by co-simulation, half as many rows", least=0)
-    check_runs: int = option(128, "machines to co-simulate at each", least=1)
+    checks: int = option(8, "points to check by co-simulation, and half as many rows", least=0)
+    check_runs: int = option(128, "machines to co-simulate at each check", least=1)
     steps_per_rev: int = option(256, "communication steps per revolution", least=1)
 
 
@@ -257,7 +258,9 @@ def coupling_error(
     runs = np.array(found).reshape(-1, len(COARSER))
     runs = runs[np.isfinite(runs).all(axis=1)]
     if not len(runs):
-        raise SetupError("no orbit is steady with a quarter of the steps per revolution: take more")
+        raise SetupError(
+            "no orbit is steady with a quarter of the steps per revolution: take more steps"
+        )
     order = order or ORDERS[setup.algorithm]
     return float(max(coupling(run, order) / run[0] for run in runs.tolist()))
 
@@ -289,14 +292,18 @@ def figures(points: DataFrame, rows: DataFrame, error: float) -> dict[str, Figur
             ("gain_max", points["gain"].max(), "1",
              "largest gain at a point: torque ripple over load ripple, order 2"),
             ("ripple_max", points["ripple"].max(), "N.m", "largest torque ripple at a point, order 2"),
-            ("ratio_min", ratio.min(), "1", f"least at a point: {over}"),
+            ("ratio_min", ratio.min(), "1", f"smallest at a point: {over}"),
             ("ratio_max", ratio.max(), "1", f"largest at a point: {over}"),
         )
     }  # fmt: skip
     for place, other, what in (
-        ("lag_90", "formula", "90 deg lag beside formula (22)"),
-        ("peak", "formula", "largest torque ripple beside formula (22)"),
-        ("peak", "peak_theory", "largest torque ripple beside that of first-order theory"),
+        ("lag_90", "formula", "deviation of the 90 deg lag from formula (22)"),
+        ("peak", "formula", "deviation of the largest torque ripple from formula (22)"),
+        (
+            "peak",
+            "peak_theory",
+            "deviation of the largest torque ripple from that of first-order theory",
+        ),
     ):
         off = 100 * abs(rows[place] / rows[other] - 1.0).dropna()
         if len(off):
@@ -312,9 +319,9 @@ def figures(points: DataFrame, rows: DataFrame, error: float) -> dict[str, Figur
 def judgement(checks: Sequence[Mapping[str, Any]], error: float) -> dict[str, Figure]:
     """How far probabilities may be off, by the machines that were co-simulated."""
     wrong, off, beside = (
-        "co-simulated machines that theory judges otherwise",
-        "torque ripple of these machines beside theory's, rms",
-        "probability by these machines less that of the map, at most",
+        "co-simulated machines that theory judges differently",
+        "deviation of the torque ripple of these machines from theory, rms",
+        "probability from these machines minus that of the map, at most",
     )
     if not checks:
         return {"misjudged": Figure.refused("%", "no machine is co-simulated", wrong)}
@@ -340,25 +347,24 @@ def stretches(along: Direction, good: NDArray[np.bool_]) -> str:
     groups = groupby(zip(good, along.values), lambda one: one[0])
     runs = [[x for _, x in group] for ok, group in groups if ok]
     told = [f"{run[0]:.3g} .. {run[-1]:.3g} {along.unit}" for run in runs]
-    return " and ".join(told) or "no value of the map"
+    return " and ".join(told) or "no value on the map"
 
 
 def verdict(o: Options, f: Mapping[str, Figure], r: Map) -> str:
     """The answer in plain words."""
-    above = (
-        f"a torque ripple above {o.most:g} N.m ({o.most / o.rated:.0%} of the rated torque of "
-        f"{o.rated:g} N.m)"
-    )
-    built = f"with every part within its tolerance, {NEARLY_ALL}"
+    above = f"above {o.most:g} N.m ({o.most / o.rated:.0%} of the rated torque of {o.rated:g} N.m)"
+    built = "With every part within its tolerance,"
     if r.within is None:
         over = np.nanmean(r.points["ripple"] > o.most)
         return (
-            f"At {r.plane.speed:g} rad/s {above} is in {over:.0%} of the map; {built}, {r.sure()} of "
-            "it stays clear."
+            f"At {r.plane.speed:g} rad/s the torque ripple is {above} in {over:.0%} of the map. "
+            f"{built} {r.sure()} of the map stays clear {NEARLY_ALL}."
         )
+    name = r.plane.y.name
     return (
-        f"The operating range {r.within[0]:g} .. {r.within[1]:g} rad/s stays clear of {above} with "
-        f"{r.plane.y.name} of {r.clear('ripple_in_range', o.most)}; {built}, with "
+        f"The operating range {r.within[0]:g} .. {r.within[1]:g} rad/s stays clear of a torque ripple "
+        f"{above} with {name} of {r.clear('ripple_in_range', o.most)}. {built} "
+        f"it stays clear {NEARLY_ALL} with {name} of "
         f"{r.clear('probability_in_range', SURE)}."
     )
 

@@ -1,4 +1,4 @@
-"""How the coupled drive answers to its speed: steady orbits, and where their ripple is special.
+"""The response of the coupled drive over its speed: steady orbits, and where their ripple is special.
 
 At a speed nu the motor's line is set for the mean speed nu, motor and conveyor are coupled until their
 orbit is steady, and the ripple of order 2 is read off the last revolution. The places where the torque
@@ -41,17 +41,17 @@ FEWEST, COARSER = 18, (1, 2, 4)
 FINE, CLOSELY, VANISHING, TINY = 8_000, 601, 0.02, 1e-300
 NEAR, WIDEST, AROUND = 0.25, 0.05, (-2, -1, 0, 1, 2)
 ROUNDS, INSIDE, CLOSE = 8, 0.75, 0.1
-NONE, NO_SWEEP = complex(math.nan, math.nan), "the sweep holds no two steady orbits"
+NONE, NO_SWEEP = complex(math.nan, math.nan), "the sweep has fewer than two steady orbits"
 Spot = tuple[Machine, float, int]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Ripple(workbench.Options):
-    """What is asked of the torque ripple, at one speed or in a plane."""
+    """Options of the torque ripple, at one speed or in a plane."""
 
     set: str = option("A", "parameter set", choices=SETS)
     limit: float = option(
-        50.0, "torque ripple that is too much, of the rated torque", "%", above=0.0
+        50.0, "limit of the torque ripple, as a share of the rated torque", "%", above=0.0
     )
     rated_torque: float | None = option(
         None, "rated motor torque at the crank, 100 in set A and 88 in set B by default", "N.m",
@@ -66,7 +66,7 @@ class Ripple(workbench.Options):
 
     @property
     def most(self) -> float:
-        """The torque ripple above which it is too much [N.m]."""
+        """The limit of the torque ripple [N.m]."""
         return self.limit / 100 * self.rated
 
 
@@ -145,12 +145,12 @@ class Setup:
             longest_step(machine, self.algorithm),
         )
         fewest = coarser * TURN / (nu * longest)
-        why = f", as {coarser} times fewer tell the errors" if coarser > 1 else ""
+        why = f", because runs with {coarser} times fewer give the errors" if coarser > 1 else ""
         if self.steps_per_rev // coarser < FEWEST:
             raise SetupError(f"{said} must be at least {coarser * FEWEST}{why}")
         if self.steps_per_rev <= fewest:
             raise SetupError(
-                f"{said} are unstable with {self.algorithm} at {nu:g} rad/s: its limit there is "
+                f"{said} are unstable with {self.algorithm} at {nu:g} rad/s: the limit there is "
                 f"{fewest:.2f} (a step of {longest / coarser:.3g} s){why}"
             )
 
@@ -259,8 +259,8 @@ class Place(NamedTuple):
 LAG = Place("speed where the torque ripple lags its load by 90 deg", "torque", "N.m", "lag")
 TORQUE = Place("speed of the largest torque ripple", "torque", "N.m")
 SPEED = Place("speed of the largest speed ripple", "speed", "rad/s")
-FROM = Place("speed above which the torque ripple is too much", "torque", "N.m", "rise")
-TO = Place("speed below which the torque ripple is too much", "torque", "N.m", "fall")
+FROM = Place("speed above which the torque ripple exceeds its limit", "torque", "N.m", "rise")
+TO = Place("speed below which the torque ripple exceeds its limit", "torque", "N.m", "fall")
 
 
 class Zero(NamedTuple):
@@ -352,7 +352,7 @@ class Line:
         if not behind:
             raise Lost("no speed of the sweep has it")
         if abs(self.load(behind[0])) < VANISHING * np.abs(self.load(self.whole)).max():
-            raise Lost("the load ripple nearly vanishes there, and its phase means nothing")
+            raise Lost("the load ripple nearly vanishes there, so its phase means nothing")
         return behind[0]
 
     def edges(self, level: float, known: Known) -> list[Place]:
@@ -420,7 +420,7 @@ def search(line: Line, place: Place, start: float | str, coarser: int) -> Search
             unsure = abs(noise / place.response(point) / bend)
             x_error = abs(at - rough.x) + (unsure / spacing if place.sort == "peak" else unsure)
             return Measured(at, x_error), Measured(height, abs(height - rough.height) + noise)
-    raise Lost("it does not stand still")
+    raise Lost("the search for it does not converge")
 
 
 def begun(line: Line, place: Place, known: Known) -> float | str:

@@ -86,7 +86,7 @@ def unloading(setup: Setup, machine: Machine, nu: float) -> Figure:
     """The spring with the least peak of the rod force at nu: between orbits around that of (17), and
     again with one more at the place.
     """
-    meaning, springs = "spring with the least peak of the rod force", around(machine, nu)
+    meaning, springs = "spring with the smallest peak of the rod force", around(machine, nu)
     points = list(setup.orbits(search(machine, nu), "springs"))
     known = [points[k : k + len(springs)] for k in range(0, len(points), len(springs))]
     rough = [between(springs, one) for one in known]

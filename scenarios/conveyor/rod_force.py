@@ -2,8 +2,8 @@
 
 Motor and conveyor are coupled at every point of a plane of speed and spring until their orbit is
 steady. The rod force over the crank angle is compared with formula (17), which takes the speed as
-constant, and with theory to first order in its ripple; the spring with the least peak of that force is
-located, and what it does to the torque ripple and to the resonance.
+constant, and with theory to first order in the speed ripple. The spring with the smallest peak of that
+force is located, with its effect on the torque ripple and on the resonance.
 """
 
 from __future__ import annotations
@@ -151,7 +151,7 @@ def springs(r: Found, spring: Figure) -> dict[str, Figure]:
     own, nu = r.plane.machine, r.plane.speed
     low, *_, high = around(own, nu)
     theory = least(lambda c: course(replace(own, c=c), r.length, nu), low, high)
-    meaning = "that by theory to first order in the ripple of the speed"
+    meaning = "that by theory to first order in the speed ripple"
     return {
         "spring": Figure(own.c, "N/m", 0.0, "spring of the machine"),
         "spring_unloaded": spring,
@@ -220,51 +220,51 @@ def agreement(r: Found) -> dict[str, Figure]:
     ):
         off = 100 * abs(r.points[theory] / r.points[seen] - 1.0).max()
         error = 100 * coupling_error(r.plane, r.setup, *tell)
-        meaning = f"{what} beside co-simulation, at most on the map"
+        meaning = f"largest deviation of the {what} from co-simulation on the map"
         found[name] = Figure(float(off), "%", error, meaning)
     return found
 
 
 def verdict(o: Options, f: Mapping[str, Figure], r: Found) -> str:
-    """The advice, what formula (17) says, and what becomes of the resonance."""
+    """The advice, what formula (17) says, and the effect on the resonance."""
     at = f"at {r.plane.speed:g} rad/s ({r.plane.speed * 30 / math.pi:.0f} rpm)"
     own, formula, spring = (f[f"spring{x}"] for x in ("", "_formula", "_unloaded"))
     said = (
-        f"Formula (17), which takes the speed as constant, advises {formula.text()} and gives the rod "
-        f"{f['f_rod_formula'].text()} with {own.text()}."
+        f"Formula (17), which takes the speed as constant, recommends {formula.text()}. With {own.text()} "
+        f"it gives a largest rod force of {f['f_rod_formula'].text()}."
     )
     if spring.error is None:
-        why = f"Which spring unloads the rod {at} is not determined: {spring.reason}."
-        return f"{why}\nWith {own.text()} the rod bears {f['f_rod'].text()}.\n{said}"
+        why = f"The spring that unloads the rod {at} is not determined: {spring.reason}."
+        return f"{why}\nWith {own.text()} the largest rod force is {f['f_rod'].text()}.\n{said}"
     force, ripple, lag, top = (
         [f[f"{key}{name}"] for name in DRAWN] for key in ("f_rod", "tau2", "nu_90", "tau2_peak")
     )
-    new = f"{force[1].text()}, and the torque ripple is {ripple[1].text()}"
     if any(one.error is None for one in force):
         advice = (
-            f"Take a spring of {spring.text()} instead of {own.text()} {at}. Largest rod force with it: "
-            f"{force[1].text()}; with that of the machine: {force[0].text()}."
+            f"Use a spring of {spring.text()} instead of {own.text()} {at}. With it the largest rod force is "
+            f"{force[1].text()}; with the machine's spring it is {force[0].text()}."
         )
     elif force[0].value <= WELL * force[1].value:
         advice = (
-            f"Keep the spring of {own.text()}: {at} the rod bears {force[0].text()}, and no spring "
-            f"gives less than {force[1].text()}, with {spring.text()}; the torque ripple is "
+            f"Keep the spring of {own.text()}: {at} its largest rod force is {force[0].text()}, and no "
+            f"spring gives less than {force[1].text()}, which takes {spring.text()}. The torque ripple is "
             f"{ripple[0].text()}."
         )
     else:
         advice = (
-            f"Take a spring of {spring.text()} instead of {own.text()}: {at} the rod then bears {new}, "
-            f"instead of {force[0].text()} and {ripple[0].text()}."
+            f"Use a spring of {spring.text()} instead of {own.text()}: {at} it lowers the largest rod force "
+            f"from {force[0].text()} to {force[1].text()}. The torque ripple changes from "
+            f"{ripple[0].text()} to {ripple[1].text()}."
         )
     lines = [advice, said]
     if all(one.error is not None for one in lag):
         lines.append(
-            f"A spring hardly moves the resonance: it is at {lag[0].text()} with that of the machine, at "
+            f"A spring hardly moves the resonance: it is at {lag[0].text()} with the machine's spring and at "
             f"{lag[1].text()} with the other."
         )
     if all(one.error is not None for one in top):
         lines.append(
-            f"The torque ripple at its peak is {top[0].text()} with that of the machine, "
+            f"The largest torque ripple is {top[0].text()} with the machine's spring and "
             f"{top[1].text()} with the other."
         )
     return "\n".join(lines)
@@ -287,8 +287,8 @@ def over_angle(r: Found) -> Chart:
         steady, swinging = (1e-3 * course(machine, r.length, nu, kind) for kind in (True, False))
         seen = 1e-3 * np.array(point.course[::2])
         curves = [
-            Curve("speed constant, formula (17)", deg, steady, colors.THEORY, "theory"),
-            Curve("with the ripple of the speed", deg, swinging, "green"),
+            Curve("constant speed, formula (17)", deg, steady, colors.THEORY, "theory"),
+            Curve("with the speed ripple", deg, swinging, "green"),
             Curve("co-simulation", deg[:: len(deg) // len(seen)], seen, DRAWN[name][1], "points"),
         ]
         panels.append(Panel(f"rod force, {1e-3 * machine.c:.4g} kN/m", "kN", curves))
@@ -330,7 +330,7 @@ def maps(o: Options, r: Found) -> list[Field]:
     curves = [Curve("formula (17)", nu[inside], formula[inside], "sky", "theory")]
     if valley := r.valley():
         speeds, found = zip(*valley)
-        curves.append(Curve("least rod force", speeds, 1e-3 * np.array(found), "sky", "points"))
+        curves.append(Curve("smallest rod force", speeds, 1e-3 * np.array(found), "sky", "points"))
     for name, machine in r.machines.items():
         words, color = DRAWN[name]
         curves.append(Curve(words, [r.plane.speed], [1e-3 * machine.c], color, "points"))
@@ -340,6 +340,6 @@ def maps(o: Options, r: Found) -> list[Field]:
     return [
         Field("The rod is unloaded along a valley", x, y, "largest rod force [kN]",
               1e-3 * r.field("f_rod"), curves, True, marks=mark),
-        Field("The torque ripple is small along it, too, but for the resonance", x, y,
+        Field("The torque ripple is small along it as well, except at the resonance", x, y,
               "torque ripple [N.m]", ripple, curves, True, level, marks=mark),
     ]  # fmt: skip

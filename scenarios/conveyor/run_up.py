@@ -1,7 +1,7 @@
 """What happens while the conveyor starts from rest and passes its resonance?
 
-The same conveyor is started by a motor with a linear characteristic and by an induction motor, whose
-characteristic is that of Kloss.
+The same conveyor is started by a motor with a linear characteristic and by an induction motor with
+Kloss's characteristic.
 """
 
 from __future__ import annotations
@@ -86,13 +86,13 @@ def figures(machine: Machine, word: str, r: Result) -> dict[str, Figure]:
     where it all ends.
     """
     t, w, second = r["time"], r["conveyor.w"], r.units["time"]
-    meaning = f"when the crank has passed it, {word}"
+    meaning = f"time when the crank has passed the resonance, {word}"
     near = measured(partial(revolutions_near, machine.nu_res), t, w, r["conveyor.phi"])
     found = {
         "passing": Figure.refused(second, BELOW, meaning)
         if w[-1] < machine.nu_res
         else crossing(t, w, machine.nu_res, -1).figure(second, meaning),
-        "revolutions_near": near.figure("1", f"revolutions within 10 % of it, {word}"),
+        "revolutions_near": near.figure("1", f"revolutions within 10 % of the resonance, {word}"),
     }
     for name, (column, what) in LOADS.items():
         x, unit = r[column], r.units[column]
@@ -100,8 +100,8 @@ def figures(machine: Machine, word: str, r: Result) -> dict[str, Figure]:
         if name != "f_rod":
             end = since(t, x, END * t[-1])
             low, high = smallest(*end), largest(*end)
-            found[f"{name}_end_min"] = low.figure(unit, f"least {what} in the end, {word}")
-            found[f"{name}_end_max"] = high.figure(unit, f"largest {what} in the end, {word}")
+            found[f"{name}_end_min"] = low.figure(unit, f"smallest {what} at the end, {word}")
+            found[f"{name}_end_max"] = high.figure(unit, f"largest {what} at the end, {word}")
     return found
 
 
@@ -114,19 +114,19 @@ def revolutions_near(nu: float, t: Samples, w: Samples, phi: Samples) -> float:
 
 
 def verdict(o: Options, f: Mapping[str, Figure], r: Mapping[str, Result]) -> str:
-    """Who passes the resonance."""
+    """Whether each motor passes the resonance."""
     lines = []
     for motor, word in WORDS.items():
         passing = f[f"{motor}_passing"]
         if passing.error is not None:
             answer = f"has passed the resonance at {f['nu_res'].text()} after {passing.text()}"
         elif f[f"{motor}_w_end_max"].value < 0.1 * f["nu_res"].value:
-            answer = "stalls: in the end the crank stands or only rocks"
+            answer = "stalls: at the end the crank stands still or only rocks"
         elif passing.reason == BELOW:
             answer = f"does not stay above the resonance within {o.stop:g} s"
         else:
             where = f["nu_res"].text()
-            answer = f"comes to the resonance at {where}; when it has passed it is {passing.text()}"
+            answer = f"reaches the resonance at {where}; the time when it has passed it is {passing.text()}"
         lines.append(f"The {word} {answer}.")
     return "\n".join(lines)
 

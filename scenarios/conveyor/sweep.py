@@ -1,4 +1,4 @@
-"""What questions that sweep the speed of a linear motor are asked, and how they begin."""
+"""Options of the questions that sweep the speed of a linear motor, and how they begin."""
 
 from __future__ import annotations
 
@@ -24,7 +24,9 @@ class Swept(workbench.Options):
     set: str = option("A", "parameter set", choices=SETS)
     steps_per_rev: int = option(512, "communication steps per revolution", least=1)
     algorithm: str = option("strang", "coupling algorithm", choices=ALGORITHMS)
-    speeds: tuple[float, ...] = option((), "those of the set by default", "rad/s", above=0.0)
+    speeds: tuple[float, ...] = option(
+        (), "speeds of the sweep, those of the set by default", "rad/s", above=0.0
+    )
 
 
 class Sweep(NamedTuple):
@@ -37,7 +39,7 @@ class Sweep(NamedTuple):
 
 
 def begun(o: Swept, bench: Bench, speeds: Mapping[str, str]) -> Sweep:
-    """The sweep that is asked for; raises SetupError for what FMUs, theory or coupling refuse."""
+    """The requested sweep; raises SetupError for what FMUs, theory or coupling refuse."""
     machine = followed(bench.fmus, SETS[o.set], o.start)
     setup = Setup(bench, o.start, o.algorithm, o.steps_per_rev)
     nus = o.speeds or tuple(float(nu) for nu in speeds[o.set].split(","))

@@ -46,5 +46,5 @@ def starts(title: str, runs: Mapping[str, Result]) -> Motion:
     t = results[0]["time"][picked]
     speeds = zip(*(r["exciter.w"][picked] for r in results))
     told = ["; ".join(f"{n} {w:.1f} rad/s" for n, w in zip(runs, row)) for row in speeds]
-    note = f"The displacement is drawn {ENLARGED:g} times as long as it is."
+    note = f"The displacement is drawn {ENLARGED:g} times as large as it is."
     return Motion(title, t, 4.0, [f"{x:.2f} s: {text}" for x, text in zip(t, told)], shapes, note)

@@ -1,7 +1,7 @@
-"""How much supply does it take to pass the resonance of the mount, and is the motor caught there?
+"""How much supply voltage does it take to pass the resonance of the mount, and is the motor caught there?
 
-The voltage of a motor behind 5 Ohm is raised and lowered in levels, each held until the speed of
-its unbalanced rotor is steady; where the speed jumps, ever smaller steps tell the voltage.
+The supply voltage of a motor with 5 Ohm is raised and lowered in levels, each held until the speed of
+its unbalanced rotor is steady. Where the speed jumps, ever smaller steps locate the voltage.
 """
 
 import logging
@@ -48,7 +48,7 @@ LIVE = (
 
 @dataclass(frozen=True, kw_only=True)
 class Options(workbench.Options):
-    supplies: tuple[float, ...] = option("14:32:19", "levels of the voltage", "V", above=0.0)
+    supplies: tuple[float, ...] = option("14:32:19", "voltage levels", "V", above=0.0)
     hold: float = option(5.0, "time over which the speed is compared", "s", above=0.0)
     step: float = option("10ms", "finest of three communication steps", "s", above=0.0)
 
@@ -118,7 +118,7 @@ def figure(jumps: Sequence[Mapping[str, Measured]], name: str, way: str) -> Figu
     """What the runs tell of a jump, in the order of RUNS, where they all have one."""
     unit, meaning = TOLD[name][0], f"{TOLD[name][1]}, {way}"
     if not all(jumps):
-        return Figure.refused(unit, "the speed jumps nowhere", meaning)
+        return Figure.refused(unit, "the speed does not jump", meaning)
     fine, *others, hasty = (jump[name].value for jump in jumps)
     off = coupling([fine, *others], cosim.ORDERS["strang"]) + abs(fine - hasty)
     return Figure(fine, unit, jumps[0][name].error + off, meaning)
@@ -188,14 +188,14 @@ def verdict(o: Options, f: Mapping[str, Figure], r: Any) -> str:
         rows, high = r[1], f"up to {o.supplies[-1]:g} V"
         if rows["speed"].max() < f["nu_res"].value:
             return f"The motor stays caught {high}, below the resonance at {told['nu_res']}."
-        return f"The motor is not caught: {high} its speed nowhere jumps."
+        return f"The motor is not caught: {high} its speed does not jump."
     said = (
-        f"Raised slowly, the supply must reach {told['supply_up']} to pass the resonance. Below that "
-        f"the motor is caught, in the end at {told['before_up']}; then its speed jumps to "
+        f"When raised slowly, the supply must reach {told['supply_up']} to pass the resonance. Below that "
+        f"the motor is caught, finally at {told['before_up']}; then its speed jumps to "
         f"{told['after_up']}."
     )
     back = (
-        f" Lowered again, it keeps the motor above the resonance down to {told['supply_down']}, where "
+        f" When lowered again, it keeps the motor above the resonance down to {told['supply_down']}, where "
         f"the speed falls from {told['before_down']} to {told['after_down']}."
     )
     return said if f["supply_down"].error is None else said + back
@@ -218,7 +218,7 @@ def show(o: Options, f: Mapping[str, Figure], r: Any) -> Show:
     charts = [Chart("Both branches of the steady motion", "supply [V]", panels, marks)]
     takes = f["supply_up"].value if f["supply_up"].error is not None else o.supplies[-1]
     runs = {f"{share:.0%}": case.run(share * takes, {}) for share in STARTS}
-    title = f"Starts from rest, in shares of {takes:.4g} V"
+    title = f"Starts from rest at shares of {takes:.4g} V"
     curves = [
         Curve(share, run["time"], run["exciter.w"], color)
         for (share, run), color in zip(runs.items(), ("red", "blue"))

@@ -82,7 +82,9 @@ def limits(system: System) -> dict[str, Figure]:
         if f_0.min() > 0.0:
             top = largest(angle, -f_2 / f_0)
             if not top.value > 0.0:
-                raise SetupError("iron.cam.h = 0 m: a cam without a rise lets nothing go")
+                raise SetupError(
+                    "iron.cam.h = 0 m: a cam without a rise unloads neither follower nor chain"
+                )
             w = top.value**-0.5
             limit = limit._replace(value=w, error=w * top.error / (2 * top.value))
             found[f"{name}_limit_angle"] = top.at.figure("deg", at)

@@ -1,7 +1,7 @@
 """At which speed does the follower of the sealing iron bounce, for how long, and how hard does it land?
 
-The cam turns at constant speed, and the follower may leave it. A sweep tells flight, landings and
-what they cost; at one speed every figure has its error.
+The cam turns at constant speed, and the follower may leave it. A sweep gives flight, landings and
+their cost; at one speed every figure has its error.
 """
 
 import math
@@ -33,19 +33,19 @@ UNITS = {
     "loss": "J",
 }  # fmt: skip
 MEANINGS = {
-    "flight": "time off the cam in a turn",
-    "landings": "landings in a turn",
-    "gap": "largest angle of the rocker from where it meets the cam",
+    "flight": "time off the cam per turn",
+    "landings": "landings per turn",
+    "gap": "largest angle of the rocker from contact with the cam",
     "speed": "speed of the hardest landing, along the normal",
     "impulse": "impulse of the hardest landing",
-    "loss": "energy lost in the landings of a turn",
+    "loss": "energy lost in the landings per turn",
 }
 AXES = {
     "flight": ("off the cam", LIFT, 1e3, "ms"),
     "gap": ("gap of the rocker", FORCE, 180 / math.pi, "deg"),
     "speed": ("landing", SPEED, 1.0, "m/s"),
     "impulse": ("impulse", TORQUE, 1.0, "N.s"),
-    "loss": ("lost in a turn", POWER, 1.0, "J"),
+    "loss": ("lost per turn", POWER, 1.0, "J"),
 }
 LIVE = (
     Slider("speed", 7.0, 13.0),
@@ -55,7 +55,7 @@ LIVE = (
     Slider("iron.iron.m", 1.0, 10.0),
 )
 UNLIKE = "one turn is not like the next"
-HIDDEN = "several landings fall between two rows, and take more samples to tell apart"
+HIDDEN = "several landings fall between two rows; more samples are needed to separate them"
 
 
 class Flight(NamedTuple):
@@ -73,10 +73,10 @@ class Flight(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class Options(workbench.Options):
-    speed: float = option("90rpm", "speed of the cam whose landings are told", "rad/s", above=0.0)
+    speed: float = option("90rpm", "speed of the cam, for the figures", "rad/s", above=0.0)
     speeds: tuple[float, ...] = option("70:120rpm:11", "speeds of the sweep", "rad/s", above=0.0)
     stiffness: float = option("10000N/mm", "stiffness of the contact", "N/m", above=0.0)
-    samples: int = option(1440, "rows of a turn", least=360)
+    samples: int = option(1440, "rows per turn", least=360)
 
 
 def solve(o: Options, bench: Bench) -> Findings:
@@ -134,7 +134,11 @@ def flight(r: Result, samples: int, speed: float, turn: int) -> Flight:
 
 def force(f: Mapping[str, Figure], e: float, stiffness: float) -> Figure:
     """Of the hardest landing on a spring, sqrt(c m) v, with the mass m that has its impulse."""
-    v, S, meaning = f["speed"], f["impulse"], "force of the hardest landing on that contact"
+    v, S, meaning = (
+        f["speed"],
+        f["impulse"],
+        "force of the hardest landing on a contact of that stiffness",
+    )
     if v.error is None or S.error is None:
         return Figure.refused("N", v.reason, meaning)
     peak = math.sqrt(stiffness * v.value * S.value / (1 + e))
@@ -147,7 +151,7 @@ def verdict(o: Options, f: Mapping[str, Figure], r: object) -> str:
     told = {name: figure.text() for name, figure in f.items()}
     answer = f"The follower leaves the cam at speeds above {told['follower_limit']}"
     if "follower_limit_angle" in f:
-        answer += f", first at {told['follower_limit_angle']}"
+        answer += f", first at a cam angle of {told['follower_limit_angle']}"
     answer += f". At {o.speed:.5g} rad/s ({f['cycles'].text('cycles/min')}) "
     if f["flight"].error is None:
         return f"{answer}{f['flight'].reason}."
@@ -157,8 +161,9 @@ def verdict(o: Options, f: Mapping[str, Figure], r: object) -> str:
     if not f["landings"].value:
         return f"{answer}does not land."
     return (
-        f"{answer}lands {told['landings']} times, at up to {told['speed']}, with {told['impulse']}. A contact of {o.stiffness:g} N/m "
-        f"then carries {told['force']}. All landings of a turn cost {told['loss']}."
+        f"{answer}lands {told['landings']} times, at up to {told['speed']} and with an impulse of up to "
+        f"{told['impulse']}. A contact of {o.stiffness:g} N/m then carries {told['force']}. The landings of "
+        f"a turn cost {told['loss']} in all."
     )
 
 
@@ -188,7 +193,7 @@ def show(o: Options, f: Mapping[str, Figure], r: tuple[Result, System, Table]) -
     marks = [Mark(limit, "lifts off")] if pace[0] <= limit <= pace[-1] else []
     charts = [
         Chart(title, "cam angle [deg]", panels, spans=spans),
-        Chart("Over the speed", "speed of the cam [1/min]", over, marks),
+        Chart("Flight and landings over the speed", "speed of the cam [1/min]", over, marks),
     ]
     moving = mechanism.motion("The mechanism in this turn", turn, system, turn["time"][-1], 4.0)
     return Show(charts, [moving])

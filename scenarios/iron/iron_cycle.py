@@ -1,7 +1,7 @@
 """What do motor, chain and cam of the sealing iron carry over one turn, and how fast may it run?
 
-The cam turns at constant speed; torque, forces and motion of the iron over the cam angle, the work
-friction costs per cycle, and the speeds at which follower or chain let go.
+The cam turns at constant speed. The answer gives torque, forces and motion of the iron over the cam
+angle, the work of friction per cycle, and the speeds at which follower or chain let go.
 """
 
 import math
@@ -46,7 +46,7 @@ LIVE = (
 @dataclass(frozen=True, kw_only=True)
 class Options(workbench.Options):
     speed: float = option(iron.NOMINAL, "speed of the cam", "rad/s", above=0.0)
-    samples: int = option(1440, "rows of the turn", least=180)
+    samples: int = option(1440, "rows per turn", least=180)
 
 
 def solve(o: Options, bench: Bench) -> Findings:
@@ -56,7 +56,7 @@ def solve(o: Options, bench: Bench) -> Findings:
     result, found = bench.certify(system, figures, run, None, "iron_cycle.csv")
     found["cycles"] = Figure(o.speed * iron.PER_MINUTE, "1/min", 0.0, "cycles per minute")
     found |= iron.limits(system)
-    (limit, _), meaning = iron.first(found), "speed, in shares of the first limit"
+    (limit, _), meaning = iron.first(found), "speed as a share of the first limit"
     found["share"] = Figure.refused("%", "the first limit is 0", meaning)
     if limit.value:
         share = 100 * o.speed / limit.value
@@ -73,18 +73,18 @@ def figures(r: Result) -> dict[str, Figure]:
     friction, J = float(r["iron.E_friction"][-1]), r.units["iron.E_friction"]
     lift, stroke = largest(angle, r["iron.lift"]), "stroke of the iron"
     found = {
-        "tau_cam_min": low.figure(unit, "least torque at the cam's shaft"),
-        "tau_cam_min_angle": low.at.figure("deg", "cam angle of the least torque"),
-        "tau_cam_max": high.figure(unit, "largest torque at the cam's shaft"),
+        "tau_cam_min": low.figure(unit, "smallest torque at the cam shaft"),
+        "tau_cam_min_angle": low.at.figure("deg", "cam angle of the smallest torque"),
+        "tau_cam_max": high.figure(unit, "largest torque at the cam shaft"),
         "tau_cam_max_angle": high.at.figure("deg", "cam angle of the largest torque"),
         "tau_motor_max": largest(angle, motor).figure(unit, "largest torque of the motor"),
         "stroke": lift.figure(r.units["iron.lift"], stroke),
-        "friction_work": Figure(friction, J, 0.0, "friction of the guide in a turn"),
-        "work": integral(r["iron.phi"], torque).figure(J, "work of the torque in a turn"),
+        "friction_work": Figure(friction, J, 0.0, "work of the guide friction per turn"),
+        "work": integral(r["iron.phi"], torque).figure(J, "work of the cam torque per turn"),
     }
     for name, (force, _, meaning) in iron.LETS_GO.items():
         least, most = (end(angle, r[force]) for end in (smallest, largest))
-        found[f"{name}_force_min"] = least.figure(r.units[force], f"least {meaning}")
+        found[f"{name}_force_min"] = least.figure(r.units[force], f"smallest {meaning}")
         found[f"{name}_force_max"] = most.figure(r.units[force], f"largest {meaning}")
     return found
 
@@ -92,13 +92,13 @@ def figures(r: Result) -> dict[str, Figure]:
 def verdict(o: Options, f: Mapping[str, Figure], r: object) -> str:
     """Whether the speed is safe, and what the drive carries."""
     told, (limit, event) = {name: figure.text() for name, figure in f.items()}, iron.first(f)
-    answer = f"is NOT possible: {event} at {limit.text()} already"
+    answer = f"is NOT possible: {event} at only {limit.text()}"
     if o.speed < limit.value:
         answer = f"is safe: it is {told['share']} of {limit.text()}, where {event}"
     return (
-        f"{o.speed:.5g} rad/s ({f['cycles'].text('cycles/min')}) {answer}. The cam's shaft carries "
+        f"{o.speed:.5g} rad/s ({f['cycles'].text('cycles/min')}) {answer}. The cam shaft carries "
         f"between {told['tau_cam_min']} and {told['tau_cam_max']}, the motor up to "
-        f"{told['tau_motor_max']}, the chain up to {told['run_force_max']}, and the cam presses its "
+        f"{told['tau_motor_max']}, and the chain up to {told['run_force_max']}. The cam presses on its "
         f"follower with up to {told['follower_force_max']}."
     )
 

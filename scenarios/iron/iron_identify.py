@@ -1,9 +1,9 @@
 """Which friction, mass and spring does a measured sealing iron have, and how fast may its cam turn?
 
 Motor and drive are fitted to a record of the motor's speed, and of its torque if that was measured.
-Friction is in proportion to the load, so that the record shows (1 + K) m and (1 + K) c, with one K for
-the way up and one for the way down, and not m and c themselves: one of them must be known, as the mass
-of an iron that was weighed. A record that no drive of this kind makes is refused.
+Friction is proportional to the load. The record therefore shows (1 + K) m and (1 + K) c, with one K for
+the way up and one for the way down, but not m and c themselves. One of them must be known, such as the
+mass of an iron that was weighed. A record that no drive of this kind fits is refused.
 """
 
 import math
@@ -37,8 +37,8 @@ EXACT = ("iron.reducer.J", "iron.reducer.i_g", "iron.spring.e_0")
 SAMPLES, FORESEEN = 360, 0.02
 ANGLES, TURN, LOAD = 256, 5e-3, 0.1
 ASKED = {
-    "mu": ("1", "friction of the guide over the pull of the chain"),
-    "loss": ("J", "friction of the guide in a turn"),
+    "mu": ("1", "guide friction over the pull of the chain"),
+    "loss": ("J", "work of the guide friction per turn"),
     "follower_limit": ("rad/s", "cam speed where the follower lifts off"),
 }
 
@@ -46,7 +46,10 @@ ASKED = {
 @dataclass(frozen=True, kw_only=True)
 class Options(Recorded):
     rated_torque: float = option(
-        2.0, "rated torque of the motor, for the noise of one not measured yet", "N.m", above=0.0
+        2.0,
+        "rated torque of the motor, for the noise of a torque not yet measured",
+        "N.m",
+        above=0.0,
     )
 
 
@@ -63,7 +66,7 @@ def solve(o: Options, bench: Bench) -> Findings:
     record = o.columns(SPEED)
     if not o.priors.keys() & {*LOADS}:
         raise SetupError(
-            f"{o.data}: the record shows (1 + K) m and (1 + K) c alone; give what is known, as in "
+            f"{o.data}: the record shows only (1 + K) m and (1 + K) c; give what is known, as in "
             "--known iron.iron.m=4+-1%"
         )
     system = guess(o, bench.fmus, record[SPEED])
@@ -169,7 +172,7 @@ def advice(o: Options, fit: Identified) -> list[Advice]:
     torque = {TORQUE: FORESEEN * o.rated_torque}
     rest = {"iron.phi": -math.pi / 3, "iron.w_cam": 0.0, TORQUE: 0.0}
     kinds: dict[str, Mapping[str, Value]] = {
-        "the same once more": last,
+        "the same again": last,
         "a run-up from rest": rest,
         "a step of the supply to 120 %": {**last, SUPPLY: 1.2 * values[SUPPLY]},
         "a step of the supply to half": {**last, SUPPLY: 0.5 * values[SUPPLY]},
@@ -181,11 +184,12 @@ def advice(o: Options, fit: Identified) -> list[Advice]:
 def verdict(o: Options, f: Mapping[str, Figure], r: Told) -> str:
     """The answer in plain words."""
     if r.fit.misfit:
-        return "\n".join(["No drive of this kind makes this record:", *r.fit.misfit])
+        return "\n".join(["No drive of this kind fits this record:", *r.fit.misfit])
     lines = [
-        f"The friction of the guide is {f['mu'].text()} of the pull of the chain, and takes "
-        f"{f['loss'].text()} in a turn.",
-        f"The iron has {f['iron_iron_m'].text()} and its spring {f['iron_spring_c'].text()}.",
+        f"The guide friction is {f['mu'].text()} of the pull of the chain and takes "
+        f"{f['loss'].text()} per turn.",
+        f"The iron has a mass of {f['iron_iron_m'].text()} and its spring a stiffness of "
+        f"{f['iron_spring_c'].text()}.",
         f"The follower lifts off at {f['follower_limit'].text()}, "
         f"{f['away']._replace(value=abs(f['away'].value)).text()} "
         f"{'above' if f['away'].value > 0 else 'below'} the speed of the record.",
@@ -204,7 +208,9 @@ def show(o: Options, f: Mapping[str, Figure], r: Told) -> Show:
         charts.insert(0, band(r))
     result = r.fit.result
     last = float(result["time"][0]) + 2 * math.pi / pace(r.fit)
-    return Show(charts, [mechanism.motion("A turn as it was fitted", result, r.machine, last, 4.0)])
+    return Show(
+        charts, [mechanism.motion("A turn of the fitted drive", result, r.machine, last, 4.0)]
+    )
 
 
 def band(r: Told) -> Chart:
@@ -224,5 +230,5 @@ def band(r: Told) -> Chart:
         "slow cam", phi, [x.value for x in each], RED, "line", [x.error for x in each]
     )  # fmt: skip
     spans = iron.phases(r.fit.result.provenance["parts"]["iron"]["parameters"])
-    title = "Torque at the cam of the drive found, with its 95 % band"
+    title = "Torque at the cam of the fitted drive, with its 95 % band"
     return Chart(title, "cam angle [deg]", [Panel("torque", "N.m", [curve])], spans=spans)

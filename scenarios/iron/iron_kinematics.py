@@ -1,7 +1,8 @@
-"""How does the sealing iron's mechanism hand on the motion of its cam, and which dimension matters?
+"""How does the sealing iron's mechanism transmit the motion of its cam, and which dimension matters?
 
-Transfer functions of rocker, link and chain and the terms of A_1 eps + B_1 w^2 = M + C_1 over the cam
-angle; and by how much each changes with each dimension, from machines that differ by a little.
+The answer gives the transfer functions of rocker, link and chain and the terms of
+A_1 eps + B_1 w^2 = M + C_1 over the cam angle. Machines that differ slightly show by how much each of
+them changes with each dimension.
 """
 
 import math
@@ -58,7 +59,7 @@ Data = tuple[Result, System, Samples, Samples, list[Share]]
 
 @dataclass(frozen=True, kw_only=True)
 class Options(workbench.Options):
-    samples: int = option(720, "rows of the turn", least=72)
+    samples: int = option(720, "rows per turn", least=72)
 
 
 def solve(o: Options, bench: Bench) -> Findings:
@@ -126,7 +127,7 @@ def ranked(shares: Sequence[Share], name: str) -> list[Share]:
 def change(shares: Sequence[Share], name: str, place: int) -> Figure:
     """The change of a function by the dimension at this place of the ranking."""
     own, text = ranked(shares, name), FUNCTIONS[name][0]
-    meaning = f"most that 1 % of {own[place].dimension} changes of {text}"
+    meaning = f"largest change of {text} for 1 % of {own[place].dimension}"
     return Figure(own[place].change, "%", own[place].error, meaning)
 
 
@@ -135,10 +136,10 @@ def verdict(o: Options, f: Mapping[str, Figure], r: Data) -> str:
     told = {name: figure.text() for name, figure in f.items()}
     first, second = ranked(r[4], "H_1")[:2]
     return (
-        f"A radian of the cam moves the iron by up to {told['h_1_max']}, at {told['h_1_angle']}, and "
-        f"turns the rocker by up to {told['alpha_1_max']} rad. The motion of the iron depends most on "
-        f"{first.dimension}, 1 % of which changes it by up to {told['h_1_change']} of its largest "
-        f"value, and on {second.dimension}, with {told['h_1_next']}."
+        f"A radian of the cam moves the iron by up to {told['h_1_max']}, at a cam angle of "
+        f"{told['h_1_angle']}, and turns the rocker by up to {told['alpha_1_max']} rad. The motion of the "
+        f"iron depends most on {first.dimension}: 1 % of it changes the motion by up to "
+        f"{told['h_1_change']} of its largest value. Next is {second.dimension}, with {told['h_1_next']}."
     )
 
 
@@ -160,6 +161,6 @@ def show(o: Options, f: Mapping[str, Figure], r: Data) -> Show:
     spans = iron.phases(result.provenance["parts"]["iron"]["parameters"])
     title = "What a radian of the cam moves, and the terms of A_1 eps + B_1 w^2 = M + C_1"
     over = Chart(title, "cam angle [deg]", panels, spans=spans)
-    title = "Most that 1 % of a dimension changes, in shares of the largest value"
+    title = "Largest change for 1 % of a dimension, as a share of the largest value"
     moving = mechanism.motion("One turn of the cam", result, system, result["time"][-1], 2.0)
     return Show([over, Chart(title, "dimension", bars)], [moving])

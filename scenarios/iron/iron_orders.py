@@ -1,8 +1,8 @@
-"""How does the motor's lag change the ripple of the iron drive, and is a resonance of importance?
+"""How does the motor's lag change the ripple of the iron drive, and is a resonance important?
 
-At each speed the steady motion is resolved into orders 1..12 of the cam angle. Formula
-nu_k = sqrt(B_eff / (theta T)) / k says where order k of the torque lags its excitation by 90
-degrees; theta and the excitation come from turns at constant speed.
+At each speed the steady motion is resolved into orders 1..12 of the cam angle. The formula
+nu_k = sqrt(B_eff / (theta T)) / k gives the speed at which order k of the torque lags its excitation
+by 90 degrees; theta and the excitation come from turns at constant speed.
 """
 
 import logging
@@ -20,7 +20,7 @@ import workbench
 from cosim import System, largest
 from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, Table, option
 from workbench.answer import parameters
-from workbench.figure import refusals
+from workbench.figure import listed, refusals
 from workbench.limit import coupling
 from workbench.measure import Measured, Samples, harmonics, measured
 from workbench.orbit import NotSteady, steady
@@ -171,11 +171,11 @@ def figures(machine: Machine, orders: Frame, runs: Frame) -> dict[str, Figure]:
     theta, B, order = machine.theta, machine.i_g**2 * machine.slope, cosim.ORDERS[ALGORITHM]
     limits, off = iron.limits(machine.drive), theta.error / (2 * theta.value)
     found = {
-        "theta": theta.figure("kg.m2", "mean inertia at the cam's shaft"),
+        "theta": theta.figure("kg.m2", "mean inertia at the cam shaft"),
         "slope": Figure(B, "N.m.s/rad", 0.0, "slope of the motor line there"),
         **{name: x for name, x in limits.items() if name.startswith("follower")},
     }
-    share = "most that the lag adds, in largest torques"
+    share = "most that the lag adds to an order, over the largest torque"
     for lag in LAGS:
         T, mine = lag / 1e3, runs[runs["T"] == lag / 1e3]
         known = orders[orders["T"] == T]["added"].notna().any()
@@ -213,10 +213,10 @@ def verdict(o: Options, f: Mapping[str, Figure], r: object) -> str:
     matter = " and ".join(lag for lag, share in adds.items() if share.value > IMPORTANT)
     which = "No resonance is of practical importance: no lag adds"
     if matter:
-        which = f"A resonance is of practical importance with a lag of {matter}: there the lag adds"
+        which = f"A resonance is of practical importance with a lag of {matter}: such a lag adds"
     answer = [
         f"{which} more than {IMPORTANT:g} % of the largest torque to an order.",
-        f"At most the lag adds {', '.join(most)}.",
+        f"The lag adds at most {listed(most)}.",
     ]
     lift = f"The follower lifts off at {f['follower_limit'].text()}."
     return " ".join([*(answer if most else []), *refusals(adds), lift])
@@ -244,7 +244,7 @@ def gain(f: Mapping[str, Figure], orders: Frame) -> Chart:
         curves.append(Curve(name, frequency, strong["gain"].to_numpy(), color, "points"))
         if w[0] <= w_n <= w[-1]:
             marks.append(Mark(w_n, f"{name}: w_n {w_n:.1f} rad/s"))
-    title = f"What the drive makes of an order's excitation, if above {SMALL:.0%} of the largest"
+    title = f"Gain of the orders whose excitation is above {SMALL:.0%} of the largest"
     one = [Mark(1.0, "1: torque = excitation")]
     panel = Panel("gain", "1", curves, one, includes=(0.0,))
     return Chart(title, "frequency of the order [rad/s]", [panel], marks)

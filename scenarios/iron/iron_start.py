@@ -1,7 +1,7 @@
 """How does the sealing iron's drive start, and where does the motor's work go?
 
-A motor with lag starts the mechanism from rest in the middle of the bottom dwell; the energy
-ledger (work in = stored + friction) stands in the CSV, with what the coupling lost or made.
+A motor with lag starts the mechanism from rest in the middle of the bottom dwell. The CSV contains the
+energy ledger (work in = stored + friction), with what the coupling lost or made.
 """
 
 import math
@@ -37,7 +37,7 @@ LIVE = (
 @dataclass(frozen=True, kw_only=True)
 class Options(Run):
     motor_A: float = option(4.0, "torque of the motor at rest", "N.m")
-    motor_B: float = option(0.025, "slope of the motor's line", "N.m.s/rad", least=0.0)
+    motor_B: float = option(0.025, "slope of the motor line", "N.m.s/rad", least=0.0)
     motor_T: float = option("12ms", "lag of the motor", "s", above=0.0)
     stop: float = option(3.0, "simulated time", "s", above=0.0)
     step: float = option("0.5ms", "finest of three communication steps", "s", above=0.0)
@@ -73,16 +73,18 @@ def figures(r: Result) -> dict[str, Figure]:
     missing = float(np.abs(r["E_missing"]).max())
     return {
         "w_cam_max": w.figure(rad, "largest speed of the cam"),
-        "w_cam_max_time": w.at.figure("s", "when the cam is fastest"),
+        "w_cam_max_time": w.at.figure("s", "time of the largest speed of the cam"),
         "tau_max": tau.figure(torque, "largest torque of the motor"),
-        "tau_max_time": tau.at.figure("s", "when the torque is largest"),
+        "tau_max_time": tau.at.figure("s", "time of the largest torque"),
         "w_cam_mean": mean.figure(rad, "mean speed in the second half"),
         "cycles": cycles.figure("1/min", "cycles per minute in the second half"),
         "turns": Figure(turns, "1", 0.0, "turns of the cam"),
         "energy_in": work.figure(J, "work of the motor"),
-        "energy_stored": Figure(float(r["E_stored"][-1]), J, 0.0, "stored in the end"),
+        "energy_stored": Figure(float(r["E_stored"][-1]), J, 0.0, "stored at the end"),
         "energy_friction": Figure(float(r["E_friction"][-1]), J, 0.0, "lost to friction"),
-        "energy_missing_max": Figure(missing, J, work.error, "most that the coupling made or lost"),
+        "energy_missing_max": Figure(
+            missing, J, work.error, "largest energy that the coupling made or lost"
+        ),
     }
 
 
@@ -96,15 +98,15 @@ def verdict(o: Options, f: Mapping[str, Figure], r: tuple[Result, System]) -> st
     """How the cam starts, how it goes on, and the ledger."""
     told = {name: figure.text() for name, figure in f.items()}
     starts = (
-        f"The cam shoots up to {told['w_cam_max']} after {told['w_cam_max_time']}, and in the second "
-        f"half turns at {told['w_cam_mean']} ({f['cycles'].text('cycles/min')})."
+        f"The cam shoots up to {told['w_cam_max']} after {told['w_cam_max_time']} and turns at "
+        f"{told['w_cam_mean']} ({f['cycles'].text('cycles/min')}) in the second half."
     )
     if pace(r[0]["time"], r[0]["iron.phi"], 0.9) < STANDS * f["w_cam_max"].value:
         made = f"the cam has made {told['turns']} turns, at up to {told['w_cam_max']}"
-        starts = f"The motor stalls: {made}, and does not turn on."
+        starts = f"The motor stalls: {made}, and does not turn any further."
     return (
-        f"{starts} Of {told['energy_in']} from the motor, friction takes {told['energy_friction']} "
-        f"and {told['energy_stored']} are stored in the end."
+        f"{starts} Of {told['energy_in']} from the motor, friction takes {told['energy_friction']}, "
+        f"and {told['energy_stored']} is stored at the end."
     )
 
 

@@ -1,7 +1,7 @@
 """How long does orienting a product take, and up to which rotor speed does the machine work?
 
-The rotor's speed is swept for three coefficients of friction; each curve ends where products jam.
-The limits are located by bisection.
+The speed of the rotor is swept for three coefficients of friction. Each curve ends where products jam,
+and these limits are located by bisection.
 """
 
 import math
@@ -84,7 +84,7 @@ def fastest(machine: System, speeds: Sequence[float], mu: float) -> Figure:
 
 def limit(oriented: Sequence[Row], jam: Row) -> Figure:
     """The last product that is oriented, and the first that jams beyond it."""
-    which, meaning = "no product" if oriented else "every product", "fastest rotor that orients"
+    which, meaning = "no product" if oriented else "every product", "largest rotor speed that works"
     if jam is None:
         return Figure.refused("rpm", f"{which} of the sweep jams", meaning)
     beyond = f"{meaning}; beyond it: {orientator.REASONS[jam.reason]}"
@@ -130,22 +130,24 @@ def figures(machine: System, products: Frame, courses: Mapping[float, Course]) -
     works = products[products["stage"] == orientator.ORIENTED]
     found = {}
     for p in works.nsmallest(1, "orientation_time").itertuples():
-        where = f"shortest time of orientation, friction {p.mu:g} at {p.n:g} rpm"
+        where = f"shortest orientation time, friction {p.mu:g} at {p.n:g} rpm"
         found["shortest_time"] = takes(p, 0.0, where)
     for mu, (oriented, jam) in courses.items():
         told = {"limit": limit(oriented, jam)}
         if jam is not None:
-            time = takes(oriented[-1], jam.n - oriented[-1].n, "time of orientation there")
+            time = takes(oriented[-1], jam.n - oriented[-1].n, "orientation time there")
             pace, off = 60 / time.value, 60 / time.value**2 * (time.error or 0.0)
             told["orientation_time"] = time
-            told["products"] = Figure(pace, "1/min", off, "products per minute there, one catcher")
+            told["products"] = Figure(
+                pace, "1/min", off, "products per minute there, with one catcher"
+            )
         for name, x in told.items():
             found[key(name, mu)] = x._replace(meaning=f"friction {mu:g}: {x.meaning}")
     times = works.groupby("n")["orientation_time"].agg(["count", "min", "max"]).query("count > 1")
     apart = times.index[times["max"] >= FAN * times["min"]]
     if len(apart):
         below = max(times.index[times.index < apart[0]], default=0.0)
-        meaning = "first speed of the sweep where the frictions differ by 10 %"
+        meaning = "first speed of the sweep where friction changes the orientation time by 10 %"
         found["fan"] = Figure(apart[0], "rpm", apart[0] - below, meaning)
     return found
 
@@ -160,7 +162,7 @@ def verdict(o: Options, f: Mapping[str, Figure], r: object) -> str:
     told = {name: figure.text() for name, figure in f.items()}
     limits = {f"friction {mu:g}": key("limit", mu) for mu in o.frictions}
     works = [
-        f"{told[name]} with {who}, {told[name.replace('limit', 'orientation_time')]} there"
+        f"{told[name]} with {who}, where it takes {told[name.replace('limit', 'orientation_time')]}"
         for who, name in limits.items()
         if f[name].error is not None
     ]
@@ -171,7 +173,7 @@ def verdict(o: Options, f: Mapping[str, Figure], r: object) -> str:
         lines.insert(0, f"Orienting a product takes at least {told['shortest_time']}.")
     if "fan" in f:
         lines.append(
-            f"The time of orientation hardly depends on friction up to {told['fan']}, where the "
+            f"The orientation time hardly depends on friction up to {told['fan']}, where the "
             "slowest takes 10 % longer than the fastest."
         )
     return " ".join(lines)
@@ -190,7 +192,7 @@ def show(o: Options, f: Mapping[str, Figure], r: tuple[System, Mapping[float, Co
             last = max(float(orientator.shortened(x)["time"][-1]) for x in runs.values())
             title = f"Friction {mu:g}: {' works, '.join(runs)} does not"
             motions.append(mechanism.motion(title, runs, last))
-    title = "The time of orientation, up to where products jam"
+    title = "The orientation time, up to the speed at which products jam"
     panel = Panel("orientation time", "s", curves, includes=(0.0,))
     chart = Chart(title, "rotor speed [rpm]", [panel], marks)
     return Show([chart] if curves else [], motions)

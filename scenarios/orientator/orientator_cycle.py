@@ -1,6 +1,6 @@
 """How does one product turn over, and how long does each stage take?
 
-One cup from the drop to the end, with its trajectory, angles and speeds.
+One cup is followed from the drop to the end, with its trajectory, angles and speeds.
 """
 
 from collections.abc import Mapping
@@ -10,6 +10,7 @@ from pathlib import Path
 
 from cosim import Result, System
 from workbench import Chart, Figure, Mark, Run, Show, option
+from workbench.figure import listed
 from workbench.live import Slider
 from workbench.report.chart import FORCE, SPEED, THEORY, TORQUE, recorded
 
@@ -26,9 +27,9 @@ LIVE = (
 )
 STAGES = orientator.STAGES[: orientator.ORIENTED]
 IMPULSES = {
-    "corner_impulse": ("S_y", "landing on the corner of the catcher, down"),
-    "wall_impulse": ("S_k", "landing on the wall"),
-    "hook_impulse": ("P_B", "contact with the hook"),
+    "corner_impulse": ("S_y", "impulse of the landing on the catcher's corner, down"),
+    "wall_impulse": ("S_k", "impulse of the landing on the wall"),
+    "hook_impulse": ("P_B", "impulse of the contact with the hook"),
 }
 CURVES = {
     "angle": {"orientator.phi1": ("catcher", SPEED), "orientator.phi2": ("cup", TORQUE)},
@@ -63,7 +64,7 @@ def figures(o: Options, r: Result) -> dict[str, Figure]:
     oriented = r["orientator.stage"][-1] == orientator.ORIENTED
     found = {
         "oriented": Figure(float(oriented), "1", 0.0, "1 if the product is oriented"),
-        "orientation_time": last("orientation_time", "from drop to end", oriented),
+        "orientation_time": last("orientation_time", "time from drop to end", oriented),
     }
     for x in STAGES:
         reached = r[f"orientator.t_{x}"][-1] > 0.0
@@ -83,8 +84,8 @@ def ending(r: Result) -> str:
 def verdict(o: Options, f: Mapping[str, Figure], r: Result) -> str:
     """What becomes of the product, and how long each stage takes."""
     after = f" after {f['orientation_time'].text()}" if f["oriented"].value else ""
-    stages = [f"{x} {f[f't_{x}'].text()}" for x in STAGES if f[f"t_{x}"].error is not None]
-    told = f"Its stages: {', '.join(stages)}" if stages else "None of its stages came to an end"
+    stages = [f"{f[f't_{x}'].text()} ({x})" for x in STAGES if f[f"t_{x}"].error is not None]
+    told = f"Its stages take {listed(stages)}" if stages else "None of its stages came to an end"
     return f"{ending(r).capitalize()}{after}. {told}."
 
 

@@ -1,8 +1,8 @@
-"""Which friction does the wall of a measured orientator have, and how fast may its rotor turn with it?
+"""What is the wall friction of a measured orientator, and how fast may its rotor turn with it?
 
-The machine is fitted to the durations of stages that a camera measured, a row for each product, at
-several speeds of the rotor. Friction is in proportion to the squared speed: what shows it are fast
-products, while slow ones show the height of the fall. Stage times that no friction explains are refused.
+The machine is fitted to the durations of stages that a camera measured, with a row for each product, at
+several speeds of the rotor. Friction is proportional to the squared speed: fast products show it, while
+slow ones show the height of the fall. Stage times that no friction explains are refused.
 """
 
 import math
@@ -108,7 +108,7 @@ def products(speeds: Sequence[float]) -> dict[str, Measured]:
 def dropped(name: str, table: Measured) -> Measured:
     """A column by the ends of the periods of its products."""
     if name.removeprefix("orientator.") not in TIMES:
-        raise SetupError(f"{table.source}: {name} is no time of a product, only {', '.join(TIMES)}")
+        raise SetupError(f"{table.source}: {name} is not a stage time, only {', '.join(TIMES)}")
     ends = PERIOD * (np.array(table.times) + 1.0)
     return Measured(ends.tolist(), table.values, unit=table.unit, source=table.source)
 
@@ -147,16 +147,16 @@ def top(fit: Identified, machine: System) -> Figure:
 
 def figures(told: Told, limit: Figure) -> dict[str, Figure]:
     """The fastest rotor that orients, how far the record is from it, and all values that were free."""
-    meaning = "fastest rotor that orients"
+    meaning = "largest rotor speed that works"
     fast = max(told.speeds)
-    room = "that limit above the fastest product of the record"
+    room = "margin of that speed over the fastest product of the record"
     if limit.error is None:
         away = Figure.refused("%", limit.reason, room)
     else:
         away = Figure(100 * (limit.value / fast - 1), "%", 100 * limit.error / fast, room)
     found = {"limit": limit._replace(meaning=meaning), "away": away}
     if told.fit.misfit:
-        refused = Figure.refused("1", "no friction fits the record", f"{FRICTION}, found")
+        refused = Figure.refused("1", "no friction fits the record", f"{FRICTION}, fitted")
         return {recorded.key(FRICTION): refused, **found}
     return recorded.values(told.fit) | found
 
@@ -165,7 +165,7 @@ def advice(fit: Identified, tried: Sequence[int], count: int) -> list[Advice]:
     """What as many products at these speeds [rpm] would leave of the interval of friction."""
     noise = {column.name: column.noise.sigma for column in fit.model.columns}
     stop = PERIOD * count
-    experiments = {"the same products once more": Experiment({}, noise, stop)}
+    experiments = {"the same products again": Experiment({}, noise, stop)}
     for n in tried:
         inputs = products([n * math.pi / 30] * count)
         experiments[f"{count} products at {n} rpm"] = Experiment({}, noise, stop, (), inputs)
@@ -179,7 +179,7 @@ def verdict(o: Options, f: Mapping[str, Figure], r: Told) -> str:
     mu, limit = f[recorded.key(FRICTION)], f["limit"]
     lines = [f"The friction between cup and wall is {mu.text()}."]
     if limit.error is None:
-        lines.append(f"How fast the rotor may turn is {limit.text()}.")
+        lines.append(f"The largest rotor speed is {limit.text()}.")
     else:
         lines.append(
             f"With it the rotor may turn at up to {limit.text()}, {f['away'].text()} above the fastest "
@@ -204,8 +204,8 @@ def misfits(r: Told) -> list[str]:
         k = int(np.argmax(abs(off)))
         row = round(seen.times[k] / PERIOD) - 1
         said.append(
-            f"{name}: off by {math.sqrt(float(np.mean(off**2))):.1f} times the noise, and most, "
-            f"{off[k]:+.1f} times, at {r.speeds[row]:.4g} rpm, row {row + 2}."
+            f"{name}: off by {math.sqrt(float(np.mean(off**2))):.1f} times the noise, rms, and at "
+            f"most by {off[k]:+.1f} times, at {r.speeds[row]:.4g} rpm, row {row + 2}."
         )
     return said
 
@@ -231,4 +231,4 @@ def show(o: Options, f: Mapping[str, Figure], r: Told) -> Show:
     with cosim.quiet():
         run = product(r.machine, r.fit.local.p[r.fit.names.index(FRICTION)], n, 1e-3)
     last = float(orientator.shortened(run)["time"][-1])
-    return Show([chart], [mechanism.motion(f"At {n:.4g} rpm, as it was fitted", {"": run}, last)])
+    return Show([chart], [mechanism.motion(f"The fitted machine at {n:.4g} rpm", {"": run}, last)])

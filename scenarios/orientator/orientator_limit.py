@@ -1,6 +1,7 @@
-"""How fast may the rotor turn with which cup and which friction, and which dimension raises that most?
+"""How fast may the rotor turn for each cup and friction, and which dimension raises that limit most?
 
-The formula of the limit and the closed bound of stage joint, against the limits of simulated products.
+The formula for the limit and the closed bound of stage joint are compared with the limits of simulated
+products.
 """
 
 import math
@@ -120,14 +121,20 @@ def figures(plane: Any, raised: Any, machine: Machine, found: Figure) -> dict[st
         "formula": Figure(formula, "rpm", 0.0, "the same by the formula")
         if formula > 0.0
         else Figure.refused("rpm", "the formula finds none", "the same by the formula"),
-        "joint": Figure(rpm(machine.lies_down), "rpm", 0.0, "closed bound: joint comes to its end"),
-        "off": extreme(off.abs(), off_wide, "largest difference of formula and simulation"),
-        "above_least": extreme(-over, over_wide, "least that the closed bound is above the limits"),
-        "above_most": extreme(over, over_wide, "most that it is above them"),
+        "joint": Figure(
+            rpm(machine.lies_down), "rpm", 0.0, "closed bound: stage joint comes to its end"
+        ),
+        "off": extreme(off.abs(), off_wide, "largest difference between formula and simulation"),
+        "above_least": extreme(
+            -over, over_wide, "smallest excess of the closed bound over the limits"
+        ),
+        "above_most": extreme(
+            over, over_wide, "largest excess of the closed bound over the limits"
+        ),
     }
     told["above_least"] = told["above_least"]._replace(value=-told["above_least"].value)
     for row in raised.itertuples():
-        meaning = f"% of the limit by 1 % more of {row.dimension}"
+        meaning = f"change of the limit for 1 % more of {row.dimension}"
         key = f"gain_{row.dimension.replace('.', '_').lower()}"
         refused = Figure.refused("%", "one of the limits was not found", meaning)
         known = not math.isnan(row.gain + row.gain_error)
@@ -148,21 +155,24 @@ def strongest(f: Mapping[str, Figure], names: Sequence[str]) -> str:
     gains = {name: f[f"gain_{name.replace('.', '_').lower()}"] for name in names}
     known = {name: x for name, x in gains.items() if x.error is not None}
     if not known:
-        return f"none is known for {', '.join(names)}"
+        return f"not determined among {', '.join(names)}"
     name, gain = max(known.items(), key=lambda item: abs(item[1].value))
-    return f"{name}, of which 1 % more changes it by {gain.text()}"
+    return f"{name}: 1 % more changes it by {gain.text()}"
 
 
 def verdict(o: Options, f: Mapping[str, Figure], r: tuple[System, Mapping[str, Table]]) -> str:
-    """The limit, how well the formula tells it, and which dimension raises it most."""
+    """The limit, how well the formula gives it, and which dimension raises it most."""
     known = r[1][PLANE].frame["limit"].notna()
-    where = "all" if known.all() else f"the {known.sum()} of {len(known)} pairs with a limit of"
+    pairs = "pairs of cup and friction"
+    where = f"all {pairs}"
+    if not known.all():
+        where = f"the {known.sum()} of {len(known)} {pairs} that have a limit"
     return (
-        f"With friction {o.friction:g} the rotor may turn at up to {f['limit'].text()}; the formula says "
-        f"{f['formula'].text()}. Over {where} cups and frictions the formula is within {f['off'].text()} of "
-        f"the simulated limits, and the closed bound {f['above_least'].text()} to "
-        f"{f['above_most'].text()} above them. The dimension that moves the limit most is "
-        f"{strongest(f, LENGTHS)}; of the cup itself it is {strongest(f, LENGTHS[:3])}."
+        f"With friction {o.friction:g} the rotor may turn at up to {f['limit'].text()}; the formula gives "
+        f"{f['formula'].text()}. Over {where} the formula is within {f['off'].text()} of the simulated "
+        f"limits, and the closed bound lies {f['above_least'].text()} to {f['above_most'].text()} above "
+        f"them. The dimension that moves the limit most is {strongest(f, LENGTHS)}. Of the cup itself it "
+        f"is {strongest(f, LENGTHS[:3])}."
     )
 
 
@@ -184,13 +194,13 @@ def show(o: Options, f: Mapping[str, Figure], r: tuple[System, Mapping[str, Tabl
         offs.append(Curve(name, mu, off.to_numpy(), color, "linked", wide.to_numpy()))
     panels = [
         Panel("fastest rotor", "rpm", speeds, includes=(0.0,)),
-        Panel("formula off by", "%", offs),
+        Panel("error of the formula", "%", offs),
     ]
-    where = Chart("Up to where cups are oriented", "friction on the wall", panels)
+    where = Chart("Rotor speed up to which cups are oriented", "friction on the wall", panels)
     names, gains, errors = (raised[x].to_list() for x in RAISED)
     bars = Curve("simulated", names, gains, "blue", "bars", errors)
-    title = f"What 1 % more of a dimension gains at friction {o.friction:g}"
-    gained = Chart(title, "dimension", [Panel("of the limit", "%", [bars])])
+    title = f"Gain from 1 % more of each dimension at friction {o.friction:g}"
+    gained = Chart(title, "dimension", [Panel("change of the limit", "%", [bars])])
     if f["limit"].error is not None:
         works, jams = f["limit"].value, f["limit"].value + f["limit"].error
         ends = {f"{x:.2f} rpm": run(r[0], o.friction, x, 1e-3) for x in (works, jams)}

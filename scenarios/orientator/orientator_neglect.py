@@ -1,6 +1,7 @@
 """What does neglecting Coriolis forces, friction at the catcher and the spring's direction cost?
 
-The times of orientation and the fastest rotors with each of them, less those of the paper's equations.
+Orientation times and largest rotor speeds with each of these effects are compared with those of the
+paper's equations.
 """
 
 import math
@@ -16,7 +17,7 @@ from cosim import System
 from cosim.system import Value, connect
 from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, option
 from workbench.answer import parameters
-from workbench.figure import refusals
+from workbench.figure import listed, refusals
 from workbench.limit import coupling
 from workbench.measure import ROUNDING, Measured
 from workbench.report.chart import SERIES
@@ -84,7 +85,9 @@ def solve(o: Options, bench: Bench) -> Findings:
     ends = bench.each(partial(ending, o.friction), [*kinds.values()], "limits", probes=True)
     for name, limit in zip(kinds, ends):
         which = (
-            f"fastest rotor with {WORDS[name]}" if name in WORDS else "fastest rotor of the paper"
+            f"largest rotor speed with {WORDS[name]}"
+            if name in WORDS
+            else "largest rotor speed of the paper"
         )
         found[f"limit_{name}"] = limit._replace(meaning=which)
     base = kinds[PLAIN]
@@ -138,14 +141,14 @@ def ending(mu: float, system: System) -> Figure:
 def figures(told: Mapping[str, Measured]) -> dict[str, Figure]:
     """The time of orientation, and what each effect adds to it."""
     plain = told[PLAIN]
-    meaning = "time of orientation of the paper"
+    meaning = "orientation time of the paper"
     jams = Figure.refused("s", "a product jams", meaning)
     found = {"orientation_time": jams if math.isnan(plain.value) else plain.figure("s", meaning)}
     for name, words in WORDS.items():
         base, more = told["hook" if name == "corner" else PLAIN], told[name]
         cost, off = more.value - base.value, more.error + base.error
         for key, unit, scale in ((name, "ms", 1e3), (f"{name}_share", "%", 100 / plain.value)):
-            meaning = f"what {words} add" + "s" * (not words.startswith(("Cor", "all")))
+            meaning = f"orientation time added by {words}"
             found[key] = (
                 Figure.refused(unit, "a product jams", meaning)
                 if math.isnan(cost)
@@ -159,7 +162,7 @@ def verdict(o: Options, f: Mapping[str, Figure], r: object) -> str:
     if f["orientation_time"].error is None:
         return " ".join(refusals({"the equations of the paper": f["orientation_time"]}))
     costs = [
-        f"{words} {f[name].text()} ({f[f'{name}_share'].text()})"
+        f"{f[name].text()} ({f[f'{name}_share'].text()}) with {words}"
         for name, words in reversed(WORDS.items())
         if f[name].error is not None
     ]
@@ -170,10 +173,10 @@ def verdict(o: Options, f: Mapping[str, Figure], r: object) -> str:
     ]
     lines = [
         f"At {o.speed * 30 / math.pi:g} rpm and friction {o.friction:g} a product takes "
-        f"{f['orientation_time'].text()} by the equations of the paper. What they neglect changes that: "
-        f"{', '.join(costs)}."
+        f"{f['orientation_time'].text()} by the equations of the paper. What they neglect changes this by "
+        f"{listed(costs)}."
     ]
-    lines += [f"The fastest rotor turns at {', '.join(limits)}."] if limits else []
+    lines += [f"The largest rotor speed is {listed(limits)}."] if limits else []
     return " ".join(lines)
 
 
@@ -193,4 +196,4 @@ def show(o: Options, f: Mapping[str, Figure], r: tuple[Mapping[str, System], Any
     names = {PLAIN: "paper", "together": "all"}
     runs = {word: run(kinds[name], o.friction, n, 1e-3) for name, word in names.items()}
     last = max(float(orientator.shortened(x)["time"][-1]) for x in runs.values())
-    return Show([chart], [mechanism.motion("Without and with what is neglected", runs, last)])
+    return Show([chart], [mechanism.motion("Without and with the neglected effects", runs, last)])

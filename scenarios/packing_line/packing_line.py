@@ -1,8 +1,8 @@
-"""Does the packing line keep pace, what does a jam cost, and what does its supply have to bear?
+"""Does the packing line keep pace, what does a jam cost, and what must its supply deliver?
 
-One motor drives the sealing iron; its cam shaft turns the orientator's rotor through a gear and
-releases a product at the start of each top dwell; a conveyor on its own motor feeds it. The
-orientator takes no power from the shaft in its model, so that the supply gives that of two motors.
+One motor drives the sealing iron. Its cam shaft turns the orientator's rotor through a gear and
+releases a product at the start of each top dwell. A conveyor with its own motor feeds the orientator.
+The model of the orientator takes no power from the shaft, so the supply gives that of two motors.
 """
 
 import math
@@ -61,7 +61,7 @@ POWERS = {
 TOLD = {
     "mean": "mean power",
     "rms": "ripple of the power",
-    "least": "least power",
+    "least": "smallest power",
     "most": "largest power",
 }
 HIGHEST = {"iron": 12, "conveyor": 4}
@@ -129,7 +129,7 @@ def releases(r: Result) -> list[int]:
     phi = r["iron.phi"]
     if np.diff(phi).min() <= 0.0:
         raise SetupError(
-            f"the cam stands or turns back, at iron.phi = {phi[-1]:.4g} rad in the end: at this "
+            f"the cam stops or turns back, and ends at iron.phi = {phi[-1]:.4g} rad: at this "
             "speed its motor cannot lift the iron"
         )
     found: list[int] = (np.flatnonzero(np.diff(r["iron.top_dwell"]) > 0.5) + 1).tolist()
@@ -168,8 +168,8 @@ def turns(r: Result, drive: str) -> Turns:
     first, last = math.ceil((phi[0] - begin) / TURN), math.floor((phi[-1] - begin) / TURN)
     if np.diff(phi).min() <= 0.0 or first >= last:
         raise SetupError(
-            f"{drive}.phi goes from {phi[0]:.4g} to {phi[-1]:.4g} rad in the last {MEASURED} cycles, and "
-            "must go on for a whole turn: the drive is too slow"
+            f"{drive}.phi goes from {phi[0]:.4g} to {phi[-1]:.4g} rad in the last {MEASURED} cycles, but "
+            "must advance by a whole turn: the drive is too slow"
         )
     began, ended = CubicSpline(phi, t)(begin + TURN * np.array([first, last])).tolist()
     lasted, inside, number = ended - began, (t >= began) & (t <= ended), last - first
@@ -188,15 +188,18 @@ def figures(r: Result) -> dict[str, Figure]:
     r, begins = supplied(r), releases(r)
     if len(begins) < MEASURED + 2:
         raise SetupError(
-            f"stop = {r['time'][-1]:g} s is too short: of {MEASURED + 2} releases that are needed it "
-            f"sees {len(begins)}. The figures are those of the last {MEASURED} cycles, and the one "
-            "before tells how settled they are"
+            f"stop = {r['time'][-1]:g} s is too short: it covers {len(begins)} of the {MEASURED + 2} "
+            f"releases needed. The figures are those of the last {MEASURED} cycles, and the cycle before "
+            "them shows how settled they are"
         )
     whole = slice(begins[0], begins[-1] + 1)
     counts = {
         "released": (len(begins) - 1, "products released in the whole cycles"),
-        "oriented": (np.ptp(r["orientator.oriented"][whole]), "products oriented of these"),
-        "missed": (r["orientator.missed"][whole][-2], "released while one was under way"),
+        "oriented": (np.ptp(r["orientator.oriented"][whole]), "products oriented among these"),
+        "missed": (
+            r["orientator.missed"][whole][-2],
+            "products released while another was under way",
+        ),
     }
     found = {name: Figure(float(x), "1", 0.0, meaning) for name, (x, meaning) in counts.items()}
     before = cycles(of_rows(r, r.data[: begins[-2] + 1]))
@@ -239,14 +242,14 @@ def cycles(r: Result) -> dict[str, Figure]:
     )
     made = np.ptp(r["orientator.oriented"][begins[0] : begins[-1] + 1]) / (len(begins) - 1)
     told |= {
-        "orientation": (orientation, "s", "time of orientation of the last product"),
+        "orientation": (orientation, "s", "orientation time of the last product"),
         "spare": (cycle - orientation, "s", "time to spare in a cycle"),
         "products": (60 / cycle * made, "1/min", "oriented products"),
         "lost": (60 / cycle * (1 - made), "1/min", "products lost to jams"),
         "work": (told["mean_supply"][0] * cycle, "J", "work of the supply in a cycle"),
-        "gap": (gap, "Hz", "distance of the nearest main orders of cam and crank"),
-        "beat": (60 * gap, "1/min", "how often they beat"),
-        "together": (x.own + y.own, "W", "what they add to at worst"),
+        "gap": (gap, "Hz", "distance between the nearest main orders of cam and crank"),
+        "beat": (60 * gap, "1/min", "beats of these two orders"),
+        "together": (x.own + y.own, "W", "amplitude of these two orders together, at worst"),
     }
     found = {name: Figure(float(x), unit, 0.0, what) for name, (x, unit, what) in told.items()}
     why = f"the orientator jams: {orientator.REASONS[int(reason)]}"
@@ -293,16 +296,16 @@ def nearest(orders: Sequence[Order]) -> tuple[Order, Order]:
 
 
 def verdict(o: Options, f: Mapping[str, Figure], r: tuple[Result, System]) -> str:
-    """Whether the line keeps pace, what a jam costs, and what the supply bears."""
+    """Whether the line keeps pace, what a jam costs, and what the supply gives."""
     told = {name: figure.text() for name, figure in f.items()}
     pace = (
-        f"The line keeps pace: every product is oriented in {told['orientation']} and the next "
-        f"comes after {told['cycle']}, {told['spare']} to spare."
+        f"The line keeps pace: every product is oriented in {told['orientation']}, and the next "
+        f"comes after {told['cycle']}, which leaves {told['spare']} to spare."
     )
     if f["oriented"].value < f["released"].value:
         pace = (
             f"The line does not keep pace: {told['oriented']} of {told['released']} products are "
-            f"oriented, {f['orientation'].reason}."
+            f"oriented, because {f['orientation'].reason}."
         )
     (cam, crank), meets = nearest(ripple(drives(r[0]))), ""
     if meet(cam, crank):
@@ -312,8 +315,8 @@ def verdict(o: Options, f: Mapping[str, Figure], r: tuple[Result, System]) -> st
         )
     return (
         f"{pace} It makes {f['products'].text('products/min')}; jams cost "
-        f"{f['lost'].text('products/min')}, and each the {told['work']} of a cycle. The supply gives "
-        f"{told['mean_supply']} with a ripple of {told['rms_supply']} rms, between "
+        f"{f['lost'].text('products/min')}, and a jam costs the work of a cycle, {told['work']}. The supply "
+        f"gives {told['mean_supply']} with a ripple of {told['rms_supply']} rms, between "
         f"{told['least_supply']} and {told['most_supply']}{meets}."
     )
 

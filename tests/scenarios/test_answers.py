@@ -300,7 +300,7 @@ def test_jams_and_stalls_are_named_in_a_sentence() -> None:
     held = ask("orientator_cycle", speed="110rpm").verdict
     assert held == "The product jams: held in chute. None of its stages came to an end."
     none = ask("orientation_time", speeds="90,100rpm", frictions="0.5,0.6")
-    assert none.verdict == "With friction 0.5, friction 0.6 every product of the sweep jams."
+    assert none.verdict == "With friction 0.5 and friction 0.6, every product of the sweep jams."
     assert none.show().charts == []
     for motor_A, stop, turns in ((0.12, 30.0, "0.25918"), (-4.0, 1.0, "-0.694")):
         stall = ask("iron_start", motor_A=motor_A, stop=stop, step=2e-3)
@@ -314,7 +314,7 @@ def test_jams_and_stalls_are_named_in_a_sentence() -> None:
 def test_a_start_value_that_no_fmu_has_is_named(name: str, tmp_path: Path) -> None:
     part = CHANGED[name][0].split(".")[0]
     own = getattr(load(find(PROJECT.home, name)), "OWN", ())
-    refused = [(f"{x}=1", f"start value {x}: this question sets it on its own") for x in own]
+    refused = [(f"{x}=1", f"start value {x}: this question sets it itself") for x in own]
     for wrong, message in (
         (f"{part}.nonsense=1", f"{part} has no variable 'nonsense'"),
         ("nobody.T=1", "there is no part 'nobody'"),

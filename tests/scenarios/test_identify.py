@@ -80,7 +80,7 @@ def test_what_would_get_it_clear_does(answer: Answer) -> None:
 def test_the_next_record_is_one_in_which_the_speed_changes(answer: Answer) -> None:
     rows = answer.tables["identify_next.csv"].frame
     assert rows["error"].is_monotonic_increasing
-    assert list(rows["record"])[-1] == "the same once more"
+    assert list(rows["record"])[-1] == "the same again"
     assert rows["record"][0] in answer.verdict
     assert rows["error"].iloc[-1] < answer.figures["nu_res"].error
 
@@ -99,7 +99,7 @@ def test_a_record_of_another_machine_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "drift.csv"
     measured_conveyor.record(drift=0.01).to_csv(path, index=False)
     answer = ask("identify", **{**QUICK["identify"], "data": str(path)})
-    assert answer.verdict.startswith("No drive of this kind makes this record:\nchi2 = ")
+    assert answer.verdict.startswith("No drive of this kind fits this record:\nchi2 = ")
     assert "conveyor.w: " in answer.verdict
     assert all(figure.error is None for figure in answer.figures.values())
 
@@ -111,7 +111,10 @@ REFUSED: list[tuple[dict[str, Any], str]] = [
     ({"map": ["conveyor.w=n", "conveyor.w=M"]}, "map 'conveyor.w=M': conveyor.w is mapped twice"),
     ({"map": ["time=t", "conveyor.w=n", "motor.tau=n:N.m"]}, "column n: it is mapped twice"),
     ({"map": ["time=t", "conveyor.w=n:kg"]}, "conveyor.w [rad/s] cannot be compared with a column"),
-    ({"map": ["time=t", "conveyor.w=n"], "known": []}, "speed alone tells no mass and no torque"),
+    (
+        {"map": ["time=t", "conveyor.w=n"], "known": []},
+        "speed alone determines neither mass nor torque",
+    ),
     ({"known": ["conveyor.trough.m=200"]}, "must read NAME=VALUE+-DEVIATION"),
     ({"known": ["conveyor.trough.m=200+-0"]}, "the deviation must be above 0"),
     ({"known": ["conveyor.x=0+-1"]}, "conveyor.x [m] cannot be free"),

@@ -114,9 +114,9 @@ def test_the_turn_of_the_iron_is_found_before_the_fit() -> None:
 
 
 REFUSED: list[tuple[str, dict[str, Any], str]] = [
-    ("iron_identify", {"known": []}, "the record shows (1 + K) m and (1 + K) c alone"),
+    ("iron_identify", {"known": []}, "the record shows only (1 + K) m and (1 + K) c"),
     ("iron_identify", {"known": ["motor.B=0.02+-1%"]}, "give what is known, as in --known iron.iron.m"),
-    ("iron_identify", {"until": 1.0}, "turns of the cam, and one is the least that tells a drive"),
+    ("iron_identify", {"until": 1.0}, "turns of the cam; at least one is needed"),
     ("iron_identify", {"known": ["iron.iron.m=-4+-1"]}, "iron.iron.m = -4.0 kg must lie between"),
     ("iron_identify", {"map": ["time=t", "motor.tau=M"]}, "no column is mapped to iron.w"),
     ("iron_identify", {"free": ["iron.tau"]}, "iron.tau [N.m] cannot be free"),
@@ -127,7 +127,7 @@ REFUSED: list[tuple[str, dict[str, Any], str]] = [
     ("orientator_identify", {"map": ["orientator.w=n:kg", "orientator.t_joint=joint"]},
      "each product needs a speed of the rotor, in rad/s or rpm"),
     ("orientator_identify", {"map": ["orientator.w=n", "orientator.xc=joint"]},
-     "orientator.xc is no time of a product"),
+     "orientator.xc is not a stage time"),
     ("orientator_identify", {"data": "none.csv"}, "none.csv cannot be read as a table"),
 ]  # fmt: skip
 

@@ -200,4 +200,4 @@ def test_iron_bounce_says_where_nothing_bounces_and_where_no_turn_is_like_the_ne
     near = ask(
         "iron_bounce", speeds="70rpm", speed="9", samples=360, start={"iron.follower.e": 0.02}
     )
-    assert near.verdict.endswith("take more samples to tell apart.")
+    assert near.verdict.endswith("more samples are needed to separate them.")

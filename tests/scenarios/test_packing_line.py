@@ -134,7 +134,7 @@ def test_a_rotor_geared_too_fast_jams_with_its_reason(
     assert f["lost"] == pytest.approx(60 / f["cycle"], rel=1e-12)
     jam = f"the orientator jams: {reason}"
     assert line.figures["orientation"].reason == line.figures["spare"].reason == jam
-    answer = f"The line does not keep pace: 0 of 3 products are oriented, {jam}. "
+    answer = f"The line does not keep pace: 0 of 3 products are oriented, because {jam}. "
     assert line.verdict.startswith(answer)
     lanes = line.show().charts[0].panels[1].rows
     assert lanes["orientator"][-1].text == end

@@ -277,9 +277,9 @@ def test_answer_has_verdict_tables_and_picture(tmp_path: Path) -> None:
         "The operating range 45 .. 60 rad/s stays clear of a torque ripple above"
     )
     assert (lines["ripple_in_range"] <= 50.0).to_list() == [True, False, True]
-    assert "motor.T of 0.03 .. 0.03 s and 0.12 .. 0.12 s; with every part" in verdict
+    assert "motor.T of 0.03 .. 0.03 s and 0.12 .. 0.12 s. With every part" in verdict
     assert (lines["probability_in_range"] <= 0.01).to_list() == [False, False, True]
-    assert verdict.endswith("99% of the machines, with 0.12 .. 0.12 s.")
+    assert verdict.endswith("99% of the machines with motor.T of 0.12 .. 0.12 s.")
     figures = facts["figures"]
     assert figures["gain_max"]["value"] == pytest.approx(rows["gain"].max())
     assert 0.0 < figures["gain_max"]["error"] < 0.01 * rows["gain"].max()
@@ -293,7 +293,7 @@ def test_map_at_a_fixed_speed_has_no_range(tmp_path: Path) -> None:
     settings = {"x": "motor.T=0.03:0.12:5:log", "y": "motor.B=150:250:2", "range": None}
     found = small(tmp_path, **settings, speed=40.0, checks=0, start=["conveyor.rod.finite=true"])
     assert found.options["speed"].value == 40.0 and found.facts["range"] is None
-    assert "At 40 rad/s a torque ripple above 50 N.m" in found.verdict
+    assert "At 40 rad/s the torque ripple is above 50 N.m" in found.verdict
     assert found.figures["misjudged"].reason == "no machine is co-simulated"
     assert found.parameters["conveyor.rod.finite"].value
     panels = [panel.quantity for panel in found.show().charts[2].panels]
@@ -318,7 +318,10 @@ def test_start_values_change_the_machine_of_the_map(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"y": "motor.Q=1:2:5"}, "'motor.Q' is no part of the drive, only motor.B, motor.T"),
+        (
+            {"y": "motor.Q=1:2:5"},
+            "'motor.Q' is not a parameter of the drive, only motor.B, motor.T",
+        ),
         ({"y": "speed=1:2:5"}, "the speed belongs on x"),
         ({"x": "motor.T=1:2:5", "range": None}, "both motor.T"),
         ({"y": "motor.T=a:2:5"}, "must read NAME=FROM:TO:NUMBER"),
@@ -338,7 +341,7 @@ def test_start_values_change_the_machine_of_the_map(tmp_path: Path) -> None:
         ({"tolerance": ["motor.T=-1"]}, "must be at least 0 and below 100"),
         ({"tolerance": ["motor.T=nan"]}, "must be at least 0 and below 100"),
         ({"tolerance": ["motor.T"]}, "must read NAME=PERCENT"),
-        ({"tolerance": ["motor.kloss.s_b=5"]}, "'motor.kloss.s_b' is no part of the drive"),
+        ({"tolerance": ["motor.kloss.s_b=5"]}, "'motor.kloss.s_b' is not a parameter of the drive"),
         ({"samples": 100}, "samples = 100 must be a power of 2"),
         ({"check_runs": 512}, "check_runs = 512 must be at most samples = 256"),
         ({"limit": 0.0}, "limit = 0 % must be a finite number above 0"),
@@ -347,7 +350,7 @@ def test_start_values_change_the_machine_of_the_map(tmp_path: Path) -> None:
         ({"start": ["motor.characteristic=1"]}, "motor.characteristic: this question sets it"),
         (
             {"steps_per_rev": 64},
-            "64 steps per revolution must be at least 72, as 4 times fewer tell the errors",
+            "64 steps per revolution must be at least 72, because runs with 4 times fewer give the errors",
         ),
     ],
 )

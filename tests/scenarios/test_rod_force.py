@@ -180,9 +180,12 @@ def test_advice_names_the_spring_what_it_spares_and_what_it_leaves(
     take, keep = (answers[name] for name in ("A", "B"))
     f = take.figures
     assert take.verdict.startswith(
-        f"Take a spring of {f['spring_unloaded'].text()} instead of 720000"
+        f"Use a spring of {f['spring_unloaded'].text()} instead of 720000"
     )
-    assert "advises 320000 N/m and gives the rod 4308.13 N with 720000 N/m" in take.verdict
+    assert (
+        "recommends 320000 N/m. With 720000 N/m it gives a largest rod force of 4308.13 N."
+        in take.verdict
+    )
     for name in ("f_rod", "tau2", "nu_90", "tau2_peak"):
         assert f[name].text() in take.verdict and f[f"{name}_unloaded"].text() in take.verdict
     assert f["f_rod_unloaded"].value < 0.4 * f["f_rod"].value
@@ -190,14 +193,19 @@ def test_advice_names_the_spring_what_it_spares_and_what_it_leaves(
     for name in ("nu_90", "nu_90_unloaded"):
         assert f[name].value == pytest.approx(40.0, rel=1e-4)
     assert keep.verdict.startswith(
-        "Keep the spring of 720000 N/m: at 60 rad/s (573 rpm) the rod bears"
+        "Keep the spring of 720000 N/m: at 60 rad/s (573 rpm) its largest rod force"
     )
     assert keep.figures["spring_unloaded"].value == pytest.approx(719640.0, abs=30.0)
 
 
 def test_maps_show_the_valley_beside_the_formula(answers: dict[str, Answer]) -> None:
     angle, over, force, ripple = answers["A"].show().charts
-    names = ["formula (17)", "least rod force", "machine's spring", "spring that unloads the rod"]
+    names = [
+        "formula (17)",
+        "smallest rod force",
+        "machine's spring",
+        "spring that unloads the rod",
+    ]
     for field in (force, ripple):
         assert [curve.name for curve in field.curves] == names
         formula, valley, own, best = field.curves
@@ -224,7 +232,7 @@ def test_a_spring_far_from_formula_17_is_not_told() -> None:
     far = ask("rod_force", speed=8.0, start=light, **FEW)
     assert far.figures["spring_unloaded"].reason == "it lies far from that of formula (17)"
     assert far.verdict.startswith(
-        "Which spring unloads the rod at 8 rad/s (76 rpm) is not determined: "
+        "The spring that unloads the rod at 8 rad/s (76 rpm) is not determined: "
     )
     assert far.show().title == ""
 
@@ -239,7 +247,8 @@ def test_without_damping_the_rod_is_freed_and_a_spring_that_stalls_the_crank_is_
     assert free.show().charts
     stalled = ask("rod_force", speed=4.0, start={"motor.B": 0.5}, **QUICK)
     assert (
-        "with that of the machine: not determined (there is no steady orbit at 4" in stalled.verdict
+        "with the machine's spring it is not determined (there is no steady orbit at 4"
+        in stalled.verdict
     )
 
 

@@ -70,7 +70,7 @@ def test_a_strong_motor_is_not_caught() -> None:
     strong = {"motor.R": 0.1, "motor.L": 5e-4}
     answer = ask("sommerfeld", supplies="8:12:9", start=strong)
     assert answer.verdict.startswith("The motor is not caught")
-    assert answer.figures["supply_up"].reason == "the speed jumps nowhere"
+    assert answer.figures["supply_up"].reason == "the speed does not jump"
     assert answer.show().charts[0].marks == []
 
 

@@ -52,7 +52,7 @@ def test_a_crossing_that_never_happens_is_a_refused_figure() -> None:
     t = np.linspace(0.0, 2 * math.pi, 60)
     for level, which in ((2.0, 0), (0.5, 2), (0.5, -3)):
         figure = measure.crossing(t, np.sin(t), level, which).figure("s", "when")
-        assert (figure.error, figure.reason) == (None, "it does not happen while the run lasts")
+        assert (figure.error, figure.reason) == (None, "it does not happen during the run")
 
 
 @pytest.mark.parametrize("level", [3.9677, 3.9695])
@@ -159,7 +159,7 @@ def test_errors_of_rows_and_coupling_add_up_and_a_refusal_stays_one() -> None:
         ("With it: {t}; without: {f}.", "With it: 2.00 ± 0.10 s; without: not determined (it stuck)."),
         ("It is {f} of {t}.", "Nothing can be determined: it stuck."),
         ("It is {f}; it is {t}.", "It is not determined (it stuck); it is 2.00 ± 0.10 s."),
-        ("It is {t}. Of {f}, {g}.", "It is 2.00 ± 0.10 s.\nNothing more can be determined, for the reasons beside the figures."),
+        ("It is {t}. Of {f}, {g}.", "It is 2.00 ± 0.10 s.\nNothing more can be determined, for the reasons given with the figures."),
         ("Take 0.5 m. A. B", "Take 0.5 m. A. B"),
     ],
 )  # fmt: skip

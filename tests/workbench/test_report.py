@@ -261,7 +261,7 @@ CLAIMS = {
     "energy: from the motor = E_in; energy: stored = E_stored; energy: friction = E_friction",
     "speed_step": "speed: gearbox = gear.w_b; speed: load = load.w; "
     "torque in the shaft: torque in the shaft = shaft.tau_b; "
-    "torque of the motor: asked for = controller.tau; torque of the motor: motor = motor.tau; "
+    "torque of the motor: requested = controller.tau; torque of the motor: motor = motor.tau; "
     "current: current = motor.i",
     "orientator_cycle": "angle: catcher = orientator.phi1; angle: cup = orientator.phi2; "
     "speed: cup = orientator.w2; centre of mass: down = orientator.vyc; "
@@ -611,7 +611,7 @@ def test_a_table_too_large_for_a_page_is_thinned_and_says_so(
     monkeypatch.setattr(html, "LARGEST", len(whole) // 3)
     packed, note = html.limited(table)
     assert len(packed) < len(whole) // 3
-    assert note == "one row in 4 of 4000; the whole file lies beside this page"
+    assert note == "one row in 4 of 4000; the complete file is next to this page"
     rows = pd.read_csv(io.BytesIO(gzip.decompress(base64.b64decode(packed))))
     assert_allclose(rows["x"], x[::4])
 

@@ -196,7 +196,7 @@ def test_an_interrupted_sweep_goes_on_and_leaves_no_journal(
     sweep({"options": {"speed": 4.0}, "code": {"a.py": "1" * 16}}, 0.0)
     assert sorted(set(lines(ledger))) == ["1.0", "2.0", "3.0", "4.0", "5.0"]
     assert capsys.readouterr().err == (
-        f"{tmp_path} holds the rows of other runs: options.speed was 3.0 and is 4.0; "
+        f"{tmp_path} contains the rows of other runs: options.speed was 3.0 and is 4.0; "
         'code."a.py" has changed; they are dropped\n'
     )
 
@@ -252,7 +252,7 @@ def test_a_killed_session_keeps_every_row_and_shuts_out_a_second_one(tmp_path: P
     )
     assert process.stdout is not None
     assert process.stdout.readline() == b"kept\n"
-    with pytest.raises(SetupError, match="another process is at work in this folder"):
+    with pytest.raises(SetupError, match="another process is using this folder"):
         opened(tmp_path, {"x": 1})
     process.kill()
     process.communicate()
@@ -290,7 +290,7 @@ def test_rows_of_another_identity_are_refused_whatever_differs(tmp_path: Path) -
         with pytest.raises(SetupError) as refusal:
             opened(tmp_path, other)
         said = str(refusal.value)
-        assert said.startswith(f"{tmp_path} holds the rows of other runs: {name} "), said
+        assert said.startswith(f"{tmp_path} contains the rows of other runs: {name} "), said
         assert not identity.DIGEST.search(said.replace(str(tmp_path), ""))
     assert opened(tmp_path, who) == {}
 
@@ -328,7 +328,7 @@ def test_a_damaged_journal_is_named(tmp_path: Path) -> None:
     with sqlite3.connect(path) as base:
         base.execute("UPDATE identity SET content = '{'")
     base.close()
-    with pytest.raises(SetupError, match=f"{path} is damaged: it does not tell whose rows"):
+    with pytest.raises(SetupError, match=f"{path} is damaged: it does not say to which runs"):
         opened(tmp_path, {})
 
 

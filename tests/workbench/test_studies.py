@@ -137,7 +137,7 @@ X = "x = { from = 0.0, to = 1.0, number = 5 }"
 LHS = 'method = "lhs"\nnumber = 1000'
 TOLERANCE = 'x = { nominal = 1.0, uniform = "10 %" }'
 REFUSED = [
-    (GRID, 'scenario = "plane.py"', 'scenario = "plain.py"', "scenario = 'plain.py' must be a file NAME.py that is there"),
+    (GRID, 'scenario = "plane.py"', 'scenario = "plain.py"', "scenario = 'plain.py' must be an existing file NAME.py"),
     (GRID, 'scenario = "plane.py"', "", "scenario = nothing must be the name of a question"),
     (GRID, "[grid]", "[gird]", "unknown key 'gird', expected scenario, timeout, figures, fixed"),
     (GRID, "[grid]", "grid = 3\n[fixed]", "grid = 3 must be a table [grid]"),
@@ -146,43 +146,43 @@ REFUSED = [
     (GRID, "number = 5", "number = 1", "grid.x.number = 1 must be a whole number at least 2"),
     (GRID, "number = 5", "number = 1000000000", "must be a whole number at least 2 and at most 1.04858e+06"),
     (GRID, "number = 5", "number = 1000000", "2000000 runs are more than 1048576"),
-    (GRID, "[10, 20.0]", f"{'[' * 5000}{']' * 5000}", "is no TOML file: maximum recursion depth"),
+    (GRID, "[10, 20.0]", f"{'[' * 5000}{']' * 5000}", "is not a TOML file: maximum recursion depth"),
     (GRID, "[grid]", "timeout = 1e300\n[grid]", "timeout = 1e+300 s must be a finite number above 0 s and at most"),
     (GRID, "number = 5", "n = 5", "grid.x: unknown key 'n', expected from, to, number, spacing"),
     (GRID, "to = 1.0", "to = 0.0", "grid.x.to = 0 must be above from = 0"),
     (GRID, "to = 1.0", "to = 'far'", "grid.x.to = 'far' must be a number in m or mm or cm"),
     (GRID, "number = 5", "number = 5, spacing = 'log'", "from = 0.0 must be above 0 with spacing"),
     (GRID, "number = 5", "number = 5, spacing = 'even'", "spacing = 'even' must be one of linear, log"),
-    (GRID, "[10, 20.0]", "[10, 10.0]", "grid.y names 10.0 twice"),
-    (GRID, "[10, 20.0]", "[]", "grid.y = [] must name at least one value"),
+    (GRID, "[10, 20.0]", "[10, 10.0]", "grid.y contains 10.0 twice"),
+    (GRID, "[10, 20.0]", "[]", "grid.y = [] must contain at least one value"),
     (GRID, "[10, 20.0]", "[nan]", "grid.y = nan must be a finite number"),
     (GRID, "[10, 20.0]", "['low']", "grid.y = 'low' must be a number"),
     (GRID, "[10, 20.0]", "10", "grid.y = 10 must be a list of values or { from, to, number }"),
     (GRID, X, "times = [1.5]", "grid.times = 1.5 must be a whole number"),
-    (GRID, "x = {", "places = [3, [1, 2]]\nx = {", "grid.places = 3 must be a list, each a text"),
+    (GRID, "x = {", "places = [3, [1, 2]]\nx = {", "grid.places = 3 must be a list, each a string"),
     (GRID, X, "mood = ['bad']", "grid.mood = 'bad' must be one of good, warn, refuse, fail"),
     (GRID, X, "motor.T = [1.0]", "grid.motor: write a start value in quotes, \"motor.T\" = …"),
     (GRID, X, "start = ['a=1']", "grid.start: plane has no option 'start'"),
-    (GRID, "[grid]", "[fixed]\ny = 1.0\n[grid]", "'y' stands in two of [fixed], [grid] and"),
-    (GRID, "y = [", "x = [", "is no TOML file: Cannot overwrite a value"),
+    (GRID, "[grid]", "[fixed]\ny = 1.0\n[grid]", "'y' is given in two of [fixed], [grid] and"),
+    (GRID, "y = [", "x = [", "is not a TOML file: Cannot overwrite a value"),
     (GRID, "[grid]", "timeout = 0\n[grid]", "timeout = 0 s must be a finite number above 0 s"),
     (GRID, "[grid]", "figures = 'z'\n[grid]", "figures = 'z' must be a list of names"),
-    (GRID, "[grid]", "figures = ['z', 'z']\n[grid]", "figures names 'z' twice"),
-    (GRID, "[grid]", "[sampling]\n[grid]", "[tolerances] and [sampling] need each"),
-    (GRID, GRID, "scenario = 'plane.py'", "nothing varies: it needs a table [grid] or"),
+    (GRID, "[grid]", "figures = ['z', 'z']\n[grid]", "figures contains 'z' twice"),
+    (GRID, "[grid]", "[sampling]\n[grid]", "[tolerances] and [sampling] must be"),
+    (GRID, GRID, "scenario = 'plane.py'", "nothing varies: a study needs a table [grid] or"),
     (TOLERANCES, "lhs", "dice", "sampling.method = 'dice' must be one of lhs, sobol, saltelli"),
     (TOLERANCES, "lhs", "sobol", "number = 1000 must be a power of 2 with 'sobol', for example 512"),
     (TOLERANCES, "1000", "1", "sampling.number = 1 must be a whole number at least 2"),
     (TOLERANCES, "seed = 4", "", "sampling.seed = nothing must be a whole number"),
-    (TOLERANCES, f"[sampling]\n{LHS}\nseed = 4", "", "[tolerances] and [sampling] need each"),
+    (TOLERANCES, f"[sampling]\n{LHS}\nseed = 4", "", "[tolerances] and [sampling] must be"),
     (TOLERANCES, TOLERANCE, "x = 1.0", "tolerances.x = 1.0 must be { nominal, uniform }"),
     (TOLERANCES, TOLERANCE, "x = { nominal = 1.0 }", "must be { nominal, uniform }, { nominal, nor"),
     (TOLERANCES, '"10 %"', '"10"', "tolerances.x.uniform = '10' must be a number above 0, or a share"),
     (TOLERANCES, "nominal = 1.0", "nominal = 0", "(the nominal value is 0)"),
     (TOLERANCES, '"10 %"', '"10 %", normal = 0.1', "must be { nominal, uniform }, { nominal, normal"),
     (TOLERANCES, '"10 %"', '"10 %", within = 0.1', "must be { nominal, uniform }, { nominal, normal"),
-    (TOLERANCES, "times = 2", "x = 2", "'x' stands in two of [fixed], [grid] and [tolerances]"),
-    (TOLERANCES, TOLERANCE, "mood = { nominal = 1.0 }", "mood: the option takes a text; vary it in [grid]"),
+    (TOLERANCES, "times = 2", "x = 2", "'x' is given in two of [fixed], [grid] and [tolerances]"),
+    (TOLERANCES, TOLERANCE, "mood = { nominal = 1.0 }", "mood: the option takes a string; vary it in [grid]"),
 ]  # fmt: skip
 
 
@@ -232,7 +232,7 @@ def test_whatever_becomes_of_a_run_costs_its_row_and_no_more(write: Write, tmp_p
         "2 ok, 1 crashed, 1 refused, 1 timeout, 1 failed.",
         "Run 0: crashed: the run ended its process: SIGSEGV\n",
         "\nRun 5: warning: the plane is steep, 0.333333 rad",
-        "\n2 runs, first run 1: root not determined: x < 0\n",
+        "\n2 runs (first: run 1): root not determined: x < 0\n",
         "No run has root.",
     ):
         assert words in outcome.verdict
@@ -246,8 +246,8 @@ def test_what_many_runs_say_alike_is_said_once_with_a_sensible_number_of_digits(
     text = "scenario = 'plane.py'\n[fixed]\nmood = 'warn'\n[grid]\nx = [-3.5, -2, -1, 2.0]"
     verdict = study.run(study.load(write(text)), out=tmp_path / "out").verdict
     assert verdict.splitlines()[-3:] == [
-        "3 runs, first run 0: root not determined: x < 0",
-        "3 runs, first run 1: warning: the plane is steep, 0.333333 rad",
+        "3 runs (first: run 0): root not determined: x < 0",
+        "3 runs (first: run 1): warning: the plane is steep, 0.333333 rad",
         "Run 0: warning: the plane is steep, -0.166667 rad",
     ]
 
@@ -367,7 +367,7 @@ def test_an_ended_study_goes_on_with_the_missing_runs(
     path = write(GATED.format(tmp_path))
     out, other, ledger = tmp_path / "out", tmp_path / "other", tmp_path / "ledger"
     process = at_work(path, out, "--jobs", 2)
-    with pytest.raises(SetupError, match="another process is at work in this folder"):
+    with pytest.raises(SetupError, match="another process is using this folder"):
         study.run(study.load(path), out=out)
     os.killpg(process.pid, number)
     errors = process.communicate(timeout=100)[1].decode()
@@ -378,7 +378,7 @@ def test_an_ended_study_goes_on_with_the_missing_runs(
         assert process.returncode == 130
         assert errors == (
             f"interrupted, what was computed is kept: {len(before)} runs in {out / NAME}; "
-            "the same command goes on\n"
+            "the same command continues\n"
         )
     (tmp_path / "gate").unlink()
     (tmp_path / "gate").touch()
@@ -402,7 +402,7 @@ def test_another_study_is_not_mixed_into_a_folder(write: Write, tmp_path: Path) 
         with pytest.raises(SetupError, match=re.escape(message)):
             study.run(study.load(write(text)), out=out)
 
-    other = f"{out} holds the rows of other runs: "
+    other = f"{out} contains the rows of other runs: "
     refused(GRID.replace("= 5", "= 6"), f"{other}file.grid.x.number was 5 and is 6")
     refused(f"timeout = 9.0\n{GRID}", f"{other}file.timeout was not there and is 9.0; choose ano")
     page = tmp_path / "plane.py"
@@ -648,9 +648,14 @@ def test_indices_leave_out_what_failed_and_say_when_there_are_none() -> None:
     assert found[0].value == pytest.approx(0.9, abs=0.1)
     few = np.where(np.arange(4 * 64) < 4 * 50, np.nan, y)
     for method, number, y, why in (
-        ("saltelli", 64, few, "14 whole samples are too few, it takes 16"),
+        ("saltelli", 64, few, "14 complete samples are too few; at least 16"),
         ("lhs", 128, np.full(128, 3.0), "it does not vary"),
-        ("lhs", 128, 1.0 * (np.arange(128) != 5), "too few runs differ to tell a confidence inter"),
+        (
+            "lhs",
+            128,
+            1.0 * (np.arange(128) != 5),
+            "too few runs differ to determine a confidence inter",
+        ),
     ):
         sampling = Sampling(method, number, 7)
         said = sensitivity.indices(sampling, "ab", sampling.cube(2), "f", y)

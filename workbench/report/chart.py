@@ -33,11 +33,11 @@ SHOWN = {
 
 
 class Curve(NamedTuple):
-    """y over x, as many of both; nan in y is a gap.
+    """y over x, of equal length; nan in y is a gap.
 
-    It looks like a "line", a dashed line of "theory", "points", "linked" points, a "step", or
-    stands as "bars" or a stacked "area" on 0; x of bars may be words. `error`, of the shape of y or
-    two of them, below and above, is drawn as a bar at points and as a band along a line.
+    Its `look` is a "line", a dashed line of "theory", "points", "linked" points, a "step", "bars" or a
+    stacked "area" from 0; x of bars may be words. `error` has the shape of y, or is a pair of them, below
+    and above. It is drawn as a bar at points and as a band along a line.
     """
 
     name: str
@@ -67,20 +67,20 @@ class Curve(NamedTuple):
 
 
 class Mark(NamedTuple):
-    """A place on the x axis, or a level on the y axis of a panel, and what is there."""
+    """A place on the x axis, or a level on the y axis of a panel, and its text."""
 
     at: float
     text: str
 
     @classmethod
     def of(cls, text: str, figure: Figure) -> Mark:
-        """Where a figure is, in as many digits as its error lets it have."""
+        """A mark at a figure, with as many digits as its error allows."""
         value = f"{figure.value:.4g} {figure.unit}" if figure.error is None else figure.text()
         return cls(figure.value, f"{text} {value}")
 
 
 class Span(NamedTuple):
-    """A stretch of the x axis, and what it is."""
+    """A stretch of the x axis, and its text."""
 
     first: float
     last: float
@@ -89,7 +89,7 @@ class Span(NamedTuple):
 
 
 class Panel(NamedTuple):
-    """Curves over one y axis of a quantity and its unit, which shows the values it `includes`."""
+    """Curves on one y axis of a quantity and its unit; the axis shows all the values it `includes`."""
 
     quantity: str
     unit: str
@@ -110,7 +110,7 @@ class Panel(NamedTuple):
 
 
 class Lanes(NamedTuple):
-    """What lasts from when to when: a lane of bars by name, the first on top."""
+    """Stretches of time as bars, in a lane for each name, the first on top."""
 
     rows: Mapping[str, Sequence[Span]]
 
@@ -121,14 +121,14 @@ class Lanes(NamedTuple):
 
 
 class Second(NamedTuple):
-    """Another unit of the x axis, whose numbers are so many times as large."""
+    """A second unit of the x axis, whose numbers are larger by a factor."""
 
     unit: str
     factor: float
 
 
 class Chart(NamedTuple):
-    """Panels above each other over one x axis with its marks and spans."""
+    """Panels stacked over one x axis with its marks and spans."""
 
     title: str
     x: str
@@ -153,7 +153,7 @@ class Direction(NamedTuple):
 
 
 class Level(NamedTuple):
-    """The line on which values over a plane, those of its field by default, have a value."""
+    """A contour line of values over a plane, by default those of its field."""
 
     at: float
     text: str
@@ -193,10 +193,10 @@ def recorded(
     includes: Sequence[float] = (),
     levels: Sequence[Mark] = (),
 ) -> Panel:
-    """Columns of a result over x, in their unit or in another; each has a name, a color and perhaps
-    a look, or a color alone, and then the name of the quantity.
+    """Columns of a result over x, in their unit or in another. Each has a name, a color and perhaps a
+    look, or only a color, and then the name of the quantity.
 
-    Raises KeyError for a column that is not there, or a unit that one does not convert to.
+    Raises KeyError for a column that does not exist or a unit that it does not convert to.
     """
     own = {column: result.units[column] for column in curves}
     unit = unit or next(iter(own.values()))

@@ -105,7 +105,7 @@ def limited(table: Table, among: int = 1) -> tuple[str, str]:
     while True:
         packed = _packed(table.frame.iloc[::k].to_csv(index=False).encode())
         if len(packed) * among <= LARGEST:
-            part = f"one row in {k} of {rows}; the whole file lies beside this page"
+            part = f"one row in {k} of {rows}; the complete file is next to this page"
             return packed, f"{rows} rows" if k == 1 else part
         k *= 2
 
@@ -119,14 +119,16 @@ def _provenance(known: Mapping[str, Any]) -> list[tuple[str, str]]:
     rows += [("wire", wire) for wire in known.get("wires", ())]
     rows += [(p, f"{x['fmu']} ({known['flavour']}), {x['guid']}") for p, x in parts.items()]
     points = f"at most {MOST} points each, with the smallest and largest of every stretch"
-    drawn = f"{points}, by plotly.js of plotly {version('plotly')}, © Plotly, Inc., MIT licence"
+    drawn = (
+        f"{points}, drawn by plotly.js of plotly {version('plotly')}, © Plotly, Inc., MIT licence"
+    )
     return [*rows, *known["versions"].items(), ("curves", drawn)]
 
 
 def motion(it: Motion) -> Words:
     """A motion as the page's script gets it."""
     times = (it.times - it.times[0]).round(6).tolist()
-    pace = "In real time." if it.slow == 1 else f"{it.slow:g} times slower than real."
+    pace = "In real time." if it.slow == 1 else f"{it.slow:g} times slower than real time."
     return {
         "svg": svg(it), "slow": it.slow, "times": times, "captions": list(it.captions),
         "note": f"{pace} {it.note}",

@@ -19,7 +19,7 @@ FRAMES = 240
 
 
 class Shape(NamedTuple):
-    """A line that moves: points [m] of shape (frames, n, 2), or (1, n, 2) if it stands; y up.
+    """A line that moves: points [m] of shape (frames, n, 2), or (1, n, 2) if it is at rest; y is up.
 
     Its name is written beside the point of number `label`, if there is one.
     """
@@ -38,10 +38,10 @@ class Shape(NamedTuple):
 
 
 class Motion(NamedTuple):
-    """Shapes at times [s] of shape (frames,), a caption for each; `slow` times slower than real.
+    """Shapes at times [s] of shape (frames,), a caption for each; `slow` times slower than real time.
 
-    `ghosts` are frames that stay in sight, and what is so special about them; a motion that has
-    some is worth a still picture.
+    `ghosts` are frames that stay in sight, with their text; a motion that has some is also drawn as a
+    still picture.
     """
 
     title: str
@@ -60,7 +60,7 @@ class Motion(NamedTuple):
 
 
 def rows(t: Samples, first: float, last: float, frames: int = FRAMES) -> NDArray[np.int64]:
-    """The rows nearest to so many even times between two [s], each once."""
+    """The rows nearest to evenly spaced times between two [s], each once."""
     wanted = np.linspace(first, last, frames)
     right = np.clip(np.searchsorted(t, wanted), 1, len(t) - 1)
     near = np.where(wanted - t[right - 1] < t[right] - wanted, right - 1, right)

@@ -81,7 +81,9 @@ def outcomes(
                 try:
                     future = done.get(timeout=LOOK)
                     if future.status == "cancelled":
-                        raise SetupError(f"the scheduler at {scheduler} is gone or ended the runs")
+                        raise SetupError(
+                            f"the scheduler at {scheduler} is gone or has ended the runs"
+                        )
                     outcome = future.result(timeout=LOOK)
                 except (Empty, TimeoutError):
                     if future is not None:  # its worker was lost before the answer was fetched
@@ -134,7 +136,7 @@ def _seen(client: Any, scheduler: str, before: float) -> float:
         return before
     raise Broken(
         f"the scheduler at {scheduler} has had no workers for {GRACE:g} s; what was computed is kept, "
-        "the same command goes on"
+        "and the same command continues"
     )
 
 

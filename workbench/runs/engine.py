@@ -107,7 +107,9 @@ class Engine:
             except KeyboardInterrupt:
                 if journal is None:
                     raise
-                kept = f"{counted(len(journal), 'run')} in {journal.path}; the same command goes on"
+                kept = (
+                    f"{counted(len(journal), 'run')} in {journal.path}; the same command continues"
+                )
                 raise KeyboardInterrupt(kept) from None
 
     def each(

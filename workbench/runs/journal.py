@@ -82,7 +82,7 @@ def opened(
             yield journal
     except sqlite3.Error as error:
         if getattr(error, "sqlite_errorname", "") == "SQLITE_BUSY":
-            raise SetupError(f"{folder}: another process is at work in this folder") from None
+            raise SetupError(f"{folder}: another process is using this folder") from None
         raise SetupError(f"{path} cannot be read or written: {error}") from None
     if passing:
         path.unlink()
@@ -94,10 +94,10 @@ def _same(base: sqlite3.Connection, folder: Path, identity: dict[str, Any], drop
     try:
         before = json.loads(found[0]) if found else identity
     except ValueError:
-        text = f"{folder / NAME} is damaged: it does not tell whose rows it holds"
+        text = f"{folder / NAME} is damaged: it does not say to which runs its rows belong"
         raise SetupError(text) from None
     if before != identity:
-        other = f"{folder} holds the rows of other runs: {differences(before, identity)}"
+        other = f"{folder} contains the rows of other runs: {differences(before, identity)}"
         if not drop:
             raise SetupError(f"{other}; choose another folder with --out, or remove this one")
         if base.execute("SELECT 1 FROM rows LIMIT 1").fetchone():

@@ -1,4 +1,4 @@
-"""Design studies: a TOML file says which inputs of a scenario vary, a table says what came of it."""
+"""Design studies: a TOML file says which inputs of a scenario vary, and a table shows the results."""
 
 from .plan import Study, load
 from .run import run

@@ -142,7 +142,7 @@ def _remarks(outcomes: Sequence[Outcome]) -> list[str]:
     lines = []
     for runs in sorted(seen.values(), key=len, reverse=True):
         number, text = next(iter(runs.items()))
-        where = f"Run {number}" if len(runs) == 1 else f"{len(runs)} runs, first run {number}"
+        where = f"Run {number}" if len(runs) == 1 else f"{len(runs)} runs (first: run {number})"
         short = NUMBER.sub(lambda number: f"{float(number[0]):.6g}", text)
         lines.append(f"{where}: {' '.join(short.split())}")
     more = [f"{len(lines) - SPOKEN} more remarks in the table."] * (len(lines) > SPOKEN)
@@ -155,7 +155,7 @@ def found(outcome: Outcome) -> Mapping[str, Any]:
 
 
 def refusals(outcome: Outcome) -> list[str]:
-    """The figures that a run did not tell, and why."""
+    """The figures that a run did not determine, and why."""
     figures = found(outcome)["figures"].items()
     return [f"{name} not determined: {reason}" for name, (*_, reason) in figures if reason]
 

@@ -126,7 +126,7 @@ class Study:
 
 
 def load(path: Path, project: Project = ALONE) -> Study:
-    """Read and check a study file of a question of the project or in a file beside it.
+    """Read and check a study file, for a question of the project or in a file next to it.
 
     Raises SetupError with file, key, value and what was expected.
     """
@@ -135,7 +135,7 @@ def load(path: Path, project: Project = ALONE) -> Study:
     except OSError as error:
         raise SetupError(f"{path} cannot be read: {error.strerror}") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
-        raise SetupError(f"{path} is no TOML file: {error}") from None
+        raise SetupError(f"{path} is not a TOML file: {error}") from None
     try:
         return _study(path, content, project)
     except SetupError as error:
@@ -173,11 +173,11 @@ def _study(path: Path, content: Spec, project: Project) -> Study:
     }
     for name, times in Counter(itertools.chain(*read.values())).items():
         if times > 1:
-            raise SetupError(f"{name!r} stands in two of [fixed], [grid] and [tolerances]")
+            raise SetupError(f"{name!r} is given in two of [fixed], [grid] and [tolerances]")
     if not read["grid"] and not read["tolerances"]:
-        raise SetupError("nothing varies: it needs a table [grid] or [tolerances]")
+        raise SetupError("nothing varies: a study needs a table [grid] or [tolerances]")
     if bool(read["tolerances"]) != ("sampling" in content):
-        raise SetupError("[tolerances] and [sampling] need each other")
+        raise SetupError("[tolerances] and [sampling] must be given together")
     sampling = _sampling(tables["sampling"]) if "sampling" in content else None
     count = prod(map(len, read["grid"].values())) * (sampling.number if sampling else 1)
     if count > MOST_RUNS:
@@ -214,7 +214,7 @@ def _input(page: ModuleType, table: str, name: str, spec: object) -> Option:
         there = f"part {part!r}, only {', '.join(parts)}" if parts else "start values"
         raise SetupError(f"{key}: {who} has no {there}")
     if name in getattr(page, "OWN", ()):
-        raise SetupError(f"{key}: {who} sets it on its own")
+        raise SetupError(f"{key}: {who} sets it itself")
     return _StartValue(name, float)
 
 
@@ -231,7 +231,7 @@ def _values(option: Option, spec: Any, key: str) -> list[Value]:
         raise SetupError(f"{key} = {shown(spec)} must be {RANGE}")
     values = [option.read(x, key) for x in spec]
     if not values:
-        raise SetupError(f"{key} = [] must name at least one value")
+        raise SetupError(f"{key} = [] must contain at least one value")
     _once(key, values)
     return values
 
@@ -240,7 +240,7 @@ def _once(key: str, values: Sequence[Value]) -> None:
     """Refuse a value that a list names twice."""
     for x, times in Counter(values).items():
         if times > 1:
-            raise SetupError(f"{key} names {shown(x)} twice")
+            raise SetupError(f"{key} contains {shown(x)} twice")
 
 
 def _tolerance(option: Option, spec: Any, key: str) -> Any:

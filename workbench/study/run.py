@@ -1,4 +1,4 @@
-"""Do the runs of a study that are missing in its folder, and tell what all of them found."""
+"""Do the runs of a study that are missing in its folder, and report what all of them found."""
 
 from __future__ import annotations
 
@@ -39,10 +39,10 @@ def run(
 ) -> Answer:
     """Do the runs that are missing in the folder `out` (results/studies/NAME) and write its files.
 
-    They take FMUs of the flavour, "python" or "native", and go to `jobs` processes of this machine
-    (all cores), or to the Dask cluster of a scheduler, "tcp://host:8786". Raises SetupError for what
-    cannot be run, for a folder with another study and, after `end`, for a figure that no run has;
-    KeyboardInterrupt after Ctrl-C, with what is done kept in the journal.
+    They use FMUs of the flavour, "python" or "native", and run in `jobs` processes of this machine (by
+    default all cores), or on the Dask cluster of a scheduler, "tcp://host:8786". Raises SetupError for
+    what cannot be run, for a folder with another study and, after `end`, for a figure that no run has.
+    Raises KeyboardInterrupt after Ctrl-C; what is done is kept in the journal.
     """
     began = time.perf_counter()
     engine = Engine(jobs, scheduler, study.project.packages)

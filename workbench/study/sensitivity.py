@@ -2,8 +2,8 @@
 
 Saltelli's samples give Sobol's indices of first order, S1, and total, ST. Latin hypercube and Sobol
 samples give S1: where a straight line through the inputs explains the figure (adjusted R2 of 0.9 and
-more) by its squared standardised coefficients, else by RBD-FAST. What a row lacks, its samples lack:
-of Saltelli's groups of dimensions + 2 runs only whole ones count. Estimates below 0 are told as 0.
+more) by its squared standardised coefficients, else by RBD-FAST. Runs without the figure are left out;
+of Saltelli's groups of dimensions + 2 runs only complete ones count. Estimates below 0 are given as 0.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ def indices(
     x, y = x[whole], y[whole]
     count, least = len(y) // group, LEAST[sampling.method]
     if count < least:
-        return f"{count} whole samples are too few, it takes {least}"
+        return f"{count} complete samples are too few; at least {least} are needed"
     if np.ptp(y) <= FLAT * np.abs(y).max():
         return "it does not vary"
     shares, r2 = _line(x, y)
@@ -74,7 +74,7 @@ def indices(
         for name, value, half in zip(inputs, told[kind], told[f"{kind}_conf"])
     ]
     if not all(np.isfinite([index.value, index.confidence]).all() for index in found):
-        return "too few runs differ to tell a confidence interval"
+        return "too few runs differ to determine a confidence interval"
     return found
 
 

@@ -12,7 +12,7 @@ from ..report.chart import SERIES, Chart, Curve, Direction, Field, Panel, Pictur
 from .plan import Study
 
 MOST, ERROR = 6, "_error"
-KINDS = {"S1": "S1, alone", "ST": "ST, with all it acts together with"}
+KINDS = {"S1": "S1, alone", "ST": "ST, with all interactions"}
 Units = Mapping[str, str]
 
 

@@ -16,7 +16,7 @@ const live = async content => {
     worker.onmessage = hear;
     worker.onerror = event => {
       alarm.hidden = false;
-      alarm.textContent = `The live part of this page broke down: ${event.message}`;
+      alarm.textContent = `The live part of this page failed: ${event.message}`;
     };
     worker.postMessage({ modules, machine: told.machine });
   };
@@ -105,7 +105,7 @@ const live = async content => {
     if (data.note) state.textContent = `Running: ${data.note} …`;
     if (data.id !== id || !data.done) return;
     section.setAttribute("aria-busy", "false");
-    const alarms = data.failure ? [`No answer with these values: ${data.failure}. Below is the last answer there was.`] : [...strange, ...data.warnings ?? []];
+    const alarms = data.failure ? [`No answer with these values: ${data.failure}. Below is the last answer.`] : [...strange, ...data.warnings ?? []];
     alarm.hidden = !alarms.length;
     alarm.replaceChildren(...alarms.map(line => element("span", { style: "display: block" }, line)));
     if (data.figures) for (const row of section.querySelectorAll("tr[data-figure]"))
@@ -141,7 +141,7 @@ const live = async content => {
   const charts = [], last = [];
   const paint = (k, one) => {
     if (!charts[k]) {
-      charts[k] = element("div", { class: "live-chart", role: "img", "aria-label": "live curves over the still ones, which are grey" });
+      charts[k] = element("div", { class: "live-chart", role: "img", "aria-label": "live curves over the original ones, which are grey" });
       $(".live-charts").append(charts[k]);
     }
     last[k] = one;

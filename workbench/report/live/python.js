@@ -963,7 +963,7 @@ const lib = (() => {
           result = run(system, o.stop, coarser * o.step, o.algorithm, record);
         } catch (error) {
           if (!(error instanceof Failure) || coarser === 1) throw error;
-          missing = `step = ${g(o.step)} s is too long to tell errors: a run with ${coarser} times the step, ` +
+          missing = `step = ${g(o.step)} s is too long to determine errors: a run with ${coarser} times the step, ` +
             `${g(coarser * o.step)} s, fails: ${error.message}`;
           continue;
         } finally {
