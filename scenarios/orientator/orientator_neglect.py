@@ -148,7 +148,7 @@ def figures(told: Mapping[str, Measured]) -> dict[str, Figure]:
         base, more = told["hook" if name == "corner" else PLAIN], told[name]
         cost, off = more.value - base.value, more.error + base.error
         for key, unit, scale in ((name, "ms", 1e3), (f"{name}_share", "%", 100 / plain.value)):
-            meaning = f"orientation time added by {words}"
+            meaning = f"change of the orientation time due to {words}"
             found[key] = (
                 Figure.refused(unit, "a product jams", meaning)
                 if math.isnan(cost)

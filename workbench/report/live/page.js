@@ -1,4 +1,4 @@
-// The live part of a page: sliders, a worker that answers, and what it told, beside the still answer.
+// The live part of a page: sliders, a worker that answers, and its figures next to the original answer.
 // Stands in the script of page.html, whose functions it uses. A worker that is asked anew and has told
 // nothing for so many ms is left for another.
 const PATIENCE = 1500;
