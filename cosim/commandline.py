@@ -57,7 +57,7 @@ def number(text: str) -> float:
         return float(text)
     except ValueError:
         other = "; start values are given with --set" if "=" in text else ""
-        raise argparse.ArgumentTypeError(f"{text!r} is no number{other}") from None
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number{other}") from None
 
 
 def exit_code(action: Callable[[], int]) -> int:
@@ -83,7 +83,7 @@ def exit_code(action: Callable[[], int]) -> int:
         print(f"error: {where}{error.strerror or error}", file=sys.stderr)
         return 1
     except KeyboardInterrupt as interrupt:
-        kept = f", what was computed is kept: {interrupt}" if interrupt.args else ""
+        kept = f"; what was computed is kept: {interrupt}" if interrupt.args else ""
         print(f"interrupted{kept}", file=sys.stderr)
         return 130
 

@@ -82,7 +82,7 @@ class Table:
         what = source or "a table"
         if not self.times or len(self.times) != len(self.values):
             raise SetupError(
-                f"{what}: {len(self.times)} times and {len(self.values)} values are not rows"
+                f"{what}: {len(self.times)} times and {len(self.values)} values do not make rows"
             )
         for before, t in zip([-math.inf, *self.times], self.times):
             if not before <= t < math.inf:

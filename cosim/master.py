@@ -123,7 +123,7 @@ def run(
             heard += [f"{part.name}: {text}" for part in parts.values() for text in part.warnings]
             heard += around.warnings
             if not ports:
-                heard.append("no FMU has an output that could be recorded: the rows hold the time")
+                heard.append("no FMU has an output to record: the rows contain only the time")
             end = {"status": status, "reason": reason, "reached": run.t, "rows": recorder.count}
             end |= {"bonds": energy, "warnings": [*heard, *complaints(energy)]}
             end |= {"wall_time": clock.perf_counter() - began}
@@ -165,7 +165,7 @@ def problems(network: Network, settings: Settings) -> Iterator[str]:
     for name, description in network.descriptions.items():
         twin = by_guid.setdefault(description.guid, name)
         if twin != name and description.coSimulation.canBeInstantiatedOnlyOncePerProcess:
-            yield f"{name}: its FMU lives only once in a process, and {twin} is another of it"
+            yield f"{name}: its FMU allows only one instance per process, and {twin} is another"
     lost = lacking(network.descriptions, STATE)
     steady = lacking(network.descriptions, VARIABLE_STEP)
     if algorithm == "iterated":
@@ -175,7 +175,7 @@ def problems(network: Network, settings: Settings) -> Iterator[str]:
         for loop in algebraic_loops(network):
             yield (
                 f"algebraic loop: {describe(loop)} act on each other at once; "
-                f"{algorithm} cannot solve that, iterated can"
+                f"{algorithm} cannot solve that, but iterated can"
             )
     if isinstance(step, Adaptive):
         for name in steady:
@@ -188,7 +188,7 @@ def problems(network: Network, settings: Settings) -> Iterator[str]:
         watched = [p.name for ports in shown(network).values() for p in ports if p.type == "Real"]
         for name in step.absolute:
             if name not in watched:
-                yield f"absolute tolerance of {name}: only {', '.join(watched)}"
+                yield f"absolute tolerance of {name}: only {', '.join(watched)} can have one"
     elif steady:
         moving, times = [port for port, _ in fed(network)], {"stop": [stop]}
         for port, profile in network.inputs:

@@ -259,7 +259,7 @@ def connect(system: System) -> Network:
         if target.name in driven and not wire.adds:
             raise SetupError(f"{target} is driven twice, by {driven[target.name]} and by {source}")
         if wire.adds and (source.type, target.type) != ("Real", "Real"):
-            raise SetupError(f"wire {str(wire)!r}: only Reals are added, not {target.type}s")
+            raise SetupError(f"wire {str(wire)!r}: only Reals can be added, not {target.type}s")
         driven[target.name] = source
     for name, summed in network.sums().items():
         if len({wire.source for wire in summed}) < len(summed):
@@ -277,7 +277,7 @@ def connect(system: System) -> Network:
             elif variable.causality == "input" and f"{name}.{variable.name}" not in known:
                 port, own = Port(name, variable), own_start(variable)
                 if own is None:
-                    raise SetupError(f"input {port} is not connected and has no start of its own")
+                    raise SetupError(f"input {port} is not connected and has no start value")
                 network.open.append((port, own))
     network.start.extend(network.open)
     return network
@@ -308,7 +308,7 @@ def require_steps(descriptions: Mapping[str, ModelDescription], files: Mapping[s
         if description.coSimulation is None:
             raise SetupError(
                 f"part {name}: {files[name]} offers model exchange only; {WANTED}: export it for that, too; "
-                "oracle and linearize take it as it is"
+                "oracle and linearize accept it as it is"
             )
 
 
@@ -319,9 +319,9 @@ def still(system: System, where: str, *, sums: bool = False) -> Network:
     network = connect(system)
     require_steps(network.descriptions, system.parts)
     for name in () if sums else network.sums():
-        raise SetupError(f"{name} is a sum of wires, which {where} cannot say")
+        raise SetupError(f"{name} is a sum of wires, which {where} cannot express")
     for port, _ in network.inputs:
-        raise SetupError(f"{port.name} changes over time, which {where} cannot say")
+        raise SetupError(f"{port.name} changes over time, which {where} cannot express")
     return network
 
 
@@ -366,10 +366,12 @@ def _read(path: Path, _: tuple[int, int]) -> Fmu:
             files = archive.namelist()
             long = any(f.file_size > LONGEST for f in archive.infolist() if f.filename == XML)
     except Exception as error:
-        raise SetupError(f"is not a valid FMU, it cannot be opened as zip: {error}") from error
+        raise SetupError(
+            f"is not a valid FMU: it cannot be opened as a zip file: {error}"
+        ) from error
     if XML not in files or long:
-        which = f"one of more than {LONGEST >> 20} MiB" if long else "no"
-        raise SetupError(f"is not a valid FMU, it has {which} {XML}")
+        which = f"a {XML} of more than {LONGEST >> 20} MiB" if long else f"no {XML}"
+        raise SetupError(f"is not a valid FMU: it has {which}")
     try:
         description, blemish = _description(path)
     except Exception as error:
@@ -389,7 +391,7 @@ def _read(path: Path, _: tuple[int, int]) -> Fmu:
     variables: dict[str, ScalarVariable] = {}
     for variable in description.modelVariables:
         if variables.setdefault(variable.name, variable) is not variable:
-            raise SetupError(f"is not a valid FMU: it has two variables {variable.name}")
+            raise SetupError(f"is not a valid FMU: it has two variables named {variable.name}")
         for attribute in ("unit", "min", "max", "nominal") if variable.declaredType else ():
             if getattr(variable, attribute) is None:
                 setattr(variable, attribute, getattr(variable.declaredType, attribute))
@@ -502,12 +504,12 @@ def _connection(network: Network, wire: Wire) -> Connection:
     here = f"wire {str(wire)!r}"
     source, target = network.port(wire.source), network.port(wire.target)
     if source.variable.causality != "output":
-        raise SetupError(f"{here}: {source} is {source.variable.causality}, not an output")
+        raise SetupError(f"{here}: {source} has causality {source.variable.causality}, not output")
     if target.variable.causality != "input":
-        raise SetupError(f"{here}: {target} is {target.variable.causality}, not an input")
+        raise SetupError(f"{here}: {target} has causality {target.variable.causality}, not input")
     for port in (source, target):
         if port.type in ("Binary", "Clock"):
-            raise SetupError(f"{here}: {port} is a {port.type}, which no wire carries here")
+            raise SetupError(f"{here}: {port} is a {port.type}, which wires cannot carry")
     if not fits(source.type, target.type):
         raise SetupError(f"{here}: {source.type} cannot drive {target.type}")
     if not math.isfinite(wire.factor + wire.offset):
@@ -584,7 +586,9 @@ def _start(port: Port, value: Value) -> tuple[Port, Value]:
         raise SetupError(f"{port} is {kind} and cannot be given a start value")
     free = variable.causality in ("parameter", "input") or variable.initial in ("exact", "approx")
     if variable.variability == "constant" or not free:
-        raise SetupError(f"{port} is {variable.causality} and cannot be given a start value")
+        raise SetupError(
+            f"{port} has causality {variable.causality} and cannot be given a start value"
+        )
     if port.type in ("String", "Binary"):
         if not isinstance(value, str):
             raise SetupError(f"{port} = {value!r} must be of type {port.type}")
@@ -624,15 +628,15 @@ def _input(
     causality = str(port.variable.causality)
     parameter = causality == "parameter"
     if causality != "input" and not (parameter and port.variable.variability == "tunable"):
-        kind = "a parameter that is not tunable" if parameter else causality
-        raise SetupError(f"{port} is {kind} and cannot change over time")
+        kind = "is a parameter that is not tunable" if parameter else f"has causality {causality}"
+        raise SetupError(f"{port} {kind} and cannot change over time")
     moving = moves(port)
     if not isinstance(given, Table):
         if not moving:
-            raise SetupError(f"{port} cannot follow a function of time, only a Real input can")
+            raise SetupError(f"{port} cannot follow a function of time; only a Real input can")
         return port, Course(given)
     if not (moving or given.held):
-        raise SetupError(f"{port} cannot follow lines, only a table that is held")
+        raise SetupError(f"{port} cannot be interpolated and can only follow a table that is held")
     factor, offset = scale(network, port, given.unit, "follow a table")
     if (factor, offset) != (1.0, 0.0):
         given = given.mapped(lambda value: factor * value + offset)
@@ -682,7 +686,7 @@ def _changed(network: Network) -> Iterator[tuple[Port, Table | Course]]:
         before = start.get(name, own_start(port.variable))
         over = name in network.system.inputs
         if over or before is None:
-            why = "follows a table too" if over else "has no start value"
+            why = "also follows a table" if over else "has no start value"
             raise SetupError(f"{port} cannot change: it {why}")
         fitting = [(time, _start(port, value)[1]) for time, value in rows]
         times, values = zip(*sorted(fitting, key=lambda row: row[0]))

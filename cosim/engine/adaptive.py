@@ -162,7 +162,7 @@ def doubling(parts: Sequence[Coupled], advance: Advance, control: Controller) ->
             control.shrink(used)
         control.rejected += 1
         if control.h < LEAST * control.span:
-            raise PartFailure(f"{reason}the tolerance asks for steps below {control.h:.2g} s")
+            raise PartFailure(f"{reason}the tolerance requires steps below {control.h:.2g} s")
         snapshot.restore()
         forget_after(parts, t)
 

@@ -324,7 +324,7 @@ class Coupled3(Coupled):
             if told.event:
                 self._require_stop(reached, begin, end, PAST)
             if at_once > MOST_AT_ONCE:
-                raise PartFailure(f"{self.name}: its steps do not get on from t = {t!r} s")
+                raise PartFailure(f"{self.name}: its steps make no progress from t = {t!r} s")
             self._now = t = end if same(reached, end) else reached
             self._happen(t, event=told.event)
             if t == end:

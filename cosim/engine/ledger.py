@@ -103,9 +103,9 @@ def declared(network: Network, text: str) -> Bond:
     wires = [wire for wire in network.wires if wire.source in factors]
     found = [bond for bond in _pairs(wires) if {w.source for w in bond} == {*factors}]
     if len(found) != 1 or any(wire.source.type != "Real" for wire in found[0]):
-        raise SetupError(f"bond {text!r} must be two Real outputs, wired there and back once")
+        raise SetupError(f"bond {text!r} must name two Real outputs, wired there and back once")
     if summed := network.sums().keys() & {wire.target.name for wire in found[0]}:
-        raise SetupError(f"bond {text!r} ends in {min(summed)}, a sum of wires")
+        raise SetupError(f"bond {text!r} ends at {min(summed)}, which is a sum of wires")
     return Bond(*sorted(found[0], key=lambda wire: factors.index(wire.source)))
 
 

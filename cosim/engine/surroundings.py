@@ -57,7 +57,7 @@ class Surroundings:
             raise PartFailure(self.warnings[-1])
 
     def _warn(self, what: str) -> None:
-        sentence = f"an FMU has changed {what} of the whole process, which was brought back"
+        sentence = f"an FMU has changed {what} of the whole process; it was restored"
         if sentence not in self.warnings:
             self.warnings.append(sentence)
 

@@ -44,7 +44,7 @@ def write_container(
     from fmu_manipulation_toolbox.operations import FMUError
 
     network = still(system, "a container")
-    require_fmi2(network.descriptions, "a container holds")
+    require_fmi2(network.descriptions, "a container takes")
     sequence = list(order) if order is not None else list(system.parts)
     if sorted(sequence) != sorted(system.parts):
         raise SetupError(f"order {sequence} must name each of {', '.join(system.parts)} once")

@@ -60,7 +60,9 @@ def read_osp(path: Path) -> Package:
     file = Path(path) / FILE if Path(path).is_dir() else Path(path)
     root, reader = load(file), _Reader(file)
     if root.tag != f"{{{NAMESPACE}}}OspSystemStructure":
-        raise SetupError(f"{file.name}: OspSystemStructure is needed, not {plain(root.tag)}")
+        raise SetupError(
+            f"{file.name}: the root element must be OspSystemStructure, not {plain(root.tag)}"
+        )
     for element in root.iterfind("{*}EccoConfiguration"):
         root.remove(element)
     for element in root.iter("*"):
@@ -127,7 +129,7 @@ class _Reader:
             groups = [[*self._group(end)] for end in element.iterchildren("*")]
             if len(groups) != 2 or len(groups[0]) != len(groups[1]):
                 sizes = " and ".join(str(len(group)) for group in groups)
-                raise ValueError(f"groups of {sizes or 'no'} variables, not two of as many")
+                raise ValueError(f"groups of {sizes or 'no'} variables, not two of the same size")
             for ends in zip(*groups):
                 self._connection(element, ends)
         elif tag == "Algorithm" and element.text != "fixedStep":
@@ -151,7 +153,7 @@ class _Reader:
         if source not in self.added:
             return {source: (factor, offset)}
         if source in through:
-            raise SetupError(f"{self.file.name}: {dotted(source)} adds itself")
+            raise SetupError(f"{self.file.name}: {dotted(source)} is added to itself")
         whole: dict[Node, tuple[float, float]] = {}
         for entry in self.added[source]:
             for origin, (f, o) in self.terms(entry, (*through, source)).items():
@@ -172,7 +174,7 @@ class _Reader:
         part = self.plan.add_element("", name)
         self.plan.add_fmu(part, fmu, describe_fmu(part, fmu))
         if step is not None and float(step) != self.times.get("BaseStepSize"):
-            log.warning("%s: stepSize %s is ignored, all parts step together", name, step)
+            log.warning("%s: stepSize %s is ignored: all parts step together", name, step)
 
     def _initial(self, part: str, element: Any) -> None:
         name, (content,) = element.attrib["variable"], element.iterchildren("*")
@@ -200,7 +202,7 @@ class _Reader:
         places = [folder / file for folder in (self.plan.fmus[part].parent, self.file.parent)]
         path = next((path for path in places if path.is_file()), None)
         if path is None:
-            raise ValueError(f"there is no file {file}, which defines groups")
+            raise ValueError(f"there is no file {file} to define the groups")
         groups = load(path).iterfind("{*}VariableGroups//*[@name]")
         group = next((group for group in groups if group.get("name") == name), None)
         if group is None:
@@ -320,8 +322,8 @@ def _sum(functions: Element, connections: Element, wires: list[Connection], name
     """A sum of outputs, which libcosim takes as they stand: functions are not connected to functions."""
     if scaled_one := next(filter(scaled, wires), None):
         raise SetupError(
-            f"{scaled_one.source} has a factor, an offset or another unit than {scaled_one.target}: "
-            "libcosim adds none such"
+            f"{scaled_one.source} has a factor, an offset or a unit other than that of {scaled_one.target}: "
+            "libcosim adds outputs only as they are"
         )
     SubElement(functions, "Sum", name=name, inputCount=str(len(wires)))
     signals = [(wire.source, f"in[{k}]") for k, wire in enumerate(wires)]

@@ -262,7 +262,7 @@ def misfits(model: Model, local: Local, seen: Mapping[str, Residual]) -> Iterato
     dof, low, high = band(model.columns, known, len(model.free))
     where = [text for column in model.columns for text in _where(column, seen[column.name])]
     if local.chi2 > high:
-        yield f"chi2 = {local.chi2:.4g} of {dof} lies above {high:.4g}, its 99.9 % band"
+        yield f"chi2 = {local.chi2:.4g} for {dof} degrees of freedom is above its 99.9 % band, which ends at {high:.4g}"
     powers = [x.power[x.frequencies <= x.top] for x in seen.values()]
     bins = sum(map(len, powers)) - (len(model.free) - known) / 2
     slow = sum(float(power.sum()) for power in powers)
@@ -274,15 +274,15 @@ def misfits(model: Model, local: Local, seen: Mapping[str, Residual]) -> Iterato
             f"{powers[k].mean():.3g} times the power of the noise"
         )
     if local.chi2 < low:
-        yield f"chi2 = {local.chi2:.4g} of {dof} lies below {low:.4g}, its 99.9 % band: the noise is less"
+        yield f"chi2 = {local.chi2:.4g} for {dof} degrees of freedom is below its 99.9 % band, which begins at {low:.4g}: the noise is smaller"
     yield from (text for text, certain in where if certain or local.chi2 > high)
     for name, x, sigma in zip(model.prior.names, model.prior.mean, model.prior.deviations):
         k = model.names.index(name)
         off = abs(local.p[k] - x) / sigma
         if off > FAR:
             yield (
-                f"{name} would be {local.p[k]:.5g} {model.free[k].unit}, {off:.1f} deviations from "
-                f"the {x:.5g} that is known"
+                f"{name} would be {local.p[k]:.5g} {model.free[k].unit}, {off:.1f} standard deviations from "
+                f"the known {x:.5g}"
             )
 
 
@@ -298,7 +298,7 @@ def overrated(model: Model, local: Local) -> bool:
         dof, low, _ = band([column], 0, 0)
         less = float(np.mean(r**2)) / share
         if not column.noise.given and less * dof < low:
-            why = "that of the residual, since errors of neighbouring rows are not independent"
+            why = "that of the residual, since the errors of neighbouring rows are not independent"
             column = column._replace(noise=Noise(column.noise.sigma * math.sqrt(less), why))
         found.append(column)
     changed = any(new is not old for new, old in zip(found, model.columns))
@@ -313,7 +313,7 @@ def _where(column: Column, seen: Residual) -> Iterator[tuple[str, bool]]:
     k = int(np.argmax(seen.power * reached))
     if seen.power[k] > math.log(len(seen.power) / DOUBT):
         f, amplitude = float(seen.frequencies[k]), 2.0 * math.sqrt(float(seen.power[k]) / len(r))
-        swings = f"swings at {f:.4g} Hz ({2 * math.pi * f:.4g} rad/s) with an amplitude of"
+        swings = f"oscillates at {f:.4g} Hz ({2 * math.pi * f:.4g} rad/s) with an amplitude of"
         size = f"{seen.sigma * amplitude:.3g} {seen.unit}".rstrip()
         yield f"{name}: the residual {swings} {size}", True
     for rows in segments(column.times, SEGMENTS):

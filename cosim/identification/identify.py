@@ -173,7 +173,7 @@ def _set_aside(model: Model, best: Minimum, share: float, notes: list[str]) -> I
             yield f"{column.name}: {out} of {rows} rows lie beyond {OUTLIER:g} times the noise"
             inside[:] = True
         elif out:
-            notes.append(f"{column.name}: {out} of {rows} rows lie far out and are left out.")
+            notes.append(f"{column.name}: {out} of {rows} rows are outliers and are left out.")
         kept.append(column._replace(times=column.times[inside], values=column.values[inside]))
     model.columns = kept
     model._last = None
@@ -236,7 +236,7 @@ def _judged(
         if misfit:
             values, told = {}, {}
         for group in groups:
-            notes.append(f"The record cannot tell {', '.join(group)} apart.")
+            notes.append(f"The record cannot distinguish {', '.join(group)} from each other.")
     dof, low, high = evidence.band(model.columns, len(model.prior.names), len(model.free))
     for column in model.columns:
         notes.append(
@@ -258,7 +258,7 @@ def _ambiguous(
         for (name, mine), value in zip(told.items(), look(other.p)[1].tolist()):
             if abs(value - mine.value) > APART * mine.error:
                 return [
-                    f"two machines fit alike: {name} = {mine.value:.5g} and {value:.5g} "
+                    f"two machines fit equally well: {name} = {mine.value:.5g} and {value:.5g} "
                     f"{mine.unit} with chi2 = {local.chi2:.5g} and {other.chi2:.5g}"
                 ]
     return []

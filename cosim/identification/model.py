@@ -192,7 +192,7 @@ def _free(
     if sensor(name):
         what, _, of = name[:-1].partition("(")
         if of not in measured:
-            raise SetupError(f"{name}: {of} is no measured column, only {', '.join(measured)}")
+            raise SetupError(f"{name}: {of} is not a measured column, only {', '.join(measured)}")
         guess, unit = SENSOR[what]
         unit = unit or measured[of].port.unit
         if what == "zero":
@@ -236,7 +236,7 @@ def _free(
         first, last = map(float, names[name])
         if not low <= first < last <= high:
             raise SetupError(
-                f"{name} is not free to move between {first!r} and {last!r} {unit}: it must rise, "
+                f"{name} cannot move from {first!r} to {last!r} {unit}: its bounds must rise "
                 f"and lie between {low!r} and {high!r}"
             )
         low, high = first, last

@@ -85,11 +85,11 @@ def measured(
             try:
                 values[k] = float(text or "nan")
             except ValueError:
-                raise SetupError(f"{here}: {text!r} is no number") from None
+                raise SetupError(f"{here}: {text!r} is not a number") from None
             if not abs(values[k]) < MOST and not (gaps and math.isnan(values[k])):
                 raise SetupError(
-                    f"{here}: {text or 'an empty cell'!r} is no finite number "
-                    f"below {MOST:g}; gaps must be allowed, and times have none"
+                    f"{here}: {text or 'an empty cell'!r} is not a finite number "
+                    f"below {MOST:g}; gaps must be allowed, and a time cannot be one"
                 )
         return values
 
@@ -105,8 +105,8 @@ def measured(
         for k, (before, now) in enumerate(pairwise(times.tolist()), 3):
             if not before < now:
                 raise SetupError(
-                    f"{path}, row {k}, column {names[place]}: {now!r} s after {before!r} s "
-                    "does not rise"
+                    f"{path}, row {k}, column {names[place]}: times must rise, but "
+                    f"{now!r} s follows {before!r} s"
                 )
         return times
 
@@ -134,13 +134,15 @@ def columns(
         raise SetupError("a record needs a column")
     for name, sigma in noise.items():
         if name not in data or not 0.0 < sigma < math.inf:
-            raise SetupError(f"noise of {name} = {sigma!r} must be above 0, of a measured column")
+            raise SetupError(
+                f"noise of {name} = {sigma!r} must be above 0 and belong to a measured column"
+            )
     found = []
     for port, table in ((network.port(name), table) for name, table in data.items()):
         what = table.source or f"the record of {port.name}"
         if port.variable.causality != "output" or port.type != "Real":
             raise SetupError(
-                f"{what}: {port} is no Real output, so nothing can be compared with it"
+                f"{what}: {port} is not a Real output, so nothing can be compared with it"
             )
         factor, offset = scale(network, port, table.unit, "be compared with a column")
         times, values = np.array(table.times), factor * np.array(table.values, float) + offset
@@ -149,7 +151,9 @@ def columns(
         if len(times) < 2 or not (np.diff(times) > 0.0).all():
             raise SetupError(f"{what}: its times must rise, and there must be two rows at least")
         if np.ptp(values) == 0.0:
-            raise SetupError(f"{what}: it is {table.values[0]!r} in all rows, which tells nothing")
+            raise SetupError(
+                f"{what}: it is {table.values[0]!r} in all rows and carries no information"
+            )
         given = noise.get(port.name)
         known = told(times, values, what) if given is None else Noise(given, "as given", given=True)
         found.append(Column(port, times, values, known))
@@ -187,9 +191,9 @@ def told(times: Samples, values: Samples, what: str) -> Noise:
             if sigma < least:
                 return Noise(least, f"that of rounding to {quantum:.4g}")
             grid = f", on a grid of {quantum:.4g}" if quantum else ""
-            return Noise(sigma, f"told by differences of order {order} of the rows{grid}", spread)
+            return Noise(sigma, f"from differences of order {order} of the rows{grid}", spread)
     raise SetupError(
-        f"{what}: its rows are too few, too uneven or too far apart to tell noise from signal; "
+        f"{what}: its rows are too few, too uneven or too far apart to separate noise from signal; "
         "give the noise"
     )
 

@@ -25,6 +25,7 @@ THINNED, FAR = (2, 3), 10.0
 SHIFTED = (0.03, 0.06, 0.125, 0.25, 0.5, 0.75, 0.875)
 CUBIC, CALM, KINK, FLAT, SIDED = 4, 3, 8.0, 1e-8, (0.25, 0.5, 0.75)
 MOST_DIGITS, TICKS, SHARED = 7, 12, 0.5
+UNKNOWN = "it cannot be determined from fewer rows"
 
 SUMMARY: dict[str, Callable[[Rows, Rows], float]] = {
     " at the end": lambda t, x: x[-1],
@@ -69,8 +70,9 @@ class Estimate(NamedTuple):
         return value, max(1, math.ceil(off * 10.0**digits * (1 - 1e-9)))
 
     def _unconverged(self) -> str:
-        seen = f"with order {self.order:.1f}" if math.isfinite(self.order) else "in no order"
-        return f"not converged: the error falls {seen}"
+        if math.isfinite(self.order):
+            return f"not converged: the error falls with order {self.order:.1f}"
+        return "not converged: the error falls with no order"
 
 
 def estimate(values: Sequence[float], order: float, ratio: float = HALVED) -> Estimate:
@@ -288,7 +290,7 @@ def _summed(coupling: Estimate, values: Sequence[float], rows: float | None) -> 
     Where the runs differ by no more than that, how they differ tells nothing: then it is an error.
     """
     if rows is None:
-        return coupling._replace(error=None, reason="it cannot be told from fewer rows")
+        return coupling._replace(error=None, reason=UNKNOWN)
     spread = max(values) - min(values)
     if coupling.error is None and spread <= 2 * rows:
         return coupling._replace(error=spread + rows, rows=rows)

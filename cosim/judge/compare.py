@@ -179,14 +179,14 @@ def compare(
     for word, number in (("value", value), ("time", width)):
         if not 0.0 <= number < np.inf:
             raise SetupError(
-                f"the tolerance in {word} = {number!r} must be a finite number from 0 on"
+                f"the tolerance in {word} = {number!r} must be a finite number of at least 0"
             )
     if not gap > 0.0:
         raise SetupError(f"gap = {gap!r} s must be above 0")
     shared = (ours.time >= start) & (ours.time <= stop)
     lost = theirs.lost(ours.time, gap)
     if np.count_nonzero(shared & ~lost) < 2:
-        raise SetupError(f"{ours} and {theirs} share no two rows of time")
+        raise SetupError(f"{ours} and {theirs} have fewer than two rows to compare")
     pairs = _pairs(ours, theirs, columns)
     given = dict(errors or {})
     if strange := [name for name in given if name not in pairs]:
@@ -216,7 +216,7 @@ class Record:
 
     def __init__(self, label: str, frame: pd.DataFrame, units: Mapping[str, str]) -> None:
         if not len(frame) or len(frame.columns) < 2:
-            raise SetupError(f"{label} has no rows of a time and values")
+            raise SetupError(f"{label} has no rows with a time and values")
         self.label = label
         self.series: dict[str, Any] = {}
         self.units: dict[str, str] = {}
@@ -227,7 +227,7 @@ class Record:
             if heading not in units and match is not None and not INDEX.fullmatch(heading):
                 name, unit = match["name"], match["unit"] or ""
             if name in self.series:
-                raise SetupError(f"{label} has two columns {name!r}")
+                raise SetupError(f"{label} has two columns named {name!r}")
             self.series[name], self.units[name] = frame.iloc[:, place], unit
         first, *self.names = self.series
         self.time = self._in(first, "s")
@@ -262,7 +262,7 @@ class Record:
         own = self.units[name]
         scale = 1.0 if not own or not unit or own == unit else multiples(unit).get(own)
         if scale is None:
-            raise SetupError(f"{self.label}: {name} [{own}] cannot be told in {unit}")
+            raise SetupError(f"{self.label}: {name} [{own}] cannot be converted to {unit}")
         values = self.series[name]
         numbers = np.asarray(pd.to_numeric(values, errors="coerce"), float)
         if (bad := np.flatnonzero(~np.isfinite(numbers))).size:
@@ -340,7 +340,7 @@ def _error(name: str, given: Mapping[str, str | float], unit: str) -> float:
         error = np.nan
     if not 0.0 <= error < np.inf:
         raise SetupError(
-            f"error of {name} = {told!r} must be from 0 on, in {' or '.join(multiples(unit))}"
+            f"error of {name} = {told!r} must be at least 0, in {' or '.join(multiples(unit))}"
         )
     return error
 
@@ -353,7 +353,7 @@ def _notes(ours: Record, theirs: Record, pairs: Mapping[str, str]) -> Iterator[s
     for record, used in ((ours, pairs.keys()), (theirs, pairs.values())):
         rest = [n for n in record.names if n not in used and n.removesuffix(ERROR) not in used]
         if rest:
-            yield f"not compared of {record.label}: {', '.join(rest)}"
+            yield f"not compared in {record.label}: {', '.join(rest)}"
 
 
 def _line(column: Deviation) -> tuple[str, ...]:

@@ -329,7 +329,7 @@ class Whole:
         for _ in range(MOST_ITERATIONS):
             had = np.array([value for block in blocks for value in block.cells])
             if not np.isfinite(had).all():
-                raise Refused("an algebraic loop has left the finite numbers")
+                raise Refused("the values of an algebraic loop are no longer finite")
             for part in self.parts:
                 part.bring()
             off = np.array([value for block in blocks for value in block.cells]) - had

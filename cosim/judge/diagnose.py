@@ -87,14 +87,14 @@ class Diagnosis:
 
     def _sentences(self) -> Iterator[str]:
         if math.isnan(self.frequency):
-            yield f"No oscillation shows on the wires with {self.algorithm} and {self.step:.4g} s."
+            yield f"No oscillation shows on the wires with {self.algorithm} and steps of {self.step:.4g} s."
         elif not self.damped:
             if self.trusted or self.damping <= 0.0:
                 yield "The oscillation has no damping to speak of: the system itself does not damp it."
             else:
                 yield (
                     "The damping cannot be determined: it still changes with the step, or with how long "
-                    "the motion is watched, as it does where there is none to speak of; try a shorter step."
+                    "the motion is observed, as it does where there is next to none. Try a shorter step."
                 )
             return
         else:
@@ -102,19 +102,19 @@ class Diagnosis:
         if self.drift:
             yield (
                 f"A motion that does not oscillate grows at {self.drift:.3g} 1/s, in proportion to "
-                "the step: a held angle or position pushes; couple by speed."
+                "the step: a held angle or position drives it. Couple by speed instead."
             )
         if self.residual > UNEXPLAINED:
-            yield f"Do not trust this: the modes leave {self.residual:.1%} unexplained."
+            yield f"Do not trust this: the modes leave {self.residual:.1%} of the response unexplained."
         elif not self.trusted and not math.isnan(self.frequency):
-            yield "Do not trust this: the damping does not converge; try a shorter step."
+            yield "Do not trust this: the damping does not converge. Try a shorter step."
 
     def _mode(self) -> Iterator[str]:
-        way = "by derivatives of the FMUs" if self.linear else "by runs with shorter steps"
+        way = "from derivatives of the FMUs" if self.linear else "from runs with shorter steps"
         yield (
-            f"The oscillation at {self.frequency / (2 * math.pi):.4g} Hz has the damping ratio "
-            f"{self.damping:.4g} +- {self.error:.1g}, {way}; {self.algorithm} with steps of "
-            f"{self.step:.4g} s shows {self.damping_seen:.4g}, a loop delay of {self.delay:.3g} s."
+            f"The oscillation at {self.frequency / (2 * math.pi):.4g} Hz has a damping ratio of "
+            f"{self.damping:.4g} +- {self.error:.1g}, {way}. With {self.algorithm} and steps of "
+            f"{self.step:.4g} s it shows {self.damping_seen:.4g}: a loop delay of {self.delay:.3g} s."
         )
         if self.damping_seen < 0.0 < self.damping:
             yield "That is unstable: the oscillation grows by itself."

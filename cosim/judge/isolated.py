@@ -77,7 +77,7 @@ def run_isolated(
             elif kind == "error":
                 raise content
             elif kind == "silent":
-                ended = f"did nothing for {content:g} s and was ended"
+                ended = f"did not respond for {content:g} s and was ended"
                 process.kill()
     dead = f"the process that ran the parts {', '.join(system.parts)} {ended or death(process)}"
     after = _stamps(csv)

@@ -172,7 +172,7 @@ def linearize(
     ports = None if inputs is None else [network.port(name) for name in inputs]
     for port in ports or ():
         if port.variable.causality != "input" or port.type != "Real":
-            raise SetupError(f"{port} is no Real input")
+            raise SetupError(f"{port} is not a Real input")
     try:
         with opened(network, start, start + at) as whole:
             for _ in travel(whole, start + at, "DOP853", TOLERANCE):

@@ -80,7 +80,7 @@ def real(
     State and changes only at events; one that `follows` is computed by `settle` and cannot be set.
     """
     if positive and min is not None:
-        raise ValueError(f"positive=True is min = 0 without the 0: leave out min={min!r}")
+        raise ValueError(f"positive=True means min = 0 without the 0 itself: leave out min={min!r}")
     low = 0.0 if positive else min
     return Declaration(
         float(start), meaning, low, max, nominal, feedthrough, held, positive, follows=follows
@@ -123,7 +123,9 @@ def record(cls: type[R]) -> type[R]:
     }
     for name, annotation in annotations.items():
         if not name.isascii():
-            raise TypeError(f"{cls.__name__}.{name} is no name in FMI: write letters from a to z")
+            raise TypeError(
+                f"{cls.__name__}.{name} is not a name in FMI: write letters from a to z"
+            )
         if hasattr(annotation, "_declared"):
             fields[name] = annotation
             continue
@@ -144,7 +146,7 @@ def _annotations(cls: Any) -> dict[str, Any]:
         return get_type_hints(cls, include_extras=True)
     except NameError as error:
         known = f"from fmukit.si import one of {si.known()}"
-        raise TypeError(f"{error.name} in class {cls.__name__} is no type: {known}") from None
+        raise TypeError(f"{error.name} in class {cls.__name__} is not a type: {known}") from None
 
 
 def _declared(cls: Any, name: str) -> Any:

@@ -23,8 +23,8 @@ class InputHold(IntEnum):
 
 INPUT_HOLD: Declaration = discrete(
     InputHold.zero,
-    "Course of the inputs over a communication step: held as set (0), "
-    "on the line through the last two (1), from the one before to the one just set (2)",
+    "Inputs over a communication step: held at the value set (0), extrapolated through the "
+    "last two values (1), interpolated from the previous value to the one just set (2)",
 )
 
 
@@ -89,15 +89,19 @@ def complete(model: Any) -> None:
         "outputs": "write def outputs(p, t, x, u), which returns the Outputs",
     }
     if hasattr(model, "guard") or hasattr(model, "jump"):
-        needed["guard"] = "write def guard(p, t, x, u), which returns a tuple of what stays above 0"
-        needed["jump"] = "write def jump(p, t, x, u, which), which returns the State after it"
+        needed["guard"] = (
+            "write def guard(p, t, x, u), which returns a tuple of values that stay above 0"
+        )
+        needed["jump"] = (
+            "write def jump(p, t, x, u, which), which returns the State after the event"
+        )
     for name, form in needed.items():
         if not getattr(model, name, None):
             raise TypeError(f"{'the docstring' if name == '__doc__' else name} is missing: {form}")
     stop, step = model.EXPERIMENT
     if not 0.0 < step <= stop < inf:
         raise ValueError(
-            f"EXPERIMENT has stop = {stop!r} s and step = {step!r} s: 0 < step <= stop"
+            f"EXPERIMENT has stop = {stop!r} s and step = {step!r} s: 0 < step <= stop must hold"
         )
     for name, takes in FUNCTIONS.items():
         if hasattr(model, name):
@@ -133,7 +137,7 @@ class Interface:
         self.by_name = {v.name: v for v in self.variables}
         for name, times in Counter(v.name for v in self.variables).items():
             if times > 1:
-                raise ValueError(f"{name} is declared twice: every state is an output, too")
+                raise ValueError(f"{name} is declared twice: every state is also an output")
 
     def _add(self, cls: Any, causality: str, initial: str) -> slice:
         first = len(self.variables)
@@ -181,7 +185,7 @@ def only_steps(model: ModuleType) -> str:
     declared = [d for _, d in declarations(model.State)]
     discrete = all(d.kind != "Real" or d.held for d in declared)
     if discrete and (hasattr(model, "sample") or hasattr(model, "exact")):
-        return "it has no continuous state and changes at communication points alone"
+        return "it has no continuous state and changes only at communication points"
     return getattr(model, "CO_SIMULATION_ONLY", "")
 
 

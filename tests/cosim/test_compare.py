@@ -106,7 +106,7 @@ def test_grids_and_units_of_each_are_honoured() -> None:
         found = compare(ours, theirs, value=0.02, columns={"x[1]": text})
         assert found.passed is passes, text
         assert found["x[1]"].reference == "load"
-        assert "not compared of the result: w" in found.text()
+        assert "not compared in the result: w" in found.text()
 
 
 def test_a_column_is_not_mapped_twice() -> None:
@@ -153,10 +153,10 @@ def test_nothing_is_compared_in_a_gap_and_that_is_said() -> None:
         ({"x": saw(T)}, {"time": np.inf}, "the tolerance in time = inf must be a finite number"),
         ({"x": saw(T)}, {"gap": 0.0}, "gap = 0.0 s must be above 0"),
         ({"x": saw(T)}, {"errors": {"y": 1.0}}, "error of y: only x are compared"),
-        ({"x [m]": saw(T)}, {"errors": {"x": "3 N"}}, "error of x = '3 N' must be from 0 on, in m or"),
+        ({"x [m]": saw(T)}, {"errors": {"x": "3 N"}}, "error of x = '3 N' must be at least 0, in m or"),
         ({"x": saw(T)}, {"columns": {"x": "y:m"}}, "the reference has no column 'y:m', only x"),
         ({"x": saw(T)}, {"columns": {"x": "x * 0"}}, "column 'x * 0': the factor must not be 0"),
-        ({"x [kg]": saw(T)}, {}, "the result: x [m] cannot be told in kg"),
+        ({"x [kg]": saw(T)}, {}, "the result: x [m] cannot be converted to kg"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_compared_is_refused(

@@ -188,8 +188,8 @@ def test_model_exchange_gives_the_damping_itself(algorithm: str, fmus: Path, nat
     assert abs(runs.damping - linear.damping) <= runs.error
     assert linear.error < runs.error / 10
     assert linear.damping_seen == pytest.approx(runs.damping_seen, rel=1e-6)
-    assert "by derivatives of the FMUs;" in linear.text()
-    assert "by runs with shorter steps;" in runs.text()
+    assert "from derivatives of the FMUs." in linear.text()
+    assert "from runs with shorter steps." in runs.text()
 
 
 def test_eigenvalues_at_an_angle_are_not_taken_for_those_of_a_turning_crank(native: Path) -> None:

@@ -144,7 +144,9 @@ def _step(document: Document) -> float | None:
             try:
                 steps.append(float(text))
             except ValueError:
-                raise SetupError(f"{document.at(element)}: {key} {text!r} is no number") from None
+                raise SetupError(
+                    f"{document.at(element)}: {key} {text!r} is not a number"
+                ) from None
     return min(steps, default=None)
 
 
@@ -258,7 +260,7 @@ def _declare(plan: Plan, node: Node, declared: Connector) -> None:
     if declared.unit and own.unit and not same(declared.unit, own.unit):
         raise SetupError(f"{connector} must be in {own.unit.name}, not {declared.unit.name}")
     if declared.items and own.items and declared.items != own.items:
-        raise SetupError(f"{connector}: its Enumeration has other items than that of {node[0]}")
+        raise SetupError(f"{connector}: its Enumeration differs from that of {node[0]}")
     unit = own.unit or declared.unit
     plan.connectors[node] = own._replace(type=own.type or declared.type, unit=unit)
     plan.declared.add(node)

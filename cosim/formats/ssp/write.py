@@ -111,7 +111,7 @@ def _component(
     start = [(port, value) for port, value in network.start if port.part == part]
     for port, value in start:
         if port.type == "Binary" and value != port.variable.start:
-            raise SetupError(f"{port} = {value!r}: no Binary is written to an .ssp")
+            raise SetupError(f"{port} = {value!r}: a Binary cannot be written to an .ssp")
     start = [(port, value) for port, value in start if port.type != "Binary"]
     if start:
         bindings = SubElement(component, qualified("ssd:ParameterBindings"))

@@ -36,7 +36,7 @@ def crosscheck(fmu: Path | str, *, step: float | None = None, timeout: float = 6
         if found[-1].check == "run":  # after which the process ended
             rest = (CHECKS[name] for name in names[len(found) :])
             verdicts += [
-                c.verdict(version, NOT_RUN, f"in the check run {found[-1].said}") for c in rest
+                c.verdict(version, NOT_RUN, f"the check run failed: {found[-1].said}") for c in rest
             ]
     name, standard = subject.description.modelName, STANDARD[version]
     return Crosscheck(str(fmu), name, standard, subject.how(), tuple(verdicts))

@@ -259,7 +259,7 @@ def description(s: Subject) -> str:
     """The XML schema, and what FMPy looks for beyond it."""
     if problems := validate_fmu(str(s.path)):
         raise Broken("; ".join(" ".join(problem.split()) for problem in problems[:3]))
-    return f"{len(s.description.modelVariables)} variables; FMPy has nothing to say"
+    return f"{len(s.description.modelVariables)} variables; FMPy reports no problem"
 
 
 def binary(s: Subject) -> str:
@@ -280,7 +280,7 @@ def runs(s: Subject) -> str:
         for v, value in zip(s.shown, row):
             if v.causality == "output" and isinstance(value, float) and not math.isfinite(value):
                 raise Broken(f"{v.name} after step {k} is {value!r}")
-    shaken = "" if s.shaken or not s.inputs else "; its inputs had to stand still"
+    shaken = "" if s.shaken or not s.inputs else "; its inputs had to be kept constant"
     return f"{s.steps} steps of {s.h:g} s{shaken}"
 
 
@@ -319,7 +319,7 @@ def repeats(s: Subject) -> str:
     """A second instance beside the first one's rows."""
     with s.running() as part:
         s.same(s.go(part, 0, s.steps), s.reference, "in a new instance")
-    return f"{s.steps} rows of {len(s.shown)} variables, to the bit"
+    return f"{s.steps} rows of {len(s.shown)} variables, bit for bit"
 
 
 def looks(s: Subject) -> str:
@@ -349,7 +349,7 @@ def resets(s: Subject) -> str:
             part.reset()
             s.initialise(part)
             s.same(s.go(part, 0, s.steps), s.reference, "after a reset")
-            return f"{s.steps} rows after a run with {len(given)} other parameters, to the bit"
+            return f"{s.steps} rows after a run with {len(given)} other parameters, bit for bit"
     raise AssertionError
 
 
@@ -364,7 +364,7 @@ def instances(s: Subject) -> str:
             with suppress(PartFailure):
                 s.go(other, k + s.steps // 3, k + s.steps // 3 + 1)
     s.same(rows, s.reference, "beside another instance")
-    return f"{s.steps} rows beside another instance, to the bit"
+    return f"{s.steps} rows beside another instance, bit for bit"
 
 
 def states(s: Subject) -> str:
@@ -382,7 +382,7 @@ def states(s: Subject) -> str:
             s.same([s.row(part)], [s.reference[first - 1]], "when the state is set", first - 1)
             rows = s.go(part, first, s.steps)
             s.same(rows, s.reference[first:], "after the state is set", first)
-    return f"{s.steps - third} rows from two states, to the bit"
+    return f"{s.steps - third} rows from two states, bit for bit"
 
 
 def bytes_(s: Subject) -> str:
@@ -395,8 +395,8 @@ def bytes_(s: Subject) -> str:
         copy, size = part.carried(state, other)
         other.restore(copy)
         rows = s.go(other, half, s.steps)
-    s.same(rows, s.reference[half:], "after the state came as bytes", half)
-    return f"{s.steps - half} rows from {size} bytes, to the bit"
+    s.same(rows, s.reference[half:], "after the state was carried over as bytes", half)
+    return f"{s.steps - half} rows from {size} bytes, bit for bit"
 
 
 def halves(s: Subject) -> str:
@@ -413,14 +413,14 @@ def halves(s: Subject) -> str:
         off = [x for x in moving if apart[x][1] > max(0.3 * moved[x][1], 0.5 * apart[x][0])]
         if h == s.h and off and 2 * len(off) >= len(moving):
             raise Broken(
-                f"{', '.join(off)}: one step and two of half the size differ by a third of the way and "
-                f"more, for {4 * h:g} s and for {2 * h:g} s"
+                f"{', '.join(off)}: one step and two of half the size differ by a third of the change "
+                f"or more, for {4 * h:g} s and for {2 * h:g} s"
             )
         far, near = (sum(apart[name][level] for name in moving) for level in (0, 1))
         if near > NOISE:
             order = math.log2(far / near) - 1.0
             return f"order {order:.1f}: {far:.2g} and {near:.2g} of the range, {4 * h:g} and {2 * h:g} s"
-    return f"no difference above {NOISE:g} of the range: exact, or smaller steps inside"
+    return f"no difference above {NOISE:g} of the range: exact, or smaller internal steps"
 
 
 def split(s: Subject, h: float) -> tuple[dict[str, list[float]], dict[str, list[float]]]:
@@ -456,12 +456,14 @@ def outputs(s: Subject) -> str:
                 feels = abs(up) > max(0.5 * abs(long_up), floor)
                 names, kinds = declared.get(v.name, (None, None))
                 if feels and names is not None and known not in names:
-                    raise Broken(f"{v.name} feels {known.name} at once, by {up:.4g}, undeclared")
+                    raise Broken(
+                        f"{v.name} depends on {known.name} at once, with slope {up:.4g}, undeclared"
+                    )
                 kind = kinds[names.index(known)] if kinds and names and known in names else ""
                 if kind in ("constant", "fixed") and abs(up - down) > AGREES * abs(up) + floor:
                     raise Broken(
-                        f"{v.name} by {known.name} is {kind}, but its slope is {down:.6g} on one side and "
-                        f"{up:.6g} on the other"
+                        f"{v.name} by {known.name} is declared {kind}, but its slope is {down:.6g} on one "
+                        f"side and {up:.6g} on the other"
                     )
     tried = min(len(s.inputs), MOST_INPUTS)
     return f"{len(reals)} Real outputs by {tried} of {len(s.inputs)} Real inputs"
@@ -507,10 +509,10 @@ def derivatives(s: Subject) -> str:
         floor = NOISE * s.ranges.get(x.name, s.size(x)) / s.size(v)
         if not abs(told - found) <= AGREES * abs(found) + 2.0 * error + floor:
             raise Broken(
-                f"the derivative of {x.name} by {v.name} {when} is {told:.6g}, by differences {found:.6g}"
+                f"the derivative of {x.name} by {v.name} {when} is {told:.6g}; differences give {found:.6g}"
             )
         pairs += 1
-    return f"{pairs} of them"
+    return f"{pairs} derivatives"
 
 
 Slope = tuple[str, ScalarVariable, ScalarVariable, float, float, float]
@@ -575,7 +577,7 @@ def discards(s: Subject) -> str:
     if reached > t:
         with s.running() as part:
             part.advance(t, reached - t)
-    return f"{said}, one to {reached:g} s taken"
+    return f"{said}, one to {reached:g} s is accepted"
 
 
 def untouched(s: Subject, t: float, h: float) -> str:
@@ -586,7 +588,7 @@ def untouched(s: Subject, t: float, h: float) -> str:
             part.advance(t, h)
         except Discarded:
             s.same(s.go(part, 0, s.steps), s.reference, f"after {step} discarded")
-            return f"{step} discarded, {s.steps} rows after it to the bit"
+            return f"{step} discarded, {s.steps} rows after it bit for bit"
         except Ended as reason:
             raise NotOffered(f"{step} not discarded: {reason}") from reason
         raise NotOffered(f"{step} not discarded")
@@ -612,7 +614,7 @@ def memory(s: Subject) -> str:
                     gc.collect()
                     sizes.append(int(used.read_text().split()[1]) * PAGESIZE)
         if life <= s.steps // 2:
-            raise NotOffered(f"it takes no more than {life} steps with inputs that stand still")
+            raise NotOffered(f"it takes no more than {life} steps with constant inputs")
     grown = [after - before for before, after in pairwise(sizes)]
     said = f"{sum(grown) / 1024:.0f} KiB more after {LONG} steps than after {LONG // 5}"
     if sum(grown) > LEAK and sum(g > 0 for g in grown) > len(grown) / 2:
@@ -638,7 +640,7 @@ class Check(NamedTuple):
 CHECKS = {check.name: check for check in (
     Check("description", "2.2", "2.4", description, "validate the FMU with FMPy"),
     Check("binary", "2.1.4", "2.2.5", binary,
-          "ask the binary for its version, by FMI 2.0 for its types platform, too"),
+          "ask the binary for its version and, in FMI 2.0, for its types platform"),
     Check("run", "4.2.2", "4.2.1", runs, "initialise; doStep and get the outputs"),
     Check("termination", "2.1.6", "2.3.8", terminates, "run, terminate, get the values again"),
     Check("start values", "2.2.7", "2.4.7.4", starts,
@@ -652,15 +654,15 @@ CHECKS = {check.name: check for check in (
     Check("serialization", "2.1.8", "2.2.7.4", bytes_,
           "after half the steps serialize the state; deserialize and set it in a new instance, step on"),
     Check("step size", "4.2.2", "4.2.1", halves,
-          "with inputs that stand still: one step of 4 h beside two of 2 h, one of 2 h beside two of h"),
+          "with constant inputs: one step of 4 h against two of 2 h, one of 2 h against two of h"),
     Check("output dependencies", "2.2.8", "2.4.8", outputs,
-          "a step of h / 1024 with an input, and in an instance alike with another; the same with h / 64"),
+          "a step of h / 1024 with one value of an input and, in an equal instance, with another; the same with h / 64"),
     Check("initial dependencies", "2.2.8", "2.4.8", unknowns,
           "enter initialization mode, set one value, get the InitialUnknowns; the same without setting"),
     Check("directional derivatives", "2.1.9", "2.2.12.1", derivatives,
-          "the FMU's derivative beside the difference for two values of the known"),
+          "the FMU's derivative against the difference for two values of the known"),
     Check("discard", "4.2.3", "4.2.1", discards, "initialise; one step over the whole default experiment"),
-    Check("memory", "2.1.5", "2.2.1", memory, "10 000 steps; look at the resident memory on the way"),
+    Check("memory", "2.1.5", "2.2.1", memory, "10 000 steps; watch the resident memory"),
 )}  # fmt: skip
 
 
