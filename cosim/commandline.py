@@ -1,4 +1,4 @@
-"""What command lines share: bad input is one line, and every way to end has its exit code."""
+"""Shared by the command lines: one line for bad input, and an exit code for every kind of end."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from .system import Value
 
 
 class Help(argparse.HelpFormatter):
-    """Tells defaults as a person writes them, and none where there is none."""
+    """Shows defaults as a person would write them, and omits them where there are none."""
 
     def _get_help_string(self, action: argparse.Action) -> str | None:
         default = (
@@ -61,8 +61,8 @@ def number(text: str) -> float:
 
 
 def exit_code(action: Callable[[], int]) -> int:
-    """What the action returns; 1 for a run that failed on the way or a file that cannot be written, 2 for
-    bad input, 130 for Ctrl-C and the like, 141 where nobody reads the output any more.
+    """What the action returns; 1 for a run that failed or a file that cannot be written, 2 for bad input,
+    130 for Ctrl-C and the like, 141 if nobody reads the output any more.
     """
     try:
         with heard(signal.default_int_handler):

@@ -50,20 +50,21 @@ def run(
     csv: Path | str | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> Result:
-    """Simulate from `start` to `stop` [s] with communication steps of `step` [s], or adaptive ones.
+    """Simulate from `start` to `stop` [s] with communication steps of `step` [s], or adaptive steps.
 
-    `order` is the order in which Gauss-Seidel and Strang step the parts (default: each after the
-    parts it hears, else as declared). With `input_order` above 0, Real inputs move within a step on
-    polynomials of that order; `substeps` gives parts several steps of their own within one;
-    `tolerance` is handed to the FMUs.
+    `order` is the order in which Gauss-Seidel and Strang step the parts. By default each part steps
+    after those that drive it, or as declared where that is impossible. With `input_order` above 0,
+    Real inputs follow polynomials of that order within a step. `substeps` gives the number of
+    sub-steps that a part takes within a communication step. `tolerance` is passed to the FMUs.
 
-    Rows are the values at every communication point, or at every `output_step` [s] and at changes
-    of a recorded discrete variable; `record` names the columns (default: all outputs). With `csv`
-    they stream to this file, which no other run may write meanwhile. `progress` is called with the
-    share of the run that is done.
+    There is a row at every communication point, or at every `output_step` [s] and at changes of a
+    recorded discrete variable. `record` lists the columns (default: all outputs). With `csv`, the
+    rows are streamed to this file, which no other run may write at the same time. `progress` is
+    called with the fraction of the run that is done.
 
-    What FMUs warn of is in the result, and as it comes in the log "cosim" unless that is `quiet`.
-    Raises SetupError before the first step; SimulationError or Interrupted with the rows so far.
+    Warnings of the FMUs are in the result. They are also logged under "cosim" as they occur, unless
+    `quiet` suppresses them. Raises SetupError before the first step, and later SimulationError or
+    Interrupted with the rows so far.
     """
     network = connect(system)
     rates = dict(substeps or {})
@@ -137,7 +138,7 @@ def run(
 
 
 def problems(network: Network, settings: Settings) -> Iterator[str]:
-    """What keeps these FMUs from being run in this way."""
+    """The reasons why this system cannot be run with these settings."""
     start, stop, step, algorithm = settings.start, settings.stop, settings.step, settings.algorithm
     order, input_order, tolerance = settings.order, settings.input_order, settings.tolerance
     try:
@@ -208,7 +209,7 @@ def problems(network: Network, settings: Settings) -> Iterator[str]:
 
 
 def stepping_order(network: Network, order: Sequence[str] | None) -> list[str]:
-    """The parts, each after those it hears where the wires allow it, else as declared."""
+    """The parts, each after those that drive it where the wires allow it, else as declared."""
     if order is not None:
         return list(order)
     parts = list(network.descriptions)
@@ -241,7 +242,7 @@ def _identity(part: Part, path: Path) -> dict[str, Any]:
 
 @cache
 def versions() -> dict[str, str]:
-    """Versions of what a result depends on; scipy, which only judges results, may be missing."""
+    """The versions that a result depends on; scipy is optional, since it only serves to judge results."""
     packages = [name for name in ("fmpy", "numpy", "scipy") if find_spec(name)]
     return {
         "python": platform.python_version(),

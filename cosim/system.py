@@ -1,4 +1,4 @@
-"""A system is a value: parts, wires, start values. Connecting it checks every name and unit."""
+"""A system is a value: parts, wires and start values. Connecting it checks every name and unit."""
 
 from __future__ import annotations
 
@@ -51,11 +51,11 @@ PART = re.compile(rf"{PIECE}(\.{PIECE})*")
 
 
 class Wire(NamedTuple):
-    """A wire as a value, whose ends may have any names: "motor.tau" or ("motor", "tau").
+    """A wire as a value. Its ends may have any names: "motor.tau" or ("motor", "tau").
 
-    Factor and offset are those of the source's unit. Unless it `converts`, the target takes the
-    number as it stands, whatever the units. A wire that `adds` brings its value on top of those of the
-    wires before it into the same input.
+    Factor and offset apply in the source's unit. Unless the wire `converts`, the target takes the
+    number unchanged, whatever the units. A wire that `adds` is added to the earlier wires into the
+    same input.
     """
 
     source: Name
@@ -74,7 +74,7 @@ class Wire(NamedTuple):
 
     @classmethod
     def read(cls, text: str) -> Wire:
-        """The wire of a text; raises SetupError if it is none."""
+        """Read a wire from text; raises SetupError if it is not one."""
         match = WIRE.fullmatch(text)
         if match is None:
             raise SetupError(
@@ -99,18 +99,18 @@ def dotted(name: Name) -> str:
 class System:
     """FMU files by part name, wires, start values by variable.
 
-    A wire reads "motor.tau -> conveyor.tau", or with a factor and an offset in the source's unit
+    A wire reads "motor.tau -> conveyor.tau" or, with a factor and an offset in the source's unit,
     "cam.w * 2.5 + 0.1 -> rotor.w". Convertible units are converted (rpm -> rad/s). With "=>" the
-    target takes the number as it stands, whatever the units. A `Wire` says
-    the same as a value, for names with a blank, * or +. Two terminals are joined by
-    "motor.flange -- conveyor.flange": a wire for each member that both have, from the output to the
-    input. A bond names two outputs that are wired
-    there and back and multiply to a power: "motor.tau * conveyor.w". Wires whose units show a bond
-    beyond doubt need not be named. A part of a subsystem has a dotted name, "line.motor".
+    target takes the number unchanged, whatever the units. A `Wire` is the same as a value; names
+    with a blank, * or + need it. "motor.flange -- conveyor.flange" joins two terminals: it stands
+    for a wire for each member that both have, from the output to the input. A bond names two outputs
+    that are wired there and back and whose product is a power: "motor.tau * conveyor.w". Bonds that
+    are clear from the units of the wires need not be named. A part of a subsystem has a dotted name,
+    "line.motor".
 
     `inputs` are inputs over time by variable: a Table, or a function of time [s]. A change of an
-    input or a tunable parameter reads "at 2 s motor.A = 7500". Within a step a Real input is held at
-    its mean, or moves on a line where its FMU can; all else changes between steps.
+    input or a tunable parameter reads "at 2 s motor.A = 7500". Within a step, a Real input is held at
+    its mean, or follows a line if its FMU can interpolate; everything else changes between steps.
     """
 
     parts: Mapping[str, Path]
@@ -163,7 +163,7 @@ class Connection(NamedTuple):
 class Fmu(NamedTuple):
     """A model description, its variables by name, its units in SI base units by name.
 
-    `blemish` says what is wrong in it but does not touch a run. `terminals` are the variables of each
+    `blemish` says what is wrong in it but does not affect a run. `terminals` are the variables of each
     terminal by member, `shapes` the dimensions of arrays, of which the elements are variables.
     """
 
@@ -196,7 +196,7 @@ class Network:
 
     @cached_property
     def blemishes(self) -> dict[str, str]:
-        """By part what is wrong in its model description but does not touch a run."""
+        """By part, what is wrong in its model description but does not affect a run."""
         return {name: fmu.blemish for name, fmu in self.fmus.items() if fmu.blemish}
 
     def sums(self) -> dict[str, list[Connection]]:
@@ -243,9 +243,10 @@ class Network:
 def connect(system: System) -> Network:
     """Check a system against the model descriptions of its FMUs.
 
-    Raises SetupError for a file that is no FMU of FMI 2.0 or 3.0, an unknown part or variable, a wire
-    of wrong direction, type or unit, an input driven twice, and a start value that is not finite,
-    out of bounds or cannot be set. Parts may be for model exchange only: `run` refuses them.
+    Raises SetupError for a file that is not an FMU of FMI 2.0 or 3.0, an unknown part or variable, a
+    wire with the wrong direction, type or unit, an input driven twice, and a start value that is not
+    finite, out of bounds or cannot be set. Parts for model exchange only are accepted; `run` refuses
+    them.
     """
     if not system.parts:
         raise SetupError("a system needs a part")
@@ -284,7 +285,7 @@ def connect(system: System) -> Network:
 
 
 def _require_ticking(port: Port, description: ModelDescription) -> None:
-    """Refuse a clock that waits for what this master does not do."""
+    """Refuse a clock that this master cannot tick."""
     if port.variable.causality != "input":
         return
     if port.variable.intervalVariability == "triggered":
@@ -296,7 +297,7 @@ def _require_ticking(port: Port, description: ModelDescription) -> None:
 
 
 def require_fmi2(descriptions: Mapping[str, ModelDescription], what: str) -> None:
-    """Refuse parts of FMI 3.0 for what knows FMI 2.0 only; raises SetupError."""
+    """Refuse parts of FMI 3.0 where only FMI 2.0 is supported; raises SetupError."""
     for name, description in descriptions.items():
         if description.fmiVersion != "2.0":
             raise SetupError(f"{name} is FMI {description.fmiVersion}; {what} FMI 2.0 only")
@@ -313,8 +314,8 @@ def require_steps(descriptions: Mapping[str, ModelDescription], files: Mapping[s
 
 
 def still(system: System, where: str, *, sums: bool = False) -> Network:
-    """Connect a system for a format, which has no place for inputs over time nor for parts without
-    co-simulation, and for `sums` of wires only if it says so; raises SetupError.
+    """Connect a system for a file format. Raises SetupError for inputs over time, parts without
+    co-simulation and, unless the format supports `sums`, for sums of wires.
     """
     network = connect(system)
     require_steps(network.descriptions, system.parts)
@@ -353,7 +354,7 @@ def part_name(name: str) -> str:
 
 
 def version(path: Path) -> tuple[int, int]:
-    """What tells a file that has been replaced: its time of change [ns] and its size."""
+    """The time of change [ns] and the size of a file, which show whether it has been replaced."""
     file = path.stat()
     return file.st_mtime_ns, file.st_size
 
@@ -648,8 +649,10 @@ def _input(
 
 
 def scale(network: Network, port: Port, unit: str, what: str) -> tuple[float, float]:
-    """Factor and offset from a unit to that of a port, which is to do `what` in that unit: its display
-    units, common multiples of its own and all units that an FMU of the network defines are known. Raises SetupError for others.
+    """Factor and offset from a unit to that of a port, which is to do `what` in that unit.
+
+    The port's display units, common multiples of its own unit and all units that an FMU of the network
+    defines are known. Raises SetupError for others.
     """
     if unit in ("", port.unit):
         return 1.0, 0.0

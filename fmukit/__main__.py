@@ -8,7 +8,7 @@ from pathlib import Path
 
 
 def main() -> int:
-    """Run the command line; 0 if every FMU is there, else 1."""
+    """Run the command line; 0 if every FMU was made, else 1."""
     try:
         from .fmu.make import FLAVOURS, make_all
     except ModuleNotFoundError as missing:

@@ -1,4 +1,4 @@
-"""A System from and to OSP system structures, those of libcosim and the tools around it."""
+"""Read and write a System as an OSP system structure, the format of libcosim and its tools."""
 
 from __future__ import annotations
 
@@ -49,13 +49,14 @@ log = logging.getLogger("cosim")
 
 
 def read_osp(path: Path) -> Package:
-    """The system of an OspSystemStructure.xml, or of the folder that holds one.
+    """Read the system of an OspSystemStructure.xml, or of the folder that contains one.
 
-    Wires hand numbers over as they stand, since libcosim converts no units; inputs that nothing
-    drives keep the start value of their FMU; the connections of a `powerBond` are a bond. Two groups
-    of variables, which a MODEL_OspModelDescription.xml beside the FMU or the structure defines, are
-    connected one by one in their order. Raises SetupError with file and line for what is invalid or
-    not supported, as FMUs that are not files. A sum is as many wires into one input.
+    Wires pass numbers on unchanged, since libcosim converts no units. Inputs that nothing drives keep
+    the start value of their FMU. The connections of a `powerBond` become a bond, and a sum becomes
+    several wires into one input. Two groups of variables, defined by a
+    MODEL_OspModelDescription.xml next to the FMU or the structure, are connected one by one in their
+    order. Raises SetupError with file and line for what is invalid or not supported, such as FMUs that
+    are not files.
     """
     file = Path(path) / FILE if Path(path).is_dir() else Path(path)
     root, reader = load(file), _Reader(file)
@@ -231,9 +232,10 @@ def write_osp(
 ) -> None:
     """Write OspSystemStructure.xml and the FMUs into `folder`; step, start and stop in s.
 
-    Factors, offsets and unit conversions of wires become linear transformations, and declared bonds
-    those of a `powerBond`, unless they go through one. Raises what `connect` raises, and SetupError for what libcosim cannot do: enumerations that differ from the
-    FMU's start value, and enumerations on wires. Then nothing is written.
+    Factors, offsets and unit conversions of wires become linear transformations. The connections of a
+    declared bond become those of a `powerBond`, unless they go through a transformation. Raises what
+    `connect` raises, and SetupError for what libcosim cannot do: enumerations that differ from the FMU's
+    start value, and enumerations on wires. Nothing is written then.
     """
     if not 0.0 < step < float("inf"):
         raise SetupError(f"step = {step!r} s must be above 0")

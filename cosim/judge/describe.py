@@ -1,4 +1,4 @@
-"""What a system is made of and what stands in the way of a run, in plain words."""
+"""Describe in plain words what a system is made of and what may prevent a run."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The FMI variables of a component, in the order that is both XML index and value reference."""
+"""The FMI variables of a component; their order is both XML index and value reference."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ class Variable(NamedTuple):
 
     @property
     def unit(self) -> str:
-        """Unit, or an empty string for what has none."""
+        """The unit, or an empty string if there is none."""
         return self.declaration.quantity.unit if self.declaration.quantity else ""
 
 
@@ -67,11 +67,11 @@ FUNCTIONS = {
     "derivatives": "p, t, x, u", "outputs": "p, t, x, u", "guard": "p, t, x, u",
     "jump": "p, t, x, u, which", "prepare": "p, x", "settle": "p, x",
 }  # fmt: skip
-"""What the functions of a model take."""
+"""The arguments of a model's functions."""
 
 
 def complete(model: Any) -> None:
-    """Give a model the records that it lacks, empty; raises TypeError for what must be there."""
+    """Add the records that a model lacks, empty; raises TypeError for a missing part that it must have."""
     for name in RECORDS:
         if not hasattr(model, name):
             setattr(model, name, record(type(name, (), {"__module__": model.__name__})))
@@ -181,7 +181,7 @@ def rate(declaration: Declaration) -> Quantity | None:
 
 
 def only_steps(model: ModuleType) -> str:
-    """Why a model can be stepped but not integrated by others; empty where it can."""
+    """Why a model can only be stepped, not integrated by others; empty if it can be integrated."""
     declared = [d for _, d in declarations(model.State)]
     discrete = all(d.kind != "Real" or d.held for d in declared)
     if discrete and (hasattr(model, "sample") or hasattr(model, "exact")):

@@ -19,7 +19,7 @@ class Refused(Exception):
 
 
 def load(path: Path) -> ModuleType:
-    """The module of this file, which nobody else can import; a record that it lacks is empty.
+    """The module of this file, which nothing else can import; a record that it lacks is empty.
 
     Raises Refused.
     """
@@ -43,7 +43,7 @@ def load(path: Path) -> ModuleType:
 
 
 def require_imports(path: Path) -> None:
-    """Raise SyntaxError for what would not be in the FMU."""
+    """Raise SyntaxError for an import that would be missing from the FMU."""
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if not isinstance(node, ast.Import | ast.ImportFrom):
             continue

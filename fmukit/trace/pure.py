@@ -1,4 +1,4 @@
-"""What a model's functions must be, so that an FMU can repeat them: pure, and records of numbers."""
+"""What an FMU needs of a model's functions: they must be pure and return records of numbers."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ REFUSED: dict[type[ast.AST], str] = {
 
 
 def require(model: ModuleType, tracer: Tracer) -> None:
-    """Raise SyntaxError or Untraceable for a function that the FMU would not repeat: that catches
-    errors, gives what is no number, or another value when called again with the same numbers.
+    """Raise SyntaxError or Untraceable for a function that the FMU could not repeat: one that catches
+    errors, returns something that is not a number, or returns another value for the same numbers.
     """
     known = ast.walk(ast.parse(inspect.getsource(model)))
     for node in (

@@ -1,4 +1,4 @@
-"""An .ssp, or its folder, as a System: systems flattened, connectors resolved, parameters bound."""
+"""Read an .ssp, or its folder, as a System: systems flattened, connectors resolved, parameters bound."""
 
 from __future__ import annotations
 
@@ -34,10 +34,10 @@ log = logging.getLogger("cosim")
 
 
 class Package(NamedTuple):
-    """What a file holds: the system, its default experiment and step [s], its outer connectors.
+    """The content of a file: the system, its default experiment and step [s], its outer connectors.
 
     `connectors` gives the dotted port of every connector of the outermost system that stands for
-    one variable as it is, without factor, offset or conversion of units.
+    one variable unchanged, without a factor, an offset or a conversion of units.
     """
 
     system: System
@@ -94,10 +94,10 @@ class Document(NamedTuple):
 def read_ssp(path: Path, folder: Path) -> Package:
     """Read the system of an .ssp (1.0, or 2.0 as far as that is the same), an .ssd or its folder.
 
-    Packages are unpacked into `folder`, which must be empty or not exist; what they name must be in
-    them. Inputs that nothing drives keep the start value of their FMU. A parameter that fits no
-    variable is ignored with a logged warning, as the standard asks. Raises SetupError for what is
-    invalid, too large or not supported; the folder is left as it was.
+    Packages are unpacked into `folder`, which must be empty or not exist; all files that they name must
+    be inside them. Inputs that nothing drives keep the start value of their FMU. A parameter that fits
+    no variable is ignored with a logged warning, as the standard requires. Raises SetupError for what is
+    invalid, too large or not supported; the folder is then left as it was.
     """
     path, folder = Path(path), Path(folder)
     existed = folder.exists()

@@ -1,6 +1,6 @@
-"""What an FMU for co-simulation promises and whether it keeps it, one check a promise.
+"""What an FMU for co-simulation promises and whether it keeps it, one check for each promise.
 
-Every check plays instances of the FMU by calls that the standard allows, and compares what they show.
+Every check runs instances of the FMU by calls that the standard allows, and compares their values.
 Clauses are those of FMI 2.0.4 and 3.0.2.
 """
 
@@ -42,7 +42,7 @@ RENAMED = {
 
 
 class Verdict(NamedTuple):
-    """A check, the clause it stands on, how it ended, what was found, and how to see it by hand."""
+    """A check, the clause it is based on, how it ended, what was found, and how to repeat it by hand."""
 
     check: str
     clause: str

@@ -80,8 +80,8 @@ typedef struct {
     double nominal;
 } Continuous;
 
-/* What an equation has to tell: why it has no value, and sentences for the log. Where it has none
-   for what an integrator tries, that is discarded. */
+/* What an equation reports: why it has no value, and sentences for the log. Where it has no value for
+   a state that an integrator tries, that state is discarded. */
 typedef struct {
     int failed, discarded, dropped;
     const char *why; /* the reason, where it is one without numbers */
