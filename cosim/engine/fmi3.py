@@ -48,7 +48,8 @@ class Answer(ctypes.Structure):
 class Block3(Block):
     """Variables of one type of FMI 2.0 with all elements of their arrays; Float32 are Reals too.
 
-    What an FMU with event mode takes there alone, and not before a step, is `held`; `entered` is what it took.
+    Inputs that an FMU takes only in event mode, not before a step, are `held`; `entered` are the values
+    that it took last.
     """
 
     def __init__(

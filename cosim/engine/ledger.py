@@ -146,9 +146,9 @@ def balance(ends: Iterable[End]) -> dict[str, dict[str, float]]:
 
 
 def complaints(balance: Mapping[str, Mapping[str, float]]) -> Iterator[str]:
-    """A sentence for every bond on which the coupling made a share of the energy that it carried.
+    """A sentence for every bond on which the coupling made a noticeable share of the energy carried.
 
-    What is nothing beside the energy that went to and fro is no cause for one.
+    Amounts that are negligible compared with the energy exchanged to and fro are not reported.
     """
     for bond, energy in balance.items():
         made = abs(energy["residual"])

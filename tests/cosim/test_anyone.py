@@ -658,7 +658,7 @@ REFUSED: dict[str, tuple[Callable[[dict[str, Any]], Any], str]] = {
     "no library": (lambda files: files.update({BINARY: b"no library"}), "A: Failed to load shared library"),
     "no description": (lambda files: files.pop(DESCRIPTION), "is not a valid FMU: it has no modelDescription.xml"),
     "malformed XML": (described(("</ModelVariables>", "")), "is not a valid FMU: modelDescription.xml: Opening and ending tag mismatch"),
-    "two of a name": (described(('name="integer_in"', 'name="u"')), "is not a valid FMU: it has two variables u"),
+    "two of a name": (described(('name="integer_in"', 'name="u"')), "is not a valid FMU: it has two variables named u"),
 }  # fmt: skip
 DAMAGED: dict[str, tuple[Callable[[bytes], bytes], str]] = {
     "truncated": (lambda data: data[: len(data) // 2], "is not a valid FMU: it cannot be opened as a zip file: File is not a zip file"),

@@ -143,11 +143,11 @@ def test_nothing_is_compared_in_a_gap_and_that_is_said() -> None:
         ({"y": saw(T)}, {}, "no column in common: the result has x, the reference has y"),
         ({"x": saw(T)}, {"columns": ["z"]}, "the result has no column 'z', only x"),
         ({"x": saw(T)}, {"columns": {"x": "z"}}, "the reference has no column 'z', only x"),
-        ({"x [m]": saw(T), "x [s]": saw(T)}, {}, "the reference has two columns 'x'"),
+        ({"x [m]": saw(T), "x [s]": saw(T)}, {}, "the reference has two columns named 'x'"),
         ({"x": np.where(T == 2.0, np.nan, 0.0)}, {}, "row 201: x = nan must be a finite number"),
         ({"x": np.where(T == 2.0, np.inf, 0.0)}, {}, "row 201: x = inf must be a finite number"),
         ({"x": ["jam"] * len(T)}, {}, "row 1: x = jam must be a finite number"),
-        ({"t": T + 20.0}, {}, "from 0 to 10 s and the reference from 20 to 30 s share no two rows"),
+        ({"t": T + 20.0}, {}, "from 0 to 10 s and the reference from 20 to 30 s have fewer than two rows to compare"),
         ({"t": 1.0 - T}, {}, "time 0.99 s after 1.0 s must not fall"),
         ({"x": saw(T)}, {"value": -0.1}, "the tolerance in value = -0.1 must be a finite number"),
         ({"x": saw(T)}, {"time": np.inf}, "the tolerance in time = inf must be a finite number"),
@@ -193,7 +193,7 @@ def test_the_command_tells_draws_and_has_an_exit_code(tmp_path: Path, said: Said
     said(*command, "x=pos", "--error", "x=8cm")
     said(*command, "x=pos", "--time", "0.11")
     theirs.with_suffix(".json").write_text("[]")  # of somebody else
-    assert "run.csv: x [m] cannot be told in rpm" in said(*command, "x=speed", code=2)
+    assert "run.csv: x [m] cannot be converted to rpm" in said(*command, "x=speed", code=2)
 
 
 def test_the_picture_shows_both_curves_the_band_and_the_rows_outside() -> None:

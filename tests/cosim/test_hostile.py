@@ -179,7 +179,11 @@ def test_an_fmu_is_no_bomb(name: str, tmp_path: Path, refused: Refused) -> None:
     with zipfile.ZipFile(fmu, "a") as archive:
         archive.getinfo(name).file_size = BIG
         archive.writestr("more.txt", "")
-    message = "128 MiB modelDescription.xml" if name[0] == "m" else "would be far larger unpacked"
+    message = (
+        "modelDescription.xml of more than 128 MiB"
+        if name[0] == "m"
+        else "would be far larger unpacked"
+    )
     refused(fmu, message)
 
 

@@ -299,6 +299,6 @@ def test_rows_for_which_there_is_no_room_at_the_end_are_kept_elsewhere(
     assert main(["run", str(pack(tmp_path / "A.fmu")), *told, *options[1:]]) == 1
     said = capsys.readouterr().err.splitlines()
     assert len(said) == 1
-    assert "cannot be written: No space left on device; see " in said[0]
-    assert len(pd.read_csv(said[0].partition("; see ")[2])) == 11
+    assert "cannot be written: No space left on device; the rows are in " in said[0]
+    assert len(pd.read_csv(said[0].partition("; the rows are in ")[2])) == 11
     assert [*(tmp_path / "full").iterdir()] == []

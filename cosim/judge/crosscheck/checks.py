@@ -275,7 +275,7 @@ def binary(s: Subject) -> str:
 
 
 def runs(s: Subject) -> str:
-    """Outputs that are finite numbers."""
+    """All outputs are finite numbers."""
     for k, row in enumerate(s.reference, 1):
         for v, value in zip(s.shown, row):
             if v.causality == "output" and isinstance(value, float) and not math.isfinite(value):
@@ -285,7 +285,7 @@ def runs(s: Subject) -> str:
 
 
 def starts(s: Subject) -> str:
-    """Of outputs while initialising, of parameters after it; an FMU may round them."""
+    """Exact outputs while initialising, and parameters after it; an FMU may round them."""
     exact = [
         v for v in s.description.modelVariables if v.initial == "exact" and v.start is not None
     ]
@@ -307,7 +307,7 @@ def starts(s: Subject) -> str:
 
 
 def terminates(s: Subject) -> str:
-    """The last values, which stay."""
+    """The last values remain after termination."""
     with s.running(s.steps - 1) as part:
         last = s.go(part, s.steps - 1, s.steps)
         part.end()
@@ -316,14 +316,14 @@ def terminates(s: Subject) -> str:
 
 
 def repeats(s: Subject) -> str:
-    """A second instance beside the first one's rows."""
+    """A second instance gives the rows of the first."""
     with s.running() as part:
         s.same(s.go(part, 0, s.steps), s.reference, "in a new instance")
     return f"{s.steps} rows of {len(s.shown)} variables, bit for bit"
 
 
 def looks(s: Subject) -> str:
-    """Values that are got again and again."""
+    """Getting values again does not change them."""
     with s.running() as part:
         rows: list[Row] = []
         for k in range(s.steps):
@@ -334,7 +334,7 @@ def looks(s: Subject) -> str:
 
 
 def resets(s: Subject) -> str:
-    """After a run with other parameters, if it runs with them."""
+    """A reset after a run with other parameters, if it runs with them."""
     others = [v for v in s.description.modelVariables if v.causality == "parameter"]
     values = {v: nudged(v) for v in others if v.type == "Real" and v.variability != "constant"}
     for given in ({v: x for v, x in values.items() if x is not None}, {}):
@@ -354,7 +354,7 @@ def resets(s: Subject) -> str:
 
 
 def instances(s: Subject) -> str:
-    """One beside another whose inputs are ahead, step by step in turn."""
+    """An instance stepped in turn with another one whose inputs are ahead."""
     if s.can.canBeInstantiatedOnlyOncePerProcess:
         raise NotOffered("canBeInstantiatedOnlyOncePerProcess is true")
     with s.running() as part, s.running(s.steps // 3) as other:
@@ -368,7 +368,7 @@ def instances(s: Subject) -> str:
 
 
 def states(s: Subject) -> str:
-    """Two that are kept at once, each gone back to."""
+    """Two states that are kept at the same time, and each restored."""
     s.needs("canGetAndSetFMUstate")
     third = s.steps // 3
     with s.running(third) as part:
@@ -386,7 +386,7 @@ def states(s: Subject) -> str:
 
 
 def bytes_(s: Subject) -> str:
-    """From one instance to another."""
+    """A state carried as bytes from one instance to another."""
     s.needs("canSerializeFMUstate")
     half = s.steps // 2
     with s.running(half) as part, s.running() as other:
@@ -424,8 +424,8 @@ def halves(s: Subject) -> str:
 
 
 def split(s: Subject, h: float) -> tuple[dict[str, list[float]], dict[str, list[float]]]:
-    """By Real output, in its range, from three points: what one step of 4 h and two of 2 h are apart, and
-    then one of 2 h and two of h; and how far the one step moves it.
+    """By Real output, in units of its range and summed over three points: the difference between one step
+    of 4 h and two of 2 h, then between one of 2 h and two of h; and how far the one step moves it.
     """
     apart, moved = ({name: [0.0, 0.0] for name in s.ranges} for _ in range(2))
     for n in (1, s.steps // 3, 2 * s.steps // 3):
@@ -440,7 +440,7 @@ def split(s: Subject, h: float) -> tuple[dict[str, list[float]], dict[str, list[
 
 
 def outputs(s: Subject) -> str:
-    """What an input moves in a step so short that no state can."""
+    """Which outputs an input moves in a step too short for any state to move."""
     s.needs("canHandleVariableCommunicationStepSize")
     declared = {
         u.variable.name: (u.dependencies, u.dependenciesKind) for u in s.description.outputs
@@ -470,7 +470,7 @@ def outputs(s: Subject) -> str:
 
 
 def unknowns(s: Subject) -> str:
-    """What a value moves while initialising."""
+    """Which unknowns a value moves while initialising."""
     entries = s.description.initialUnknowns
     if not entries:
         raise NotOffered("there are no InitialUnknowns")
@@ -502,7 +502,7 @@ def unknowns(s: Subject) -> str:
 
 
 def derivatives(s: Subject) -> str:
-    """While initialising by inputs and initial states, after a step by inputs."""
+    """Directional derivatives: while initialising by inputs and initial states, after a step by inputs."""
     s.needs("providesDirectionalDerivative")
     pairs = 0
     for when, x, v, told, found, error in chain(_initial_slopes(s), _later_slopes(s)):
@@ -519,7 +519,7 @@ Slope = tuple[str, ScalarVariable, ScalarVariable, float, float, float]
 
 
 def _initial_slopes(s: Subject) -> Iterator[Slope]:
-    """When, of what, by what, as the FMU has it, by differences, and the error of that."""
+    """When, of what, by what; the FMU's value, the one by differences, and the error of the latter."""
     known = [v for v in s.description.modelVariables if s.known(v) and smooth(v)]
     known = [v for v in known if v.causality != "parameter" and nudged(v) is not None]
     real = [u.variable for u in s.description.initialUnknowns if smooth(u.variable)]
@@ -556,7 +556,7 @@ def _later_slopes(s: Subject) -> Iterator[Slope]:
 
 
 def discards(s: Subject) -> str:
-    """Of one step over the whole experiment."""
+    """A step over the whole experiment, which the FMU may discard."""
     s.needs("canHandleVariableCommunicationStepSize")
     t, h = s.start, s.stop - s.start
     if s.third:
@@ -581,7 +581,7 @@ def discards(s: Subject) -> str:
 
 
 def untouched(s: Subject, t: float, h: float) -> str:
-    """By FMI 3.0 a discarded step leaves the FMU as it was."""
+    """In FMI 3.0, a discarded step leaves the FMU as it was."""
     step = f"a step of {h:g} s is"
     with s.running() as part:
         try:
@@ -595,7 +595,7 @@ def untouched(s: Subject, t: float, h: float) -> str:
 
 
 def memory(s: Subject) -> str:
-    """Resident memory over many steps, the first ones left aside."""
+    """Resident memory over many steps, ignoring the first ones."""
     used = Path("/proc/self/statm")
     if not used.exists():
         raise NotOffered("the memory of a process cannot be read here")
@@ -623,7 +623,7 @@ def memory(s: Subject) -> str:
 
 
 class Check(NamedTuple):
-    """A check, its clauses of FMI 2.0 and 3.0, what it says, and how to see by hand what it does."""
+    """A check, its clauses of FMI 2.0 and 3.0, its function, and how to repeat it by hand."""
 
     name: str
     second: str
@@ -656,7 +656,7 @@ CHECKS = {check.name: check for check in (
     Check("step size", "4.2.2", "4.2.1", halves,
           "with constant inputs: one step of 4 h against two of 2 h, one of 2 h against two of h"),
     Check("output dependencies", "2.2.8", "2.4.8", outputs,
-          "a step of h / 1024 with one value of an input and, in an equal instance, with another; the same with h / 64"),
+          "a step of h / 1024, and in an equal instance with another input; the same with h / 64"),
     Check("initial dependencies", "2.2.8", "2.4.8", unknowns,
           "enter initialization mode, set one value, get the InitialUnknowns; the same without setting"),
     Check("directional derivatives", "2.1.9", "2.2.12.1", derivatives,
