@@ -94,7 +94,7 @@ class Diagnosis:
             else:
                 yield (
                     "The damping cannot be determined: it still changes with the step, or with how long "
-                    "the motion is observed, as it does where there is next to none. Try a shorter step."
+                    "the motion is observed, as it does where there is next to none; try a shorter step."
                 )
             return
         else:

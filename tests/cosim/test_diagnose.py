@@ -248,7 +248,7 @@ DRAWN = [
 def test_a_centre_has_no_damping(
     algorithm: str, step: float, settle: float, numbers: tuple[float, ...], half: Path
 ) -> None:
-    """Hunters and prey go round on the orbit on which they are: plain words, and no number."""
+    """Hunters and prey go round on the orbit on which they are: one sentence, and no number."""
     system = hunt(half, *numbers)
     got = diagnose(system, step=step, algorithm=algorithm, settle=settle)
     assert got.recommended_step is None

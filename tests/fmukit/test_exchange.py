@@ -310,7 +310,7 @@ REFUSED: tuple[tuple[str, Callable[[Model], Any], str], ...] = (
     ("time", lambda m: m.fmi.setContinuousStates(pointer(np.zeros(3)), 3),
      "setContinuousStates takes all 2 values at once, not 3"),
     ("time", lambda m: m.fmi.getEventIndicators(pointer(np.zeros(3)), 3),
-     "getEventIndicators is for all 0 at once, not for 3"),
+     "getEventIndicators takes all 0 values at once, not 3"),
     ("time", lambda m: m.set(w=1.0),
      "w = 1.0 rad/s cannot be set: continuous output, in continuous-time mode"),
 )  # fmt: skip
