@@ -16,7 +16,7 @@ from .part import Block, Part
 
 
 class Node(NamedTuple):
-    """What an output was at a time [s], and its rate where the FMU tells it."""
+    """What an output was at a time [s], and its rate where the FMU gives it."""
 
     time: float
     value: float

@@ -72,7 +72,7 @@ class Settings(NamedTuple):
                 raise SetupError(f"{name} = {value!r} s must be above 0")
             if value < SHORTEST_TIME * max(abs(self.start), abs(self.stop)):
                 raise SetupError(
-                    f"{name} = {value!r} s is too short: its times would round to the same number"
+                    f"{name} = {value!r} s is too short: its times would differ only by rounding"
                 )
         if self.stop <= self.start:
             raise SetupError(f"stop = {self.stop!r} s must be after start = {self.start!r} s")

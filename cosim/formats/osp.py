@@ -299,7 +299,7 @@ def _initial(values: Element, port: Port, value: Value) -> None:
 def _connection(
     functions: Element, connections: Element, wire: Connection, name: str, bond: str | None
 ) -> None:
-    """One connection, or two over a function. That of a bond tells what libcosim's ECCO takes for its
+    """One connection, or two over a function. That of a bond states what libcosim's ECCO takes for its
     ends' causality: a source is an input.
     """
     if wire.source.type == "Enumeration":
