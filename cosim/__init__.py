@@ -1,4 +1,4 @@
-"""Couple co-simulation FMUs of FMI 2.0 and 3.0: a system of parts and wires, and the error of its coupling."""
+"""Couple co-simulation FMUs of FMI 2.0 and 3.0: systems of parts and wires, and their coupling errors."""
 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
@@ -52,7 +52,7 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    """Load what identifies when it is asked for: it stands on more of scipy than most runs take time."""
+    """Load the identification only on request: importing its parts of scipy takes longer than most runs."""
     if name in HOMES:
         return getattr(import_module(f"{__name__}.identification.{HOMES[name]}"), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -29,7 +29,7 @@ from .formats.ssp.write import write_ssp
 from .formats.values import read_values
 from .inputs import Table
 from .judge import describe
-from .judge.certify import SUMMARY, Estimate, by_rows, certify, summary
+from .judge.certify import SUMMARY, UNKNOWN, Estimate, by_rows, certify, summary
 from .judge.compare import SHARE, compare
 from .judge.crosscheck import crosscheck
 from .judge.crosscheck.report import writer
@@ -157,62 +157,63 @@ def parser() -> Parser:
             one.add_argument("--strict", action="store_true", help=text)
         return one
 
-    command("info", show, "what a system is made of")
-    stepping(command("check", examine, "what stands in the way of a run, without running"))
+    command("info", show, "show what a system is made of")
+    stepping(command("check", examine, "check whether a system can run, without running it"))
     one = command("run", simulate, "run a system and write its rows")
     stepping(one)
-    one.path("--out", ".csv or .parquet; JSON with units and provenance beside it")
-    one.number(
-        "--timeout", "longest time of a step before it is ended [s]; none by default", math.inf
-    )
+    one.path("--out", ".csv or .parquet file; a JSON file next to it gives units and provenance")
+    one.number("--timeout", "longest time that a step may take [s]; no limit by default", math.inf)
     one.add_argument(
-        "--part", metavar="NAME", help="write this part's columns only, under their bare names"
+        "--part", metavar="NAME", help="write only this part's columns, under their bare names"
     )
-    one.path("--plot", "image of all columns")
-    text = "run with smaller steps too, tell coupling errors"
+    one.path("--plot", "image file with a plot of all columns")
+    text = "also run with smaller steps and state the coupling errors"
     one.add_argument("--certify", action="store_true", help=text)
 
-    one = command("diagnose", measure, "what the coupling does to the damping")
+    one = command("diagnose", measure, "measure what the coupling does to the damping")
     shared(one, "--step", "--algorithm")
-    one.number("--share", "artificial damping allowed, of the real one", 0.05)
-    one.number("--settle", "time [s] to a steady motion before the measurement", 0.0)
+    one.number("--share", "artificial damping allowed, as a share of the real damping", 0.05)
+    one.number("--settle", "time [s] to settle before the measurement", 0.0)
 
-    one = command("oracle", judge, "the true errors of a run, from model exchange")
+    one = command("oracle", judge, "find the true errors of a run by model exchange")
     shared(one, "--start", "--stop", "--step", "--algorithm")
-    text = "integrator; the last two if stiff"
+    text = "integrator; the last two are for stiff systems"
     one.add_argument("--method", choices=METHODS, default=METHODS[0], help=text)
     shared(one, "--record")
-    one.path("--out", ".csv or .parquet of the oracle's rows")
+    one.path("--out", ".csv or .parquet file for the oracle's rows")
     one.set_defaults(adaptive=None, output_step=None, plot=None, part=None, certify=True)
 
     one = command("export", export, "write a system in another format")
     formats = ("ssp", "osp", "container")
     one.add_argument("--to", choices=formats, required=True, help="format")
-    one.path("--out", "file, or folder for osp", required=True)
+    one.path("--out", "file to write, or folder for osp", required=True)
     one.number("--step", "communication step [s]")
 
-    one = command("crosscheck", cross, "whether an FMU keeps what it promises", file=False)
+    one = command("crosscheck", cross, "check whether an FMU keeps its promises", file=False)
     one.path("fmu", "a co-simulation FMU of FMI 2.0 or 3.0", metavar="fmu")
-    one.number("--step", "communication step [s]; the FMU's by default")
-    one.number("--timeout", "longest time of a check [s]", 60.0)
-    one.several("--out", "report: .txt, .xml (JUnit) or .html", metavar="FILE", type=Path)
+    one.number("--step", "communication step [s]; by default the one the FMU prefers")
+    one.number("--timeout", "longest time that a check may take [s]", 60.0)
+    one.several("--out", "report file: .txt, .xml (JUnit) or .html", metavar="FILE", type=Path)
 
-    one = command("compare", beside, "whether a result stays beside a reference", file=False)
-    one.path("result", ".csv or .parquet, its first column the time", metavar="result")
-    one.path("reference", "the same: another result, or a measurement", metavar="reference")
+    one = command(
+        "compare", beside, "check whether a result stays close to a reference", file=False
+    )
+    one.path("result", ".csv or .parquet file whose first column is the time", metavar="result")
+    one.path("reference", "likewise: another result or a measurement", metavar="reference")
     text = (
-        "columns of result and reference, w=n:rpm or tau=M*0.73:N.m; by default, those of one name"
+        "columns of result and reference, w=n:rpm or tau=M*0.73:N.m; "
+        "by default, all columns with the same name"
     )
     one.several("--map", text, metavar="NAME=COLUMN")
-    one.number("--value", "half the height of the band, of the reference's range", SHARE)
-    one.number("--time", f"half the width of the band [s]; {SHARE} of the time by default")
-    text = "error of a column, in the reference's unit or as in 7.3rpm"
+    one.number("--value", "half the height of the band, as a share of the reference's range", SHARE)
+    one.number("--time", f"half the width of the band [s]; {SHARE} of the time compared by default")
+    text = "error of a column, in the reference's unit or with its own, as in 7.3rpm"
     one.several("--error", text, metavar="NAME=VALUE")
-    text = "compare nothing between rows of the reference further apart [s]; none by default"
+    text = "skip gaps longer than this between rows of the reference [s]; no limit by default"
     one.number("--gap", text, math.inf)
-    one.path("--plot", "image of the curves and their bands")
+    one.path("--plot", "image file with a plot of the curves and their bands")
 
-    one = command("verify", verify, "test the master against closed solutions", file=False)
+    one = command("verify", verify, "test the master against closed-form solutions", file=False)
     one.path(
         "fmu", f"LinearSystem.fmu, by default {EXACT}", metavar="fmu", nargs="?", default=EXACT
     )
@@ -224,9 +225,9 @@ def shared(one: Parser, *options: str) -> None:
     told: dict[str, dict[str, Any]] = {
         "--start": {"type": number, "metavar": "NUMBER", "help": "start time [s]; the file's by default"},
         "--stop": {"type": number, "metavar": "NUMBER", "help": "stop time [s]; the file's by default"},
-        "--step": {"type": number, "metavar": "NUMBER", "help": "communication step [s]; the file's, or the FMUs', by default"},
+        "--step": {"type": number, "metavar": "NUMBER", "help": "communication step [s]; by default the file's, or the one the FMUs prefer"},
         "--algorithm": {"choices": ALGORITHMS, "default": "strang", "help": "coupling algorithm"},
-        "--record": {"type": names, "metavar": "LIST", "help": "columns by dotted names, a,b,c; all outputs by default"},
+        "--record": {"type": names, "metavar": "LIST", "help": "columns to record, by dotted names a,b,c; all outputs by default"},
     }  # fmt: skip
     for option in options:
         one.add_argument(option, **told[option])
@@ -235,7 +236,11 @@ def shared(one: Parser, *options: str) -> None:
 def stepping(one: Parser) -> None:
     """The options of how a system is stepped."""
     shared(one, "--start", "--stop", "--step")
-    one.number("--adaptive", "choose steps for this coupling error", metavar="TOLERANCE")
+    one.number(
+        "--adaptive",
+        "choose the steps so that the coupling error stays within this tolerance",
+        metavar="TOLERANCE",
+    )
     shared(one, "--algorithm")
     add = one.add_argument
     add("--order", type=names, metavar="LIST", help="order in which parts step: a,b,c")
@@ -246,14 +251,18 @@ def stepping(one: Parser) -> None:
         metavar="N",
         help="polynomial order of inputs within a step",
     )
-    one.several("--substeps", "steps within a step", metavar="PART=N")
-    one.number("--tolerance", "relative tolerance handed to the FMUs")
-    one.path("--input", "CSV of inputs over time, its first column the time [s]")
-    one.several("--map", "input and its column", metavar="NAME=COLUMN")
-    add("--held", action="store_true", help="hold values of --input to the next row, no lines")
-    one.several("--at", "change on the way", metavar="'TIME NAME=VALUE'")
+    one.several("--substeps", "sub-steps of a part within a communication step", metavar="PART=N")
+    one.number("--tolerance", "relative tolerance passed to the FMUs")
+    one.path("--input", "CSV file of inputs over time; its first column is the time [s]")
+    one.several("--map", "input, and the column that drives it", metavar="NAME=COLUMN")
+    add(
+        "--held",
+        action="store_true",
+        help="hold the values of --input until the next row; do not interpolate",
+    )
+    one.several("--at", "change during the run", metavar="'TIME NAME=VALUE'")
     shared(one, "--record")
-    one.number("--output-step", "distance of rows [s]; every step by default")
+    one.number("--output-step", "time between rows [s]; a row at every step by default")
 
 
 def times(task: Task, options: argparse.Namespace) -> tuple[float, float]:
@@ -296,7 +305,7 @@ def examine(options: argparse.Namespace) -> int:
         way = settings(task, options)
         errors, notes = list(problems(task.network, way)), list(describe.notes(task.network, way))
         if task.package.step is not None:
-            notes.append(f"communication step: {task.package.step!r} s, which the file gives")
+            notes.append(f"communication step: {task.package.step!r} s, given by the file")
     for note in notes:
         print(note)
     for error in errors:
@@ -359,7 +368,7 @@ def keep(result: Result, path: Path, part: str | None) -> None:
         other = Path(mkdtemp(prefix="rows_")) / f"{path.stem}.csv"
         result.write(other, part=part)
         raise OSError(
-            f"{path} cannot be written: {error.strerror or error}; see {other}"
+            f"{path} cannot be written: {error.strerror or error}; the rows are in {other}"
         ) from error
 
 
@@ -498,14 +507,14 @@ def truth(task: Task, options: argparse.Namespace, lone: Sequence[str]) -> int:
     if options.out is not None:
         result.write(options.out)
     print(
-        f"the oracle's figures; no run beside them, since {', '.join(lone)} offers no co-simulation"
+        f"the oracle's figures, with no run to compare: {', '.join(lone)} offers no co-simulation"
     )
     figures = summary(result)
     between, off = by_rows(summary, result, figures), result.provenance["errors"]
     rows = []
     for name, column in summed(result):
         error = None if (gap := between[name]) is None else gap + off[column]
-        found = Estimate(figures[name], error, math.nan, reason="it cannot be told from fewer rows")
+        found = Estimate(figures[name], error, math.nan, reason=UNKNOWN)
         rows.append((name, found.text(result.units[column])))
     table(rows)
     warn(result)
@@ -564,7 +573,7 @@ def verify(options: argparse.Namespace) -> int:
     from .verification import main as verified
 
     if not options.fmu.is_file():
-        raise SetupError(f"there is no file {options.fmu}, which build_fmus.py makes")
+        raise SetupError(f"there is no file {options.fmu}; build_fmus.py makes it")
     return 0 if verified(options.fmu) else 1
 
 

@@ -1,4 +1,4 @@
-"""What command lines share: bad input is one line, and every way to end has its exit code."""
+"""Shared by the command lines: one line for bad input, and an exit code for every kind of end."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from .system import Value
 
 
 class Help(argparse.HelpFormatter):
-    """Tells defaults as a person writes them, and none where there is none."""
+    """Shows defaults as a person would write them, and omits them where there are none."""
 
     def _get_help_string(self, action: argparse.Action) -> str | None:
         default = (
@@ -57,12 +57,12 @@ def number(text: str) -> float:
         return float(text)
     except ValueError:
         other = "; start values are given with --set" if "=" in text else ""
-        raise argparse.ArgumentTypeError(f"{text!r} is no number{other}") from None
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number{other}") from None
 
 
 def exit_code(action: Callable[[], int]) -> int:
-    """What the action returns; 1 for a run that failed on the way or a file that cannot be written, 2 for
-    bad input, 130 for Ctrl-C and the like, 141 where nobody reads the output any more.
+    """What the action returns; 1 for a run that failed or a file that cannot be written, 2 for bad input,
+    130 for Ctrl-C and the like, 141 if nobody reads the output any more.
     """
     try:
         with heard(signal.default_int_handler):
@@ -83,7 +83,7 @@ def exit_code(action: Callable[[], int]) -> int:
         print(f"error: {where}{error.strerror or error}", file=sys.stderr)
         return 1
     except KeyboardInterrupt as interrupt:
-        kept = f", what was computed is kept: {interrupt}" if interrupt.args else ""
+        kept = f"; what was computed is kept: {interrupt}" if interrupt.args else ""
         print(f"interrupted{kept}", file=sys.stderr)
         return 130
 

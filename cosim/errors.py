@@ -1,18 +1,18 @@
-"""What can go wrong: a system that cannot be run, or a call into an FMU."""
+"""The errors: a system that cannot be run, or a failed call into an FMU."""
 
 from __future__ import annotations
 
 
 class SetupError(ValueError):
-    """The system or the settings are refused before the first step."""
+    """The system or the settings were refused before the first step."""
 
 
 class PartFailure(RuntimeError):
-    """A call into an FMU failed; the text names the part, the call and the FMU's reason."""
+    """A call into an FMU failed; the text gives the part, the call and the FMU's reason."""
 
 
 class Discarded(PartFailure):
-    """A part computed a step only to the time `reached` [s]."""
+    """A part computed a step only up to the time `reached` [s]."""
 
     def __init__(self, message: str, reached: float) -> None:
         super().__init__(message)
@@ -20,15 +20,15 @@ class Discarded(PartFailure):
 
 
 class Met(Discarded):
-    """A part met an event at the time `reached` [s], where the others are to stop too."""
+    """A part met an event at the time `reached` [s], where the others must stop too."""
 
 
 class NotFinite(PartFailure):
-    """A value that a wire or a row was to carry is not a finite number."""
+    """A value for a wire or a row is not a finite number."""
 
 
 class Ended(PartFailure):
-    """A part ended the simulation of its own accord."""
+    """A part ended the simulation itself."""
 
 
 def counted(number: int, noun: str) -> str:

@@ -1,6 +1,6 @@
-"""Figures of a column that look between its rows, on a cubic spline through them.
+"""Figures of a column, taken on a cubic spline through its rows.
 
-t are times [s] and x values, shape (rows,); rows that repeat a time are left out.
+t are times [s] and x values, both of shape (rows,). Of rows with the same time, the last one counts.
 """
 
 from __future__ import annotations
@@ -84,8 +84,8 @@ def _distinct(t: Rows, x: Rows) -> tuple[Rows, Rows]:
 def _top(t: Rows, x: Rows) -> tuple[float, float]:
     """The largest value and its time.
 
-    The spline may rise above the rows by no more than the bend of a smooth peak allows: it would
-    beside a jump.
+    The spline may rise above the rows by no more than the curvature of a smooth peak allows, since it
+    overshoots next to a jump.
     """
     t, x = _distinct(t, x)
     row = int(np.argmax(x))

@@ -1,4 +1,4 @@
-"""What drives a free input over time: a table of measurements, a function, changes at a time."""
+"""What drives a free input over time: a table of measurements, a function, or changes at given times."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ GAUSS = 0.5 / math.sqrt(3.0)
 
 
 class Reading(NamedTuple):
-    """A column of a file, and how its numbers are read: factor * number + offset, in a unit if told."""
+    """A column of a file and how to read its numbers: factor * number + offset, in a unit if given."""
 
     name: str
     factor: float = 1.0
@@ -38,7 +38,7 @@ class Reading(NamedTuple):
     def read(cls, text: str, names: Sequence[str], where: str) -> Reading:
         """The column of "M", or of "M * 0.73 + 5:N.m", which scales it and gives it a unit.
 
-        Raises SetupError for a column that `where` does not have or has twice, and for a factor of 0.
+        Raises SetupError for a column that `where` lacks or has twice, and for a factor of 0.
         """
         text = text.strip()
         scaled, colon, unit = text.rpartition(":")
@@ -59,12 +59,12 @@ class Reading(NamedTuple):
 
 
 class Table:
-    """An input's values over time [s]: on lines between the rows, or `held` from each row on.
+    """An input's values over time [s], interpolated linearly or `held` from each row to the next.
 
-    Times must not fall; two rows of one time are a jump. `unit` is that of the values, where it is
-    not the input's own: its display units and all units that an FMU of the system defines are
-    known. `times` and `values` may be lists, NumPy arrays or columns of a pandas frame. `source`
-    says where they come from. Raises SetupError for what makes no table.
+    Times must not fall; two rows at the same time are a jump. `unit` is the unit of the values if it
+    is not the input's own. It may be one of the input's display units or any unit that an FMU of the
+    system defines. `times` and `values` may be lists, NumPy arrays or columns of a pandas frame.
+    `source` says where they come from. Raises SetupError if they do not make a table.
     """
 
     def __init__(
@@ -82,7 +82,7 @@ class Table:
         what = source or "a table"
         if not self.times or len(self.times) != len(self.values):
             raise SetupError(
-                f"{what}: {len(self.times)} times and {len(self.values)} values are not rows"
+                f"{what}: {len(self.times)} times and {len(self.values)} values do not make rows"
             )
         for before, t in zip([-math.inf, *self.times], self.times):
             if not before <= t < math.inf:
@@ -94,11 +94,12 @@ class Table:
     def read(
         cls, path: Path | str, column: str, *, unit: str | None = None, held: bool = False
     ) -> Table:
-        """A column of a CSV file, whose first column is the time [s]: its name, or "M * 0.73:N.m".
+        """Read a column of a CSV file whose first column is the time [s].
 
-        A header may give a unit, "torque [N.mm]", which holds unless another is given here. A table
-        that is `held` may have truth values and texts. Raises SetupError with file and line for what
-        is no number otherwise.
+        `column` is its name, or "M * 0.73:N.m" to scale it and give its unit. A header may give a
+        unit too, "torque [N.mm]", which applies unless another is given here. A table that is `held`
+        may contain truth values and texts. Raises SetupError with file and line for anything else
+        that is not a number.
         """
         header, *rows = read_table(path)
         (_, time), *heads = [match.groups() for match in map(COLUMN.fullmatch, header) if match]
@@ -137,7 +138,7 @@ class Table:
         return other
 
     def between(self, first: float, last: float) -> Table:
-        """The rows between two times [s]; raises SetupError if there are none."""
+        """The rows between two times [s]; raises SetupError if there are no such rows."""
         rows = [(t, v) for t, v in zip(self.times, self.values) if first <= t <= last]
         if not rows:
             raise SetupError(
@@ -160,7 +161,7 @@ class Table:
         return float(total / h)
 
     def rise(self, t: float, h: float) -> float:
-        """By how much the value rises from t to t + h [s], jumps left aside."""
+        """By how much the value rises from t to t + h [s], not counting jumps."""
         return float(sum(self._on(n, b) - self._on(n, a) for n, a, b in self._pieces(t, t + h)))
 
     def _pieces(self, begin: float, end: float) -> Iterator[tuple[int, float, float]]:
@@ -204,8 +205,8 @@ class Table:
 
 
 def separator(path: Path | str) -> str:
-    """What stands between the cells of a CSV file: a semicolon or a tab if its first line has one, as
-    where the comma is a decimal one; else a comma.
+    """The separator of a CSV file: a semicolon or a tab if its first line contains one, as in files
+    with decimal commas, else a comma.
     """
     with Path(path).open(encoding="utf-8-sig") as file:
         first = file.readline()
@@ -213,7 +214,7 @@ def separator(path: Path | str) -> str:
 
 
 def read_table(path: Path | str) -> list[list[str]]:
-    """The cells of a CSV file, one row at least; raises SetupError if it is none."""
+    """The cells of a CSV file, at least one row; raises SetupError if it cannot be read."""
     try:
         mark = separator(path)
         with Path(path).open(newline="", encoding="utf-8-sig") as file:

@@ -50,20 +50,21 @@ def run(
     csv: Path | str | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> Result:
-    """Simulate from `start` to `stop` [s] with communication steps of `step` [s], or adaptive ones.
+    """Simulate from `start` to `stop` [s] with communication steps of `step` [s], or adaptive steps.
 
-    `order` is the order in which Gauss-Seidel and Strang step the parts (default: each after the
-    parts it hears, else as declared). With `input_order` above 0, Real inputs move within a step on
-    polynomials of that order; `substeps` gives parts several steps of their own within one;
-    `tolerance` is handed to the FMUs.
+    `order` is the order in which Gauss-Seidel and Strang step the parts. By default each part steps
+    after those that drive it, or as declared where that is impossible. With `input_order` above 0,
+    Real inputs follow polynomials of that order within a step. `substeps` gives the number of
+    sub-steps that a part takes within a communication step. `tolerance` is passed to the FMUs.
 
-    Rows are the values at every communication point, or at every `output_step` [s] and at changes
-    of a recorded discrete variable; `record` names the columns (default: all outputs). With `csv`
-    they stream to this file, which no other run may write meanwhile. `progress` is called with the
-    share of the run that is done.
+    There is a row at every communication point, or at every `output_step` [s] and at changes of a
+    recorded discrete variable. `record` lists the columns (default: all outputs). With `csv`, the
+    rows are streamed to this file, which no other run may write at the same time. `progress` is
+    called with the fraction of the run that is done.
 
-    What FMUs warn of is in the result, and as it comes in the log "cosim" unless that is `quiet`.
-    Raises SetupError before the first step; SimulationError or Interrupted with the rows so far.
+    Warnings of the FMUs are in the result. They are also logged under "cosim" as they occur, unless
+    `quiet` suppresses them. Raises SetupError before the first step, and later SimulationError or
+    Interrupted with the rows so far.
     """
     network = connect(system)
     rates = dict(substeps or {})
@@ -123,7 +124,7 @@ def run(
             heard += [f"{part.name}: {text}" for part in parts.values() for text in part.warnings]
             heard += around.warnings
             if not ports:
-                heard.append("no FMU has an output that could be recorded: the rows hold the time")
+                heard.append("no FMU has an output to record: the rows contain only the time")
             end = {"status": status, "reason": reason, "reached": run.t, "rows": recorder.count}
             end |= {"bonds": energy, "warnings": [*heard, *complaints(energy)]}
             end |= {"wall_time": clock.perf_counter() - began}
@@ -137,7 +138,7 @@ def run(
 
 
 def problems(network: Network, settings: Settings) -> Iterator[str]:
-    """What keeps these FMUs from being run in this way."""
+    """The reasons why this system cannot be run with these settings."""
     start, stop, step, algorithm = settings.start, settings.stop, settings.step, settings.algorithm
     order, input_order, tolerance = settings.order, settings.input_order, settings.tolerance
     try:
@@ -165,7 +166,7 @@ def problems(network: Network, settings: Settings) -> Iterator[str]:
     for name, description in network.descriptions.items():
         twin = by_guid.setdefault(description.guid, name)
         if twin != name and description.coSimulation.canBeInstantiatedOnlyOncePerProcess:
-            yield f"{name}: its FMU lives only once in a process, and {twin} is another of it"
+            yield f"{name}: its FMU allows only one instance per process, and {twin} is another"
     lost = lacking(network.descriptions, STATE)
     steady = lacking(network.descriptions, VARIABLE_STEP)
     if algorithm == "iterated":
@@ -175,7 +176,7 @@ def problems(network: Network, settings: Settings) -> Iterator[str]:
         for loop in algebraic_loops(network):
             yield (
                 f"algebraic loop: {describe(loop)} act on each other at once; "
-                f"{algorithm} cannot solve that, iterated can"
+                f"{algorithm} cannot solve that, but iterated can"
             )
     if isinstance(step, Adaptive):
         for name in steady:
@@ -188,7 +189,7 @@ def problems(network: Network, settings: Settings) -> Iterator[str]:
         watched = [p.name for ports in shown(network).values() for p in ports if p.type == "Real"]
         for name in step.absolute:
             if name not in watched:
-                yield f"absolute tolerance of {name}: only {', '.join(watched)}"
+                yield f"absolute tolerance of {name}: only {', '.join(watched)} can have one"
     elif steady:
         moving, times = [port for port, _ in fed(network)], {"stop": [stop]}
         for port, profile in network.inputs:
@@ -208,7 +209,7 @@ def problems(network: Network, settings: Settings) -> Iterator[str]:
 
 
 def stepping_order(network: Network, order: Sequence[str] | None) -> list[str]:
-    """The parts, each after those it hears where the wires allow it, else as declared."""
+    """The parts, each after those that drive it where the wires allow it, else as declared."""
     if order is not None:
         return list(order)
     parts = list(network.descriptions)
@@ -241,7 +242,7 @@ def _identity(part: Part, path: Path) -> dict[str, Any]:
 
 @cache
 def versions() -> dict[str, str]:
-    """Versions of what a result depends on; scipy, which only judges results, may be missing."""
+    """The versions that a result depends on; scipy is optional, since it only serves to judge results."""
     packages = [name for name in ("fmpy", "numpy", "scipy") if find_spec(name)]
     return {
         "python": platform.python_version(),

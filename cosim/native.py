@@ -100,7 +100,7 @@ def _family(variable: ScalarVariable, said: Any) -> list[Element]:
     starts = starts * count if len(starts) == 1 else starts or [None] * count
     if len(starts) != count:
         raise SetupError(
-            f"is not a valid FMU: {variable.name} has {count} elements and {len(starts)} starts"
+            f"is not a valid FMU: {variable.name} has {count} elements and {len(starts)} start values"
         )
     family = [Element(variable, *each, said) for each in zip(places, starts)]
     for element in family:

@@ -1,4 +1,4 @@
-"""Columns with units and provenance: what a run gives, whole or stopped half-way."""
+"""The result of a run, complete or stopped early: columns with units, and provenance."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ SHOWN = 6
 
 
 class Result:
-    """Rows of a run, read from their file when they are asked for if they were streamed there."""
+    """Rows of a run; rows streamed to a file are read from it on first use."""
 
     def __init__(
         self,
@@ -76,13 +76,13 @@ class Result:
 
     @property
     def warnings(self) -> list[str]:
-        """What the parts warned of, "part: sentence", and bonds on which the coupling made energy."""
+        """Warnings of the parts, as "part: sentence", and of bonds in which the coupling created energy."""
         warnings: list[str] = self.provenance["warnings"]
         return warnings
 
     @property
     def energy(self) -> dict[str, dict[str, float]]:
-        """By power bond: the energy `given`, `taken`, their `residual`, and what went to and fro [J]."""
+        """By power bond: the energy `given` and `taken`, their `residual`, and the energy exchanged [J]."""
         bonds: dict[str, dict[str, float]] = self.provenance["bonds"]
         return bonds
 
@@ -94,10 +94,10 @@ class Result:
         return pd.DataFrame(self.data, columns=self.columns)
 
     def write(self, path: Path | str, part: str | None = None) -> None:
-        """Write NAME.csv or NAME.parquet, and units and provenance to NAME.json, both whole or none.
+        """Write NAME.csv or NAME.parquet, with units and provenance in NAME.json: both files or neither.
 
-        With a part, only its columns, under their bare names. Raises SetupError for another suffix
-        or a part without columns, OSError if there is no room.
+        With a part, only its columns are written, under their bare names. Raises SetupError for any
+        other suffix or a part without columns, and OSError if there is no room.
         """
         path, frame, units = Path(path), self.frame, self.units
         if part is not None:
@@ -132,7 +132,7 @@ class Result:
     def plot(
         self, names: Sequence[str] | str | None = None, path: Path | str | IO[bytes] | None = None
     ) -> Figure:
-        """The columns over time, those of one unit in one axis; written to a file if asked."""
+        """Plot the columns over time, one axis per unit; `path` also writes the figure to a file."""
         from matplotlib.figure import Figure
 
         names = self.columns[1:] if names is None else names
@@ -158,7 +158,7 @@ class Result:
 
 
 class SimulationError(RuntimeError):
-    """A part failed on the way; `result` holds every row up to there."""
+    """A part failed during the run; `result` contains all rows up to then."""
 
     def __init__(self, message: str, result: Result) -> None:
         super().__init__(message)
@@ -166,7 +166,7 @@ class SimulationError(RuntimeError):
 
 
 class Interrupted(KeyboardInterrupt):
-    """Ctrl-C; `result` holds every row up to there."""
+    """The run was interrupted by Ctrl-C; `result` contains all rows up to then."""
 
     def __init__(self, message: str, result: Result) -> None:
         super().__init__(message)

@@ -1,6 +1,6 @@
-"""Where files on the way lie: in a folder of this process, which goes with it.
+"""A folder for temporary files of this process, which is removed when the process ends.
 
-A process that is killed leaves its folder behind, but no longer locks it: the next process that needs a
+A process that is killed leaves its folder behind but no longer locks it. The next process that needs a
 folder removes it.
 """
 
@@ -51,7 +51,7 @@ def _remove(folder: Path, lock: int | None) -> None:
 
 
 def _locked(folder: Path) -> int:
-    """What holds a folder until it is closed; raises BlockingIOError if another process holds it."""
+    """Lock a folder until the lock is closed; raises BlockingIOError if another process has locked it."""
     if sys.platform == "win32":
         import msvcrt
 

@@ -1,4 +1,4 @@
-"""A system is a value: parts, wires, start values. Connecting it checks every name and unit."""
+"""A system is a value: parts, wires and start values. Connecting it checks every name and unit."""
 
 from __future__ import annotations
 
@@ -51,11 +51,11 @@ PART = re.compile(rf"{PIECE}(\.{PIECE})*")
 
 
 class Wire(NamedTuple):
-    """A wire as a value, whose ends may have any names: "motor.tau" or ("motor", "tau").
+    """A wire as a value. Its ends may have any names: "motor.tau" or ("motor", "tau").
 
-    Factor and offset are those of the source's unit. Unless it `converts`, the target takes the
-    number as it stands, whatever the units. A wire that `adds` brings its value on top of those of the
-    wires before it into the same input.
+    Factor and offset apply in the source's unit. Unless the wire `converts`, the target takes the
+    number unchanged, whatever the units. A wire that `adds` is added to the earlier wires into the
+    same input.
     """
 
     source: Name
@@ -74,7 +74,7 @@ class Wire(NamedTuple):
 
     @classmethod
     def read(cls, text: str) -> Wire:
-        """The wire of a text; raises SetupError if it is none."""
+        """Read a wire from text; raises SetupError if it is not one."""
         match = WIRE.fullmatch(text)
         if match is None:
             raise SetupError(
@@ -99,18 +99,18 @@ def dotted(name: Name) -> str:
 class System:
     """FMU files by part name, wires, start values by variable.
 
-    A wire reads "motor.tau -> conveyor.tau", or with a factor and an offset in the source's unit
+    A wire reads "motor.tau -> conveyor.tau" or, with a factor and an offset in the source's unit,
     "cam.w * 2.5 + 0.1 -> rotor.w". Convertible units are converted (rpm -> rad/s). With "=>" the
-    target takes the number as it stands, whatever the units. A `Wire` says
-    the same as a value, for names with a blank, * or +. Two terminals are joined by
-    "motor.flange -- conveyor.flange": a wire for each member that both have, from the output to the
-    input. A bond names two outputs that are wired
-    there and back and multiply to a power: "motor.tau * conveyor.w". Wires whose units show a bond
-    beyond doubt need not be named. A part of a subsystem has a dotted name, "line.motor".
+    target takes the number unchanged, whatever the units. A `Wire` is the same as a value; names
+    with a blank, * or + need it. "motor.flange -- conveyor.flange" joins two terminals: it stands
+    for a wire for each member that both have, from the output to the input. A bond names two outputs
+    that are wired there and back and whose product is a power: "motor.tau * conveyor.w". Bonds that
+    are clear from the units of the wires need not be named. A part of a subsystem has a dotted name,
+    "line.motor".
 
     `inputs` are inputs over time by variable: a Table, or a function of time [s]. A change of an
-    input or a tunable parameter reads "at 2 s motor.A = 7500". Within a step a Real input is held at
-    its mean, or moves on a line where its FMU can; all else changes between steps.
+    input or a tunable parameter reads "at 2 s motor.A = 7500". Within a step, a Real input is held at
+    its mean, or follows a line if its FMU can interpolate; everything else changes between steps.
     """
 
     parts: Mapping[str, Path]
@@ -163,7 +163,7 @@ class Connection(NamedTuple):
 class Fmu(NamedTuple):
     """A model description, its variables by name, its units in SI base units by name.
 
-    `blemish` says what is wrong in it but does not touch a run. `terminals` are the variables of each
+    `blemish` says what is wrong in it but does not affect a run. `terminals` are the variables of each
     terminal by member, `shapes` the dimensions of arrays, of which the elements are variables.
     """
 
@@ -196,7 +196,7 @@ class Network:
 
     @cached_property
     def blemishes(self) -> dict[str, str]:
-        """By part what is wrong in its model description but does not touch a run."""
+        """By part, what is wrong in its model description but does not affect a run."""
         return {name: fmu.blemish for name, fmu in self.fmus.items() if fmu.blemish}
 
     def sums(self) -> dict[str, list[Connection]]:
@@ -243,9 +243,10 @@ class Network:
 def connect(system: System) -> Network:
     """Check a system against the model descriptions of its FMUs.
 
-    Raises SetupError for a file that is no FMU of FMI 2.0 or 3.0, an unknown part or variable, a wire
-    of wrong direction, type or unit, an input driven twice, and a start value that is not finite,
-    out of bounds or cannot be set. Parts may be for model exchange only: `run` refuses them.
+    Raises SetupError for a file that is not an FMU of FMI 2.0 or 3.0, an unknown part or variable, a
+    wire with the wrong direction, type or unit, an input driven twice, and a start value that is not
+    finite, out of bounds or cannot be set. Parts for model exchange only are accepted; `run` refuses
+    them.
     """
     if not system.parts:
         raise SetupError("a system needs a part")
@@ -259,7 +260,7 @@ def connect(system: System) -> Network:
         if target.name in driven and not wire.adds:
             raise SetupError(f"{target} is driven twice, by {driven[target.name]} and by {source}")
         if wire.adds and (source.type, target.type) != ("Real", "Real"):
-            raise SetupError(f"wire {str(wire)!r}: only Reals are added, not {target.type}s")
+            raise SetupError(f"wire {str(wire)!r}: only Reals can be added, not {target.type}s")
         driven[target.name] = source
     for name, summed in network.sums().items():
         if len({wire.source for wire in summed}) < len(summed):
@@ -277,14 +278,14 @@ def connect(system: System) -> Network:
             elif variable.causality == "input" and f"{name}.{variable.name}" not in known:
                 port, own = Port(name, variable), own_start(variable)
                 if own is None:
-                    raise SetupError(f"input {port} is not connected and has no start of its own")
+                    raise SetupError(f"input {port} is not connected and has no start value")
                 network.open.append((port, own))
     network.start.extend(network.open)
     return network
 
 
 def _require_ticking(port: Port, description: ModelDescription) -> None:
-    """Refuse a clock that waits for what this master does not do."""
+    """Refuse a clock that this master cannot tick."""
     if port.variable.causality != "input":
         return
     if port.variable.intervalVariability == "triggered":
@@ -296,7 +297,7 @@ def _require_ticking(port: Port, description: ModelDescription) -> None:
 
 
 def require_fmi2(descriptions: Mapping[str, ModelDescription], what: str) -> None:
-    """Refuse parts of FMI 3.0 for what knows FMI 2.0 only; raises SetupError."""
+    """Refuse parts of FMI 3.0 where only FMI 2.0 is supported; raises SetupError."""
     for name, description in descriptions.items():
         if description.fmiVersion != "2.0":
             raise SetupError(f"{name} is FMI {description.fmiVersion}; {what} FMI 2.0 only")
@@ -308,20 +309,20 @@ def require_steps(descriptions: Mapping[str, ModelDescription], files: Mapping[s
         if description.coSimulation is None:
             raise SetupError(
                 f"part {name}: {files[name]} offers model exchange only; {WANTED}: export it for that, too; "
-                "oracle and linearize take it as it is"
+                "oracle and linearize accept it as it is"
             )
 
 
 def still(system: System, where: str, *, sums: bool = False) -> Network:
-    """Connect a system for a format, which has no place for inputs over time nor for parts without
-    co-simulation, and for `sums` of wires only if it says so; raises SetupError.
+    """Connect a system for a file format. Raises SetupError for inputs over time, parts without
+    co-simulation and, unless the format supports `sums`, for sums of wires.
     """
     network = connect(system)
     require_steps(network.descriptions, system.parts)
     for name in () if sums else network.sums():
-        raise SetupError(f"{name} is a sum of wires, which {where} cannot say")
+        raise SetupError(f"{name} is a sum of wires, which {where} cannot express")
     for port, _ in network.inputs:
-        raise SetupError(f"{port.name} changes over time, which {where} cannot say")
+        raise SetupError(f"{port.name} changes over time, which {where} cannot express")
     return network
 
 
@@ -353,7 +354,7 @@ def part_name(name: str) -> str:
 
 
 def version(path: Path) -> tuple[int, int]:
-    """What tells a file that has been replaced: its time of change [ns] and its size."""
+    """The time of change [ns] and the size of a file, which show whether it has been replaced."""
     file = path.stat()
     return file.st_mtime_ns, file.st_size
 
@@ -366,10 +367,12 @@ def _read(path: Path, _: tuple[int, int]) -> Fmu:
             files = archive.namelist()
             long = any(f.file_size > LONGEST for f in archive.infolist() if f.filename == XML)
     except Exception as error:
-        raise SetupError(f"is not a valid FMU, it cannot be opened as zip: {error}") from error
+        raise SetupError(
+            f"is not a valid FMU: it cannot be opened as a zip file: {error}"
+        ) from error
     if XML not in files or long:
-        which = f"one of more than {LONGEST >> 20} MiB" if long else "no"
-        raise SetupError(f"is not a valid FMU, it has {which} {XML}")
+        which = f"a {XML} of more than {LONGEST >> 20} MiB" if long else f"no {XML}"
+        raise SetupError(f"is not a valid FMU: it has {which}")
     try:
         description, blemish = _description(path)
     except Exception as error:
@@ -389,7 +392,7 @@ def _read(path: Path, _: tuple[int, int]) -> Fmu:
     variables: dict[str, ScalarVariable] = {}
     for variable in description.modelVariables:
         if variables.setdefault(variable.name, variable) is not variable:
-            raise SetupError(f"is not a valid FMU: it has two variables {variable.name}")
+            raise SetupError(f"is not a valid FMU: it has two variables named {variable.name}")
         for attribute in ("unit", "min", "max", "nominal") if variable.declaredType else ():
             if getattr(variable, attribute) is None:
                 setattr(variable, attribute, getattr(variable.declaredType, attribute))
@@ -502,12 +505,12 @@ def _connection(network: Network, wire: Wire) -> Connection:
     here = f"wire {str(wire)!r}"
     source, target = network.port(wire.source), network.port(wire.target)
     if source.variable.causality != "output":
-        raise SetupError(f"{here}: {source} is {source.variable.causality}, not an output")
+        raise SetupError(f"{here}: {source} has causality {source.variable.causality}, not output")
     if target.variable.causality != "input":
-        raise SetupError(f"{here}: {target} is {target.variable.causality}, not an input")
+        raise SetupError(f"{here}: {target} has causality {target.variable.causality}, not input")
     for port in (source, target):
         if port.type in ("Binary", "Clock"):
-            raise SetupError(f"{here}: {port} is a {port.type}, which no wire carries here")
+            raise SetupError(f"{here}: {port} is a {port.type}, which wires cannot carry")
     if not fits(source.type, target.type):
         raise SetupError(f"{here}: {source.type} cannot drive {target.type}")
     if not math.isfinite(wire.factor + wire.offset):
@@ -584,7 +587,9 @@ def _start(port: Port, value: Value) -> tuple[Port, Value]:
         raise SetupError(f"{port} is {kind} and cannot be given a start value")
     free = variable.causality in ("parameter", "input") or variable.initial in ("exact", "approx")
     if variable.variability == "constant" or not free:
-        raise SetupError(f"{port} is {variable.causality} and cannot be given a start value")
+        raise SetupError(
+            f"{port} has causality {variable.causality} and cannot be given a start value"
+        )
     if port.type in ("String", "Binary"):
         if not isinstance(value, str):
             raise SetupError(f"{port} = {value!r} must be of type {port.type}")
@@ -624,15 +629,15 @@ def _input(
     causality = str(port.variable.causality)
     parameter = causality == "parameter"
     if causality != "input" and not (parameter and port.variable.variability == "tunable"):
-        kind = "a parameter that is not tunable" if parameter else causality
-        raise SetupError(f"{port} is {kind} and cannot change over time")
+        kind = "is a parameter that is not tunable" if parameter else f"has causality {causality}"
+        raise SetupError(f"{port} {kind} and cannot change over time")
     moving = moves(port)
     if not isinstance(given, Table):
         if not moving:
-            raise SetupError(f"{port} cannot follow a function of time, only a Real input can")
+            raise SetupError(f"{port} cannot follow a function of time; only a Real input can")
         return port, Course(given)
     if not (moving or given.held):
-        raise SetupError(f"{port} cannot follow lines, only a table that is held")
+        raise SetupError(f"{port} cannot be interpolated and can only follow a table that is held")
     factor, offset = scale(network, port, given.unit, "follow a table")
     if (factor, offset) != (1.0, 0.0):
         given = given.mapped(lambda value: factor * value + offset)
@@ -644,8 +649,10 @@ def _input(
 
 
 def scale(network: Network, port: Port, unit: str, what: str) -> tuple[float, float]:
-    """Factor and offset from a unit to that of a port, which is to do `what` in that unit: its display
-    units, common multiples of its own and all units that an FMU of the network defines are known. Raises SetupError for others.
+    """Factor and offset from a unit to that of a port, which is to do `what` in that unit.
+
+    The port's display units, common multiples of its own unit and all units that an FMU of the network
+    defines are known. Raises SetupError for others.
     """
     if unit in ("", port.unit):
         return 1.0, 0.0
@@ -682,7 +689,7 @@ def _changed(network: Network) -> Iterator[tuple[Port, Table | Course]]:
         before = start.get(name, own_start(port.variable))
         over = name in network.system.inputs
         if over or before is None:
-            why = "follows a table too" if over else "has no start value"
+            why = "also follows a table" if over else "has no start value"
             raise SetupError(f"{port} cannot change: it {why}")
         fitting = [(time, _start(port, value)[1]) for time, value in rows]
         times, values = zip(*sorted(fitting, key=lambda row: row[0]))

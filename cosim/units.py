@@ -1,4 +1,4 @@
-"""Units of measurements: what people and loggers write for what FMUs compute."""
+"""Units of measurements, as people and loggers write them for the quantities of FMUs."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ SCALES: dict[str, dict[str, float]] = {
 
 
 def multiples(unit: str) -> dict[str, float]:
-    """The units that measure what this one does, and what a number in them is multiplied by to be in
-    this one. Itself first, where nothing else is known of it.
+    """The units of the same quantity as this one, and the factor from each to this one; only this unit
+    itself if no others are known.
     """
     for base, others in SCALES.items():
         known = {base: 1.0} | others

@@ -1,4 +1,4 @@
-"""A page of equations becomes an FMU; knows no machine."""
+"""Turn a page of equations into an FMU; independent of any particular machine."""
 
 from .declare.record import array, discrete, fill, real, record, replace, start
 from .declare.variables import Experiment, InputHold

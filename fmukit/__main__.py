@@ -8,18 +8,24 @@ from pathlib import Path
 
 
 def main() -> int:
-    """Run the command line; 0 if every FMU is there, else 1."""
+    """Run the command line; 0 if every FMU was made, else 1."""
     try:
         from .fmu.make import FLAVOURS, make_all
     except ModuleNotFoundError as missing:
         sys.exit(f"fmukit needs {missing.name}: pip install 'drive-fmus-kit[build]'")
-    parser = argparse.ArgumentParser(prog="fmukit", description="FMUs from pages of equations.")
+    parser = argparse.ArgumentParser(
+        prog="fmukit", description="Make FMUs from pages of equations."
+    )
     commands = parser.add_subparsers(dest="command", required=True)
     build = commands.add_parser("build", help="build, validate and play the FMUs of models")
     build.add_argument("model", nargs="+", type=Path, help="NAME.py, or NAME/model.py")
-    build.add_argument("--flavour", choices=FLAVOURS, default="both", help="default both")
-    build.add_argument("--out", type=Path, default=Path(), help="folder of the FMUs, default here")
-    build.add_argument("--force", action="store_true", help="build also what is up to date")
+    build.add_argument(
+        "--flavour", choices=FLAVOURS, default="both", help="which FMUs to build; default both"
+    )
+    build.add_argument(
+        "--out", type=Path, default=Path(), help="folder for the FMUs; default the current one"
+    )
+    build.add_argument("--force", action="store_true", help="rebuild even what is up to date")
     options = parser.parse_args()
     return min(1, make_all(options.model, options.flavour, options.out, options.force))
 

@@ -6,7 +6,7 @@ from typing import Annotated, NamedTuple, NoReturn, get_args, get_origin
 
 
 class Display(NamedTuple):
-    """A unit people read: value_in_display_unit = factor * value_in_unit."""
+    """A unit for display: value_in_display_unit = factor * value_in_unit."""
 
     unit: str
     factor: float
@@ -94,13 +94,13 @@ def per_second(quantity: Quantity) -> Quantity:
 
 
 def known() -> str:
-    """The names of all quantities, to choose from, and how another one is written."""
+    """The names of all quantities, and how to write another one."""
     names = ", ".join(name for name, it in globals().items() if get_origin(it) is Annotated)
     return f'{names}; or write Annotated[float, Quantity("Density", "kg/m3", {{"kg": 1, "m": -3}})]'
 
 
 def __getattr__(name: str) -> NoReturn:
-    """Raise ImportError with the names of the quantities for one that is none of them."""
+    """Raise ImportError for an unknown quantity, with the names of all that there are."""
     if name.startswith("_"):
         raise AttributeError(name)
     raise ImportError(f"fmukit.si has no {name}: import one of {known()}")

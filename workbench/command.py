@@ -101,7 +101,11 @@ def _add_common(parser: Parser, flavour: str, out: str) -> None:
     """The options of any runs."""
     of = f"flavour of the FMUs (default: {flavour})"
     parser.add_argument("--flavour", choices=FLAVOURS, default=flavour, help=of)
-    parser.add_argument("--jobs", type=int, help="parallel processes (default: all cores, or 1 with FMUs of another flavour)")
+    parser.add_argument(
+        "--jobs",
+        type=int,
+        help="parallel processes (default: all cores, or 1 with FMUs of another flavour)",
+    )
     parser.add_argument(
         "--scheduler", help="scheduler of a Dask cluster that does the runs, tcp://HOST:8786"
     )

@@ -1,4 +1,4 @@
-"""Communication steps chosen on the way, so that the coupling error stays within a tolerance."""
+"""Communication steps chosen during the run, so that the coupling error stays within a tolerance."""
 
 from __future__ import annotations
 
@@ -21,13 +21,14 @@ LEAST = 1e-9
 
 @dataclass(frozen=True)
 class Adaptive:
-    """Step size control: the error that a whole run may add to each coupled signal.
+    """Step size control: the coupling error that a whole run may add to each coupled signal.
 
-    `tolerance` is relative to a signal's largest value so far or its nominal value, whichever is
-    larger; `absolute` gives single signals, by name, an error in their own unit instead. `longest`
-    and `first` are steps in s. Control "doubling" takes each step once whole and once in halves and
-    goes back where they differ too much; "energy" cannot go back and follows the energy that the
-    step before created in a power bond. None takes doubling where all FMUs can go back.
+    `tolerance` is relative to the larger of a signal's largest value so far and its nominal value.
+    `absolute` gives individual signals, by name, an error in their own unit instead. `first` and
+    `longest` are the first and the longest step [s]. Control "doubling" takes each step once whole
+    and once in two halves, and repeats it if the results differ too much. Control "energy" never
+    repeats a step; it follows the energy that the last step created in a power bond. The default,
+    None, means doubling where all FMUs can restore their state, else energy.
     """
 
     tolerance: float
@@ -162,7 +163,7 @@ def doubling(parts: Sequence[Coupled], advance: Advance, control: Controller) ->
             control.shrink(used)
         control.rejected += 1
         if control.h < LEAST * control.span:
-            raise PartFailure(f"{reason}the tolerance asks for steps below {control.h:.2g} s")
+            raise PartFailure(f"{reason}the tolerance requires steps below {control.h:.2g} s")
         snapshot.restore()
         forget_after(parts, t)
 

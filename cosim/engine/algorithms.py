@@ -145,7 +145,7 @@ def iterated(parts: Sequence[Coupled]) -> Advance:
             z = mixing.next(z, image)
         worst = ", ".join(f"{name} by {g:.2g}" for name, g in zip(names, gap) if g > TOLERANCE)
         raise PartFailure(
-            f"no convergence in {MOST_SWEEPS} sweeps from t = {t!r} s: {worst} still off"
+            f"no convergence in {MOST_SWEEPS} sweeps from t = {t!r} s; still off: {worst}"
         )
 
     return advance

@@ -1,4 +1,4 @@
-"""Times that rounding cannot tell apart."""
+"""Times that differ only by rounding."""
 
 from __future__ import annotations
 

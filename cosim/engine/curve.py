@@ -16,7 +16,7 @@ from .part import Block, Part
 
 
 class Node(NamedTuple):
-    """What an output was at a time [s], and its rate where the FMU tells it."""
+    """What an output was at a time [s], and its rate where the FMU gives it."""
 
     time: float
     value: float
@@ -161,7 +161,7 @@ class Recast(Link):
         super().__call__(t, h)
         if self.cells[self.i] != (value := self.source[self.j]):
             raise PartFailure(
-                f"{self.name} cannot be {value!r}, which a wire brings at t = {t!r} s"
+                f"{self.name} cannot take {value!r}, which a wire brings at t = {t!r} s"
             )
 
 

@@ -20,10 +20,9 @@ from .part import OK, Block, Part
 class Coupled(Part):
     """A part with the buffers of its wired variables and what moves values into them.
 
-    `substeps` is the number of steps that it takes within one that it is given, `within` what it is to
-    show within a step if it can. If it `stops`, it refuses
-    steps over its events, and the system steps to them. `seen` are times [s]
-    within its steps and values there of the variables in `watched`.
+    `substeps` is the number of sub-steps that it takes in a step; `within` are the variables to show
+    within a step if it can. If it `stops`, it refuses steps across its events, and the system steps to
+    them. `seen` gives times [s] within its steps and the values of the variables in `watched` there.
     """
 
     def __init__(
@@ -47,8 +46,8 @@ class Coupled(Part):
         return False
 
     def following(self, but: Sequence[Coupled] = ()) -> set[str]:
-        """The outputs on which a wired input acts at once, as far as it is declared; inputs that hear
-        nothing `but` these parts are left out.
+        """The outputs on which a wired input acts at once, as far as declared; inputs driven only by the
+        parts in `but` are left out.
         """
         heard = {id(block.cells) for part in but for block in part.outputs}
         fed = {(id(link.cells), link.i) for link in self.links if id(link.source) not in heard}

@@ -48,7 +48,8 @@ class Answer(ctypes.Structure):
 class Block3(Block):
     """Variables of one type of FMI 2.0 with all elements of their arrays; Float32 are Reals too.
 
-    What an FMU with event mode takes there alone, and not before a step, is `held`; `entered` is what it took.
+    Inputs that an FMU takes only in event mode, not before a step, are `held`; `entered` are the values
+    that it took last.
     """
 
     def __init__(
@@ -324,7 +325,7 @@ class Coupled3(Coupled):
             if told.event:
                 self._require_stop(reached, begin, end, PAST)
             if at_once > MOST_AT_ONCE:
-                raise PartFailure(f"{self.name}: its steps do not get on from t = {t!r} s")
+                raise PartFailure(f"{self.name}: its steps make no progress from t = {t!r} s")
             self._now = t = end if same(reached, end) else reached
             self._happen(t, event=told.event)
             if t == end:

@@ -260,4 +260,4 @@ def newton(response: Callable[[Vector], Vector], z: Vector, names: Sequence[str]
     worst = ", ".join(
         f"{name} by {r:.2g}" for name, r in zip(names, residual) if abs(r) > TOLERANCE
     )
-    raise SetupError(f"the start values of an algebraic loop were not found: {worst} off")
+    raise SetupError(f"the start values of an algebraic loop were not found; still off: {worst}")

@@ -103,9 +103,9 @@ def declared(network: Network, text: str) -> Bond:
     wires = [wire for wire in network.wires if wire.source in factors]
     found = [bond for bond in _pairs(wires) if {w.source for w in bond} == {*factors}]
     if len(found) != 1 or any(wire.source.type != "Real" for wire in found[0]):
-        raise SetupError(f"bond {text!r} must be two Real outputs, wired there and back once")
+        raise SetupError(f"bond {text!r} must name two Real outputs, wired there and back once")
     if summed := network.sums().keys() & {wire.target.name for wire in found[0]}:
-        raise SetupError(f"bond {text!r} ends in {min(summed)}, a sum of wires")
+        raise SetupError(f"bond {text!r} ends at {min(summed)}, which is a sum of wires")
     return Bond(*sorted(found[0], key=lambda wire: factors.index(wire.source)))
 
 
@@ -146,9 +146,9 @@ def balance(ends: Iterable[End]) -> dict[str, dict[str, float]]:
 
 
 def complaints(balance: Mapping[str, Mapping[str, float]]) -> Iterator[str]:
-    """A sentence for every bond on which the coupling made a share of the energy that it carried.
+    """A sentence for every bond on which the coupling made a noticeable share of the energy carried.
 
-    What is nothing beside the energy that went to and fro is no cause for one.
+    Amounts that are negligible compared with the energy exchanged to and fro are not reported.
     """
     for bond, energy in balance.items():
         made = abs(energy["residual"])

@@ -96,8 +96,8 @@ class Library:
         """Unload the FMU.
 
         pythonfmu's wrapper stays loaded on Linux whatever its host does, for its symbols are unique.
-        At exit it lets go of the interpreter twice, the second time in memory that is free by then,
-        unless it was told before to let go.
+        At exit it releases the interpreter twice, the second time in memory that is free by then,
+        unless it has already been made to release it.
         """
         if not self.abandoned:
             if hasattr(self.free, "finalizePythonInterpreter"):

@@ -44,7 +44,7 @@ log = logging.getLogger("cosim")
 
 @contextmanager
 def quiet() -> Iterator[None]:
-    """Keep the warnings of FMUs out of the log; the results carry them all the same."""
+    """Keep the warnings of FMUs out of the log; they are still in the results."""
     level = log.level
     log.setLevel(logging.ERROR)
     try:

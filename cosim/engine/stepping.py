@@ -71,7 +71,9 @@ class Settings(NamedTuple):
             if value <= 0.0:
                 raise SetupError(f"{name} = {value!r} s must be above 0")
             if value < SHORTEST_TIME * max(abs(self.start), abs(self.stop)):
-                raise SetupError(f"{name} = {value!r} s is too short to tell its times apart")
+                raise SetupError(
+                    f"{name} = {value!r} s is too short: its times would differ only by rounding"
+                )
         if self.stop <= self.start:
             raise SetupError(f"stop = {self.stop!r} s must be after start = {self.start!r} s")
         if isinstance(self.step, Adaptive):
@@ -174,7 +176,7 @@ class Run:
             self._loop = Loop(steps, row.extra, row.columns, every)
             self.loop = "compiled"
         except OSError as error:
-            self.loop = f"Python, the compiled one is not there: {error}"
+            self.loop = f"Python, since the compiled loop is missing: {error}"
 
     def steps(self) -> Iterator[float]:
         """Take the steps; the share of the run that is done after each or a few of them."""
@@ -265,8 +267,8 @@ class Run:
             raise failure
         if self._checkpoint is None:
             raise PartFailure(
-                f"{failure}; it computed up to t = {failure.reached!r} s, and to step less, every "
-                "part must be able to restore its state and to vary its step"
+                f"{failure}; it computed up to t = {failure.reached!r} s; for a shorter step, "
+                "every part must be able to restore its state and to vary its step"
             )
         before, snapshot = self._checkpoint
         self._checkpoint = self._loop = None

@@ -1,4 +1,4 @@
-"""What an FMU shares with its whole process: rounding, folder, locale, what hears signals."""
+"""What an FMU shares with its whole process: rounding, folder, locale, signal handlers."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ C = ctypes.CDLL("ucrtbase" if sys.platform == "win32" else None)
 
 
 class Surroundings:
-    """They are as they were when this was made, or brought back; `warnings` tells what was not."""
+    """Keeps them as they were when this was made; `warnings` reports what had to be restored."""
 
     def __init__(self) -> None:
         self.warnings: list[str] = []
@@ -57,7 +57,7 @@ class Surroundings:
             raise PartFailure(self.warnings[-1])
 
     def _warn(self, what: str) -> None:
-        sentence = f"an FMU has changed {what} of the whole process, which was brought back"
+        sentence = f"an FMU has changed {what} of the whole process; it was restored"
         if sentence not in self.warnings:
             self.warnings.append(sentence)
 

@@ -1,4 +1,4 @@
-"""A System as one FMU that steps the others inside, built by fmu_manipulation_toolbox."""
+"""Write a System as one FMU that contains and steps the others, built by fmu_manipulation_toolbox."""
 
 from __future__ import annotations
 
@@ -35,16 +35,17 @@ def write_container(
     Its variables are all outputs and parameters of the parts and the inputs that no wire drives, by
     their dotted names; Enumerations are Integers. A host must step it by multiples of `step`.
     `order` (default: as declared) is the order in which parts are started, and stepped by
-    gauss-seidel. At `start` itself a part that a later one drives shows its outputs for its own
+    gauss-seidel. At `start` itself, a part that a later one drives shows its outputs for its own
     input values. Raises what `connect` raises, and SetupError for what the container cannot do:
     factors, offsets and unit conversions on wires, strings with blanks as start values, and start
-    values that would have to pass a part before what drives it. Then nothing is written.
+    values that would have to pass through a part before the part that drives it has started. Nothing
+    is written then.
     """
     from fmu_manipulation_toolbox.container import FMUContainer, FMUContainerError
     from fmu_manipulation_toolbox.operations import FMUError
 
     network = still(system, "a container")
-    require_fmi2(network.descriptions, "a container holds")
+    require_fmi2(network.descriptions, "a container takes")
     sequence = list(order) if order is not None else list(system.parts)
     if sorted(sequence) != sorted(system.parts):
         raise SetupError(f"order {sequence} must name each of {', '.join(system.parts)} once")

@@ -1,4 +1,4 @@
-"""A System from and to OSP system structures, those of libcosim and the tools around it."""
+"""Read and write a System as an OSP system structure, the format of libcosim and its tools."""
 
 from __future__ import annotations
 
@@ -49,18 +49,21 @@ log = logging.getLogger("cosim")
 
 
 def read_osp(path: Path) -> Package:
-    """The system of an OspSystemStructure.xml, or of the folder that holds one.
+    """Read the system of an OspSystemStructure.xml, or of the folder that contains one.
 
-    Wires hand numbers over as they stand, since libcosim converts no units; inputs that nothing
-    drives keep the start value of their FMU; the connections of a `powerBond` are a bond. Two groups
-    of variables, which a MODEL_OspModelDescription.xml beside the FMU or the structure defines, are
-    connected one by one in their order. Raises SetupError with file and line for what is invalid or
-    not supported, as FMUs that are not files. A sum is as many wires into one input.
+    Wires pass numbers on unchanged, since libcosim converts no units. Inputs that nothing drives keep
+    the start value of their FMU. The connections of a `powerBond` become a bond, and a sum becomes
+    several wires into one input. Two groups of variables, defined by a
+    MODEL_OspModelDescription.xml next to the FMU or the structure, are connected one by one in their
+    order. Raises SetupError with file and line for what is invalid or not supported, such as FMUs that
+    are not files.
     """
     file = Path(path) / FILE if Path(path).is_dir() else Path(path)
     root, reader = load(file), _Reader(file)
     if root.tag != f"{{{NAMESPACE}}}OspSystemStructure":
-        raise SetupError(f"{file.name}: OspSystemStructure is needed, not {plain(root.tag)}")
+        raise SetupError(
+            f"{file.name}: the root element must be OspSystemStructure, not {plain(root.tag)}"
+        )
     for element in root.iterfind("{*}EccoConfiguration"):
         root.remove(element)
     for element in root.iter("*"):
@@ -127,7 +130,7 @@ class _Reader:
             groups = [[*self._group(end)] for end in element.iterchildren("*")]
             if len(groups) != 2 or len(groups[0]) != len(groups[1]):
                 sizes = " and ".join(str(len(group)) for group in groups)
-                raise ValueError(f"groups of {sizes or 'no'} variables, not two of as many")
+                raise ValueError(f"groups of {sizes or 'no'} variables, not two of the same size")
             for ends in zip(*groups):
                 self._connection(element, ends)
         elif tag == "Algorithm" and element.text != "fixedStep":
@@ -151,7 +154,7 @@ class _Reader:
         if source not in self.added:
             return {source: (factor, offset)}
         if source in through:
-            raise SetupError(f"{self.file.name}: {dotted(source)} adds itself")
+            raise SetupError(f"{self.file.name}: {dotted(source)} is added to itself")
         whole: dict[Node, tuple[float, float]] = {}
         for entry in self.added[source]:
             for origin, (f, o) in self.terms(entry, (*through, source)).items():
@@ -172,7 +175,7 @@ class _Reader:
         part = self.plan.add_element("", name)
         self.plan.add_fmu(part, fmu, describe_fmu(part, fmu))
         if step is not None and float(step) != self.times.get("BaseStepSize"):
-            log.warning("%s: stepSize %s is ignored, all parts step together", name, step)
+            log.warning("%s: stepSize %s is ignored: all parts step together", name, step)
 
     def _initial(self, part: str, element: Any) -> None:
         name, (content,) = element.attrib["variable"], element.iterchildren("*")
@@ -200,7 +203,7 @@ class _Reader:
         places = [folder / file for folder in (self.plan.fmus[part].parent, self.file.parent)]
         path = next((path for path in places if path.is_file()), None)
         if path is None:
-            raise ValueError(f"there is no file {file}, which defines groups")
+            raise ValueError(f"there is no file {file} to define the groups")
         groups = load(path).iterfind("{*}VariableGroups//*[@name]")
         group = next((group for group in groups if group.get("name") == name), None)
         if group is None:
@@ -229,9 +232,10 @@ def write_osp(
 ) -> None:
     """Write OspSystemStructure.xml and the FMUs into `folder`; step, start and stop in s.
 
-    Factors, offsets and unit conversions of wires become linear transformations, and declared bonds
-    those of a `powerBond`, unless they go through one. Raises what `connect` raises, and SetupError for what libcosim cannot do: enumerations that differ from the
-    FMU's start value, and enumerations on wires. Then nothing is written.
+    Factors, offsets and unit conversions of wires become linear transformations. The connections of a
+    declared bond become those of a `powerBond`, unless they go through a transformation. Raises what
+    `connect` raises, and SetupError for what libcosim cannot do: enumerations that differ from the FMU's
+    start value, and enumerations on wires. Nothing is written then.
     """
     if not 0.0 < step < float("inf"):
         raise SetupError(f"step = {step!r} s must be above 0")
@@ -295,7 +299,7 @@ def _initial(values: Element, port: Port, value: Value) -> None:
 def _connection(
     functions: Element, connections: Element, wire: Connection, name: str, bond: str | None
 ) -> None:
-    """One connection, or two over a function. That of a bond tells what libcosim's ECCO takes for its
+    """One connection, or two over a function. That of a bond states what libcosim's ECCO takes for its
     ends' causality: a source is an input.
     """
     if wire.source.type == "Enumeration":
@@ -320,8 +324,8 @@ def _sum(functions: Element, connections: Element, wires: list[Connection], name
     """A sum of outputs, which libcosim takes as they stand: functions are not connected to functions."""
     if scaled_one := next(filter(scaled, wires), None):
         raise SetupError(
-            f"{scaled_one.source} has a factor, an offset or another unit than {scaled_one.target}: "
-            "libcosim adds none such"
+            f"{scaled_one.source} has a factor, an offset or a unit other than that of {scaled_one.target}: "
+            "libcosim adds outputs only as they are"
         )
     SubElement(functions, "Sum", name=name, inputCount=str(len(wires)))
     signals = [(wire.source, f"in[{k}]") for k, wire in enumerate(wires)]

@@ -1,4 +1,4 @@
-"""Start values from a file of their own: a parameter set (SSV), or a CSV of names and values."""
+"""Start values from a separate file: a parameter set (SSV), or a CSV of names and values."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ COLUMNS = ("name", "value", "unit")
 def read_values(path: Path, network: Network) -> dict[str, Value]:
     """The start values that an .ssv, or a .csv with the columns name, value and unit, gives a system.
 
-    Names are dotted; those of a single part may be bare. A unit may be one of the file, of the
-    part's FMU, or a display unit there; without one, the value is in the variable's own. Raises
+    Names are dotted; those of a single part may be bare. A unit may be one defined in the file or in the
+    part's FMU, or one of its display units. Without one, the value is in the variable's own unit. Raises
     SetupError with file and line for what is invalid, fits no variable, or is given twice.
     """
     plan = Plan(Room(0))

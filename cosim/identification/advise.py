@@ -1,4 +1,4 @@
-"""Which record to make next: how much each of several would narrow an interval, before it is made."""
+"""Which record to make next: how far each of several possible ones would narrow an interval."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from .record import Column, Noise
 
 
 class Experiment(NamedTuple):
-    """A record that might be made: start values over the identified ones, the noise of each column in
-    its unit, how long it lasts [s], which free parameters it has for itself, such as a supply, and
-    inputs over those of the system.
+    """A record that might be made: start values that replace the identified ones, the noise of each
+    column in its unit, its duration [s], the free parameters that apply to this record only, such as a
+    supply, and inputs that replace those of the system.
     """
 
     start: Mapping[str, Value]
@@ -30,7 +30,7 @@ class Experiment(NamedTuple):
 
 
 class Advice(NamedTuple):
-    """An experiment by its name, and how far the interval would go to either side after it."""
+    """An experiment by its name, and the half-width of the interval after it."""
 
     name: str
     error: float
@@ -41,12 +41,12 @@ def advise(
     experiments: Mapping[str, Experiment],
     tell: Callable[[Mapping[str, float]], float],
 ) -> list[Advice]:
-    """What would be known of a quantity of the values after each experiment, the best first.
+    """How well a quantity of the values would be known after each experiment, the best first.
 
-    The Fisher information of each record, simulated with the identified values and rows as far apart
-    as now, is added to what is known. States at the start are unknown in every record, and so are its
-    `own` values. Linear about the values as they are now: a ranking, not a promise. Raises what
-    `cosim.run` raises.
+    The Fisher information of each record, simulated with the identified values and the present spacing
+    of rows, is added to what is known. The states at the start are unknown in every record, and so are
+    its `own` values. The result is linear about the present values: a ranking, not a promise. Raises
+    what `cosim.run` raises.
     """
     gap = float(np.median(np.diff(fit.model.columns[0].times)))
     names, gradient = fit.names, fit.gradient(tell)

@@ -1,4 +1,4 @@
-"""What a fit is worth: intervals, what cannot be told apart, and whether the machine fits at all."""
+"""What a fit is worth: intervals, values that cannot be separated, and whether the model fits."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ SINGULAR = 1e-12
 class Interval(NamedTuple):
     """A value with the ends of its 95 % interval and its standard deviation, in its unit.
 
-    The ends are those of the profile likelihood where it was followed, else of the covariance; they
-    hold what the coupling may do.
+    The ends are those of the profile likelihood where it was followed, else of the covariance. They
+    include the coupling error.
     """
 
     value: float
@@ -54,7 +54,7 @@ class Interval(NamedTuple):
 
 
 class Residual(NamedTuple):
-    """A column beside the fit: times [s], measured and fitted values, noise, all in its unit; the
+    """A column and its fit: times [s]; measured values, fitted values and noise in its unit; and the
     spectrum of the residual over frequencies [Hz], in units of that of the noise.
     """
 
@@ -69,8 +69,8 @@ class Residual(NamedTuple):
 
     @property
     def top(self) -> float:
-        """The frequency [Hz] above which neither the machine nor what is like it moves the column: some
-        times that up to which the fitted values stand out of the noise.
+        """The frequency [Hz] above which neither the machine nor a similar one moves the column: a multiple
+        of the frequency up to which the fitted values stand out from the noise.
         """
         t = (self.times - self.times[0]) / float(np.ptp(self.times))
         window = np.sin(math.pi * t) ** 2
@@ -85,9 +85,9 @@ class Residual(NamedTuple):
 
 
 class Local(NamedTuple):
-    """A minimum seen close by: free values p, residuals, their Jacobian J, the covariance of p, and
-    derived quantities with their gradients; `moved` is by how much p moves with a half and a quarter
-    of the step, and `order` how fast that falls.
+    """A minimum and its neighbourhood: free values p, residuals, their Jacobian J, the covariance of p,
+    and derived quantities with their gradients; `moved` is how far p moves with a half and a quarter of
+    the step, and `order` how fast that falls.
     """
 
     p: Vector
@@ -104,11 +104,11 @@ class Local(NamedTuple):
         return float(np.sum(self.residuals**2))
 
     def reach(self, g: Vector) -> float:
-        """How far the 95 % interval of a quantity with gradient g goes to either side."""
+        """The half-width of the 95 % interval of a quantity with gradient g."""
         return DEVIATIONS * math.sqrt(max(0.0, float(g @ self.covariance @ g)))
 
     def coupling(self, g: Vector) -> float:
-        """What the coupling, and the distance of the rows of the runs, may do to that quantity."""
+        """The error of that quantity from the coupling and from the spacing of the rows of the runs."""
         half, quarter = (self.moved @ g).tolist()
         return float(SAFETY * (abs(quarter) + abs(quarter - half) / (2.0**self.order - 1.0)))
 
@@ -117,7 +117,7 @@ Look = Callable[[Vector], tuple[Vector, Vector]]
 
 
 def looking(model: Model, derived: Mapping[str, Derived]) -> Look:
-    """What a run with free values p tells: residuals and derived quantities."""
+    """What a run with free values p gives: residuals and derived quantities."""
 
     def look(p: Vector) -> tuple[Vector, Vector]:
         result = model.play(p, all=bool(derived))
@@ -152,7 +152,7 @@ def close_by(model: Model, p: Vector, look: Look, order: float) -> Local:
 
 
 def covariance(J: Vector) -> Vector:
-    """Of the free values, shape (n, n); what the residuals do not show has a variance beyond all."""
+    """The covariance of the free values, shape (n, n); huge for those that do not affect the residuals."""
     norms = np.linalg.norm(J, axis=0)
     scale = 1.0 / np.where(norms > 0.0, norms, 1.0)
     _, s, right = np.linalg.svd(J * scale, full_matrices=False)
@@ -170,10 +170,10 @@ def correlation(covariance: Vector) -> Vector:
 def profile(
     model: Model, local: Local, look: Look, g: Vector, tell: Callable[[Vector, Vector], float]
 ) -> tuple[float, float]:
-    """The ends between which a quantity with gradient g, told by free values and derived quantities,
-    raises chi2 by no more than RISE while all else is fitted anew.
+    """The ends of the range of a quantity with gradient g, a function of free values and derived
+    quantities, in which chi2 rises by no more than RISE while everything else is fitted again.
 
-    An end that is not found stays where it was tried last.
+    An end that is not found stays at the last value that was tried.
     """
     reach, (low, high) = local.reach(g), model.bounds
     start, ends = tell(local.p, local.derived), []
@@ -245,8 +245,8 @@ def spectrum(times: Vector, residual: Vector) -> tuple[Vector, Vector]:
 
 
 def band(columns: Sequence[Column], known: int, unknown: int) -> tuple[int, float, float]:
-    """Degrees of freedom, and the band in which chi2 lies but for DOUBT of all records of a machine
-    that is one of its kind, with noise that is white.
+    """Degrees of freedom, and the band in which chi2 lies for all but a share DOUBT of the records of a
+    machine of this kind, with white noise.
     """
     rows = sum(len(column.times) for column in columns)
     dof = rows + known - unknown
@@ -257,12 +257,15 @@ def band(columns: Sequence[Column], known: int, unknown: int) -> tuple[int, floa
 
 
 def misfits(model: Model, local: Local, seen: Mapping[str, Residual]) -> Iterator[str]:
-    """Why no machine of this kind fits, and where the misfit lies; nothing if one does."""
+    """Why no machine of this kind fits, and where the misfit is; empty if one does."""
     known = len(model.prior.names)
     dof, low, high = band(model.columns, known, len(model.free))
     where = [text for column in model.columns for text in _where(column, seen[column.name])]
     if local.chi2 > high:
-        yield f"chi2 = {local.chi2:.4g} of {dof} lies above {high:.4g}, its 99.9 % band"
+        yield (
+            f"chi2 = {local.chi2:.4g} for {dof} degrees of freedom is above its 99.9 % band, which "
+            f"ends at {high:.4g}"
+        )
     powers = [x.power[x.frequencies <= x.top] for x in seen.values()]
     bins = sum(map(len, powers)) - (len(model.free) - known) / 2
     slow = sum(float(power.sum()) for power in powers)
@@ -274,21 +277,24 @@ def misfits(model: Model, local: Local, seen: Mapping[str, Residual]) -> Iterato
             f"{powers[k].mean():.3g} times the power of the noise"
         )
     if local.chi2 < low:
-        yield f"chi2 = {local.chi2:.4g} of {dof} lies below {low:.4g}, its 99.9 % band: the noise is less"
+        yield (
+            f"chi2 = {local.chi2:.4g} for {dof} degrees of freedom is below its 99.9 % band, which "
+            f"begins at {low:.4g}: the noise is smaller"
+        )
     yield from (text for text, certain in where if certain or local.chi2 > high)
     for name, x, sigma in zip(model.prior.names, model.prior.mean, model.prior.deviations):
         k = model.names.index(name)
         off = abs(local.p[k] - x) / sigma
         if off > FAR:
             yield (
-                f"{name} would be {local.p[k]:.5g} {model.free[k].unit}, {off:.1f} deviations from "
-                f"the {x:.5g} that is known"
+                f"{name} would be {local.p[k]:.5g} {model.free[k].unit}, {off:.1f} standard deviations from "
+                f"the known {x:.5g}"
             )
 
 
 def overrated(model: Model, local: Local) -> bool:
-    """Give columns whose residuals are less than the noise that their rows seem to have, as those of a
-    counter are whose errors alternate, the noise of these residuals; whether there are any.
+    """Where a column's residuals are smaller than the noise estimated from its rows, as for a counter with
+    alternating errors, take the noise from the residuals; whether there are such columns.
     """
     share = 1.0 - len(model.free) / sum(len(column.times) for column in model.columns)
     found, first = [], 0
@@ -298,7 +304,7 @@ def overrated(model: Model, local: Local) -> bool:
         dof, low, _ = band([column], 0, 0)
         less = float(np.mean(r**2)) / share
         if not column.noise.given and less * dof < low:
-            why = "that of the residual, since errors of neighbouring rows are not independent"
+            why = "that of the residual, since the errors of neighbouring rows are not independent"
             column = column._replace(noise=Noise(column.noise.sigma * math.sqrt(less), why))
         found.append(column)
     changed = any(new is not old for new, old in zip(found, model.columns))
@@ -307,13 +313,13 @@ def overrated(model: Model, local: Local) -> bool:
 
 
 def _where(column: Column, seen: Residual) -> Iterator[tuple[str, bool]]:
-    """Where a residual is no white noise, each with whether that alone is certain."""
+    """Where a residual is not white noise, and whether that finding is certain by itself."""
     name, r = column.name, (seen.fitted - seen.measured) / seen.sigma
     reached = seen.frequencies <= seen.top
     k = int(np.argmax(seen.power * reached))
     if seen.power[k] > math.log(len(seen.power) / DOUBT):
         f, amplitude = float(seen.frequencies[k]), 2.0 * math.sqrt(float(seen.power[k]) / len(r))
-        swings = f"swings at {f:.4g} Hz ({2 * math.pi * f:.4g} rad/s) with an amplitude of"
+        swings = f"oscillates at {f:.4g} Hz ({2 * math.pi * f:.4g} rad/s) with an amplitude of"
         size = f"{seen.sigma * amplitude:.3g} {seen.unit}".rstrip()
         yield f"{name}: the residual {swings} {size}", True
     for rows in segments(column.times, SEGMENTS):
@@ -326,7 +332,7 @@ def _where(column: Column, seen: Residual) -> Iterator[tuple[str, bool]]:
 
 
 def alike(names: Sequence[str], correlations: Vector) -> list[list[str]]:
-    """Groups of free values that a record cannot tell apart: each is all but a function of others."""
+    """Groups of free values that a record cannot distinguish: each is almost a function of the others."""
     count, label = connected_components(np.abs(correlations) > ALIKE)
     groups = [[name for name, mine in zip(names, label) if mine == k] for k in range(count)]
     return [group for group in groups if len(group) > 1]

@@ -38,13 +38,13 @@ OUTLIER, SLIGHT = 4.5, 1e-3
 
 @dataclass(frozen=True)
 class Identified:
-    """What a record tells of a machine, or why it tells nothing.
+    """What a record shows about a machine, or why it shows nothing.
 
-    `misfit` are sentences; where there are any, no machine of this kind fits, and `values` and
-    `derived` are empty. `correlations` are those of the free values, in their order `names`; `alike`
-    are groups of them that the record cannot tell apart, `notes` what else is to be known. `minima`
-    are the chi2 in which starts ended, the least first. `result` is the run of the fit, with steps of
-    `step` [s].
+    `misfit` is a list of sentences. If there are any, no machine of this kind fits, and `values` and
+    `derived` are empty. `correlations` are those of the free values, in the order of `names`; `alike`
+    are groups of them that the record cannot distinguish; `notes` are further remarks. `minima` are the
+    values of chi2 that the starts reached, smallest first. `result` is the run of the fit, with steps
+    of `step` [s].
     """
 
     values: Mapping[str, Interval]
@@ -66,14 +66,14 @@ class Identified:
     local: Local = field(repr=False)
 
     def shared(self, name: str) -> bool:
-        """Whether a free value is one of the machine, a parameter, and not of this record alone."""
+        """Whether a free value is a parameter of the machine, not of this record only."""
         if sensor(name):
             return False
         return bool(connect(self.model.system).port(name).variable.causality == "parameter")
 
     def known(self, *without: str) -> Prior:
-        """What the record told of the machine, its covariance with it, to identify another record of it
-        with; without values such as a supply, if they have changed.
+        """The machine's parameters as found from this record, with their covariance, for identifying
+        another record of it; `without` names those to omit, such as a supply that has changed.
         """
         places = [
             k for k, name in enumerate(self.names) if self.shared(name) and name not in without
@@ -82,7 +82,7 @@ class Identified:
         return Prior([self.names[k] for k in places], self.local.p[places], covariance)
 
     def gradient(self, tell: Callable[[Mapping[str, float]], float]) -> Vector:
-        """Of what follows from the values alone, by the free values."""
+        """The gradient of a quantity that depends on the values only, by the free values."""
         model, p = self.model, self.local.p
         slight = SLIGHT * np.minimum(np.sqrt(np.diag(self.local.covariance)), model.sizes)
         below, above = (
@@ -92,7 +92,7 @@ class Identified:
         return np.asarray((above - below) / (2 * slight), float)
 
     def interval(self, tell: Callable[[Mapping[str, float]], float], unit: str = "") -> Interval:
-        """What follows from the values alone, such as a limit, by their covariance."""
+        """The interval of a quantity that depends on the values only, such as a limit, by their covariance."""
         g = self.gradient(tell)
         value, reach = float(tell(self.model.values(self.local.p))), self.local.reach(g)
         off = reach + self.local.coupling(g)
@@ -125,19 +125,20 @@ def identify(
 ) -> Identified:
     """Fit start values and parameters of a system's FMUs to a record.
 
-    `data` are measured columns by the outputs that they show, each with times [s] of its own. `free`
-    names what is sought, with bounds if it is a mapping; the first guess is the system's start value.
-    `known` gives values and standard deviations of what is known beforehand, which is free too, or what
-    another record told, `Identified.known`. Besides
-    start values of FMUs, "gain(conveyor.w)", "delay(conveyor.w)" [s] and "zero(conveyor.w)" may be
-    free, of a sensor that shows gain * w(t - delay) + zero.
+    `data` gives measured columns by the outputs that they measure, each with its own times [s]. `free`
+    names the values to be found, with bounds if it is a mapping; the first guess is the system's start
+    value. `known` gives values and standard deviations of what is known beforehand, or what another
+    record gave (`Identified.known`); these values are free too. Besides start values of FMUs,
+    "gain(conveyor.w)", "delay(conveyor.w)" [s] and "zero(conveyor.w)" may be free: those of a sensor
+    that shows gain * w(t - delay) + zero.
 
-    `derived` are functions of all values and of the fitted run, "resonance", in `units`. `noise` are
-    standard deviations of columns in the units of their variables, by default told from the rows.
-    The values named `first`, such as an angle at the start and the supply, are sought before the
-    rest, from each of several starts. `outliers` is the share of rows that may lie far out. Runs begin
-    with the first row of all, or at the time `begin` [s] before it. They are those of `run` with these settings; steps are halved until the coupling moves nothing by
-    more than a tenth of its interval.
+    `derived` are functions of all values and of the fitted run, such as a resonance, in `units`. `noise`
+    gives standard deviations of columns in the units of their variables, by default estimated from the
+    rows. The values named in `first`, such as an angle at the start and the supply, are fitted before
+    the rest, from each of several starts. `outliers` is the share of rows that may be outliers. Runs
+    begin with the first row of all, or at the time `begin` [s] before it. They are those of `run` with
+    these settings. Steps are halved until the coupling moves nothing by more than a tenth of its
+    interval.
 
     Raises SetupError for a record or values that cannot be used, and what `run` raises at the guess.
     """
@@ -163,7 +164,7 @@ def identify(
 
 
 def _set_aside(model: Model, best: Minimum, share: float, notes: list[str]) -> Iterator[str]:
-    """Leave out of a model's columns what lies far out; says where that is too much."""
+    """Remove outliers from a model's columns; yields a sentence where there are too many."""
     shown = model.shown(best.p, model.play(best.p))
     kept = []
     for column, x in zip(model.columns, shown):
@@ -173,7 +174,7 @@ def _set_aside(model: Model, best: Minimum, share: float, notes: list[str]) -> I
             yield f"{column.name}: {out} of {rows} rows lie beyond {OUTLIER:g} times the noise"
             inside[:] = True
         elif out:
-            notes.append(f"{column.name}: {out} of {rows} rows lie far out and are left out.")
+            notes.append(f"{column.name}: {out} of {rows} rows are outliers and are left out.")
         kept.append(column._replace(times=column.times[inside], values=column.values[inside]))
     model.columns = kept
     model._last = None
@@ -187,7 +188,7 @@ def _judged(
     notes: list[str],
     lost: list[str],
 ) -> Identified:
-    """The fit at the best minimum, with all that can be said for and against it."""
+    """The fit at the best minimum, with all the evidence for and against it."""
     every = range(len(model.free))
     best = descend(model, minima[0].p, every, 2 * len(every))
     look = evidence.looking(model, derived)
@@ -236,7 +237,7 @@ def _judged(
         if misfit:
             values, told = {}, {}
         for group in groups:
-            notes.append(f"The record cannot tell {', '.join(group)} apart.")
+            notes.append(f"The record cannot distinguish {', '.join(group)} from each other.")
     dof, low, high = evidence.band(model.columns, len(model.prior.names), len(model.free))
     for column in model.columns:
         notes.append(
@@ -251,14 +252,14 @@ def _judged(
 def _ambiguous(
     minima: Sequence[Minimum], told: Mapping[str, Interval], local: Local, look: evidence.Look
 ) -> list[str]:
-    """Other minima that fit as well and tell another machine."""
+    """Other minima that fit equally well but give a different machine."""
     for other in minima[1:]:
         if other.chi2 > local.chi2 + AMBIGUOUS:
             break
         for (name, mine), value in zip(told.items(), look(other.p)[1].tolist()):
             if abs(value - mine.value) > APART * mine.error:
                 return [
-                    f"two machines fit alike: {name} = {mine.value:.5g} and {value:.5g} "
+                    f"two machines fit equally well: {name} = {mine.value:.5g} and {value:.5g} "
                     f"{mine.unit} with chi2 = {local.chi2:.5g} and {other.chi2:.5g}"
                 ]
     return []

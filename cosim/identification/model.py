@@ -63,7 +63,7 @@ class Prior(NamedTuple):
 
 
 def independent(known: Known) -> Prior:
-    """What is known of values one by one; raises SetupError for what is no value and deviation."""
+    """What is known of values one by one; raises SetupError for an invalid value or deviation."""
     for name, (mean, sigma) in known.items():
         if not (math.isfinite(mean) and 0.0 < sigma < math.inf):
             raise SetupError(f"known {name} = {mean!r} +- {sigma!r}: the deviation must be above 0")
@@ -173,9 +173,9 @@ def sensor(name: str) -> bool:
 
 
 def frees(network: Network, columns: Sequence[Column], names: Sought, known: Prior) -> list[Free]:
-    """The free values of these names, in which what is known is free too.
+    """The free values of these names; known values are free too.
 
-    Raises SetupError for what cannot be free: no number, nothing that can be set, no room to move.
+    Raises SetupError for values that cannot be free: not a number, not settable, or no room to move.
     """
     wanted = list(dict.fromkeys([*names, *known.names]))
     if not wanted:
@@ -192,7 +192,7 @@ def _free(
     if sensor(name):
         what, _, of = name[:-1].partition("(")
         if of not in measured:
-            raise SetupError(f"{name}: {of} is no measured column, only {', '.join(measured)}")
+            raise SetupError(f"{name}: {of} is not a measured column, only {', '.join(measured)}")
         guess, unit = SENSOR[what]
         unit = unit or measured[of].port.unit
         if what == "zero":
@@ -236,7 +236,7 @@ def _free(
         first, last = map(float, names[name])
         if not low <= first < last <= high:
             raise SetupError(
-                f"{name} is not free to move between {first!r} and {last!r} {unit}: it must rise, "
+                f"{name} cannot move from {first!r} to {last!r} {unit}: its bounds must rise "
                 f"and lie between {low!r} and {high!r}"
             )
         low, high = first, last
@@ -256,10 +256,10 @@ def build(
     settings: Mapping[str, Any],
     begin: float | None = None,
 ) -> Model:
-    """The model, with rows as far apart as the record's median ones unless a step [s] is given.
+    """The model; its step is the median spacing of the record's rows unless a step [s] is given.
 
-    It begins with the first row of all, or before it; rows of a delayed column that may show what was before, or
-    what comes after the last, are left out.
+    It begins with the first row of all, or before it. Rows of a delayed column that may show what was
+    before the begin or after the last row are left out.
     """
     first, last = min(float(c.times[0]) for c in columns), max(float(c.times[-1]) for c in columns)
     if begin is not None and not begin <= first:
@@ -276,7 +276,7 @@ def build(
 
 
 def checked(model: Model) -> None:
-    """Run the guess once, so that what the FMUs or the master refuse is told as it is."""
+    """Run the guess once, so that a refusal by the FMUs or the master is reported unchanged."""
     connect(model.system)
     try:
         model.play(model.guess)

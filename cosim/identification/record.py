@@ -25,7 +25,7 @@ NORMAL, MOST = 1.4826, 1e30
 
 
 class Noise(NamedTuple):
-    """The standard deviation of white noise on a column, in its unit, how it is known, and whether it
+    """The standard deviation of white noise on a column, in its unit; how it was found, and whether it
     was given; `spread` is the variance of chi2 per row times the number of rows.
     """
 
@@ -51,15 +51,15 @@ class Column(NamedTuple):
 def measured(
     path: Path | str, columns: Mapping[str, str], *, time: str | None = "time", gaps: bool = False
 ) -> dict[str, Table]:
-    """Columns of a CSV file by the variables that they show, all against one column of times, or
-    against the number of the row, from 0, if that is None.
+    """Columns of a CSV file by the variables that they measure, all over one column of times, or over
+    the row number, from 0, if `time` is None.
 
-    A column is told by its name in the header, and where that is not enough by a factor, an offset
-    and a unit behind it: "n * 0.4:rpm", "n / 2.5:rpm". A header may have a unit too, "n [rpm]". Times are in s
+    A column is given by its name in the header, with a factor, an offset and a unit after it where
+    needed: "n * 0.4:rpm", "n / 2.5:rpm". A header may have a unit too, "n [rpm]". Times are in s
     unless they have another unit, "t:ms". With `gaps`, cells may be empty or nan.
 
-    Raises SetupError with file, row and column for times that do not rise, for what is no number, and
-    for a column that is named twice.
+    Raises SetupError with file, row and column for times that do not rise, for a cell that is not a
+    number, and for a column that is named twice.
     """
     head, *rows = read_table(path)
     heads = [match.groups() for match in map(COLUMN.fullmatch, head) if match]
@@ -85,11 +85,11 @@ def measured(
             try:
                 values[k] = float(text or "nan")
             except ValueError:
-                raise SetupError(f"{here}: {text!r} is no number") from None
+                raise SetupError(f"{here}: {text!r} is not a number") from None
             if not abs(values[k]) < MOST and not (gaps and math.isnan(values[k])):
                 raise SetupError(
-                    f"{here}: {text or 'an empty cell'!r} is no finite number "
-                    f"below {MOST:g}; gaps must be allowed, and times have none"
+                    f"{here}: {text or 'an empty cell'!r} is not a finite number "
+                    f"below {MOST:g}; gaps must be allowed, and a time cannot be one"
                 )
         return values
 
@@ -105,8 +105,8 @@ def measured(
         for k, (before, now) in enumerate(pairwise(times.tolist()), 3):
             if not before < now:
                 raise SetupError(
-                    f"{path}, row {k}, column {names[place]}: {now!r} s after {before!r} s "
-                    "does not rise"
+                    f"{path}, row {k}, column {names[place]}: times must rise, but "
+                    f"{now!r} s follows {before!r} s"
                 )
         return times
 
@@ -127,20 +127,22 @@ def columns(
 ) -> list[Column]:
     """The measured columns in the units of their variables, each with its noise.
 
-    Raises SetupError for what is no Real output, a unit that does not fit, times that do not rise, a
-    column that never changes, and a noise that neither is given nor can be told.
+    Raises SetupError for a variable that is not a Real output, a unit that does not fit, times that do
+    not rise, a column that never changes, and a noise that is neither given nor can be estimated.
     """
     if not data:
         raise SetupError("a record needs a column")
     for name, sigma in noise.items():
         if name not in data or not 0.0 < sigma < math.inf:
-            raise SetupError(f"noise of {name} = {sigma!r} must be above 0, of a measured column")
+            raise SetupError(
+                f"noise of {name} = {sigma!r} must be above 0 and belong to a measured column"
+            )
     found = []
     for port, table in ((network.port(name), table) for name, table in data.items()):
         what = table.source or f"the record of {port.name}"
         if port.variable.causality != "output" or port.type != "Real":
             raise SetupError(
-                f"{what}: {port} is no Real output, so nothing can be compared with it"
+                f"{what}: {port} is not a Real output, so nothing can be compared with it"
             )
         factor, offset = scale(network, port, table.unit, "be compared with a column")
         times, values = np.array(table.times), factor * np.array(table.values, float) + offset
@@ -149,7 +151,9 @@ def columns(
         if len(times) < 2 or not (np.diff(times) > 0.0).all():
             raise SetupError(f"{what}: its times must rise, and there must be two rows at least")
         if np.ptp(values) == 0.0:
-            raise SetupError(f"{what}: it is {table.values[0]!r} in all rows, which tells nothing")
+            raise SetupError(
+                f"{what}: it is {table.values[0]!r} in all rows and carries no information"
+            )
         given = noise.get(port.name)
         known = told(times, values, what) if given is None else Noise(given, "as given", given=True)
         found.append(Column(port, times, values, known))
@@ -157,12 +161,12 @@ def columns(
 
 
 def told(times: Samples, values: Samples, what: str) -> Noise:
-    """The noise of a column from differences of neighbouring rows; raises SetupError if it hides it.
+    """The noise of a column from differences of neighbouring rows; raises SetupError if they hide it.
 
-    Differences of order k take away what is smooth over k + 1 rows, and leave white noise with
-    (2k over k) times its variance. Of several orders the first is taken with which the next agrees.
-    What lies far out counts for nothing. A column whose values stand on a grid has at least the noise
-    of rounding, q / sqrt(12).
+    Differences of order k remove what is smooth over k + 1 rows and leave white noise with
+    (2k over k) times its variance. Of several orders, the first one is taken with which the next agrees.
+    Outliers are ignored. A column whose values lie on a grid of spacing q has at least the noise of
+    rounding, q / sqrt(12).
     """
     gaps = np.diff(times)
     even = np.abs(gaps / np.median(gaps) - 1.0) <= EVEN
@@ -187,9 +191,9 @@ def told(times: Samples, values: Samples, what: str) -> Noise:
             if sigma < least:
                 return Noise(least, f"that of rounding to {quantum:.4g}")
             grid = f", on a grid of {quantum:.4g}" if quantum else ""
-            return Noise(sigma, f"told by differences of order {order} of the rows{grid}", spread)
+            return Noise(sigma, f"from differences of order {order} of the rows{grid}", spread)
     raise SetupError(
-        f"{what}: its rows are too few, too uneven or too far apart to tell noise from signal; "
+        f"{what}: its rows are too few, too uneven or too far apart to separate noise from signal; "
         "give the noise"
     )
 

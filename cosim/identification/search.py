@@ -27,7 +27,7 @@ class Minimum(NamedTuple):
 def descend(
     model: Model, p: Vector, which: Sequence[int], most: int, rough: Loss | None = None
 ) -> Minimum:
-    """The least squares over some free values, from p, in so many steps at most; roughly by a loss."""
+    """The least squares over some free values, from p, in at most `most` steps; roughly if with a loss."""
     tight = TIGHT if rough is None else LOOSE
     which = list(which)
 
@@ -58,10 +58,10 @@ def search(
 ) -> list[Minimum]:
     """Where starts end, the best first: the guess, then others that are drawn.
 
-    From each, the `first` free values are sought alone, from the best of DRAWS draws of them. It is
-    over when ENOUGH starts have ended in one place with chi2 below `enough`, or nearly twice as many
-    in one that is not. As many a machine looks nearly the same half a turn on, it is tried there too,
-    unless it looks quite different.
+    From each, the `first` free values are fitted on their own, from the best of DRAWS draws of them. The
+    search is over when ENOUGH starts have ended at the same minimum with chi2 below `enough`, or nearly
+    twice as many at one with a larger chi2. Many machines look nearly the same half a turn further on, so
+    the fit is tried there too, unless it looks quite different.
     """
     rows = sum(len(column.times) for column in model.columns)
     rng = np.random.default_rng(seed)

@@ -1,4 +1,4 @@
-"""The error of a figure: what the coupling did to it, and what lies between the rows."""
+"""The error of a figure: from the coupling, and from what lies between the rows."""
 
 from __future__ import annotations
 
@@ -25,6 +25,7 @@ THINNED, FAR = (2, 3), 10.0
 SHIFTED = (0.03, 0.06, 0.125, 0.25, 0.5, 0.75, 0.875)
 CUBIC, CALM, KINK, FLAT, SIDED = 4, 3, 8.0, 1e-8, (0.25, 0.5, 0.75)
 MOST_DIGITS, TICKS, SHARED = 7, 12, 0.5
+UNKNOWN = "it cannot be determined from fewer rows"
 
 SUMMARY: dict[str, Callable[[Rows, Rows], float]] = {
     " at the end": lambda t, x: x[-1],
@@ -37,8 +38,8 @@ SUMMARY: dict[str, Callable[[Rows, Rows], float]] = {
 class Estimate(NamedTuple):
     """A figure with its error and the order at which it converges.
 
-    `error` is None where there is none to be stated: the figure is then no answer, its text says so
-    and gives the `reason`. `rows` is the part of the error that is due to the distance of the rows.
+    `error` is None if none can be stated. The figure is then no answer; its text says so and gives
+    the `reason`. `rows` is the part of the error that is due to the spacing of the rows.
     """
 
     value: float
@@ -48,7 +49,7 @@ class Estimate(NamedTuple):
     reason: str = ""
 
     def text(self, unit: str) -> str:
-        """The figure as it may be printed: two digits of its error, rounded up."""
+        """The figure for printing, with two digits of its error, rounded up."""
         if self.error is None:
             return f"{self.value:.5g} {unit} ({self.reason or self._unconverged()})"
         digits = MOST_DIGITS
@@ -62,24 +63,26 @@ class Estimate(NamedTuple):
         return f"{value:.{places}f} +- {last * 10.0**-digits:.{places}f} {unit}"
 
     def _rounded(self, digits: int) -> tuple[float, int]:
-        """The value with so many digits after the point, and in units of the last of them its error,
-        that of the rounding with it."""
+        """The value with this many decimals, and its error, including that of rounding, in units of the
+        last of them."""
         value = round(self.value, digits)
         off = (self.error or 0.0) + abs(self.value - value)
         return value, max(1, math.ceil(off * 10.0**digits * (1 - 1e-9)))
 
     def _unconverged(self) -> str:
-        seen = f"with order {self.order:.1f}" if math.isfinite(self.order) else "in no order"
-        return f"not converged: the error falls {seen}"
+        if math.isfinite(self.order):
+            return f"not converged: the error falls with order {self.order:.1f}"
+        return "not converged: the error falls with no order"
 
 
 def estimate(values: Sequence[float], order: float, ratio: float = HALVED) -> Estimate:
-    """The estimate from runs with steps h, r h and r^2 h, in this order, of an algorithm's order p.
+    """The estimate from runs with steps h, r h and r^2 h, in this order, by an algorithm of order p.
 
-    The differences `d = |v(h) - v(r h)|` and `D = |v(r h) - v(r^2 h)|` are those of errors that fall
-    with the observed order q, but no faster than with p: the error is the larger of d and D / r^p, over
-    r^q - 1, times SAFETY. Where they have opposite signs and fall, it is D times SAFETY. What does
-    not fall has no error, nor what falls in no known order and leaves more than VAGUE of the value.
+    The differences `d = |v(h) - v(r h)|` and `D = |v(r h) - v(r^2 h)|` fall with the observed order q,
+    but the errors are assumed to fall no faster than with p: the error is the larger of d and D / r^p,
+    divided by r^q - 1, times SAFETY. Where the differences have opposite signs and fall, it is D times
+    SAFETY. No error is stated where they do not fall, or where they fall with no known order and the
+    error would exceed the share VAGUE of the value.
     """
     fine, *_, middle, coarse = values
     last, before = fine - middle, middle - coarse
@@ -116,14 +119,14 @@ def certify(
 ) -> Certified:
     """Run with the step, a half and a quarter of it, or the tolerance, a tenth and a hundredth.
 
-    `figures` takes the scalars from a result. It is called for each of the runs, and again for the
-    finest with fewer rows and with rows between them, to see what depends on the rows. The error is
-    the sum of what the coupling and the rows may do; `largest`, `crossing`, `mean` and the like look
-    between rows and keep it small. A figure that counts rows gets as many as before, too.
+    `figures` computes the figures from a result. It is called for each run. For the finest run it is
+    called again with fewer rows and with rows in between, to see how the figures depend on the rows.
+    The error is the sum of those from the coupling and from the rows; `largest`, `crossing`, `mean`
+    and the like look between rows and keep it small. For figures that count rows, it is also called
+    with rows repeated to the original number.
 
-    Rows are `step` apart in all runs unless the settings, which are those of `run`, say otherwise.
-    `runner` is what runs a system, `run` or the like; it gets `csv` in the last run only. Raises what
-    it raises.
+    Rows are `step` apart in all runs unless `settings`, which are those of `run`, say otherwise.
+    `runner` runs a system, as `run` does; only the last run gets `csv`. Raises whatever `runner` raises.
     """
     progress = settings.pop("progress", None) or (lambda share: None)
     csv = settings.pop("csv", None)
@@ -187,10 +190,10 @@ def _hidden(
 ) -> dict[str, float]:
     """How far figures are from those of the rows that the runs tend to, and of rows between them.
 
-    Each value is followed to steps of zero by itself, where it converges in the three runs. This shows
-    what all of them miss alike: an extreme beside the start, which is exact in each, that the coupling
-    smoothes away. Rows that not all have, as those at events, are moved like their neighbours. Empty if
-    most are of that kind.
+    Each value that converges in the three runs is extrapolated to steps of zero by itself. This shows
+    what all runs miss alike, such as an extreme next to the start (which is exact in each run) that the
+    coupling smoothes away. Rows that not all runs have, as those at events, are moved like their
+    neighbours. Empty if most rows are of that kind.
     """
     data, times = runs[0], [np.round(rows[:, 0], TICKS) for rows in runs]
     shared = reduce(np.intersect1d, times)
@@ -226,12 +229,12 @@ def _tipped(
     off: Rows,
     values: Mapping[str, float],
 ) -> dict[str, float]:
-    """How far figures jump if the highest or the lowest part of each column is less so by its error `off`,
-    all of it or either end.
+    """How far figures jump if the highest or the lowest part of each column, all of it or either end, is
+    reduced by its error `off`.
 
-    Another peak that is nearly as high, or the other end of one that is flat, may be the highest in truth,
-    and its time is then another one. What follows the rows evenly moves half as far for half of that, and is
-    left out.
+    Another peak that is nearly as high, or the other end of a flat one, may in truth be the highest; its
+    time is then different. A figure that follows the rows evenly moves half as far for half the reduction;
+    that part is not counted.
     """
     found = dict.fromkeys(values, 0.0)
     for sign, ends in product((1.0, -1.0), ((SAFETY, SAFETY), (0.0, 1.0), (1.0, 0.0))):
@@ -256,7 +259,7 @@ def _around_top(x: Rows) -> slice:
 def by_rows(
     figures: Callable[[Result], Mapping[str, float]], result: Result, values: Mapping[str, float]
 ) -> dict[str, float | None]:
-    """What the distance of a result's rows may do to each of its figures; None where it cannot be told."""
+    """The error of each figure due to the spacing of a result's rows; None if it cannot be determined."""
     thinned = [[_thinned(figures, result, n, i) for i in range(n)] for n in THINNED]
     moved = _moved(figures, result, result.data, values)
     found = {}
@@ -283,12 +286,12 @@ def _moved(
 
 
 def _summed(coupling: Estimate, values: Sequence[float], rows: float | None) -> Estimate:
-    """The estimate with what the rows may do besides.
+    """The estimate with the error due to the rows added.
 
-    Where the runs differ by no more than that, how they differ tells nothing: then it is an error.
+    Where the runs differ by no more than that, their differences show no order and count as an error.
     """
     if rows is None:
-        return coupling._replace(error=None, reason="it cannot be told from fewer rows")
+        return coupling._replace(error=None, reason=UNKNOWN)
     spread = max(values) - min(values)
     if coupling.error is None and spread <= 2 * rows:
         return coupling._replace(error=spread + rows, rows=rows)
@@ -298,18 +301,18 @@ def _summed(coupling: Estimate, values: Sequence[float], rows: float | None) -> 
 
 
 def _away(value: float, others: Sequence[float]) -> float:
-    """How far a figure is from what it is with fewer rows, alone or repeated; inf if it is neither.
+    """How far a figure is from its values with fewer rows, alone or repeated; inf if it has none.
 
-    What counts rows takes others of them where they stand alone, and is then far off.
+    A figure that counts rows picks different ones where they are not repeated, and is then far off.
     """
     away = [abs(v - value) for v in others if math.isfinite(v)]
     return away[0] if away and away[0] <= FAR * away[-1] else min(away, default=math.inf)
 
 
 def _rows(second: float, third: float, shifted: float) -> float | None:
-    """What the distance of the rows may do to a figure, from how far it is moved by every second
-    and every third row alone, n^q - 1 times the error with q between 1 and 2 as both tell, and by
-    rows that are shifted.
+    """The error of a figure due to the spacing of the rows: from how far it moves with only every second
+    and every third row, n^q - 1 times the error with a q between 1 and 2 that follows from both, and
+    with shifted rows.
     """
     if not math.isfinite(second + third + shifted):
         return None
@@ -322,7 +325,7 @@ def _rows(second: float, third: float, shifted: float) -> float | None:
 def _tried(
     figures: Callable[[Result], Mapping[str, float]], result: Result, rows: Rows
 ) -> list[Mapping[str, float]]:
-    """The figures of these rows in place of the result's; empty if they cannot be told."""
+    """The figures of these rows in place of the result's; empty if they cannot be computed."""
     with suppress(Exception), np.errstate(all="ignore"):
         return [figures(Result(result.columns, result.units, result.provenance, lambda: rows))]
     return []
@@ -331,8 +334,8 @@ def _tried(
 def _thinned(
     figures: Callable[[Result], Mapping[str, float]], result: Result, n: int, first: int
 ) -> list[Mapping[str, float]]:
-    """The figures of the rows first, first + n, ..., and the ends: alone, and repeated until there
-    are as many as before, for those that count rows. None where they cannot be told.
+    """The figures of the rows first, first + n, ..., and the ends: alone, and, for figures that count
+    rows, repeated until there are as many as before. Empty if they cannot be computed.
     """
     count = len(result.data)
     kept = np.unique([0, *range(first, count, n), count - 1])
@@ -343,11 +346,12 @@ def _thinned(
 
 
 def _others(data: Rows) -> Iterator[Rows]:
-    """Rows as the result might as well have them, on a cubic spline.
+    """Other rows that the result could equally have, on a cubic spline.
 
-    First the ends and what lies a share of the way from each row to the next; columns of whole
-    numbers keep the number before. Then all with the first row as the cubic through the next four
-    has it: a start that is not smooth may hide between the first two rows what no other row tells.
+    First the ends, and rows a fixed share of the way from each row to the next; columns of whole
+    numbers keep the number before. Then all rows, with the first one on the cubic through the next
+    four: a start that is not smooth may hide something between the first two rows that no other row
+    shows.
     """
     if len(data) >= FEWEST:
         curve = spline(data[:, 0], data)
@@ -368,11 +372,12 @@ def _others(data: Rows) -> Iterator[Rows]:
 
 
 def _beyond_kinks(data: Rows, curve: Callable[[Rows], Rows], way: int) -> Iterator[Rows]:
-    """The rows with more of them between two where a column has a kink, as the cubic through the next four
-    has it, or with a way of -1 the four before.
+    """The rows, with more of them where a column has a kink between two rows: on the cubic through the
+    next four or, with a way of -1, the four before.
 
-    That cubic tells the row before its four nearly as well as the next ones do theirs, unless something
-    has happened in between: an impact, after which a dip may be over before the next row.
+    That cubic predicts the row before its four nearly as well as the neighbouring cubics predict theirs,
+    unless something has happened in between, such as an impact, after which a dip may be over before the
+    next row.
     """
     rows = data[::way]
     t, many = rows[:, 0], len(rows) - CUBIC

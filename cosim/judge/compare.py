@@ -1,7 +1,7 @@
-"""A result beside another, or beside a measurement: whether it stays in a band around the reference.
+"""Compare a result with another or with a measurement: does it stay in a band around the reference?
 
-The band is that of the FMI cross-check: a rectangle, twice as wide as the tolerance in time and twice as
-high as that in value, is led along the reference, which runs on lines between its rows.
+The band is that of the FMI cross-check. A rectangle, twice as wide as the tolerance in time and twice as
+high as that in value, is moved along the reference, which is interpolated linearly between its rows.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ class Band:
     def around(self, t: Rows) -> tuple[Rows, Rows]:
         """The least and the largest value of the reference within its width around times t [s].
 
-        Beyond its ends the reference goes on as straight as it came, over the width.
+        Beyond its ends the reference is extended in a straight line, over the width.
         """
         ends = self.t[[0, -1]]
         inner = np.interp(ends + np.array([self.width, -self.width]), self.t, self.y)
@@ -76,8 +76,8 @@ class Deviation:
     """How far a column is from its reference, in the reference's unit.
 
     `deviation` is the distance to the nearest value that the reference takes within the tolerance in
-    time, at the `time` [s] at which it exceeds what is `allowed` most or, if it never does, comes
-    closest to it. `outside` marks the rows (t [s], y) for which it does.
+    time. It is given at the `time` [s] at which it exceeds the `allowed` deviation most or, if it never
+    does, comes closest to it. `outside` marks the rows (t [s], y) that exceed it.
     """
 
     name: str
@@ -129,7 +129,7 @@ class Comparison:
         return "\n".join([first, *self.notes, *table([_line(c) for c in self.columns]), last])
 
     def plot(self, path: Path | str | None = None) -> Figure:
-        """A panel per column: both curves, the band and the rows outside; written to a file if asked."""
+        """A panel per column: both curves, the band and the rows outside; `path` also writes a file."""
         from matplotlib.figure import Figure
 
         number = len(self.columns)
@@ -153,24 +153,24 @@ def compare(
     errors: Mapping[str, str | float] | None = None,
     gap: float = np.inf,
 ) -> Comparison:
-    """Tell of each column whether the result stays in a band around the reference.
+    """Check for each column whether the result stays in a band around the reference.
 
-    Both are results, pandas frames or files, .csv or .parquet, whose first column is the time, each on
-    a grid of its own; the result is looked at where it has rows. `columns` are names, or the columns of
-    the reference by those of the result, with a factor, an offset and a unit where needed: "n:rpm",
-    "M * 0.73:N.m". By default, they are all names that both have.
+    Both are results, pandas frames or files (.csv or .parquet) whose first column is the time. Their rows
+    need not be at the same times; they are compared at the rows of the result. `columns` are names, or
+    maps columns of the result to those of the reference, with a factor, an offset and a unit where
+    needed: "n:rpm", "M * 0.73:N.m". By default, all names that both have are compared.
 
-    Units are those of a result, of the JSON beside a file, or of headings, "speed [rpm]"; what has none
-    fits every unit.
+    Units come from a result, from the JSON next to a file, or from headings, "speed [rpm]". A column
+    without a unit fits every unit.
 
     `value` is half the height of the band, as a share of the range of the reference, or of its value if
-    it is constant; `time` half its width [s], by default 0.2 % of the time that both share. Errors add to
-    the height: those of a column NAME_error of either, and `errors` by the result's names, in the
-    reference's unit or as "7.3 rpm". Between rows of the reference further apart than `gap` [s] nothing
-    is compared.
+    it is constant. `time` is half its width [s], by default 0.2 % of the time that both cover. Errors add
+    to the height: those in a column NAME_error of either, and `errors` by the result's names, in the
+    reference's unit or as "7.3 rpm". Nothing is compared between rows of the reference that are further
+    apart than `gap` [s].
 
-    Raises SetupError where there is nothing to compare, for units that measure different things, and for
-    values that are no finite numbers.
+    Raises SetupError if there is nothing to compare, for units of different quantities, and for values
+    that are not finite numbers.
     """
     ours, theirs = _read(result, "the result"), _read(reference, "the reference")
     start = float(max(ours.time[0], theirs.time[0]))
@@ -179,14 +179,14 @@ def compare(
     for word, number in (("value", value), ("time", width)):
         if not 0.0 <= number < np.inf:
             raise SetupError(
-                f"the tolerance in {word} = {number!r} must be a finite number from 0 on"
+                f"the tolerance in {word} = {number!r} must be a finite number of at least 0"
             )
     if not gap > 0.0:
         raise SetupError(f"gap = {gap!r} s must be above 0")
     shared = (ours.time >= start) & (ours.time <= stop)
     lost = theirs.lost(ours.time, gap)
     if np.count_nonzero(shared & ~lost) < 2:
-        raise SetupError(f"{ours} and {theirs} share no two rows of time")
+        raise SetupError(f"{ours} and {theirs} have fewer than two rows to compare")
     pairs = _pairs(ours, theirs, columns)
     given = dict(errors or {})
     if strange := [name for name in given if name not in pairs]:
@@ -216,7 +216,7 @@ class Record:
 
     def __init__(self, label: str, frame: pd.DataFrame, units: Mapping[str, str]) -> None:
         if not len(frame) or len(frame.columns) < 2:
-            raise SetupError(f"{label} has no rows of a time and values")
+            raise SetupError(f"{label} has no rows with a time and values")
         self.label = label
         self.series: dict[str, Any] = {}
         self.units: dict[str, str] = {}
@@ -227,7 +227,7 @@ class Record:
             if heading not in units and match is not None and not INDEX.fullmatch(heading):
                 name, unit = match["name"], match["unit"] or ""
             if name in self.series:
-                raise SetupError(f"{label} has two columns {name!r}")
+                raise SetupError(f"{label} has two columns named {name!r}")
             self.series[name], self.units[name] = frame.iloc[:, place], unit
         first, *self.names = self.series
         self.time = self._in(first, "s")
@@ -248,7 +248,7 @@ class Record:
         return name
 
     def column(self, name: str, unit: str) -> tuple[Rows, Rows]:
-        """Values and their errors in a unit; raises SetupError for what is no finite number."""
+        """Values and their errors in a unit; raises SetupError for values that are not finite."""
         values = self._in(name, unit)
         if name + ERROR not in self.names:
             return values, np.zeros(len(values))
@@ -262,7 +262,7 @@ class Record:
         own = self.units[name]
         scale = 1.0 if not own or not unit or own == unit else multiples(unit).get(own)
         if scale is None:
-            raise SetupError(f"{self.label}: {name} [{own}] cannot be told in {unit}")
+            raise SetupError(f"{self.label}: {name} [{own}] cannot be converted to {unit}")
         values = self.series[name]
         numbers = np.asarray(pd.to_numeric(values, errors="coerce"), float)
         if (bad := np.flatnonzero(~np.isfinite(numbers))).size:
@@ -281,7 +281,7 @@ class Record:
 
 
 def _read(source: Source, label: str) -> Record:
-    """A record from where it is."""
+    """Read a record from a result, a frame or a file."""
     import pandas as pd
 
     if isinstance(source, Result):
@@ -340,7 +340,7 @@ def _error(name: str, given: Mapping[str, str | float], unit: str) -> float:
         error = np.nan
     if not 0.0 <= error < np.inf:
         raise SetupError(
-            f"error of {name} = {told!r} must be from 0 on, in {' or '.join(multiples(unit))}"
+            f"error of {name} = {told!r} must be at least 0, in {' or '.join(multiples(unit))}"
         )
     return error
 
@@ -353,7 +353,7 @@ def _notes(ours: Record, theirs: Record, pairs: Mapping[str, str]) -> Iterator[s
     for record, used in ((ours, pairs.keys()), (theirs, pairs.values())):
         rest = [n for n in record.names if n not in used and n.removesuffix(ERROR) not in used]
         if rest:
-            yield f"not compared of {record.label}: {', '.join(rest)}"
+            yield f"not compared in {record.label}: {', '.join(rest)}"
 
 
 def _line(column: Deviation) -> tuple[str, ...]:

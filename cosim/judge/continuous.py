@@ -145,8 +145,8 @@ class Model3(Model, Coupled3):
 class Whole:
     """A coupled system at a time `t` [s], from `opened`.
 
-    `states`, `inputs` and `outputs` are its ports, Real ones alone, part by part; `stops` the times
-    at which something changes from outside.
+    `states`, `inputs` and `outputs` are its Real ports, part by part; `stops` are the times at which
+    something changes from outside.
     """
 
     def __init__(
@@ -171,7 +171,7 @@ class Whole:
 
     @property
     def nominals(self) -> Array:
-        """What the parts hold for usual sizes of their states."""
+        """The nominal values of the states, as the parts give them."""
         found = []
         for part in self.parts:
             cells = (ctypes.c_double * len(part.x))()
@@ -200,8 +200,8 @@ class Whole:
         return np.array([value for part in self.parts for value in part.dx])
 
     def signs(self) -> list[float]:
-        """What a change of is an event: which indicators are at least zero, and what wires carry that
-        is not Real, for outputs that no indicator guards.
+        """Values whose change is an event: which indicators are at least zero, and the outputs on wires
+        that are not Real, in case no indicator guards them.
         """
         found: list[float] = []
         for part in self.parts:
@@ -214,7 +214,7 @@ class Whole:
         return found
 
     def completed(self) -> bool:
-        """Tell the parts that a step of the integrator is complete; whether one wants an event."""
+        """Notify the parts that a step of the integrator is complete; returns whether one wants an event."""
         wants = False
         for part in self.parts:
             if part.description.modelExchange.needsCompletedIntegratorStep:
@@ -248,7 +248,7 @@ class Whole:
             part.array("GetContinuousStates", part.x)
 
     def next_stop(self, stop: float) -> float:
-        """The next time [s] of an event that is known before, at most `stop`."""
+        """The next time [s] of an event that is known in advance, at most `stop`."""
         known = chain(self.stops, (part.next_time for part in self.parts), [stop])
         return min(time for time in known if time > self.t)
 
@@ -329,7 +329,7 @@ class Whole:
         for _ in range(MOST_ITERATIONS):
             had = np.array([value for block in blocks for value in block.cells])
             if not np.isfinite(had).all():
-                raise Refused("an algebraic loop has left the finite numbers")
+                raise Refused("the values of an algebraic loop are no longer finite")
             for part in self.parts:
                 part.bring()
             off = np.array([value for block in blocks for value in block.cells]) - had

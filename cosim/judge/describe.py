@@ -1,4 +1,4 @@
-"""What a system is made of and what stands in the way of a run, in plain words."""
+"""Describe in plain words what a system is made of and what may prevent a run."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def notes(network: Network, settings: Settings) -> Iterator[str]:
     for name, blemish in network.blemishes.items():
         yield f"{name}: {blemish}"
     for port, value in network.open:
-        yield f"input {port} is open and keeps the start of its FMU, {value!r}"
+        yield f"input {port} is open and keeps the start value of its FMU, {value!r}"
     yield f"order of steps: {', '.join(stepping_order(network, settings.order))}"
     for loop in algebraic_loops(network):
         yield f"algebraic loop: {describe(loop)}"
@@ -85,29 +85,29 @@ def notes(network: Network, settings: Settings) -> Iterator[str]:
         if any(unknown.dependencies is None for unknown in description.outputs)
     ]
     if silent:
-        yield f"{', '.join(silent)}: dependencies of outputs not declared; loops may go unseen"
+        yield f"{', '.join(silent)}: output dependencies not declared; loops may go unnoticed"
     for wire in network.wires:
         if wire.source.type != "Real":
             continue
         if not wire.source.unit or not wire.target.unit:
-            yield f"{_wire(wire)}: without a unit at both ends nothing is checked"
+            yield f"{_wire(wire)}: units are not checked unless both ends have one"
         unit = network.base_unit(wire.source)
         if unit is not None and exponents(unit) == ANGLE:
             yield (
-                f"{_wire(wire)}: an angle that is held over a step pushes a stiff shaft ahead of "
-                "itself; exchange its speed and let the other side integrate"
+                f"{_wire(wire)}: an angle held over a step pushes a stiff shaft ahead of itself; "
+                "exchange the speed and let the other side integrate it"
             )
     for bond in bonds(network):
         yield f"power bond: {bond.name}"
     if preferred := preferred_steps(network):
         part = min(preferred, key=preferred.__getitem__)
-        yield f"recommended step: {preferred[part]!r} s, which {part} prefers"
+        yield f"recommended step: {preferred[part]!r} s, preferred by {part}"
     else:
-        yield "recommended step: no FMU prefers one; diagnose measures what a step does"
+        yield "recommended step: no FMU prefers one; use diagnose to measure what a step does"
     if settings.algorithm == "jacobi" and bonds(network):
         yield (
-            "jacobi delays every loop by a step, which takes damping away from its oscillations: "
-            "see what it does with diagnose"
+            "jacobi delays every loop by a step, which reduces the damping of its oscillations: "
+            "use diagnose to measure by how much"
         )
 
 

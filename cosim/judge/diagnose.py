@@ -2,9 +2,9 @@
 
 A value that is held over a communication step arrives late, and a delay tau around a loop changes
 the damping ratio of an oscillation that runs through it by -omega tau / 2. Two runs, one of them
-with a small kick, differ by the free response of the coupled system; its modes at several steps
-tell the artificial damping from the real one. Where all parts offer model exchange and the linear
-system behind it does not change along the motion, its eigenvalue is the real one.
+with a small kick, differ by the free response of the coupled system. Its modes at several steps
+separate the artificial damping from the real damping. Where all parts offer model exchange and the
+linearised system does not change along the motion, its eigenvalue gives the real damping.
 """
 
 from __future__ import annotations
@@ -46,14 +46,14 @@ MOMENTS, STEADY, EXACT, STIFF = (0.0, 0.382, 1.0), 1e-6, 1e-9, 1e5
 class Diagnosis:
     """What an algorithm with communication steps of `step` [s] does to a mode of a system.
 
-    `frequency` is its natural frequency [rad/s], `damping` the damping ratio of the system itself with
-    its `error`: the eigenvalue of the linear system if `linear`, else extrapolated to steps of zero;
-    `damping_seen` the one at `step`. `delay` [s]
-    is the delay around the loop that makes the difference, -2 (damping_seen - damping) / frequency.
-    All of these are NaN if no oscillation was seen.
+    `frequency` is its natural frequency [rad/s]. `damping` is the damping ratio of the system itself,
+    with its `error`: from the eigenvalue of the linear system if `linear`, else extrapolated to steps
+    of zero. `damping_seen` is the damping ratio at `step`. `delay` [s] is the delay around the loop
+    that causes the difference, -2 (damping_seen - damping) / frequency. All of these are NaN if no
+    oscillation was seen.
 
-    `recommended_step` [s] kept the difference within `share` of the damping when it was tried; None
-    if no step did. `drift` is the rate [1/s] at which the coupling lets a motion without
+    `recommended_step` [s] kept the difference within `share` of the damping when it was tried; it is
+    None if no step did. `drift` is the rate [1/s] at which the coupling makes a motion without
     oscillation grow. `residual` is the rms share of the response that the modes do not explain.
     """
 
@@ -72,7 +72,7 @@ class Diagnosis:
 
     @property
     def damped(self) -> bool:
-        """Whether the oscillation has a damping of its own that can be told from none."""
+        """Whether the damping of the oscillation can be distinguished from zero."""
         return _decays(self)
 
     @property
@@ -87,14 +87,14 @@ class Diagnosis:
 
     def _sentences(self) -> Iterator[str]:
         if math.isnan(self.frequency):
-            yield f"No oscillation shows on the wires with {self.algorithm} and {self.step:.4g} s."
+            yield f"No oscillation shows on the wires with {self.algorithm} and steps of {self.step:.4g} s."
         elif not self.damped:
             if self.trusted:
                 yield "The oscillation has no damping to speak of: the system itself does not damp it."
             else:
                 yield (
                     "The damping cannot be determined: it still changes with the step, or with how long "
-                    "the motion is watched, as it does where there is none to speak of; try a shorter step."
+                    "the motion is observed, as it does where there is next to none; try a shorter step."
                 )
             return
         else:
@@ -102,19 +102,19 @@ class Diagnosis:
         if self.drift:
             yield (
                 f"A motion that does not oscillate grows at {self.drift:.3g} 1/s, in proportion to "
-                "the step: a held angle or position pushes; couple by speed."
+                "the step: a held angle or position drives it. Couple by speed instead."
             )
         if self.residual > UNEXPLAINED:
-            yield f"Do not trust this: the modes leave {self.residual:.1%} unexplained."
+            yield f"Do not trust this: the modes leave {self.residual:.1%} of the response unexplained."
         elif not self.trusted and not math.isnan(self.frequency):
-            yield "Do not trust this: the damping does not converge; try a shorter step."
+            yield "Do not trust this: the damping does not converge. Try a shorter step."
 
     def _mode(self) -> Iterator[str]:
-        way = "by derivatives of the FMUs" if self.linear else "by runs with shorter steps"
+        way = "from derivatives of the FMUs" if self.linear else "from runs with shorter steps"
         yield (
-            f"The oscillation at {self.frequency / (2 * math.pi):.4g} Hz has the damping ratio "
-            f"{self.damping:.4g} +- {self.error:.1g}, {way}; {self.algorithm} with steps of "
-            f"{self.step:.4g} s shows {self.damping_seen:.4g}, a loop delay of {self.delay:.3g} s."
+            f"The oscillation at {self.frequency / (2 * math.pi):.4g} Hz has a damping ratio of "
+            f"{self.damping:.4g} +- {self.error:.1g}, {way}. With {self.algorithm} and steps of "
+            f"{self.step:.4g} s it shows {self.damping_seen:.4g}: a loop delay of {self.delay:.3g} s."
         )
         if self.damping_seen < 0.0 < self.damping:
             yield "That is unstable: the oscillation grows by itself."
@@ -140,13 +140,14 @@ def diagnose(
 ) -> Diagnosis:
     """Measure the loop delay of an algorithm on a system, and find the step that keeps it small.
 
-    From `start` [s] the system runs for `settle` [s], then all its Real wires are kicked. The least
-    damped of the oscillations that they show well is followed from `step` [s] to three quarters,
-    a half and a quarter of it and from there to zero, or to the eigenvalue of `linearize` there; then
-    shorter steps are tried until the artificial damping is at most `share` of the real one. `order` and `input_order` are those of `run`.
+    From `start` [s] the system runs for `settle` [s], then all its Real wires are kicked. Of the
+    oscillations that they show well, the least damped one is followed from `step` [s] to three quarters,
+    a half and a quarter of it, and from there to zero, or to the eigenvalue found by `linearize`. Then
+    shorter steps are tried until the artificial damping is at most `share` of the real damping. `order`
+    and `input_order` are those of `run`.
 
-    Works on a steady motion too, as long as the kick is small to it: what it sees then are the
-    modes of the deviations from that motion. Raises SetupError for what cannot be run.
+    This also works on a steady motion, as long as the kick is small compared with it: the modes are
+    then those of the deviations from that motion. Raises SetupError for a system that cannot be run.
     """
     network = connect(system)
     settings = Settings(start + step, step, start, algorithm, order, input_order)
@@ -175,7 +176,7 @@ class Bench:
 
     @property
     def step(self) -> float:
-        """The step that it is asked for, as long as which the kick lasts [s]."""
+        """The step in question [s]; the kick lasts as long."""
         assert not isinstance(self.settings.step, Adaptive)
         return self.settings.step
 
@@ -223,7 +224,7 @@ class Bench:
 
 @contextmanager
 def _kicked(parts: Sequence[Coupled], kick: float) -> Iterator[None]:
-    """Let every wired Real input be off by `kick` times the size of what it hears."""
+    """Offset every wired Real input by `kick` times the size of its source."""
     links = [link for part in parts for link in part.links if link.real]
     links = [link for link in links if not isinstance(link.signal, Feed)]
     before = [link.offset for link in links]
@@ -282,9 +283,9 @@ def _diagnose(bench: Bench, share: float) -> Diagnosis:
 def _own(bench: Bench, law: Law, span: float) -> Own | None:
     """The eigenvalue of the coupled system itself next to a mode, from model exchange.
 
-    None where a part does not offer that, where the linear system changes within `span` [s] of the
-    motion, so that the eigenvalues of an instant are not those of the motion, where none is near, or
-    where the motion is too stiff to be followed so far.
+    None if a part does not offer model exchange, if the linear system changes within `span` [s] of the
+    motion, so that the eigenvalues at an instant are not those of the motion, if no eigenvalue is near,
+    or if the motion is too stiff to be followed that far.
     """
     system, start = bench.network.system, bench.settings.start
     times = [bench.settle + share * span for share in MOMENTS]
@@ -310,7 +311,9 @@ def _own(bench: Bench, law: Law, span: float) -> Own | None:
 
 
 class Own(NamedTuple):
-    """Natural frequency [rad/s] and damping ratio of a mode, and the error of both, relative and as it is."""
+    """Natural frequency [rad/s] and damping ratio of a mode; `error` is relative for the frequency and
+    absolute for the damping.
+    """
 
     frequency: float
     damping: float
@@ -321,9 +324,9 @@ class Law:
     """A mode's damping ratio over the step: the cubic through the four shortest steps, or the parabola
     through the system's own value at zero and the two shortest.
 
-    The error of the value at zero is the larger of the differences to the line and to the parabola
-    through the shortest steps, and what goes through the extrapolation of SPREAD times the residuals,
-    of what a fit neglects per radian, and of what a mode moves when it is watched for a shorter time:
+    The error of the value at zero is the larger of the differences from the line and from the parabola
+    through the shortest steps, plus what the extrapolation makes of SPREAD times the residuals, of what
+    a fit neglects per radian, and of how far a mode moves when it is observed for a shorter time, as
     modes of a system that changes along its motion do.
     """
 
@@ -366,7 +369,7 @@ class Law:
 
 
 def _decays(found: Diagnosis | Law) -> bool:
-    """Whether it is an oscillation with a damping of its own that can be told from none."""
+    """Whether it is an oscillation whose damping can be distinguished from zero."""
     return found.frequency > 0.0 and max(UNDAMPED, found.error) < found.damping < 1.0
 
 

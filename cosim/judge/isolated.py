@@ -1,4 +1,4 @@
-"""Run FMUs in a process of their own, so that one that crashes takes no more than that with it."""
+"""Run FMUs in a separate process, so that a crash of one ends only that process."""
 
 from __future__ import annotations
 
@@ -43,13 +43,13 @@ def run_isolated(
     timeout: float = math.inf,
     **settings: Any,
 ) -> Result:
-    """What `run` does with these settings, in a child process; the rows stream to `csv`.
+    """Do what `run` does with these settings, but in a child process; the rows are streamed to `csv`.
 
     Raises what `run` raises. If an FMU ends the process, or takes longer than `timeout` [s] for a step
-    or GRACE to close, SimulationError with the rows that reached the file, or SetupError before the
-    first step. Ctrl-C ends the child, a second one kills it, and so does SIGTERM or SIGHUP after a
-    while; all keep the rows. If this process dies, so does the child. As always with child processes,
-    a script needs `if __name__ == "__main__"`.
+    or than GRACE to close, raises SimulationError with the rows that reached the file, or SetupError
+    before the first step. Ctrl-C ends the child, a second one kills it, and so does SIGTERM or SIGHUP
+    after a while; the rows are kept in each case. If this process dies, so does the child. As always
+    with child processes, a script needs `if __name__ == "__main__"`.
     """
     if not timeout > 0.0:
         raise SetupError(f"timeout = {timeout!r} s must be above 0")
@@ -77,7 +77,7 @@ def run_isolated(
             elif kind == "error":
                 raise content
             elif kind == "silent":
-                ended = f"did nothing for {content:g} s and was ended"
+                ended = f"did not respond for {content:g} s and was ended"
                 process.kill()
     dead = f"the process that ran the parts {', '.join(system.parts)} {ended or death(process)}"
     after = _stamps(csv)
@@ -194,7 +194,7 @@ def _messages(
     csv: Path,
     before: list[int],
 ) -> Iterator[Any]:
-    """What the child tells until it ends, and that it is silent; hands Ctrl-C on to it until it hears."""
+    """What the child sends until it ends, or that it is silent; passes Ctrl-C on until it reacts."""
     asked = heard = math.inf
     while True:
         ready = wait([pipe, process.sentinel], PATIENCE)

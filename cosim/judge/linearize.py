@@ -1,4 +1,4 @@
-"""A coupled system as a linear one about a working point: modes, frequency response, pictures."""
+"""Linearise a coupled system about a working point: modes, frequency response, plots."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ DECADES, SAMPLES, SPAN, MOST_PERIODS = 1.0, 2000, 7.0, 20
 class Linear:
     """dx' = A dx + B du, dy = C dx + D du: small deviations from a working point at `time` [s].
 
-    `states`, `inputs` and `outputs` name rows and columns, `units` has the unit of each. `point` has
-    the values of all of them there, and `rates` those of the states' derivatives, in 1/s of their
-    units: the point is a rest only if they are zero.
+    `states`, `inputs` and `outputs` name the rows and columns; `units` gives the unit of each. `point`
+    gives the values of all of them there, and `rates` those of the states' derivatives, in the states'
+    units per second: the point is at rest only if they are zero.
     """
 
     A: Array
@@ -48,7 +48,7 @@ class Linear:
 
     @property
     def eigenvalues(self) -> Complex:
-        """Of A [1/s], the slowest first, a conjugate pair side by side."""
+        """The eigenvalues of A [1/s], slowest first, with conjugate pairs side by side."""
         s = np.linalg.eigvals(self.A).astype(complex)
         return s[np.lexsort((s.imag, s.real, np.abs(s).round(9)))]
 
@@ -97,9 +97,9 @@ class Linear:
     def plot(
         self, input: str, output: str, path: Path | str | None = None, *, span: float | None = None
     ) -> Figure:
-        """Bode diagram and step response from an input to an output; written to a file if asked.
+        """Bode diagram and step response from an input to an output; `path` also writes a file.
 
-        The response lasts `span` [s]: by default until the slowest mode is over, but at most some
+        The response lasts `span` [s], by default until the slowest mode has decayed, but at most some
         periods of the fastest.
         """
         from matplotlib.figure import Figure
@@ -151,19 +151,19 @@ class Linear:
 def linearize(
     system: System, *, inputs: Sequence[str] | None = None, start: float = 0.0, at: float = 0.0
 ) -> Linear:
-    """The coupled system about its start values, from the model-exchange sides of its parts.
+    """Linearise the coupled system about its start values, from the model-exchange sides of its parts.
 
-    With `at` [s] the working point is what the oracle's run from `start` reaches after that time.
+    With `at` [s], the working point is the one that the oracle's run from `start` reaches after that time.
 
-    `inputs` are the columns of B and D: by default the Real inputs that no wire drives. The column
-    of one that a wire drives is what is added to the wire. The outputs are all Real outputs.
+    `inputs` are the columns of B and D, by default the Real inputs that no wire drives. The column of an
+    input that a wire drives stands for a value added to the wire. The outputs are all Real outputs.
 
     The parts' x' = A x + B u, y = C x + D u and the wires u = F y + v give
 
         u = (I - F D)^-1 (F C x + v)
 
-    Derivatives are those of the FMUs where they offer directional ones, else central differences;
-    discrete variables, and which side of an event holds, stay as they are. Raises SetupError for a part
+    Derivatives come from the FMUs where they offer directional derivatives, else from central differences.
+    Discrete variables, and the active side of each event, stay as they are. Raises SetupError for a part
     without model exchange, an unknown input, and an algebraic loop without a solution.
     """
     if not 0.0 <= at < math.inf:
@@ -172,7 +172,7 @@ def linearize(
     ports = None if inputs is None else [network.port(name) for name in inputs]
     for port in ports or ():
         if port.variable.causality != "input" or port.type != "Real":
-            raise SetupError(f"{port} is no Real input")
+            raise SetupError(f"{port} is not a Real input")
     try:
         with opened(network, start, start + at) as whole:
             for _ in travel(whole, start + at, "DOP853", TOLERANCE):

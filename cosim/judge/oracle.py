@@ -1,6 +1,6 @@
-"""The solution of a coupled system without any coupling error, and what a run is off from it.
+"""The solution of a coupled system without any coupling error, and how far a run is from it.
 
-The model-exchange sides of all parts are one ordinary differential equation, which SciPy integrates
+The model-exchange sides of all parts form one ordinary differential equation, which SciPy integrates
 with tight tolerances and events located to the last digits.
 """
 
@@ -35,7 +35,7 @@ class Piece(NamedTuple):
 
 
 class Compared(NamedTuple):
-    """A figure as runs of the master certify it, and as the oracle has it."""
+    """A figure as certified by runs of the master, and its value by the oracle."""
 
     certified: Estimate
     true: float
@@ -47,7 +47,7 @@ class Compared(NamedTuple):
 
 
 class Judged(NamedTuple):
-    """The oracle's result, and every figure beside the certified one."""
+    """The oracle's result, and every figure next to the certified one."""
 
     result: Result
     figures: dict[str, Compared]
@@ -65,18 +65,18 @@ def oracle(
 ) -> Result:
     """Integrate the coupled system from `start` to `stop` [s] as one ordinary differential equation.
 
-    `method` is one of SciPy's: DOP853, or Radau or LSODA for stiff systems; `tolerance` is relative to
-    each state, or to its nominal value where that is larger. Rows are `output_step` [s] apart, a
-    thousandth of the time by default, with one more where a recorded discrete variable changes; `record`
-    names the columns (default: all outputs).
+    `method` is one of SciPy's: DOP853, or Radau or LSODA for stiff systems. `tolerance` is relative to
+    each state, or to its nominal value where that is larger. Rows are `output_step` [s] apart, by default
+    a thousandth of the time, with one more where a recorded discrete variable changes. `record` lists the
+    columns (default: all outputs).
 
-    The system is integrated twice. `provenance["errors"]` has by column the largest distance of the rows
-    to those of a tolerance LOOSER times as large; `provenance["events"]` the times [s] of all events.
-    Inputs over time act at each instant, as do the wires. An event that begins and ends
-    within half a step of the integrator may be missed.
+    The system is integrated twice. `provenance["errors"]` gives, by column, the largest distance of the
+    rows from those with a tolerance LOOSER times as large; `provenance["events"]` gives the times [s] of
+    all events. Inputs over time act continuously, as do the wires. An event that begins and ends within
+    half a step of the integrator may be missed.
 
-    Raises SetupError for a part without model exchange and what cannot be run, SimulationError
-    where a part or the integrator fails.
+    Raises SetupError for a part without model exchange and for settings that cannot be run, and
+    SimulationError if a part or the integrator fails.
     """
     network = connect(system)
     spacing = (stop - start) / ROWS if output_step is None else output_step
@@ -144,7 +144,7 @@ def true_errors(
     """Certify figures of runs with a communication step [s], and compare them with the oracle's.
 
     The oracle's rows are as far apart as those of the runs. `settings` are those of `run`. Raises what
-    `oracle` and `certify` raise; what is for model exchange only has no run to be compared.
+    `oracle` and `certify` raise; parts for model exchange only are refused, since they cannot be run.
     """
     require_steps(connect(system).descriptions, system.parts)
     rows = settings.get("output_step", step)

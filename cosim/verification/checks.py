@@ -219,7 +219,9 @@ def spring_energy(fmu: Path, title: str, scheme: Scheme) -> Row:
     made = -next(iter(result.energy.values()))["residual"] / energy[0]
     change = float(energy[-1] / energy[0]) - 1.0
     match = deviation(result.data[:, 1:], ideal.states(scheme, [h] * count))
-    return judge("spring and mass", title, [match], "energy made, of the first", made, change, SAME)
+    return judge(
+        "spring and mass", title, [match], "energy made / initial energy", made, change, SAME
+    )
 
 
 def shaft_energy(fmu: Path, title: str, scheme: Scheme) -> Row:
@@ -238,7 +240,7 @@ def shaft_energy(fmu: Path, title: str, scheme: Scheme) -> Row:
         made = -next(iter(result.energy.values()))["residual"]
         gaps.append(float(energy[-1] - energy[0]) - made)
     found = slope(gaps, 2)
-    quantity = "order of energy beyond made"
+    quantity = "order of the energy not booked"
     return judge("undamped drive", title, matches, quantity, found, 2, ORDER)
 
 

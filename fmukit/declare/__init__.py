@@ -1,1 +1,1 @@
-"""What a model declares: variables with quantity, start, bounds and meaning."""
+"""Declarations of a model: variables with quantity, start, bounds and meaning."""

@@ -1,4 +1,4 @@
-"""Refuse what is physically impossible before the first step, with name, value, unit and bound."""
+"""Refuse physically impossible values before the first step, giving name, value, unit and bound."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from .variables import Interface, Variable
 
 
 def number(value: Value, unit: str) -> str:
-    """A value with its unit, as it stands in messages; a ratio has none."""
+    """A value with its unit for messages; a ratio has no unit."""
     plain = value.value if isinstance(value, IntEnum) else value
     return repr(plain) if unit in ("", "1") else f"{plain!r} {unit}"
 
@@ -48,8 +48,8 @@ def within(variable: Variable, value: Value) -> None:
 def start_values(interface: Interface, parameters: Any, values: Sequence[Value]) -> Iterator[str]:
     """Check all that may be set before the start; yield warnings, raise ValueError.
 
-    `parameters` is the record of the parameters for the component's own `check(p)`, which yields
-    a sentence for what is unusual and raises ValueError for what cannot be.
+    `parameters` is the record passed to the component's own `check(p)`, which yields a sentence for
+    each unusual value and raises ValueError for an impossible one.
     """
     for variable in interface.variables:
         if variable.settable_before_start:

@@ -1,4 +1,4 @@
-"""Declare a variable in one line: type, start, meaning, bounds. A record is a named tuple of them."""
+"""Declare variables in one line each: type, start, meaning, bounds. A record is a named tuple of them."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ IDENTIFIER = str.maketrans({"[": "_", ",": "_", "]": None})
 
 
 class Declaration(NamedTuple):
-    """What a component says of one variable; bounds are inclusive, but 0 is not `positive`."""
+    """The declaration of one variable; bounds are inclusive, but `positive` excludes 0."""
 
     start: Value
     meaning: str
@@ -76,11 +76,11 @@ def real(
 ) -> Any:
     """Declare a Real; `positive` is min = 0 without the 0 itself.
 
-    `feedthrough` names the inputs that act on an output without delay; a `held` one is part of a
-    State and changes only at events; one that `follows` is computed by `settle` and cannot be set.
+    `feedthrough` names the inputs that act on an output without delay. A `held` variable is part of the
+    State and changes only at events. One that `follows` is computed by `settle` and cannot be set.
     """
     if positive and min is not None:
-        raise ValueError(f"positive=True is min = 0 without the 0: leave out min={min!r}")
+        raise ValueError(f"positive=True means min = 0 without the 0 itself: leave out min={min!r}")
     low = 0.0 if positive else min
     return Declaration(
         float(start), meaning, low, max, nominal, feedthrough, held, positive, follows=follows
@@ -95,7 +95,7 @@ def discrete(start: int | bool | str, meaning: str, feedthrough: tuple[str, ...]
 def array(start: Any, meaning: str, **rest: Any) -> Any:
     """Declare a vector, or a matrix by its rows: a Real A[1,1] for every start value.
 
-    `meaning` may name the place: {0} is the row, {1} the column.
+    `meaning` may contain the indices: {0} is the row, {1} the column.
     """
     if not isinstance(start, Sequence):
         return real(start, meaning, **rest)
@@ -109,8 +109,8 @@ R = TypeVar("R")
 def record(cls: type[R]) -> type[R]:
     """Make a named tuple of the declared fields; a field that is itself a record nests.
 
-    An array lies flat in the tuple, element by element, and is read whole, a matrix as its rows;
-    `fill`, not the class itself, makes a record that has one.
+    An array is stored flat in the tuple, element by element, and read as a whole, a matrix as its rows.
+    Make a record that has one with `fill`, not with the class itself.
     """
     fields: dict[str, Any] = {}
     body: dict[str, Any] = {"__slots__": (), "__doc__": cls.__doc__, "__module__": cls.__module__}
@@ -123,7 +123,9 @@ def record(cls: type[R]) -> type[R]:
     }
     for name, annotation in annotations.items():
         if not name.isascii():
-            raise TypeError(f"{cls.__name__}.{name} is no name in FMI: write letters from a to z")
+            raise TypeError(
+                f"{cls.__name__}.{name} is not a name in FMI: write letters from a to z"
+            )
         if hasattr(annotation, "_declared"):
             fields[name] = annotation
             continue
@@ -139,12 +141,12 @@ def record(cls: type[R]) -> type[R]:
 
 
 def _annotations(cls: Any) -> dict[str, Any]:
-    """The types of the fields; raises TypeError for what is neither a quantity nor a type."""
+    """The types of the fields; raises TypeError for an annotation that is neither a quantity nor a type."""
     try:
         return get_type_hints(cls, include_extras=True)
     except NameError as error:
         known = f"from fmukit.si import one of {si.known()}"
-        raise TypeError(f"{error.name} in class {cls.__name__} is no type: {known}") from None
+        raise TypeError(f"{error.name} in class {cls.__name__} is not a type: {known}") from None
 
 
 def _declared(cls: Any, name: str) -> Any:
@@ -224,7 +226,7 @@ def _fill(cls: Any, values: Iterator[Value]) -> Any:
 
 
 def replace(record: R, **changes: Value) -> R:
-    """The record with some fields changed; raises AttributeError for one that it has not."""
+    """The record with some fields changed; raises AttributeError for an unknown one."""
     for name in changes:
         if name not in cast(Any, record)._fields:
             getattr(record, name)

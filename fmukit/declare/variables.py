@@ -1,4 +1,4 @@
-"""The FMI variables of a component, in the order that is both XML index and value reference."""
+"""The FMI variables of a component; their order is both XML index and value reference."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ class InputHold(IntEnum):
 
 INPUT_HOLD: Declaration = discrete(
     InputHold.zero,
-    "Course of the inputs over a communication step: held as set (0), "
-    "on the line through the last two (1), from the one before to the one just set (2)",
+    "Inputs over a communication step: held at the value set (0), extrapolated through the "
+    "last two values (1), interpolated from the previous value to the one just set (2)",
 )
 
 
@@ -58,7 +58,7 @@ class Variable(NamedTuple):
 
     @property
     def unit(self) -> str:
-        """Unit, or an empty string for what has none."""
+        """The unit, or an empty string if there is none."""
         return self.declaration.quantity.unit if self.declaration.quantity else ""
 
 
@@ -67,11 +67,11 @@ FUNCTIONS = {
     "derivatives": "p, t, x, u", "outputs": "p, t, x, u", "guard": "p, t, x, u",
     "jump": "p, t, x, u, which", "prepare": "p, x", "settle": "p, x",
 }  # fmt: skip
-"""What the functions of a model take."""
+"""The arguments of a model's functions."""
 
 
 def complete(model: Any) -> None:
-    """Give a model the records that it lacks, empty; raises TypeError for what must be there."""
+    """Add the records that a model lacks, empty; raises TypeError for a missing part that it must have."""
     for name in RECORDS:
         if not hasattr(model, name):
             setattr(model, name, record(type(name, (), {"__module__": model.__name__})))
@@ -89,15 +89,19 @@ def complete(model: Any) -> None:
         "outputs": "write def outputs(p, t, x, u), which returns the Outputs",
     }
     if hasattr(model, "guard") or hasattr(model, "jump"):
-        needed["guard"] = "write def guard(p, t, x, u), which returns a tuple of what stays above 0"
-        needed["jump"] = "write def jump(p, t, x, u, which), which returns the State after it"
+        needed["guard"] = (
+            "write def guard(p, t, x, u), which returns a tuple of values that stay above 0"
+        )
+        needed["jump"] = (
+            "write def jump(p, t, x, u, which), which returns the State after the event"
+        )
     for name, form in needed.items():
         if not getattr(model, name, None):
             raise TypeError(f"{'the docstring' if name == '__doc__' else name} is missing: {form}")
     stop, step = model.EXPERIMENT
     if not 0.0 < step <= stop < inf:
         raise ValueError(
-            f"EXPERIMENT has stop = {stop!r} s and step = {step!r} s: 0 < step <= stop"
+            f"EXPERIMENT has stop = {stop!r} s and step = {step!r} s: 0 < step <= stop must hold"
         )
     for name, takes in FUNCTIONS.items():
         if hasattr(model, name):
@@ -133,7 +137,7 @@ class Interface:
         self.by_name = {v.name: v for v in self.variables}
         for name, times in Counter(v.name for v in self.variables).items():
             if times > 1:
-                raise ValueError(f"{name} is declared twice: every state is an output, too")
+                raise ValueError(f"{name} is declared twice: every state is also an output")
 
     def _add(self, cls: Any, causality: str, initial: str) -> slice:
         first = len(self.variables)
@@ -177,11 +181,11 @@ def rate(declaration: Declaration) -> Quantity | None:
 
 
 def only_steps(model: ModuleType) -> str:
-    """Why a model can be stepped but not integrated by others; empty where it can."""
+    """Why a model can only be stepped, not integrated by others; empty if it can be integrated."""
     declared = [d for _, d in declarations(model.State)]
     discrete = all(d.kind != "Real" or d.held for d in declared)
     if discrete and (hasattr(model, "sample") or hasattr(model, "exact")):
-        return "it has no continuous state and changes at communication points alone"
+        return "it has no continuous state and changes only at communication points"
     return getattr(model, "CO_SIMULATION_ONLY", "")
 
 

@@ -1,4 +1,4 @@
-"""What makes FMUs of the same content the same: one rule for guids, fixed order and times of files."""
+"""Identical FMUs for identical content: one rule for guids, fixed order and times of files."""
 
 import hashlib
 import os

@@ -19,14 +19,14 @@ class Refused(Exception):
 
 
 def load(path: Path) -> ModuleType:
-    """The module of this file, which nobody else can import; a record that it lacks is empty.
+    """The module of this file, which nothing else can import; a record that it lacks is empty.
 
     Raises Refused.
     """
     name = f"{path.resolve().parent.name}.model" if path.stem == "model" else path.stem
     spec = importlib.util.spec_from_file_location(name, path)
     if spec is None or spec.loader is None or not path.exists():
-        raise Refused(f"{path} is no Python file")
+        raise Refused(f"{path} is not a Python file")
     module = importlib.util.module_from_spec(spec)
     before = sys.modules.get(name)
     sys.modules[name] = module
@@ -43,7 +43,7 @@ def load(path: Path) -> ModuleType:
 
 
 def require_imports(path: Path) -> None:
-    """Raise SyntaxError for what would not be in the FMU."""
+    """Raise SyntaxError for an import that would be missing from the FMU."""
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if not isinstance(node, ast.Import | ast.ImportFrom):
             continue
@@ -56,8 +56,8 @@ def require_imports(path: Path) -> None:
             whole = isinstance(node, ast.Import) and package == "fmukit"
             if whole or package not in {"fmukit", *sys.stdlib_module_names}:
                 raise SyntaxError(
-                    f"{name or '.'} cannot go into the FMU: a model is one file on the standard "
-                    "library and 'from fmukit import ...'",
+                    f"{name or '.'} cannot go into the FMU: a model is one file that uses only "
+                    "the standard library and 'from fmukit import ...'",
                     (str(path), node.lineno, None, None),
                 )
 

@@ -1,4 +1,4 @@
-"""Make the FMUs of a model: packed, validated, played against their own reference, and then kept."""
+"""Make the FMUs of a model: pack, validate, play against their own reference, and then keep them."""
 
 import io
 import multiprocessing
@@ -24,7 +24,7 @@ Build = TypeVar("Build", python.Build, native.NativeBuild)
 
 
 def make_all(models: Iterable[Path], flavour: str, out: Path, force: bool = False) -> int:
-    """Make NAME.fmu of every model, compiled ones in folders of their own, and NAME.wasm; how many
+    """Make NAME.fmu of every model, compiled ones in separate folders, and NAME.wasm; returns how many
     failed. Each core takes a model."""
     paths, told = list(models), partial(make_one, flavour=flavour, out=out, force=force)
     if len(paths) == 1:
@@ -37,7 +37,7 @@ def make_all(models: Iterable[Path], flavour: str, out: Path, force: bool = Fals
 
 
 def make_one(path: Path, flavour: str, out: Path, force: bool) -> tuple[int, str, str]:
-    """Make the FMUs of one model: how many failed, and what is to be said on stdout and stderr."""
+    """Make the FMUs of one model; returns how many failed, and the output for stdout and stderr."""
     failed = 0
     with redirect_stdout(io.StringIO()) as said, redirect_stderr(io.StringIO()) as complained:
         try:

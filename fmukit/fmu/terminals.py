@@ -57,9 +57,9 @@ def flanges(interface: Interface) -> dict[str, dict[str, str]]:
         for (member, unit), variable in zip(MEMBERS.items(), variables):
             port = interface.by_name.get(variable)
             if port is None or port.causality not in ("input", "output"):
-                raise ValueError(f"{here}: {variable!r} is no input and no output")
+                raise ValueError(f"{here}: {variable!r} is neither an input nor an output")
             if port.unit != unit:
-                raise ValueError(f"{here}: {variable} [{port.unit}] stands for {member} [{unit}]")
+                raise ValueError(f"{here}: {variable} [{port.unit}] cannot be {member} [{unit}]")
         torque, speed = (interface.by_name[variable].causality for variable in variables[:2])
         if torque == speed:
             raise ValueError(f"{here}: one of torque and speed must be an input, one an output")

@@ -1,4 +1,4 @@
-"""Is this FMU valid? fmpy's checks, and the rules of FMI 2.0 that no public checker reports."""
+"""Is an FMU valid? fmpy's checks, and the rules of FMI 2.0 that no public checker covers."""
 
 import math
 import re

@@ -47,7 +47,7 @@ class Flavour(NamedTuple):
     def log_categories(self) -> dict[str, str]:
         """The categories of messages and their meaning."""
         return {
-            "logStatusWarning": "What is unusual but can be simulated",
+            "logStatusWarning": "Unusual, but it can be simulated",
             self.failure: "Why a call failed",
             "logAll": "All messages",
         }

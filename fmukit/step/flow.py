@@ -1,4 +1,4 @@
-"""Loops and failures as functions of functions: what a tracer, too, can follow."""
+"""Loops and failures as functions of functions, which a tracer can follow too."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ T = TypeVar("T")
 
 
 def repeat(body: Callable[[T], tuple[bool, T]], carry: T) -> T:
-    """Put `carry` through `body` until it says that it is done."""
+    """Apply `body` to `carry` again and again until it returns that it is done."""
     done = False
     while not done:
         done, carry = body(carry)
@@ -17,7 +17,7 @@ def repeat(body: Callable[[T], tuple[bool, T]], carry: T) -> T:
 
 
 def attempted(function: Callable[[], T], otherwise: T) -> T:
-    """What the function returns, or something else where it has no value."""
+    """What the function returns, or `otherwise` where it has no value."""
     try:
         return function()
     except (ArithmeticError, ValueError):

@@ -1,23 +1,23 @@
 """Carry a component over one communication step: its own exact update, or the integrator.
 
-A component whose equations repeat costly work may do it once, in::
+A component whose equations repeat costly work may do it once::
 
-    prepare(p, x) -> Any             what `derivatives` may take as a fifth argument throughout a step
-                                     that begins with the state x
+    prepare(p, x) -> Any             a fifth argument for `derivatives` throughout a step that begins
+                                     with the state x
 
 A hybrid component adds to its equations::
 
-    guard(p, t, x, u) -> tuple       each positive; an event is where one falls below zero
+    guard(p, t, x, u) -> tuple       positive values; an event occurs where one falls below zero
     jump(p, t, x, u, which) -> State the state just after guard number `which` fell
     sample(p, t, x, before, now)     the state just after a communication point that brings new
                                      inputs (before = None when initialisation ends)
-    settle(p, x)                     the state x with all that follows from the rest of it; at the
-                                     start and at the end of every communication step. What cannot
-                                     be chosen at the start is declared with `follows=True`
+    settle(p, x)                     the state x with everything that follows from the rest of it; at
+                                     the start and at the end of every communication step. What
+                                     cannot be chosen at the start is declared with `follows=True`
     notes(p, t, old, new, u)         sentences for the log on the change from old to new
     LONGEST_STEP                     sub-step [s] within which no guard falls and rises again
 
-of which any may be missing. Fields of State that are not Real, or are declared `held`, keep their
+Any of these may be missing. Fields of State that are not Real, or are declared `held`, keep their
 value between events.
 """
 
@@ -42,11 +42,11 @@ Note = Callable[[str], None]
 
 
 def silent(sentence: str) -> None:
-    """Take a sentence and say nothing."""
+    """Take a sentence and ignore it."""
 
 
 class Course(NamedTuple):
-    """Inputs over a step of h seconds: Reals run on a line from `start` to `end`.
+    """Inputs over a step of h seconds: Reals follow a line from `start` to `end`.
 
     With a degree above 1, s (s - h) (b_0 + b_1 s + ...) is added, with b in `bends`.
     """
@@ -80,7 +80,7 @@ def along(inputs: Course, s: float) -> Any:
 def course(hold: int, before: Any, now: Any, past: float, h: float) -> Course:
     """The inputs over the next h seconds, those set `before` having been set `past` seconds ago.
 
-    Without a past (past = 0) there is no line to follow: extrapolation holds the value.
+    Without a past (past = 0) there is no line to follow, and extrapolation holds the value.
     """
     if hold == InputHold.interpolate:
         return Course(before, now, h)
@@ -115,7 +115,7 @@ def advance(
 
     A component with a closed solution for inputs on a line gives it in `exact(p, x, u0, u1, h)`,
     None where it has none.
-    `note` takes what a hybrid component has to say about its events.
+    `note` takes the sentences of a hybrid component about its events.
     """
     if hasattr(model, "exact") and inputs.degree == 1:
         end = model.exact(p, x, inputs.start, inputs.end, inputs.h)
@@ -200,7 +200,8 @@ def travel(
 ) -> Any:
     """The state at the end of a step, through its events, which `happened` may record.
 
-    With `happened` = `stop` it is the Stage of the first event, or of the end. Raises ArithmeticError for a system that chatters, and what `ode.substep` raises.
+    With `happened` = `stop` it is the Stage of the first event, or of the end. Raises ArithmeticError for
+    a system that chatters, and what `ode.substep` raises.
     """
     places, tolerance = continuous(model.State), tolerances(model.State)
     h, longest, hybrid = inputs.h, getattr(model, "LONGEST_STEP", inf), hasattr(model, "guard")

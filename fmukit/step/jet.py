@@ -1,7 +1,7 @@
 """Jets: a value with its first and second derivative along one coordinate.
 
-Equations of motion need the derivatives of a geometry; written with jets, its formulas are enough.
-The functions take numbers, too, so that one formula serves both.
+Equations of motion need the derivatives of a geometry; with jets, the formulas of the geometry are enough.
+The functions also take numbers, so that one formula serves both.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Integrate x' = f(s, x) over one communication step with the pair of Dormand and Prince, 5(4).
 
-Every call starts from the whole interval and refines it only as far as the error asks, so that
-nothing but x is remembered between calls and a repeated step repeats every bit.
+Every call starts from the whole interval and refines it only as far as the error requires. Nothing but
+x is kept between calls, so that a repeated step repeats every bit.
 """
 
 from __future__ import annotations
@@ -55,8 +55,8 @@ def substep(
 ) -> tuple[bool, float, Walk]:
     """Try one sub-step towards `stop` whose error over the tolerance has a norm below 1.
 
-    Returns whether there is one, its size, and the walk that goes on. Raises
-    ArithmeticError if no sub-step is small enough beside what is left, or after MOST_SUBSTEPS.
+    Returns whether it succeeded, its size, and the walk to continue with. Raises ArithmeticError if no
+    sub-step is small enough compared with the rest of the step, or after MOST_SUBSTEPS.
     """
     if at.tried >= MOST_SUBSTEPS:
         raise ArithmeticError(f"more than {MOST_SUBSTEPS} sub-steps up to {at.s!r} s of the step")

@@ -39,7 +39,7 @@ Value = Callable[[Any, Any], Any]
 
 
 class Unlike(Exception):
-    """The two ways differ where they were to be done once; of their ends so much may be alike."""
+    """The two ways differ where they were to be done once; at most their last `shared` acting nodes match."""
 
     def __init__(self, shared: int) -> None:
         self.shared = shared

@@ -1,4 +1,4 @@
-"""What a model's functions must be, so that an FMU can repeat them: pure, and records of numbers."""
+"""What an FMU needs of a model's functions: they must be pure and return records of numbers."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from .tracer import Tracer
 from .values import Node, Tree, Untraceable, key
 
 REFUSED: dict[type[ast.AST], str] = {
-    ast.Try: "try cannot go into the FMU, where nothing is raised: ask with if",
-    ast.Global: "global cannot go into the FMU: what a function keeps is a State",
+    ast.Try: "try cannot go into the FMU, where nothing is raised: test with if",
+    ast.Global: "global cannot go into the FMU: what a function keeps must be in the State",
     ast.MatchSingleton: "case True, False or None cannot go into the FMU: write if",
     ast.Assert: "assert cannot go into the FMU: write if not ...: raise ValueError(...)",
 }
 
 
 def require(model: ModuleType, tracer: Tracer) -> None:
-    """Raise SyntaxError or Untraceable for a function that the FMU would not repeat: that catches
-    errors, gives what is no number, or another value when called again with the same numbers.
+    """Raise SyntaxError or Untraceable for a function that the FMU could not repeat: one that catches
+    errors, returns something that is not a number, or returns another value for the same numbers.
     """
     known = ast.walk(ast.parse(inspect.getsource(model)))
     for node in (
@@ -44,8 +44,8 @@ def require(model: ModuleType, tracer: Tracer) -> None:
             raise Untraceable(f"{name} calls itself without end") from error
         if ends(once.tree) != ends(again.tree):
             raise Untraceable(
-                f"{name} gives another value when it is called again with the same numbers: "
-                "it may use nothing but its arguments and constants"
+                f"{name} returns another value when it is called again with the same numbers: "
+                "it may only use its arguments and constants"
             )
 
 
@@ -56,13 +56,13 @@ def checked(model: ModuleType, name: str, result: Any) -> Callable[..., Any]:
         found = getattr(model, name)(*given.values())
         if not isinstance(found, result):
             form = "(..., ...)" if result is tuple else f"{result.__name__}(...)"
-            raise Untraceable(f"{name} gives {_told(found)}: write return {form}")
+            raise Untraceable(f"{name} returns {_told(found)}: write return {form}")
         for place, declared in getattr(result, "_declared", {}).items():
             value = getattr(found, place)
             truth = isinstance(value, bool) and declared.kind == "Real"
             if truth or not isinstance(value, (Node, float, int)):
                 raise Untraceable(
-                    f"in {name} {result.__name__}.{place} is {_told(value)}, which is no number"
+                    f"in {name} {result.__name__}.{place} is {_told(value)}, which is not a number"
                     + (": write 1.0 if ... else 0.0" if truth else "")
                 )
         return 0.0 if result is tuple else found  # a guard may be as long as its stage needs

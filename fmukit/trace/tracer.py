@@ -180,7 +180,7 @@ def mathematical(original: Callable[..., Any]) -> Callable[..., Any]:
             return OTHERWISE[name](*args)
         if name not in OPERATIONS:
             instead = INSTEAD.get(name, f"one of {', '.join(sorted(OPERATIONS | {*OTHERWISE}))}")
-            raise Untraceable(f"{name} of math, which C computes otherwise: write {instead}")
+            raise Untraceable(f"{name} of math, which C computes differently: write {instead}")
         return operation(name, *args)
 
     return call

@@ -139,7 +139,7 @@ class Node:
                 return item
         raise Untraceable(
             "a number known only at run time used as a key, an index or a choice, "
-            "which an enumeration alone can be: write conditions"
+            "which only an enumeration can be: write conditions"
         )
 
 
@@ -159,8 +159,8 @@ for _names, _what in {
     "rshift rrshift": ">> of a number: write x * 0.5 ** n",
     "matmul rmatmul": "@ of numbers: write the sum of products",
     "divmod rdivmod": "divmod() of a number known only at run time: write x // y and x % y",
-    "len": "len() of a number known only at run time: its State or Inputs are meant",
-    "call": "a number known only at run time called like a function: a * is missing",
+    "len": "len() of a number known only at run time: take that of its State or Inputs",
+    "call": "a number known only at run time is called like a function: a * is missing",
 }.items():
     for _name in _names.split():
         setattr(Node, f"__{_name}__", _refuse(_what))

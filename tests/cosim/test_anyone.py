@@ -247,7 +247,9 @@ def test_an_fmu_that_lives_only_once_is_not_taken_twice(copy: bool, make: Make) 
     fmu = make(canBeInstantiatedOnlyOncePerProcess=True)
     other = fmu.with_name("copy.fmu")
     other.write_bytes(fmu.read_bytes())
-    with pytest.raises(SetupError, match="B: its FMU lives only once in a process, and A is"):
+    with pytest.raises(
+        SetupError, match="B: its FMU allows only one instance per process, and A is"
+    ):
         run(system({"A": fmu, "B": other if copy else fmu}), stop=H, step=H)
     for _ in range(2):
         run(system({"A": fmu}), stop=H, step=H)
@@ -654,12 +656,12 @@ REFUSED: dict[str, tuple[Callable[[dict[str, Any]], Any], str]] = {
     "wrong GUID": (described(("guid=.*?}", 'guid="{1}')), "A: instantiate failed: the GUID {1} is not {"),
     "no binary": (lambda files: files.update({"binaries/win32/foreign.dll": files.pop(BINARY)}), f"has no binary for this platform, {BINARY}; it is for win32"),
     "no library": (lambda files: files.update({BINARY: b"no library"}), "A: Failed to load shared library"),
-    "no description": (lambda files: files.pop(DESCRIPTION), "is not a valid FMU, it has no modelDescription.xml"),
+    "no description": (lambda files: files.pop(DESCRIPTION), "is not a valid FMU: it has no modelDescription.xml"),
     "malformed XML": (described(("</ModelVariables>", "")), "is not a valid FMU: modelDescription.xml: Opening and ending tag mismatch"),
-    "two of a name": (described(('name="integer_in"', 'name="u"')), "is not a valid FMU: it has two variables u"),
+    "two of a name": (described(('name="integer_in"', 'name="u"')), "is not a valid FMU: it has two variables named u"),
 }  # fmt: skip
 DAMAGED: dict[str, tuple[Callable[[bytes], bytes], str]] = {
-    "truncated": (lambda data: data[: len(data) // 2], "is not a valid FMU, it cannot be opened as zip: File is not a zip file"),
+    "truncated": (lambda data: data[: len(data) // 2], "is not a valid FMU: it cannot be opened as a zip file: File is not a zip file"),
     "flipped": (lambda data: data.replace("grün".encode(), b"green"), "A.fmu cannot be unpacked: "),
     "no file": (lambda _: b"", "there is no file"),
 }  # fmt: skip

@@ -124,7 +124,7 @@ def test_held_angles_are_warned_of(fmus: Path, tmp_path: Path, said: Said) -> No
     start = {"crank.tau": 0.0} | {f"other.u[{i}]": 0.0 for i in (2, 3, 4)}
     path = tmp_path / "angle.ssp"
     write_ssp(System(parts, ["crank.phi => other.u[1]"], start), path, stop=1.0)
-    assert "an angle that is held over a step pushes a stiff shaft" in said("check", path)
+    assert "an angle held over a step pushes a stiff shaft" in said("check", path)
 
 
 def test_a_terminal_shows_simulated_time_pace_and_what_is_left(drive: Path) -> None:
@@ -165,7 +165,7 @@ def test_check_tells_what_is_in_the_way(
 ) -> None:
     text = said("check", drive)
     assert "order of steps: motor, conveyor" in text
-    assert "recommended step: 0.001 s, which motor prefers" in text
+    assert "recommended step: 0.001 s, preferred by motor" in text
     assert text.endswith("ready to run\n")
     parts = {"a": fmus / "LinearSystem.fmu", "b": fmus / "LinearSystem.fmu"}
     wires = ["a.z[1] -> b.u[1]", "b.z[1] -> a.u[1]"]
@@ -199,7 +199,7 @@ def test_exports_are_files_of_their_kind(drive: Path, tmp_path: Path, said: Said
         (["run", "DRIVE", "--set", "motor.T=-1"], "motor.T [s] = -1 must be"),
         (["run", "DRIVE", "--step", "0"], "step = 0.0 s must be above 0"),
         (["run", "DRIVE", "--step", "1", "--adaptive", "1"], "exclude each other"),
-        (["run", "DRIVE", "--stop", "soon"], "argument --stop: 'soon' is no number"),
+        (["run", "DRIVE", "--stop", "soon"], "argument --stop: 'soon' is not a number"),
         (["run", "DRIVE", "--start", "motor.T=1"], "start values are given with --set"),
         (["run", "DRIVE", "--algorithm", "euler"], "invalid choice: 'euler'"),
         (["run", "DRIVE", "--substeps", "motor=1.5"], "must be a whole number"),

@@ -106,7 +106,7 @@ def test_grids_and_units_of_each_are_honoured() -> None:
         found = compare(ours, theirs, value=0.02, columns={"x[1]": text})
         assert found.passed is passes, text
         assert found["x[1]"].reference == "load"
-        assert "not compared of the result: w" in found.text()
+        assert "not compared in the result: w" in found.text()
 
 
 def test_a_column_is_not_mapped_twice() -> None:
@@ -143,20 +143,20 @@ def test_nothing_is_compared_in_a_gap_and_that_is_said() -> None:
         ({"y": saw(T)}, {}, "no column in common: the result has x, the reference has y"),
         ({"x": saw(T)}, {"columns": ["z"]}, "the result has no column 'z', only x"),
         ({"x": saw(T)}, {"columns": {"x": "z"}}, "the reference has no column 'z', only x"),
-        ({"x [m]": saw(T), "x [s]": saw(T)}, {}, "the reference has two columns 'x'"),
+        ({"x [m]": saw(T), "x [s]": saw(T)}, {}, "the reference has two columns named 'x'"),
         ({"x": np.where(T == 2.0, np.nan, 0.0)}, {}, "row 201: x = nan must be a finite number"),
         ({"x": np.where(T == 2.0, np.inf, 0.0)}, {}, "row 201: x = inf must be a finite number"),
         ({"x": ["jam"] * len(T)}, {}, "row 1: x = jam must be a finite number"),
-        ({"t": T + 20.0}, {}, "from 0 to 10 s and the reference from 20 to 30 s share no two rows"),
+        ({"t": T + 20.0}, {}, "from 0 to 10 s and the reference from 20 to 30 s have fewer than two rows to compare"),
         ({"t": 1.0 - T}, {}, "time 0.99 s after 1.0 s must not fall"),
         ({"x": saw(T)}, {"value": -0.1}, "the tolerance in value = -0.1 must be a finite number"),
         ({"x": saw(T)}, {"time": np.inf}, "the tolerance in time = inf must be a finite number"),
         ({"x": saw(T)}, {"gap": 0.0}, "gap = 0.0 s must be above 0"),
         ({"x": saw(T)}, {"errors": {"y": 1.0}}, "error of y: only x are compared"),
-        ({"x [m]": saw(T)}, {"errors": {"x": "3 N"}}, "error of x = '3 N' must be from 0 on, in m or"),
+        ({"x [m]": saw(T)}, {"errors": {"x": "3 N"}}, "error of x = '3 N' must be at least 0, in m or"),
         ({"x": saw(T)}, {"columns": {"x": "y:m"}}, "the reference has no column 'y:m', only x"),
         ({"x": saw(T)}, {"columns": {"x": "x * 0"}}, "column 'x * 0': the factor must not be 0"),
-        ({"x [kg]": saw(T)}, {}, "the result: x [m] cannot be told in kg"),
+        ({"x [kg]": saw(T)}, {}, "the result: x [m] cannot be converted to kg"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_compared_is_refused(
@@ -193,7 +193,7 @@ def test_the_command_tells_draws_and_has_an_exit_code(tmp_path: Path, said: Said
     said(*command, "x=pos", "--error", "x=8cm")
     said(*command, "x=pos", "--time", "0.11")
     theirs.with_suffix(".json").write_text("[]")  # of somebody else
-    assert "run.csv: x [m] cannot be told in rpm" in said(*command, "x=speed", code=2)
+    assert "run.csv: x [m] cannot be converted to rpm" in said(*command, "x=speed", code=2)
 
 
 def test_the_picture_shows_both_curves_the_band_and_the_rows_outside() -> None:

@@ -93,7 +93,7 @@ def test_a_sum_ends_no_bond(fmus: Path) -> None:
     """The power at its end is not that of one wire, even where one alone has a way back."""
     one_way = replace(halves(fmus / "native"), wires=halves(fmus / "native").wires[:3])
     assert not bonds(connect(one_way))
-    with pytest.raises(SetupError, match=r"ends in conveyor\.tau, a sum of wires"):
+    with pytest.raises(SetupError, match=r"ends at conveyor\.tau, which is a sum of wires"):
         bonds(connect(replace(one_way, bonds=["motor.tau * conveyor.w"])))
 
 
@@ -328,12 +328,18 @@ BAD_SYSTEMS = [
     ),
     ({"wires": ["engine.tau -> conveyor.tau"]}, "there is no part 'engine', only motor, conveyor"),
     ({"wires": ["motor.torque -> conveyor.tau"]}, "motor has no variable 'torque', only "),
-    ({"wires": ["motor.w -> conveyor.tau"]}, "motor.w [rad/s] is input, not an output"),
-    ({"wires": ["motor.tau -> conveyor.phi"]}, "conveyor.phi [rad] is output, not an input"),
+    ({"wires": ["motor.w -> conveyor.tau"]}, "motor.w [rad/s] has causality input, not output"),
+    (
+        {"wires": ["motor.tau -> conveyor.phi"]},
+        "conveyor.phi [rad] has causality output, not input",
+    ),
     ({"start": {"motor.T": 0.0}}, "motor: GetReal returned Fatal: T = 0.0 s must be > 0"),
     ({"start": {"conveyor.trough.m": -1.0}}, "conveyor.trough.m [kg] = -1.0 must be at least"),
     ({"start": {"motor.characteristic": 5}}, "motor.characteristic = 5 must be at most 1"),
-    ({"start": {"motor.P": 1.0}}, "motor.P [W] is output and cannot be given a start value"),
+    (
+        {"start": {"motor.P": 1.0}},
+        "motor.P [W] has causality output and cannot be given a start value",
+    ),
     ({"start": {"motor.t": 1.0}}, "motor has no variable 't', only characteristic, A, B, T"),
     (
         {"start": {"conveyor.rod.finite": True, "conveyor.crank.r": 0.5}},

@@ -190,7 +190,9 @@ def test_what_takes_event_mode_is_the_same_in_both_loops(
 
 def test_a_number_that_a_type_cannot_hold_stops_the_run(two: dict[str, Path]) -> None:
     system = System(two, ["A.Int16_out -> B.Int8_in"], changes=["at 0.2 s A.Int16_in = 128"])
-    with pytest.raises(SimulationError, match=r"B.Int8_in cannot be 128, which a wire brings at t"):
+    with pytest.raises(
+        SimulationError, match=r"B.Int8_in cannot take 128, which a wire brings at t"
+    ):
         run(system, stop=1.0, step=0.1)
     with pytest.raises(SetupError, match=r"A.UInt8_in = 256 must be an 8-bit unsigned integer"):
         run(System(two, start={"A.UInt8_in": 256}), stop=1.0, step=0.1)
@@ -229,7 +231,7 @@ def test_arrays_go_over_wires_whole_and_by_element(two: dict[str, Path]) -> None
     [
         ("A.Float64_outs -> B.Float64_in", {}, "2 x 2 elements cannot drive one element"),
         ("A.Float64_out -> B.Float64_ins", {}, "one element cannot drive 2 x 2 elements"),
-        ("A.Binary_out -> B.Binary_in", {}, "A.Binary_out is a Binary, which no wire carries here"),
+        ("A.Binary_out -> B.Binary_in", {}, "A.Binary_out is a Binary, which wires cannot carry"),
         ("", {"A.Float64_ins": 1.0}, r"is an array of 2 x 2 elements: name one, Float64_ins\[1,1\]"),
         ("", {"A.rows": 3}, "A.rows is a structural parameter and cannot be given a start value"),
         ("", {"A.Binary_in": "no"}, "A.Binary_in = 'no' must be hexadecimal digits"),

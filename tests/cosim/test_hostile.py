@@ -78,8 +78,8 @@ TEXTS: dict[str, tuple[str | bytes | Files, str]] = {
     "files in files": (chained(1000), "systems are nested more than 50 deep"),
     "a thousand million parts": (doubled(9, 10), "the system has too many elements"),
     "a long name": (component("").replace("part", "a" * 11_000_000), "Buffer size limit exceeded"),
-    "a long file name": (component(f'source="{"a" * 5000}"'), "is no name of a file: File name too"),
-    "no file name": (component('source="a%00b"'), "is no name of a file: "),
+    "a long file name": (component(f'source="{"a" * 5000}"'), "is not a file name: File name too"),
+    "no file name": (component('source="a%00b"'), "is not a file name: "),
     "no address": (component('source="http://["'), "not a valid value"),
     "foreign bytes": (encoded(PLAIN.replace("all", "ä"), "latin-1", "UTF-8"), "Invalid bytes in character"),
     "unknown encoding": (encoded(PLAIN, "utf-8", "klingon"), "nsupported encoding"),
@@ -116,10 +116,10 @@ ARCHIVES: dict[str, tuple[Spoil, str]] = {
     "encrypted": (first(flag_bits=1), "is not a readable zip file: File"),
     "of the future": (first(extract_version=99), "is not a readable zip file: zip file version 9.9"),
     "unknown packing": (first(compress_type=99), "compression method is not supported"),
-    "slip": (also("../evil.txt"), "'../evil.txt' leaves the folder of the package"),
-    "slip of Windows": (also("..\\evil.txt"), "leaves the folder of the package"),
-    "root": (also("/tmp/evil.txt"), "'/tmp/evil.txt' leaves the folder of the package"),
-    "drive": (also("C:/evil.txt"), "'C:/evil.txt' leaves the folder of the package"),
+    "slip": (also("../evil.txt"), "'../evil.txt' points outside the folder of the package"),
+    "slip of Windows": (also("..\\evil.txt"), "points outside the folder of the package"),
+    "root": (also("/tmp/evil.txt"), "'/tmp/evil.txt' points outside the folder of the package"),
+    "drive": (also("C:/evil.txt"), "'C:/evil.txt' points outside the folder of the package"),
     "a file as a folder": (also(f"{SSD}/x"), "is not a readable zip file"),
     "link": (also("link.fmu", "/etc/passwd", 0o120777), "part part: "),
 }  # fmt: skip
@@ -179,7 +179,11 @@ def test_an_fmu_is_no_bomb(name: str, tmp_path: Path, refused: Refused) -> None:
     with zipfile.ZipFile(fmu, "a") as archive:
         archive.getinfo(name).file_size = BIG
         archive.writestr("more.txt", "")
-    message = "128 MiB modelDescription.xml" if name[0] == "m" else "would be far larger unpacked"
+    message = (
+        "modelDescription.xml of more than 128 MiB"
+        if name[0] == "m"
+        else "would be far larger unpacked"
+    )
     refused(fmu, message)
 
 

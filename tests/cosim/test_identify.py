@@ -84,9 +84,13 @@ def test_what_is_wrong_with_a_record_is_one_line_with_file_row_and_column(tmp_pa
             measured(path, columns, time=time)
 
     w = {"conveyor.w": "n:rpm"}
-    refused("t,n\n0,1\n2,1\n1,1\n", "log.csv, row 4, column t: 1.0 s after 2.0 s does not rise", w)
-    refused("t,n\n0,1\n1,nan\n", "log.csv, row 3, column n: 'nan' is no finite number", w)
-    refused("t,n\n0,1\n1,x\n", "log.csv, row 3, column n: 'x' is no number", w)
+    refused(
+        "t,n\n0,1\n2,1\n1,1\n",
+        "log.csv, row 4, column t: times must rise, but 1.0 s follows 2.0 s",
+        w,
+    )
+    refused("t,n\n0,1\n1,nan\n", "log.csv, row 3, column n: 'nan' is not a finite number", w)
+    refused("t,n\n0,1\n1,x\n", "log.csv, row 3, column n: 'x' is not a number", w)
     refused("t,n\n0,1\n", "log.csv has no column 'time', only t, n", w, "time")
     refused("t,n\n0,1\n", "column n: it is mapped twice, to conveyor.w and motor.w",
             w | {"motor.w": "n"})  # fmt: skip
@@ -130,7 +134,9 @@ def test_noise_is_told_from_the_rows_and_from_their_grid() -> None:
     spiked = noisy(signal, 0.05)
     spiked[::100] += 5.0
     assert told(t, spiked, "it").sigma == pytest.approx(0.05, rel=0.15)
-    with pytest.raises(SetupError, match="too far apart to tell noise from signal; give the noise"):
+    with pytest.raises(
+        SetupError, match="too far apart to separate noise from signal; give the noise"
+    ):
         told(t, 3.0 * np.sin(1500.0 * t), "it")
 
 
@@ -162,22 +168,22 @@ def test_the_covariance_is_that_of_linear_least_squares_and_knows_no_bounds() ->
 WRONG: list[tuple[dict[str, Any], str]] = [
     ({"free": ["motor.X"]}, "motor has no variable 'X', only"),
     ({"free": ["conveyor.x"]}, "conveyor.x [m] cannot be free: it must be a Real start value"),
-    ({"free": {"motor.T": (0.1, 0.1)}}, "motor.T is not free to move between 0.1 and 0.1 s"),
+    ({"free": {"motor.T": (0.1, 0.1)}}, "motor.T cannot move from 0.1 to 0.1 s"),
     ({"free": {"motor.T": (0.1, 0.2)}}, "motor.T = 0.075 s must lie between 0.1 and 0.2 s"),
     ({"free": []}, "no value is free"),
-    ({"free": ["gain(motor.tau)"]}, "motor.tau is no measured column, only conveyor.w"),
+    ({"free": ["gain(motor.tau)"]}, "motor.tau is not a measured column, only conveyor.w"),
     ({"free": ["motor.w"]}, "motor.w [rad/s] cannot be free"),
     ({"begin": 1.0}, "begin = 1.0 s must not be after the first row, at 0.0 s"),
     ({"first": ["motor.T"]}, "first: motor.T is not free, only motor.B"),
     ({"known": {"motor.B": (200.0, -1.0)}}, "the deviation must be above 0"),
     ({"noise": {"conveyor.w": 0.0}}, "noise of conveyor.w = 0.0 must be above 0"),
-    ({"values": [40.0] * 60}, "it is 40.0 in all rows, which tells nothing"),
+    ({"values": [40.0] * 60}, "it is 40.0 in all rows and carries no information"),
     ({"unit": "N.m"}, "conveyor.w [rad/s] cannot be compared with a column in N.m"),
     ({"times": [0.0] * 60}, "its times must rise"),
     ({"times": [0.0], "values": [1.0]}, "there must be two rows at least"),
     ({"times": [0.0, 0.1, 0.2], "values": [1.0, 2.0, 1.0], "noise": {"conveyor.w": 1.0},
       "free": ["motor.B", "motor.T", "motor.A"]}, "has 3 rows, fewer than are needed for 3 free"),
-    ({"column": "conveyor.rod.l"}, "conveyor.rod.l [m] is no Real output"),
+    ({"column": "conveyor.rod.l"}, "conveyor.rod.l [m] is not a Real output"),
 ]  # fmt: skip
 
 
@@ -213,7 +219,7 @@ def test_a_sensor_with_a_delay_and_a_gain_is_found_with_outliers_and_gaps(
     assert not fit.misfit
     for name, truth in (("gain(motor.tau)", 1.04), ("delay(motor.tau)", 3e-3), ("motor.B", 199.8)):
         assert abs(fit.values[name].value - truth) < 1.5 * fit.values[name].error, name
-    assert "motor.tau: 5 of 481 rows lie far out and are left out." in fit.notes
+    assert "motor.tau: 5 of 481 rows are outliers and are left out." in fit.notes
 
 
 def test_what_a_next_record_would_tell_is_what_it_tells(

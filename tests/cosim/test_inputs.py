@@ -264,16 +264,16 @@ def test_a_diagnosis_leaves_the_inputs_out_of_account(tmp_path: Path) -> None:
 
 
 REFUSED: dict[str, tuple[dict[str, Any], str]] = {
-    "output": ({"inputs": {"A.y": RAMP}}, "is output and cannot change over time"),
+    "output": ({"inputs": {"A.y": RAMP}}, "has causality output and cannot change over time"),
     "fixed": ({"changes": ["at 0.5 s A.b = 2"]}, "is a parameter that is not tunable"),
     "unknown": ({"inputs": {"A.v": RAMP}}, "A has no variable 'v'"),
-    "lines": ({"inputs": {"A.integer_in": RAMP}}, "cannot follow lines, only a table that is held"),
+    "lines": ({"inputs": {"A.integer_in": RAMP}}, "cannot be interpolated and can only follow a table that is held"),
     "function": ({"inputs": {"A.boolean_in": math.sin}}, "cannot follow a function of time"),
     "late": ({"inputs": {"A.u": Table([0.5, 1.0], [0, 1])}}, "A.u: its table begins at 0.5 s"),
     "short": ({"inputs": {"A.u": Table([0.0, 0.5], [0, 1])}}, "A.u: its table ends at 0.5 s"),
     "nan": ({"inputs": {"A.u": Table([0, 1], [0, math.nan])}}, "must be a finite number"),
     "item": ({"inputs": {"A.enumeration_in": Table([0.0], ["fast"], held=True)}}, "must be one of low"),
-    "both": ({"inputs": {"A.u": RAMP}, "changes": ["1 A.u=2"]}, "it follows a table too"),
+    "both": ({"inputs": {"A.u": RAMP}, "changes": ["1 A.u=2"]}, "it also follows a table"),
     "text": ({"changes": ["A.u = 2"]}, "must read 'at TIME s part.variable = value'"),
     "value": ({"changes": ["at 0.5 s A.u = two"]}, "A.u = 'two' must be of type Real"),
     "grid": ({"changes": ["at 0.55 s A.a = -3"], "capabilities": {"canHandleVariableCommunicationStepSize": False}},
@@ -292,8 +292,8 @@ def test_what_does_not_fit_is_refused(case: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("times", "values", "message"),
     [
-        ([], [], "0 times and 0 values are not rows"),
-        ([0.0, 1.0], [1.0], "2 times and 1 values are not rows"),
+        ([], [], "0 times and 0 values do not make rows"),
+        ([0.0, 1.0], [1.0], "2 times and 1 values do not make rows"),
         ([0.0, -1.0], [1.0, 2.0], "time -1.0 s after 0.0 s must be finite and not fall"),
         ([0.0, math.nan], [1.0, 2.0], "time nan s after 0.0 s must be finite and not fall"),
     ],
@@ -343,7 +343,7 @@ def test_a_function_that_gives_no_number_ends_the_run_there(
 def test_formats_without_inputs_over_time_refuse_them(
     write: Callable[[System, Path], None], fmus: Path, tmp_path: Path
 ) -> None:
-    with pytest.raises(SetupError, match=r"motor\.w changes over time, which .* cannot say"):
+    with pytest.raises(SetupError, match=r"motor\.w changes over time, which .* cannot express"):
         write(motor(fmus, RAMP), tmp_path / "a.ssp")
     assert list(tmp_path.iterdir()) == []
 
@@ -453,7 +453,7 @@ BAD_FILES = {
     "fits nothing": (ssv('X Real value="1"'), "set.ssv, line 1: parameter X fits no variable"),
     "given twice": (ssv('T Real value="1"', 'DriveMotor.T Real value="1"'), "is given twice"),
     "bounds": (ssv('T Real value="-1"'), "DriveMotor.T [s] = -1.0 must be at least"),
-    "no set": ("<x/>", "set.ssv, line 1: ssv:ParameterSet is needed, not x"),
+    "no set": ("<x/>", "set.ssv, line 1: the element must be ssv:ParameterSet, not x"),
     "no column": ("name,amount\nT,1\n", "has no column 'value', only name, amount"),
     "row": ("name,value\nT,1\nX,1\n", "set.csv, line 3: parameter X fits no variable"),
     "row type": ("name,value\nT,fast\n", "line 2: parameter T = 'fast' must be of type Real"),

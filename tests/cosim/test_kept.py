@@ -100,7 +100,7 @@ def test_signals_that_ask_to_stop_keep_the_rows(number: signal.Signals, tmp_path
     process.send_signal(number)
     _, said = process.communicate(timeout=60)
     assert process.returncode == 130
-    assert "interrupted, what was computed is kept" in said and "Traceback" not in said
+    assert "interrupted; what was computed is kept" in said and "Traceback" not in said
     assert json.loads((tmp_path / "r.partial.json").read_text())["status"] == "interrupted"
     assert list(scratch.iterdir()) == []
 
@@ -230,7 +230,7 @@ def test_what_an_fmu_changes_in_its_process_is_brought_back(
     finally:
         signal.signal(signal.SIGINT, handler)
     assert locale.setlocale(locale.LC_ALL) == before
-    told = "an FMU has changed {} of the whole process, which was brought back"
+    told = "an FMU has changed {} of the whole process; it was restored"
     assert caught.value.result.warnings == [
         told.format(what) for what in ("the working directory", "the locale")
     ]
@@ -252,7 +252,9 @@ def test_numbers_that_are_rounded_otherwise_end_a_run(watched: Path) -> None:
 
 def test_an_fmu_that_hangs_is_ended_on_request(tmp_path: Path) -> None:
     fmu = pack(tmp_path / "A.fmu", hang_at=0.55)
-    with pytest.raises(SimulationError, match=r"A did nothing for 2 s and was ended after t = 0"):
+    with pytest.raises(
+        SimulationError, match=r"A did not respond for 2 s and was ended after t = 0"
+    ):
         run_isolated(alone(fmu), stop=1.0, step=0.1, csv=tmp_path / "r.csv", timeout=2.0)
     assert json.loads((tmp_path / "r.partial.json").read_text())["status"] == "failed"
 
@@ -297,6 +299,6 @@ def test_rows_for_which_there_is_no_room_at_the_end_are_kept_elsewhere(
     assert main(["run", str(pack(tmp_path / "A.fmu")), *told, *options[1:]]) == 1
     said = capsys.readouterr().err.splitlines()
     assert len(said) == 1
-    assert "cannot be written: No space left on device; see " in said[0]
-    assert len(pd.read_csv(said[0].partition("; see ")[2])) == 11
+    assert "cannot be written: No space left on device; the rows are in " in said[0]
+    assert len(pd.read_csv(said[0].partition("; the rows are in ")[2])) == 11
     assert [*(tmp_path / "full").iterdir()] == []

@@ -202,7 +202,7 @@ def test_what_cannot_be_linearised_is_refused(native: Path, fmus: Path) -> None:
     mixed = System({**system.parts, "motor": fmus / "DriveMotor.fmu"}, DRIVE)
     with pytest.raises(SetupError, match=r"motor: .*DriveMotor\.fmu offers no model exchange"):
         linearize(mixed)
-    with pytest.raises(SetupError, match=r"conveyor.w \[rad/s\] is no Real input"):
+    with pytest.raises(SetupError, match=r"conveyor.w \[rad/s\] is not a Real input"):
         linearize(system, inputs=["conveyor.w"])
     found = linearize(system)
     with pytest.raises(SetupError, match=r"conveyor\.tau is not one of none"):

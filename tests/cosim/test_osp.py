@@ -98,7 +98,7 @@ def test_a_folder_and_its_file_run_with_their_own_step(name: str, place: Path, s
     assert "strang, steps of 0.002 s: 100 steps" in said(
         "run", place / name, "--out", place / "out.csv"
     )
-    assert "communication step: 0.002 s, which the file gives" in said("check", place / name)
+    assert "communication step: 0.002 s, given by the file" in said("check", place / name)
     said = said("info", place / name)
     assert "default experiment: 0.5 to 0.7 s\ncommunication step: 0.002 s\n" in said
 
@@ -152,7 +152,7 @@ def test_groups_are_connected_variable_by_variable(place: Path) -> None:
     assert [*map(str, system.wires)] == ["motor.tau -> conveyor.tau", "conveyor.w -> motor.w"]
     assert system.bonds == ["motor.tau * conveyor.w"]
     for names, message in (
-        (("shaft", "moment"), "groups of 2 and 1 variables, not two of as many"),
+        (("shaft", "moment"), "groups of 2 and 1 variables, not two of the same size"),
         (("shaft", "axle"), "there is no 'conveyor.axle'"),
     ):
         (place / FILE).write_text(osp(MOTOR + CONVEYOR, grouped(*names)))
@@ -207,7 +207,7 @@ def test_steps_of_single_simulators_are_ignored_aloud(
     (place / FILE).write_text(text)
     with caplog.at_level(logging.WARNING, "cosim"):
         assert read_osp(place).step == 0.002
-    assert "motor: stepSize 0.004 is ignored, all parts step together" in caplog.messages
+    assert "motor: stepSize 0.004 is ignored: all parts step together" in caplog.messages
     assert "algorithm ecco is ignored" in caplog.messages
 
 
@@ -271,16 +271,18 @@ def test_a_sum_that_is_written_is_read_again(fmus: Path, tmp_path: Path) -> None
     assert_array_equal(ours.data, theirs.data)
     container = partial(write_container, step=1e-3)
     for write, where in ((write_ssp, "an .ssp"), (container, "a container")):
-        with pytest.raises(SetupError, match=f"is a sum of wires, which {where} cannot say"):
+        with pytest.raises(SetupError, match=f"is a sum of wires, which {where} cannot express"):
             write(system, tmp_path / "file")
     scaled = replace(system, wires=[system.wires[0], "other.tau * 2 +> conveyor.tau"])
-    with pytest.raises(SetupError, match=r"other\.tau \[N\.m\] has a factor, .* adds none"):
+    with pytest.raises(
+        SetupError, match=r"other\.tau \[N\.m\] has a factor, .* adds outputs only as they are"
+    ):
         write_osp(scaled, tmp_path / "osp", step=1e-3)
 
 
 LINE = f"{FILE}, line 1: "
 BAD: dict[str, tuple[str, str]] = {
-    "other XML": ("<html/>", f"{FILE}: OspSystemStructure is needed, not html"),
+    "other XML": ("<html/>", f"{FILE}: the root element must be OspSystemStructure, not html"),
     "broken XML": (osp(MOTOR)[:-9], LINE),
     "no parts": (osp(""), "a system needs a part"),
     "no name": ('<Simulator source="a"/>', f"{LINE}Simulator: there is no 'name'"),
@@ -300,7 +302,7 @@ BAD: dict[str, tuple[str, str]] = {
         f"{LINE}Sum s: the system has too many elements"),
     "sum of itself": (osp(MOTOR, wired(("f", "out"), ("f", "in[0]"), kind="Signal")
         + wired(("f", "out"), ("motor", "w"), kind="Signal"), '<Sum name="f" inputCount="1"/>'),
-        "function f.out adds itself"),
+        "function f.out is added to itself"),
     "sum with an input missing": (osp(MOTOR + CONVEYOR, wired(("f", "out"), ("motor", "w"), kind="Signal")
         + wired(("f", "in[0]"), ("conveyor", "w"), kind="Signal"), '<Sum name="f" inputCount="2"/>'),
         "nothing drives function f.in[1], which drives motor.w"),
@@ -313,7 +315,7 @@ BAD: dict[str, tuple[str, str]] = {
     "two outputs": (osp(MOTOR + CONVEYOR, wired(("motor", "tau"), ("conveyor", "w"))),
         "output motor.tau and output conveyor.w cannot be connected"),
     "end": (osp(MOTOR, wired(("motor", "tau"), ("engine", "w"))), "there is no 'engine'"),
-    "twice": (osp(MOTOR + CONVEYOR, W + W), "motor.w is driven by conveyor.w too"),
+    "twice": (osp(MOTOR + CONVEYOR, W + W), "motor.w is also driven by conveyor.w"),
     "function of nothing": (osp(MOTOR, wired(("f", "out"), ("motor", "w"), kind="Signal"),
         '<LinearTransformation name="f"/>'), "nothing drives function f.in, which drives motor.w"),
 }  # fmt: skip

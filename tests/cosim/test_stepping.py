@@ -56,7 +56,7 @@ def test_both_loops_give_the_same_bits(
     request.getfixturevalue("interpreted")
     plain = run(pair(fmus, START, wires), **settings)
     assert compiled.provenance["loop"] == "compiled"
-    assert plain.provenance["loop"] == "Python, the compiled one is not there: no compiler"
+    assert plain.provenance["loop"] == "Python, since the compiled loop is missing: no compiler"
     assert_array_equal(compiled.data, plain.data)
     assert compiled.energy == plain.energy
     assert compiled.provenance["do_steps"] == plain.provenance["do_steps"]
@@ -172,7 +172,7 @@ def test_a_bond_can_be_named(fmus: Path) -> None:
     assert bond["given"] == other["taken"]
     for text, message in (
         ("motor.tau", "must read 'part.output * part.output'"),
-        ("motor.tau * motor.P", "must be two Real outputs, wired there and back once"),
+        ("motor.tau * motor.P", "must name two Real outputs, wired there and back once"),
     ):
         with pytest.raises(SetupError, match=message.replace("*", r"\*")):
             run(System(parts, WIRES, START, bonds=[text]), stop=0.1, step=1e-3)

@@ -47,8 +47,8 @@ def test_every_check_of_the_suite_passes(fmus: Path) -> None:
         "order of the residual",
         "residual of the energy",
         "stability limit [s]",
-        "energy made, of the first",
-        "order of energy beyond made",
+        "energy made / initial energy",
+        "order of the energy not booked",
         "exponent of the tolerance",
     }
 
@@ -314,6 +314,6 @@ def test_direct_feedthrough_both_ways_is_solved_by_iteration(fmus: Path) -> None
 def test_a_loop_without_solution_is_an_error_with_its_signals(fmus: Path) -> None:
     hopeless = LOOP | {"b": Unit([[-2.0]], [[1.0]], [[1.0]], [5.0], ["a.1"], D=[[2.0]])}
     with pytest.raises(
-        SetupError, match=r"start values of an algebraic loop were not found: .*u\[1\]"
+        SetupError, match=r"start values of an algebraic loop were not found; still off: .*u\[1\]"
     ):
         run(loop(fmus, hopeless), stop=1.0, step=0.01, algorithm="iterated")

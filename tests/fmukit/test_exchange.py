@@ -308,9 +308,9 @@ REFUSED: tuple[tuple[str, Callable[[Model], Any], str], ...] = (
     ("time", lambda m: m.fmi.enterContinuousTimeMode(),
      "enterContinuousTimeMode is not allowed in continuous-time mode, only in event mode"),
     ("time", lambda m: m.fmi.setContinuousStates(pointer(np.zeros(3)), 3),
-     "setContinuousStates is for all 2 at once, not for 3"),
+     "setContinuousStates takes all 2 values at once, not 3"),
     ("time", lambda m: m.fmi.getEventIndicators(pointer(np.zeros(3)), 3),
-     "getEventIndicators is for all 0 at once, not for 3"),
+     "getEventIndicators takes all 0 values at once, not 3"),
     ("time", lambda m: m.set(w=1.0),
      "w = 1.0 rad/s cannot be set: continuous output, in continuous-time mode"),
 )  # fmt: skip
@@ -370,7 +370,7 @@ def test_what_changes_at_communication_points_alone_stays_co_simulation() -> Non
     clock = record(type("State", (), {"__annotations__": {"n": int}, "n": discrete(0, "Count")}))
     model: Any = SimpleNamespace(State=clock, sample=lambda p, t, x, before, now: x)
     assert (
-        only_steps(model) == "it has no continuous state and changes at communication points alone"
+        only_steps(model) == "it has no continuous state and changes only at communication points"
     )
     model = SimpleNamespace(State=MODELS["IronDrive"].State, CO_SIMULATION_ONLY="its step is exact")
     assert only_steps(model) == "its step is exact"

@@ -262,7 +262,7 @@ def test_what_is_not_in_order_is_refused_with_the_reason() -> None:
     assert "A is of type Float64, not Int32" in refusal(unit, lambda: unit.fmi.getInt32([1]))
     said = refusal(unit, lambda: unit.set(**{"der(tau)": 1.0}))
     assert "unit: der(tau) = 1.0 N.m/s cannot be set: continuous local, before init" in said
-    assert "time, but by setTime, cannot be set" in refusal(unit, lambda: unit.set(time=1.0))
+    assert "time can only be set by setTime" in refusal(unit, lambda: unit.set(time=1.0))
     unit.start()
     assert "communication step = 0.0 s must be a finite number above 0" in refusal(
         unit, lambda: unit.fmi.doStep(0.0, 0.0)

@@ -342,7 +342,7 @@ def test_directional_derivatives_after_a_step_are_by_inputs(name: str, fmus: Pat
         assert exact == pytest.approx((sides[0] - sides[1]) / 2e-3, rel=1e-6, abs=1e-5)
     with pytest.raises(FMICallException):
         derivative(unit, outputs, reals(unit, "parameter")[0])
-    assert "is not known in its own right after initialisation" in MESSAGES[-1]
+    assert re.search(r"there is no derivative by \S+ after initialisation", MESSAGES[-1])
 
 
 @each

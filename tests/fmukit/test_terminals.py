@@ -46,10 +46,10 @@ def changed(ends: dict[str, tuple[str, ...]]) -> ModuleType:
     ("ends", "message"),
     [
         (("tau_a",), "must name torque, speed and, if there is one, the angle"),
-        (("tau_a", "w_c"), "'w_c' is no input and no output"),
-        (("tau_a", "i"), "'i' is no input and no output"),
-        (("w_a", "tau_a"), r"w_a \[rad/s\] stands for tau \[N.m\]"),
-        (("tau_a", "a_a"), r"a_a \[rad/s2\] stands for w \[rad/s\]"),
+        (("tau_a", "w_c"), "'w_c' is neither an input nor an output"),
+        (("tau_a", "i"), "'i' is neither an input nor an output"),
+        (("w_a", "tau_a"), r"w_a \[rad/s\] cannot be tau \[N.m\]"),
+        (("tau_a", "a_a"), r"a_a \[rad/s2\] cannot be w \[rad/s\]"),
     ],
 )
 def test_what_is_no_shaft_end_is_refused(ends: tuple[str, ...], message: str) -> None:

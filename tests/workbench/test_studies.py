@@ -377,7 +377,7 @@ def test_an_ended_study_goes_on_with_the_missing_runs(
     if number == signal.SIGINT:
         assert process.returncode == 130
         assert errors == (
-            f"interrupted, what was computed is kept: {len(before)} runs in {out / NAME}; "
+            f"interrupted; what was computed is kept: {len(before)} runs in {out / NAME}; "
             "the same command continues\n"
         )
     (tmp_path / "gate").unlink()

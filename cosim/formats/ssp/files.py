@@ -60,7 +60,9 @@ def unpack(archive: Path, folder: Path, room: Room) -> None:
                 name = entry.filename
                 parts = PurePosixPath(name.replace("\\", "/")).parts
                 if ".." in parts or name.startswith(("/", "\\")) or ":" in name:
-                    raise SetupError(f"{archive.name}: {name!r} leaves the folder of the package")
+                    raise SetupError(
+                        f"{archive.name}: {name!r} points outside the folder of the package"
+                    )
                 room.take(f"{archive.name}: {name}", 1, entry.file_size)
             file.extractall(folder)
     except FileNotFoundError:
@@ -79,11 +81,11 @@ def locate(uri: str, base: Path, root: Path) -> Path:
         there = path.is_file()
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", error)
-        raise SetupError(f"source {uri[:60]!r} is no name of a file: {reason}") from None
+        raise SetupError(f"source {uri[:60]!r} is not a file name: {reason}") from None
     if not parts.path or any((parts.scheme, parts.netloc, parts.query, parts.fragment)):
         raise SetupError(f"source {uri!r} is not supported, only files inside the package")
     if not path.is_relative_to(root.resolve()):
-        raise SetupError(f"source {uri!r} leaves the folder of the package")
+        raise SetupError(f"source {uri!r} points outside the folder of the package")
     if not there:
         raise SetupError(f"there is no file {uri!r}")
     return path
@@ -96,7 +98,7 @@ def load(path: Path) -> Element:
         if not path.is_file():
             raise SetupError(f"there is no file {path.name!r}")
         if path.stat().st_size > LONGEST_XML:
-            raise SetupError(f"{path.name} is longer than {LONGEST_XML >> 20} MiB")
+            raise SetupError(f"{path.name} is larger than {LONGEST_XML >> 20} MiB")
         tree = etree.parse(str(path), parser)
     except etree.XMLSyntaxError as error:
         reason = str(error.msg).partition("\n")[0]
@@ -127,7 +129,9 @@ def validate(element: Element, tag: str, name: str) -> None:
     """
     if element.tag != qualified(tag):
         found = plain(element.tag)
-        raise SetupError(f"{name}, line {element.sourceline}: {tag} is needed, not {found}")
+        raise SetupError(
+            f"{name}, line {element.sourceline}: the element must be {tag}, not {found}"
+        )
     version = element.get("version")
     if version == "2.0":
         _make_1_0(element)

@@ -94,7 +94,9 @@ class Plan:
         self.room.take(arrow.step.where, LINK)
         if arrow.target in self.into:
             other = dotted(self.into[arrow.target].source)
-            raise SetupError(f"{arrow.step.where}: {dotted(arrow.target)} is driven by {other} too")
+            raise SetupError(
+                f"{arrow.step.where}: {dotted(arrow.target)} is also driven by {other}"
+            )
         self.into[arrow.target] = arrow
         self.out[arrow.source].append(arrow)
         if any(before.source == arrow.target for before in self._back(arrow.target)):
@@ -171,7 +173,7 @@ class Plan:
         if scale != IDENTITY:
             if self.variables[node].type != "Real":
                 raise SetupError(
-                    f"{parameter.where}: {dotted(node)} is no Real and cannot be scaled"
+                    f"{parameter.where}: {dotted(node)} is not a Real and cannot be scaled"
                 )
             value = scale[0] * float(value) + scale[1]
         self.start[node] = value
@@ -186,7 +188,7 @@ class Plan:
             if self.connectors[node].kind != "input" or self.connectors[source].kind != "output":
                 raise SetupError(
                     f"{steps[-1].where}: {self.connectors[source].kind} {dotted(source)} cannot "
-                    f"drive {self.connectors[node].kind} {dotted(node)}, only an output an input"
+                    f"drive {self.connectors[node].kind} {dotted(node)}; only an output can drive an input"
                 )
             wires.append(self._wire(source, node, steps))
         return wires

@@ -1,4 +1,4 @@
-"""An .ssp, or its folder, as a System: systems flattened, connectors resolved, parameters bound."""
+"""Read an .ssp, or its folder, as a System: systems flattened, connectors resolved, parameters bound."""
 
 from __future__ import annotations
 
@@ -34,10 +34,10 @@ log = logging.getLogger("cosim")
 
 
 class Package(NamedTuple):
-    """What a file holds: the system, its default experiment and step [s], its outer connectors.
+    """The content of a file: the system, its default experiment and step [s], its outer connectors.
 
     `connectors` gives the dotted port of every connector of the outermost system that stands for
-    one variable as it is, without factor, offset or conversion of units.
+    one variable unchanged, without a factor, an offset or a conversion of units.
     """
 
     system: System
@@ -94,10 +94,10 @@ class Document(NamedTuple):
 def read_ssp(path: Path, folder: Path) -> Package:
     """Read the system of an .ssp (1.0, or 2.0 as far as that is the same), an .ssd or its folder.
 
-    Packages are unpacked into `folder`, which must be empty or not exist; what they name must be in
-    them. Inputs that nothing drives keep the start value of their FMU. A parameter that fits no
-    variable is ignored with a logged warning, as the standard asks. Raises SetupError for what is
-    invalid, too large or not supported; the folder is left as it was.
+    Packages are unpacked into `folder`, which must be empty or not exist; all files that they name must
+    be inside them. Inputs that nothing drives keep the start value of their FMU. A parameter that fits
+    no variable is ignored with a logged warning, as the standard requires. Raises SetupError for what is
+    invalid, too large or not supported; the folder is then left as it was.
     """
     path, folder = Path(path), Path(folder)
     existed = folder.exists()
@@ -144,7 +144,9 @@ def _step(document: Document) -> float | None:
             try:
                 steps.append(float(text))
             except ValueError:
-                raise SetupError(f"{document.at(element)}: {key} {text!r} is no number") from None
+                raise SetupError(
+                    f"{document.at(element)}: {key} {text!r} is not a number"
+                ) from None
     return min(steps, default=None)
 
 
@@ -258,7 +260,7 @@ def _declare(plan: Plan, node: Node, declared: Connector) -> None:
     if declared.unit and own.unit and not same(declared.unit, own.unit):
         raise SetupError(f"{connector} must be in {own.unit.name}, not {declared.unit.name}")
     if declared.items and own.items and declared.items != own.items:
-        raise SetupError(f"{connector}: its Enumeration has other items than that of {node[0]}")
+        raise SetupError(f"{connector}: its Enumeration differs from that of {node[0]}")
     unit = own.unit or declared.unit
     plan.connectors[node] = own._replace(type=own.type or declared.type, unit=unit)
     plan.declared.add(node)

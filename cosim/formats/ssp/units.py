@@ -127,7 +127,7 @@ def chain(unit: Unit | None, steps: Iterable[Step]) -> tuple[float, float]:
 
 def _conversion(here: Unit, there: Unit, where: str) -> tuple[float, float]:
     if here is UNKNOWN:
-        raise SetupError(f"{where}: its source has no unit to convert to {there.name} from")
+        raise SetupError(f"{where}: its source has no unit from which to convert to {there.name}")
     if here.name == there.name:
         return 1.0, 0.0
     for unit in (here, there):

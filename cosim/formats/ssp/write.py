@@ -1,4 +1,4 @@
-"""A System as .ssp, for every other tool."""
+"""Write a System as .ssp, for other tools."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ def write_ssp(
 ) -> None:
     """Write the system with its FMUs, wires and start values; `start` and `stop` [s] as experiment.
 
-    The communication step [s] goes into an annotation of OSP, where libcosim finds it, the bonds into
+    The communication step [s] goes into an OSP annotation, where libcosim finds it, and the bonds into
     one of our own.
 
-    Factors, offsets and unit conversions of the wires become linear transformations, which stand in
-    for the reading tool's own unit conversion; a dotted part name is written as it is, as the name
-    of a component. Raises what `connect` raises, and SetupError for an enumeration value that has
-    no name, and for a Binary start value; then there is no file.
+    Factors, offsets and unit conversions of the wires become linear transformations, which replace the
+    reading tool's own unit conversion. A dotted part name is written unchanged as the name of a
+    component. Raises what `connect` raises, and SetupError for an enumeration value that has no name
+    and for a Binary start value. No file is written then.
     """
     network = still(system, "an .ssp")
     files = archived(network)
@@ -111,7 +111,7 @@ def _component(
     start = [(port, value) for port, value in network.start if port.part == part]
     for port, value in start:
         if port.type == "Binary" and value != port.variable.start:
-            raise SetupError(f"{port} = {value!r}: no Binary is written to an .ssp")
+            raise SetupError(f"{port} = {value!r}: a Binary cannot be written to an .ssp")
     start = [(port, value) for port, value in start if port.type != "Binary"]
     if start:
         bindings = SubElement(component, qualified("ssd:ParameterBindings"))

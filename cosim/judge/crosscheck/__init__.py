@@ -1,4 +1,4 @@
-"""Does an FMU keep what it promises? Its checks run in a process of their own, which may crash or hang."""
+"""Does an FMU keep its promises? The checks run in a separate process, which may crash or hang."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ def crosscheck(fmu: Path | str, *, step: float | None = None, timeout: float = 6
     """Check what a co-simulation FMU of FMI 2.0 or 3.0 promises; one verdict for each of CHECKS.
 
     Steps are of `step` [s], by default the one that the FMU prefers, or a hundredth of its default
-    experiment. A check that takes longer than `timeout` [s] has failed, and so has one that ends the
-    process. Raises SetupError for a file that is no such FMU, or not for this platform. As always with
-    child processes, a script needs `if __name__ == "__main__"`.
+    experiment. A check fails if it takes longer than `timeout` [s] or ends the process. Raises
+    SetupError for a file that is not such an FMU, or not for this platform. As always with child
+    processes, a script needs `if __name__ == "__main__"`.
     """
     path = Path(fmu).absolute()
     for name, number in (("step", step), ("timeout", timeout)):
@@ -36,7 +36,7 @@ def crosscheck(fmu: Path | str, *, step: float | None = None, timeout: float = 6
         if found[-1].check == "run":  # after which the process ended
             rest = (CHECKS[name] for name in names[len(found) :])
             verdicts += [
-                c.verdict(version, NOT_RUN, f"in the check run {found[-1].said}") for c in rest
+                c.verdict(version, NOT_RUN, f"the check run failed: {found[-1].said}") for c in rest
             ]
     name, standard = subject.description.modelName, STANDARD[version]
     return Crosscheck(str(fmu), name, standard, subject.how(), tuple(verdicts))
@@ -63,7 +63,7 @@ def _some(
 
 
 def _work(pipe: Connection, path: Path, step: float | None, names: Sequence[str]) -> None:
-    """Run in the child and tell each verdict."""
+    """Run in the child process and send each verdict."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     os.dup2(2, 1)  # what an FMU prints is no part of the answer
     subject = Subject(path, step)

@@ -1,6 +1,6 @@
-"""What an FMU for co-simulation promises and whether it keeps it, one check a promise.
+"""What an FMU for co-simulation promises and whether it keeps it, one check for each promise.
 
-Every check plays instances of the FMU by calls that the standard allows, and compares what they show.
+Every check runs instances of the FMU by calls that the standard allows, and compares their values.
 Clauses are those of FMI 2.0.4 and 3.0.2.
 """
 
@@ -42,7 +42,7 @@ RENAMED = {
 
 
 class Verdict(NamedTuple):
-    """A check, the clause it stands on, how it ended, what was found, and how to see it by hand."""
+    """A check, the clause it is based on, how it ended, what was found, and how to repeat it by hand."""
 
     check: str
     clause: str
@@ -259,7 +259,7 @@ def description(s: Subject) -> str:
     """The XML schema, and what FMPy looks for beyond it."""
     if problems := validate_fmu(str(s.path)):
         raise Broken("; ".join(" ".join(problem.split()) for problem in problems[:3]))
-    return f"{len(s.description.modelVariables)} variables; FMPy has nothing to say"
+    return f"{len(s.description.modelVariables)} variables; FMPy reports no problem"
 
 
 def binary(s: Subject) -> str:
@@ -275,17 +275,17 @@ def binary(s: Subject) -> str:
 
 
 def runs(s: Subject) -> str:
-    """Outputs that are finite numbers."""
+    """All outputs are finite numbers."""
     for k, row in enumerate(s.reference, 1):
         for v, value in zip(s.shown, row):
             if v.causality == "output" and isinstance(value, float) and not math.isfinite(value):
                 raise Broken(f"{v.name} after step {k} is {value!r}")
-    shaken = "" if s.shaken or not s.inputs else "; its inputs had to stand still"
+    shaken = "" if s.shaken or not s.inputs else "; its inputs had to be kept constant"
     return f"{s.steps} steps of {s.h:g} s{shaken}"
 
 
 def starts(s: Subject) -> str:
-    """Of outputs while initialising, of parameters after it; an FMU may round them."""
+    """Exact outputs while initialising, and parameters after it; an FMU may round them."""
     exact = [
         v for v in s.description.modelVariables if v.initial == "exact" and v.start is not None
     ]
@@ -307,7 +307,7 @@ def starts(s: Subject) -> str:
 
 
 def terminates(s: Subject) -> str:
-    """The last values, which stay."""
+    """The last values remain after termination."""
     with s.running(s.steps - 1) as part:
         last = s.go(part, s.steps - 1, s.steps)
         part.end()
@@ -316,14 +316,14 @@ def terminates(s: Subject) -> str:
 
 
 def repeats(s: Subject) -> str:
-    """A second instance beside the first one's rows."""
+    """A second instance gives the rows of the first."""
     with s.running() as part:
         s.same(s.go(part, 0, s.steps), s.reference, "in a new instance")
-    return f"{s.steps} rows of {len(s.shown)} variables, to the bit"
+    return f"{s.steps} rows of {len(s.shown)} variables, bit for bit"
 
 
 def looks(s: Subject) -> str:
-    """Values that are got again and again."""
+    """Getting values again does not change them."""
     with s.running() as part:
         rows: list[Row] = []
         for k in range(s.steps):
@@ -334,7 +334,7 @@ def looks(s: Subject) -> str:
 
 
 def resets(s: Subject) -> str:
-    """After a run with other parameters, if it runs with them."""
+    """A reset after a run with other parameters, if it runs with them."""
     others = [v for v in s.description.modelVariables if v.causality == "parameter"]
     values = {v: nudged(v) for v in others if v.type == "Real" and v.variability != "constant"}
     for given in ({v: x for v, x in values.items() if x is not None}, {}):
@@ -349,12 +349,12 @@ def resets(s: Subject) -> str:
             part.reset()
             s.initialise(part)
             s.same(s.go(part, 0, s.steps), s.reference, "after a reset")
-            return f"{s.steps} rows after a run with {len(given)} other parameters, to the bit"
+            return f"{s.steps} rows after a run with {len(given)} other parameters, bit for bit"
     raise AssertionError
 
 
 def instances(s: Subject) -> str:
-    """One beside another whose inputs are ahead, step by step in turn."""
+    """An instance stepped in turn with another one whose inputs are ahead."""
     if s.can.canBeInstantiatedOnlyOncePerProcess:
         raise NotOffered("canBeInstantiatedOnlyOncePerProcess is true")
     with s.running() as part, s.running(s.steps // 3) as other:
@@ -364,11 +364,11 @@ def instances(s: Subject) -> str:
             with suppress(PartFailure):
                 s.go(other, k + s.steps // 3, k + s.steps // 3 + 1)
     s.same(rows, s.reference, "beside another instance")
-    return f"{s.steps} rows beside another instance, to the bit"
+    return f"{s.steps} rows beside another instance, bit for bit"
 
 
 def states(s: Subject) -> str:
-    """Two that are kept at once, each gone back to."""
+    """Two states that are kept at the same time, and each restored."""
     s.needs("canGetAndSetFMUstate")
     third = s.steps // 3
     with s.running(third) as part:
@@ -382,11 +382,11 @@ def states(s: Subject) -> str:
             s.same([s.row(part)], [s.reference[first - 1]], "when the state is set", first - 1)
             rows = s.go(part, first, s.steps)
             s.same(rows, s.reference[first:], "after the state is set", first)
-    return f"{s.steps - third} rows from two states, to the bit"
+    return f"{s.steps - third} rows from two states, bit for bit"
 
 
 def bytes_(s: Subject) -> str:
-    """From one instance to another."""
+    """A state carried as bytes from one instance to another."""
     s.needs("canSerializeFMUstate")
     half = s.steps // 2
     with s.running(half) as part, s.running() as other:
@@ -395,8 +395,8 @@ def bytes_(s: Subject) -> str:
         copy, size = part.carried(state, other)
         other.restore(copy)
         rows = s.go(other, half, s.steps)
-    s.same(rows, s.reference[half:], "after the state came as bytes", half)
-    return f"{s.steps - half} rows from {size} bytes, to the bit"
+    s.same(rows, s.reference[half:], "after the state was carried over as bytes", half)
+    return f"{s.steps - half} rows from {size} bytes, bit for bit"
 
 
 def halves(s: Subject) -> str:
@@ -413,19 +413,19 @@ def halves(s: Subject) -> str:
         off = [x for x in moving if apart[x][1] > max(0.3 * moved[x][1], 0.5 * apart[x][0])]
         if h == s.h and off and 2 * len(off) >= len(moving):
             raise Broken(
-                f"{', '.join(off)}: one step and two of half the size differ by a third of the way and "
-                f"more, for {4 * h:g} s and for {2 * h:g} s"
+                f"{', '.join(off)}: one step and two of half the size differ by a third of the change "
+                f"or more, for {4 * h:g} s and for {2 * h:g} s"
             )
         far, near = (sum(apart[name][level] for name in moving) for level in (0, 1))
         if near > NOISE:
             order = math.log2(far / near) - 1.0
             return f"order {order:.1f}: {far:.2g} and {near:.2g} of the range, {4 * h:g} and {2 * h:g} s"
-    return f"no difference above {NOISE:g} of the range: exact, or smaller steps inside"
+    return f"no difference above {NOISE:g} of the range: exact, or smaller internal steps"
 
 
 def split(s: Subject, h: float) -> tuple[dict[str, list[float]], dict[str, list[float]]]:
-    """By Real output, in its range, from three points: what one step of 4 h and two of 2 h are apart, and
-    then one of 2 h and two of h; and how far the one step moves it.
+    """By Real output, in units of its range and summed over three points: the difference between one step
+    of 4 h and two of 2 h, then between one of 2 h and two of h; and how far the one step moves it.
     """
     apart, moved = ({name: [0.0, 0.0] for name in s.ranges} for _ in range(2))
     for n in (1, s.steps // 3, 2 * s.steps // 3):
@@ -440,7 +440,7 @@ def split(s: Subject, h: float) -> tuple[dict[str, list[float]], dict[str, list[
 
 
 def outputs(s: Subject) -> str:
-    """What an input moves in a step so short that no state can."""
+    """Which outputs an input moves in a step too short for any state to move."""
     s.needs("canHandleVariableCommunicationStepSize")
     declared = {
         u.variable.name: (u.dependencies, u.dependenciesKind) for u in s.description.outputs
@@ -456,19 +456,21 @@ def outputs(s: Subject) -> str:
                 feels = abs(up) > max(0.5 * abs(long_up), floor)
                 names, kinds = declared.get(v.name, (None, None))
                 if feels and names is not None and known not in names:
-                    raise Broken(f"{v.name} feels {known.name} at once, by {up:.4g}, undeclared")
+                    raise Broken(
+                        f"{v.name} depends on {known.name} at once, with slope {up:.4g}, undeclared"
+                    )
                 kind = kinds[names.index(known)] if kinds and names and known in names else ""
                 if kind in ("constant", "fixed") and abs(up - down) > AGREES * abs(up) + floor:
                     raise Broken(
-                        f"{v.name} by {known.name} is {kind}, but its slope is {down:.6g} on one side and "
-                        f"{up:.6g} on the other"
+                        f"{v.name} by {known.name} is declared {kind}, but its slope is {down:.6g} on one "
+                        f"side and {up:.6g} on the other"
                     )
     tried = min(len(s.inputs), MOST_INPUTS)
     return f"{len(reals)} Real outputs by {tried} of {len(s.inputs)} Real inputs"
 
 
 def unknowns(s: Subject) -> str:
-    """What a value moves while initialising."""
+    """Which unknowns a value moves while initialising."""
     entries = s.description.initialUnknowns
     if not entries:
         raise NotOffered("there are no InitialUnknowns")
@@ -500,24 +502,24 @@ def unknowns(s: Subject) -> str:
 
 
 def derivatives(s: Subject) -> str:
-    """While initialising by inputs and initial states, after a step by inputs."""
+    """Directional derivatives: while initialising by inputs and initial states, after a step by inputs."""
     s.needs("providesDirectionalDerivative")
     pairs = 0
     for when, x, v, told, found, error in chain(_initial_slopes(s), _later_slopes(s)):
         floor = NOISE * s.ranges.get(x.name, s.size(x)) / s.size(v)
         if not abs(told - found) <= AGREES * abs(found) + 2.0 * error + floor:
             raise Broken(
-                f"the derivative of {x.name} by {v.name} {when} is {told:.6g}, by differences {found:.6g}"
+                f"the derivative of {x.name} by {v.name} {when} is {told:.6g}; differences give {found:.6g}"
             )
         pairs += 1
-    return f"{pairs} of them"
+    return f"{pairs} derivatives"
 
 
 Slope = tuple[str, ScalarVariable, ScalarVariable, float, float, float]
 
 
 def _initial_slopes(s: Subject) -> Iterator[Slope]:
-    """When, of what, by what, as the FMU has it, by differences, and the error of that."""
+    """When, of what, by what; the FMU's value, the one by differences, and the error of the latter."""
     known = [v for v in s.description.modelVariables if s.known(v) and smooth(v)]
     known = [v for v in known if v.causality != "parameter" and nudged(v) is not None]
     real = [u.variable for u in s.description.initialUnknowns if smooth(u.variable)]
@@ -554,7 +556,7 @@ def _later_slopes(s: Subject) -> Iterator[Slope]:
 
 
 def discards(s: Subject) -> str:
-    """Of one step over the whole experiment."""
+    """A step over the whole experiment, which the FMU may discard."""
     s.needs("canHandleVariableCommunicationStepSize")
     t, h = s.start, s.stop - s.start
     if s.third:
@@ -575,25 +577,25 @@ def discards(s: Subject) -> str:
     if reached > t:
         with s.running() as part:
             part.advance(t, reached - t)
-    return f"{said}, one to {reached:g} s taken"
+    return f"{said}, one to {reached:g} s is accepted"
 
 
 def untouched(s: Subject, t: float, h: float) -> str:
-    """By FMI 3.0 a discarded step leaves the FMU as it was."""
+    """In FMI 3.0, a discarded step leaves the FMU as it was."""
     step = f"a step of {h:g} s is"
     with s.running() as part:
         try:
             part.advance(t, h)
         except Discarded:
             s.same(s.go(part, 0, s.steps), s.reference, f"after {step} discarded")
-            return f"{step} discarded, {s.steps} rows after it to the bit"
+            return f"{step} discarded, {s.steps} rows after it bit for bit"
         except Ended as reason:
             raise NotOffered(f"{step} not discarded: {reason}") from reason
         raise NotOffered(f"{step} not discarded")
 
 
 def memory(s: Subject) -> str:
-    """Resident memory over many steps, the first ones left aside."""
+    """Resident memory over many steps, ignoring the first ones."""
     used = Path("/proc/self/statm")
     if not used.exists():
         raise NotOffered("the memory of a process cannot be read here")
@@ -612,7 +614,7 @@ def memory(s: Subject) -> str:
                     gc.collect()
                     sizes.append(int(used.read_text().split()[1]) * PAGESIZE)
         if life <= s.steps // 2:
-            raise NotOffered(f"it takes no more than {life} steps with inputs that stand still")
+            raise NotOffered(f"it takes no more than {life} steps with constant inputs")
     grown = [after - before for before, after in pairwise(sizes)]
     said = f"{sum(grown) / 1024:.0f} KiB more after {LONG} steps than after {LONG // 5}"
     if sum(grown) > LEAK and sum(g > 0 for g in grown) > len(grown) / 2:
@@ -621,7 +623,7 @@ def memory(s: Subject) -> str:
 
 
 class Check(NamedTuple):
-    """A check, its clauses of FMI 2.0 and 3.0, what it says, and how to see by hand what it does."""
+    """A check, its clauses of FMI 2.0 and 3.0, its function, and how to repeat it by hand."""
 
     name: str
     second: str
@@ -638,7 +640,7 @@ class Check(NamedTuple):
 CHECKS = {check.name: check for check in (
     Check("description", "2.2", "2.4", description, "validate the FMU with FMPy"),
     Check("binary", "2.1.4", "2.2.5", binary,
-          "ask the binary for its version, by FMI 2.0 for its types platform, too"),
+          "ask the binary for its version and, in FMI 2.0, for its types platform"),
     Check("run", "4.2.2", "4.2.1", runs, "initialise; doStep and get the outputs"),
     Check("termination", "2.1.6", "2.3.8", terminates, "run, terminate, get the values again"),
     Check("start values", "2.2.7", "2.4.7.4", starts,
@@ -652,15 +654,15 @@ CHECKS = {check.name: check for check in (
     Check("serialization", "2.1.8", "2.2.7.4", bytes_,
           "after half the steps serialize the state; deserialize and set it in a new instance, step on"),
     Check("step size", "4.2.2", "4.2.1", halves,
-          "with inputs that stand still: one step of 4 h beside two of 2 h, one of 2 h beside two of h"),
+          "with constant inputs: one step of 4 h against two of 2 h, one of 2 h against two of h"),
     Check("output dependencies", "2.2.8", "2.4.8", outputs,
-          "a step of h / 1024 with an input, and in an instance alike with another; the same with h / 64"),
+          "a step of h / 1024, and in an equal instance with another input; the same with h / 64"),
     Check("initial dependencies", "2.2.8", "2.4.8", unknowns,
           "enter initialization mode, set one value, get the InitialUnknowns; the same without setting"),
     Check("directional derivatives", "2.1.9", "2.2.12.1", derivatives,
-          "the FMU's derivative beside the difference for two values of the known"),
+          "the FMU's derivative against the difference for two values of the known"),
     Check("discard", "4.2.3", "4.2.1", discards, "initialise; one step over the whole default experiment"),
-    Check("memory", "2.1.5", "2.2.1", memory, "10 000 steps; look at the resident memory on the way"),
+    Check("memory", "2.1.5", "2.2.1", memory, "10 000 steps; watch the resident memory"),
 )}  # fmt: skip
 
 

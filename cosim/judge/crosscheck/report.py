@@ -1,4 +1,4 @@
-"""What a crosscheck found: as text, as JUnit XML for a test server, as a page."""
+"""The findings of a crosscheck as text, as JUnit XML for a test server, and as an HTML page."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class Crosscheck:
         return ", ".join(f"{counts[status]} {status}" for status in COLORS if counts[status])
 
     def text(self) -> str:
-        """A line for each check, and for each that failed how to see it by hand."""
+        """A line for each check, and how to repeat each failed one by hand."""
         rows = [(v.check, v.clause, v.status.upper() if v.status == FAILED else v.status, v.said)
                 for v in self.verdicts]  # fmt: skip
         failed = (v for v in self.verdicts if v.status == FAILED)

@@ -56,8 +56,9 @@ FLAT = Path(__file__).with_name("wasm.c")
 MODULE = ("-mexec-model=reactor", "-Wl,--strip-all")
 EXTRA = "extra/org.webassembly.wasm32"
 DEPENDENCIES = """\
-linux64 and aarch64-linux with glibc 2.17 or newer, win64, darwin64 (universal): the C library and
-its mathematics, nothing else. Built from sources/, which any C99 compiler takes.
+The binaries for linux64 and aarch64-linux (glibc 2.17 or newer), win64 and darwin64 (universal)
+need the C library and its mathematics, nothing else. They are built from sources/, which any C99
+compiler accepts.
 """
 
 
@@ -107,7 +108,7 @@ def pack(build: NativeBuild, fmu: Path) -> None:
     """Write the FMU; raises RuntimeError with the words of the compiler if it fails."""
     interface, sources = Interface(build.model), sources_of(build)
     rows = reference.experiment(build.model)
-    licence = f"{LICENSE.read_text()}\nThe headers of FMI in sources/ carry their own.\n"
+    licence = f"{LICENSE.read_text()}\nThe FMI headers in sources/ carry their own licence.\n"
     libraries = binaries(build.name, sources, build.fmi)
     recipe = {"sources/buildDescription.xml": RECIPE.format(build.name).encode()}
     contents = {

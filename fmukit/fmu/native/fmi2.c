@@ -80,8 +80,8 @@ typedef struct {
     double nominal;
 } Continuous;
 
-/* What an equation has to tell: why it has no value, and sentences for the log. Where it has none
-   for what an integrator tries, that is discarded. */
+/* What an equation reports: why it has no value, and sentences for the log. Where it has no value for
+   a state that an integrator tries, that state is discarded. */
 typedef struct {
     int failed, discarded, dropped;
     const char *why; /* the reason, where it is one without numbers */
@@ -468,7 +468,7 @@ EXPORT fmi2Status API(fmi2GetRealOutputDerivatives)(fmi2Component component,
     for (size_t k = 0; k < n && !i->context.failed; k++) {
         const Variable *v = variable(&i->context, "Real", vr[k]);
         if (v && strcmp(v->causality, "output"))
-            fail(&i->context, "%s is no output", v->name);
+            fail(&i->context, "%s is not an output", v->name);
         else if (v)
             value[k] = result[vr[k] - FIRST_STATE];
     }
@@ -492,7 +492,7 @@ EXPORT fmi2Status API(fmi2GetDirectionalDerivative)(fmi2Component component,
         const Variable *v = variable(c, "Real", known[k]);
         if (v && !(s->phase == INITIALIZING ? v->settable_before_start
                    : is_input(known[k]) || (i->kind == EXCHANGE && is_integrated(known[k]))))
-            fail(c, "%s is not known in its own right %s", v->name, PHASES[(int)s->phase]);
+            fail(c, "there is no derivative by %s %s", v->name, PHASES[(int)s->phase]);
         else if (v)
             d[known[k]] += d_known[k];
     }
@@ -506,7 +506,7 @@ EXPORT fmi2Status API(fmi2GetDirectionalDerivative)(fmi2Component component,
     for (size_t k = 0; k < n_unknown && !c->failed; k++) {
         const Variable *v = variable(c, "Real", unknown[k]);
         if (v && unknown[k] < FIRST_STATE)
-            fail(c, "%s is no output", v->name);
+            fail(c, "%s is not an output", v->name);
         else if (v)
             d_unknown[k] = result[unknown[k] - FIRST_STATE];
     }
@@ -586,7 +586,7 @@ EXPORT fmi2Status API(fmi2SetTime)(fmi2Component component, fmi2Real time) {
 
 static int of_length(Instance *i, const char *call, size_t n, size_t count) {
     if (n != count)
-        fail(&i->context, "%s is for all %d at once, not for %d", call, (double)count, (double)n);
+        fail(&i->context, "%s takes all %d values at once, not %d", call, (double)count, (double)n);
     return !i->context.failed;
 }
 

@@ -350,8 +350,8 @@ static fmi2Status get_real(Instance *i, fmi3ValueReference reference, double *va
 
 static fmi2Status set_real(Instance *i, fmi3ValueReference reference, double value) {
     if (reference < VARIABLES) return fmi2SetReal(i, &reference, 1, &value);
-    fail(&i->context, "%s cannot be set",
-         reference == TIME ? "time, but by setTime," : "an event indicator");
+    fail(&i->context, "%s",
+         reference == TIME ? "time can only be set by setTime" : "an event indicator cannot be set");
     return finish(i);
 }
 
@@ -388,7 +388,7 @@ static fmi2Status get_integer(Instance *i, fmi3ValueReference reference, fmi2Int
 static fmi2Status set_integer(Instance *i, fmi3ValueReference reference, fmi3Int64 value) {
     const fmi2Integer narrow = (fmi2Integer)value;
     if (narrow == value) return fmi2SetInteger(i, &reference, 1, &narrow);
-    fail(&i->context, "%s = %d is none of its values", variables[reference].name, (double)value);
+    fail(&i->context, "%s = %d is not one of its values", variables[reference].name, (double)value);
     return finish(i);
 }
 

@@ -1,8 +1,8 @@
 """Pack a model with pythonfmu's wrapper: same source, same bytes.
 
-What runs is one module, named by its content, so that two FMUs, or two versions of one, never meet in
-`sys.modules`: the slave, the functions printed for the model, and its table of variables. Only a model
-that cannot be traced takes its source and the kit that it runs on along.
+The FMU runs one module, named by its content, so that two FMUs, or two versions of one, never meet in
+`sys.modules`. It contains the slave, the functions printed for the model, and its table of variables.
+Only for a model that cannot be traced does the FMU also contain its source and the kit that it needs.
 """
 
 import importlib.metadata

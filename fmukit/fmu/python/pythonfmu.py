@@ -1,8 +1,8 @@
-"""The traps of pythonfmu 0.7.0, whose C wrapper runs an FMU in Python, and nothing else.
+"""Only the traps of pythonfmu 0.7.0, whose C wrapper runs an FMU in Python.
 
-It turns any exception into fmi2Fatal and then drops its references to the class, the instance and
-the log queue once too often; a `Failure` gives them back, so that after it the instance can still be
-reset, rolled back and freed. It takes for the class of its slaves what has a base called Fmi2Slave.
+The wrapper turns any exception into fmi2Fatal and then drops its references to the class, the instance
+and the log queue once too often. A `Failure` gives them back, so that the instance can still be reset,
+rolled back and freed. The wrapper recognises slaves by a base class called Fmi2Slave.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ class Failure(Exception):
 
 
 def printable(text: str) -> str:
-    """FMI loggers take the message as a printf format."""
+    """Escape a message, since FMI loggers take it as a printf format."""
     return text.replace("%", "%%")
 
 
