@@ -14,6 +14,7 @@ import ctypes
 import gc
 import importlib
 import os
+import platform
 import statistics
 import subprocess
 import sys
@@ -231,6 +232,21 @@ def measure(way: str, steps: int, pinned: bool) -> float:
     return float(done.stdout.split()[-1])
 
 
+def compiled(folder: Path) -> dict[str, Path]:
+    """The program in limit.c, compiled for this processor and as portable as the FMUs are: there every
+    operation is rounded, so that flavours and processors agree to the last bit.
+    """
+    from fmukit.fmu.native.build import OPTIONS
+
+    portable = ["-target", f"{platform.machine()}-linux-gnu.2.17", *OPTIONS]
+    ways = {"one program in C, by hand": ["-O2"], "  compiled as the FMUs are": portable}
+    programs = {way: folder / f"limit_{k}" for k, way in enumerate(ways)}
+    for way, options in ways.items():
+        command = [sys.executable, "-m", "ziglang", "cc", *options, "-o", programs[way]]
+        subprocess.run([*command, ROOT / "benchmarks" / "limit.c", "-lm"], check=True)
+    return programs
+
+
 def by_hand(program: Path, steps: int, pinned: bool) -> float:
     """Seconds per step of the program in limit.c, with as many evaluations as the FMUs need."""
     command = [str(program), str(steps * MANY), "1"]
@@ -265,13 +281,11 @@ def main() -> None:
     build = [sys.executable, ROOT / "build_fmus.py", "--flavour", "both"]
     subprocess.run([*build, "drive_motor", "crank_conveyor"], check=True, capture_output=True)
     with tempfile.TemporaryDirectory() as folder:
-        program = Path(folder) / "limit"
-        compiler = [sys.executable, "-m", "ziglang", "cc", "-O2", "-o", program]
-        subprocess.run([*compiler, ROOT / "benchmarks" / "limit.c", "-lm"], check=True)
+        programs = compiled(Path(folder))
         for pinned in (False, True):
             rounds = [
                 {way: measure(way, options.steps, pinned) for way in WAYS}
-                | {"one program in C, by hand": by_hand(program, options.steps, pinned)}
+                | {way: by_hand(x, options.steps, pinned) for way, x in programs.items()}
                 for _ in range(options.rounds)
             ]
             show("pinned to one core" if pinned else "free", rounds)

@@ -2,6 +2,7 @@
    and conveyor with so many evaluations of the right-hand side costs at least.
    usage: limit STEPS SUBSTEPS, prints seconds per communication step of 1 ms. */
 
+#define _POSIX_C_SOURCE 199309L
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
