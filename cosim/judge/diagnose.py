@@ -265,11 +265,7 @@ def _diagnose(bench: Bench, share: float) -> Diagnosis:
             recommended = None
         else:
             follow(recommended)
-            shorter_law = Law(modes, fits, own)
-            if shorter_law.error > law.error:
-                recommended = None
-            else:
-                law = shorter_law
+            law = min(law, Law(modes, fits, own), key=lambda law: law.error)
     seen = modes[step].damping
     return Diagnosis(
         algorithm=algorithm, step=step, share=share, frequency=law.frequency,
@@ -333,31 +329,29 @@ class Law:
     def __init__(
         self, modes: Mapping[float, Mode], fits: Mapping[float, Fit], own: Own | None = None
     ) -> None:
-        self.modes = modes
-        self.doubt = dict.fromkeys(modes, 0.0)
+        self.modes, self.fits = modes, fits
         steps = sorted(modes)[:4] if own is None else [0.0, *sorted(modes)[:2]]
         powers = np.vander(steps)
         ratios = [own.damping if own and not h else modes[h].damping for h in steps]
         self.curve = np.linalg.solve(powers, ratios)
         if own is not None:
             self.frequency, self.damping, self.error = own
-            self.doubt = {h: self._unknown(h, fits[h]) for h in modes}
             return
         self.damping = float(self.curve[-1])
         self.frequency = float(np.linalg.solve(powers, [modes[h].frequency for h in steps])[-1])
         lower = [np.linalg.solve(np.vander(steps[:n]), ratios[:n])[-1] for n in (2, 3)]
-        unknown = [self._unknown(h, fits[h]) for h in steps]
+        unknown = [self._unknown(h) for h in steps]
         self.error = max(abs(self.damping - float(value)) for value in lower)
         self.error += float(np.abs(np.linalg.inv(powers)[-1]) @ unknown)
 
-    def _unknown(self, h: float, found: Fit) -> float:
+    def _unknown(self, h: float) -> float:
         """What may be wrong with a damping ratio that was seen at a step [s]."""
         neglected = SIGNIFICANT / (self.frequency * h)
-        return SPREAD * found.residual + neglected + self.modes[h].moved
+        return SPREAD * self.fits[h].residual + neglected + self.modes[h].moved
 
     def keeps(self, h: float, share: float) -> bool:
         """Whether a step that was tried keeps the damping within its share for certain."""
-        off = abs(self.modes[h].damping - self.damping) + self.error + self.doubt[h]
+        off = abs(self.modes[h].damping - self.damping) + self.error + self._unknown(h)
         return off <= share * abs(self.damping)
 
     def step(self, share: float) -> float:
