@@ -72,14 +72,13 @@ class Diagnosis:
 
     @property
     def damped(self) -> bool:
-        """Whether the damping of the oscillation can be distinguished from zero."""
-        return _decays(self)
+        """Whether the damping of the oscillation is known, and can be distinguished from zero."""
+        return self.trusted and _decays(self)
 
     @property
     def trusted(self) -> bool:
         """Whether the modes explain the response and the damping at steps of zero is known."""
-        known = self.error <= max(UNCERTAIN * abs(self.damping), NEGLIGIBLE)
-        return known and self.residual <= UNEXPLAINED
+        return _certain(self) and self.residual <= UNEXPLAINED
 
     def text(self) -> str:
         """The diagnosis in plain words."""
@@ -88,26 +87,22 @@ class Diagnosis:
     def _sentences(self) -> Iterator[str]:
         if math.isnan(self.frequency):
             yield f"No oscillation shows on the wires with {self.algorithm} and steps of {self.step:.4g} s."
-        elif not self.damped:
-            if self.trusted:
-                yield "The oscillation has no damping to speak of: the system itself does not damp it."
-            else:
-                yield (
-                    "The damping cannot be determined: it still changes with the step, or with how long "
-                    "the motion is observed, as it does where there is next to none; try a shorter step."
-                )
+        elif self.damped:
+            yield from self._mode()
+        elif self.trusted and self.damping <= max(UNDAMPED, self.error):
+            yield "The oscillation has no damping to speak of: the system itself does not damp it."
             return
         else:
-            yield from self._mode()
+            yield (
+                "The damping cannot be determined: it still changes with the step, or with how long the "
+                "motion is observed, as it does where there is next to none; try a shorter step."
+            )
+            return
         if self.drift:
             yield (
                 f"A motion that does not oscillate grows at {self.drift:.3g} 1/s, in proportion to "
                 "the step: a held angle or position drives it. Couple by speed instead."
             )
-        if self.residual > UNEXPLAINED:
-            yield f"Do not trust this: the modes leave {self.residual:.1%} of the response unexplained."
-        elif not self.trusted and not math.isnan(self.frequency):
-            yield "Do not trust this: the damping does not converge. Try a shorter step."
 
     def _mode(self) -> Iterator[str]:
         way = "from derivatives of the FMUs" if self.linear else "from runs with shorter steps"
@@ -265,7 +260,11 @@ def _diagnose(bench: Bench, share: float) -> Diagnosis:
             recommended = None
         else:
             follow(recommended)
-            law = min(law, Law(modes, fits, own), key=lambda law: law.error)
+            further = Law(modes, fits, own)
+            if further.error > law.error and not _certain(further):
+                recommended = None
+            else:
+                law = further
     seen = modes[step].damping
     return Diagnosis(
         algorithm=algorithm, step=step, share=share, frequency=law.frequency,
@@ -365,6 +364,11 @@ class Law:
 def _decays(found: Diagnosis | Law) -> bool:
     """Whether it is an oscillation whose damping can be distinguished from zero."""
     return found.frequency > 0.0 and max(UNDAMPED, found.error) < found.damping < 1.0
+
+
+def _certain(found: Diagnosis | Law) -> bool:
+    """Whether the damping at steps of zero is known."""
+    return found.error <= max(UNCERTAIN * abs(found.damping), NEGLIGIBLE)
 
 
 def _watch(bench: Bench, h: float) -> tuple[Fit, float]:
