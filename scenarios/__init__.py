@@ -30,16 +30,18 @@ def ask(
     """
     from workbench.answer import write
     from workbench.ask import ask
+    from workbench.runs.folder import reservation
 
     from .__main__ import PROGRAM, PROJECT
 
     folder = None if out is None else Path(out)
-    answer = ask(
-        PROJECT, question, options, flavour=flavour, jobs=jobs, scheduler=scheduler, out=folder,
-        program=PROGRAM,
-    )  # fmt: skip
-    if folder is not None:
-        write(answer, folder)
+    with reservation(folder):
+        answer = ask(
+            PROJECT, question, options, flavour=flavour, jobs=jobs, scheduler=scheduler, out=folder,
+            program=PROGRAM,
+        )  # fmt: skip
+        if folder is not None:
+            write(answer, folder)
     return answer
 
 

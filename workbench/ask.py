@@ -27,6 +27,7 @@ from .limit import certified
 from .options import Options, Run, declared, made, refuse
 from .question import FLAVOURS, PYTHON, Project, QuestionError, blamed, name, where
 from .runs.engine import Engine
+from .runs.folder import reservation
 from .runs.identity import computation
 from .runs.journal import Journal, opened
 
@@ -162,7 +163,8 @@ def ask(
 
     Options are given as on its command line, or as values in the declared units; "start" contains
     start values of FMUs. By default `jobs` are all cores with FMUs of the question's own flavour, and
-    one with others. Rows are kept in the folder `out` as they are computed. Raises what `answer` raises.
+    one with others. Rows are kept in the folder `out`, which no other run may use meanwhile, as they are
+    computed. Raises what `answer` raises.
     """
     page = question.load(question.find(project.home, text))
     own = getattr(page, "FLAVOUR", PYTHON)
@@ -202,7 +204,7 @@ def answer(
     """
     own = getattr(page, "OWN", ())
     refuse(o.start, own)
-    with ExitStack() as stack, hearing() as heard, blamed(page):
+    with reservation(out), ExitStack() as stack, hearing() as heard, blamed(page):
         files = [*fmus.values(), *question.files(page)]
         engine = replace(engine, page=where(page), files=files)
 

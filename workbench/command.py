@@ -15,6 +15,7 @@ from .answer import finish
 from .ask import ask
 from .options import add, declared, made, unknown
 from .question import FLAVOURS, PYTHON, Project, QuestionError
+from .runs.folder import reservation
 from .runs.worker import OK
 
 USAGE = "list | run NAME or FILE.py [options] | study FILE.toml [options]"
@@ -73,9 +74,10 @@ def run(words: Sequence[str], project: Project, program: str) -> int:
     folder = Path("results") / question.name(page)
     told["out"] = told.get("out", folder / o.set if hasattr(o, "set") else folder)
     animate = told.pop("animate")
-    answer = ask(project, words[0], options, **told, program=program)
-    with question.blamed(page):
-        finish(answer, told["out"], animate)
+    with reservation(told["out"]):
+        answer = ask(project, words[0], options, **told, program=program)
+        with question.blamed(page):
+            finish(answer, told["out"], animate)
     return 0
 
 

@@ -20,6 +20,7 @@ from ..ask import row
 from ..options import declared
 from ..runs.cargo import Cargo, digest
 from ..runs.engine import Engine
+from ..runs.folder import reservation
 from ..runs.identity import computation
 from ..runs.journal import opened
 from .outcome import conclude
@@ -49,7 +50,7 @@ def run(
     fmus = study.project.fmus(study.module, flavour)
     units, who = _units(study, fmus), identity(study, fmus, flavour)
     folder = Path("results") / "studies" / study.name if out is None else out
-    with opened(folder, who) as journal:
+    with reservation(folder), opened(folder, who) as journal:
         (folder / "study.toml").write_bytes(study.path.read_bytes())
         before, own = len(journal), question.files(study.module)
         inputs = Cargo.of([*fmus.values(), *own])
