@@ -26,9 +26,10 @@ from .figure import Figure, whole
 from .limit import certified
 from .options import Options, Run, declared, made, refuse
 from .question import FLAVOURS, PYTHON, Project, QuestionError, blamed, name, where
+from .runs.codec import Records
 from .runs.engine import Engine
 from .runs.folder import reservation
-from .runs.identity import computation
+from .runs.identity import SOURCES, computation
 from .runs.journal import Journal, opened
 
 ALONE = Engine(jobs=1)
@@ -210,8 +211,12 @@ def answer(
 
         @cache
         def journal() -> Journal | None:
-            who = _identity(page, o, fmus, engine.packages)
-            return stack.enter_context(opened(out, who, passing=True)) if out else None
+            if out is None:
+                return None
+            packages = _packages(page, engine.packages)
+            records = Records(frozenset({*SOURCES, *packages, page.__name__}))
+            who = _identity(page, o, fmus, packages)
+            return stack.enter_context(opened(out, who, passing=True, records=records))
 
         bench = Bench(fmus, engine, out, journal)
         found = _ended(page.solve(o, bench)) if hasattr(page, "solve") else _solve(page, o, bench)
@@ -259,8 +264,29 @@ def row(page: Path | str, fmus: Mapping[str, Path], case: Mapping[str, Any]) -> 
         for folder in {path.parent for path in (page, *fmus.values()) if isinstance(path, Path)}:
             text = text.replace(f"{folder}{os.sep}", "")
         raise type(error)(text) from error
-    figures = {key: (float(f.value), f.unit, f.error, f.reason) for key, f in found.figures.items()}
+    figures = {
+        key: (float(f.value), f.unit, None if f.error is None else float(f.error), f.reason)
+        for key, f in found.figures.items()
+    }
     return {"figures": figures, "warnings": list(found.warnings)}
+
+
+def is_row(answer: Any) -> bool:
+    """Whether a value has the form of what `row` returns."""
+    try:
+        figures, warnings = answer["figures"], answer["warnings"]
+        return (
+            set(answer) == {"figures", "warnings"}
+            and all(isinstance(text, str) for text in warnings)
+            and all(
+                isinstance(value, float)
+                and isinstance(error, float | None)
+                and all(isinstance(text, str) for text in (name, unit, reason))
+                for name, (value, unit, error, reason) in figures.items()
+            )
+        )
+    except (TypeError, ValueError, KeyError, AttributeError):
+        return False
 
 
 def _ended(found: Findings | Generator[Any, None, Findings]) -> Findings:
@@ -311,12 +337,16 @@ def _identity(
     page: ModuleType, o: Options, fmus: Mapping[str, Path], packages: Sequence[str]
 ) -> dict[str, Any]:
     """What the sweeps of a question depend on."""
-    lies_in = [] if question.files(page) else [page.__name__.partition(".")[0]]
     return {
         "options": {key: repr(told.value) for key, told in said(o).items()},
         "start": dict(o.start),
-        **computation(where(page), fmus, *(packages or lies_in)),
+        **computation(where(page), fmus, *packages),
     }
+
+
+def _packages(page: ModuleType, packages: Sequence[str]) -> Sequence[str]:
+    """The packages that a page lies in, by default that of its own module."""
+    return packages or ([] if question.files(page) else [page.__name__.partition(".")[0]])
 
 
 def said(o: Options) -> dict[str, Parameter]:

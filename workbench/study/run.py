@@ -16,13 +16,14 @@ from cosim.system import connect
 
 from .. import question
 from ..answer import Answer, write
-from ..ask import row
+from ..ask import is_row, row
 from ..options import declared
 from ..runs.cargo import Cargo, digest
 from ..runs.engine import Engine
 from ..runs.folder import reservation
 from ..runs.identity import computation
 from ..runs.journal import opened
+from ..runs.worker import OK, Outcome
 from .outcome import conclude
 from .plan import Study, ends
 
@@ -50,7 +51,7 @@ def run(
     fmus = study.project.fmus(study.module, flavour)
     units, who = _units(study, fmus), identity(study, fmus, flavour)
     folder = Path("results") / "studies" / study.name if out is None else out
-    with reservation(folder), opened(folder, who) as journal:
+    with reservation(folder), opened(folder, who, sound=_sound) as journal:
         (folder / "study.toml").write_bytes(study.path.read_bytes())
         before, own = len(journal), question.files(study.module)
         inputs = Cargo.of([*fmus.values(), *own])
@@ -71,6 +72,11 @@ def run(
             f"the table is in {folder}"
         )
     return answer
+
+
+def _sound(outcome: Outcome) -> bool:
+    """Whether a row of the journal is one of a study's."""
+    return is_row(outcome.answer) if outcome.status == OK else outcome.answer is None
 
 
 def identity(study: Study, fmus: Mapping[str, Path], flavour: str) -> dict[str, Any]:
