@@ -2,7 +2,7 @@
 
 A process that is killed leaves its folder behind. The next process that needs a folder removes it, but only
 if the folder carries the mark of this module: a file that names the folder and its number in the file
-system (so that a copy carries no valid mark), in a folder of this user that nobody else may open. The mark
+system (so that a copy carries no valid mark), in a folder of this user that nobody else may open. The folder
 is locked as long as its process lives. A folder without a mark is somebody else's, whatever its name.
 """
 
@@ -23,8 +23,6 @@ from tempfile import gettempdir, mkdtemp
 PREFIX = "cosim_"
 #: A convention of this module: the file in a folder that says whose it is.
 MARK = ".cosim-scratch"
-#: A convention of this module: more than any mark has.
-MARK_BYTES = 4096
 #: A convention of POSIX and of `mkdtemp`: only its user may open the folder.
 PRIVATE = 0o700
 
@@ -39,22 +37,21 @@ def _folder_of(process: int) -> Path:
     for folder in Path(gettempdir()).glob(f"{PREFIX}*"):
         with suppress(OSError):
             _remove_leftover(folder)
-    folder = Path(mkdtemp(prefix=PREFIX))
-    lock = _mark(folder, process)
-    Finalize(None, _remove, (folder, lock), exitpriority=-1)
-    return folder
-
-
-def _mark(folder: Path, process: int) -> int:
-    """Write the mark of a new folder; returns the file that locks it while it is open.
-
-    The mark is locked before it has its content, so that no other process takes it for a leftover.
-    """
-    lock = os.open(folder / MARK, os.O_RDWR | os.O_CREAT | os.O_EXCL, stat.S_IRUSR | stat.S_IWUSR)
-    with suppress(OSError):  # a file system without locks, where nobody removes what is left
-        _lock(lock)
-    os.write(lock, f"{_content(folder)}{process}\n".encode())
-    return lock
+    while True:
+        folder = Path(mkdtemp(prefix=PREFIX))
+        lock: int | None = None
+        try:
+            lock = _locked(folder)
+        except BlockingIOError:  # an earlier version of this module removes whatever is not locked
+            continue
+        except OSError:  # a file system without locks, where nobody removes what is left
+            pass
+        if not folder.is_dir():
+            continue
+        with suppress(OSError):  # a full disk, which what is written next reports
+            (folder / MARK).write_text(f"{_content(folder)}{process}\n", encoding="utf-8")
+        Finalize(None, _remove, (folder, lock), exitpriority=-1)
+        return folder
 
 
 def _content(folder: Path) -> str:
@@ -68,26 +65,20 @@ def _remove_leftover(folder: Path) -> None:
     Raises
     ------
     OSError
-        If the folder has no mark, or if its process lives and locks the mark.
+        If the folder has no mark, or if its process lives and locks the folder.
     """
-    if not _is_own(folder.lstat(), stat.S_ISDIR):
+    status, mark = folder.lstat(), folder / MARK
+    if not _is_own(status, stat.S_ISDIR) or not _is_own(mark.lstat(), stat.S_ISREG):
         return
-    if sys.platform != "win32" and stat.S_IMODE(folder.lstat().st_mode) != PRIVATE:
+    if sys.platform != "win32" and stat.S_IMODE(status.st_mode) != PRIVATE:
         return
-    mark = folder / MARK
-    if not _is_own(mark.lstat(), stat.S_ISREG):
+    if not mark.read_text(encoding="utf-8", errors="replace").startswith(_content(folder)):
         return
-    lock = os.open(mark, os.O_RDWR)
-    try:
-        if not os.read(lock, MARK_BYTES).startswith(_content(folder).encode()):
-            raise FileNotFoundError(mark)
-        _lock(lock)
-        if not os.path.samestat(os.fstat(lock), mark.lstat()):
-            raise FileNotFoundError(mark)  # another process removed that folder meanwhile
-    except OSError:
+    lock = _locked(folder)
+    if folder.is_dir() and os.path.samestat(status, folder.lstat()):
+        _remove(folder, lock)
+    else:  # another process has removed it meanwhile
         os.close(lock)
-        raise
-    _remove(folder, lock)
 
 
 def _is_own(status: os.stat_result, has_kind: Callable[[int], bool]) -> bool:
@@ -95,22 +86,30 @@ def _is_own(status: os.stat_result, has_kind: Callable[[int], bool]) -> bool:
     return has_kind(status.st_mode) and (sys.platform == "win32" or status.st_uid == os.geteuid())
 
 
-def _remove(folder: Path, lock: int) -> None:
-    if sys.platform == "win32":
+def _remove(folder: Path, lock: int | None) -> None:
+    if lock is not None and sys.platform == "win32":
         os.close(lock)  # an open file cannot be removed there
     rmtree(folder, ignore_errors=True)
-    if sys.platform != "win32":
+    if lock is not None and sys.platform != "win32":
         os.close(lock)
 
 
-def _lock(file: int) -> None:
-    """Lock an open file until it is closed; raises BlockingIOError if another process has locked it."""
+def _locked(folder: Path) -> int:
+    """Lock a folder until the lock is closed; raises BlockingIOError if another process has locked it."""
     if sys.platform == "win32":
         import msvcrt
 
-        os.lseek(file, 0, os.SEEK_SET)
-        msvcrt.locking(file, msvcrt.LK_NBLCK, 1)
+        lock = os.open(folder / "lock", os.O_RDWR | os.O_CREAT)
     else:
-        import fcntl
+        lock = os.open(folder, os.O_RDONLY)
+    try:
+        if sys.platform == "win32":
+            msvcrt.locking(lock, msvcrt.LK_NBLCK, 1)
+        else:
+            import fcntl
 
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        os.close(lock)
+        raise
+    return lock
