@@ -34,7 +34,7 @@ from cosim import (
 )
 from cosim.engine.library import KEPT
 from cosim.judge.isolated import _remains
-from cosim.scratch import _made
+from cosim.scratch import MARK, _folder_of
 from tests.conftest import DESCRIPTION, ROOT, described, hear_ctrl_c, rewritten, until
 from tests.cosim.foreign import BINARY, Value, library, pack
 
@@ -77,11 +77,11 @@ def scratch(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     folder.mkdir()
     monkeypatch.setattr(tempfile, "tempdir", str(folder))
     monkeypatch.setenv("TMPDIR", str(folder))
-    _made.cache_clear()
+    _folder_of.cache_clear()
     yield folder
     forget()
-    assert list(folder.glob("*/*")) == []
-    _made.cache_clear()
+    assert [path for path in folder.glob("*/*") if path.name != MARK] == []
+    _folder_of.cache_clear()
 
 
 def forget() -> None:
