@@ -13,7 +13,7 @@ import pytest
 from lxml import etree
 from numpy.testing import assert_allclose, assert_array_equal
 
-from cosim import Package, SetupError, System, read_ssp, run, write_ssp
+from cosim import Package, SetupError, System, oracle, read_ssp, run, write_ssp
 from cosim.system import Network, connect
 from tests.conftest import described, rewritten
 
@@ -565,6 +565,67 @@ def test_what_is_written_is_read_again(fmus: Path, echo: Path, tmp_path: Path) -
         parameters.assertValid(found)
 
 
+def test_what_omsimulator_asks_for_is_written(fmus: Path, tmp_path: Path) -> None:
+    """The type of every component, and a master with the step; one that the FMUs prefer, if no other."""
+    oms = "{https://raw.githubusercontent.com/OpenModelica/OMSimulator/master/schema/oms.xsd}"
+    for step, expected in ((2e-4, "0.0002"), (None, "0.001")):
+        write_ssp(pair(fmus), tmp_path / "pair.ssp", stop=2.0, step=step)
+        with zipfile.ZipFile(tmp_path / "pair.ssp") as archive:
+            root = etree.fromstring(archive.read("SystemStructure.ssd"))
+        kinds = [c.get("type") for c in root.iter(f"{{{STANDARD}Description}}Component")]
+        assert kinds == ["application/x-fmu-sharedlibrary"] * 2
+        path = "ssd:System/ssd:Annotations/ssc:Annotation[@type='org.openmodelica']"
+        note = root.find(path, {k: f"{STANDARD}{name}" for k, name in NAMES.items()})
+        assert [child.tag for child in note] == [f"{oms}Annotations"]
+        (information,) = note[0]
+        (master,) = information
+        assert (information.tag, information.prefix) == (f"{oms}SimulationInformation", "oms")
+        assert (information.get("method"), information.get("fixedStepSize")) == ("oms_ma", expected)
+        assert master.tag == f"{oms}FixedStepMaster"
+        assert (master.get("description"), master.get("stepSize")) == ("oms-ma", expected)
+        assert float(master.get("relativeTolerance")) > 0.0
+
+
+def test_a_step_that_nobody_prefers_is_missed_aloud(
+    echo: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    write_ssp(System({"echo": echo}, [], {"echo.u": 1.0}), tmp_path / "echo.ssp")
+    assert "no step is given and no FMU prefers one: OMSimulator cannot read" in caplog.text
+    assert read_ssp(tmp_path / "echo.ssp", tmp_path / "unpacked").step is None
+
+
+def test_model_exchange_is_run_by_co_simulation_where_the_fmu_has_it(
+    fmus: Path, read: Read, caplog: pytest.LogCaptureFixture
+) -> None:
+    structure = flat().replace("DriveMotor.fmu", 'Both.fmu" implementation="ModelExchange')
+    native = fmus / "native"
+    package = read(structure, **{"resources/Both.fmu": native / "DriveMotor.fmu"})
+    said = "the file asks for model exchange of motor: run steps by co-simulation"
+    assert said in caplog.messages
+    expected = System(
+        {"motor": native / "DriveMotor.fmu", "conveyor": fmus / "CrankConveyor.fmu"},
+        pair(fmus).wires,
+    )
+    same(package, expected)
+
+
+def test_model_exchange_alone_is_read_for_the_oracle(
+    fmus: Path, read: Read, tmp_path: Path
+) -> None:
+    """Without co-simulation in the FMU, run says what does accept it."""
+    native = fmus / "native/DriveMotor.fmu"
+    without = described((r"(?s)<CoSimulation.*?</CoSimulation>", ""))
+    fmu = rewritten(native, tmp_path / "Me.fmu", without)
+    part = '<ssd:Component name="motor" source="Me.fmu" implementation="ModelExchange"/>'
+    system = read(ssd(part), **{"Me.fmu": fmu}).system
+    with pytest.raises(SetupError, match="oracle and linearize accept it as it is"):
+        run(system, stop=0.1, step=0.01)
+    result, expected = (
+        oracle(s, stop=0.1, output_step=0.05) for s in (system, System({"motor": native}))
+    )
+    assert_array_equal(result["motor.tau"], expected["motor.tau"])
+
+
 def test_fmus_of_one_name_do_not_overwrite_each_other(fmus: Path, tmp_path: Path) -> None:
     other = tmp_path / "other" / "LinearSystem.fmu"
     other.parent.mkdir()
@@ -643,7 +704,7 @@ BAD: dict[str, Any] = {
     "id in another file": (ssd(LOOP.format("a", "b.ssd#c")), "an id in another file, 'c', is not supported", {"b.ssd": ssd("")}),
     "mapping on a connection": (flat(ends=ENDS.replace("/>", f">{TABLE}</ssd:Connection>")),
         "BooleanMappingTransformation of a connection is not supported"),
-    "model exchange": (component(f'{FMU} implementation="ModelExchange"'), "ModelExchange is not supported"),
+    "model exchange": (component(f'{FMU} implementation="ModelExchange"'), "part: implementation is ModelExchange, which its FMU does not offer"),
     "component type": (component(f'{FMU} type="text/x-modelica"'), "component type 'text/x-modelica' is not supported"),
     "signal dictionary": (
         ssd(MOTOR.format("")).replace("</ssd:Elements>", '</ssd:Elements><ssd:SignalDictionaries><ssd:SignalDictionary name="bus" source="b.ssb"/></ssd:SignalDictionaries>'),
