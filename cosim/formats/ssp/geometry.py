@@ -28,7 +28,7 @@ class Geometry:
         Place x, y of a connector on its part, from 0 to 1, by the variable's dotted name.
     connections : dict of (str, str) to Mapping
         Points of a wire, pointsX and pointsY, from its output to its input, by their dotted names.
-    notes : sequence of Mapping
+    notes : tuple of Mapping
         Notes on the canvas, with their corners and their text.
     """
 
@@ -36,7 +36,7 @@ class Geometry:
     elements: dict[str, Attributes] = field(default_factory=dict)
     connectors: dict[str, Attributes] = field(default_factory=dict)
     connections: dict[tuple[str, str], Attributes] = field(default_factory=dict)
-    notes: Sequence[Attributes] = ()
+    notes: tuple[Attributes, ...] = ()
 
 
 class Frame(NamedTuple):
@@ -78,10 +78,10 @@ def geometry(plan: Plan) -> Geometry:
         elements={},
         connectors={},
         connections={},
-        notes=[
+        notes=tuple(
             _named(note, (*BOX, "text"))
             for note in children(outermost, "ssd:GraphicalElements", "ssd:Note")
-        ],
+        ),
     )
     _draw(plan, "", Frame(), drawing)
     return drawing

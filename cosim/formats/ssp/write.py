@@ -189,7 +189,7 @@ def _component(elements: Element, task: Task, part: str, known: Enumerations) ->
             connector = SubElement(connectors, qualified("ssd:Connector"), kind)
             connector.append(_type("ssc", task, port, known))
             _dimensions(connector, place)
-            position = drawing.connectors.get(f"{part}.{place.name}", {})
+            position = drawing.connectors.get(port.name, {})
             _attributed(connector, "ssd:ConnectorGeometry", position)
     _attributed(component, "ssd:ElementGeometry", drawing.elements.get(part, {}))
     for port, value in (start := [(p, v) for p, v in network.start if p.part == part]):
