@@ -529,7 +529,8 @@ def export(options: argparse.Namespace) -> int:
         start, stop = task.start, task.package.stop
         if options.to == "ssp":
             step = task.package.step if options.step is None else options.step
-            write_ssp(task.system, options.out, stop, start, step)
+            drawing = task.package.geometry
+            write_ssp(task.system, options.out, stop, start, step, geometry=drawing)
         elif options.to == "osp":
             step = task.step(options.step)
             write_osp(task.system, options.out, step=step, start=start, stop=stop)
