@@ -252,7 +252,11 @@ def stepping(one: Parser) -> None:
         help="polynomial order of inputs within a step",
     )
     one.several("--substeps", "sub-steps of a part within a communication step", metavar="PART=N")
-    one.number("--tolerance", "relative tolerance passed to the FMUs")
+    one.number(
+        "--tolerance", "relative tolerance passed to the FMUs; by default the one that each FMU states"
+    )
+    text = "tell the FMUs the stop time before the start; by default only those that need it"
+    add("--stop-time-defined", action="store_true", help=text)
     one.path("--input", "CSV file of inputs over time; its first column is the time [s]")
     one.several("--map", "input, and the column that drives it", metavar="NAME=COLUMN")
     add(
