@@ -256,7 +256,8 @@ def stepping(one: Parser) -> None:
     )
     one.several("--substeps", "sub-steps of a part within a communication step", metavar="PART=N")
     one.number(
-        "--tolerance", "relative tolerance passed to the FMUs; by default the one that each FMU states"
+        "--tolerance",
+        "relative tolerance passed to the FMUs; by default the one that each FMU states",
     )
     text = "tell the FMUs the stop time before the start; by default only those that need it"
     add("--stop-time-defined", action="store_true", help=text)

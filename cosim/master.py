@@ -98,7 +98,9 @@ def run(
         try:
             within = ports if settings.every() is None else ()
             parts = initialise(network, settings, sequence, stack, within)
-            identities = {name: _identity(p, system.parts[name], tolerance) for name, p in parts.items()}
+            identities = {
+                name: _identity(p, system.parts[name], tolerance) for name, p in parts.items()
+            }
             around.restore()
         except PartFailure as error:
             raise SetupError(str(error)) from error

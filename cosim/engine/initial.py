@@ -108,7 +108,9 @@ def _set_up(part: Coupled, settings: Settings, again: Callable[[], Coupled]) -> 
             other = again()
             other.limit(settings.stop)
             other.set_up(tolerance, settings.start, settings.stop)
-            other.warn(f"the FMU does not initialise without a stop time, so it was handed over: {failure}")
+            other.warn(
+                f"the FMU does not initialise without a stop time, so it was handed over: {failure}"
+            )
             return other
         raise
     return part

@@ -171,9 +171,7 @@ def lorenz(h: float, stop: float) -> Any:
     """Rows of the Lorenz equations from (1, 1, 20) by Heun's method, of order 2."""
 
     def rate(x: Any) -> Any:
-        return np.array(
-            [10 * (x[1] - x[0]), x[0] * (28 - x[2]) - x[1], x[0] * x[1] - 8 / 3 * x[2]]
-        )
+        return np.array([10 * (x[1] - x[0]), x[0] * (28 - x[2]) - x[1], x[0] * x[1] - 8 / 3 * x[2]])
 
     rows = [np.array([1.0, 1.0, 20.0])]
     for _ in range(round(stop / h)):
