@@ -41,7 +41,7 @@ from .progress import bar
 from .result import Interrupted, Result, SimulationError
 from .result import partial as partial_file
 from .scratch import scratch
-from .system import Network, System, connect, part_name
+from .system import Network, System, connect, default_experiment, describe_fmu, part_name
 
 EXACT = Path("fmus/LinearSystem.fmu")
 
@@ -107,7 +107,10 @@ def opened(options: argparse.Namespace) -> Iterator[Task]:
 def read(path: Path, folder: Path) -> Package:
     """The system of a file or a folder; packages are unpacked into `folder`."""
     if path.suffix == ".fmu":
-        return Package(alone(path))
+        system = alone(path)
+        ((name, fmu),) = system.parts.items()
+        experiment = default_experiment(describe_fmu(name, fmu))
+        return Package(system, experiment.start, experiment.stop)
     if path.suffix == ".xml" or (path / FILE).is_file():
         return read_osp(path)
     if path.suffix in (".ssp", ".ssd") or path.is_dir():
@@ -252,7 +255,12 @@ def stepping(one: Parser) -> None:
         help="polynomial order of inputs within a step",
     )
     one.several("--substeps", "sub-steps of a part within a communication step", metavar="PART=N")
-    one.number("--tolerance", "relative tolerance passed to the FMUs")
+    one.number(
+        "--tolerance",
+        "relative tolerance passed to the FMUs; by default the one that each FMU states",
+    )
+    text = "tell the FMUs the stop time before the start; by default only those that need it"
+    add("--stop-time-defined", action="store_true", help=text)
     one.path("--input", "CSV file of inputs over time; its first column is the time [s]")
     one.several("--map", "input, and the column that drives it", metavar="NAME=COLUMN")
     add(
@@ -270,7 +278,7 @@ def times(task: Task, options: argparse.Namespace) -> tuple[float, float]:
     start = task.start if options.start is None else options.start
     stop = task.package.stop if options.stop is None else options.stop
     if stop is None:
-        raise SetupError("the file has no default experiment: give --stop")
+        raise SetupError(f"{options.file} states no stop time: give --stop")
     return start, stop
 
 

@@ -23,7 +23,7 @@ from cosim.system import connect
 from . import live, question
 from .answer import Answer, Findings, Parameter, Show, Table, parameters, stream
 from .figure import Figure, whole
-from .limit import certified
+from .limit import certified, converged
 from .options import Options, Run, declared, made, refuse
 from .question import FLAVOURS, PYTHON, Project, QuestionError, blamed, name, where
 from .runs.codec import Records
@@ -76,7 +76,7 @@ class Bench:
         def advance(cost: int, part: float) -> None:
             progress((cost - 1 + cost * part) / 7)
 
-        told, missing = [], ""
+        told, runs, missing = [], [], ""
         with bar(csv.removesuffix(".csv") or "run", 0.0, o.stop) as progress:
             for coarser in (4, 2, 1):
                 try:
@@ -96,10 +96,11 @@ class Bench:
                     missing = TOO_LONG.format(o.step, coarser, coarser * o.step, error)
                 else:
                     told.append(figures(result))
+                    runs.append(result.data)
         if missing:
             raise SimulationError(missing, result)
         with hearing():
-            return result, certified(figures, result, told)
+            return result, converged(figures, result, certified(figures, result, told), runs)
 
     def each(
         self,
