@@ -19,7 +19,7 @@ from cosim import Result, System
 from cosim.result import partial, write_json
 from cosim.system import Value, connect, own_start
 
-from .figure import Figure
+from .figure import ERROR_SCOPE, Figure
 from .report.chart import Picture
 from .report.gif import gif
 from .report.html import report
@@ -82,7 +82,8 @@ class Findings:
     Names of figures are identifiers. `system` gives the FMUs and parameters; `provenance` is that of a
     run, or else `algorithm` and `communication` say how several runs were made. Tables and files are by
     file name without folder. Functions in `files` write what only this question has, such as a system,
-    to a path. `facts` are further entries of the JSON.
+    to a path. `facts` are further entries of the JSON. `defaults` are the values of options that were
+    left to the question (None, or no list), by name, in the options' units.
     """
 
     figures: Mapping[str, Figure]
@@ -94,6 +95,7 @@ class Findings:
     tables: Mapping[str, Table] = field(default_factory=dict)
     facts: Mapping[str, Any] = field(default_factory=dict)
     files: Mapping[str, Callable[[Path], object]] = field(default_factory=dict)
+    defaults: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -101,8 +103,8 @@ class Answer(Findings):
     """What was found, for which question and options, and what is said and shown of it.
 
     `show` is called for picture and page. Names of parameters are those of the system, "motor.T". `live`
-    is what the page needs to ask again. As text it is what the command line prints; a notebook shows
-    the picture as well.
+    is what the page needs to ask again. It is `refused` if the figures that it hangs on are not
+    determined. As text it is what the command line prints; a notebook shows the picture as well.
     """
 
     scenario: str
@@ -113,6 +115,7 @@ class Answer(Findings):
     warnings: Sequence[str] = ()
     show: Callable[[], Show] = Show
     live: Live | None = None
+    refused: bool = False
 
     @property
     def table(self) -> pd.DataFrame:
@@ -129,6 +132,7 @@ class Answer(Findings):
         return "\n".join([
             *self.verdict.splitlines(),
             *(f"  {label:<{wide}}  {x.text()}" for label, x in zip(labels, self.figures.values())),
+            *[ERROR_SCOPE] * bool(self.figures),
             *(f"Warning: {warning}" for warning in warned[:SPOKEN]),
             *[f"and {more} more warnings, in {self.scenario}.json"] * (more > 0),
         ])  # fmt: skip
@@ -242,6 +246,7 @@ def content(answer: Answer) -> dict[str, Any]:
         "verdict": answer.verdict.splitlines(),
         "warnings": list(answer.warnings),
         "figures": {name: figure.json() for name, figure in answer.figures.items()},
+        "refused": answer.refused,
         "options": {name: value._asdict() for name, value in answer.options.items()},
         "parameters": {name: value._asdict() for name, value in answer.parameters.items()},
         "units": {

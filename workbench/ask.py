@@ -242,12 +242,34 @@ def answer(
         scenario=name(page),
         question=question.asked(page),
         verdict=verdict,
-        options=said(o),
+        options=said(o, found.defaults),
         parameters=told,
         warnings=heard(),
         show=show,
         live=alive,
+        refused=refused(page, found.figures),
     )
+
+
+def refused(page: ModuleType, figures: Mapping[str, Figure]) -> bool:
+    """Whether an answer is refused: a figure that it hangs on is not determined.
+
+    These are the figures that the page names in DECISIVE. Without that, an answer is refused if figures
+    are not determined and all others come from formulas alone.
+
+    Raises
+    ------
+    SetupError
+        For a name in DECISIVE that is no figure.
+    """
+    names = getattr(page, "DECISIVE", ())
+    for key in names:
+        if key not in figures:
+            raise SetupError(f"{page.__file__}: DECISIVE names {key!r}, which is no figure")
+    if names:
+        return any(figures[name].error is None for name in names)
+    errors = [figure.error for figure in figures.values()]
+    return None in errors and not any(errors)
 
 
 def row(page: Path | str, fmus: Mapping[str, Path], case: Mapping[str, Any]) -> dict[str, Any]:
@@ -350,11 +372,17 @@ def _packages(page: ModuleType, packages: Sequence[str]) -> Sequence[str]:
     return packages or ([] if question.files(page) else [page.__name__.partition(".")[0]])
 
 
-def said(o: Options) -> dict[str, Parameter]:
-    """The options as they were taken."""
+def said(o: Options, defaults: Mapping[str, Any] = MappingProxyType({})) -> dict[str, Parameter]:
+    """The options as they were taken, with the question's `defaults` for those left to it."""
+    values = {
+        key: getattr(o, key)
+        if getattr(o, key) not in (None, ())
+        else defaults.get(key, getattr(o, key))
+        for key in declared(type(o))
+    }
     return {
-        key: Parameter(getattr(o, key), told.unit, told.meaning)
-        for key, told in declared(type(o)).items()
+        key: Parameter(values[key], option.unit, option.meaning)
+        for key, option in declared(type(o)).items()
     }
 
 

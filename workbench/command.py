@@ -18,6 +18,9 @@ from .question import FLAVOURS, PYTHON, Project, QuestionError
 from .runs.folder import reservation
 from .runs.worker import OK
 
+#: Exit status of `run` for an answer that is refused; 1 and 2 are failed runs and bad input. A convention
+#: of this project.
+REFUSED = 3
 USAGE = "list | run NAME or FILE.py [options] | study FILE.toml [options]"
 
 
@@ -45,7 +48,7 @@ def show_list(_words: Sequence[str], project: Project, _program: str) -> int:
 
 
 def run(words: Sequence[str], project: Project, program: str) -> int:
-    """Answer one question, write its files and print the verdict."""
+    """Answer one question, write its files and print the verdict; REFUSED if it is not determined."""
     known = ", ".join(question.names(project.home))
     top = Parser(
         prog=f"{program} run",
@@ -78,7 +81,7 @@ def run(words: Sequence[str], project: Project, program: str) -> int:
         answer = ask(project, words[0], options, **told, program=program)
         with question.blamed(page):
             finish(answer, told["out"], animate)
-    return 0
+    return REFUSED if answer.refused else 0
 
 
 def study(words: Sequence[str], project: Project, program: str) -> int:
