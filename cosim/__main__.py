@@ -43,7 +43,18 @@ from .result import partial as partial_file
 from .scratch import scratch
 from .system import Network, System, connect, default_experiment, describe_fmu, part_name
 
-EXACT = Path("fmus/LinearSystem.fmu")
+HERE = Path(__file__).resolve().parent
+EXACT = next(
+    (
+        path
+        for path in (
+            HERE / "verification" / "LinearSystem.fmu",
+            HERE.parent / "fmus/LinearSystem.fmu",
+        )
+        if path.is_file()
+    ),
+    Path("fmus/LinearSystem.fmu"),
+)
 
 
 class Task(NamedTuple):
@@ -139,9 +150,7 @@ def rates(texts: Sequence[str]) -> dict[str, int]:
 
 def parser() -> Parser:
     """The command line."""
-    top = Parser(
-        prog="python -m cosim", description="Couple co-simulation FMUs of FMI 2.0 and 3.0."
-    )
+    top = Parser(prog="cosim", description="Couple co-simulation FMUs of FMI 2.0 and 3.0.")
     top.add_argument("--version", action="version", version=f"cosim {__version__}")
     commands = top.add_subparsers(required=True, metavar="COMMAND", dest="command")
 
@@ -218,7 +227,11 @@ def parser() -> Parser:
 
     one = command("verify", verify, "test the master against closed-form solutions", file=False)
     one.path(
-        "fmu", f"LinearSystem.fmu, by default {EXACT}", metavar="fmu", nargs="?", default=EXACT
+        "fmu",
+        "LinearSystem.fmu, by default the one that came with cosim",
+        metavar="fmu",
+        nargs="?",
+        default=EXACT,
     )
     return top
 

@@ -164,25 +164,26 @@ def ask(
     """The answer to a question of a project, by its name, or of a file.
 
     Options are given as on its command line, or as values in the declared units; "start" contains
-    start values of FMUs. By default `jobs` are all cores with FMUs of the question's own flavour, and
-    one with others. Rows are kept in the folder `out`, which no other run may use meanwhile, as they are
-    computed. Raises what `answer` raises.
+    start values of FMUs. The flavour is by default native where these FMUs are built, else Python. By
+    default `jobs` are all cores for Python FMUs and for a question that says PARALLEL, else one. Rows are
+    kept in the folder `out`, which no other run may use meanwhile, as they are computed. Raises what
+    `answer` raises.
     """
     page = question.load(question.find(project.home, text))
-    own = getattr(page, "FLAVOUR", PYTHON)
-    flavour = flavour or own
-    if flavour not in FLAVOURS:
-        raise SetupError(f"flavour = {flavour!r} must be one of {', '.join(FLAVOURS)}")
-    one = jobs is None and scheduler is None and flavour != own
+    used = flavour or project.flavour(page)
+    if used not in FLAVOURS:
+        raise SetupError(f"flavour = {used!r} must be one of {', '.join(FLAVOURS)}")
+    spread = used == PYTHON or getattr(page, "PARALLEL", False)
+    one = jobs is None and scheduler is None and not spread
     return answer(
         page,
         made(page.Options, options, name(page)),
-        project.fmus(page, flavour),
-        flavour=flavour,
+        project.fmus(page, used),
+        flavour=used,
         engine=Engine(1 if one else jobs, scheduler, project.packages),
         out=out,
-        modules=project.modules(page, flavour),
-        command=f"{program} run {text}" + f" --flavour {flavour}" * (flavour != own),
+        modules=project.modules(page),
+        command=f"{program} run {text}" + f" --flavour {flavour}" * bool(flavour),
     )
 
 

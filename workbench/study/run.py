@@ -36,18 +36,19 @@ def run(
     out: Path | None = None,
     jobs: int | None = None,
     scheduler: str | None = None,
-    flavour: str = "python",
+    flavour: str = "",
     end: Callable[[Answer, Path], object] = write,
 ) -> Answer:
     """Do the runs that are missing in the folder `out` (results/studies/NAME) and write its files.
 
-    They use FMUs of the flavour, "python" or "native", and run in `jobs` processes of this machine (by
+    They use FMUs of the flavour, "python" or "native" (by default native where they are built), and run in `jobs` processes of this machine (by
     default all cores), or on the Dask cluster of a scheduler, "tcp://host:8786". Raises SetupError for
     what cannot be run, for a folder with another study and, after `end`, for a figure that no run has.
     Raises KeyboardInterrupt after Ctrl-C; what is done is kept in the journal.
     """
     began = time.perf_counter()
     engine = Engine(jobs, scheduler, study.project.packages)
+    flavour = flavour or study.project.flavour(study.module)
     fmus = study.project.fmus(study.module, flavour)
     units, who = _units(study, fmus), identity(study, fmus, flavour)
     folder = Path("results") / "studies" / study.name if out is None else out
