@@ -116,10 +116,10 @@ def claim(folder: Path) -> None:
     write(path, before or about)
 
 
-def git(*words: str) -> str:
+def git(*arguments: str) -> str:
     """What git prints in the project."""
     return subprocess.run(
-        ["git", *words], cwd=ROOT, check=True, capture_output=True, text=True
+        ["git", *arguments], cwd=ROOT, check=True, capture_output=True, text=True
     ).stdout
 
 
@@ -180,20 +180,24 @@ def main(arguments: Sequence[str] | None = None) -> int:
         description=__doc__, formatter_class=argparse.RawTextHelpFormatter
     )
     commands = parser.add_subparsers(dest="command", required=True)
-    one = commands.add_parser("dump", help="write a dump of the project as it is")
-    one.add_argument("folder", type=Path, metavar="DIR")
-    one.add_argument("--jobs", type=int, default=2, help="entries made at a time (default: 2)")
-    two = commands.add_parser("compare", help="compare two dumps")
-    two.add_argument("old", type=Path, metavar="OLD")
-    two.add_argument("new", type=Path, metavar="NEW")
-    rule = two.add_mutually_exclusive_group()
+    dump_parser = commands.add_parser("dump", help="write a dump of the project as it is")
+    dump_parser.add_argument("folder", type=Path, metavar="DIR")
+    dump_parser.add_argument(
+        "--jobs", type=int, default=2, help="entries made at a time (default: 2)"
+    )
+    comparison = commands.add_parser("compare", help="compare two dumps")
+    comparison.add_argument("old", type=Path, metavar="OLD")
+    comparison.add_argument("new", type=Path, metavar="NEW")
+    rule = comparison.add_mutually_exclusive_group()
     rule.add_argument("--bits", action="store_true", help="nothing may differ")
     rule.add_argument(
         "--within-error", action="store_true",
         help="a figure may differ by the sum of both errors (default)",
     )  # fmt: skip
-    two.add_argument("--reasons", type=Path, metavar="FILE", help="lines KIND/ITEM: SENTENCE")
-    for command in (one, two):
+    comparison.add_argument(
+        "--reasons", type=Path, metavar="FILE", help="lines KIND/ITEM: SENTENCE"
+    )
+    for command in (dump_parser, comparison):
         command.add_argument("--only", type=kinds, default=list(KINDS), metavar="KIND,KIND")
     entry = commands.add_parser("entry", help="print one entry")
     entry.add_argument("kind", choices=KINDS)

@@ -31,13 +31,13 @@ MASKS = [
 Entry = dict[str, Any]
 
 
-def execute(words: Sequence[str], folder: Path) -> Entry:
+def execute(arguments: Sequence[str], folder: Path) -> Entry:
     """
     Run a program of the project and record what it says.
 
     Parameters
     ----------
-    words : sequence of str
+    arguments : sequence of str
         Arguments of the Python interpreter, in the root of the project.
     folder : Path
         The folder of the item, which its output calls FOLDER.
@@ -48,7 +48,7 @@ def execute(words: Sequence[str], folder: Path) -> Entry:
         The exit status and the lines of both streams, without times and paths.
     """
     process = subprocess.run(
-        [sys.executable, *words], cwd=ROOT, check=False, capture_output=True, text=True,
+        [sys.executable, *arguments], cwd=ROOT, check=False, capture_output=True, text=True,
         stdin=subprocess.DEVNULL, env=os.environ | ENVIRONMENT | {"TMPDIR": str(folder)},
     )  # fmt: skip
     output, errors = (mask(text, folder).splitlines() for text in (process.stdout, process.stderr))

@@ -91,7 +91,7 @@ def figures(old: Items, new: Items, path: str) -> Iterator[Difference]:
             text = f"{short(old.get(key))} -> {short(new.get(key))}"
             yield Difference(f"{path}/{key}", CHANGED, text)
     values, errors = (old["value"], new["value"]), (old["error"], new["error"])
-    if repr(values) != repr(values[::-1]) or errors[0] != errors[1]:
+    if repr(values[0]) != repr(values[1]) or errors[0] != errors[1]:
         yield numbers(values, errors, path)
 
 
@@ -116,8 +116,8 @@ def rows(old: Items, new: Items, path: str) -> Iterator[Difference]:
 
 def texts(old: str, new: str, path: str) -> Iterator[Difference]:
     """Two texts: the words are equal, and so are the numbers, unless their errors are stated with them."""
-    words = [" ".join(NUMBER.sub("#", text).split()) for text in (old, new)]
-    status = WITHIN if words[0] == words[1] else CHANGED
+    wordings = [" ".join(NUMBER.sub("#", text).split()) for text in (old, new)]
+    status = WITHIN if wordings[0] == wordings[1] else CHANGED
     share = growth = 0.0
     for a, b in zip(NUMBER.findall(old), NUMBER.findall(new)):
         if a == b:
@@ -230,13 +230,12 @@ def judge(old: Items | None, new: Items | None, bits: bool) -> tuple[str, list[s
     if not deviations:
         return EQUAL, []
     figured = [x for x in deviations if x.share or x.growth]
-    share, growth = (
-        max((getattr(x, key) for x in figured), default=0.0) for key in ("share", "growth")
-    )
+    share = max((x.share for x in figured), default=0.0)
+    growth = max((x.growth for x in figured), default=0.0)
     text = f"{len(figured)} numbers moved, by up to {share:.0%} of both errors"
     text += f"; errors are up to {growth:.3g} times as large" if growth else ""
-    others = [f"{x.path}: {x.text}" for x in deviations if x.text == "other rows"]
-    return WITHIN, [text, *others[:MOST_LINES]]
+    tables = [f"{x.path}: {x.text}" for x in deviations if x.text == "other rows"]
+    return WITHIN, [text, *tables[:MOST_LINES]]
 
 
 def print_origins(old: Items, new: Items) -> None:

@@ -126,9 +126,9 @@ def question_entry(item: str, folder: Path) -> Entry:
     """What a question answers on native FMUs: figures, verdict, hashes of rows, keys of its JSON."""
     name, *options = item.split()
     options += RECORDS.get(name, [])
-    words = ["-m", "scenarios", "run", name, *options, "--flavour", "native", "--jobs", "1"]
+    arguments = ["-m", "scenarios", "run", name, *options, "--flavour", "native", "--jobs", "1"]
     out = folder / "out"
-    entry = {"options": " ".join(options)} | execute([*words, "--out", str(out)], folder)
+    entry = {"options": " ".join(options)} | execute([*arguments, "--out", str(out)], folder)
     answer = out / f"{name}.json"
     if answer.is_file():
         content = json.loads(answer.read_text(encoding="utf-8"))
@@ -200,8 +200,8 @@ def command_entry(item: str, folder: Path) -> Entry:
         (folder / f"{name}_ref.csv").write_bytes(reference(FMUS / "native" / f"{name}.fmu")[1])
     entry: Entry = {"commands": {}}
     for line in lines:
-        words = line.replace("DRIVE", str(drive)).replace("FOLDER", str(folder)).split()
-        entry["commands"][line] = execute(["-m", "cosim", *words], folder)
+        arguments = line.replace("DRIVE", str(drive)).replace("FOLDER", str(folder)).split()
+        entry["commands"][line] = execute(["-m", "cosim", *arguments], folder)
     exported = {p.name: contents(p) for p in sorted(folder.glob("export.*"))}
     return entry | files(folder) | ({"members": exported} if exported else {})
 

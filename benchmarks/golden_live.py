@@ -24,7 +24,7 @@ SLIDERS: dict[str, tuple[str, list[Mapping[str, float]]]] = {
     "orientator_cycle": ("", [{"friction": 0.1, "speed": 6.0}, {"friction": 0.8, "speed": 9.0}]),
     "packing_line": ("", [{"gear": 2.2}, {"iron_speed": 5.0, "iron.iron.m": 6.0, "speed": 50.0}]),
     "resonance": (
-        "--speeds 36,40,44 --steps-per-rev 72 --limit 120",
+        "--speeds 34,38,40,42,46 --steps-per-rev 128",
         [
             {"conveyor.spring.c": 5e5, "speed": 44.0},
             {"conveyor.trough.d": 9000.0, "motor.B": 320.0},
@@ -60,11 +60,21 @@ def live_entry(item: str, folder: Path) -> Entry:
     except ImportError as error:
         return {"absence": f"no page can be driven: {error}"}
     options, positions = SLIDERS[item]
-    words = ["-m", "scenarios", "run", item, *options.split(), "--flavour", "native", "--jobs", "1"]
-    asked = execute([*words, "--out", str(folder / "out")], folder)
+    arguments = [
+        "-m",
+        "scenarios",
+        "run",
+        item,
+        *options.split(),
+        "--flavour",
+        "native",
+        "--jobs",
+        "1",
+    ]
+    answer = execute([*arguments, "--out", str(folder / "out")], folder)
     page = folder / "out" / "report.html"
     if not page.is_file():
-        return {"absence": "the question wrote no page", "command": asked}
+        return {"absence": "the question wrote no page", "command": answer}
     entry: Entry = {}
     with browser(program, folder / "browser") as screen:
         screen.open(page, WIDTH)
@@ -96,8 +106,8 @@ def await_answer(screen: Browser, count: int) -> None:
 
 
 def live_figure(cell: Mapping[str, str]) -> Entry:
-    """The value and the error of a figure in a page; only the text where it has none."""
+    """The value and the error of a figure in a page; only the text where one of them is not there."""
     value, error = cell.get("value"), cell.get("error")
-    if not value:
+    if not (value and error):
         return {"text": cell["text"]}
-    return {"value": float(value), "error": float(error) if error else None}
+    return {"value": float(value), "error": float(error)}
