@@ -29,7 +29,7 @@ from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from benchmarks.golden_commands import ENVIRONMENT, ROOT, Entry
+from benchmarks.golden_commands import ENVIRONMENT, ROOT
 from benchmarks.golden_compare import compare, read, reasons
 from benchmarks.golden_items import KINDS
 
@@ -79,23 +79,35 @@ def dump(folder: Path, kinds: Sequence[str], jobs: int) -> int:
         [sys.executable, "build_fmus.py", "--flavour", "all"], cwd=ROOT, check=True,
         stdout=subprocess.DEVNULL,
     )  # fmt: skip
-    failures = 0
-    for kind in kinds:
-        entries, seconds = read(folder / f"{kind}.json"), read(folder / "seconds.json")
-        names = KINDS[kind].items()
-        tasks = [x for x in names if "failure" in entries.get(x, {"failure": ""})]
-        with ThreadPoolExecutor(jobs) as pool:
+    failures = sum(fill(folder, kind, jobs) for kind in kinds)
+    return min(1, failures)
+
+
+def fill(folder: Path, kind: str, jobs: int) -> int:
+    """Write the entries of a kind that a folder lacks; return how many failed."""
+    path = folder / f"{kind}.json"
+    entries, seconds = read(path), read(folder / "seconds.json")
+    names, _ = child(kind)
+    if isinstance(names, dict):
+        write(path, {"the list of items": names})
+        print(f"{kind}  failed: {names['failure']}", flush=True)
+        return 1
+    tasks = [name for name in names if "failure" in entries.get(name, {"failure": ""})]
+    with ThreadPoolExecutor(jobs) as pool:
+        try:
             futures = {pool.submit(child, kind, item): item for item in tasks}
             for count, future in enumerate(as_completed(futures), 1):
                 item, (entry, duration) = futures[future], future.result()
                 entries[item], seconds[f"{kind}/{item}"] = entry, round(duration, 1)
-                write(folder / f"{kind}.json", entries)
+                write(path, entries)
                 write(folder / "seconds.json", seconds)
                 note = f"  failed: {entry['failure']}" if "failure" in entry else ""
                 print(f"{kind} {count}/{len(tasks)}  {item}  {duration:.1f} s{note}", flush=True)
-        write(folder / f"{kind}.json", {name: entries[name] for name in names})
-        failures += sum("failure" in entries[name] for name in names)
-    return min(1, failures)
+        except KeyboardInterrupt:
+            pool.shutdown(cancel_futures=True)
+            raise
+    write(path, {name: entries[name] for name in names})
+    return sum("failure" in entries[name] for name in names)
 
 
 def claim(folder: Path) -> None:
@@ -133,8 +145,10 @@ def sources() -> str:
     return total.hexdigest()
 
 
-def child(kind: str, item: str) -> tuple[Entry, float]:
-    """The entry of an item, made in a process of its own, and how long that took [s]."""
+def child(kind: str, item: str = "") -> tuple[Any, float]:
+    """What a process of its own makes, and how long it took [s]: the entry of an item, or the list of all
+    items of a kind. If it fails, the only key is "failure", with the reason.
+    """
     begin = time.monotonic()
     with TemporaryDirectory(prefix="golden_", ignore_cleanup_errors=True) as folder:
         process = subprocess.Popen(
@@ -150,11 +164,11 @@ def child(kind: str, item: str) -> tuple[Entry, float]:
             return {"failure": f"no end within {PATIENCE:g} s"}, time.monotonic() - begin
     duration = time.monotonic() - begin
     try:
-        entry: Entry = json.loads(output.splitlines()[-1])
+        content = json.loads(output.splitlines()[-1])
     except (IndexError, ValueError):
         last = errors.strip().splitlines()[-1:]
         return {"failure": f"exit status {process.returncode}: {''.join(last)}"}, duration
-    return entry, duration
+    return content, duration
 
 
 def write(path: Path, content: Mapping[str, Any]) -> None:
@@ -199,15 +213,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     for command in (dump_parser, comparison):
         command.add_argument("--only", type=kinds, default=list(KINDS), metavar="KIND,KIND")
-    entry = commands.add_parser("entry", help="print one entry")
+    entry = commands.add_parser("entry", help="print one entry, or the items of a kind")
     entry.add_argument("kind", choices=KINDS)
-    entry.add_argument("item")
+    entry.add_argument("item", help="empty for the list of items")
     entry.add_argument("folder", type=Path, metavar="DIR", help="an empty folder")
     o = parser.parse_args(arguments)
     if o.command == "dump":
         return dump(o.folder, o.only, o.jobs)
     if o.command == "entry":
-        print(json.dumps(KINDS[o.kind].entry(o.item, o.folder)))
+        kind = KINDS[o.kind]
+        print(json.dumps(kind.entry(o.item, o.folder) if o.item else kind.items()))
         return 0
     for folder in (o.old, o.new):
         if not (folder / "about.json").is_file():
