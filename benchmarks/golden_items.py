@@ -17,6 +17,7 @@ import sys
 from collections.abc import Callable
 from functools import cache
 from importlib import import_module
+from io import BytesIO
 from pathlib import Path
 from typing import Any, NamedTuple
 from zipfile import ZipFile
@@ -202,7 +203,10 @@ def command_entry(item: str, folder: Path) -> Entry:
     for line in lines:
         arguments = line.replace("DRIVE", str(drive)).replace("FOLDER", str(folder)).split()
         entry["commands"][line] = execute(["-m", "cosim", *arguments], folder)
-    exported = {p.name: contents(p) for p in sorted(folder.glob("export.*"))}
+    exported = {}
+    for path in sorted(folder.glob("export.*")):
+        with ZipFile(path) as archive:
+            exported[path.name] = contents(archive)
     return entry | files(folder) | ({"members": exported} if exported else {})
 
 
@@ -236,11 +240,18 @@ def anonymous(content: bytes) -> bytes:
     return re.sub(MODULE, b"0" * 12, re.sub(GUID, b"GUID", content))
 
 
-def contents(path: Path) -> Entry:
-    """The hash of each member of an archive, without GUIDs and hashes in names of modules."""
-    with ZipFile(path) as archive:
-        members = {name: anonymous(archive.read(name)) for name in sorted(archive.namelist())}
-    return {anonymous(name.encode()).decode(): digest(content) for name, content in members.items()}
+def contents(archive: ZipFile) -> Entry:
+    """The hash of each member of an archive, without GUIDs and hashes in names of modules; an FMU among the
+    members has the hash of its own members' hashes.
+    """
+    hashes = {}
+    for name in sorted(archive.namelist()):
+        content = archive.read(name)
+        if name.endswith(".fmu"):
+            with ZipFile(BytesIO(content)) as inner:
+                content = json.dumps(contents(inner), sort_keys=True).encode()
+        hashes[anonymous(name.encode()).decode()] = digest(anonymous(content))
+    return hashes
 
 
 def reference(fmu: Path) -> tuple[str, bytes]:
@@ -259,13 +270,13 @@ def member_entry(item: str, folder: Path) -> Entry:
         return {"sha256": digest(anonymous((FMUS / item).read_bytes()))}
     path = FMUS / FOLDERS[flavour] / name
     with ZipFile(path) as archive:
-        text = archive.read("modelDescription.xml")
+        text, members = archive.read("modelDescription.xml"), contents(archive)
     guid = re.search(rb'(?:guid|instantiationToken)="([^"]*)"', text)
     member, rows = reference(path)
     lines = rows.decode().splitlines()
     return {
         "guid": guid.group(1).decode() if guid else None,
-        "members": contents(path),
+        "members": members,
         "reference": {
             "member": member,
             "columns": lines[0] if lines else "",
@@ -323,10 +334,16 @@ def name_items() -> list[str]:
     return items
 
 
+def annotation(note: Any) -> str:
+    """An annotation as it stands in the code."""
+    text = note.__name__ if isinstance(note, type) else str(note)
+    return re.sub(r"ForwardRef\(('[^']*')[^)]*\)", r"\1", text)
+
+
 def signature(thing: Any) -> str:
     """The signature of a function, or the type of what is none."""
     try:
-        return mask(str(inspect.signature(thing)), ROOT)
+        return annotation(mask(str(inspect.signature(thing)), ROOT))
     except (TypeError, ValueError):
         return type(thing).__name__
 
@@ -342,7 +359,11 @@ def name_entry(item: str, folder: Path) -> Entry:
     methods: dict[str, str] = {}
     for base in reversed(thing.__mro__[:-1]):
         notes = inspect.get_annotations(base)
-        fields |= {key: str(note) for key, note in notes.items() if not key.startswith("_")}
+        fields |= {
+            key: annotation(note).strip("'")
+            for key, note in notes.items()
+            if not key.startswith("_")
+        }
         for key, member in vars(base).items():
             function = getattr(member, "__func__", member)
             if not key.startswith("_") and (
