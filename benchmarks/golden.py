@@ -46,7 +46,7 @@ SOURCES = (
 )
 #: packages that decide about digits or texts
 LIBRARIES = ("fmpy", "matplotlib", "numpy", "pandas", "plotly", "scipy", "ziglang")
-#: longest time that an entry may take [s]: ten times what the longest took on a busy machine of two cores
+#: longest time that an entry may take [s]: five times what the longest took on a busy machine of two cores
 PATIENCE = 900.0
 
 
