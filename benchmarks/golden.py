@@ -33,7 +33,7 @@ from benchmarks.golden_commands import ENVIRONMENT, ROOT
 from benchmarks.golden_compare import compare, read, reasons
 from benchmarks.golden_items import KINDS
 
-#: what an entry is made of, besides the FMUs, which are built from it
+#: what entries are made of; the FMUs are built from it
 SOURCES = (
     "build_fmus.py",
     "components",
@@ -75,10 +75,9 @@ def dump(folder: Path, kinds: Sequence[str], jobs: int) -> int:
     """
     folder.mkdir(parents=True, exist_ok=True)
     claim(folder)
-    subprocess.run(
-        [sys.executable, "build_fmus.py", "--flavour", "all"], cwd=ROOT, check=True,
-        stdout=subprocess.DEVNULL,
-    )  # fmt: skip
+    build = [sys.executable, "build_fmus.py", "--flavour", "all"]
+    if subprocess.run(build, cwd=ROOT, check=False, stdout=subprocess.DEVNULL).returncode:
+        sys.exit("error: the FMUs could not be built: run build_fmus.py --flavour all")
     failures = sum(fill(folder, kind, jobs) for kind in kinds)
     return min(1, failures)
 
@@ -114,8 +113,10 @@ def claim(folder: Path) -> None:
     """Write which sources a dump is of; SystemExit for a folder with a dump of others."""
     path = folder / "about.json"
     about = {
-        "commit": git("rev-parse", "HEAD").strip(),
-        "sources": sources(),
+        "commit": git("log", "-1", "--format=%H", "--", *SOURCES).strip(),
+        "changes": git("status", "--short", "--", *SOURCES).splitlines(),
+        "sources": fingerprint(*SOURCES),
+        "instrument": fingerprint("benchmarks/golden*.py"),
         "python": platform.python_version(),
         "platform": platform.platform(),
         "libraries": {name: version(name) for name in LIBRARIES},
@@ -135,9 +136,9 @@ def git(*arguments: str) -> str:
     ).stdout
 
 
-def sources() -> str:
-    """A hash of the files that entries are made of, committed or not."""
-    listed = git("ls-files", "-z", "--cached", "--others", "--exclude-standard", *SOURCES)
+def fingerprint(*patterns: str) -> str:
+    """A hash of the files of the project below folders or with names like a pattern, committed or not."""
+    listed = git("ls-files", "-z", "--cached", "--others", "--exclude-standard", *patterns)
     total = hashlib.sha256()
     for name in sorted(set(listed.split("\0"))):
         if name and (ROOT / name).is_file():
@@ -218,6 +219,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     entry.add_argument("item", help="empty for the list of items")
     entry.add_argument("folder", type=Path, metavar="DIR", help="an empty folder")
     o = parser.parse_args(arguments)
+    if o.command == "dump" and o.jobs < 1:
+        parser.error(f"--jobs {o.jobs} must be at least 1")
     if o.command == "dump":
         return dump(o.folder, o.only, o.jobs)
     if o.command == "entry":

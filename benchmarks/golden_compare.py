@@ -155,9 +155,11 @@ def reasons(path: Path | None) -> dict[str, str]:
     Raises
     ------
     SystemExit
-        If a line has no pattern or no sentence.
+        If there is no such file, or a line has no pattern or no sentence.
     """
     sentences: dict[str, str] = {}
+    if path is not None and not path.is_file():
+        sys.exit(f"error: there is no file {path}")
     for count, line in enumerate(path.read_text(encoding="utf-8").splitlines() if path else (), 1):
         if not line.strip() or line.startswith("#"):
             continue
@@ -232,7 +234,7 @@ def judge(old: Items | None, new: Items | None, bits: bool) -> tuple[str, list[s
     figured = [x for x in deviations if x.share or x.growth]
     share = max((x.share for x in figured), default=0.0)
     growth = max((x.growth for x in figured), default=0.0)
-    text = f"{len(figured)} numbers moved, by up to {share:.0%} of both errors"
+    text = f"{len(figured)} of its numbers moved, by up to {share:.0%} of both errors"
     text += f"; errors are up to {growth:.3g} times as large" if growth else ""
     tables = [f"{x.path}: {x.text}" for x in deviations if x.text == "other rows"]
     return WITHIN, [text, *tables[:MOST_LINES]]
@@ -241,8 +243,9 @@ def judge(old: Items | None, new: Items | None, bits: bool) -> tuple[str, list[s
 def print_origins(old: Items, new: Items) -> None:
     """Print what two dumps are of, and on which machine where that differs."""
     for name, about in (("OLD", old), ("NEW", new)):
-        print(f"{name}: commit {about.get('commit', 'unknown')}")
-    for key in sorted((old.keys() | new.keys()) - {"commit", "sources"}):
+        changes = " and uncommitted changes" if about.get("changes") else ""
+        print(f"{name}: commit {about.get('commit', 'unknown')}{changes}")
+    for key in sorted((old.keys() | new.keys()) - {"commit", "sources", "changes"}):
         if old.get(key) != new.get(key):
             print(f"The dumps differ in {key}: {old.get(key)} and {new.get(key)}")
 

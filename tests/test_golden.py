@@ -92,7 +92,7 @@ def test_nan_is_equal_to_nan_and_a_zero_keeps_its_sign() -> None:
 def test_errors_that_grow_are_said() -> None:
     _, lines = judge(ENTRY, changed("figures", "nu", to={**MOVED, "error": 2.0}), False)
     assert lines == [
-        "1 numbers moved, by up to 1% of both errors; errors are up to 100 times as large"
+        "1 of its numbers moved, by up to 1% of both errors; errors are up to 100 times as large"
     ]
 
 
@@ -141,6 +141,8 @@ def test_reasons_and_folders_that_cannot_be_read_are_refused(tmp_path: Path) -> 
         SystemExit, match=r"reasons.txt:1: 'questions/a' must read KIND/ITEM: SENTENCE"
     ):
         reasons(file)
+    with pytest.raises(SystemExit, match="there is no file"):
+        reasons(tmp_path / "missing.txt")
     with pytest.raises(SystemExit, match="holds no dump"):
         golden.main(["compare", str(tmp_path), str(tmp_path)])
     about = tmp_path / "about.json"
