@@ -61,6 +61,8 @@ RECORDS = {
     ],
 }  # fmt: skip
 GUID = rb"[0-9a-f]{8}-[0-9a-f]{4}-[0-9a-f]{4}-[0-9a-f]{4}-[0-9a-f]{12}"
+#: a container says when it was made
+DATE = rb'generationDateAndTime="[^"]*"'
 #: a module of a Python FMU carries a hash of its content in its name
 MODULE = rb"(?<=_)[0-9a-f]{12}(?=\b|_fmu)"
 PACKAGES = ("cosim", "fmukit", "scenarios", "workbench")
@@ -236,13 +238,15 @@ def member_items() -> list[str]:
 
 
 def anonymous(content: bytes) -> bytes:
-    """The content without GUIDs and hashes in names of modules."""
-    return re.sub(MODULE, b"0" * 12, re.sub(GUID, b"GUID", content))
+    """The content without GUIDs, times of generation and hashes in names of modules."""
+    for pattern, replacement in ((GUID, b"GUID"), (DATE, b""), (MODULE, b"0" * 12)):
+        content = re.sub(pattern, replacement, content)
+    return content
 
 
 def contents(archive: ZipFile) -> Entry:
-    """The hash of each member of an archive, without GUIDs and hashes in names of modules; an FMU among the
-    members has the hash of its own members' hashes.
+    """The hash of each member of an archive, as `anonymous` leaves it; an FMU among the members has the
+    hash of its own members' hashes.
     """
     hashes = {}
     for name in sorted(archive.namelist()):
