@@ -178,7 +178,6 @@ def test_the_image_is_what_the_words_of_plotly_say() -> None:
     placed = {(t.get_text(), t.xy[0], round(t.xyann[1] / 14)) for t in axes[0].texts}
     assert placed == {("avoid", 3.0, 0), ("peak", 3.0, 1), ("crossing", 3.1, 1)}
     assert [a.get_xlabel() for a in axes[-1].child_axes] == ["[rpm]"]
-    png.pyplot().close(drawn)
 
 
 @pytest.mark.parametrize("screen", plot.SCREENS)
@@ -239,7 +238,6 @@ def test_a_field_is_coloured_by_its_logarithm_with_levels_and_curves_over_it() -
     assert axes.collections[0].get_clim() == (-2.0, 2.0)
     assert axes.get_yscale() == "log"
     assert [text.get_text() for text in colors.get_yticklabels()] == bar["ticktext"]
-    png.pyplot().close(drawn)
 
 
 CLAIMS = {
