@@ -299,5 +299,7 @@ def test_a_sweep_on_a_cluster_finds_what_it_finds_here(
 
 def test_a_scheduler_with_tls_needs_certificates_and_the_message_says_where() -> None:
     engine = Engine(scheduler="tls://127.0.0.1:1")
-    with pytest.raises(SetupError, match=r"'tls://127.0.0.1:1' needs the certificates .*CLIENT__KEY"):
+    with pytest.raises(
+        SetupError, match=r"'tls://127.0.0.1:1' needs the certificates .*CLIENT__KEY"
+    ):
         list(engine.outcomes(abs, {0: -1.0}, "numbers"))
