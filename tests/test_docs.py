@@ -41,9 +41,11 @@ SLOW = {
     "scenarios run resonance_map --x motor.T=0.015:0.16:60:log --y conveyor.rotor.J=0.2:1.2:40 "
     "--speed 45",
     "scenarios study studies/drive_tolerances.toml --flavour native",
-    ".venv/bin/python -m dask scheduler --port 8786 &",
-    ".venv/bin/python -m dask worker tcp://localhost:8786 --nworkers 2 --nthreads 1 &",
-    "scenarios study studies/rotor_speed.toml --scheduler tcp://localhost:8786 --out results/cluster",
+    ".venv/bin/python -m dask scheduler --host 127.0.0.1 --port 8786 --no-dashboard "
+    "--dashboard-address 127.0.0.1:0 &",
+    ".venv/bin/python -m dask worker tcp://127.0.0.1:8786 --host 127.0.0.1 --nworkers 2 --nthreads 1 "
+    "--no-dashboard --dashboard-address 127.0.0.1:0 &",
+    "scenarios study studies/rotor_speed.toml --scheduler tcp://127.0.0.1:8786 --out results/cluster",
     "kill %1 %2",
     ".venv/bin/uv run --no-dev python -m cosim verify",
     ".venv/bin/python -m scenarios study studies/records.toml --flavour native",
