@@ -86,19 +86,19 @@ def over_time(system: System, options: argparse.Namespace) -> System:
 
 
 @contextmanager
-def opened(options: argparse.Namespace) -> Iterator[Task]:
+def opened(options: argparse.Namespace, *, runnable: bool = True) -> Iterator[Task]:
     """The system of the file, with the start values of --parameters and of --set over its own."""
     with TemporaryDirectory(dir=scratch()) as folder:
         package = read(options.file, Path(folder) / "ssp")
         system = package.system
-        network = connect(system)
+        network = connect(system, runnable=runnable)
         values = read_values(options.parameters, network) if options.parameters else {}
         for name, text in map(assignment, options.given):
             values[name] = (
                 text if network.port(name).type in ("String", "Binary") else literal(text)
             )
         system = replace(system, start={**system.start, **values})
-        network = connect(over_time(system, options))
+        network = connect(over_time(system, options), runnable=runnable)
         for part, blemish in network.blemishes.items() if options.strict else ():
             raise SetupError(f"part {part}: {blemish}")
         yield Task(network, package)
@@ -109,7 +109,7 @@ def read(path: Path, folder: Path) -> Package:
     if path.suffix == ".fmu":
         system = alone(path)
         ((name, fmu),) = system.parts.items()
-        experiment = default_experiment(describe_fmu(name, fmu))
+        experiment = default_experiment(describe_fmu(name, fmu, runnable=False))
         return Package(system, experiment.start, experiment.stop)
     if path.suffix == ".xml" or (path / FILE).is_file():
         return read_osp(path)
@@ -296,7 +296,7 @@ def settings(task: Task, options: argparse.Namespace) -> Settings:
 
 def show(options: argparse.Namespace) -> int:
     """python -m cosim info."""
-    with opened(options) as task:
+    with opened(options, runnable=False) as task:
         print("\n".join(describe.info(task.network)))
         for connector, port in task.package.connectors.items():
             print(f"connector {connector} is {port}")
@@ -456,7 +456,9 @@ def told(result: Result) -> Iterator[str]:
     did = counted(ran["steps"], "step")
     for what in ("rejected", "discarded"):
         did += f", {ran[what]} {what}" if ran[what] else ""
-    pace = (ran["stop"] - ran["start"]) / ran["wall_time"]
+    pace = (ran["reached"] - ran["start"]) / ran["wall_time"]
+    if ran["reason"]:
+        yield str(ran["reason"])
     yield (
         f"{ran['algorithm']}, {ran['communication']}: {did} in {ran['wall_time']:.3g} s "
         f"({pace:.3g} x real time), {counted(ran['rows'], 'row')}"

@@ -45,7 +45,8 @@ class Result:
     def _span(self) -> str:
         """How it ended, from when to when."""
         ran = self.provenance
-        return f"{ran['status']}, {ran['start']:g} to {ran['reached']:g} s"
+        reason = f"; {ran['reason']}" if ran["status"] == "complete" and ran.get("reason") else ""
+        return f"{ran['status']}, {ran['start']:g} to {ran['reached']:g} s{reason}"
 
     def _repr_html_(self) -> str:
         """Status, warnings, the extremes of every column and, with matplotlib, the first SHOWN of them."""

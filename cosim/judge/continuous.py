@@ -120,7 +120,7 @@ class Model(Coupled):
                 columns.append(self.slopes(unknown, variable))
                 continue
             here = cells[i]
-            h = DIFFERENCE * max(abs(here), abs(float(variable.nominal or 1.0)))
+            h = DIFFERENCE * max(abs(here), abs(float(variable.nominal or 1.0)) or 1.0)
             sides = []
             for cells[i] in (here - h, here + h):
                 move()
@@ -172,13 +172,17 @@ class Whole:
 
     @property
     def nominals(self) -> Array:
-        """The nominal values of the states, as the parts give them."""
+        """The nominal values of the states, as the parts give them; 1 for what cannot be a nominal value.
+
+        FMI wants them above 0, and some tools give 0.
+        """
         found = []
         for part in self.parts:
             cells = (ctypes.c_double * len(part.x))()
             part.array("GetNominalsOfContinuousStates", cells)
             found += list(cells)
-        return np.array(found)
+        sizes = np.abs(found)
+        return np.where((sizes > 0.0) & (sizes < math.inf), sizes, 1.0)
 
     def at(self, t: float, x: Array) -> None:
         """Be at a time [s] and a state, all wires settled; raises Refused, PartFailure."""
