@@ -180,6 +180,8 @@ def parser() -> Parser:
 
     one = command("oracle", judge, "find the true errors of a run by model exchange")
     shared(one, "--start", "--stop", "--step", "--algorithm")
+    text = "longest time that an integration of the oracle may take [s]; no limit by default"
+    one.number("--timeout", text, math.inf)
     text = "integrator; the last two are for stiff systems"
     one.add_argument("--method", choices=METHODS, default=METHODS[0], help=text)
     shared(one, "--record")
@@ -493,6 +495,7 @@ def judge(options: argparse.Namespace) -> int:
             found = true_errors(
                 task.system, start=way.start, stop=way.stop, step=task.step(options.step),
                 record=options.record, method=options.method, algorithm=options.algorithm,
+                timeout=options.timeout,
             )  # fmt: skip
     if options.out is not None:
         found.result.write(options.out)
@@ -512,7 +515,7 @@ def truth(task: Task, options: argparse.Namespace, lone: Sequence[str]) -> int:
     with quiet():
         result = oracle(
             task.system, start=start, stop=stop, output_step=options.step, record=options.record,
-            method=options.method,
+            method=options.method, timeout=options.timeout,
         )  # fmt: skip
     if options.out is not None:
         result.write(options.out)

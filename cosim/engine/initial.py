@@ -94,7 +94,7 @@ def _set_up(part: Coupled, settings: Settings, again: Callable[[], Coupled]) -> 
     that refuses to initialise without it, which is then warned of. Raises PartFailure.
     """
     tolerance = settings.tolerance
-    if tolerance is None:
+    if tolerance is None and part.SIDE == "coSimulation":
         tolerance = default_experiment(part.description).tolerance
     stop = settings.stop if settings.stop_time_defined else None
     part.limit(settings.stop)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import math
+import time as clock
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from itertools import chain
@@ -147,7 +148,8 @@ class Whole:
     """A coupled system at a time `t` [s], from `opened`.
 
     `states`, `inputs` and `outputs` are its Real ports, part by part; `stops` are the times at which
-    something changes from outside.
+    something changes from outside. After the `deadline`, a reading of the monotonic clock [s], no rates are
+    computed any more.
     """
 
     def __init__(
@@ -163,6 +165,7 @@ class Whole:
         knots = [f.profile.times for f in self.feeds if isinstance(f.profile, Table)]
         self.stops = sorted({change.time for change in self.changes}.union(*knots))
         self.until = math.inf
+        self.deadline = math.inf
         self.jump(start)
 
     @property
@@ -195,7 +198,9 @@ class Whole:
         self._settle(lambda block: block.real)
 
     def slopes(self, t: float, x: Array) -> Array:
-        """The rates of the states; NaN where a part refuses them."""
+        """The rates of the states; NaN where a part refuses them. Raises PartFailure after the deadline."""
+        if clock.monotonic() > self.deadline:
+            raise PartFailure(f"no end within the timeout; the integrator is at t = {t!r} s")
         try:
             self.at(t, x)
             for part in self.parts:

@@ -529,8 +529,11 @@ def outputs(s: Subject) -> str:
         u.variable.name: (u.dependencies, u.dependenciesKind) for u in s.description.outputs
     }
     reals = [v for v in s.outputs if v.name in s.ranges and v.variability in (None, "continuous")]
+    coarse: set[str] = set()
     for n in (0, s.steps // 2):
         u = s.inputs_at(n)
+        coarse |= _unresolved(s, n)
+        reals = [v for v in reals if v.name not in coarse]
         for j, known in enumerate(s.inputs[:MOST_INPUTS]):
             slopes = {h: s.slopes(n, u, j, h, SHAKE) for h in (s.h / 64, s.h / 1024)}
             for v in reals:
@@ -548,8 +551,25 @@ def outputs(s: Subject) -> str:
                         f"{v.name} by {known.name} is declared {kind}, but its slope is {down:.6g} on one "
                         f"side and {up:.6g} on the other"
                     )
+    if coarse and not reals:
+        raise NotOffered(f"it takes no steps as short as {s.h / 1024:.3g} s")
     tried = min(len(s.inputs), MOST_INPUTS)
     return f"{len(reals)} Real outputs by {tried} of {len(s.inputs)} Real inputs"
+
+
+def _unresolved(s: Subject, n: int) -> set[str]:
+    """The Real outputs that a step of h / 1024 moves about as far as one of h / 64, with the same inputs.
+
+    An FMU that takes whole internal steps only, or rounds the size of a step, moves its states in such a
+    step; the slopes by its inputs then show no direct dependence.
+    """
+    u = s.inputs_at(max(n - 1, 0))
+    begin, short, long = (s.after(n, u, sizes) for sizes in ([], [s.h / 1024], [s.h / 64]))
+    return {
+        name
+        for name, wide in s.ranges.items()
+        if abs(short[name] - begin[name]) > max(0.5 * abs(long[name] - begin[name]), NOISE * wide)
+    }
 
 
 def unknowns(s: Subject) -> str:
