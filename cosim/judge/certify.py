@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -18,6 +19,7 @@ from ..figures import FEWEST, largest, mean, smallest, spline
 from ..master import run
 from ..result import Result, Rows
 from ..system import System
+from .describe import table
 
 NEGLIGIBLE = 1e-10
 SLOWEST, FASTER, VAGUE, SAFETY = 0.5, 1.5, 0.1, 1.5
@@ -59,6 +61,10 @@ class Estimate(NamedTuple):
     order: float
     rows: float = 0.0
     reason: str = ""
+
+    def __str__(self) -> str:
+        """The figure without a unit."""
+        return self.text("").replace("  ", " ").rstrip()
 
     def text(self, unit: str) -> str:
         """The figure for printing, with two digits of its error, rounded up."""
@@ -119,6 +125,20 @@ class Certified(NamedTuple):
 
     result: Result
     figures: dict[str, Estimate]
+
+    def __str__(self) -> str:
+        """A line for each figure, and what the run warns of."""
+        lines = list(table([(name, str(figure)) for name, figure in self.figures.items()]))
+        return "\n".join([*lines, *(f"warning: {text}" for text in self.result.warnings)])
+
+    def _repr_html_(self) -> str:
+        """The figures as a table, for notebooks."""
+        rows = "".join(
+            f"<tr><td>{html.escape(name)}</td><td>{html.escape(str(figure))}</td></tr>"
+            for name, figure in self.figures.items()
+        )
+        warnings = "".join(f"<p>{html.escape(text)}</p>" for text in self.result.warnings)
+        return f"<table><tr><th>figure</th><th>value and error</th></tr>{rows}</table>{warnings}"
 
 
 def certify(
