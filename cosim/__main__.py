@@ -393,7 +393,7 @@ def simulate(options: argparse.Namespace) -> int:
                 result.plot(path=options.plot)
             print("\n".join(told(result)))
             print(
-                "\n".join(written(options, folders)), end="\n" * bool(options.out or options.plot)
+                "\n".join(new_files(options, folders)), end="\n" * bool(options.out or options.plot)
             )
             if options.out is None and options.plot is None:
                 end = zip(result.columns, result.data[-1])
@@ -462,7 +462,7 @@ def new_folders(options: argparse.Namespace) -> list[Path]:
     return list(dict.fromkeys(folders))
 
 
-def written(options: argparse.Namespace, folders: Sequence[Path]) -> Iterator[str]:
+def new_files(options: argparse.Namespace, folders: Sequence[Path]) -> Iterator[str]:
     """Which files and folders a command has made."""
     if options.out is not None:
         facts = options.out.with_suffix(".json")
@@ -561,7 +561,7 @@ def judge(options: argparse.Namespace) -> int:
             )  # fmt: skip
     if options.out is not None:
         found.result.write(options.out)
-        print("\n".join(written(options, folders)))
+        print("\n".join(new_files(options, folders)))
     print("the oracle's figure, the certified one, its true error")
     rows = []
     for name, column in summed(found.result):
@@ -584,7 +584,7 @@ def truth(
         )  # fmt: skip
     if options.out is not None:
         result.write(options.out)
-        print("\n".join(written(options, folders)))
+        print("\n".join(new_files(options, folders)))
     print(
         f"the oracle's figures, with no run to compare: {', '.join(lone)} offers no co-simulation"
     )

@@ -136,8 +136,8 @@ def run(
                 around.require_now()
                 recorder.flush()
                 status, reason = "complete", ""
-        except Ended as end:
-            status, reason = "complete", _end(run, recorder, end)
+        except Ended as asked:
+            status, reason = "complete", _end(run, recorder, asked)
         except PartFailure as failure:
             reason = str(failure)
         finally:

@@ -226,8 +226,8 @@ def _diverged(
 def disturbed(rows: Rows, begin: float, columns: NDArray[np.bool_]) -> Rows:
     """Rows whose columns have other values from the time `begin` [s] on; figures that need them change."""
     changed = rows.copy()
-    late = rows[:, 0] >= begin
-    changed[np.ix_(late, columns)] *= np.linspace(0.5, 1.5, int(late.sum()))[:, None]
+    after = rows[:, 0] >= begin
+    changed[np.ix_(after, columns)] *= np.linspace(0.5, 1.5, int(after.sum()))[:, None]
     return changed
 
 
@@ -245,19 +245,19 @@ def divergence(runs: Sequence[Rows], ratio: float = HALVED) -> tuple[float, NDAr
         np.column_stack([t, *(np.interp(t, rows[:, 0], x) for x in rows.T[1:])]) for rows in runs
     )
     last, before = (
-        np.array([np.abs(one - other)[piece].mean(axis=0) for piece in pieces])
-        for one, other in ((fine, middle), (middle, coarse))
+        np.array([np.abs(finer - coarser)[piece].mean(axis=0) for piece in pieces])
+        for finer, coarser in ((fine, middle), (middle, coarse))
     )
     least = np.maximum(FAR_APART * np.ptp(fine, axis=0), NEGLIGIBLE * np.abs(fine).max(axis=0))
     padded = np.pad(before, ((NEIGHBOURS, NEIGHBOURS), (0, 0)))
     around = np.max([padded[k : k + len(before)] for k in range(2 * NEIGHBOURS + 1)], axis=0)
-    apart = last > least
-    parted = apart & (last > around / ratio**SLOWEST)
-    parted[:, (fine == np.round(fine)).all(axis=0)] = False
-    if not parted.any():
+    distant = last > least
+    diverged = distant & (last > around / ratio**SLOWEST)
+    diverged[:, (fine == np.round(fine)).all(axis=0)] = False
+    if not diverged.any():
         return math.inf, np.zeros(fine.shape[1], dtype=bool)
-    first = int(parted.any(axis=1).argmax())
-    return float(t[pieces[first][0]]), apart[first:].any(axis=0)
+    first = int(diverged.any(axis=1).argmax())
+    return float(t[pieces[first][0]]), distant[first:].any(axis=0)
 
 
 def _order(
