@@ -63,6 +63,8 @@ from .system import (
 from .units import QUANTITY
 
 EXACT = Path("fmus/LinearSystem.fmu")
+#: The longest step, as a share of a run: one, and a little for what rounding makes of it.
+LONGEST_STEP = 1.0 + 1e-9
 TIMED = ("check", "run", "oracle")
 OTHER_NAMES = {"certify": "run --certify"}
 
@@ -328,6 +330,9 @@ def settings(task: Task, options: argparse.Namespace) -> Settings:
         raise SetupError("--step and --adaptive exclude each other")
     adaptive = options.adaptive is not None
     step = Adaptive(options.adaptive) if adaptive else task.step(options.step)
+    if options.step is not None and start < stop < start + options.step / LONGEST_STEP:
+        span = f"the time from start to stop, {stop - start!r} s"
+        raise SetupError(f"step = {options.step!r} s must be at most {span}")
     own = {name: value for name, value in vars(options).items() if name in Settings._fields}
     own |= {"substeps": rates(own.get("substeps", []))}
     return Settings(**own | {"start": start, "stop": stop, "step": step})
@@ -561,13 +566,13 @@ def judge(options: argparse.Namespace) -> int:
             )  # fmt: skip
     if options.out is not None:
         found.result.write(options.out)
-        print("\n".join(new_files(options, folders)))
     print("the oracle's figure, the certified one, its true error")
     rows = []
     for name, column in summed(found.result):
         x, unit = found.figures[name], found.result.units[column]
         rows.append((name, f"{x.true:.9g} {unit}", x.certified.text(unit), f"{x.error:.2g} {unit}"))
     table(rows)
+    print("\n".join(new_files(options, folders)), end="\n" * bool(options.out))
     warn(found.result)
     return 0
 
@@ -584,7 +589,6 @@ def truth(
         )  # fmt: skip
     if options.out is not None:
         result.write(options.out)
-        print("\n".join(new_files(options, folders)))
     print(
         f"the oracle's figures, with no run to compare: {', '.join(lone)} offers no co-simulation"
     )
@@ -596,6 +600,7 @@ def truth(
         found = Estimate(figures[name], error, math.nan, reason=UNKNOWN)
         rows.append((name, found.text(result.units[column])))
     table(rows)
+    print("\n".join(new_files(options, folders)), end="\n" * bool(options.out))
     warn(result)
     return 0
 
