@@ -15,6 +15,7 @@ from .errors import SetupError
 from .result import SimulationError
 from .signals import heard
 from .system import Value
+from .units import QUANTITY, multiples
 
 
 class Help(argparse.HelpFormatter):
@@ -46,6 +47,10 @@ class Parser(argparse.ArgumentParser):
         told: dict[str, Any] = {"type": number, "metavar": "NUMBER", "default": default} | more
         self.add_argument(name, help=text, **told)
 
+    def time(self, name: str, text: str, default: float | None = None, **more: Any) -> None:
+        """An option that is a time [s]."""
+        self.number(name, text, default, **{"type": seconds, "metavar": "TIME"} | more)
+
     def several(self, name: str, text: str, **more: Any) -> None:
         """An option that may be given again."""
         self.add_argument(name, action="append", default=[], help=text, **more)
@@ -56,8 +61,36 @@ def number(text: str) -> float:
     try:
         return float(text)
     except ValueError:
-        other = "; start values are given with --set" if "=" in text else ""
+        other = "; start values are given with --set or --start" if "=" in text else ""
         raise argparse.ArgumentTypeError(f"{text!r} is not a number{other}") from None
+
+
+def seconds(text: str) -> float:
+    """A time [s], which may be written with a unit: "1ms", "2 min". Raises ArgumentTypeError for others."""
+    quantity = QUANTITY.fullmatch(text)
+    if quantity is None or not quantity[2]:
+        return number(text)
+    scale = multiples("s").get(quantity[2])
+    if scale is None:
+        known = ", ".join(multiples("s"))
+        raise argparse.ArgumentTypeError(f"{text!r} is not a time: its unit must be one of {known}")
+    return float(quantity[1]) * scale
+
+
+class StartAction(argparse.Action):
+    """NAME=VALUE is a start value, as with --set; anything else the start time [s], where there is one."""
+
+    def __call__(self, parser: Any, options: Any, text: Any, name: str | None = None) -> None:
+        """Keep what is given."""
+        if "=" in text:
+            options.given = [*options.given, text]
+            return
+        if not hasattr(options, self.dest):
+            raise argparse.ArgumentError(self, f"{text!r} must read NAME=VALUE")
+        try:
+            setattr(options, self.dest, seconds(text))
+        except argparse.ArgumentTypeError as error:
+            raise argparse.ArgumentError(self, str(error)) from None
 
 
 def exit_code(action: Callable[[], int]) -> int:

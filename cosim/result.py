@@ -45,7 +45,8 @@ class Result:
     def _span(self) -> str:
         """How it ended, from when to when."""
         ran = self.provenance
-        return f"{ran['status']}, {ran['start']:g} to {ran['reached']:g} s"
+        reason = f"; {ran['reason']}" if ran["status"] == "complete" and ran.get("reason") else ""
+        return f"{ran['status']}, {ran['start']:g} to {ran['reached']:g} s{reason}"
 
     def _repr_html_(self) -> str:
         """Status, warnings, the extremes of every column and, with matplotlib, the first SHOWN of them."""
@@ -133,12 +134,12 @@ class Result:
         self, names: Sequence[str] | str | None = None, path: Path | str | IO[bytes] | None = None
     ) -> Figure:
         """Plot the columns over time, one axis per unit; `path` also writes the figure to a file."""
-        from matplotlib.figure import Figure
+        from .picture import Picture
 
         names = self.columns[1:] if names is None else names
         names = [names] if isinstance(names, str) else list(names)
         axes_of = list(dict.fromkeys(self.units.get(name, "") for name in names))
-        figure = Figure(figsize=(9, 1.2 + 2.2 * len(axes_of)), layout="constrained")
+        figure = Picture(figsize=(9, 1.2 + 2.2 * len(axes_of)), layout="constrained")
         axes = figure.subplots(len(axes_of), sharex=True, squeeze=False)[:, 0]
         for axis, unit in zip(axes, axes_of):
             for name in names:
