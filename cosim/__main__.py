@@ -274,6 +274,20 @@ def times(task: Task, options: argparse.Namespace) -> tuple[float, float]:
     return start, stop
 
 
+def substeps(task: Task, options: argparse.Namespace, step: float | Adaptive) -> dict[str, int]:
+    """The sub-steps asked for, over those of the file, which hold for the file's own step."""
+    asked = rates(vars(options).get("substeps", []))
+    filed = {name: n for name, n in task.package.substeps.items() if name not in asked}
+    if filed and step != task.package.step:
+        print(
+            f"warning: the file's own steps of {', '.join(filed)} hold for its step of "
+            f"{task.package.step!r} s only and are ignored; give --substeps",
+            file=sys.stderr,
+        )
+        filed = {}
+    return filed | asked
+
+
 def settings(task: Task, options: argparse.Namespace) -> Settings:
     """How to run, as asked for, as the file says, or as the FMUs prefer."""
     start, stop = times(task, options)
@@ -282,7 +296,7 @@ def settings(task: Task, options: argparse.Namespace) -> Settings:
     adaptive = options.adaptive is not None
     step = Adaptive(options.adaptive) if adaptive else task.step(options.step)
     own = {name: value for name, value in vars(options).items() if name in Settings._fields}
-    own |= {"substeps": rates(own.get("substeps", []))}
+    own |= {"substeps": substeps(task, options, step)}
     return Settings(**own | {"start": start, "stop": stop, "step": step})
 
 

@@ -51,7 +51,7 @@ def make_1_0(root: Element, name: str) -> list[tuple[Element, str]]:
     for extra in list(root.iter("{*}MetaData", "{*}Signature", CLOCK)):
         extra.getparent().remove(extra)
     shapes = _expand_connectors(root, name)
-    for connection in list(root.iter("{*}Connection")) if shapes else ():
+    for connection in list(root.iter("{*}Connection")):
         _expand_connection(connection, shapes, name)
     for parameter in list(root.iter("{*}Parameter")):
         _expand_parameter(parameter, name)
@@ -83,6 +83,8 @@ def _expand_connection(
     connection: Element, shapes: dict[tuple[Element, str], Shape], name: str
 ) -> None:
     """Put connections of elements in place of one of arrays."""
+    if not shapes and not {"startIndices", "endIndices"} & {*connection.attrib}:
+        return
     places: list[list[str]] = []
     sizes: list[str] = []
     for end in ("start", "end"):
