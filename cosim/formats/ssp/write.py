@@ -28,6 +28,9 @@ OMS_MASTER = "oms_ma_default"
 #: A convention of OMSimulator: the relative tolerance of a system that states none.
 OMS_TOLERANCE = 1e-4
 
+#: A convention of SSP 2.0, which defines the two of each pair alike; OMSimulator's program knows the older.
+OLDER = {"Float64": "Real", "Int32": "Integer"}
+
 Enumerations = dict[str, dict[str, int]]
 log = logging.getLogger("cosim")
 
@@ -215,7 +218,7 @@ def _component(elements: Element, task: Task, part: str, known: Enumerations) ->
 
 def _type(prefix: str, task: Task, port: Port, known: Enumerations) -> Element:
     """The element of a port's type; an enumeration becomes known, under a name of its own."""
-    element = Element(qualified(f"{prefix}:{port.native}"))
+    element = Element(qualified(f"{prefix}:{OLDER.get(port.native, port.native)}"))
     if port.type == "Enumeration":
         name, items = str(port.variable.declaredType.name), enumeration(port.variable)
         while known.setdefault(name, items) != items:
