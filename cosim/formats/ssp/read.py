@@ -118,7 +118,7 @@ def read_ssp(path: Path, folder: Path) -> Package:
             folder.mkdir()
         if not isinstance(error, SetupError):
             raise
-        if str(error).startswith(path.name) or str(path) in str(error):  # named already
+        if str(error).startswith(path.name) or str(error).endswith(str(path)):  # named already
             raise
         raise SetupError(f"{path.name}: {error}") from error
 
