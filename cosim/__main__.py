@@ -276,16 +276,16 @@ def times(task: Task, options: argparse.Namespace) -> tuple[float, float]:
 
 def substeps(task: Task, options: argparse.Namespace, step: float | Adaptive) -> dict[str, int]:
     """The sub-steps asked for, over those of the file, which hold for the file's own step."""
-    asked = rates(vars(options).get("substeps", []))
-    filed = {name: n for name, n in task.package.substeps.items() if name not in asked}
-    if filed and step != task.package.step:
+    requested = rates(vars(options).get("substeps", []))
+    stated = {name: n for name, n in task.package.substeps.items() if name not in requested}
+    if stated and step != task.package.step:
         print(
-            f"warning: the file's own steps of {', '.join(filed)} hold for its step of "
+            f"warning: the file's own steps of {', '.join(stated)} hold for its step of "
             f"{task.package.step!r} s only and are ignored; give --substeps",
             file=sys.stderr,
         )
-        filed = {}
-    return filed | asked
+        stated = {}
+    return stated | requested
 
 
 def settings(task: Task, options: argparse.Namespace) -> Settings:

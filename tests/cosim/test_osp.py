@@ -247,8 +247,11 @@ def test_the_shell_takes_the_substeps_of_a_file(place: Path, said: Said) -> None
         other = ("--algorithm", "jacobi", "--substeps", "motor=1")
         said("run", place, "--out", place / f"{name}_1.csv", *other)
         rows[f"{name}_1"] = (place / f"{name}_1.csv").read_bytes()
+        said("run", place, "--out", place / f"{name}_2.csv", "--step", "0.001")
+        rows[f"{name}_2"] = (place / f"{name}_2.csv").read_bytes()
     assert rows["own"] == rows["plain"]
     assert rows["own_1"] == rows["plain_1"]
+    assert rows["own_2"] == rows["plain_2"]
     assert rows["own"] != rows["own_1"]
 
 

@@ -130,16 +130,14 @@ def parse(path: Path, tag: str) -> Element:
 def require_root(element: Element, tag: str, where: str) -> None:
     """Refuse an element of another name or namespace than `tag`, {namespace}name; SetupError."""
     space, name = tag[1:].split("}")
-    other = element.tag.rpartition("}")[0][1:]
+    actual = element.tag.rpartition("}")[0][1:] or "none"
     if element.tag == tag:
         return
     if plain(element.tag) == name:
-        raise SetupError(
-            f"{where}: {name} must be in the namespace {space}, not in {other or 'none'}"
-        )
+        raise SetupError(f"{where}: {name} must be in the namespace {space}, not in {actual}")
     raise SetupError(
         f"{where}: the element must be {name}, not {plain(element.tag)}; "
-        f"its namespace must be {space}, not {other or 'none'}"
+        f"its namespace must be {space}, not {actual}"
     )
 
 
@@ -147,7 +145,7 @@ def validate(element: Element, tag: str, name: str) -> None:
     """Check an element and what is below it; raises SetupError with the line and the reason.
 
     What SSP 2.0 has more is made 1.0 in place, as far as a system can have it; the rest is refused.
-    Attributes that are none of SSP are removed with a logged warning.
+    Attributes that are none of SSP are foreign with a logged warning.
     """
     require_root(element, qualified(tag), f"{name}, line {element.sourceline}")
     version, wide = element.get("version"), []
@@ -176,21 +174,21 @@ def _remove_foreign(element: Element, errors: Iterable[Any], name: str) -> bool:
     lines: dict[int, list[Element]] = {}
     for inner in element.iter("*"):
         lines.setdefault(inner.sourceline, []).append(inner)
-    removed: dict[tuple[str, str], list[int]] = {}
+    foreign: dict[tuple[str, str], list[int]] = {}
     for error in errors:
         if error.type_name != FOREIGN:
             continue
         attribute = error.message.split("'")[3]
         for owner in lines.get(error.line, ()):
             if owner.attrib.pop(attribute, None) is not None:
-                removed.setdefault((plain(attribute), plain(owner.tag)), []).append(error.line)
-    for (attribute, tag), where in removed.items():
+                foreign.setdefault((plain(attribute), plain(owner.tag)), []).append(error.line)
+    for (attribute, tag), where in foreign.items():
         more = f" and in {len(where) - 1} more places" if len(where) > 1 else ""
         log.warning(
             "%s, line %s%s: attribute %s of %s is not one of SSP and is ignored",
             name, where[0], more, attribute, tag,
         )  # fmt: skip
-    return bool(removed)
+    return bool(foreign)
 
 
 @cache
