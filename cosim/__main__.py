@@ -336,6 +336,20 @@ def times(task: Task, options: argparse.Namespace) -> tuple[float, float]:
     return start, stop
 
 
+def substeps(task: Task, options: argparse.Namespace, step: float | Adaptive) -> dict[str, int]:
+    """The sub-steps asked for, over those of the file, which hold for the file's own step."""
+    requested = rates(vars(options).get("substeps", []))
+    stated = {name: n for name, n in task.package.substeps.items() if name not in requested}
+    if stated and step != task.package.step:
+        print(
+            f"warning: the file's own steps of {', '.join(stated)} hold for its step of "
+            f"{task.package.step!r} s only and are ignored; give --substeps",
+            file=sys.stderr,
+        )
+        stated = {}
+    return stated | requested
+
+
 def settings(task: Task, options: argparse.Namespace) -> Settings:
     """How to run, as asked for, as the file says, or as the FMUs prefer."""
     start, stop = times(task, options)
@@ -347,7 +361,7 @@ def settings(task: Task, options: argparse.Namespace) -> Settings:
         span = f"the time from start to stop, {stop - start!r} s"
         raise SetupError(f"step = {options.step!r} s must be at most {span}")
     own = {name: value for name, value in vars(options).items() if name in Settings._fields}
-    own |= {"substeps": rates(own.get("substeps", []))}
+    own |= {"substeps": substeps(task, options, step)}
     return Settings(**own | {"start": start, "stop": stop, "step": step})
 
 
