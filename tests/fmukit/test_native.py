@@ -386,6 +386,14 @@ def test_output_derivatives_are_the_slopes_of_the_outputs(name: str, fmus: Path)
     assert np.all(np.abs(slopes - estimate) <= 1e-4 * np.abs(estimate) + 1e-12 * scale + 1e-5)
 
 
+def test_an_output_derivative_without_a_finite_value_is_an_error(fmus: Path) -> None:
+    """The torque itself stays finite: 1e308 N.m within the lag of 0.0625 s."""
+    unit = Unit(fmus / "native" / "DriveMotor.fmu").start(A=1e308).step(0.0, 1e-3)
+    tau = [unit.variables["tau"].valueReference]
+    said = unit.refusal(lambda u: u.fmi.getRealOutputDerivatives(tau, [1]))
+    assert "the derivative of tau = inf must be a finite number" in said
+
+
 def rate(unit: Unit, name: str, value: float) -> None:
     """The derivative of one input."""
     unit.fmi.setRealInputDerivatives([unit.variables[name].valueReference], [1], [value])

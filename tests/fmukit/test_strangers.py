@@ -23,6 +23,7 @@ from fmukit.fmu.make import make_all
 from fmukit.fmu.reference import by_equations
 from fmukit.write.entries import written
 from tests.conftest import ROOT
+from tests.fmukit.test_exchange import Model
 from tests.hosts.host import Unit
 
 MODELS = sorted((ROOT / "tests" / "fmukit" / "models").glob("*.py"))
@@ -242,6 +243,20 @@ def test_a_declared_input_that_does_not_act_is_named(
         "Thing.fmu: warning: y of Outputs declares feedthrough of r, which its equation does not use: "
         'write y: ... = real(..., "...", feedthrough=("s",))\n'
     )
+
+
+def test_an_event_indicator_without_a_finite_value_is_an_error(tmp_path: Path) -> None:
+    """It was handed to the integrator with status OK."""
+    path = tmp_path / "tall.py"
+    guard = "def guard(p, t, x, u):\n    return (x.x * p.n0,)\n"
+    path.write_text(HEAD + STILL + guard + JUMP)
+    assert make_all([path], "native", tmp_path) == 0
+    fmu = tmp_path / "native" / "Tall.fmu"
+    model = Model(fmu)
+    assert model.all("EventIndicators", 1) == [6.0]
+    model = Model(fmu, n0=1e308, x=2.0)
+    said = model.refusal(lambda m: m.all("EventIndicators", 1))  # type: ignore[attr-defined]
+    assert "event indicator 1 = inf must be a finite number" in said
 
 
 def test_names_of_a_model_are_not_those_of_the_printers(tmp_path: Path) -> None:
