@@ -116,11 +116,10 @@ class Result:
         rows = partial(path)
         facts = rows.with_suffix(".json")
         try:
-            with open_unlinked(rows, "wb") as file:
-                if path.suffix == ".csv":
-                    frame.to_csv(file, index=False)
-                else:
-                    frame.to_parquet(file)
+            if path.suffix == ".csv":
+                frame.to_csv(rows, index=False)
+            else:
+                frame.to_parquet(rows)
             write_json(facts, {**self.provenance, "units": units})
             facts.replace(path.with_suffix(".json"))
             rows.replace(path)
