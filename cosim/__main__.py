@@ -47,7 +47,7 @@ from .judge.isolated import run_isolated
 from .judge.oracle import METHODS, oracle, true_errors
 from .master import problems
 from .progress import bar
-from .result import Interrupted, Result, SimulationError
+from .result import Interrupted, Result, SimulationError, require_names
 from .result import partial as partial_file
 from .scratch import scratch
 from .system import (
@@ -475,6 +475,7 @@ def require_files(options: argparse.Namespace, system: System) -> None:
     require_image(options.plot)
     if options.out is not None:
         require_place(options.out)
+        require_names(options.out)
         if options.out.suffix not in (".csv", ".parquet"):
             raise SetupError(f"{options.out} must end in .csv or .parquet")
         if options.out.suffix == ".parquet":

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import errno
 import os
 import signal
 import sys
@@ -97,6 +98,7 @@ def exit_code(action: Callable[[], int]) -> int:
     """What the action returns; 1 for a run that failed or a file that cannot be written, 2 for bad input,
     130 for Ctrl-C and the like, 141 if nobody reads the output any more.
     """
+    open_standard_files()
     try:
         with heard(signal.default_int_handler):
             code = action()
@@ -112,13 +114,40 @@ def exit_code(action: Callable[[], int]) -> int:
         print(f"error: {error}", file=sys.stderr)
         return 1
     except OSError as error:
-        where = "" if error.filename is None else f"{error.filename}: "
-        print(f"error: {where}{error.strerror or error}", file=sys.stderr)
+        print(f"error: {reason_of(error)}", file=sys.stderr)
         return 1
     except KeyboardInterrupt as interrupt:
         kept = f"; what was computed is kept: {interrupt}" if interrupt.args else ""
         print(f"interrupted{kept}", file=sys.stderr)
         return 130
+
+
+def open_standard_files() -> None:
+    """Give a process that was started without standard input, output or error the null device there.
+
+    Otherwise the next file that is opened takes their place, and what an FMU prints goes into it.
+    """
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # takes the lowest number that is free
+    if sys.stdout is None:
+        sys.stdout = open(os.devnull, "w")  # noqa: SIM115, PTH123
+    if sys.stderr is None:
+        sys.stderr = open(os.devnull, "w")  # noqa: SIM115, PTH123
+
+
+def reason_of(error: OSError) -> str:
+    """What is wrong with which file, or with the current folder."""
+    if error.filename is not None:
+        return f"{error.filename}: {error.strerror or error}"
+    if error.errno == errno.ENOENT:
+        try:
+            Path.cwd()
+        except FileNotFoundError:
+            return "the current folder has been removed: change to another one"
+    return str(error.strerror or error)
 
 
 def require(package: str, what: str) -> None:

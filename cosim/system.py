@@ -12,6 +12,7 @@ from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 from xml.etree import ElementTree
+from xml.parsers import expat
 from zipfile import ZipFile
 
 import fmpy
@@ -392,6 +393,7 @@ def _read(path: Path, _: tuple[int, int]) -> Fmu:
         with ZipFile(path) as archive:
             files = archive.namelist()
             long = any(f.file_size > LONGEST for f in archive.infolist() if f.filename == XML)
+            typed = XML in files and not long and _has_document_type(archive.read(XML))
     except Exception as error:
         raise SetupError(
             f"is not a valid FMU: it cannot be opened as a zip file: {error}"
@@ -399,6 +401,10 @@ def _read(path: Path, _: tuple[int, int]) -> Fmu:
     if XML not in files or long:
         which = f"a {XML} of more than {LONGEST >> 20} MiB" if long else f"no {XML}"
         raise SetupError(f"is not a valid FMU: it has {which}")
+    if typed:
+        raise SetupError(
+            f"is not a valid FMU: {XML} has a document type, which may define entities: remove it"
+        )
     try:
         description, blemish = _description(path)
     except Exception as error:
@@ -440,6 +446,30 @@ def _obstacle(path: Path, files: Sequence[str], description: ModelDescription) -
         return f"has no {binary}, the name that its modelIdentifier gives; {folder} has {', '.join(others)}"
     there = ", ".join(fmpy.supported_platforms(str(path))) or "no platform"
     return f"has no binary for this platform, {binary}; it is for {there}"
+
+
+class _Prologue(Exception):
+    """The end of what precedes the first element of a document, or its document type."""
+
+
+def _has_document_type(content: bytes) -> bool:
+    """Whether an XML document has a document type; nothing in it is expanded."""
+
+    def end(*_: Any) -> None:
+        raise _Prologue
+
+    def document_type(*_: Any) -> None:
+        raise _Prologue("document type")
+
+    parser = expat.ParserCreate()
+    parser.StartElementHandler, parser.StartDoctypeDeclHandler = end, document_type
+    try:
+        parser.Parse(content, True)
+    except _Prologue as prologue:
+        return bool(prologue.args)
+    except (expat.ExpatError, ValueError, LookupError):  # who reads the elements says what is wrong
+        return False
+    return False
 
 
 def _terminals(path: Path) -> tuple[dict[str, dict[str, str]], str]:

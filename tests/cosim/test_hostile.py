@@ -11,6 +11,8 @@ from typing import Any
 
 import pytest
 
+from cosim import SetupError, System
+from cosim.system import connect
 from tests.conftest import ROOT, described, rewritten
 from tests.cosim.conftest import Said
 from tests.cosim.foreign import BINARY
@@ -297,3 +299,22 @@ def test_what_only_other_platforms_run_and_clocks_that_nothing_ticks_are_describ
     swap = described((r"(?s)<CoSimulation.*?/>", '<ScheduledExecution modelIdentifier="third"/>'))
     scheduled = rewritten(third(tmp_path / "third.fmu"), tmp_path / "scheduled.fmu", swap)
     assert "offers scheduled execution only" in said("info", scheduled)
+
+
+@pytest.mark.parametrize(
+    "kind", [LAUGHS, OUTSIDE, "<!DOCTYPE x>", '<!DOCTYPE x SYSTEM "http://x/y.dtd">']
+)
+def test_a_model_description_with_a_document_type_is_refused(kind: str, tmp_path: Path) -> None:
+    fmu, typed = foreign(tmp_path / "plain.fmu"), tmp_path / "typed.fmu"
+    with zipfile.ZipFile(fmu) as old, zipfile.ZipFile(typed, "w") as new:
+        for name in old.namelist():
+            content = old.read(name)
+            if name == "modelDescription.xml":
+                root = content.index(b"<fmiModelDescription")
+                content = content[:root] + kind.encode() + content[root:]
+            new.writestr(name, content)
+    with pytest.raises(
+        SetupError, match=r"modelDescription.xml has a document type, .*: remove it$"
+    ):
+        connect(System({"A": typed}))
+    connect(System({"A": fmu}))
