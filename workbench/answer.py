@@ -265,5 +265,7 @@ def finish(answer: Answer, folder: Path, animate: bool = False) -> None:
     if text := repr(answer):
         print(text)
     print(f"{', '.join(names)} written to {folder}")
+    if flavour := answer.provenance.get("flavour"):
+        print(f"computed with {flavour} FMUs")
     if PAGE not in names:
         print("no page was written: it needs the package plotly")

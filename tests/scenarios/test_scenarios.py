@@ -46,7 +46,7 @@ NATIVE = ("--flavour", "native")
 
 def main(*words: object) -> int:
     """The command line, in this process."""
-    return command.main([*map(str, words)], PROJECT, "python -m scenarios")
+    return command.main([*map(str, words)], PROJECT, "scenarios")
 
 
 def found(folder: Path, name: str, table: str = "") -> tuple[dict[str, float], Any, pd.DataFrame]:
