@@ -135,6 +135,7 @@ class Answer(Findings):
             *[ERROR_SCOPE] * bool(self.figures),
             *(f"Warning: {warning}" for warning in warned[:SPOKEN]),
             *[f"and {more} more warnings, in {self.scenario}.json"] * (more > 0),
+            *[f"Computed with {flavour} FMUs." for flavour in [self.provenance.get("flavour")] if flavour],
         ])  # fmt: skip
 
     def _repr_html_(self) -> str:
@@ -265,7 +266,5 @@ def finish(answer: Answer, folder: Path, animate: bool = False) -> None:
     if text := repr(answer):
         print(text)
     print(f"{', '.join(names)} written to {folder}")
-    if flavour := answer.provenance.get("flavour"):
-        print(f"computed with {flavour} FMUs")
     if PAGE not in names:
         print("no page was written: it needs the package plotly")
