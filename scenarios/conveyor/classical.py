@@ -43,7 +43,7 @@ TOLD = {
 }
 ROUNDS, CLOSE = 12, 1e-9
 UNKNOWN = "the coupling error of an orbit is not known; take more steps per revolution"
-FEW = "the sweep has too few speeds near it"
+FEW = "the sweep has too few speeds near the speed where the error passes the tolerance"
 NOWHERE = "not even at the lowest speed of the sweep"
 
 
@@ -237,7 +237,8 @@ def sentences(o: Options, f: Mapping[str, Figure], r: Found, way: str) -> list[s
         lowest = f"already at {r.sweep.nus[0]:g} rad/s, the lowest speed of the sweep"
         lines.append(f"{who} is off by more than {o.tolerance:g} % for {listed(bad)} {lowest}.")
     if errors:
-        lines.append(f"Its largest errors are {listed(errors)}.")
+        who = "Its" if lines else f"{WORDS[way].capitalize()} as its load, the calculation's"
+        lines.append(f"{who} largest errors are {listed(errors)}.")
     for reason, names in reasons.items():
         what = f"How far the calculation {WORDS[way]} can be trusted"
         lines.append(f"{what} is not determined for {listed(names)}: {reason}.")
