@@ -10,6 +10,8 @@ from typing import Any, NamedTuple
 MOST_DIGITS, LEAST = 6, -7
 #: Significant digits of a figure in a sentence, a convention of this project; tables have MOST_DIGITS.
 SENTENCE_DIGITS = 4
+#: Significant digits of a difference in percent in a sentence, a convention of this project.
+SHARE_DIGITS = 3
 ERROR_SCOPE = (
     "The error is numerical only: coupling, steps and rows. Tolerances of the parameters and the model's own "
     "error are not in it; `scenarios study` varies parameters within their tolerances."
@@ -46,9 +48,11 @@ class Figure(NamedTuple):
         return f"{value} ± {error}{unit}"
 
     def brief(self, unit: str = "") -> str:
-        """Write the figure for a sentence: like `text`, but with at most SENTENCE_DIGITS digits.
+        """Write the figure for a sentence, in SENTENCE_DIGITS digits where its error allows.
 
-        The error covers the rounding, too: 40.0022 ± 0.0002 becomes "40.00 ± 0.01".
+        An error below half a unit of the last digit is left out: 40.0022 ± 0.0002 becomes "40.00".
+        With the rounding, the figure is then less than one unit of that digit from what is written. A
+        larger error is written as `text` writes it; tables of figures have the error in either case.
 
         Parameters
         ----------
@@ -61,8 +65,8 @@ class Figure(NamedTuple):
         if self.error == 0.0:
             digits = SENTENCE_DIGITS if abs(self.value) < 10.0**SENTENCE_DIGITS else MOST_DIGITS
             return f"{self.value:.{digits}g}{wording}"
-        value, error = rounded(self.value, self.error, SENTENCE_DIGITS)
-        return f"{value} ± {error}{wording}"
+        digits_alone = certain(self.value, self.error, SENTENCE_DIGITS)
+        return f"{digits_alone}{wording}" if digits_alone else self.text(unit)
 
     def json(self) -> dict[str, Any]:
         """The figure for JSON, which has neither infinity nor nan."""
@@ -119,6 +123,40 @@ def percent(share: float) -> str:
     """Write a share, 0.0123, in percent with three significant digits, "1.23 %"."""
     value = 100.0 * share
     return f"{value:.0f} %" if abs(value) >= 100.0 else f"{value:.3g} %"
+
+
+def certain(value: float, error: float, digits: int) -> str:
+    """Write a value in so many significant digits, or "" where its error needs to be written, too.
+
+    Parameters
+    ----------
+    value, error : float
+        A value and its error, in the same unit.
+    digits : int
+        Significant digits; zeros fill the places behind them in front of the decimal point.
+
+    Returns
+    -------
+    str
+        The digits, or "" if the error is half a unit of the last of them or more, or the value is 0.
+    """
+    if not (value and math.isfinite(value)):
+        return ""
+    text = f"{value:.{digits - 1}e}"
+    last = int(text.partition("e")[2]) + 1 - digits
+    if not error < 0.5 * 10.0**last:
+        return ""
+    return text if last < LEAST else f"{float(text):.{max(-last, 0)}f}"
+
+
+def concise(figure: Figure, digits: int) -> str:
+    """Write a figure in as many digits, up to `digits`, as its error leaves certain.
+
+    Where its error leaves not even one, the error is written, too: "0.0090 ± 0.0063 %".
+    """
+    texts = (certain(figure.value, figure.error or 0.0, n) for n in range(digits, 0, -1))
+    text = next((text for text in texts if text), "")
+    return f"{text} {figure.unit}" if text and figure.error is not None else figure.text()
 
 
 def rounded(value: float, error: float, digits: int = MOST_DIGITS) -> tuple[str, str]:

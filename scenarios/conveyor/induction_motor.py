@@ -19,7 +19,7 @@ import workbench
 from cosim import ORDERS, SetupError
 from cosim.system import Value
 from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, Table, option
-from workbench.figure import percent
+from workbench.figure import SHARE_DIGITS, concise
 from workbench.report.chart import LIFT, THEORY
 
 from . import mechanism, resonance, response
@@ -321,7 +321,8 @@ def beside(theory: Figure, truth: Figure) -> str:
     error = (truth.error or 0.0) / truth.value
     if abs(share) <= error:
         return "right within the error"
-    return f"{percent(abs(share))} too {'high' if share > 0.0 else 'low'}"
+    size = concise(Figure(100.0 * abs(share), "%", 100.0 * error), SHARE_DIGITS)
+    return f"{size} too {'high' if share > 0.0 else 'low'}"
 
 
 def show(o: Options, f: Mapping[str, Figure], r: Found) -> Show:

@@ -21,7 +21,7 @@ import numpy as np
 
 from cosim import ORDERS, SetupError
 from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, Table, option
-from workbench.figure import percent
+from workbench.figure import SENTENCE_DIGITS, SHARE_DIGITS, concise
 from workbench.limit import limit
 from workbench.live import Slider
 from workbench.report import chart as colors
@@ -333,9 +333,9 @@ def about_resonance(f: Mapping[str, Figure], r: Sweep) -> str:
     lag, resonance, answer = f["lag_operating"], f["nu_90"], on_resonance(f)
     formula, first, last = f["nu_res"].value, r.line.first, r.line.last
     sentences = [f"On resonance: {answer}"]
-    at = f"the operating speed of {r.speed:g} rad/s ({r.speed * 30 / math.pi:.0f} rpm)"
-    band = f"{BAND[0]:g} to {BAND[1]:g} degrees of the half-power band"
-    where = f"at {resonance.brief()}, {side(f, r)}"
+    at = operating_speed(r)
+    behind = ""
+    where = "" if resonance.error is None else f"at {resonance.brief()}, {side(f, r)}"
     if f["zeta"].value > OVERDAMPED:
         sentences.append(
             f"The drive has no resonance: by formula its damping ratio is {f['zeta'].brief()}, and above "
@@ -345,15 +345,17 @@ def about_resonance(f: Mapping[str, Figure], r: Sweep) -> str:
     else:
         if lag.error is None:
             sentences[0] += f", because {lag.reason}"
-        elif answer == UNDETERMINED:
-            sentences.append(f"The lag of {lag.brief('degrees')} may be in the {band} or not")
         else:
-            place = "within" if answer == "yes" else "outside"
-            verb = f"At {at} the torque ripple lags its load by {lag.brief('degrees')}"
-            sentences.append(f"{verb}, {place} the {band}")
-        where = f"The resonance, a lag of 90 degrees, is {where}"
+            place = {"yes": "within", "no": "outside"}.get(
+                answer, "and that may be inside or outside"
+            )
+            band = f"the half-power band of {BAND[0]:g} to {BAND[1]:g} degrees"
+            behind = f"the torque ripple lags its load by {lag.brief('degrees')}, {place} {band}"
+        where = f"The resonance is {where}{behind and f'; there {behind}'}"
     if resonance.error is None:
         lag_speed = "The speed at which the torque ripple lags by 90 degrees"
+        if behind:
+            sentences.append(f"At {at} {behind}")
         where = f"{lag_speed} is not determined: {resonance.reason}"
         if not first <= formula <= last:
             sweep = f"The sweep from {first:g} to {last:g} rad/s"
@@ -363,14 +365,26 @@ def about_resonance(f: Mapping[str, Figure], r: Sweep) -> str:
     return f"{'. '.join([*sentences, where])}."
 
 
+def operating_speed(r: Sweep) -> str:
+    """The operating speed in words."""
+    return f"the operating speed of {r.speed:g} rad/s ({r.speed * 30 / math.pi:.0f} rpm)"
+
+
 def side(f: Mapping[str, Figure], r: Sweep) -> str:
-    """How far the resonance is from the operating speed, in words."""
-    away = f["nu_90_away"]
-    if away.error is None or abs(away.value) <= away.error:
-        return "which is the operating speed within that error"
-    size = away._replace(value=abs(away.value)).brief()
-    word = "above" if away.value > 0 else "below"
-    return f"{size} ({percent(abs(away.value) / r.speed)}) {word} the operating speed"
+    """How far the resonance is from the operating speed, in words: in percent and, where the two speeds
+    differ in the digits of a sentence, in rad/s, with the digits that are certain.
+    """
+    away, resonance = f["nu_90_away"], f["nu_90"]
+    error = away.error or 0.0
+    if abs(away.value) <= error:
+        return f"which is {operating_speed(r)} within its error of {error:.1g} {away.unit}"
+    size = abs(away.value)
+    share = concise(Figure(100.0 * size / r.speed, "%", 100.0 * error / r.speed), SHARE_DIGITS)
+    where = f"{'above' if away.value > 0.0 else 'below'} {operating_speed(r)}"
+    if f"{resonance.value:.{SENTENCE_DIGITS}g}" == f"{r.speed:.{SENTENCE_DIGITS}g}":
+        return f"{share} {where}"
+    distant = concise(Figure(size, away.unit, error), SENTENCE_DIGITS)
+    return f"{distant} {where}" if size > r.speed else f"{distant} ({share}) {where}"
 
 
 def about_limit(o: Options, f: Mapping[str, Figure], r: Sweep) -> str:
@@ -382,8 +396,8 @@ def about_limit(o: Options, f: Mapping[str, Figure], r: Sweep) -> str:
     if answer == UNDETERMINED:
         sentence += ", because the limit lies within the error"
     return (
-        f"{sentence}. At {r.speed:g} rad/s it is {ripple.brief()}, {ripple.value / o.rated:.0%} of the rated "
-        f"torque; the limit is {o.most:g} N.m."
+        f"{sentence}. At the operating speed it is {ripple.brief()}, {100.0 * ripple.value / o.rated:.0f} % of "
+        f"the rated torque; the limit is {o.most:g} N.m."
     )
 
 

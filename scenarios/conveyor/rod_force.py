@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from cosim import ORDERS, SetupError
 from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, option
 from workbench.answer import parameters
-from workbench.figure import percent
+from workbench.figure import SHARE_DIGITS, concise, percent
 from workbench.limit import coupling
 from workbench.report import chart as colors
 from workbench.report.chart import Direction, Field, Level, Picture, Second
@@ -318,7 +318,9 @@ def shifted(r: Found, own: Figure, other: Figure) -> str:
     if ends[0] == ends[1]:
         ends = [own.text(), other.text()]
     word = "up" if shift > 0.0 else "down"
-    size = percent(abs(shift) / own.value)
+    size = concise(
+        Figure(100.0 * abs(shift) / own.value, "%", 100.0 * error / own.value), SHARE_DIGITS
+    )
     return f"The other spring moves the {name} {word} by {size}, from {ends[0]} to {ends[1]}."
 
 

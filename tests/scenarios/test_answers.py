@@ -26,7 +26,7 @@ from scenarios.packing_line import packing_line
 from tests.conftest import LONG, QUICK, SAMPLED, ask, fmus_of, plain
 from workbench.answer import content, finish, write
 from workbench.command import main
-from workbench.figure import MOST_DIGITS, SENTENCE_DIGITS, rounded
+from workbench.figure import Figure, rounded
 from workbench.measure import harmonics
 from workbench.question import find, load, names
 
@@ -248,20 +248,23 @@ def reads(text: str, value: float) -> bool:
 
 @pytest.mark.parametrize("name", [x for x in QUESTIONS if x != "resonance_map"])
 def test_every_number_of_a_verdict_is_read_back_from_it(name: str) -> None:
-    """With an error it is a figure, to the digit and in its unit; else a figure, an option or a fact
-    in the unit that stands behind it, or the ratio of two of them or their difference, in %."""
+    """With an error it is a figure, to the digit and in its unit, or the difference of two in %; else
+    a figure, an option or a fact in the unit that stands behind it, or the ratio of two of them or their
+    difference, in %."""
     answer = plain(name) if name != "resonance" else ask(name, speeds="34:46:7", steps_per_rev=128)
     figures = [figure for figure in answer.figures.values() if figure.error is not None]
-    lengths = (MOST_DIGITS, SENTENCE_DIGITS)
     errors = [f for f in figures if f.error]
-    whole = {(*rounded(abs(f.value), f.error, n), f.unit) for f in errors for n in lengths}
-    whole |= {(*rounded(f.value, f.error, n), f.unit) for f in errors for n in lengths}
+    whole = {(*rounded(abs(f.value), f.error), f.unit) for f in errors}
+    whole |= {(*rounded(f.value, f.error), f.unit) for f in errors}
     whole |= {(value, error, "degrees") for value, error, unit in whole if unit == "deg"}
     given = [(x, option.unit) for option in answer.options.values() for x in numbers(option.value)]
     given += [(x, unit) for x in numbers(dict(answer.facts)) for unit in ("rad/s", "N.m", "1")]
     values = [*given, *((f.value, f.unit) for f in figures), *SAID.get(name, [])]
-    exact = [*given, *((f.value, f.unit) for f in figures if f.error == 0.0)]
-    shares = [100 * f.value / x for f in figures for x, unit in exact if unit == f.unit and x]
+    known = [*(Figure(x, unit, 0.0) for x, unit in given), *figures]
+    pairs = [(f, x) for f in figures for x in known if x.unit == f.unit and x.value and x is not f]
+    shares = [100 * f.value / x.value for f, x in pairs]
+    offs = [(100 * (f.value / x.value - 1), 100 * (f.error + x.error) / x.value) for f, x in pairs]
+    whole |= {(*rounded(abs(off), abs(error)), "%") for off, error in offs if error}
     values += [(x, "%") for share in shares for x in (share, share - 100, abs(share - 100))]
     values += [(share * x / 100, unit) for share, u in given if u == "%" for x, unit in given]
     values += [(x * OTHER[unit][1], OTHER[unit][0]) for x, unit in values if unit in OTHER]
@@ -271,8 +274,8 @@ def test_every_number_of_a_verdict_is_read_back_from_it(name: str) -> None:
             units = {unit for value, off, unit in whole if (value, off) == (text, error)}
             assert units & {word, "1", "1/min"}, f"{text} ± {error} {word}"
         else:
-            known = [x for x, unit in values if unit in (word, "", "1", "1/min")]
-            assert any(reads(text, x) for x in known), f"{text} {word}"
+            same = [x for x, unit in values if unit in (word, "", "1", "1/min")]
+            assert any(reads(text, x) for x in same), f"{text} {word}"
     assert any(error for _, error, _ in said)
     assert len(answer.verdict) < 1000
 
@@ -384,7 +387,9 @@ def test_python_asks_what_the_command_asks(
     assert sorted(x.name for x in mine.iterdir()) == sorted(x.name for x in there.iterdir())
     assert (mine / "resonance.csv").read_bytes() == (there / "resonance.csv").read_bytes()
     shown = asked._repr_html_()
-    assert ">Yes: at the operating speed" in shown and "data:image/png;base64,iV" in shown
+    assert (
+        ">On resonance: yes. The resonance is at" in shown and "data:image/png;base64,iV" in shown
+    )
     assert "±" in shown and "<script" not in shown
 
 

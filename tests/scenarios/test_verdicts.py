@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -56,12 +57,33 @@ def test_resonance_and_limit_are_two_answers(
     figure, speed = answer.figures["nu_90_away"], answer.facts["operating_speed"]
     assert figure.value == answer.figures["nu_90"].value - speed
     assert figure.error == answer.figures["nu_90"].error
-    size = figure._replace(value=abs(figure.value)).brief()
-    side = "above" if figure.value > 0.0 else "below"
-    assert (
-        f"{size} ({100 * abs(figure.value) / speed:.3g} %) {side} the operating" in answer.verdict
+    assert figure.error is not None and abs(figure.value) > figure.error
+    size = re.search(
+        r"(?:([\d.]+)(?: ± [\d.]+)? rad/s \()?([\d.]+)(?: ± [\d.]+)? %\)? (above|below) the op",
+        answer.verdict,
     )
+    assert size is not None
+    assert size[3] == ("above" if figure.value > 0.0 else "below")
+    share = 100.0 * abs(figure.value) / speed
+    assert abs(float(size[2]) - share) <= 0.51 * unit_of_last_digit(size[2])
+    if size[1]:
+        assert abs(float(size[1]) - abs(figure.value)) <= 0.51 * unit_of_last_digit(size[1])
+    assert bool(size[1]) == (abs(figure.value) > 0.01)
     assert not answer.refused
+
+
+def unit_of_last_digit(text: str) -> float:
+    """That of a number without an exponent."""
+    return 10.0 ** -len(text.partition(".")[2])
+
+
+def test_the_operating_speed_may_be_the_resonance_within_its_error() -> None:
+    """Then no side is named; beside it the side is."""
+    resonance = ask("resonance", speeds=SPEEDS, steps_per_rev=128).figures["nu_90"].value
+    for speed, words in ((resonance, "within its error of"), (resonance - 0.02, "%) above the op")):
+        answer = ask("resonance", speeds=SPEEDS, steps_per_rev=128, speed=speed)
+        assert words in answer.verdict and answers(answer)[0] == "yes"
+        assert ("which is the operating speed" in answer.verdict) == (speed == resonance)
 
 
 def half_power(first: float, last: float, lag: float) -> float:

@@ -1,0 +1,52 @@
+"""Figures in sentences: four digits, and the error where it is not small beside the last of them."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from workbench.figure import Figure, concise
+
+
+@pytest.mark.parametrize(
+    ("value", "error", "words"),
+    [
+        (40.0022, 0.0002, "40.00 N"),
+        (40.0022, 0.00499, "40.00 N"),
+        (40.0022, 0.0051, "40.0022 ± 0.0051 N"),
+        (9.99996, 1e-5, "10.00 N"),
+        (-3.47125, 1e-5, "-3.471 N"),
+        (723456.0, 3.0, "723500 N"),
+        (723456.0, 60.0, "723456 ± 60 N"),
+        (0.000123456, 1e-9, "0.0001235 N"),
+        (1.23456e-9, 1e-14, "1.235e-09 N"),
+        (0.0, 0.1, "0.00 ± 0.10 N"),
+        (40.0022, math.inf, "40.0022 ± ? N"),
+        (720000.0, 0.0, "720000 N"),
+    ],
+)
+def test_a_sentence_has_four_digits_or_the_error(value: float, error: float, words: str) -> None:
+    assert Figure(value, "N", error).brief() == words
+    if "±" not in words and error:
+        unit = 10.0 ** (math.floor(math.log10(abs(float(words.split()[0])))) - 3)
+        assert abs(float(words.split()[0]) - value) + error < unit
+
+
+def test_a_refused_figure_says_why_in_a_sentence() -> None:
+    assert Figure.refused("N", "it jams").brief() == "not determined (it jams)"
+
+
+@pytest.mark.parametrize(
+    ("value", "error", "words"),
+    [
+        (0.00552, 0.00016, "0.006 %"),
+        (11.1062, 0.003, "11.1 %"),
+        (0.0090, 0.0063, "0.0090 ± 0.0063 %"),
+        (0.6438, 0.0008, "0.64 %"),
+    ],
+)
+def test_a_difference_has_the_digits_that_are_certain(
+    value: float, error: float, words: str
+) -> None:
+    assert concise(Figure(value, "%", error), 3) == words
