@@ -28,7 +28,7 @@ from .report.png import draw
 if TYPE_CHECKING:
     import pandas as pd
 
-    from .live import Live
+    from .live import LivePart
 
 SPOKEN, PAGE = 3, "report.html"
 Rows = Callable[[Iterable[Sequence[float]]], None]
@@ -110,7 +110,7 @@ class Answer(Findings):
     options: Mapping[str, Parameter] = field(default_factory=dict)
     warnings: Sequence[str] = ()
     show: Callable[[], Show] = Show
-    live: Live | None = None
+    live: LivePart | None = None
 
     @property
     def table(self) -> pd.DataFrame:

@@ -50,7 +50,7 @@ def report(answer: Answer, path: Path) -> None:
         packed=_packed(json.dumps(content, separators=(",", ":")).encode()),
         plotly=_plotly(),
         modules={part: _packed(module) for part, module in live.modules.items()} if live else {},
-        worker=_packed(live.script.encode()) if live else "",
+        worker=_packed(live.worker.encode()) if live else "",
     )
     path.write_text(text, encoding="utf-8")
 
