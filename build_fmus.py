@@ -3,13 +3,15 @@
 usage: python build_fmus.py [COMPONENT ...] [--flavour python|native|wasm|both|fmi3|all] [--into DIR]
                             [--force] [--docs]
 
-Native FMUs are written to the folder `native`, those of FMI 3.0 to `fmi3`, and WebAssembly modules to
-`wasm`. Building a native FMU also builds its module.
+By default both flavours are built, or the Python FMUs alone where there is no compiler. Native FMUs are
+written to the folder `native`, those of FMI 3.0 to `fmi3`, and WebAssembly modules to `wasm`. Building a
+native FMU also builds its module.
 """
 
 import argparse
 import re
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 from types import ModuleType
 
@@ -17,6 +19,8 @@ from fmukit.declare.variables import Interface, class_name, component
 from fmukit.fmu import page, plot, reference
 from fmukit.fmu.load import load
 from fmukit.fmu.make import FLAVOURS, make_all
+from scenarios import fmu_files
+from scenarios.fmu_files import plain
 
 ROOT = Path(__file__).resolve().parent
 FORMULAS = "Formulas of the paper"
@@ -37,7 +41,13 @@ MACHINES = {file.parent.name: file for file in sorted(ROOT.glob("components/*/mo
 def main() -> int:
     parser = argparse.ArgumentParser(description="Build and validate the FMUs.")
     parser.add_argument("component", nargs="*", help=f"one of {', '.join(MACHINES)} (default: all)")
-    parser.add_argument("--flavour", choices=FLAVOURS, default="python")
+    default = "both" if find_spec("ziglang") else "python"
+    parser.add_argument(
+        "--flavour",
+        choices=FLAVOURS,
+        default=default,
+        help=f"which FMUs to build (default here: {default})",
+    )
     parser.add_argument("--into", type=Path, default=ROOT / "fmus", help="folder of the FMUs")
     parser.add_argument("--force", action="store_true", help="rebuild even what is up to date")
     parser.add_argument(
@@ -52,9 +62,11 @@ def main() -> int:
         parser.error(
             "--docs plots the results contained in an FMU: choose a flavour other than wasm"
         )
-    models = [known[plain(name)] for name in options.component or made(options.flavour)]
+    names = options.component or made(options.flavour)
+    models = [known[plain(name)] for name in names]
     if failed := make_all(models, options.flavour, options.into, options.force):
         return min(1, failed)
+    fmu_files.record(names, options.into)
     if options.docs:
         write_pages([load(file) for file in models], options.into)
         write_papers()
@@ -69,11 +81,6 @@ def made(flavour: str) -> list[str]:
         for name, file in MACHINES.items()
         if not (compiled and hasattr(load(file), "PYTHON_ONLY"))
     ]
-
-
-def plain(name: str) -> str:
-    """A component's name in one spelling for its folder and its FMU: drivemotor."""
-    return name.replace("_", "").lower()
 
 
 def write_pages(models: list[ModuleType], fmus: Path) -> None:

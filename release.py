@@ -1,42 +1,55 @@
-"""Make what is released, in dist/: all FMUs, the wheels, and their checksums.
+"""Make what is released, in dist/: the wheel and the source package, all FMUs as fmus.zip, and checksums.
 
 usage: python release.py
 
-The wheels hold the FMUs in both flavours, and the loop of the master compiled for each platform, so
-that nothing needs a compiler where they are installed.
+The wheel holds the FMUs in both flavours, and the loop of the master compiled for each platform, so that
+nothing needs a compiler where it is installed.
 """
 
 import hashlib
 import subprocess
 import sys
+import zipfile
 from pathlib import Path
 from shutil import rmtree
 
-from build_fmus import MACHINES
-from cosim.engine.program import TARGETS, compile_loop, file_name
-from fmukit.fmu.make import make_all
-
 ROOT = Path(__file__).resolve().parent
 DIST = ROOT / "dist"
+#: the first date that a zip archive can state: the same FMUs give the same archive
+EPOCH = (1980, 1, 1, 0, 0, 0)
 
 
 def main() -> int:
+    """Make the files and print how many there are; 1 where the FMUs or the packages cannot be built."""
     rmtree(DIST, ignore_errors=True)
-    if make_all(MACHINES.values(), "both", DIST / "fmus"):
-        return 1
-    for platform, target in TARGETS.items():
-        compile_loop(DIST / "loop" / file_name(*platform), target)
-    for wheel in sorted((ROOT / "wheels").iterdir()):
-        command = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(DIST)]
-        subprocess.run(command, cwd=wheel, check=True)
-    files = sorted(path for path in DIST.rglob("*") if path.suffix in (".fmu", ".wasm", ".whl"))
-    sums = [
-        f"{hashlib.sha256(path.read_bytes()).hexdigest()}  {path.relative_to(DIST).as_posix()}\n"
-        for path in files
-    ]
+    DIST.mkdir()
+    for command in (
+        [sys.executable, "build_fmus.py", "--flavour", "both"],
+        [sys.executable, "-m", "uv", "build", "--quiet", "--out-dir", str(DIST)],
+    ):
+        if subprocess.run(command, cwd=ROOT, check=False).returncode:
+            print(f"error: {' '.join(command[1:])} failed; nothing is released", file=sys.stderr)
+            return 1
+    write_fmus(DIST / "fmus.zip")
+    files = sorted(path for path in DIST.iterdir() if path.suffix in (".gz", ".whl", ".zip"))
+    sums = [f"{hashlib.sha256(path.read_bytes()).hexdigest()}  {path.name}\n" for path in files]
     (DIST / "SHA256SUMS").write_text("".join(sums), encoding="utf-8")
-    print(f"{len(files)} files and SHA256SUMS in {DIST}")
+    print(f"{', '.join(path.name for path in files)} and SHA256SUMS in {DIST}")
     return 0
+
+
+def write_fmus(target: Path) -> None:
+    """Write all FMUs and modules, by flavour, and the licence into one archive."""
+    files = {
+        path.relative_to(ROOT / "fmus").as_posix(): path
+        for pattern in ("*.fmu", "native/*.fmu", "wasm/*.wasm")
+        for path in (ROOT / "fmus").glob(pattern)
+    }
+    with zipfile.ZipFile(target, "w") as archive:
+        for name, path in sorted({**files, "LICENSE": ROOT / "LICENSE"}.items()):
+            entry = zipfile.ZipInfo(name, EPOCH)
+            entry.external_attr = 0o644 << 16
+            archive.writestr(entry, path.read_bytes())
 
 
 if __name__ == "__main__":

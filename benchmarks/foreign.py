@@ -2,9 +2,9 @@
 
 Every FMI 2.0 co-simulation FMU below the folder is run alone over its default experiment, at most 1000
 steps, by the master and by FMPy, each in a process of its own. The table tells the largest deviation of an
-output at a communication point, of the largest value of that output. FMPy adds up its time, step by
-step, and sets no inputs; where that differs, `same times` drives FMPy's own FMU class at the master's
-points, with inputs at their declared start.
+output at a communication point, of the largest value of that output. Both hand over the tolerance that
+an FMU states, and tell it no stop time. FMPy adds up its time, step by step, and sets no inputs; where that
+differs, `same times` drives FMPy's own FMU class at the master's points, with inputs at their declared start.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ def by_fmpy(task: Task) -> Columns:
     path, step, stop, outputs = task
     rows = fmpy.simulate_fmu(
         path, validate=False, stop_time=stop, output_interval=step, output=outputs,
-        fmi_type="CoSimulation", step_size=step,
+        fmi_type="CoSimulation", step_size=step, set_stop_time=False,
     )  # fmt: skip
     return {name: rows[name].tolist() for name in ("time", *outputs)}
 
@@ -74,7 +74,9 @@ def at_same_times(task: Task) -> Columns:
             modelIdentifier=description.coSimulation.modelIdentifier,
         )  # fmt: skip
         unit.instantiate()
-        unit.setupExperiment(startTime=0.0, stopTime=stop)
+        stated = description.defaultExperiment
+        tolerance = float(stated.tolerance) if stated and stated.tolerance else None
+        unit.setupExperiment(tolerance=tolerance, startTime=0.0)
         unit.enterInitializationMode()
         for v in description.modelVariables:
             if v.causality == "input" and v.type == "Real" and v.start is not None:

@@ -84,7 +84,7 @@ def trial(name: str, seed: int) -> dict[str, Any]:
         path = Path(folder) / "record.csv"
         rows.to_csv(path, index=False)
         o = made(page.Options, {**asked, "data": str(path), "starts": 6}, name)
-        found = answer(page, o, PROJECT._replace(fill=None).fmus(page, "native"))
+        found = answer(page, o, PROJECT.fmus(page, "native"))
     told: dict[str, Any] = {"seed": seed, "seconds": time.process_time() - began}
     told["verdict"] = found.verdict
     for key, x in true.items():

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from .identification.identify import Identified, identify
     from .identification.record import measured
 
-__version__ = "0.1.0"
+__version__ = "1.0.0rc1"
 
 HOMES = {
     "Advice": "advise", "Experiment": "advise", "advise": "advise",

@@ -41,9 +41,20 @@ from .progress import bar
 from .result import Interrupted, Result, SimulationError
 from .result import partial as partial_file
 from .scratch import scratch
-from .system import Network, System, connect, part_name
+from .system import Network, System, connect, default_experiment, describe_fmu, part_name
 
-EXACT = Path("fmus/LinearSystem.fmu")
+HERE = Path(__file__).resolve().parent
+EXACT = next(
+    (
+        path
+        for path in (
+            HERE / "verification" / "LinearSystem.fmu",
+            HERE.parent / "fmus/LinearSystem.fmu",
+        )
+        if path.is_file()
+    ),
+    Path("fmus/LinearSystem.fmu"),
+)
 
 
 class Task(NamedTuple):
@@ -107,7 +118,10 @@ def opened(options: argparse.Namespace) -> Iterator[Task]:
 def read(path: Path, folder: Path) -> Package:
     """The system of a file or a folder; packages are unpacked into `folder`."""
     if path.suffix == ".fmu":
-        return Package(alone(path))
+        system = alone(path)
+        ((name, fmu),) = system.parts.items()
+        experiment = default_experiment(describe_fmu(name, fmu))
+        return Package(system, experiment.start, experiment.stop)
     if path.suffix == ".xml" or (path / FILE).is_file():
         return read_osp(path)
     if path.suffix in (".ssp", ".ssd") or path.is_dir():
@@ -136,9 +150,7 @@ def rates(texts: Sequence[str]) -> dict[str, int]:
 
 def parser() -> Parser:
     """The command line."""
-    top = Parser(
-        prog="python -m cosim", description="Couple co-simulation FMUs of FMI 2.0 and 3.0."
-    )
+    top = Parser(prog="cosim", description="Couple co-simulation FMUs of FMI 2.0 and 3.0.")
     top.add_argument("--version", action="version", version=f"cosim {__version__}")
     commands = top.add_subparsers(required=True, metavar="COMMAND", dest="command")
 
@@ -215,7 +227,11 @@ def parser() -> Parser:
 
     one = command("verify", verify, "test the master against closed-form solutions", file=False)
     one.path(
-        "fmu", f"LinearSystem.fmu, by default {EXACT}", metavar="fmu", nargs="?", default=EXACT
+        "fmu",
+        "LinearSystem.fmu, by default the one that came with cosim",
+        metavar="fmu",
+        nargs="?",
+        default=EXACT,
     )
     return top
 
@@ -252,7 +268,12 @@ def stepping(one: Parser) -> None:
         help="polynomial order of inputs within a step",
     )
     one.several("--substeps", "sub-steps of a part within a communication step", metavar="PART=N")
-    one.number("--tolerance", "relative tolerance passed to the FMUs")
+    one.number(
+        "--tolerance",
+        "relative tolerance passed to the FMUs; by default the one that each FMU states",
+    )
+    text = "tell the FMUs the stop time before the start; by default only those that need it"
+    add("--stop-time-defined", action="store_true", help=text)
     one.path("--input", "CSV file of inputs over time; its first column is the time [s]")
     one.several("--map", "input, and the column that drives it", metavar="NAME=COLUMN")
     add(
@@ -270,7 +291,7 @@ def times(task: Task, options: argparse.Namespace) -> tuple[float, float]:
     start = task.start if options.start is None else options.start
     stop = task.package.stop if options.stop is None else options.stop
     if stop is None:
-        raise SetupError("the file has no default experiment: give --stop")
+        raise SetupError(f"{options.file} states no stop time: give --stop")
     return start, stop
 
 
@@ -529,7 +550,8 @@ def export(options: argparse.Namespace) -> int:
         start, stop = task.start, task.package.stop
         if options.to == "ssp":
             step = task.package.step if options.step is None else options.step
-            write_ssp(task.system, options.out, stop, start, step)
+            drawing = task.package.geometry
+            write_ssp(task.system, options.out, stop, start, step, geometry=drawing)
         elif options.to == "osp":
             step = task.step(options.step)
             write_osp(task.system, options.out, step=step, start=start, stop=stop)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 
 class SetupError(ValueError):
     """The system or the settings were refused before the first step."""
@@ -17,6 +19,9 @@ class Discarded(PartFailure):
     def __init__(self, message: str, reached: float) -> None:
         super().__init__(message)
         self.reached = reached
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (str(self), self.reached)
 
 
 class Met(Discarded):

@@ -28,7 +28,16 @@ from .errors import PartFailure, SetupError, counted
 from .loops import algebraic_loops, describe
 from .result import Interrupted, Result, SimulationError
 from .signals import interrupts
-from .system import STATE, VARIABLE_STEP, Network, System, connect, lacking, require_steps
+from .system import (
+    STATE,
+    VARIABLE_STEP,
+    Network,
+    System,
+    connect,
+    default_experiment,
+    lacking,
+    require_steps,
+)
 
 MOST_SUBSTEPS = 1 << 20
 HIGHEST = 8
@@ -47,6 +56,7 @@ def run(
     tolerance: float | None = None,
     record: Sequence[str] | None = None,
     output_step: float | None = None,
+    stop_time_defined: bool = False,
     csv: Path | str | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> Result:
@@ -55,7 +65,11 @@ def run(
     `order` is the order in which Gauss-Seidel and Strang step the parts. By default each part steps
     after those that drive it, or as declared where that is impossible. With `input_order` above 0,
     Real inputs follow polynomials of that order within a step. `substeps` gives the number of
-    sub-steps that a part takes within a communication step. `tolerance` is passed to the FMUs.
+    sub-steps that a part takes within a communication step. `tolerance` is passed to the FMUs; by
+    default it is the one that the default experiment of each FMU states, or that of the adaptive steps.
+    With `stop_time_defined`, the FMUs are told the stop time before the start; some then compute all of
+    the run in their first step, so that by default only an FMU that does not initialise without it is
+    told it.
 
     There is a row at every communication point, or at every `output_step` [s] and at changes of a
     recorded discrete variable. `record` lists the columns (default: all outputs). With `csv`, the
@@ -71,8 +85,9 @@ def run(
     if tolerance is None and isinstance(step, Adaptive):
         tolerance = step.tolerance
     settings = Settings(
-        stop, step, start, algorithm, order, input_order, rates, tolerance, record, output_step
-    )
+        stop, step, start, algorithm, order, input_order, rates, tolerance, record, output_step,
+        stop_time_defined,
+    )  # fmt: skip
     for problem in problems(network, settings):
         raise SetupError(problem)
     ports, sequence = settings.ports(network), stepping_order(network, order)
@@ -83,14 +98,16 @@ def run(
         try:
             within = ports if settings.every() is None else ()
             parts = initialise(network, settings, sequence, stack, within)
-            identities = {name: _identity(p, system.parts[name]) for name, p in parts.items()}
+            identities = {
+                name: _identity(p, system.parts[name], tolerance) for name, p in parts.items()
+            }
             around.restore()
         except PartFailure as error:
             raise SetupError(str(error)) from error
         provenance: dict[str, Any] = {
             "algorithm": algorithm, "communication": settings.text(), "order": sequence,
             "input_order": input_order, "substeps": rates, "start": start, "stop": stop,
-            "tolerance": tolerance, "wires": [str(wire) for wire in system.wires],
+            "tolerance": tolerance, "stop_time_defined": stop_time_defined, "wires": [str(wire) for wire in system.wires],
             "inputs": {port.name: profile.told() for port, profile in network.inputs},
             "changes": list(system.changes), "start_values": dict(system.start),
             "open_inputs": {port.name: value for port, value in network.open}, "parts": identities,
@@ -232,11 +249,14 @@ def stepping_order(network: Network, order: Sequence[str] | None) -> list[str]:
     return list(sequence.values())
 
 
-def _identity(part: Part, path: Path) -> dict[str, Any]:
-    """What a result says of a part: file, guid, model and every parameter's value."""
+def _identity(part: Part, path: Path, tolerance: float | None) -> dict[str, Any]:
+    """What a result says of a part: file, guid, model, tolerance and every parameter's value."""
     description = part.description
+    if tolerance is None:
+        tolerance = default_experiment(description).tolerance
     parameters = [v for v in description.modelVariables if v.causality == "parameter"]
     told = {"fmu": Path(path).name, "model": description.modelName, "guid": description.guid}
+    told |= {"tolerance": tolerance}
     return told | {"tool": description.generationTool, "parameters": part.values(parameters)}
 
 

@@ -1,13 +1,17 @@
 """A folder for temporary files of this process, which is removed when the process ends.
 
-A process that is killed leaves its folder behind but no longer locks it. The next process that needs a
-folder removes it.
+A process that is killed leaves its folder behind. The next process that needs a folder removes it, but only
+if the folder carries the mark of this module: a file that names the folder and its number in the file
+system (so that a copy carries no valid mark), in a folder of this user that nobody else may open. The folder
+is locked as long as its process lives. A folder without a mark is somebody else's, whatever its name.
 """
 
 from __future__ import annotations
 
 import os
+import stat
 import sys
+from collections.abc import Callable
 from contextlib import suppress
 from functools import cache
 from multiprocessing.util import Finalize
@@ -15,31 +19,71 @@ from pathlib import Path
 from shutil import rmtree
 from tempfile import gettempdir, mkdtemp
 
+#: A convention of this module: what the names of its folders begin with.
 PREFIX = "cosim_"
+#: A convention of this module: the file in a folder that says whose it is.
+MARK = ".cosim-scratch"
+#: A convention of POSIX and of `mkdtemp`: only its user may open the folder.
+PRIVATE = 0o700
 
 
 def scratch() -> Path:
     """The folder of this process."""
-    return _made(os.getpid())
+    return _folder_of(os.getpid())
 
 
 @cache
-def _made(_process: int) -> Path:
-    for left in Path(gettempdir()).glob(f"{PREFIX}*"):
+def _folder_of(process: int) -> Path:
+    for folder in Path(gettempdir()).glob(f"{PREFIX}*"):
         with suppress(OSError):
-            _remove(left, _locked(left))
+            _remove_leftover(folder)
     while True:
         folder = Path(mkdtemp(prefix=PREFIX))
         lock: int | None = None
         try:
             lock = _locked(folder)
-        except BlockingIOError:  # another process takes it for one that is left
+        except BlockingIOError:  # an earlier version of this module removes whatever is not locked
             continue
-        except OSError:  # no locks there, so that nobody removes what is left
+        except OSError:  # a file system without locks, where nobody removes what is left
             pass
-        if folder.is_dir():
-            Finalize(None, _remove, (folder, lock), exitpriority=-1)
-            return folder
+        if not folder.is_dir():
+            continue
+        with suppress(OSError):  # a full disk, which what is written next reports
+            (folder / MARK).write_text(f"{_content(folder)}{process}\n", encoding="utf-8")
+        Finalize(None, _remove, (folder, lock), exitpriority=-1)
+        return folder
+
+
+def _content(folder: Path) -> str:
+    """The mark of a folder without the number of its process."""
+    return f"temporary folder of cosim\n{folder.name}\n{folder.lstat().st_ino}\n"
+
+
+def _remove_leftover(folder: Path) -> None:
+    """Remove a folder if its mark is valid and its process has ended.
+
+    Raises
+    ------
+    OSError
+        If the folder has no mark, or if its process lives and locks the folder.
+    """
+    status, mark = folder.lstat(), folder / MARK
+    if not _is_own(status, stat.S_ISDIR) or not _is_own(mark.lstat(), stat.S_ISREG):
+        return
+    if sys.platform != "win32" and stat.S_IMODE(status.st_mode) != PRIVATE:
+        return
+    if not mark.read_text(encoding="utf-8", errors="replace").startswith(_content(folder)):
+        return
+    lock = _locked(folder)
+    if folder.is_dir() and os.path.samestat(status, folder.lstat()):
+        _remove(folder, lock)
+    else:  # another process has removed it meanwhile
+        os.close(lock)
+
+
+def _is_own(status: os.stat_result, has_kind: Callable[[int], bool]) -> bool:
+    """Whether a file is of the kind and belongs to this user; a link is of neither kind."""
+    return has_kind(status.st_mode) and (sys.platform == "win32" or status.st_uid == os.geteuid())
 
 
 def _remove(folder: Path, lock: int | None) -> None:

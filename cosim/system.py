@@ -551,6 +551,30 @@ def moves(port: Port) -> bool:
     return real and (port.native == "Real" or port.variable.variability == "continuous")
 
 
+class Experiment(NamedTuple):
+    """The default experiment of an FMU: times [s] and relative tolerance, None for what it does not state."""
+
+    start: float | None = None
+    stop: float | None = None
+    step: float | None = None
+    tolerance: float | None = None
+
+
+def default_experiment(description: ModelDescription) -> Experiment:
+    """The default experiment that a model description states.
+
+    A step or a tolerance that is not above 0, which no run can have, counts as not stated.
+    """
+    stated = description.defaultExperiment
+    if stated is None:
+        return Experiment()
+    names = ("startTime", "stopTime", "stepSize", "tolerance")
+    texts = (getattr(stated, name) for name in names)
+    start, stop, step, tolerance = (None if text is None else float(text) for text in texts)
+    positive = (value if value and 0.0 < value < math.inf else None for value in (step, tolerance))
+    return Experiment(start, stop, *positive)
+
+
 def own_start(variable: ScalarVariable) -> Value | None:
     """The start value that the model description gives a variable, if any."""
     if variable.start is None:

@@ -4,7 +4,7 @@ from .declare.record import array, discrete, fill, real, record, replace, start
 from .declare.variables import Experiment, InputHold
 from .step.flow import attempted, repeat
 
-VERSION = "0.1.0"
+VERSION = "1.0.0rc1"
 
 __all__ = [
     "VERSION",

@@ -13,7 +13,8 @@ from pathlib import Path
 from shutil import copyfile, rmtree
 
 from cosim.commandline import Parser, exit_code, require
-from scenarios.__main__ import HOME, ROOT
+from scenarios.fmu_files import CLONE as ROOT
+from scenarios.fmu_files import PACKAGE as HOME
 from workbench.answer import PAGE
 from workbench.question import names
 

@@ -15,7 +15,9 @@ from types import ModuleType
 from typing import Any, NamedTuple
 
 from cosim import SetupError, versions
-from scenarios.__main__ import HOME, PROJECT, ROOT
+from scenarios.__main__ import PROJECT
+from scenarios.fmu_files import CLONE as ROOT
+from scenarios.fmu_files import PACKAGE as HOME
 from workbench.question import find, load, parts
 
 KEY = "made_of.txt"
@@ -52,8 +54,8 @@ def answered(name: str, folder: Path) -> Answered:
     Raises SetupError where the question has no answer.
     """
     page = load(find(HOME, name))
-    words = ["run", name, *given(name), "--flavour", "native"]
-    asked = Answered(name, page, f"python -m scenarios {' '.join(words)}", folder)
+    words = ["run", name, *given(name)]
+    asked = Answered(name, page, f"scenarios {' '.join(words)}", folder)
     fmus = PROJECT.fmus(page, "native")
     key = hashlib.sha256(repr((words, code(), versions())).encode())
     for part in parts(page):

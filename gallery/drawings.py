@@ -15,9 +15,10 @@ import numpy as np
 
 import cosim
 from cosim import Result, System
-from scenarios.__main__ import FMUS, ROOT
 from scenarios.conveyor.mechanism import crank_conveyor
 from scenarios.exciter.mechanism import exciter
+from scenarios.fmu_files import CLONE as ROOT
+from scenarios.fmu_files import FMUS
 from scenarios.iron import mechanism as iron
 from scenarios.orientator import machine
 from scenarios.orientator import mechanism as orientator

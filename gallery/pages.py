@@ -13,7 +13,7 @@ from typing import Any
 from lxml import html
 from PIL import Image
 
-from scenarios.__main__ import ROOT
+from scenarios.fmu_files import CLONE as ROOT
 from workbench import Figure
 from workbench.question import asked, parts
 

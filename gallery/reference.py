@@ -15,10 +15,11 @@ from importlib import import_module
 from unittest.mock import patch
 
 import cosim.__main__
-from scenarios.__main__ import PROJECT, ROOT
+from scenarios.__main__ import PROJECT
+from scenarios.fmu_files import CLONE as ROOT
 from workbench.command import main
 
-PROGRAM = "python -m scenarios"
+PROGRAM = "scenarios"
 API = {
     "cosim": ("The master", ()),
     "workbench": ("Questions", ("measure", "live", "report.motion")),
@@ -26,7 +27,7 @@ API = {
 }
 SCRIPTS = {
     "python build_fmus.py": ["build_fmus.py"],
-    "python -m fmukit build": ["-m", "fmukit", "build"],
+    "fmukit build": ["-m", "fmukit", "build"],
     "python -m gallery": ["-m", "gallery"],
 }
 
@@ -39,10 +40,10 @@ def commands() -> str:
     coupling = cosim.__main__.parser()
     for name in coupling._actions[-1].choices or ():
         said = help_of(partial(coupling.parse_args, [name, "--help"]))
-        parts.append(section(f"python -m cosim {name}", said))
+        parts.append(section(f"cosim {name}", said))
     for name in ("run", "study"):
         said = help_of(partial(main, [name, "--help"], PROJECT, PROGRAM))
-        parts.append(section(f"python -m scenarios {name}", said))
+        parts.append(section(f"scenarios {name}", said))
     for name, words in SCRIPTS.items():
         command = [sys.executable, *words, "--help"]
         done = subprocess.run(

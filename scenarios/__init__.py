@@ -1,4 +1,4 @@
-"""One module, one question: `python -m scenarios list`, or from Python `ask` and `study`."""
+"""One module, one question: `scenarios list`, or from Python `ask` and `study`."""
 
 from __future__ import annotations
 
@@ -23,30 +23,32 @@ def ask(
     """The answer to a question, by its name or a file NAME.py: `ask("resonance", set="B", speed="300rpm")`.
 
     Options are those of the command line, with `_` for `-`, as texts or as values in SI units. `start` is a
-    dictionary of start values of FMUs. By default `jobs` are all cores, but one with FMUs of another
-    flavour than the question's own. Files are written to the folder `out` if it is given. Raises
+    dictionary of start values of FMUs. The flavour is by default native where the FMUs are built, else
+    Python, and `jobs` are all cores where that is faster. Files are written to the folder `out` if it is given. Raises
     cosim.SetupError for what is refused, cosim.SimulationError for a run that fails, and
     workbench.question.QuestionError where a file of one's own raises.
     """
     from workbench.answer import write
     from workbench.ask import ask
+    from workbench.runs.folder import reservation
 
     from .__main__ import PROGRAM, PROJECT
 
     folder = None if out is None else Path(out)
-    answer = ask(
-        PROJECT, question, options, flavour=flavour, jobs=jobs, scheduler=scheduler, out=folder,
-        program=PROGRAM,
-    )  # fmt: skip
-    if folder is not None:
-        write(answer, folder)
+    with reservation(folder):
+        answer = ask(
+            PROJECT, question, options, flavour=flavour, jobs=jobs, scheduler=scheduler, out=folder,
+            program=PROGRAM,
+        )  # fmt: skip
+        if folder is not None:
+            write(answer, folder)
     return answer
 
 
 def study(
     file: Path | str,
     *,
-    flavour: str = "python",
+    flavour: str = "",
     jobs: int | None = None,
     scheduler: str | None = None,
     out: Path | str | None = None,

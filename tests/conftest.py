@@ -95,12 +95,12 @@ SAMPLED = [pytest.param(x, marks=[pytest.mark.slow] if x in COSTLY else []) for 
 
 def fmus_of(page: ModuleType, flavour: str = "native") -> dict[str, Path]:
     """The FMUs of a page, which are built already."""
-    return PROJECT._replace(fill=None).fmus(page, flavour)
+    return PROJECT.fmus(page, flavour)
 
 
 def ask(name: str, out: Path | None = None, **given: Any) -> Answer:
     """The answer to a question of the project, on compiled FMUs, in this process."""
-    project = PROJECT._replace(fill=None)
+    project = PROJECT
     return asked(project, name, given, flavour="native", jobs=1, out=out, program="scenarios")
 
 

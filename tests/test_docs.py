@@ -143,6 +143,12 @@ def commands(text: str) -> Iterator[str]:
         yield re.split(r"\s+# ", line)[0].strip()
 
 
+def ended(line: str, command: str) -> str:
+    """A line of a shell block, which fails unless the command ends as the line says, "exit status 3"."""
+    status = re.search(r"# .*exit status (\d+)", line)
+    return f"if {command}; then false; else [ $? -eq {status[1]} ]; fi" if status else line
+
+
 def executable(block: Block, slow: bool) -> tuple[str, str, str] | None:
     """A block as tests/page.py takes it; None for what is not run."""
     language, _, target = block.info.partition(" ")
@@ -152,7 +158,7 @@ def executable(block: Block, slow: bool) -> tuple[str, str, str] | None:
         kept = [
             ""
             if TEST_COMMAND in command or command == SITE_COMMAND or (command in SLOW and not slow)
-            else line
+            else ended(line, command)
             for line, command in zip(block.text.splitlines(), commands(block.text))
         ]
         return ("sh", block.place, "\n".join(kept) + "\n")
@@ -320,7 +326,7 @@ def test_the_first_command_answers_as_the_readme_shows(tmp_path: Path) -> None:
     figure = r"([\d.]+) ± ([\d.]+)"
     assert re.sub(figure, "#", said).startswith(re.sub(figure, "#", shown))
     pairs = list(zip(re.findall(figure, shown), re.findall(figure, said)))
-    assert len(pairs) == 4
+    assert len(pairs) == 6
     for (value, error), (found, _) in pairs:
         assert abs(float(found) - float(value)) <= float(error)
     draw(answer.show(), answer.question, tmp_path / "resonance.png")

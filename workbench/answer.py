@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import os
 from base64 import b64encode
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -12,18 +13,19 @@ from importlib.util import find_spec
 from math import isnan
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TextIO
 
 from cosim import Result, System
 from cosim.result import partial, write_json
 from cosim.system import Value, connect, own_start
 
-from .figure import Figure
+from .figure import ERROR_SCOPE, Figure
 from .report.chart import Picture
 from .report.gif import gif
 from .report.html import report
 from .report.motion import Motion
 from .report.png import draw
+from .runs.folder import reservation
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -80,7 +82,8 @@ class Findings:
     Names of figures are identifiers. `system` gives the FMUs and parameters; `provenance` is that of a
     run, or else `algorithm` and `communication` say how several runs were made. Tables and files are by
     file name without folder. Functions in `files` write what only this question has, such as a system,
-    to a path. `facts` are further entries of the JSON.
+    to a path. `facts` are further entries of the JSON. `defaults` are the values of options that were
+    left to the question (None, or no list), by name, in the options' units.
     """
 
     figures: Mapping[str, Figure]
@@ -92,6 +95,7 @@ class Findings:
     tables: Mapping[str, Table] = field(default_factory=dict)
     facts: Mapping[str, Any] = field(default_factory=dict)
     files: Mapping[str, Callable[[Path], object]] = field(default_factory=dict)
+    defaults: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -99,8 +103,8 @@ class Answer(Findings):
     """What was found, for which question and options, and what is said and shown of it.
 
     `show` is called for picture and page. Names of parameters are those of the system, "motor.T". `live`
-    is what the page needs to ask again. As text it is what the command line prints; a notebook shows
-    the picture as well.
+    is what the page needs to ask again. It is `refused` if the figures that it hangs on are not
+    determined. As text it is what the command line prints; a notebook shows the picture as well.
     """
 
     scenario: str
@@ -111,6 +115,7 @@ class Answer(Findings):
     warnings: Sequence[str] = ()
     show: Callable[[], Show] = Show
     live: LivePart | None = None
+    refused: bool = False
 
     @property
     def table(self) -> pd.DataFrame:
@@ -127,6 +132,7 @@ class Answer(Findings):
         return "\n".join([
             *self.verdict.splitlines(),
             *(f"  {label:<{wide}}  {x.text()}" for label, x in zip(labels, self.figures.values())),
+            *[ERROR_SCOPE] * bool(self.figures),
             *(f"Warning: {warning}" for warning in warned[:SPOKEN]),
             *[f"and {more} more warnings, in {self.scenario}.json"] * (more > 0),
         ])  # fmt: skip
@@ -160,14 +166,34 @@ def parameters(system: System, own: Iterable[str] = ()) -> dict[str, Parameter]:
     return found
 
 
+def new_file(path: Path) -> TextIO:
+    """A text file that nobody else has open, in place of what is there; a link is not followed."""
+    path.unlink(missing_ok=True)
+    return path.open("x", newline="", encoding="utf-8")
+
+
+@contextmanager
+def replacement(path: Path) -> Iterator[Path]:
+    """A new file of this process's own, which takes the place of another when it is complete."""
+    fresh = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
+    fresh.unlink(missing_ok=True)
+    try:
+        yield fresh
+        fresh.replace(path)
+    finally:
+        fresh.unlink(missing_ok=True)
+
+
 @contextmanager
 def stream(path: Path | None, columns: Sequence[str]) -> Iterator[Rows]:
-    """A function that appends rows to NAME.partial.csv, nan as nothing; without a path it keeps none."""
+    """A function that appends rows to NAME.partial.csv, nan as nothing; without a path it keeps none.
+
+    Raises SetupError if another run uses the folder.
+    """
     if path is None:
         yield lambda rows: None
         return
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with partial(path).open("w", newline="", encoding="utf-8") as file:
+    with reservation(path.parent), new_file(partial(path)) as file:
         writer = csv.writer(file)
         writer.writerow(columns)
 
@@ -179,17 +205,27 @@ def stream(path: Path | None, columns: Sequence[str]) -> Iterator[Rows]:
 
 
 def write(answer: Answer, folder: Path, animate: bool = False) -> list[str]:
-    """Write tables, JSON, other files, page and, if asked, motions to a folder; their names."""
-    folder.mkdir(parents=True, exist_ok=True)
+    """Write tables, JSON, other files, page and, if asked, motions to a folder; their names.
+
+    Raises SetupError if another run uses the folder.
+    """
+    with reservation(folder):
+        return _write(answer, folder, animate)
+
+
+def _write(answer: Answer, folder: Path, animate: bool) -> list[str]:
+    """Write the files to a folder that is this run's."""
     for name, table in answer.tables.items():
-        path = folder / name
-        table.frame.to_csv(partial(path), index=False)
-        partial(path).replace(path)
-    write_json(folder / f"{answer.scenario}.json", content(answer))
+        with replacement(folder / name) as fresh:
+            table.frame.to_csv(fresh, index=False)
+        partial(folder / name).unlink(missing_ok=True)
+    with replacement(folder / f"{answer.scenario}.json") as fresh:
+        write_json(fresh, content(answer))
     for name, save in answer.files.items():
         save(folder / name)
     if find_spec("plotly"):
-        report(answer, folder / PAGE)
+        with replacement(folder / PAGE) as fresh:
+            report(answer, fresh)
     drawn = draw(answer.show(), answer.question, folder / f"{answer.scenario}.png")
     for number, motion in enumerate(answer.show().motions if animate else (), 1):
         drawn.append(f"{answer.scenario}{f'_{number}' if number > 1 else ''}.gif")
@@ -210,6 +246,7 @@ def content(answer: Answer) -> dict[str, Any]:
         "verdict": answer.verdict.splitlines(),
         "warnings": list(answer.warnings),
         "figures": {name: figure.json() for name, figure in answer.figures.items()},
+        "refused": answer.refused,
         "options": {name: value._asdict() for name, value in answer.options.items()},
         "parameters": {name: value._asdict() for name, value in answer.parameters.items()},
         "units": {

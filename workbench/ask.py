@@ -23,11 +23,13 @@ from cosim.system import connect
 from . import live, question
 from .answer import Answer, Findings, Parameter, Show, Table, parameters, stream
 from .figure import Figure, whole
-from .limit import certified
+from .limit import certified, converged
 from .options import Options, Run, declared, made, refuse
 from .question import FLAVOURS, PYTHON, Project, QuestionError, blamed, name, where
+from .runs.codec import Records
 from .runs.engine import Engine
-from .runs.identity import computation
+from .runs.folder import reservation
+from .runs.identity import SOURCES, computation
 from .runs.journal import Journal, opened
 
 ALONE = Engine(jobs=1)
@@ -74,7 +76,7 @@ class Bench:
         def advance(cost: int, part: float) -> None:
             progress((cost - 1 + cost * part) / 7)
 
-        told, missing = [], ""
+        told, runs, missing = [], [], ""
         with bar(csv.removesuffix(".csv") or "run", 0.0, o.stop) as progress:
             for coarser in (4, 2, 1):
                 try:
@@ -94,10 +96,11 @@ class Bench:
                     missing = TOO_LONG.format(o.step, coarser, coarser * o.step, error)
                 else:
                     told.append(figures(result))
+                    runs.append(result.data)
         if missing:
             raise SimulationError(missing, result)
         with hearing():
-            return result, certified(figures, result, told)
+            return result, converged(figures, result, certified(figures, result, told), runs)
 
     def each(
         self,
@@ -161,24 +164,26 @@ def ask(
     """The answer to a question of a project, by its name, or of a file.
 
     Options are given as on its command line, or as values in the declared units; "start" contains
-    start values of FMUs. By default `jobs` are all cores with FMUs of the question's own flavour, and
-    one with others. Rows are kept in the folder `out` as they are computed. Raises what `answer` raises.
+    start values of FMUs. The flavour is by default native where these FMUs are built, else Python. By
+    default `jobs` are all cores for Python FMUs and for a question that says PARALLEL, else one. Rows are
+    kept in the folder `out`, which no other run may use meanwhile, as they are computed. Raises what
+    `answer` raises.
     """
     page = question.load(question.find(project.home, text))
-    own = getattr(page, "FLAVOUR", PYTHON)
-    flavour = flavour or own
-    if flavour not in FLAVOURS:
-        raise SetupError(f"flavour = {flavour!r} must be one of {', '.join(FLAVOURS)}")
-    one = jobs is None and scheduler is None and flavour != own
+    used = flavour or project.flavour(page)
+    if used not in FLAVOURS:
+        raise SetupError(f"flavour = {used!r} must be one of {', '.join(FLAVOURS)}")
+    spread = used == PYTHON or getattr(page, "PARALLEL", False)
+    one = jobs is None and scheduler is None and not spread
     return answer(
         page,
         made(page.Options, options, name(page)),
-        project.fmus(page, flavour),
-        flavour=flavour,
+        project.fmus(page, used),
+        flavour=used,
         engine=Engine(1 if one else jobs, scheduler, project.packages),
         out=out,
-        modules=project.modules(page, flavour),
-        command=f"{program} run {text}" + f" --flavour {flavour}" * (flavour != own),
+        modules=project.modules(page),
+        command=f"{program} run {text}" + f" --flavour {flavour}" * bool(flavour),
     )
 
 
@@ -202,14 +207,18 @@ def answer(
     """
     own = getattr(page, "OWN", ())
     refuse(o.start, own)
-    with ExitStack() as stack, hearing() as heard, blamed(page):
+    with reservation(out), ExitStack() as stack, hearing() as heard, blamed(page):
         files = [*fmus.values(), *question.files(page)]
         engine = replace(engine, page=where(page), files=files)
 
         @cache
         def journal() -> Journal | None:
-            who = _identity(page, o, fmus, engine.packages)
-            return stack.enter_context(opened(out, who, passing=True)) if out else None
+            if out is None:
+                return None
+            packages = _packages(page, engine.packages)
+            records = Records(frozenset({*SOURCES, *packages, page.__name__}))
+            who = _identity(page, o, fmus, packages)
+            return stack.enter_context(opened(out, who, passing=True, records=records))
 
         bench = Bench(fmus, engine, out, journal)
         found = page.solve(o, bench) if hasattr(page, "solve") else _solve(page, o, bench)
@@ -234,12 +243,34 @@ def answer(
         scenario=name(page),
         question=question.asked(page),
         verdict=verdict,
-        options=said(o),
+        options=said(o, found.defaults),
         parameters=told,
         warnings=heard(),
         show=show,
         live=live_part,
+        refused=refused(page, found.figures),
     )
+
+
+def refused(page: ModuleType, figures: Mapping[str, Figure]) -> bool:
+    """Whether an answer is refused: a figure that it hangs on is not determined.
+
+    These are the figures that the page names in DECISIVE. Without that, an answer is refused if figures
+    are not determined and all others come from formulas alone.
+
+    Raises
+    ------
+    SetupError
+        For a name in DECISIVE that is no figure.
+    """
+    names = getattr(page, "DECISIVE", ())
+    for key in names:
+        if key not in figures:
+            raise SetupError(f"{page.__file__}: DECISIVE names {key!r}, which is no figure")
+    if names:
+        return any(figures[name].error is None for name in names)
+    errors = [figure.error for figure in figures.values()]
+    return None in errors and not any(errors)
 
 
 def row(page: Path | str, fmus: Mapping[str, Path], case: Mapping[str, Any]) -> dict[str, Any]:
@@ -257,8 +288,29 @@ def row(page: Path | str, fmus: Mapping[str, Path], case: Mapping[str, Any]) -> 
         for folder in {path.parent for path in (page, *fmus.values()) if isinstance(path, Path)}:
             text = text.replace(f"{folder}{os.sep}", "")
         raise type(error)(text) from error
-    figures = {key: (float(f.value), f.unit, f.error, f.reason) for key, f in found.figures.items()}
+    figures = {
+        key: (float(f.value), f.unit, None if f.error is None else float(f.error), f.reason)
+        for key, f in found.figures.items()
+    }
     return {"figures": figures, "warnings": list(found.warnings)}
+
+
+def is_row(answer: Any) -> bool:
+    """Whether a value has the form of what `row` returns."""
+    try:
+        figures, warnings = answer["figures"], answer["warnings"]
+        return (
+            set(answer) == {"figures", "warnings"}
+            and all(isinstance(text, str) for text in warnings)
+            and all(
+                isinstance(value, float)
+                and isinstance(error, float | None)
+                and all(isinstance(text, str) for text in (name, unit, reason))
+                for name, (value, unit, error, reason) in figures.items()
+            )
+        )
+    except (TypeError, ValueError, KeyError, AttributeError):
+        return False
 
 
 def _solve(page: ModuleType, o: Any, bench: Bench) -> Findings:
@@ -299,19 +351,29 @@ def _identity(
     page: ModuleType, o: Options, fmus: Mapping[str, Path], packages: Sequence[str]
 ) -> dict[str, Any]:
     """What the sweeps of a question depend on."""
-    lies_in = [] if question.files(page) else [page.__name__.partition(".")[0]]
     return {
         "options": {key: repr(told.value) for key, told in said(o).items()},
         "start": dict(o.start),
-        **computation(where(page), fmus, *(packages or lies_in)),
+        **computation(where(page), fmus, *packages),
     }
 
 
-def said(o: Options) -> dict[str, Parameter]:
-    """The options as they were taken."""
+def _packages(page: ModuleType, packages: Sequence[str]) -> Sequence[str]:
+    """The packages that a page lies in, by default that of its own module."""
+    return packages or ([] if question.files(page) else [page.__name__.partition(".")[0]])
+
+
+def said(o: Options, defaults: Mapping[str, Any] = MappingProxyType({})) -> dict[str, Parameter]:
+    """The options as they were taken, with the question's `defaults` for those left to it."""
+    values = {
+        key: getattr(o, key)
+        if getattr(o, key) not in (None, ())
+        else defaults.get(key, getattr(o, key))
+        for key in declared(type(o))
+    }
     return {
-        key: Parameter(getattr(o, key), told.unit, told.meaning)
-        for key, told in declared(type(o)).items()
+        key: Parameter(values[key], option.unit, option.meaning)
+        for key, option in declared(type(o)).items()
     }
 
 

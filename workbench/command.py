@@ -14,9 +14,13 @@ from . import question
 from .answer import finish
 from .ask import ask
 from .options import add, declared, made, unknown
-from .question import FLAVOURS, PYTHON, Project, QuestionError
+from .question import FLAVOURS, Project, QuestionError
+from .runs.folder import reservation
 from .runs.worker import OK
 
+#: Exit status of `run` for an answer that is refused; 1 and 2 are failed runs and bad input. A convention
+#: of this project.
+REFUSED = 3
 USAGE = "list | run NAME or FILE.py [options] | study FILE.toml [options]"
 
 
@@ -44,7 +48,7 @@ def show_list(_words: Sequence[str], project: Project, _program: str) -> int:
 
 
 def run(words: Sequence[str], project: Project, program: str) -> int:
-    """Answer one question, write its files and print the verdict."""
+    """Answer one question, write its files and print the verdict; REFUSED if it is not determined."""
     known = ", ".join(question.names(project.home))
     top = Parser(
         prog=f"{program} run",
@@ -61,7 +65,7 @@ def run(words: Sequence[str], project: Project, program: str) -> int:
         allow_abbrev=False,
     )
     add(parser, page.Options)
-    _add_common(parser, getattr(page, "FLAVOUR", PYTHON), "results/NAME, or NAME/SET")
+    _add_common(parser, "results/NAME, or NAME/SET")
     parser.add_argument("--animate", action="store_true", help="also write the motions as GIFs")
     found, rest = parser.parse_known_args(words[1:])
     if rest:
@@ -73,10 +77,11 @@ def run(words: Sequence[str], project: Project, program: str) -> int:
     folder = Path("results") / question.name(page)
     told["out"] = told.get("out", folder / o.set if hasattr(o, "set") else folder)
     animate = told.pop("animate")
-    answer = ask(project, words[0], options, **told, program=program)
-    with question.blamed(page):
-        finish(answer, told["out"], animate)
-    return 0
+    with reservation(told["out"]):
+        answer = ask(project, words[0], options, **told, program=program)
+        with question.blamed(page):
+            finish(answer, told["out"], animate)
+    return REFUSED if answer.refused else 0
 
 
 def study(words: Sequence[str], project: Project, program: str) -> int:
@@ -91,20 +96,23 @@ def study(words: Sequence[str], project: Project, program: str) -> int:
     parser.add_argument(
         "file", type=Path, metavar="FILE.toml", help="study file, see docs/studies.md"
     )
-    _add_common(parser, PYTHON, "results/studies/NAME")
-    told = vars(parser.parse_args(words))
+    _add_common(parser, "results/studies/NAME")
+    told = {name: x for name, x in vars(parser.parse_args(words)).items() if x is not None}
     answer = studies.run(studies.load(told.pop("file"), project), **told, end=finish)
     return 0 if (answer.table["status"] == OK).any() else 1
 
 
-def _add_common(parser: Parser, flavour: str, out: str) -> None:
+def _add_common(parser: Parser, out: str) -> None:
     """The options of any runs."""
-    of = f"flavour of the FMUs (default: {flavour})"
-    parser.add_argument("--flavour", choices=FLAVOURS, default=flavour, help=of)
+    parser.add_argument(
+        "--flavour",
+        choices=FLAVOURS,
+        help="flavour of the FMUs (default: native where they are built, else python)",
+    )
     parser.add_argument(
         "--jobs",
         type=int,
-        help="parallel processes (default: all cores, or 1 with FMUs of another flavour)",
+        help="parallel processes (default: all cores, or 1 where native FMUs are faster in one)",
     )
     parser.add_argument(
         "--scheduler", help="scheduler of a Dask cluster that does the runs, tcp://HOST:8786"

@@ -8,6 +8,12 @@ from itertools import pairwise
 from typing import Any, NamedTuple
 
 MOST_DIGITS, LEAST = 6, -7
+#: Significant digits of a figure in a sentence, a convention of this project; tables have MOST_DIGITS.
+SENTENCE_DIGITS = 4
+ERROR_SCOPE = (
+    "The error is numerical only: coupling, steps and rows. Tolerances of the parameters and the model's own "
+    "error are not in it; `scenarios study` varies parameters within their tolerances."
+)
 
 
 class Figure(NamedTuple):
@@ -38,6 +44,25 @@ class Figure(NamedTuple):
             return f"{self.value:.6g}{unit}"
         value, error = rounded(self.value, self.error)
         return f"{value} ± {error}{unit}"
+
+    def brief(self, unit: str = "") -> str:
+        """Write the figure for a sentence: like `text`, but with at most SENTENCE_DIGITS digits.
+
+        The error covers the rounding, too: 40.0022 ± 0.0002 becomes "40.00 ± 0.01".
+
+        Parameters
+        ----------
+        unit : str
+            Wording of the unit, by default the unit itself.
+        """
+        wording = "" if self.unit in ("", "1") and not unit else f" {unit or self.unit}"
+        if self.error is None:
+            return self.text(unit)
+        if self.error == 0.0:
+            digits = SENTENCE_DIGITS if abs(self.value) < 10.0**SENTENCE_DIGITS else MOST_DIGITS
+            return f"{self.value:.{digits}g}{wording}"
+        value, error = rounded(self.value, self.error, SENTENCE_DIGITS)
+        return f"{value} ± {error}{wording}"
 
     def json(self) -> dict[str, Any]:
         """The figure for JSON, which has neither infinity nor nan."""
@@ -90,14 +115,20 @@ def _holed(sentence: str, text: str) -> bool:
     )
 
 
-def rounded(value: float, error: float) -> tuple[str, str]:
+def percent(share: float) -> str:
+    """Write a share, 0.0123, in percent with three significant digits, "1.23 %"."""
+    value = 100.0 * share
+    return f"{value:.0f} %" if abs(value) >= 100.0 else f"{value:.3g} %"
+
+
+def rounded(value: float, error: float, digits: int = MOST_DIGITS) -> tuple[str, str]:
     """Value and error as texts: the error rounded up to two digits, the value as far as it reaches,
-    and no further than six digits.
+    and no further than so many `digits`; the error then covers the rounding, too.
     """
     if not math.isfinite(error):
         return f"{value:.6g}", "?"
     place = math.floor(math.log10(error)) - 1
-    last = math.floor(math.log10(abs(value))) + 1 - MOST_DIGITS if value else place
+    last = math.floor(math.log10(abs(value))) + 1 - digits if value else place
     up = math.ceil(error / 10.0**place - 1e-9)
     if last > place:
         place, up = last, math.ceil(error / 10.0**last + 0.5)

@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from cosim import Result, estimate
+from cosim.judge.certify import DIVERGED, disturbed, divergence
 
 from .figure import Figure
 from .measure import of_rows
@@ -61,6 +62,33 @@ def certified(
     return {
         name: _whole([run.get(name) for run in told], order if other.get(name) == fine else 1)
         for name, fine in told[-1].items()
+    }
+
+
+def converged(
+    figures: Callable[[Result], Mapping[str, Figure]],
+    result: Result,
+    found: Mapping[str, Figure],
+    runs: Sequence[np.ndarray],
+) -> dict[str, Figure]:
+    """The figures, of which those are refused that need rows after the three runs have diverged.
+
+    `runs` are the rows of the runs, shape (rows, columns), the last one that of `result`.
+    """
+    begin, columns = divergence(runs[::-1])
+    if not columns.any():
+        return dict(found)
+    reason = f"{DIVERGED} from {begin:.4g} s on"
+    before = figures(result)
+    try:
+        after = figures(of_rows(result, disturbed(result.data, begin, columns)))
+    except Exception:  # noqa: BLE001
+        after = {}
+    return {
+        name: figure
+        if figure.error is None or after.get(name) == before.get(name)
+        else Figure.refused(figure.unit, reason, figure.meaning)
+        for name, figure in found.items()
     }
 
 

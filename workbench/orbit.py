@@ -127,7 +127,8 @@ def steady(
         safe = sections[-1] * scale
         at = safe + map_ @ ahead * scale
     raise NotSteady(
-        f"after {ROUNDS * count} revolutions the orbit still changes by a share of {moved:.1g}"
+        f"after {ROUNDS * count} revolutions of {steps_per_rev} steps the orbit still changes by a share "
+        f"of {moved:.1g}; more steps per revolution may settle it"
     )
 
 

@@ -7,7 +7,7 @@ import importlib
 import importlib.util
 import sys
 import traceback
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import Field
 from functools import cache
@@ -28,47 +28,55 @@ class Project(NamedTuple):
     """A package of questions, by its folder, and the folders of the FMUs they use, by flavour, and of
     their modules for WebAssembly, under "wasm".
 
-    `fill` makes FMUs of these names and flavour that are missing or out of date. It raises SetupError
-    with the reason if it cannot.
+    `problem` says for the name of an FMU and a flavour why it cannot be used, "" if it can.
     """
 
     home: Path | None = None
     folders: Mapping[str, Path] = MappingProxyType({})
-    fill: Callable[[Sequence[str], str], None] | None = None
+    problem: Callable[[str, str], str] = lambda name, flavour: ""
 
     @property
     def packages(self) -> tuple[str, ...]:
         """The package that the questions lie in."""
         return () if self.home is None else (self.home.name,)
 
+    def flavour(self, page: ModuleType) -> str:
+        """The flavour that a page uses if none is given: native where these FMUs are built, else Python."""
+        native = self.folders.get(NATIVE, Path())
+        named = [fmu for fmu in parts(page).values() if not fmu.endswith(FMU)]
+        return NATIVE if all((native / f"{fmu}{FMU}").is_file() for fmu in named) else PYTHON
+
     def fmus(self, page: ModuleType, flavour: str) -> dict[str, Path]:
         """The FMU of each part of a page: one of the folder by its name, or any by its path from the
-        page; raises SetupError for one that is not there.
+        page; raises SetupError for one that is not there or not made from the present sources.
         """
-        own = [fmu for fmu in dict.fromkeys(parts(page).values()) if not fmu.endswith(FMU)]
-        if own and self.fill:
-            self.fill(own, flavour)
-        found = {}
+        paths = {}
         for part, fmu in parts(page).items():
-            folder = self.folders[flavour] if fmu in own else Path(str(page.__file__)).parent
-            found[part] = folder / (f"{fmu}{FMU}" if fmu in own else fmu)
-            if not found[part].is_file():
-                there = ", ".join(sorted(path.stem for path in folder.glob(f"*{FMU}")))
+            if fmu.endswith(FMU):
+                paths[part] = Path(str(page.__file__)).parent / fmu
+            elif reason := self.problem(fmu, flavour):
+                raise SetupError(reason)
+            else:
+                paths[part] = self.folders[flavour] / f"{fmu}{FMU}"
+            if not paths[part].is_file():
+                others = sorted(path.stem for path in paths[part].parent.glob(f"*{FMU}"))
                 raise SetupError(
-                    f"PARTS: {part} = {fmu!r}: no file {found[part]}; in its folder: {there or 'none'}"
+                    f"PARTS: {part} = {fmu!r}: no file {paths[part]}; in its folder: "
+                    f"{', '.join(others) or 'none'}"
                 )
-        return found
+        return paths
 
-    def modules(self, page: ModuleType, flavour: str) -> dict[str, Path]:
+    def modules(self, page: ModuleType) -> dict[str, Path]:
         """The modules for WebAssembly of a page with a live part, by part; none if it has no such part
-        or runs FMUs by path. Those beside native FMUs were made with them."""
-        own = dict(parts(page))
-        if not hasattr(page, "LIVE") or any(fmu.endswith(FMU) for fmu in own.values()):
+        or runs FMUs by path."""
+        named = dict(parts(page))
+        if not hasattr(page, "LIVE") or any(fmu.endswith(FMU) for fmu in named.values()):
             return {}
-        if self.fill and flavour != NATIVE:
-            self.fill(list(dict.fromkeys(own.values())), MODULES)
-        found = {part: self.folders[MODULES] / f"{fmu}.wasm" for part, fmu in own.items()}
-        return {part: path for part, path in found.items() if path.is_file()}
+        return {
+            part: self.folders[MODULES] / f"{fmu}.wasm"
+            for part, fmu in named.items()
+            if MODULES in self.folders and not self.problem(fmu, MODULES)
+        }
 
 
 ALONE = Project()

@@ -259,7 +259,6 @@ class Coupled3(Coupled):
 
     def set_up(self, tolerance: float | None, start: float, stop: float | None) -> None:
         self._now = start
-        self.limit(stop)
         self.call("enterInitializationMode", tolerance, start, stop)
 
     def begin(self) -> None:

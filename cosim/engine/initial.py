@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from itertools import chain
 from math import isclose, isfinite
 from pathlib import Path
@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import PartFailure, SetupError
-from ..system import Network, Port, Value, feedthrough, own_start
+from ..system import Network, Port, Value, default_experiment, feedthrough, own_start
 from .changes import fed
 from .curve import Curves, Link, Recast, Signal
 from .exchange import Coupled
@@ -45,22 +45,29 @@ def initialise(
     Raises PartFailure where an FMU refuses, SetupError where the start values have no solution.
     """
     start, parts = settings.start, dict[str, Coupled]()
-    for name, path in network.system.parts.items():
+    given = {port.name: (port, value) for port, value in network.start}
+    given |= {port.name: (port, profile.at(start)) for port, profile in network.inputs}
+
+    def instance(name: str) -> Coupled:
+        """The part, instantiated and with its start values."""
         description = network.descriptions[name]
         try:
-            fmu = borrow(Path(path), description)
+            fmu = borrow(Path(network.system.parts[name]), description)
         except PartFailure as error:
             raise PartFailure(f"{name}: {error}") from error
         watched = [port.variable for port in within if port.part == name]
-        parts[name] = part = kinds[description.fmiVersion](name, description, fmu, watched)
+        part = kinds[description.fmiVersion](name, description, fmu, watched)
         stack.callback(part.close)
         part.substeps = settings.substeps.get(name, 1)
-    given = {port.name: (port, value) for port, value in network.start}
-    given |= {port.name: (port, profile.at(start)) for port, profile in network.inputs}
-    for port, value in given.values():
-        parts[port.part].set(port.variable, value)
-    for part in parts.values():
-        part.set_up(settings.tolerance, start, settings.stop)
+        for port, value in given.values():
+            if port.part == name:
+                part.set(port.variable, value)
+        return part
+
+    for name in network.system.parts:
+        parts[name] = instance(name)
+    for name in parts:
+        parts[name] = _set_up(parts[name], settings, lambda name=name: instance(name))
     for port, value in given.values():
         if port.variable.causality == "input" or _keeps(port):
             parts[port.part].set(port.variable, value)
@@ -78,6 +85,35 @@ def initialise(
         for end in part.ends:
             end.open()
     return parts
+
+
+def _set_up(part: Coupled, settings: Settings, again: Callable[[], Coupled]) -> Coupled:
+    """The part in initialisation mode; another instance from `again` if it needs the stop time for that.
+
+    The stop time is handed over if the settings define it. Otherwise it is handed over only to an FMU
+    that refuses to initialise without it, which is then warned of. Raises PartFailure.
+    """
+    tolerance = settings.tolerance
+    if tolerance is None:
+        tolerance = default_experiment(part.description).tolerance
+    stop = settings.stop if settings.stop_time_defined else None
+    part.limit(settings.stop)
+    try:
+        part.set_up(tolerance, settings.start, stop)
+    except PartFailure as failure:
+        if stop is not None or part.fmu.abandoned:
+            raise
+        with suppress(PartFailure):
+            part.close()
+            other = again()
+            other.limit(settings.stop)
+            other.set_up(tolerance, settings.start, settings.stop)
+            other.warn(
+                f"the FMU does not initialise without a stop time, so it was handed over: {failure}"
+            )
+            return other
+        raise
+    return part
 
 
 def _keeps(port: Port) -> bool:

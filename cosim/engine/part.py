@@ -170,7 +170,7 @@ class Part:
         self._complaint = ""
         self._states: list[ctypes.c_void_p] = []
         self._worst = 0
-        self._initialised = False
+        self._initialised = self.closed = False
         number = next(NUMBERS)
         PARTS[number] = self
         self.slave, self.library = self.unit(fmu)
@@ -279,15 +279,13 @@ class Part:
         ]
 
     def set_up(self, tolerance: float | None, start: float, stop: float | None) -> None:
-        """Hand over the times [s] between which the FMU runs, and enter initialisation mode."""
-        self.limit(stop)
+        """Hand over the tolerance and the times [s] as far as they are defined; enter initialisation mode."""
         self.call("setupExperiment", tolerance, start, stop)
         self.call("enterInitializationMode")
 
-    def limit(self, stop: float | None) -> None:
+    def limit(self, stop: float) -> None:
         """Keep the time [s] beyond which no step may go."""
-        if stop is not None:
-            self._stop, self.nearly = stop, stop - 64 * math.ulp(stop)
+        self._stop, self.nearly = stop, stop - 64 * math.ulp(stop)
 
     def reset(self) -> None:
         """Be as if made anew."""
@@ -366,7 +364,10 @@ class Part:
         self.call("terminate")
 
     def close(self) -> None:
-        """Terminate and free as far as the worst status of the FMU allows."""
+        """Terminate and free as far as the worst status of the FMU allows, the first time it is called."""
+        if self.closed:
+            return
+        self.closed = True
         if not self.fmu.abandoned:
             for state in self._states:
                 with suppress(Exception):

@@ -5,23 +5,20 @@ from __future__ import annotations
 import ctypes
 import hashlib
 import platform
-import subprocess
 import sys
-import tempfile
 from array import array
 from collections.abc import Sequence
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 from ..errors import PartFailure
 from .algorithms import Timed
+from .compiler import OPTIONS, SOURCE, compile_loop, file_name
 from .exchange import Step
 from .feed import Feed
 from .operation import Layout, Operation, address
 from .part import WARNING, Block
 
-SOURCE = Path(__file__).with_name("loop.c")
 INT, LONG, DOUBLE, CELLS = ctypes.c_int, ctypes.c_longlong, ctypes.c_double, ctypes.c_void_p
 ARGUMENTS: Any = [CELLS, CELLS, INT, INT, CELLS, INT, *[DOUBLE] * 2, *[LONG] * 3, CELLS, CELLS]
 
@@ -30,19 +27,6 @@ class Column(ctypes.Structure):
     """struct column of loop.c."""
 
     _fields_ = [("cell", ctypes.c_void_p), ("type", ctypes.c_int)]
-
-
-TARGETS = {
-    ("linux", "x86_64"): "x86_64-linux-gnu.2.17",
-    ("linux", "aarch64"): "aarch64-linux-gnu.2.17",
-    ("win32", "AMD64"): "x86_64-windows-gnu",
-    ("darwin", "x86_64"): "x86_64-macos",
-    ("darwin", "arm64"): "aarch64-macos",
-}
-OPTIONS = ("-O2", "-ffp-contract=off", "-fPIC", "-s")
-ALONE = ("-shared", "-rtlib=none")
-WINDOWS = ("-shared", "-nostdlib", "-Wl,--no-entry", "-lapi-ms-win-crt-private-l1-1-0")
-"""Links against what the system has; a C library that the compiler builds first takes a minute."""
 
 
 def library() -> Any:
@@ -72,29 +56,6 @@ def _library() -> Any:
         return error
     loop.advance.argtypes = ARGUMENTS
     return loop
-
-
-def file_name(system: str, machine: str) -> str:
-    """The name of the compiled loop for `sys.platform` and `platform.machine()`."""
-    return f"loop-{system}-{machine}.so"
-
-
-def compile_loop(path: Path, target: str = "native") -> None:
-    """Compile the loop for a target of Zig; raises OSError with the words of the compiler."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(dir=path.parent) as folder:
-        made = Path(folder) / path.name
-        command = [sys.executable, "-m", "ziglang", "cc", "-target", target, *OPTIONS]
-        windows = "windows" in target or (target == "native" and sys.platform == "win32")
-        compiled = Path(folder) / "loop.obj"
-        for words in (
-            ["-c", "-o", str(compiled), str(SOURCE)],
-            [*(WINDOWS if windows else ALONE), "-o", str(made), str(compiled)],
-        ):
-            done = subprocess.run([*command, *words], capture_output=True, text=True, check=False)
-            if done.returncode:
-                raise OSError((done.stderr.strip() or "the compiler failed").splitlines()[-1])
-        made.replace(path)
 
 
 class Loop:

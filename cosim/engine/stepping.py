@@ -43,6 +43,7 @@ class Settings(NamedTuple):
     tolerance: float | None = None
     record: Sequence[str] | None = None
     output_step: float | None = None
+    stop_time_defined: bool = False
 
     def ports(self, network: Network) -> list[Port]:
         """What is recorded, by default all outputs; raises SetupError for what cannot be."""

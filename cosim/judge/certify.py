@@ -11,6 +11,7 @@ from itertools import permutations, product
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..engine.adaptive import Adaptive
 from ..figures import FEWEST, largest, mean, smallest, spline
@@ -26,6 +27,17 @@ SHIFTED = (0.03, 0.06, 0.125, 0.25, 0.5, 0.75, 0.875)
 CUBIC, CALM, KINK, FLAT, SIDED = 4, 3, 8.0, 1e-8, (0.25, 0.5, 0.75)
 MOST_DIGITS, TICKS, SHARED = 7, 12, 0.5
 UNKNOWN = "it cannot be determined from fewer rows"
+#: Shares of a run's rows over which trajectories are compared. A convention: a jump that one run makes
+#: a row later than another is a small share of such a stretch, and a run that has diverged fills many.
+STRETCHES = 20
+#: Mean distance of two trajectories over a stretch, as a share of the range of a column, from which on
+#: they may have diverged. Two states of the Lorenz attractor drawn at random are 0.2 to 0.3 of the range
+#: apart on average; runs that converge and are so far apart show it by falling differences.
+FAR_APART = 0.1
+#: Stretches before and after one in which the coarser runs are looked at, too: a convention. Where two
+#: runs differ in phase, their distance vanishes twice a period, and not at the same times for each pair.
+NEIGHBOURS = 2
+DIVERGED = "not converged: the runs diverge"
 
 SUMMARY: dict[str, Callable[[Rows, Rows], float]] = {
     " at the end": lambda t, x: x[-1],
@@ -155,14 +167,77 @@ def certify(
     converges = _order(figures, result, values[0], orders)
     rows = by_rows(figures, result, values[0])
     hidden = _hidden(figures, result, values[0], data, orders, ratio)
+    diverged = _diverged(figures, result, values[0], data, ratio)
     found = {}
     for name in values[0]:
+        if reason := diverged.get(name):
+            found[name] = Estimate(values[0][name], None, math.nan, reason=reason)
+            continue
         coupling = estimate([v[name] for v in values], converges[name], ratio)
         whole = _summed(coupling, [v[name] for v in values], rows[name])
         if whole.error is not None and math.isfinite(least := hidden.get(name, 0.0)):
             whole = whole._replace(error=max(whole.error, least))
         found[name] = whole
     return Certified(result, found)
+
+
+def _diverged(
+    figures: Callable[[Result], Mapping[str, float]],
+    result: Result,
+    values: Mapping[str, float],
+    runs: Sequence[Rows],
+    ratio: float,
+) -> dict[str, str]:
+    """The figures that need rows after the runs have diverged, each with the reason why it is refused.
+
+    In a chaotic system two trajectories part exponentially, however close they begin. When their distance
+    has reached the size of the attractor, smaller steps do not reduce it, and the difference of two
+    figures does not show their error any more.
+    """
+    begin, columns = divergence(runs, ratio)
+    if not columns.any():
+        return {}
+    reason = f"{DIVERGED} from {begin:.4g} s on"
+    for moved in _tried(figures, result, disturbed(result.data, begin, columns)):
+        return {name: reason for name, value in values.items() if moved[name] != value}
+    return dict.fromkeys(values, reason)
+
+
+def disturbed(rows: Rows, begin: float, columns: NDArray[np.bool_]) -> Rows:
+    """Rows whose columns have other values from the time `begin` [s] on; figures that need them change."""
+    changed = rows.copy()
+    late = rows[:, 0] >= begin
+    changed[np.ix_(late, columns)] *= np.linspace(0.5, 1.5, int(late.sum()))[:, None]
+    return changed
+
+
+def divergence(runs: Sequence[Rows], ratio: float = HALVED) -> tuple[float, NDArray[np.bool_]]:
+    """The time [s] from which on the finest two of three runs have diverged, and in which columns.
+
+    The runs, the finest first, have steps whose sizes differ by `ratio`. Trajectories have diverged where,
+    over one of STRETCHES stretches of the run, they are on average more than the share FAR_APART of the
+    range of a column apart, and that distance is not smaller than between the coarser two, near that
+    stretch, by at least the order SLOWEST. The time is infinite, and there is no column, if they have not.
+    """
+    t = runs[-1][:, 0]
+    pieces = np.array_split(np.arange(len(t)), min(STRETCHES, len(t)))
+    fine, middle, coarse = (
+        np.column_stack([t, *(np.interp(t, rows[:, 0], x) for x in rows.T[1:])]) for rows in runs
+    )
+    last, before = (
+        np.array([np.abs(one - other)[piece].mean(axis=0) for piece in pieces])
+        for one, other in ((fine, middle), (middle, coarse))
+    )
+    least = np.maximum(FAR_APART * np.ptp(fine, axis=0), NEGLIGIBLE * np.abs(fine).max(axis=0))
+    padded = np.pad(before, ((NEIGHBOURS, NEIGHBOURS), (0, 0)))
+    around = np.max([padded[k : k + len(before)] for k in range(2 * NEIGHBOURS + 1)], axis=0)
+    apart = last > least
+    parted = apart & (last > around / ratio**SLOWEST)
+    parted[:, (fine == np.round(fine)).all(axis=0)] = False
+    if not parted.any():
+        return math.inf, np.zeros(fine.shape[1], dtype=bool)
+    first = int(parted.any(axis=1).argmax())
+    return float(t[pieces[first][0]]), apart[first:].any(axis=0)
 
 
 def _order(

@@ -74,8 +74,9 @@ class Model(Coupled):
         Part.begin(self)
 
     def close(self) -> None:
+        first = not self.closed
         super().close()
-        if not self.fmu.abandoned:
+        if first and not self.fmu.abandoned:
             self.slave.freeLibrary()
 
     def array(self, function: str, cells: Any) -> None:

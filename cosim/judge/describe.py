@@ -13,7 +13,7 @@ from ..engine.ledger import bonds
 from ..engine.stepping import Settings
 from ..loops import algebraic_loops, describe
 from ..master import stepping_order
-from ..system import ANGLE, Connection, Network, Port, exponents
+from ..system import ANGLE, Connection, Network, Port, default_experiment, exponents
 
 ABILITIES = {
     "canGetAndSetFMUstate": "restores its state",
@@ -113,11 +113,8 @@ def notes(network: Network, settings: Settings) -> Iterator[str]:
 
 def preferred_steps(network: Network) -> dict[str, float]:
     """The communication step that each FMU prefers [s], as far as they say."""
-    return {
-        name: float(description.defaultExperiment.stepSize)
-        for name, description in network.descriptions.items()
-        if description.defaultExperiment and description.defaultExperiment.stepSize
-    }
+    steps = {name: default_experiment(d).step for name, d in network.descriptions.items()}
+    return {name: step for name, step in steps.items() if step is not None}
 
 
 def table(rows: Sequence[Sequence[str]]) -> Iterator[str]:

@@ -28,7 +28,7 @@ from .sweep import HELD, Sweep, Swept, begun
 from .theory import Machine, classical
 
 PARTS = DRIVE
-FLAVOUR = "native"
+PARALLEL = True
 OWN = HELD
 SLOW = "6,8,10,12,14,16,18,"
 SPEEDS = {"A": SLOW + resonance.SPEEDS["A"], "B": resonance.SPEEDS["B"]}

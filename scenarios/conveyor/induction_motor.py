@@ -28,7 +28,7 @@ from .response import COARSER, LAG, Line, Lost, Setup
 from .theory import SETS, Machine, flux_lag
 
 PARTS = DRIVE
-FLAVOUR = "native"
+PARALLEL = True
 OWN = ("motor.characteristic", "motor.A", "motor.B", "motor.tau", "conveyor.phi", "conveyor.w")
 TABLE, SWEEP = "induction_motor.csv", "induction_motor_speeds.csv"
 RANGE, KNOWN = (0.6, 1.4), 5

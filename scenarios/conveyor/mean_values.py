@@ -33,7 +33,7 @@ from .sweep import HELD, Sweep, Swept, begun
 from .theory import Machine, Means, drift, means, settling
 
 PARTS = DRIVE
-FLAVOUR = "native"
+PARALLEL = True
 OWN = HELD
 TABLE, COURSE = "mean_values.csv", "drift.csv"
 RECORD = ("motor.tau", "conveyor.phi", "conveyor.w", "conveyor.P_loss")

@@ -1,8 +1,11 @@
 """Does the operating speed sit on the electromechanical resonance of the drive?
 
 Motor and conveyor are coupled at each speed of a sweep until their orbit is steady. The ripple of
-order 2 of speed and torque is compared with first-order theory. The speed at which the torque ripple
-lags 90 degrees behind the load ripple is compared with formula (22).
+order 2 of speed and torque is compared with first-order theory. The resonance is the speed at which the
+torque ripple lags 90 degrees behind the load ripple; it is compared with formula (22). The operating
+speed is on the resonance if the lag there is from 45 to 135 degrees, which is the half-power band. A
+drive whose damping ratio is above 0.7071 amplifies the load ripple most at standstill and has no
+resonance. Whether the torque ripple is above its limit is a question of its own.
 """
 
 from __future__ import annotations
@@ -19,6 +22,7 @@ import numpy as np
 from cosim import ORDERS, SetupError
 from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, Table, option
 from workbench.answer import parameters
+from workbench.figure import percent
 from workbench.limit import limit
 from workbench.live import (
     REVOLUTION,
@@ -37,7 +41,19 @@ from workbench.report.chart import Second, Span
 from . import live_theory, mechanism, response
 from .drive import PARTS as DRIVE
 from .drive import conveyor_drive, followed, induction, linearised, start_values
-from .response import COARSER, LAG, SPEED, TORQUE, Known, Line, Place, Point, Ripple, Setup
+from .response import (
+    COARSER,
+    LAG,
+    SPEED,
+    TORQUE,
+    VANISHING,
+    Known,
+    Line,
+    Place,
+    Point,
+    Ripple,
+    Setup,
+)
 from .theory import SETS, Machine
 
 PARTS = DRIVE
@@ -49,6 +65,13 @@ SPEEDS = {
 }
 OPERATING = {"A": 40.0, "B": 60.0}
 TABLE = "resonance.csv"
+DECISIVE = ("lag_operating", "tau2_operating")
+#: Lags [deg] at the two ends of the half-power band. At 90 degrees -+ 45 degrees the two parts of load
+#: over response are equal, so the power that the ripple dissipates is half of that at 90 degrees.
+BAND = (45.0, 135.0)
+#: Damping ratio above which torque over load, 1 / (1 - x^2 + 2 i zeta x), has no peak at any x > 0.
+OVERDAMPED = math.sqrt(0.5)
+UNDETERMINED = "not determined"
 MARKS = {"nu_90": "90 deg lag", "nu_peak_tau": "torque peak", "nu_peak_w": "speed peak"}
 OWN = ("motor.A", "motor.tau", "conveyor.phi", "conveyor.w")
 
@@ -56,7 +79,11 @@ OWN = ("motor.A", "motor.tau", "conveyor.phi", "conveyor.w")
 @dataclass(frozen=True, kw_only=True)
 class Options(Ripple):
     speed: float | None = option(
-        None, "operating speed, 40 in set A and 60 in set B by default", "rad/s", above=0.0
+        None,
+        "operating speed, 40 in set A and 60 in set B by default; it is on the resonance if the torque "
+        "ripple lags its load by 45 to 135 degrees (half-power band)",
+        "rad/s",
+        above=0.0,
     )
     steps_per_rev: int = option(512, "communication steps per revolution", least=1)
     speeds: tuple[float, ...] = option(
@@ -107,12 +134,12 @@ def solve(o: Options, bench: Bench) -> Findings:
     sought = [(line, place, sweep.known) for place in (LAG, TORQUE, SPEED, *passed)]
     (lag, _), (torque, tau2), (speed, w2), *more = response.places(sought, coarser, "rad/s", setup)
     edges = [(place, figure) for place, (figure, _) in zip(passed, more)]
-    sweep = sweep._replace(avoid=stretches(o, line, sweep.known, edges), edges=edges)
+    sweep = sweep._replace(avoid=stretches(o, line, nus, sweep.rows, edges), edges=edges)
     force = response.largest_force(runs[nu] for nu in nus)
     standing = next((nu for nu in problems if nu in nus), nus[0])
     figures = formulas(sweep) | {
         "nu_90": lag, "nu_peak_tau": torque, "tau2_peak": tau2, "nu_peak_w": speed, "w2_peak": w2,
-        "tau2_operating": at_speed(sweep),
+        **at_speed(sweep), "nu_90_away": distance(lag, operating),
         "f_rod_peak": told(*force, "N", "largest rod force of the sweep", standing),
     }  # fmt: skip
     below = bool(edges) and edges[0][0].sort == "fall"
@@ -130,6 +157,7 @@ def solve(o: Options, bench: Bench) -> Findings:
             TABLE: Table.of_rows([[x for x, _ in sweep.rows[nu].values()] for nu in nus], units)
         },
         facts={"operating_speed": operating, "rated_torque": o.rated},
+        defaults={"speed": operating, "rated_torque": o.rated, "speeds": nus},
     )
 
 
@@ -144,10 +172,11 @@ def swept(
     """What orbits tell that were run so far; the ends of stretches to avoid without their errors."""
     order = ORDERS[o.algorithm]
     rows = {nu: row(line.at(nu)[0], points, order) for nu, points in runs.items()}
-    known = [(nu, runs[nu][0]) for nu in nus if not runs[nu][0].problem]
+    # a load of exactly 0 leaves no ripple, and nothing to learn of load over response
+    known = [(nu, runs[nu][0]) for nu in nus if abs(runs[nu][0].torque) > 0.0]
     passed = line.edges(o.most, known) if len(known) > 1 else []
     edges = [(place, Figure.refused("rad/s", "it is still sought")) for place in passed]
-    avoid = stretches(o, line, known, edges)
+    avoid = stretches(o, line, nus, rows, edges)
     return Sweep(setup, line, nus, speed, rows, known, avoid, edges)
 
 
@@ -160,16 +189,37 @@ def middle(r: Sweep) -> Machine:
 def formulas(r: Sweep) -> dict[str, Figure]:
     """What formulas tell."""
     machine = middle(r)
+    name = "resonance" if machine.zeta <= OVERDAMPED else "90 deg lag"
     return {
-        "nu_res": Figure(machine.nu_res, "rad/s", 0.0, "resonance by formula (22)"),
+        "nu_res": Figure(machine.nu_res, "rad/s", 0.0, f"{name} by formula (22)"),
         "zeta": Figure(machine.zeta, "1", 0.0, "damping ratio by formula"),
     }
 
 
-def at_speed(r: Sweep) -> Figure:
-    """The torque ripple at the operating speed."""
-    (value, unit), (error, _) = (r.rows[r.speed][name] for name in ("tau2", "tau2_error"))
-    return told(value, error, unit, "torque ripple at the operating speed", r.speed)
+def at_speed(r: Sweep) -> dict[str, Figure]:
+    """Torque ripple and lag at the operating speed."""
+    (ripple, unit), (ripple_error, _) = (r.rows[r.speed][x] for x in ("tau2", "tau2_error"))
+    (lag, degrees), (lag_error, _) = (r.rows[r.speed][x] for x in ("lag", "lag_error"))
+    ripple_meaning = "torque ripple at the operating speed"
+    lag_meaning = "lag of the torque ripple behind its load at the operating speed"
+    lag_figure = told(lag, lag_error, degrees, lag_meaning, r.speed)
+    machine, nu = r.line.at(r.speed)
+    parts = machine.r**2 / 2 * (machine.c + machine.m * nu**2 + machine.d * nu)
+    if not math.isnan(lag) and abs(machine.load_ripple(nu)) < VANISHING * parts:
+        reason = f"the load ripple nearly vanishes at {r.speed:g} rad/s, so its phase means nothing"
+        lag_figure = Figure.refused(degrees, reason, lag_meaning)
+    return {
+        "tau2_operating": told(ripple, ripple_error, unit, ripple_meaning, r.speed),
+        "lag_operating": lag_figure,
+    }
+
+
+def distance(lag: Figure, speed: float) -> Figure:
+    """How far the speed of the 90 degree lag is above the operating speed."""
+    meaning = "distance of the 90 deg lag from the operating speed"
+    if lag.error is None:
+        return Figure.refused("rad/s", lag.reason, meaning)
+    return Figure(lag.value - speed, "rad/s", lag.error, meaning)
 
 
 def ladder(setup: Setup, line: Line, slowest: float) -> Sequence[int]:
@@ -201,7 +251,7 @@ def row(machine: Machine, points: Sequence[Point], order: float) -> dict[str, tu
     force, force_error = response.largest_force([points])
     return found | theory | {
         "lag": (lag, "deg"),
-        "lag_error": (math.degrees(error / abs(whole)), "deg"),
+        "lag_error": (math.degrees(error / abs(whole)) if whole else math.nan, "deg"),
         "w_mean": (mean.real, "rad/s"),
         "w_mean_error": (mean_error + 2e-9 * points[0].mean, "rad/s"),
         "f_rod_peak": (force, "N"),
@@ -219,7 +269,7 @@ def extrapolated(values: Sequence[complex], order: float) -> tuple[complex, floa
 def told(value: float, error: float, unit: str, meaning: str, nu: float) -> Figure:
     """A figure of the orbit at nu, refused where that or the error is not known."""
     if math.isnan(error):
-        why = f"there is no steady orbit at {nu:g} rad/s"
+        why = f"no steady orbit is found at {nu:g} rad/s"
         reason = (
             why
             if math.isnan(value)
@@ -230,76 +280,173 @@ def told(value: float, error: float, unit: str, meaning: str, nu: float) -> Figu
 
 
 def stretches(
-    o: Options, line: Line, known: Known, edges: Sequence[Edge]
+    o: Options, line: Line, nus: Sequence[float], rows: Mapping[float, Row], edges: Sequence[Edge]
 ) -> list[tuple[float, float]]:
     """The stretches of a line in which the torque ripple is above its limit, by its edges and, where
-    it has none, by known orbits.
+    it has none, by the rows of all speeds.
     """
     ends = [place.near if f.error is None else f.value for place, f in edges]
-    above = any(abs(point.torque) > o.most for _, point in known)
-    if edges[0][0].sort == "fall" if edges else above:
+    if (
+        edges[0][0].sort == "fall"
+        if edges
+        else all(above_limit(o, rows[nu]) == "yes" for nu in nus)
+    ):
         ends.insert(0, line.first)
     return list(zip(ends[::2], [*ends[1::2], line.last]))
 
 
+def above_limit(o: Options, row: Row) -> str:
+    """Whether the torque ripple of a speed is above its limit: yes, no, or not determined."""
+    (value, _), (error, _) = row["tau2"], row["tau2_error"]
+    if value - error > o.most:
+        return "yes"
+    return "no" if value + error <= o.most else UNDETERMINED
+
+
+def on_resonance(f: Mapping[str, Figure]) -> str:
+    """Whether the operating speed is on the resonance: yes, no, or not determined."""
+    if f["zeta"].value > OVERDAMPED:
+        return "no"
+    lag, (first, last) = f["lag_operating"], BAND
+    if lag.error is None:
+        return UNDETERMINED
+    low, high = lag.value - lag.error, lag.value + lag.error
+    if first <= low and high <= last:
+        return "yes"
+    return "no" if high < first or low > last else UNDETERMINED
+
+
 def verdict(o: Options, f: Mapping[str, Figure], r: Sweep) -> str:
-    """The answer in plain words."""
-    ripple, resonance, formula = f["tau2_operating"], f["nu_90"], f["nu_res"].value
+    """The answer in plain words: on the resonance, above the limit, speeds to avoid."""
+    return "\n".join([about_resonance(f, r), about_limit(o, f, r), *about_sweep(o, r)])
+
+
+def about_resonance(f: Mapping[str, Figure], r: Sweep) -> str:
+    """Whether the operating speed is on the resonance, and how far it is from it."""
+    lag, resonance, answer = f["lag_operating"], f["nu_90"], on_resonance(f)
+    formula, first, last = f["nu_res"].value, r.line.first, r.line.last
+    sentences = [f"On resonance: {answer}"]
     at = f"the operating speed of {r.speed:g} rad/s ({r.speed * 30 / math.pi:.0f} rpm)"
-    first, last, away = r.line.first, r.line.last, resonance.value / r.speed - 1.0
-    if ripple.error is None:
-        answer = f"Whether {at} is on the resonance is not determined: {ripple.reason}"
-    else:
-        answer = (
-            f"{'Yes' if ripple.value > o.most else 'No'}: at {at} the torque ripple is "
-            f"{ripple.text()}, {ripple.value / o.rated:.0%} of the rated torque, and the limit is "
-            f"{o.most:g} N.m"
+    band = f"{BAND[0]:g} to {BAND[1]:g} degrees of the half-power band"
+    where = f"at {resonance.brief()}, {side(f, r)}"
+    if f["zeta"].value > OVERDAMPED:
+        sentences.append(
+            f"The drive has no resonance: by formula its damping ratio is {f['zeta'].brief()}, and above "
+            f"{OVERDAMPED:.4f} the ratio of torque to load has no peak over the speed"
         )
-    if abs(away) < 5e-4:
-        answer += f". The resonance is at that speed, {resonance.text()}"
-    elif resonance.error is not None:
-        side = "above" if away > 0 else "below"
-        answer += f". The resonance is at {resonance.text()}, {abs(away):.1%} {side} that speed"
-    lines = [f"{answer}."]
-    if r.edges:
-        why = [
-            f"; their error is not determined: {f.reason}" for _, f in r.edges if f.error is None
-        ]
-        where = f"{avoided(r.edges)}, where the torque ripple is above the limit"
-        lines.append(f"Avoid speeds {where}{''.join(why[:1])}.")
-    elif r.avoid:
-        lines.append("The torque ripple is above the limit at every speed of the sweep.")
-    elif not all(math.isnan(r.rows[nu]["tau2"][0]) for nu in r.nus):
-        lines.append("The torque ripple stays below the limit at every speed of the sweep.")
+        where = f"The torque ripple lags its load by 90 degrees {where}; that is no resonance"
+    else:
+        if lag.error is None:
+            sentences[0] += f", because {lag.reason}"
+        elif answer == UNDETERMINED:
+            sentences.append(f"The lag of {lag.brief('degrees')} may be in the {band} or not")
+        else:
+            place = "within" if answer == "yes" else "outside"
+            verb = f"At {at} the torque ripple lags its load by {lag.brief('degrees')}"
+            sentences.append(f"{verb}, {place} the {band}")
+        where = f"The resonance, a lag of 90 degrees, is {where}"
     if resonance.error is None:
-        lag = "The speed at which the torque ripple lags by 90 degrees"
-        lines.append(f"{lag} is not determined: {resonance.reason}.")
-    if not first <= formula <= last:
-        sweep = f"The sweep from {first:g} to {last:g} rad/s"
-        lines[-1] += f" {sweep} does not include the {formula:.3f} rad/s of formula (22)."
-    return "\n".join(lines)
+        lag_speed = "The speed at which the torque ripple lags by 90 degrees"
+        where = f"{lag_speed} is not determined: {resonance.reason}"
+        if not first <= formula <= last:
+            sweep = f"The sweep from {first:g} to {last:g} rad/s"
+            where += (
+                f". {sweep} does not include the {formula:.4g} rad/s of the resonance formula (22)"
+            )
+    return f"{'. '.join([*sentences, where])}."
+
+
+def side(f: Mapping[str, Figure], r: Sweep) -> str:
+    """How far the resonance is from the operating speed, in words."""
+    away = f["nu_90_away"]
+    if away.error is None or abs(away.value) <= away.error:
+        return "which is the operating speed within that error"
+    size = away._replace(value=abs(away.value)).brief()
+    word = "above" if away.value > 0 else "below"
+    return f"{size} ({percent(abs(away.value) / r.speed)}) {word} the operating speed"
+
+
+def about_limit(o: Options, f: Mapping[str, Figure], r: Sweep) -> str:
+    """Whether the torque ripple at the operating speed is above its limit."""
+    ripple, answer = f["tau2_operating"], above_limit(o, r.rows[r.speed])
+    sentence = f"Torque ripple above its limit: {answer}"
+    if ripple.error is None:
+        return f"{sentence}, because {ripple.reason}."
+    if answer == UNDETERMINED:
+        sentence += ", because the limit lies within the error"
+    return (
+        f"{sentence}. At {r.speed:g} rad/s it is {ripple.brief()}, {ripple.value / o.rated:.0%} of the rated "
+        f"torque; the limit is {o.most:g} N.m."
+    )
+
+
+def about_sweep(o: Options, r: Sweep) -> list[str]:
+    """Speeds to avoid, with the digits that hold, and at how many speeds nothing is known."""
+    total = len(r.nus)
+    steady = len([nu for nu in r.nus if not math.isnan(r.rows[nu]["tau2"][0])])
+    answers = [above_limit(o, r.rows[nu]) for nu in r.nus]
+    above, below = answers.count("yes"), answers.count("no")
+    lines = []
+    where = f"the torque ripple is above the limit {avoided(r.edges)}"
+    reasons = [figure.reason for _, figure in r.edges if figure.error is None]
+    if r.edges and not reasons:
+        lines.append(
+            f"Avoid speeds {avoided(r.edges)}, where the torque ripple is above the limit."
+        )
+    elif r.edges:
+        steps = f"With {o.steps_per_rev} steps per revolution {where}"
+        lines.append(f"{steps}. How far that is from the truth is not determined: {reasons[0]}.")
+    elif above + below:
+        at = f"each of the {above + below} of {total} speeds at which it is determined"
+        if above + below == total:
+            at = "every speed of the sweep"
+        elif above + below == steady:
+            at = f"each of the {steady} of {total} speeds that have a steady orbit"
+        if above + below == 1 < total:
+            at = f"the only one of {total} speeds at which it is determined"
+        if above and below:
+            lines.append(f"The torque ripple is above the limit at {above} of {total} speeds.")
+        else:
+            verb = "is above" if above else "stays below"
+            lines.append(f"The torque ripple {verb} the limit at {at}.")
+    if steady < total:
+        lines.append(f"No steady orbit is found at {total - steady} of the {total} speeds.")
+    return lines
 
 
 def avoided(edges: Sequence[Edge]) -> str:
     """The stretches between edges in words, with the digits that hold."""
-    told, last = [], len(edges) - 1
+    parts, last = [], len(edges) - 1
     for k, (place, figure) in enumerate(edges):
         about = f"about {float(f'{place.near:.2g}'):g} rad/s"
-        where = about if figure.error is None else figure.text()
+        where = about if figure.error is None else figure.brief()
         if place.sort == "rise":
-            told.append(f"{'from' if k < last else 'above'} {where}")
+            parts.append(f"{'from' if k < last else 'above'} {where}")
         else:
-            told.append(f"{'to' if k else 'below'} {where}{' and' if k < last else ''}")
-    return " ".join(told)
+            parts.append(f"{'to' if k else 'below'} {where}{' and' if k < last else ''}")
+    return " ".join(parts)
+
+
+def headline(o: Options, f: Mapping[str, Figure], r: Sweep) -> str:
+    """Both answers in one line, for the picture: those of the verdict, with the reason of a refusal."""
+    ripple, lag = f["tau2_operating"], f["lag_operating"]
+    title = f"On resonance at {r.speed:g} rad/s: {on_resonance(f)}"
+    if lag.error is None and on_resonance(f) == UNDETERMINED and lag.reason != ripple.reason:
+        title += f" ({lag.reason})"
+    title += f". Torque ripple above {o.most:g} N.m: {above_limit(o, r.rows[r.speed])}"
+    return title if ripple.error is not None else f"{title} ({ripple.reason})"
 
 
 def show(o: Options, f: Mapping[str, Figure], r: Sweep) -> Show:
     """The sweep against theory, and one revolution at the operating speed."""
-    return Show([ripple(o, f, r)], *mechanism.revolution(r.setup.case(*r.line.at(r.speed))))
+    return Show(
+        [ripple(o, f, r, headline(o, f, r))],
+        *mechanism.revolution(r.setup.case(*r.line.at(r.speed))),
+    )
 
 
-def ripple(o: Options, f: Mapping[str, Figure], r: Sweep) -> Chart:
-    """Ripple of torque and speed and the lag over the speed, theory as lines; the title answers."""
+def ripple(o: Options, f: Mapping[str, Figure], r: Sweep, title: str) -> Chart:
+    """Ripple of torque and speed and the lag over the speed, theory as lines."""
     nu = np.linspace(r.nus[0], r.nus[-1], 400)
     machine, _ = r.line.at(f["nu_res"].value)
     torque, omega = machine.torque_ripple(nu), machine.speed_ripple(nu)
@@ -318,21 +465,21 @@ def ripple(o: Options, f: Mapping[str, Figure], r: Sweep) -> Chart:
     tau2, w2 = TORQUE.unit, SPEED.unit
     rated, limit = f"rated torque {o.rated:g} N.m", f"limit {o.most:g} N.m"
     there = {MARKS[name]: x for name, x in f.items() if name in MARKS and math.isfinite(x.value)}
-    over = f["tau2_operating"].value > o.most or any(x <= r.speed <= y for x, y in r.avoid)
-    where = " and ".join(f"{x:.1f} to {y:.1f} rad/s" for x, y in r.avoid) or "no speed"
+    ends = [Mark(x, f"{x:g} deg, half power") for x in BAND]
+    certain = all(figure.error is not None for _, figure in r.edges)
     return Chart(
-        f"{'Yes' if over else 'No'} at {r.speed:g} rad/s: the torque ripple is above {o.most:g} N.m at {where}",
+        title,
         "operating speed [rad/s]",
         [
             panel("torque ripple", tau2, "tau2", abs(torque), colors.TORQUE,
                   Mark(o.rated, rated), Mark(o.most, limit)),
             panel("speed ripple", w2, "w2", abs(omega), colors.SPEED),
-            panel("lag behind the load", "deg", "lag", lag, colors.LIFT, Mark(90.0, "90 deg")),
+            panel("lag behind the load", "deg", "lag", lag, colors.LIFT, Mark(90.0, "90 deg"), *ends),
         ],
         [Mark(machine.nu_res, f"formula {machine.nu_res:.2f} rad/s"),
          *(Mark.of(text, figure) for text, figure in there.items()),
          Mark(r.speed, f"operating speed {r.speed:g} rad/s")],
-        [Span(*band, "avoid", "red") for band in r.avoid],
+        [Span(*band, "avoid", "red") for band in r.avoid if certain],
         Second("rpm", 30 / math.pi),
     )  # fmt: skip
 
@@ -408,7 +555,7 @@ def live_part(o: Options, f: Mapping[str, Figure], r: Sweep) -> Live:
             Number("tau2_operating", torque),
             Number("w2", speed, "rad/s", "speed ripple at the operating speed"),
             phase,
-            Number("lag", lag, "deg", "lag of the torque behind the load ripple"),
+            Number("lag_operating", lag),
             *(live_theory.NUMBERS if is_linear else ()),
         ],
         charts=[

@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 
 Real = NDArray[np.float64]
 PARTS = DRIVE
-FLAVOUR = "native"
+PARALLEL = True
 X, Y = "speed=15:80:60", "motor.T=0.015:0.16:40:log"
 RANGE, FIXED = "45:60", 60.0
 TOLERANCES = {

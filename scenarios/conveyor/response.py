@@ -149,9 +149,11 @@ class Setup:
         if self.steps_per_rev // coarser < FEWEST:
             raise SetupError(f"{said} must be at least {coarser * FEWEST}{why}")
         if self.steps_per_rev <= fewest:
+            slowest = nu * fewest / self.steps_per_rev
             raise SetupError(
-                f"{said} are unstable with {self.algorithm} at {nu:g} rad/s: the limit there is "
-                f"{fewest:.2f} (a step of {longest / coarser:.3g} s){why}"
+                f"{said} are unstable with {self.algorithm} at {nu:g} rad/s: the step must stay below "
+                f"{longest / coarser:.3g} s, and a revolution takes {TURN / nu:.4g} s{why}. Take "
+                f"{math.floor(fewest) + 1} or more steps per revolution, or a speed above {slowest:.3g} rad/s"
             )
 
 

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 Real = NDArray[np.float64]
 PARTS = DRIVE
-FLAVOUR = "native"
+PARALLEL = True
 TABLE, SPRING = "rod_force.csv", "conveyor.spring.c"
 UNITS = {
     "nu": "rad/s", "c": "N/m", "f_rod": "N", "f_rod_formula": "N", "f_rod_theory": "N",

@@ -34,7 +34,7 @@ from cosim import (
 )
 from cosim.engine.library import KEPT
 from cosim.judge.isolated import _remains
-from cosim.scratch import _made
+from cosim.scratch import MARK, _folder_of
 from tests.conftest import DESCRIPTION, ROOT, described, hear_ctrl_c, rewritten, until
 from tests.cosim.foreign import BINARY, Value, library, pack
 
@@ -77,11 +77,11 @@ def scratch(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     folder.mkdir()
     monkeypatch.setattr(tempfile, "tempdir", str(folder))
     monkeypatch.setenv("TMPDIR", str(folder))
-    _made.cache_clear()
+    _folder_of.cache_clear()
     yield folder
     forget()
-    assert list(folder.glob("*/*")) == []
-    _made.cache_clear()
+    assert [path for path in folder.glob("*/*") if path.name != MARK] == []
+    _folder_of.cache_clear()
 
 
 def forget() -> None:
@@ -206,11 +206,41 @@ def test_parts_have_their_resources_times_and_tolerance(make: Make) -> None:
         ({"step": Adaptive(1e-3), "tolerance": 1e-7}, 1e-7),
     ):
         chain = system({"A": make(), "B": make()}, "A.token -> B.string_in", "A.y -> B.u")
-        result = run(chain, start=-2.5, stop=9.0, **settings)
+        result = run(chain, start=-2.5, stop=9.0, stop_time_defined=True, **settings)
         told = [result[f"B.{name}"][-1] for name in names]
         assert told == [-2.5, 9.0, 1.0, tolerance, tolerance > 0.0]
+        assert result.provenance["parts"]["B"]["tolerance"] == (tolerance or None)
     with pytest.raises(SetupError, match=r"tolerance = -1.0 must be above 0"):
         run(chain, stop=1.0, step=H, tolerance=-1.0)
+
+
+def test_the_stop_time_is_handed_over_only_where_it_is_asked_for_or_needed(make: Make) -> None:
+    """FMUs of some tools compute all up to a defined stop time in their first step."""
+    ahead = system({"A": make(runs_ahead=True)})
+    result = run(ahead, stop=1.0, step=H)
+    assert result["A.stop_time_defined"][-1] == 0.0 and not result.warnings
+    assert result["A.y"] == pytest.approx(np.exp(-result["time"]), rel=1e-13)
+    result = run(ahead, stop=1.0, step=H, stop_time_defined=True)
+    assert result["A.y"][1:] == pytest.approx(math.exp(-1.0), rel=1e-13)
+    needs = system({"A": make(needs_stop=True, x0=3.0), "B": make()}, "A.y -> B.u")
+    result = run(needs, stop=1.0, step=H)
+    told = [result[f"{name}.stop_time_defined"][-1] for name in "AB"]
+    assert told == [1.0, 0.0] and result["A.stop_time"][-1] == 1.0
+    assert result["A.y"] == pytest.approx(3.0 * np.exp(-result["time"]), rel=1e-13)
+    (warning,) = result.warnings
+    assert "does not initialise without a stop time" in warning and "is needed" in warning
+    with pytest.raises(SetupError, match="error at t = 0 s"):
+        run(system({"A": make(needs_stop=True, error_at=0.0)}), stop=1.0, step=H)
+
+
+def test_the_tolerance_that_an_fmu_states_is_handed_over(make: Make, tmp_path: Path) -> None:
+    stated = '<DefaultExperiment tolerance="1e-4"/><ModelVariables>'
+    fmu = rewritten(make(), tmp_path / "stated.fmu", described(("<ModelVariables>", stated)))
+    both = system({"A": fmu, "B": make()})
+    for given, tolerances in ((None, [1e-4, 0.0]), (1e-7, [1e-7, 1e-7])):
+        result = run(both, stop=1.0, step=H, tolerance=given)
+        assert [result[f"{name}.tolerance"][-1] for name in "AB"] == tolerances
+        assert result.provenance["parts"]["A"]["tolerance"] == tolerances[0]
 
 
 @pytest.mark.parametrize("wired", [True, False])

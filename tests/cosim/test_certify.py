@@ -8,8 +8,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 from cosim import Result, System, certify, estimate, run, smallest, time_of_largest
+from cosim.judge.certify import divergence
 from cosim.verification.ideal import Ideal
 from cosim.verification.systems import couple, drive
 from scenarios.iron import drive as iron
@@ -163,3 +165,54 @@ def test_the_order_stated_knows_of_direct_feedthrough(fmus: Path) -> None:
     assert found.error is not None
     assert abs(found.value - exact) <= 1.2 * found.error
     assert found.order == pytest.approx(1.0, abs=0.2)
+
+
+def lorenz(h: float, stop: float) -> Any:
+    """Rows of the Lorenz equations from (1, 1, 20) by Heun's method, of order 2."""
+
+    def rate(x: Any) -> Any:
+        return np.array([10 * (x[1] - x[0]), x[0] * (28 - x[2]) - x[1], x[0] * x[1] - 8 / 3 * x[2]])
+
+    rows = [np.array([1.0, 1.0, 20.0])]
+    for _ in range(round(stop / h)):
+        k = rate(rows[-1])
+        rows.append(rows[-1] + h / 2 * (k + rate(rows[-1] + h * k)))
+    return np.array(rows)
+
+
+@pytest.mark.parametrize("stop", [12.0, 18.0, 21.0, 27.0])
+def test_figures_after_the_runs_have_diverged_are_refused(stop: float) -> None:
+    """On the Lorenz attractor; what does not need the rows after that keeps its error."""
+
+    def runner(_: System, *, step: float, output_step: float, **__: Any) -> Result:
+        t = np.linspace(0.0, stop, round(stop / output_step) + 1)
+        x = lorenz(step, stop)[:: round(output_step / step)]
+        names = ["time", "x", "y", "z", "ramp"]
+        rows = np.column_stack([t, x, t])
+        return Result(names, {}, {"convergence_order": 2}, lambda: rows)
+
+    def figures(r: Result) -> dict[str, float]:
+        late, early = r["time"] >= stop - 1.0, r["time"] <= 1.0
+        found = {f"{k} late": float(np.max(r[k][late])) for k in "xyz"}
+        return found | {"early": float(np.mean(r["x"][early])), "ramp": float(r["ramp"][-1])}
+
+    found = certify(System({}), figures, step=0.005, runner=runner).figures
+    for name in ("x late", "y late", "z late"):
+        assert found[name].error is None
+        assert "not converged: the runs diverge from" in found[name].text("1")
+    exact = solve_ivp(
+        lambda _, x: [10 * (x[1] - x[0]), x[0] * (28 - x[2]) - x[1], x[0] * x[1] - 8 / 3 * x[2]],
+        (0.0, 1.0), [1.0, 1.0, 20.0], t_eval=np.linspace(0.0, 1.0, 201), rtol=1e-10, atol=1e-10,
+    )  # fmt: skip
+    assert abs(found["early"].value - exact.y[0].mean()) <= found["early"].error
+    assert found["ramp"].error is not None
+
+
+def test_runs_that_differ_much_but_converge_have_not_diverged() -> None:
+    """A phase that falls behind by an error of order 1, by a row or by a quarter of a turn."""
+    t = np.linspace(0.0, 10.0, 401)
+    for late in (0.02, 0.2, 1.0):
+        runs = [np.column_stack([t, np.sin(2 * (1 - late * h) * t)]) for h in (0.025, 0.05, 0.1)]
+        assert divergence(runs)[0] == math.inf
+    steps = [np.column_stack([t, t > 5 + 4 * h]) * 1.0 for h in (0.025, 0.05, 0.1)]
+    assert not divergence(steps)[1].any()

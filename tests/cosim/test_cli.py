@@ -21,7 +21,7 @@ from numpy.testing import assert_array_equal
 from cosim import System, run, write_ssp
 from cosim.__main__ import main, parser
 from scenarios.conveyor.theory import SETS
-from tests.conftest import ROOT
+from tests.conftest import ROOT, described, rewritten
 from tests.cosim.conftest import Said
 from tests.cosim.foreign import pack
 from tests.cosim.test_cosim import NU, pair
@@ -71,6 +71,19 @@ def test_run_writes_what_the_api_computes(
 
 def test_step_and_stop_come_from_the_files(drive: Path, tmp_path: Path, said: Said) -> None:
     assert "steps of 0.001 s: 1000 steps" in said("run", drive)
+
+
+def test_a_single_fmu_is_run_over_its_default_experiment(
+    fmus: Path, tmp_path: Path, said: Said
+) -> None:
+    fmu, out = fmus / "native" / "DriveMotor.fmu", tmp_path / "out.csv"
+    assert "steps of 0.001 s: 1000 steps" in said("run", fmu, "--out", out)
+    assert pd.read_csv(out)["time"].iloc[-1] == 1.0
+    assert "default experiment: 0 to 1 s" in said("info", fmu)
+    later = described(('startTime="0.0" stopTime="1.0"', 'startTime="0.5" stopTime="0.7"'))
+    assert "200 steps" in said("run", rewritten(fmu, tmp_path / "later.fmu", later))
+    silent = rewritten(fmu, tmp_path / "silent.fmu", described(("<DefaultExperiment .*?/>", "")))
+    assert "silent.fmu states no stop time: give --stop" in said("run", silent, code=2)
 
 
 def test_columns_of_a_part_drive_fmpy(drive: Path, fmus: Path, tmp_path: Path, said: Said) -> None:

@@ -62,7 +62,7 @@ def test_every_fault_is_found_by_its_checks_and_by_no_other(
     version: str, fault: str, tmp_path: Path
 ) -> None:
     path = pack(tmp_path / "faulty.fmu", fault, version)
-    found = crosscheck(path) if fault == "leaks" else verdicts(path)  # where no memory lies about
+    found = crosscheck(path) if "leaks" in fault else verdicts(path)  # where no memory lies about
     assert ", ".join(failed(found)) == (FAULTS3 if version == "3.0" else FAULTS)[fault], (
         found.text()
     )
@@ -92,12 +92,12 @@ def test_the_command_survives_a_crash_and_writes_its_reports(tmp_path: Path, sai
     pack(fmu, "crashes")
     text = said("crosscheck", fmu, "--out", page, "--out", junit, code=1)
     assert "memory                   2.1.5  FAILED  the process was killed by signal SIG" in text
-    assert "memory, FMI 2.0.4, 2.1.5: 10 000 steps" in text and "16 passed, 1 failed" in text
+    assert "memory, FMI 2.0.4, 2.1.5: 10 000 steps" in text and "18 passed, 1 failed" in text
     suite = ElementTree.parse(junit).getroot()
-    assert (suite.get("tests"), suite.get("failures"), suite.get("skipped")) == ("17", "1", "0")
+    assert (suite.get("tests"), suite.get("failures"), suite.get("skipped")) == ("19", "1", "0")
     (case,) = [case for case in suite if case.find("failure") is not None]
     assert case.get("name") == "memory" and "2.1.5" in str(case.findtext("failure"))
-    assert page.read_text().count("<tr>") == 18 and "an FMU crashed" in page.read_text()
+    assert page.read_text().count("<tr>") == 20 and "an FMU crashed" in page.read_text()
 
 
 @pytest.mark.parametrize(
@@ -174,6 +174,39 @@ def test_the_order_of_an_fmu_in_its_step_is_told(step: float, tmp_path: Path) ->
 
 def test_what_counts_an_instance_s_life_is_found_by_reset_and_state(tmp_path: Path) -> None:
     found = verdicts(foreign(tmp_path / "foreign.fmu"))
-    assert failed(found) == ["reset", "state"]
+    assert failed(found) == ["stop time", "reset", "state"]  # it shows the stop time, too
     assert "steps after step 1 is 31 after a reset, not 1" in found["reset"].said
     assert "states_alive after step 21 is 1 after a state is saved" in found["state"].said
+
+
+@pytest.mark.parametrize("version", ["2.0", "3.0"])
+def test_each_instance_has_its_own_process_where_the_fmu_needs_it(
+    version: str, tmp_path: Path
+) -> None:
+    found = crosscheck(pack(tmp_path / "once.fmu", "once", version))
+    assert failed(found) == [], found.text()
+    others = [v.check for v in found.verdicts if v.status != PASSED]
+    assert others == ["instances"]
+
+
+def test_a_crash_in_an_instance_of_its_own_process_is_told(tmp_path: Path) -> None:
+    fmu = pack(tmp_path / "once.fmu", "crashes")
+    flag = ("<CoSimulation", '<CoSimulation canBeInstantiatedOnlyOncePerProcess="true"')
+    found = crosscheck(rewritten(fmu, tmp_path / "crashes.fmu", described(flag)))
+    assert failed(found) == ["memory"]
+    assert found["memory"].said == "the process was killed by signal 11 (an FMU crashed)"
+
+
+def test_a_derivative_at_a_kink_is_that_of_either_side_or_between(tmp_path: Path) -> None:
+    found = verdicts(pack(tmp_path / "kink.fmu", "kink"), "directional derivatives")
+    assert failed(found) == [], found.text()
+    assert "at a kink" in found["directional derivatives"].said
+    wrong = verdicts(pack(tmp_path / "wrong.fmu", "kink, wrong"), "directional derivatives")
+    assert failed(wrong) == ["directional derivatives"]
+    assert "0.99995 and 2.00005, on two sides of a kink" in wrong["directional derivatives"].said
+
+
+def test_what_does_not_repeat_is_reported_once(tmp_path: Path) -> None:
+    found = verdicts(pack(tmp_path / "noisy.fmu", "not repeatable"))
+    assert failed(found) == ["repetition"]
+    assert "the other checks leave out y" in found["repetition"].said

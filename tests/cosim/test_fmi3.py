@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
+from zipfile import ZipFile
 
 import numpy as np
 import pytest
 from fmpy.validation import validate_fmu
+from lxml import etree
 from numpy.testing import assert_array_equal
 
 from cosim import (
@@ -31,6 +34,7 @@ from cosim.engine.initial import initialise
 from cosim.engine.stepping import Settings
 from cosim.judge.describe import info
 from cosim.system import connect
+from tests.conftest import rewritten
 from tests.cosim import foreign
 from tests.cosim.conftest import Said
 from tests.cosim.test_cosim import NU, WIRES
@@ -413,6 +417,115 @@ def test_a_package_with_both_versions_gives_the_same_bits(
         read = read_ssp(tmp_path / f"{n}.ssp", tmp_path / str(n)).system
         ours, theirs = (run(s, stop=0.1, step=1e-2) for s in (system, read))
         assert_array_equal(ours.data, theirs.data)
+
+
+def written(system: System, path: Path) -> Any:
+    """The structure that `write_ssp` writes."""
+    write_ssp(system, path, stop=0.1)
+    with ZipFile(path) as archive:
+        return etree.fromstring(archive.read("SystemStructure.ssd"))
+
+
+def require_second(root: Any) -> None:
+    """What SSP 2.0 asks of types, dimensions, indices and values."""
+    kinds = {*BASES, "Float32", "Float64", "Real", "Integer", "String", "Binary", "Enumeration"}
+    shapes = {}
+    assert {each.get("version") for each in root.iter("{*}SystemStructureDescription")} == {"2.0"}
+    for sets in root.iter("{*}ParameterSet"):
+        assert sets.get("version") == "2.0"
+    for connector in root.iter("{*}Connector"):
+        kind, *rest = connector
+        assert etree.QName(kind).localname in kinds
+        assert {etree.QName(each).localname for each in rest} <= {"Dimension", "ConnectorGeometry"}
+        sizes = [int(each.get("size")) for each in connector.iterfind("{*}Dimension")]
+        owner = connector.getparent().getparent().get("name")
+        assert shapes.setdefault((owner, connector.get("name")), sizes) is sizes, "declared twice"
+    for connection in root.iter("{*}Connection"):
+        free = []
+        for end in ("start", "end"):
+            ends = connection.get(f"{end}Element"), connection.get(f"{end}Connector")
+            indices = [int(x) for x in connection.get(f"{end}Indices", "").split()]
+            assert len(indices) in (0, len(shapes[ends]))
+            assert all(1 <= i <= n for i, n in zip(indices, shapes[ends]))
+            free.append([] if indices else shapes[ends])
+        assert free[0] == free[1]
+    for parameter in root.iter("{*}Parameter"):
+        value, *dimensions = parameter
+        count = math.prod(int(each.get("size")) for each in dimensions)
+        listed = value.findall("{*}Value")
+        kind = etree.QName(value).localname
+        assert kind in kinds
+        assert (value.get("value") is None) == bool(listed)
+        if kind not in ("String", "Enumeration"):
+            assert len(value.get("value").split()) == count
+        elif dimensions:
+            assert len(listed) == count
+
+
+def test_a_package_with_fmi_3_is_one_of_ssp_2(two: dict[str, Path], tmp_path: Path) -> None:
+    """Every type by its own name, arrays as arrays, and values beyond 32 bits come back."""
+    kinds = [*BASES, "String", "Gear"]
+    wires = [f"A.{kind}_out -> B.{kind}_in" for kind in kinds]
+    start: dict[str, Any] = {f"A.{kind}_in": both[1] for kind, both in RANGES.items()}
+    start |= {"A.Gear_in": "high", "A.String_in": "Größe"}
+    system = System(two, [*wires, "A.Float64_outs -> B.Float64_ins"], start)
+    root = written(system, tmp_path / "all.ssp")
+    require_second(root)
+    names = {etree.QName(c[0]).localname for c in root.iter("{*}Connector")}
+    assert names == {*BASES, "String", "Enumeration"}
+    whole = [c for c in root.iter("{*}Connection") if c.get("startConnector") == "Float64_outs"]
+    assert [c.get("startIndices") for c in whole] == [None]
+    package = read_ssp(tmp_path / "all.ssp", tmp_path / "all")
+    ours, theirs = connect(system), connect(package.system)
+    assert {p.name: v for p, v in ours.start} == {p.name: v for p, v in theirs.start}
+    ends = [sorted((w.source.name, w.target.name) for w in n.wires) for n in (ours, theirs)]
+    assert ends[0] == ends[1]
+
+
+def test_a_wire_between_single_elements_is_written_aloud(
+    two: dict[str, Path], tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    wires = ["A.Float64_outs[1,2] * 2 -> B.Float64_ins[2,1]"]
+    root = written(System(two, wires), tmp_path / "one.ssp")
+    require_second(root)
+    assert "A.Float64_outs -> B.Float64_ins: the indices of elements count from 1" in caplog.text
+    package = read_ssp(tmp_path / "one.ssp", tmp_path / "one")
+    assert [str(wire) for wire in package.system.wires] == [
+        "A.Float64_outs[1,2] * 2.0 -> B.Float64_ins[2,1]"
+    ]
+
+
+def test_a_package_of_fmi_2_alone_stays_one_of_ssp_1(
+    drives: dict[str, dict[str, Path]], tmp_path: Path
+) -> None:
+    root = written(System(drives["22"], WIRES, {"motor.T": 0.04}), tmp_path / "old.ssp")
+    assert {e.get("version") for e in root.iter("{*}SystemStructureDescription")} == {"1.0"}
+    assert {etree.QName(c[0]).localname for c in root.iter("{*}Connector")} == {"Real"}
+
+
+SECOND: dict[str, tuple[str, str, str]] = {
+    "size of a dimension": ('size="2"', 'sizeConnector="n"', "a Dimension without a size as a number"),
+    "other size": ('size="2"/><ssc:Dimension size="2"/></ssd:Connector', 'size="3"/></ssd:Connector',
+        "Float64_outs and Float64_ins have the sizes"),
+    "values": ('value="1.0 ', 'value="', "Float64_ins has 3 values for 4 elements"),
+    "range": ('<ssv:UInt8 value="[^"]*"', '<ssv:UInt8 value="256"', "UInt8_in = 256 is outside the range of UInt8"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", SECOND)
+def test_bad_arrays_and_values_are_refused(name: str, two: dict[str, Path], tmp_path: Path) -> None:
+    pattern, new, message = SECOND[name]
+    start = {"A.Float64_ins[1,1]": 1.0, "A.UInt8_in": 7}
+    write_ssp(System(two, ["A.Float64_outs -> B.Float64_ins"], start), tmp_path / "a.ssp")
+
+    def edit(files: dict[str, Any]) -> None:
+        text = re.sub(r"\s*\n\s*| (?=/>)", "", str(files["SystemStructure.ssd"], "utf-8"))
+        text, count = re.subn(pattern, new, text, count=1)
+        assert count
+        files["SystemStructure.ssd"] = text.encode()
+
+    with pytest.raises(SetupError, match=message):
+        read_ssp(rewritten(tmp_path / "a.ssp", tmp_path / "b.ssp", edit), tmp_path / "b")
 
 
 def test_info_and_the_shell_tell_types_and_version(third: Path, tmp_path: Path, said: Said) -> None:

@@ -1,44 +1,91 @@
-"""Files on the way go with their process, however it ends."""
+"""Files on the way go with their process, however it ends; nobody else's file is touched."""
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
 from pathlib import Path
 
-from cosim.scratch import PREFIX
+from cosim.scratch import MARK
 from tests.conftest import ROOT
 
 WAIT = "from cosim.scratch import scratch; print(scratch(), flush=True); input()"
+#: A convention of the test: a number that no user has who runs it.
+STRANGER = 4711
+
+
+def begin(folder: Path, code: str = WAIT) -> tuple[subprocess.Popen[str], Path]:
+    """A process that waits for a line, and its folder."""
+    process = subprocess.Popen(
+        [sys.executable, "-c", code], text=True, stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+        env=os.environ | {"TMPDIR": str(folder), "PYTHONPATH": str(ROOT)},
+    )  # fmt: skip
+    assert process.stdout is not None
+    scratch = Path(process.stdout.readline().strip())
+    assert scratch.parent == folder
+    return process, scratch
+
+
+def end(process: subprocess.Popen[str]) -> None:
+    process.communicate("\n")
+    assert process.returncode == 0
+
+
+def leftover(folder: Path) -> Path:
+    """What a process that was killed left in a new folder for temporary files."""
+    folder.mkdir(exist_ok=True)
+    process, scratch = begin(folder)
+    process.send_signal(signal.SIGKILL)
+    process.communicate()
+    assert scratch.is_dir()
+    return scratch
 
 
 def test_a_folder_goes_with_its_process_or_with_the_next_one(tmp_path: Path) -> None:
-    environment = os.environ | {"TMPDIR": str(tmp_path), "PYTHONPATH": str(ROOT)}
-
-    def begin() -> tuple[subprocess.Popen[str], Path]:
-        process = subprocess.Popen(
-            [sys.executable, "-c", WAIT], env=environment, text=True,
-            stdin=subprocess.PIPE, stdout=subprocess.PIPE,
-        )  # fmt: skip
-        assert process.stdout is not None
-        folder = Path(process.stdout.readline().strip())
-        assert folder.parent == tmp_path
-        return process, folder
-
-    lives, own = begin()
-    killed, left = begin()
+    lives, own = begin(tmp_path)
+    left = leftover(tmp_path)
     assert own.is_dir(), "another one that lives keeps its folder"
-    killed.send_signal(signal.SIGKILL)
-    killed.communicate()
-    assert left.is_dir()
-    unlocked = tmp_path / f"{PREFIX}killed_before_it_was_locked"
-    unlocked.mkdir()
-    ends, last = begin()
+    ends, last = begin(tmp_path)
     assert not left.exists()
-    assert not unlocked.exists()
     assert own.is_dir()
-    for process in (ends, lives):
-        process.communicate("\n")
-        assert process.returncode == 0
-    assert not own.exists()
-    assert not last.exists()
+    end(ends)
+    end(lives)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_belongs_to_somebody_else_stays(tmp_path: Path) -> None:
+    """A name proves nothing, and a mark only where nobody but its user could write it."""
+    shared = tmp_path / "shared"
+    (shared / "home").mkdir(parents=True)
+    (shared / "cosim_clone" / ".git").mkdir(parents=True)
+    (shared / "cosim_clone" / ".git" / "HEAD").write_text("ref: refs/heads/main\n")
+    for name in ("cosim_measurements", "cosim_by_hand"):
+        (shared / name).mkdir(0o700)
+    (shared / "cosim_measurements" / "week.csv").write_text("time,x\n")
+    (shared / "cosim_by_hand" / MARK).write_text("temporary folder of cosim\n")
+    (shared / "cosim_link").symlink_to(shared / "home")
+    (shared / "cosim_file.txt").write_text("a file")
+    original = leftover(tmp_path / "first")
+    shutil.copytree(original, shared / "cosim_copy")
+    (shared / "cosim_copy").chmod(0o700)
+    (shared / "cosim_second_link").symlink_to(original)
+    opened = leftover(tmp_path / "second").rename(shared / "cosim_opened")
+    opened.chmod(0o755)
+    moved = leftover(tmp_path / "third")
+    kept = {*shared.rglob("*")}
+
+    process, _ = begin(shared)
+    end(process)
+    assert {*shared.rglob("*")} == kept
+    assert original.is_dir()
+
+    of_this_user = moved.rename(shared / moved.name)
+    stranger = f"import os; os.geteuid = lambda: {STRANGER}; {WAIT}"
+    process, folder = begin(shared, stranger)
+    end(process)
+    assert of_this_user.is_dir(), "another user's leftovers stay"
+    process, _ = begin(shared)
+    end(process)
+    assert not of_this_user.exists(), "the same folder goes when its own user comes by"
+    assert {*shared.rglob("*")} == kept

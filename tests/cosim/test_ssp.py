@@ -13,7 +13,8 @@ import pytest
 from lxml import etree
 from numpy.testing import assert_allclose, assert_array_equal
 
-from cosim import Package, SetupError, System, read_ssp, run, write_ssp
+from cosim import Package, SetupError, System, oracle, read_ssp, run, write_ssp
+from cosim.formats.ssp.geometry import Geometry
 from cosim.system import Network, connect
 from tests.conftest import described, rewritten
 
@@ -541,6 +542,18 @@ def wired(network: Network) -> list[Any]:
     return [(w.source.name, w.target.name, *w[2:]) for w in network.wires]
 
 
+def require_valid(structure: Path) -> int:
+    """The schemas of SSP 1.0 accept a structure and its parameter sets; how many of these it has."""
+    schemas = Path(fmpy.__file__).with_name("ssp") / "schema"
+    tree = etree.parse(str(structure))
+    etree.XMLSchema(file=str(schemas / "SystemStructureDescription.xsd")).assertValid(tree)
+    parameters = etree.XMLSchema(file=str(schemas / "SystemStructureParameterValues.xsd"))
+    sets = list(tree.iter(f"{{{STANDARD}ParameterValues}}ParameterSet"))
+    for each in sets:
+        parameters.assertValid(each)
+    return len(sets)
+
+
 def test_what_is_written_is_read_again(fmus: Path, echo: Path, tmp_path: Path) -> None:
     system = everything(fmus, echo)
     write_ssp(system, tmp_path / "all.ssp", stop=2.0, start=0.5, step=1e-3)
@@ -553,16 +566,126 @@ def test_what_is_written_is_read_again(fmus: Path, echo: Path, tmp_path: Path) -
     written, given = connect(package.system), connect(system)
     assert wired(written) == wired(given)
     assert {p.name: v for p, v in written.start} == {p.name: v for p, v in given.start}
-    schemas = Path(fmpy.__file__).with_name("ssp") / "schema"
     structure = tmp_path / "unpacked" / "SystemStructure.ssd"
     assert '<osp:FixedStepAlgorithm baseStepSize="0.001"' in structure.read_text()
-    tree = etree.parse(str(structure))
-    etree.XMLSchema(file=str(schemas / "SystemStructureDescription.xsd")).assertValid(tree)
-    parameters = etree.XMLSchema(file=str(schemas / "SystemStructureParameterValues.xsd"))
-    sets = list(tree.iter(f"{{{STANDARD}ParameterValues}}ParameterSet"))
-    assert len(sets) == 4
-    for found in sets:
-        parameters.assertValid(found)
+    assert require_valid(structure) == 4
+
+
+def test_what_omsimulator_asks_for_is_written(fmus: Path, tmp_path: Path) -> None:
+    """The type of every component, and a master with the step; one that the FMUs prefer, if no other."""
+    oms = "{https://raw.githubusercontent.com/OpenModelica/OMSimulator/master/schema/oms.xsd}"
+    for step, expected in ((2e-4, "0.0002"), (None, "0.001")):
+        write_ssp(pair(fmus), tmp_path / "pair.ssp", stop=2.0, step=step)
+        with zipfile.ZipFile(tmp_path / "pair.ssp") as archive:
+            root = etree.fromstring(archive.read("SystemStructure.ssd"))
+        kinds = [c.get("type") for c in root.iter(f"{{{STANDARD}Description}}Component")]
+        assert kinds == ["application/x-fmu-sharedlibrary"] * 2
+        path = "ssd:System/ssd:Annotations/ssc:Annotation[@type='org.openmodelica']"
+        note = root.find(path, {k: f"{STANDARD}{name}" for k, name in NAMES.items()})
+        assert [child.tag for child in note] == [f"{oms}Annotations"]
+        (information,) = note[0]
+        (master,) = information
+        assert (information.tag, information.prefix) == (f"{oms}SimulationInformation", "oms")
+        assert (information.get("method"), information.get("fixedStepSize")) == ("oms_ma", expected)
+        assert master.tag == f"{oms}FixedStepMaster"
+        assert (master.get("description"), master.get("stepSize")) == ("oms-ma", expected)
+        assert float(master.get("relativeTolerance")) > 0.0
+
+
+def test_a_step_that_nobody_prefers_is_missed_aloud(
+    echo: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    write_ssp(System({"echo": echo}, [], {"echo.u": 1.0}), tmp_path / "echo.ssp")
+    assert "no step is given and no FMU prefers one: OMSimulator cannot read" in caplog.text
+    assert read_ssp(tmp_path / "echo.ssp", tmp_path / "unpacked").step is None
+
+
+def test_model_exchange_is_run_by_co_simulation_where_the_fmu_has_it(
+    fmus: Path, read: Read, caplog: pytest.LogCaptureFixture
+) -> None:
+    structure = flat().replace("DriveMotor.fmu", 'Both.fmu" implementation="ModelExchange')
+    native = fmus / "native"
+    package = read(structure, **{"resources/Both.fmu": native / "DriveMotor.fmu"})
+    said = "the file asks for model exchange of motor: run steps by co-simulation"
+    assert said in caplog.messages
+    expected = System(
+        {"motor": native / "DriveMotor.fmu", "conveyor": fmus / "CrankConveyor.fmu"},
+        pair(fmus).wires,
+    )
+    same(package, expected)
+
+
+def test_model_exchange_alone_is_read_for_the_oracle(
+    fmus: Path, read: Read, tmp_path: Path
+) -> None:
+    """Without co-simulation in the FMU, run says what does accept it."""
+    native = fmus / "native/DriveMotor.fmu"
+    without = described((r"(?s)<CoSimulation.*?</CoSimulation>", ""))
+    fmu = rewritten(native, tmp_path / "Me.fmu", without)
+    part = '<ssd:Component name="motor" source="Me.fmu" implementation="ModelExchange"/>'
+    system = read(ssd(part), **{"Me.fmu": fmu}).system
+    with pytest.raises(SetupError, match="oracle and linearize accept it as it is"):
+        run(system, stop=0.1, step=0.01)
+    result, expected = (
+        oracle(s, stop=0.1, output_step=0.05) for s in (system, System({"motor": native}))
+    )
+    assert_array_equal(result["motor.tau"], expected["motor.tau"])
+
+
+BOX = '<ssd:{}Geometry x1="{}" y1="{}" x2="{}" y2="{}"/>'
+NOTE = '<ssd:GraphicalElements><ssd:Note x1="0" y1="9" x2="4" y2="10" text="a drive"/></ssd:GraphicalElements>'
+LINES = '><ssd:ConnectionGeometry pointsX="{}" pointsY="{}"/></ssd:Connection>'
+
+
+def drawn() -> str:
+    """The pair as a drawing."""
+    place = '<ssd:ConnectorGeometry x="{}" y="0.5"/></ssd:Connector>'
+    motor = MOTOR.replace('name="tau" kind="output"/>', 'name="tau" kind="output">' + place)
+    motor = motor.format("1.0", BOX.format("Element", "-1.5", 0, 2, 3))
+    conveyor = CONVEYOR.format(BOX.format("Element", 6, 0, 8, 3).replace("/>", ' rotation="90"/>'))
+    tau = TAU.format("conveyor").replace("/>", LINES.format("3 4 5", "1 1 2"))
+    back = SPACE.format("motor", "w", "conveyor", "w").replace("/>", LINES.format("1 2", "8 9"))
+    structure = ssd(motor + conveyor, tau + back)
+    canvas = BOX.format("System", "-2", 0, 10, 10)
+    return structure.replace("</ssd:System>", f"{canvas}{NOTE}</ssd:System>")
+
+
+def test_a_drawing_survives_reading_and_writing(read: Read, tmp_path: Path) -> None:
+    """A connection that was written from its end is drawn from its output, too."""
+    package = read(drawn())
+    drawing = package.geometry
+    assert drawing is not None
+    assert drawing.canvas == {"x1": "-2", "y1": "0", "x2": "10", "y2": "10"}
+    assert drawing.elements["motor"]["x1"] == "-1.5"
+    assert drawing.elements["conveyor"]["rotation"] == "90"
+    assert drawing.connectors == {"motor.tau": {"x": "1.0", "y": "0.5"}}
+    assert drawing.connections == {
+        ("motor.tau", "conveyor.tau"): {"pointsX": "3 4 5", "pointsY": "1 1 2"},
+        ("conveyor.w", "motor.w"): {"pointsX": "2 1", "pointsY": "9 8"},
+    }
+    assert [note["text"] for note in drawing.notes] == ["a drive"]
+    write_ssp(package.system, tmp_path / "again.ssp", geometry=drawing)
+    assert read_ssp(tmp_path / "again.ssp", tmp_path / "again").geometry == drawing
+    require_valid(tmp_path / "again" / "SystemStructure.ssd")
+    write_ssp(package.system, tmp_path / "bare.ssp")
+    assert read_ssp(tmp_path / "bare.ssp", tmp_path / "bare").geometry == Geometry()
+
+
+def test_a_nested_system_is_drawn_in_its_box(read: Read) -> None:
+    """From a canvas of 10 by 10 into a box of 20 by 5; through its connectors nothing is drawn."""
+    elements, connections, ports = INSIDE
+    inside = elements.replace(
+        "</ssd:Component>", BOX.format("Element", 5, 0, 10, 10) + "</ssd:Component>"
+    )
+    line = system_in("line", inside, ports + BOX.format("Element", 100, 10, 120, 15), connections)
+    line = line.replace("</ssd:System>", BOX.format("System", 0, 0, 10, 10) + "</ssd:System>")
+    ends = TAU.format("line") + W.format("line", "w", "/>")
+    drawing = read(ssd(MOTOR.format("") + line, ends)).geometry
+    assert drawing is not None
+    corners = {name: float(text) for name, text in drawing.elements["line.conveyor"].items()}
+    assert corners == {"x1": 110.0, "y1": 10.0, "x2": 120.0, "y2": 15.0}
+    assert [*drawing.elements] == ["line.conveyor"]
+    assert drawing.connections == {}
 
 
 def test_fmus_of_one_name_do_not_overwrite_each_other(fmus: Path, tmp_path: Path) -> None:
@@ -643,7 +766,7 @@ BAD: dict[str, Any] = {
     "id in another file": (ssd(LOOP.format("a", "b.ssd#c")), "an id in another file, 'c', is not supported", {"b.ssd": ssd("")}),
     "mapping on a connection": (flat(ends=ENDS.replace("/>", f">{TABLE}</ssd:Connection>")),
         "BooleanMappingTransformation of a connection is not supported"),
-    "model exchange": (component(f'{FMU} implementation="ModelExchange"'), "ModelExchange is not supported"),
+    "model exchange": (component(f'{FMU} implementation="ModelExchange"'), "part: implementation is ModelExchange, which its FMU does not offer"),
     "component type": (component(f'{FMU} type="text/x-modelica"'), "component type 'text/x-modelica' is not supported"),
     "signal dictionary": (
         ssd(MOTOR.format("")).replace("</ssd:Elements>", '</ssd:Elements><ssd:SignalDictionaries><ssd:SignalDictionary name="bus" source="b.ssb"/></ssd:SignalDictionaries>'),
@@ -652,7 +775,7 @@ BAD: dict[str, Any] = {
         "bus: SignalDictionaryReference is not supported"),
     "version": (ssd("").replace('version="1.0"', 'version="3.0"'), "version 3.0 of SSP is not supported, only 1.0 and 2.0"),
     "array of 2.0": (component(FMU, connectors(("w", "input", '<ssc:Float64/><ssc:Dimension size="2"/>'))).replace("1.0", "2.0", 1),
-        "Element 'Dimension': This element is not expected"),
+        "connector w[1]: part has no w[1]"),
     "values of 2.0": (flat(motor=bindings(values('T Float64 value="1 2"').replace("1.0", "2.0", 1))), "'1 2' is not a valid value"),
     "annotated step": (flat(tail=annotated('<FixedStepAlgorithm baseStepSize="short"/>')), "baseStepSize 'short' is not a number"),
     "unknown element": (ssd("<ssd:Motor/>"), "SystemStructure.ssd, line 1: Element 'Motor': This element is not expected"),

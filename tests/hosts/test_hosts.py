@@ -11,6 +11,7 @@ import sysconfig
 import zipfile
 from dataclasses import asdict, dataclass, replace
 from importlib.util import find_spec
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -285,13 +286,43 @@ def test_ecos_program_without_python_prints_what_our_jacobi_master_computes(
     assert printed == [[f"{value:.6f}" for value in row] for row in ours]
 
 
-def c_program(fmu: Path, folder: Path, status: int) -> list[Any]:
-    """The program host.c and what it is told; `status` is what a refused step returns."""
+@pytest.mark.parametrize(
+    ("opened", "created", "closed"),
+    [("AB", *orders) for orders in product(("AB", "BA"), ("AB", "BA"))]
+    + [
+        ("ABC", *orders)
+        for orders in (("BCA", "CAB"), ("CBA", "ABC"), ("CBA", "CBA"), ("CAB", "C"))
+    ],
+    ids="-".join,
+)
+def test_a_host_without_python_may_close_libraries_in_any_order(
+    opened: str, created: str, closed: str, both: Path, starter: list[str], tmp_path: Path
+) -> None:
+    """It steps the FMUs that are still open after each one that it closes, and ends."""
+    arguments = []
+    for letter, name in zip(opened, ("CrankConveyor", "DriveMotor", "Gearbox"), strict=False):
+        guid = fmpy.read_model_description(both / f"{name}.fmu").guid
+        folder = Path(fmpy.extract(both / f"{name}.fmu", tmp_path / letter))
+        library = folder / "binaries" / "linux64" / f"{name}.so"
+        arguments += [library, (folder / "resources").as_uri(), guid]
+    program = compiled("closing.c", tmp_path)
+    done = finish(*starter, program, opened, created, closed, *arguments)
+    assert done.stdout == "end of main\n"
+
+
+def compiled(source: str, folder: Path) -> Path:
+    """A program made of one of the C files here."""
     if shutil.which("gcc") is None:
         pytest.skip("there is no gcc")
-    headers, program = Path(fmpy.__file__).with_name("c-code"), folder.parent / "host"
+    headers, program = Path(fmpy.__file__).with_name("c-code"), folder / Path(source).stem
     gcc = ["gcc", "-Wall", "-Wextra", "-Werror", f"-I{headers}"]
-    finish(*gcc, HOSTS / "host.c", "-ldl", "-o", program)
+    finish(*gcc, HOSTS / source, "-ldl", "-o", program)
+    return program
+
+
+def c_program(fmu: Path, folder: Path, status: int) -> list[Any]:
+    """The program host.c and what it is told; `status` is what a refused step returns."""
+    program = compiled("host.c", folder.parent)
     description = fmpy.read_model_description(fmu)
     reference = {v.name: v.valueReference for v in description.modelVariables}
     given = [text for name, value in START.items() for text in (reference[name], value)]

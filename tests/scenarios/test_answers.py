@@ -26,7 +26,7 @@ from scenarios.packing_line import packing_line
 from tests.conftest import LONG, QUICK, SAMPLED, ask, fmus_of, plain
 from workbench.answer import content, finish, write
 from workbench.command import main
-from workbench.figure import rounded
+from workbench.figure import MOST_DIGITS, SENTENCE_DIGITS, rounded
 from workbench.measure import harmonics
 from workbench.question import find, load, names
 
@@ -72,7 +72,7 @@ SAID = {
     "orientator_limit": [(1.0, "%")],
     "run_up": [(10.0, "%")],
     "speed_step": [(90.0, "%")],
-    "resonance": [(90.0, "degrees"), (math.sqrt(720e3 / 200), "rad/s")],
+    "resonance": [(45.0, ""), (90.0, "degrees"), (135.0, "degrees")],
 }
 OTHER = {"rad/s": ("rpm", 30 / math.pi), "s": ("ms", 1e3)}
 VARIABLES: dict[str, dict[str, str]] = {
@@ -252,7 +252,11 @@ def test_every_number_of_a_verdict_is_read_back_from_it(name: str) -> None:
     in the unit that stands behind it, or the ratio of two of them or their difference, in %."""
     answer = plain(name) if name != "resonance" else ask(name, speeds="34:46:7", steps_per_rev=128)
     figures = [figure for figure in answer.figures.values() if figure.error is not None]
-    whole = {(*rounded(f.value, f.error), f.unit) for f in figures if f.error}
+    lengths = (MOST_DIGITS, SENTENCE_DIGITS)
+    errors = [f for f in figures if f.error]
+    whole = {(*rounded(abs(f.value), f.error, n), f.unit) for f in errors for n in lengths}
+    whole |= {(*rounded(f.value, f.error, n), f.unit) for f in errors for n in lengths}
+    whole |= {(value, error, "degrees") for value, error, unit in whole if unit == "deg"}
     given = [(x, option.unit) for option in answer.options.values() for x in numbers(option.value)]
     given += [(x, unit) for x in numbers(dict(answer.facts)) for unit in ("rad/s", "N.m", "1")]
     values = [*given, *((f.value, f.unit) for f in figures), *SAID.get(name, [])]
@@ -261,7 +265,7 @@ def test_every_number_of_a_verdict_is_read_back_from_it(name: str) -> None:
     values += [(x, "%") for share in shares for x in (share, share - 100, abs(share - 100))]
     values += [(share * x / 100, unit) for share, u in given if u == "%" for x, unit in given]
     values += [(x * OTHER[unit][1], OTHER[unit][0]) for x, unit in values if unit in OTHER]
-    said = list(spoken(re.sub(r"\(\d+\)", "", answer.verdict)))
+    said = list(spoken(re.sub(r"(?<=formula )\(\d+\)", "", answer.verdict)))
     for text, error, word in said:
         if error:
             units = {unit for value, off, unit in whole if (value, off) == (text, error)}

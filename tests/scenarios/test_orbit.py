@@ -126,7 +126,7 @@ def test_the_verdict_tells_the_speeds_to_avoid_with_their_errors(
     """Where exact orbits have the limit; beside little damping the spring carries the load at 60."""
     told = ask("resonance", speeds=speeds, limit=limit, start=drive.start)
     ripple, rated = told.figures["tau2_operating"], told.facts["rated_torque"]
-    assert f"{ripple.text()}, {ripple.value / rated:.0%} of the rated torque" in told.verdict
+    assert f"{ripple.brief()}, {ripple.value / rated:.0%} of the rated torque" in told.verdict
     first, last, _ = map(float, speeds.split(":"))
     exact = edges(drive, first, last, limit)
     found = [name for name in told.figures if name.startswith("avoid")]
@@ -134,7 +134,7 @@ def test_the_verdict_tells_the_speeds_to_avoid_with_their_errors(
     ends = [told.figures[name] for name in found]
     for end, true in zip(ends, exact, strict=True):
         assert held(end, true) <= 1.0 and end.error is not None and end.error < 1e-4 * true
-    words = " ".join(words.format(end.text()) for words, end in zip(names, ends, strict=True))
+    words = " ".join(words.format(end.brief()) for words, end in zip(names, ends, strict=True))
     assert (
         f"Avoid speeds {words}, where the torque ripple is above the limit.\n"
         in f"{told.verdict}\n"
@@ -147,8 +147,9 @@ def test_the_verdict_tells_the_speeds_to_avoid_with_their_errors(
 def test_speeds_to_avoid_whose_error_is_not_known_are_about_right() -> None:
     told = ask("resonance", speeds="20:66:9", steps_per_rev=64)
     assert (
-        "Avoid speeds from about 26 rad/s to about 45 rad/s, where the torque ripple is above the "
-        "limit; their error is not determined: the coupling is not stable with a quarter of the steps."
+        "With 64 steps per revolution the torque ripple is above the limit from about 26 rad/s to about 45 "
+        "rad/s. How far that is from the truth is not determined: the coupling is not stable with a quarter "
+        "of the steps."
     ) in told.verdict
     assert {told.figures[name].error for name in ("avoid_from", "avoid_to")} == {None}
     assert "the coupling error is not known; take more steps per revolution." in told.verdict
@@ -166,7 +167,7 @@ def test_a_sweep_of_one_speed_is_above_the_limit_or_below(nu: float, where: str)
 def test_the_verdict_tells_how_far_the_resonance_is_from_the_speed(speed: float, side: str) -> None:
     told = ask("resonance", set="B", speeds="18:44:9", speed=speed)
     share = told.figures["nu_90"].value / speed - 1.0
-    assert f"{abs(share):.1%} {side} that speed" in told.verdict
+    assert f"({100 * abs(share):.3g} %) {side} the operating speed" in told.verdict
     assert abs(share) == pytest.approx(0.5, abs=2e-3)
 
 

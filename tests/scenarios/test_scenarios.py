@@ -103,9 +103,11 @@ def test_resonance_and_peaks_lie_where_theory_puts_them(sweep: Any) -> None:
     assert 0.0 < facts["figures"]["nu_90"]["error"] < 1e-4 * figures["nu_90"]
     assert facts["algorithm"] == "strang"
     assert facts["options"]["set"]["value"] == name
-    assert facts["options"]["speed"]["value"] is None
+    assert facts["options"]["speed"]["value"] == {"A": 40.0, "B": 60.0}[name]
+    assert facts["options"]["rated_torque"]["value"] == facts["rated_torque"]
+    assert facts["options"]["speeds"]["value"][:2] == {"A": [20.0, 24.0], "B": [6.0, 8.0]}[name]
     assert re.search(rf"resonance by formula \(22\) +{wanted['nu_res']:g} rad/s\n", said)
-    assert said.startswith("Yes: at the operating speed of ") == (name == "A")
+    assert said.startswith(f"On resonance: {'yes' if name == 'A' else 'no'}. ")
 
 
 def test_tables_are_identical_in_parallel_and_with_native_fmus(tmp_path: Path) -> None:
@@ -147,7 +149,12 @@ REFUSED = [
     ("run resonance --steps-per-rev 12", "12 steps per revolution must be at least 18"),
     (
         "run resonance --algorithm jacobi --steps-per-rev 61 --speeds 40",
-        "61 steps per revolution are unstable with jacobi at 40 rad/s: the limit there is 61.24",
+        "61 steps per revolution are unstable with jacobi at 40 rad/s: the step must stay below 0.00257 s, "
+        "and a revolution takes 0.1571 s. Take 62 or more steps per revolution, or a speed above 40.2",
+    ),
+    (
+        "run resonance --speed 1e-3",
+        "Take 249524 or more steps per revolution, or a speed above 0.487 rad/s",
     ),
     ("run resonance --speeds 30;40", "speeds = '30;40' must read from:to:number or a,b,c"),
     ("run resonance --speeds 0,40", "speeds = 0 rad/s must be a finite number above 0 rad/s"),

@@ -20,7 +20,8 @@ import pytest
 import cosim
 from cosim import SetupError, SimulationError
 from cosim.system import connect
-from scenarios.__main__ import FMUS, PROJECT
+from scenarios.__main__ import PROJECT
+from scenarios.fmu_files import FMUS
 from tests.conftest import ask, fmus_of
 from tests.workbench.browser import Browser
 from tests.workbench.firefox import Firefox, firefox
@@ -95,7 +96,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_a_slider_that_moves_nothing_is_refused(tmp_path: Path) -> None:
     page = load(names(PROJECT.home)["orientator_cycle"])
-    o, modules = made(page.Options, {}, "it"), PROJECT._replace(fill=None).modules(page, "native")
+    o, modules = made(page.Options, {}, "it"), PROJECT.modules(page, "native")
     found = Findings({}, None, page.system(o, fmus_of(page)))
     copy = SimpleNamespace(__file__=str(tmp_path / "it.py"), Options=page.Options)
     copy.LIVE = (Slider("orientator.cup.x", 0.0, 1.0),)

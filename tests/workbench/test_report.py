@@ -321,20 +321,21 @@ def test_the_resonance_answers_its_question_in_the_title() -> None:
     line: Any = SimpleNamespace(at=lambda nu: (machine, nu))
     figures = {
         "nu_res": Figure(40.0, "rad/s", 0.0),
+        "zeta": Figure(0.1, "1", 0.0),
         "nu_90": Figure(40.0034, "rad/s", 0.0012),
         "nu_peak_tau": Figure.refused("rad/s", "no peak"),
         "nu_peak_w": Figure.refused("rad/s", "no peak"),
     }
-    on, off = (
-        resonance.ripple(
-            resonance.Options(),
-            figures | {"tau2_operating": Figure(tau2, "N.m", 0.1)},
-            resonance.Sweep(line, line, [*rows], speed, rows, [], [(27.0, 45.0)], []),
-        )
-        for speed, tau2 in ((40.0, 105.0), (57.0, 15.0))
-    )
-    where = "the torque ripple is above 50 N.m at 27.0 to 45.0 rad/s"
-    assert (on.title, off.title) == (f"Yes at 40 rad/s: {where}", f"No at 57 rad/s: {where}")
+    charts = []
+    for speed, lag in ((40.0, 90.0), (57.0, 160.0)):
+        o, known = resonance.Options(), figures | {"lag_operating": Figure(lag, "deg", 0.1)}
+        known |= {"tau2_operating": Figure(rows[speed]["tau2"][0], "N.m", 0.1)}
+        sweep = resonance.Sweep(line, line, [*rows], speed, rows, [], [(27.0, 45.0)], [])
+        charts.append(resonance.ripple(o, known, sweep, resonance.headline(o, known, sweep)))
+    on, off = charts
+    answers = ("at 40 rad/s: yes. Torque ripple above 50 N.m: yes",
+               "at 57 rad/s: no. Torque ripple above 50 N.m: no")  # fmt: skip
+    assert (on.title, off.title) == tuple(f"On resonance {text}" for text in answers)
     assert list(on.spans) == [Span(27.0, 45.0, "avoid", "red")]
     assert [mark.text for mark in on.marks] == [
         "formula 40.00 rad/s", "90 deg lag 40.0034 ± 0.0012 rad/s", "operating speed 40 rad/s",

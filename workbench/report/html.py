@@ -13,7 +13,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..figure import Figure
+from ..figure import ERROR_SCOPE, Figure
 from .motion import Motion
 from .plot import MOST, Words, figure, told
 from .svg import svg
@@ -40,6 +40,7 @@ def report(answer: Answer, path: Path) -> None:
     page = made.get_template("page.html")
     text = page.render(
         answer=answer,
+        scope=ERROR_SCOPE,
         charts=[{"title": x.title, "words": told(x, drawn)} for x, drawn in zip(pictures, charts)],
         motions=show.motions,
         figures=[_figure(name, x) for name, x in answer.figures.items()],
@@ -86,13 +87,15 @@ def _figure(name: str, figure: Figure) -> Sequence[str]:
 def _parameters(answer: Answer) -> list[Sequence[str]]:
     """Name, value, unit and meaning."""
     return [
-        (name, _value(x.value), x.unit, x.meaning)
+        (name, _value(x.value), "" if x.value is None else x.unit, x.meaning)
         for name, x in {**answer.options, **answer.parameters}.items()
     ]
 
 
 def _value(value: object) -> str:
     """What was given, numbers with six digits, the items of a list one after the other."""
+    if value is None:
+        return "not given"
     if isinstance(value, tuple):
         return ", ".join(map(_value, value))
     return f"{value:.6g}" if isinstance(value, float) else str(value)

@@ -29,6 +29,7 @@ from .. import THREADS
 from .cargo import Call
 
 OK = "ok"
+STATUSES = (OK, "refused", "failed", "crashed", "timeout")
 LOST = 3
 OUTSIDE = ("SIGKILL", "SIGTERM", "SIGHUP", "SIGINT")
 WORDS = "words"

@@ -16,12 +16,14 @@ from cosim.system import connect
 
 from .. import question
 from ..answer import Answer, write
-from ..ask import row
+from ..ask import is_row, row
 from ..options import declared
 from ..runs.cargo import Cargo, digest
 from ..runs.engine import Engine
+from ..runs.folder import reservation
 from ..runs.identity import computation
 from ..runs.journal import opened
+from ..runs.worker import OK, Outcome
 from .outcome import conclude
 from .plan import Study, ends
 
@@ -34,22 +36,23 @@ def run(
     out: Path | None = None,
     jobs: int | None = None,
     scheduler: str | None = None,
-    flavour: str = "python",
+    flavour: str = "",
     end: Callable[[Answer, Path], object] = write,
 ) -> Answer:
     """Do the runs that are missing in the folder `out` (results/studies/NAME) and write its files.
 
-    They use FMUs of the flavour, "python" or "native", and run in `jobs` processes of this machine (by
+    They use FMUs of the flavour, "python" or "native" (by default native where they are built), and run in `jobs` processes of this machine (by
     default all cores), or on the Dask cluster of a scheduler, "tcp://host:8786". Raises SetupError for
     what cannot be run, for a folder with another study and, after `end`, for a figure that no run has.
     Raises KeyboardInterrupt after Ctrl-C; what is done is kept in the journal.
     """
     began = time.perf_counter()
     engine = Engine(jobs, scheduler, study.project.packages)
+    flavour = flavour or study.project.flavour(study.module)
     fmus = study.project.fmus(study.module, flavour)
     units, who = _units(study, fmus), identity(study, fmus, flavour)
     folder = Path("results") / "studies" / study.name if out is None else out
-    with opened(folder, who) as journal:
+    with reservation(folder), opened(folder, who, sound=_sound) as journal:
         (folder / "study.toml").write_bytes(study.path.read_bytes())
         before, own = len(journal), question.files(study.module)
         inputs = Cargo.of([*fmus.values(), *own])
@@ -70,6 +73,11 @@ def run(
             f"the table is in {folder}"
         )
     return answer
+
+
+def _sound(outcome: Outcome) -> bool:
+    """Whether a row of the journal is one of a study's."""
+    return is_row(outcome.answer) if outcome.status == OK else outcome.answer is None
 
 
 def identity(study: Study, fmus: Mapping[str, Path], flavour: str) -> dict[str, Any]:

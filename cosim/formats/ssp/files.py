@@ -13,6 +13,7 @@ import fmpy
 from lxml import etree
 
 from ...errors import SetupError
+from .second import make_1_0
 
 Element = Any
 STANDARD = "http://ssp-standard.org/SSP1/SystemStructure"
@@ -28,7 +29,6 @@ SCHEMAS = {
     f"{{{NAMESPACES['ssv']}}}ParameterSet": "SystemStructureParameterValues.xsd",
     f"{{{NAMESPACES['ssm']}}}ParameterMapping": "SystemStructureParameterMapping.xsd",
 }
-NEW_TYPES = {"Float64": "Real", "Int32": "Integer"}
 LONGEST_XML = 32 * 2**20
 ELEMENT, LINK = 50, 5
 MOST_THINGS = 1_000_000
@@ -132,24 +132,17 @@ def validate(element: Element, tag: str, name: str) -> None:
         raise SetupError(
             f"{name}, line {element.sourceline}: the element must be {tag}, not {found}"
         )
-    version = element.get("version")
+    version, wide = element.get("version"), []
     if version == "2.0":
-        _make_1_0(element)
+        wide = make_1_0(element, name)
     elif version not in (None, "1.0"):
         raise SetupError(f"{name}: version {version} of SSP is not supported, only 1.0 and 2.0")
     schema = _schema(SCHEMAS[element.tag])
     if not schema.validate(element):
         first = schema.error_log[0]
         raise SetupError(f"{name}, line {first.line}: {plain(first.message)}")
-
-
-def _make_1_0(element: Element) -> None:
-    """Give new types of the same range their old names, and drop what says nothing of the system."""
-    element.set("version", "1.0")
-    for inner in list(element.iter("{*}MetaData", "{*}Signature")):
-        inner.getparent().remove(inner)
-    for inner in element.iter(*(f"{{*}}{name}" for name in NEW_TYPES)):
-        inner.tag = inner.tag.replace(plain(inner.tag), NEW_TYPES[plain(inner.tag)])
+    for value, text in wide:
+        value.set("value", text)
 
 
 @cache

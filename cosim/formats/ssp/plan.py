@@ -16,7 +16,7 @@ from fmpy.model_description import ModelDescription, ScalarVariable
 
 from ...errors import SetupError
 from ...system import Value, Wire, enumeration, part_name
-from .files import ELEMENT, LINK, Room
+from .files import ELEMENT, LINK, Element, Room
 from .parameters import Parameter
 from .units import Step, Unit, chain, defined, unit_of
 
@@ -55,10 +55,16 @@ class Arrow(NamedTuple):
 
 @dataclass(frozen=True)
 class Plan:
-    """Elements by dotted path, the outermost system by ""; connectors by path and name."""
+    """Elements by dotted path, the outermost system by ""; connectors by path and name.
+
+    `canvases` are the XML elements of the systems, which say how these are drawn; `exchange` are the parts
+    for which the file asks for model exchange.
+    """
 
     room: Room
     elements: dict[str, dict[str, str]] = field(default_factory=dict)
+    canvases: dict[str, Element] = field(default_factory=dict)
+    exchange: list[str] = field(default_factory=list)
     connectors: dict[Node, Connector] = field(default_factory=dict)
     fmus: dict[str, Path] = field(default_factory=dict)
     descriptions: dict[str, ModelDescription] = field(default_factory=dict)

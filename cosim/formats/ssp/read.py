@@ -15,9 +15,12 @@ from types import MappingProxyType
 from typing import NamedTuple
 from urllib.parse import unquote, urldefrag
 
+from fmpy.model_description import ModelDescription
+
 from ...errors import SetupError
 from ...system import System, connect, describe_fmu, fits
 from .files import BOND, NAMESPACES, Element, Room, children, locate, parse, plain, unpack
+from .geometry import Geometry, geometry
 from .parameters import bound, linear
 from .plan import DOWNWARD, Arrow, Connector, Node, Plan, dotted
 from .units import Definitions, definitions, same
@@ -36,7 +39,7 @@ log = logging.getLogger("cosim")
 class Package(NamedTuple):
     """The content of a file: the system, its default experiment and step [s], its outer connectors.
 
-    `connectors` gives the dotted port of every connector of the outermost system that stands for
+    `geometry` is how the file draws the system, for `write_ssp`. `connectors` gives the dotted port of every connector of the outermost system that stands for
     one variable unchanged, without a factor, an offset or a conversion of units.
     """
 
@@ -45,6 +48,7 @@ class Package(NamedTuple):
     stop: float | None = None
     connectors: Mapping[str, str] = MappingProxyType({})
     step: float | None = None
+    geometry: Geometry | None = None
 
 
 class Document(NamedTuple):
@@ -132,7 +136,10 @@ def _read(path: Path, folder: Path) -> Package:
     experiment = document.content.find("ssd:DefaultExperiment", NAMESPACES)
     given = {} if experiment is None else experiment.attrib
     start, stop = (float(given[key]) if key in given else None for key in ("startTime", "stopTime"))
-    return Package(system, start, stop, plan.outer(), _step(document))
+    if plan.exchange:
+        names = ", ".join(plan.exchange)
+        log.warning("the file asks for model exchange of %s: run steps by co-simulation", names)
+    return Package(system, start, stop, plan.outer(), _step(document), geometry(plan))
 
 
 def _step(document: Document) -> float | None:
@@ -158,7 +165,7 @@ def _system(plan: Plan, document: Document, system: Element, path: str) -> None:
     """Add a system and all that is in it to the plan, then apply its parameters."""
     if system.get("id"):
         document = document.inside((str(document.path), system.get("id")), system.get("name"))
-    plan.elements[path] = {}
+    plan.elements[path], plan.canvases[path] = {}, system
     for name, connector in _connectors(document, system).items():
         plan.room.take(document.at(system), 1)
         plan.connectors[path, name] = connector
@@ -185,11 +192,11 @@ def _system(plan: Plan, document: Document, system: Element, path: str) -> None:
 
 def _component(plan: Plan, document: Document, component: Element, path: str) -> None:
     kind, source = component.get("type", FMU), component.get("source")
-    if component.get("implementation") == "ModelExchange":
-        raise SetupError("ModelExchange is not supported")
     if kind == FMU:
         base = locate(source, document.path.parent, document.root)
-        plan.add_fmu(path, base, describe_fmu(path, base))
+        description = describe_fmu(path, base)
+        _require_offer(plan, path, component.get("implementation", "any"), description)
+        plan.add_fmu(path, base, description)
     elif kind in (DEFINITION, PACKAGE):
         inner, system = _nested(plan, document, kind, *urldefrag(source))
         _system(plan, inner, system, path)
@@ -199,6 +206,21 @@ def _component(plan: Plan, document: Document, component: Element, path: str) ->
     for name, connector in _connectors(document, component).items():
         _declare(plan, (path, name), connector)
     _bind(plan, document, component, path, base)
+
+
+def _require_offer(
+    plan: Plan, path: str, implementation: str, description: ModelDescription
+) -> None:
+    """Refuse a kind of FMU that the FMU is not; note where model exchange is asked for."""
+    offers = {
+        "CoSimulation": description.coSimulation,
+        "ModelExchange": description.modelExchange,
+        "any": description,
+    }
+    if offers[implementation] is None:
+        raise SetupError(f"implementation is {implementation}, which its FMU does not offer")
+    if implementation == "ModelExchange" and description.coSimulation is not None:
+        plan.exchange.append(path)
 
 
 def _nested(

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import logging
 import zipfile
+from collections.abc import Mapping
+from math import prod
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import NamedTuple
 from urllib.parse import quote
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
@@ -12,9 +16,20 @@ from xml.etree.ElementTree import Element, SubElement
 from ...errors import SetupError
 from ...system import Connection, Network, Port, System, Value, enumeration, still
 from .files import BOND, NAMESPACES, qualified
+from .geometry import Geometry
 
+FMU = "application/x-fmu-sharedlibrary"
 OSP = "http://opensimulationplatform.com/SSP/OSPAnnotations"
+OMS = "https://raw.githubusercontent.com/OpenModelica/OMSimulator/master/schema/oms.xsd"
+
+#: A convention of OMSimulator: its Python API gives this name to the master of all parts that name none.
+OMS_MASTER = "oms_ma_default"
+
+#: A convention of OMSimulator: the relative tolerance of a system that states none.
+OMS_TOLERANCE = 1e-4
+
 Enumerations = dict[str, dict[str, int]]
+log = logging.getLogger("cosim")
 
 
 def write_ssp(
@@ -23,20 +38,27 @@ def write_ssp(
     stop: float | None = None,
     start: float = 0.0,
     step: float | None = None,
+    *,
+    geometry: Geometry | None = None,
 ) -> None:
     """Write the system with its FMUs, wires and start values; `start` and `stop` [s] as experiment.
 
-    The communication step [s] goes into an OSP annotation, where libcosim finds it, and the bonds into
-    one of our own.
+    The communication step [s] is written into annotations for libcosim and OMSimulator. OMSimulator
+    needs one: without `step`, it gets the shortest step that an FMU prefers. The bonds are written
+    into an annotation of our own. `geometry`, as `read_ssp` returns it, places the parts in tools that
+    draw the system; what it says of parts and wires that the system lacks is left out.
 
-    Factors, offsets and unit conversions of the wires become linear transformations, which replace the
-    reading tool's own unit conversion. A dotted part name is written unchanged as the name of a
-    component. Raises what `connect` raises, and SetupError for an enumeration value that has no name
-    and for a Binary start value. No file is written then.
+    A system with an FMU of FMI 3.0 is written as SSP 2.0, any other as SSP 1.0. Factors, offsets and
+    unit conversions of the wires become linear transformations, which replace the reading tool's own
+    unit conversion. A dotted part name is written unchanged as the name of a component. Raises what
+    `connect` raises, and SetupError for an enumeration value that has no name and for a Binary start
+    value. No file is written then.
     """
     network = still(system, "an .ssp")
     files = archived(network)
-    structure = _structure(network, files, path.stem, (start, stop, step))
+    third = any(d.fmiVersion == "3.0" for d in network.descriptions.values())
+    task = Task(network, files, "2.0" if third else "1.0", geometry or Geometry())
+    structure = _structure(task, path.stem, (start, stop, step))
     with TemporaryDirectory(dir=path.parent, prefix=f".{path.stem}_") as folder:
         whole = Path(folder) / path.name
         with zipfile.ZipFile(whole, "w", zipfile.ZIP_DEFLATED) as archive:
@@ -58,31 +80,64 @@ def archived(network: Network) -> dict[Path, str]:
     return files
 
 
-def _structure(
-    network: Network,
-    files: dict[Path, str],
-    name: str,
-    times: tuple[float, float | None, float | None],
-) -> bytes:
-    for prefix, uri in {**NAMESPACES, "osp": OSP, "cosim": "urn:cosim"}.items():
+class Task(NamedTuple):
+    """What is written: a network and its files, in the types of which version, drawn how."""
+
+    network: Network
+    files: dict[Path, str]
+    version: str
+    geometry: Geometry
+
+    def element(self, port: Port) -> Place:
+        """The variable of the FMU that a port is or is an element of."""
+        name = port.variable.name
+        base, _, indices = name.rpartition("[")
+        shape = self.network.fmus[port.part].shapes.get(base)
+        if shape is None:
+            return Place(port.part, name)
+        return Place(port.part, base, shape, tuple(map(int, indices.rstrip("]").split(","))))
+
+
+class Place(NamedTuple):
+    """A variable of an FMU and, of an array, its dimensions and the indices of one element from 1."""
+
+    part: str
+    name: str
+    shape: tuple[int, ...] = ()
+    indices: tuple[int, ...] = ()
+
+    @property
+    def whole(self) -> Place:
+        """The variable without the indices."""
+        return self._replace(indices=())
+
+
+def _structure(task: Task, name: str, times: tuple[float, float | None, float | None]) -> bytes:
+    for prefix, uri in {**NAMESPACES, "osp": OSP, "oms": OMS, "cosim": "urn:cosim"}.items():
         ElementTree.register_namespace(prefix, uri)
-    root = Element(qualified("ssd:SystemStructureDescription"), name=name, version="1.0")
+    network, drawing, (start, stop, step) = task.network, task.geometry, times
+    root = Element(qualified("ssd:SystemStructureDescription"), name=name, version=task.version)
     whole = SubElement(root, qualified("ssd:System"), name=name)
     elements = SubElement(whole, qualified("ssd:Elements"))
     known: Enumerations = {}
-    for part, fmu in network.system.parts.items():
-        _component(elements, network, part, f"resources/{quote(files[Path(fmu)])}", known)
+    for part in network.system.parts:
+        _component(elements, task, part, known)
     if network.wires:
-        connections = SubElement(whole, qualified("ssd:Connections"))
-        for wire in network.wires:
-            _connection(connections, wire)
+        _connections(SubElement(whole, qualified("ssd:Connections")), task)
+    _attributed(whole, "ssd:SystemGeometry", drawing.canvas)
+    if drawing.notes:
+        graphics = SubElement(whole, qualified("ssd:GraphicalElements"))
+        for box in drawing.notes:
+            _attributed(graphics, "ssd:Note", box)
+    notes = Element(qualified("ssd:Annotations"))
+    _omsimulator(notes, network, step)
     if network.system.bonds:
-        notes = SubElement(whole, qualified("ssd:Annotations"))
         note = SubElement(notes, qualified("ssc:Annotation"), type="cosim")
         for bond in network.system.bonds:
             SubElement(note, BOND).text = bond
+    if len(notes):
+        whole.append(notes)
     _enumerations(root, "ssd", known)
-    start, stop, step = times
     if (stop, step) != (None, None):
         ends = {"startTime": repr(start)} | ({} if stop is None else {"stopTime": repr(stop)})
         experiment = SubElement(root, qualified("ssd:DefaultExperiment"), ends)
@@ -96,20 +151,48 @@ def _structure(
     return text
 
 
-def _component(
-    elements: Element, network: Network, part: str, source: str, known: Enumerations
-) -> None:
-    component = SubElement(elements, qualified("ssd:Component"), name=part, source=source)
-    ports = dict.fromkeys(port for wire in network.wires for port in wire[:2] if port.part == part)
-    if ports:
+def _omsimulator(notes: Element, network: Network, step: float | None) -> None:
+    """The master with a fixed step, without which OMSimulator reads no file.
+
+    Its C++ program reads the child element, its Python API the attributes of the parent.
+    """
+    experiments = [d.defaultExperiment for d in network.descriptions.values()]
+    stated = [x for x in experiments if x is not None]
+    if step is None:
+        preferred = [float(x.stepSize) for x in stated if x.stepSize]
+        if not preferred:
+            log.warning("no step is given and no FMU prefers one: OMSimulator cannot read the .ssp")
+            return
+        step = min(preferred)
+    tolerances = [float(x.tolerance) for x in stated if x.tolerance]
+    tolerance = repr(min(tolerances, default=OMS_TOLERANCE))
+    note = SubElement(notes, qualified("ssc:Annotation"), type="org.openmodelica")
+    information = SubElement(
+        SubElement(note, f"{{{OMS}}}Annotations"),
+        f"{{{OMS}}}SimulationInformation",
+        {"name": OMS_MASTER, "method": "oms_ma", "fixedStepSize": repr(step)},
+        relativeTolerance=tolerance,
+    )
+    master = {"description": "oms-ma", "stepSize": repr(step), "relativeTolerance": tolerance}
+    SubElement(information, f"{{{OMS}}}FixedStepMaster", master)
+
+
+def _component(elements: Element, task: Task, part: str, known: Enumerations) -> None:
+    network, drawing = task.network, task.geometry
+    source = f"resources/{quote(task.files[Path(network.system.parts[part])])}"
+    component = SubElement(elements, qualified("ssd:Component"), name=part, type=FMU, source=source)
+    ends = [port for wire in network.wires for port in wire[:2] if port.part == part]
+    if ports := {task.element(port).whole: port for port in reversed(ends)}:
         connectors = SubElement(component, qualified("ssd:Connectors"))
-        for port in ports:
-            kind = str(port.variable.causality)
-            given = {"name": port.variable.name, "kind": kind}
-            connector = SubElement(connectors, qualified("ssd:Connector"), given)
-            connector.append(_type("ssc", port, known))
-    start = [(port, value) for port, value in network.start if port.part == part]
-    for port, value in start:
+        for place, port in reversed(ports.items()):
+            kind = {"name": place.name, "kind": str(port.variable.causality)}
+            connector = SubElement(connectors, qualified("ssd:Connector"), kind)
+            connector.append(_type("ssc", task, port, known))
+            _dimensions(connector, place)
+            position = drawing.connectors.get(port.name, {})
+            _attributed(connector, "ssd:ConnectorGeometry", position)
+    _attributed(component, "ssd:ElementGeometry", drawing.elements.get(part, {}))
+    for port, value in (start := [(p, v) for p, v in network.start if p.part == part]):
         if port.type == "Binary" and value != port.variable.start:
             raise SetupError(f"{port} = {value!r}: a Binary cannot be written to an .ssp")
     start = [(port, value) for port, value in start if port.type != "Binary"]
@@ -117,23 +200,39 @@ def _component(
         bindings = SubElement(component, qualified("ssd:ParameterBindings"))
         binding = SubElement(bindings, qualified("ssd:ParameterBinding"))
         values = SubElement(binding, qualified("ssd:ParameterValues"))
-        settings = SubElement(values, qualified("ssv:ParameterSet"), name="start", version="1.0")
+        settings = SubElement(
+            values, qualified("ssv:ParameterSet"), name="start", version=task.version
+        )
         parameters = SubElement(settings, qualified("ssv:Parameters"))
         named: Enumerations = {}
+        variables: dict[Place, list[tuple[Port, Value]]] = {}
         for port, value in start:
-            _parameter(parameters, port, value, named)
+            variables.setdefault(task.element(port).whole, []).append((port, value))
+        for place, values_of_it in variables.items():
+            _parameter(parameters, task, place, values_of_it, named)
         _enumerations(settings, "ssv", named)
 
 
-def _type(prefix: str, port: Port, known: Enumerations) -> Element:
+def _type(prefix: str, task: Task, port: Port, known: Enumerations) -> Element:
     """The element of a port's type; an enumeration becomes known, under a name of its own."""
-    element = Element(qualified(f"{prefix}:{port.type}"))
+    element = Element(qualified(f"{prefix}:{port.native}"))
     if port.type == "Enumeration":
         name, items = str(port.variable.declaredType.name), enumeration(port.variable)
         while known.setdefault(name, items) != items:
             name += "_"
         element.set("name", name)
     return element
+
+
+def _dimensions(parent: Element, place: Place) -> None:
+    for size in place.shape:
+        SubElement(parent, qualified("ssc:Dimension"), size=str(size))
+
+
+def _attributed(parent: Element, tag: str, attributes: Mapping[str, str]) -> None:
+    """A child with these attributes, unless there are none."""
+    if attributes:
+        SubElement(parent, qualified(tag), dict(attributes))
 
 
 def _enumerations(parent: Element, prefix: str, known: Enumerations) -> None:
@@ -146,17 +245,41 @@ def _enumerations(parent: Element, prefix: str, known: Enumerations) -> None:
             SubElement(enumeration, qualified("ssc:Item"), name=item, value=str(value))
 
 
-def _parameter(parameters: Element, port: Port, value: Value, known: Enumerations) -> None:
-    parameter = SubElement(parameters, qualified("ssv:Parameter"), name=port.variable.name)
-    text = port.text(value)
-    if port.type == "Enumeration":
-        items = enumeration(port.variable).items()
-        names = [item for item, number in items if number == value]
-        if not names:
-            raise SetupError(f"{port} = {value!r} has no name in {port.variable.declaredType.name}")
-        text = names[0]
-    parameter.append(_type("ssv", port, known))
-    parameter[0].set("value", text)
+def _parameter(
+    parameters: Element,
+    task: Task,
+    place: Place,
+    start: list[tuple[Port, Value]],
+    known: Enumerations,
+) -> None:
+    """The start value of a variable; the elements of an array that have none keep that of the FMU."""
+    parameter = SubElement(parameters, qualified("ssv:Parameter"), name=place.name)
+    parameter.append(_type("ssv", task, start[0][0], known))
+    if not place.shape:
+        parameter[0].set("value", _text(*start[0]))
+        return
+    values = {port.name: (port, value) for port, value in start}
+    _, elements = task.network.array((place.part, place.name))
+    texts = [
+        _text(*values[port.name]) if port.name in values else str(port.variable.start)
+        for port in elements
+    ]
+    if start[0][0].type in ("String", "Enumeration"):
+        for text in texts:
+            SubElement(parameter[0], qualified("ssv:Value"), value=text)
+    else:
+        parameter[0].set("value", " ".join(texts))
+    _dimensions(parameter, place)
+
+
+def _text(port: Port, value: Value) -> str:
+    """A start value as a parameter set spells it; raises SetupError for an item without a name."""
+    if port.type != "Enumeration":
+        return port.text(value)
+    for item, number in enumeration(port.variable).items():
+        if number == value:
+            return item
+    raise SetupError(f"{port} = {value!r} has no name in {port.variable.declaredType.name}")
 
 
 def scaled(wire: Connection) -> bool:
@@ -164,13 +287,41 @@ def scaled(wire: Connection) -> bool:
     return (wire.factor, wire.offset) != (1.0, 0.0)
 
 
-def _connection(connections: Element, wire: Connection) -> None:
+def _connections(connections: Element, task: Task) -> None:
+    """The wires, those between all elements of two arrays as one connection."""
+    arrays: dict[tuple[Place, Place, float, float], list[Connection]] = {}
+    for wire in task.network.wires:
+        source, target = task.element(wire.source), task.element(wire.target)
+        key = (source.whole, target.whole, wire.factor, wire.offset)
+        arrays.setdefault(key, []).append(wire)
+    for (source, target, *_), wires in arrays.items():
+        places = [(task.element(wire.source), task.element(wire.target)) for wire in wires]
+        straight = all(here.indices == there.indices for here, there in places)
+        if straight and source.shape == target.shape and len(wires) == prod(source.shape):
+            _connection(connections, task, wires[0], (source, target))
+            continue
+        log.warning(
+            "%s -> %s: the indices of elements count from 1; SSP 2.0 does not say where to begin",
+            *(f"{place.part}.{place.name}" for place in (source, target)),
+        )
+        for wire, ends in zip(wires, places):
+            _connection(connections, task, wire, ends)
+
+
+def _connection(
+    connections: Element, task: Task, wire: Connection, places: tuple[Place, Place]
+) -> None:
     """Numbers as our master makes them: no reading tool is to convert units once more."""
-    ends = {"startElement": wire.source.part, "startConnector": wire.source.variable.name}
-    ends |= {"endElement": wire.target.part, "endConnector": wire.target.variable.name}
+    ends: dict[str, str] = {}
+    for end, place in zip(("start", "end"), places):
+        ends |= {f"{end}Element": place.part, f"{end}Connector": place.name}
+        if place.indices:
+            ends[f"{end}Indices"] = " ".join(map(str, place.indices))
     if scaled(wire) or wire.source.unit != wire.target.unit:
         ends["suppressUnitConversion"] = "true"
     connection = SubElement(connections, qualified("ssd:Connection"), ends)
     if scaled(wire):
         factor, offset = repr(wire.factor), repr(wire.offset)
         SubElement(connection, qualified("ssc:LinearTransformation"), factor=factor, offset=offset)
+    points = task.geometry.connections.get((wire.source.name, wire.target.name), {})
+    _attributed(connection, "ssd:ConnectionGeometry", points)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 from collections.abc import Sequence
+from contextlib import suppress
 from multiprocessing.connection import Connection
 from pathlib import Path
 
@@ -58,13 +59,23 @@ def _some(
                 process.join()
                 said = f"the process {death(process)}"
             verdicts.append(CHECKS[name].verdict(version, FAILED, said))
+            _end_group(process.pid)
             break
     return verdicts
+
+
+def _end_group(leader: int | None) -> None:
+    """End a process that has not answered, and the copies of it that run instances."""
+    if leader is not None and hasattr(os, "killpg"):
+        with suppress(OSError):
+            os.killpg(leader, signal.SIGKILL)
 
 
 def _work(pipe: Connection, path: Path, step: float | None, names: Sequence[str]) -> None:
     """Run in the child process and send each verdict."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if hasattr(os, "setpgid"):
+        os.setpgid(0, 0)
     os.dup2(2, 1)  # what an FMU prints is no part of the answer
     subject = Subject(path, step)
     with quiet():

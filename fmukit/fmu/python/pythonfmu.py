@@ -7,6 +7,7 @@ rolled back and freed. The wrapper recognises slaves by a base class called Fmi2
 
 from __future__ import annotations
 
+import _ctypes
 import atexit
 import contextlib
 import ctypes
@@ -16,9 +17,14 @@ import sys
 import threading
 from collections import deque
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, NamedTuple, NoReturn, TypeVar
 
 WARNING = 1
+#: A convention of all FMUs made by this kit: the attribute of `sys` that names the interpreter's first wrapper.
+FIRST_WRAPPER = "pythonfmu_first_wrapper"
+#: A convention of Linux, see proc(5): range, permissions, offset, device and inode, which identify a mapping.
+MAPPING_FIELDS = 5
 STUB = """\
 # pythonfmu 0.7.0 runs this file once per instance and then releases a reference
 # to its namespace that it does not own: give one back each time.
@@ -71,22 +77,42 @@ def adopt_thread() -> None:
 
 @functools.cache
 def let_go_at_exit(resources: str, model: str) -> None:
-    """Have the wrapper release the interpreter before its process ends.
+    """Have the wrapper release the interpreter before its process ends, and only then.
 
-    On Linux the first wrapper of a process stays loaded whatever its host does, for its symbols are
-    unique. At exit it would release the interpreter twice, the second time by a write to memory that
-    is free by then.
+    The wrapper that started the interpreter ends it when its host closes the library: in a thread for
+    which the closing call waits with the loader's lock held, and under the instances of all other FMUs.
+    The first wrapper of an interpreter is therefore never unloaded. At exit a wrapper that is still
+    loaded would release the interpreter twice, the second time by a write to memory that is free by
+    then. Its function is looked up now, since nothing may ask the loader while the interpreter ends.
     """
-    wrapper = f"/{resources.lstrip('/')}/../binaries/linux64/{model}.so"
+    if sys.platform != "linux":
+        return
+    path = os.path.normpath(f"/{resources.lstrip('/')}/../binaries/linux64/{model}.so")
+    stays = os.RTLD_NODELETE if vars(sys).setdefault(FIRST_WRAPPER, path) == path else 0
+    try:
+        wrapper = ctypes.CDLL(path, os.RTLD_NOLOAD | os.RTLD_NOW | stays)
+    except OSError:  # loaded from another place
+        return
+    release = wrapper.finalizePythonInterpreter
+    address = ctypes.cast(release, ctypes.c_void_p).value or 0
+    mapping = mapping_of(address)
+    _ctypes.dlclose(wrapper._handle)
 
     def let_go() -> None:
-        with contextlib.suppress(OSError):  # unloaded
-            ctypes.CDLL(
-                os.path.normpath(wrapper), os.RTLD_NOLOAD | os.RTLD_NOW
-            ).finalizePythonInterpreter()
+        if mapping and mapping_of(address) == mapping:  # otherwise unloaded
+            release()
 
-    if sys.platform == "linux":
-        atexit.register(let_go)
+    atexit.register(let_go)
+
+
+def mapping_of(address: int) -> list[bytes]:
+    """Which part of which file is mapped where the address is; empty if none is."""
+    with contextlib.suppress(OSError):
+        for line in Path("/proc/self/maps").read_bytes().splitlines():
+            begin, end = (int(bound, 16) for bound in line.split(maxsplit=1)[0].split(b"-"))
+            if begin <= address < end:
+                return line.split()[:MAPPING_FIELDS]
+    return []
 
 
 def guarded(method: Method) -> Method:

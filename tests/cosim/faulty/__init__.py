@@ -24,6 +24,7 @@ DESCRIPTION = """<?xml version="1.0" encoding="UTF-8"?>
 <ScalarVariable name="z" valueReference="7" causality="output" initial="calculated"><Real/></ScalarVariable>
 <ScalarVariable name="n" valueReference="0" causality="output" variability="discrete"
  initial="calculated"><Integer/></ScalarVariable>
+<ScalarVariable name="time" valueReference="9" causality="independent" variability="continuous"><Real/></ScalarVariable>
 </ModelVariables>
 <ModelStructure>
 <Outputs><Unknown index="7" dependencies=""/>
@@ -66,7 +67,10 @@ FAULTS = {
     "terminate refused": "termination",
     "fails": "run",
     "other start": "start values, reset",
-    "not repeatable": "repetition, getting, reset, instances, state, serialization",
+    "runs to the stop time": "stop time",
+    "ignores the start time": "start time",
+    "not repeatable": "repetition",
+    "answers in another order": "getting",
     "getting moves": "getting, state",
     "reset keeps a parameter": "reset",
     "reset keeps a count": "reset",
@@ -84,11 +88,11 @@ FAULTS = {
     "does not tell its time": "discard",
     "tells a wrong time": "discard",
     "leaks": "memory",
+    "leaks when freed": "memory",
 }
 TOLD = ("does not tell its time", "tells a wrong time")
 FAULTS3 = {fault: checks for fault, checks in FAULTS.items() if fault not in TOLD}
 FAULTS3["moves in a discard"] = "discard"
-FAULTS3["not repeatable"] += ", discard"
 DEADLY = {
     "crashes": "memory",
     "freeing a state crashes": "state, serialization",
@@ -98,6 +102,7 @@ SWAPS = {
     "not valid": ('<Unknown index="9" dependencies=""/></InitialUnknowns>', "</InitialUnknowns>"),
     "undeclared feedthrough": ('"1 2" dependenciesKind="fixed dependent"', '"1"'),
     "kind": ('"fixed dependent"', '"fixed fixed"'),
+    "once": ("<CoSimulation", '<CoSimulation canBeInstantiatedOnlyOncePerProcess="true"'),
 }
 SWAPS3 = SWAPS | {
     "not valid": ('<InitialUnknown valueReference="8" dependencies=""/>', ""),

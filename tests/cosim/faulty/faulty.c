@@ -11,13 +11,13 @@
 #define VERSION fmi2Version
 #endif
 
-enum { U, W, A, B, C, X0, Y, Z, REALS };
+enum { U, W, A, B, C, X0, Y, Z, COUNT, TIME, REALS };
 #define FAULT(name) (!strcmp(i->fault, name))
 #define LONGEST 2.0
 
 typedef struct {
-    double value[REALS], v, time, reached;
-    int n, initialising, ended;
+    double value[REALS], v, time, reached, clock, stop;
+    int n, initialising, ended, stops;
 } State;
 typedef struct {
     State s;
@@ -26,6 +26,7 @@ typedef struct {
 static const double START[REALS] = {1.0, 0.5, 2.0, 1.0, 0.5, 1.0, 1.0, 0.0};
 static double shared;
 static State only;
+static int lives;
 static void *volatile leaked;
 
 static void fresh(State *s) {
@@ -40,6 +41,7 @@ static void show(Instance *i) {
         i->s.v = 0.0;
     }
     r[Z] = i->s.v + r[C] * r[U] + r[W] * r[W] + (FAULT("feels an input") ? 0.1 * r[W] * r[U] : 0.0);
+    if (!strncmp(i->fault, "kink", 4)) r[Z] += fmax(r[W] - START[W], 0.0);
 }
 
 static void advance(Instance *i, double h) {
@@ -63,13 +65,20 @@ fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, f
     const char *fault = strchr(guid, ' ');
     strncpy(i->fault, fault ? fault + 1 : "", sizeof i->fault - 1);
     fresh(&i->s);
+    if (FAULT("once") && lives++) abort();
     if (FAULT("other start")) i->s.value[B] = 1.5;
     return i;
 }
-void fmi2FreeInstance(fmi2Component p) { free(p); }
+void fmi2FreeInstance(fmi2Component p) {
+    Instance *i = p;
+    if (FAULT("leaks when freed")) leaked = memset(malloc(400000), 1, 400000);
+    free(p);
+}
 fmi2Status fmi2SetupExperiment(fmi2Component p, fmi2Boolean has_tolerance, fmi2Real tolerance,
                                fmi2Real start, fmi2Boolean has_stop, fmi2Real stop) {
-    ((Instance *)p)->s.time = start;
+    Instance *i = p;
+    i->s.time = start, i->s.stops = has_stop, i->s.stop = stop;
+    i->s.clock = FAULT("ignores the start time") ? 0.0 : start;
     return fmi2OK;
 }
 fmi2Status fmi2EnterInitializationMode(fmi2Component p) {
@@ -99,8 +108,16 @@ fmi2Status fmi2Reset(fmi2Component p) {
 fmi2Status fmi2GetReal(fmi2Component p, const fmi2ValueReference ref[], size_t n, fmi2Real value[]) {
     Instance *i = p;
     if (i->s.initialising) show(i);
+    i->s.value[TIME] = i->s.clock;
     for (size_t k = 0; k < n; k++) {
-        value[k] = i->s.value[ref[k]];
+        size_t place = k;
+        if (FAULT("answers in another order"))  /* that of the references: the k-th smallest */
+            for (place = 0; place < n; place++) {
+                size_t less = 0;
+                for (size_t j = 0; j < n; j++) less += ref[j] < ref[place];
+                if (less == k) break;
+            }
+        value[k] = i->s.value[ref[place]];
         if (FAULT("getting moves") && ref[k] == Z && !i->s.initialising) i->s.v += 1e-9;
         if (FAULT("not finite") && ref[k] == Y && i->s.n > 20) value[k] = NAN;
     }
@@ -125,8 +142,10 @@ fmi2Status fmi2DoStep(fmi2Component p, fmi2Real t, fmi2Real h, fmi2Boolean final
     if (FAULT("one step size") && i->s.n && fabs(h - (i->s.time - i->s.reached)) > 1e-9)
         return fmi2Error;
     if (FAULT("not repeatable")) i->s.value[Y] += 1e-15 * (double)(rand() % 100);
-    advance(i, FAULT("ignores the step size") ? 1e-3 : size);
-    i->s.reached = t, i->s.time = t + size;
+    double far = FAULT("ignores the step size") ? 1e-3 : size;
+    if (FAULT("runs to the stop time") && i->s.stops) far = i->s.n ? 0.0 : i->s.stop - t;
+    advance(i, far);
+    i->s.reached = t, i->s.time = t + size, i->s.clock += size;
     if (FAULT("fails") && i->s.n == 2) return fmi2Error;
     if (size < h) return i->s.reached = t + size, fmi2Discard;
     return fmi2OK;
@@ -179,6 +198,8 @@ fmi2Status fmi2GetDirectionalDerivative(fmi2Component p, const fmi2ValueReferenc
             if (unknown[k] == Y) d = known[j] == X0 && i->s.initialising;
             else if (known[j] == U) d = r[C];
             else if (known[j] == W) d = 2.0 * r[W];
+            if (!strncmp(i->fault, "kink", 4) && known[j] == W && unknown[k] == Z)
+                d += FAULT("kink, wrong") ? 3.0 : r[W] > START[W];
             if (FAULT("wrong sign") && known[j] == U) d = -d;
             if (FAULT("derivative of another point") && known[j] == W && !i->s.initialising)
                 d = 2.0 * START[W] * (unknown[k] == Z);

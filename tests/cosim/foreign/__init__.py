@@ -11,7 +11,8 @@ the process (`crash`: SIGSEGV, also `crash_at_end`, when terminated; `exit`: cod
 changes folder, locale and what hears Ctrl-C (`meddle`) or rounds upwards (`round`), or makes y NaN, as do steps above `nan_above`. `needs_input`: u must be set while
 initialising. One that `forgets` goes back to the start values of its file when an experiment is set up,
 one that `overrules` takes its own x0 at the end of initialisation, one that `commits` steps only where noSetFMUStatePriorToCurrentPoint is true, and then never goes back, one that is `punctual` steps
-to the stop time and no bit further, one that `chats` logs from a thread that its step waits for. Other calls out of order, wrong times, steps beyond the stop time and, of one that commits,
+to the stop time and no bit further, one that `needs_stop` does not initialise without a stop time, one
+that `runs_ahead` computes all up to a defined stop time in its first step, one that `chats` logs from a thread that its step waits for. Other calls out of order, wrong times, steps beyond the stop time and, of one that commits,
 returns to times that noSetFMUStatePriorToCurrentPoint excluded are errors, after which a state or a reset helps.
 
 `steps` (doStep calls), `restores`, `states_alive` and `gets_after_set` (calls that get outputs after
@@ -59,7 +60,7 @@ class Variable(NamedTuple):
 
 SWITCHES = (
     "fresh", "counts", "stubborn", "needs_input", "talks", "crash_at_end", "hang_at_end", "forgets",
-    "overrules", "commits", "punctual", "chats",
+    "overrules", "commits", "punctual", "chats", "needs_stop", "runs_ahead",
 )  # fmt: skip
 LIMITS = (
     "longest_step", "warn_at", "error_at", "fatal_at", "nan_at", "nan_above", "crash_at", "hang_at",

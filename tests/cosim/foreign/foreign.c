@@ -191,7 +191,11 @@ CALL(SetupExperiment, (fmi2Component p, fmi2Boolean tolerance_defined, fmi2Real 
      c->m.forgets ? restore(c, &c->start) : (void)0,
      c->m.tolerance_defined = tolerance_defined, c->m.tolerance = tolerance,
      c->m.stop_time_defined = stops, c->m.stop_time = stop, c->m.start_time = c->m.time = start)
-CALL(EnterInitializationMode, (fmi2Component p), BIT(INSTANTIATED), c->m.mode = INITIALIZING)
+fmi2Status fmi2EnterInitializationMode(fmi2Component p) {
+    ENTER(BIT(INSTANTIATED));
+    if (c->m.needs_stop && !c->m.stop_time_defined) FAIL("a stop time is needed");
+    return c->m.mode = INITIALIZING, fmi2OK;
+}
 CALL(Terminate, (fmi2Component p), BIT(STEPPING) | BIT(DISCARDED),
      c->m.crash_at_end && (*(volatile int *)NULL = 0), c->m.mode = TERMINATED, note(c, "terminated"))
 CALL(Reset, (fmi2Component p), ANY, restore(c, &c->start), c->promise = -INFINITY)
@@ -299,7 +303,9 @@ fmi2Status fmi2DoStep(fmi2Component p, fmi2Real t, fmi2Real h, fmi2Boolean final
     if (m->chats) chat(c);
     if (m->commits && !final) m->time += size, m->dirty = 0;
     else if (size > 0.0) {
-        advance(m, size), show(m);
+        int ahead = m->runs_ahead && m->stop_time_defined;
+        advance(m, !ahead ? size : m->steps == 1 ? m->stop_time - t : 0.0);
+        m->time = t + size, show(m);
         if (size > m->nan_above) m->y = NAN;
         m->du[1] = m->du[2] = 0.0, m->dirty = 0, m->last_step = size;
     }

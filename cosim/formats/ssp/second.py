@@ -1,0 +1,194 @@
+"""What SSP 2.0 has more than 1.0, in the words of 1.0: types of FMI 3.0, and arrays as their elements."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from copy import deepcopy
+from itertools import product
+from math import prod
+from typing import Any
+
+from ...errors import SetupError
+from ...native import KINDS, WIDTHS
+
+Element = Any
+Shape = tuple[int, ...]
+CLOCK = "{http://ssp-standard.org/SSP1/SystemStructureDescription}Clock"
+
+#: A convention of XML Schema: the width in bits of xs:int, which SSP 1.0 has for every Integer.
+INT_BITS = 32
+
+#: Derived from what a package may have: as many elements of arrays as it may have connectors and values.
+MOST_ELEMENTS = 1_000_000
+
+
+def make_1_0(root: Element, name: str) -> list[tuple[Element, str]]:
+    """Rewrite an element of SSP 2.0 as one of 1.0, in place, without what says nothing of the system.
+
+    Parameters
+    ----------
+    root : Element
+        A structure or a parameter set.
+    name : str
+        The file that it is from, for messages.
+
+    Returns
+    -------
+    list of (Element, str)
+        Values that an Integer of SSP 1.0 cannot have, which is 0 here; they are set after validation.
+
+    Raises
+    ------
+    SetupError
+        For arrays of unknown size, connections between arrays of different sizes, and values outside
+        the range of their type.
+    """
+    root.set("version", "1.0")
+    own = [(e, e.getparent()) for e in root.iter("{*}ParameterSet") if e is not root]
+    for parameters, parent in own:  # each has a version of its own
+        parent.remove(parameters)
+    for extra in list(root.iter("{*}MetaData", "{*}Signature", CLOCK)):
+        extra.getparent().remove(extra)
+    shapes = _expand_connectors(root, name)
+    for connection in list(root.iter("{*}Connection")) if shapes else ():
+        _expand_connection(connection, shapes, name)
+    for parameter in list(root.iter("{*}Parameter")):
+        _expand_parameter(parameter, name)
+    wide = list(_wide(root, name))
+    for element in root.iter(*(f"{{*}}{kind}" for kind in KINDS)):
+        element.tag = element.tag.replace(_plain(element.tag), KINDS[_plain(element.tag)])
+    for parameters, parent in own:
+        parent.append(parameters)
+    return wide
+
+
+def _expand_connectors(root: Element, name: str) -> dict[tuple[Element, str], Shape]:
+    """Put elements in place of the connectors that are arrays; their shapes by owner and name."""
+    shapes: dict[tuple[Element, str], Shape] = {}
+    count = 0
+    for connector in list(root.iter("{*}Connector")):
+        shape = _shape(connector, name)
+        if shape is None:
+            continue
+        count += prod(shape)
+        if count > MOST_ELEMENTS:
+            raise SetupError(f"{name}: its arrays have more than {MOST_ELEMENTS} elements")
+        shapes[connector.getparent().getparent(), connector.get("name")] = shape
+        _replace(connector, [_named(connector, place) for place in _places(shape)])
+    return shapes
+
+
+def _expand_connection(
+    connection: Element, shapes: dict[tuple[Element, str], Shape], name: str
+) -> None:
+    """Put connections of elements in place of one of arrays."""
+    places: list[list[str]] = []
+    sizes: list[str] = []
+    for end in ("start", "end"):
+        indices = connection.attrib.pop(f"{end}Indices", "").split()
+        shape = shapes.get((_owner(connection, end), connection.get(f"{end}Connector")))
+        if indices:
+            places.append([f"[{','.join(indices)}]"])
+        else:
+            places.append([""] if shape is None else list(_places(shape)))
+        sizes.append(str(() if indices or shape is None else shape))
+    if sizes[0] != sizes[1]:
+        ends = " and ".join(connection.get(f"{end}Connector") for end in ("start", "end"))
+        raise SetupError(
+            f"{name}, line {connection.sourceline}: {ends} have the sizes {' and '.join(sizes)}"
+        )
+    if places == [[""], [""]]:
+        return
+    copies: list[Element] = []
+    for here, there in zip(*places):
+        copy = deepcopy(connection)
+        copy.set("startConnector", connection.get("startConnector") + here)
+        copy.set("endConnector", connection.get("endConnector") + there)
+        copies.append(copy)
+    _replace(connection, copies)
+
+
+def _owner(connection: Element, end: str) -> Element | None:
+    """The system or the element of it that has the connector at one end."""
+    system = connection.getparent().getparent()
+    element = connection.get(f"{end}Element")
+    if not element:
+        return system
+    return next((e for e in system.iterfind("{*}Elements/*") if e.get("name") == element), None)
+
+
+def _expand_parameter(parameter: Element, name: str) -> None:
+    """Put values of elements in place of one of an array."""
+    shape = _shape(parameter, name)
+    content = next(parameter.iterchildren("*"), None)
+    if content is None:
+        return
+    listed = [value.get("value", "") for value in content.iterfind("{*}Value")]
+    if shape is None:
+        if listed:  # one value, which may be written like one of an array
+            content.set("value", listed[0])
+            content[:] = []
+        return
+    texts = listed or content.get("value", "").split()
+    if len(texts) != prod(shape):
+        raise SetupError(
+            f"{name}, line {parameter.sourceline}: {parameter.get('name')} has {len(texts)} values "
+            f"for {prod(shape)} elements"
+        )
+    copies: list[Element] = []
+    for place, text in zip(_places(shape), texts):
+        copies.append(_named(parameter, place))
+        inner = next(copies[-1].iterchildren("*"))
+        inner[:] = []
+        inner.set("value", text)
+    _replace(parameter, copies)
+
+
+def _shape(element: Element, name: str) -> Shape | None:
+    """The sizes that Dimension elements give, which are removed; None if there are none."""
+    dimensions = list(element.iterfind("{*}Dimension"))
+    for dimension in dimensions:
+        if not re.fullmatch(r"\s*\d+\s*", dimension.get("size", "")):
+            where = f"{name}, line {element.sourceline}: {element.get('name')}"
+            raise SetupError(f"{where}: a Dimension without a size as a number is not supported")
+        element.remove(dimension)
+    return tuple(int(d.get("size")) for d in dimensions) if dimensions else None
+
+
+def _places(shape: Shape) -> Iterator[str]:
+    """The indices of all elements, from 1 and the last one first to move, as in names of FMI 3.0."""
+    for index in product(*(range(1, size + 1) for size in shape)):
+        yield f"[{','.join(map(str, index))}]"
+
+
+def _named(element: Element, place: str) -> Element:
+    copy = deepcopy(element)
+    copy.set("name", element.get("name") + place)
+    return copy
+
+
+def _replace(element: Element, copies: list[Element]) -> None:
+    parent = element.getparent()
+    where = parent.index(element)
+    parent[where : where + 1] = copies
+
+
+def _wide(root: Element, name: str) -> Iterator[tuple[Element, str]]:
+    """Values of whole numbers that are too large for SSP 1.0, with 0 in their place."""
+    for element in root.iter(*(f"{{*}}{kind}" for kind in WIDTHS)):
+        text = element.get("value", "")
+        if not re.fullmatch(r"\s*[+-]?\d{1,20}\s*", text):
+            continue
+        bits, signed = WIDTHS[_plain(element.tag)]
+        lowest, highest = (-(2 ** (bits - 1)), 2 ** (bits - 1)) if signed else (0, 2**bits)
+        if not lowest <= int(text) < highest:
+            where = f"{name}, line {element.sourceline}: {element.getparent().get('name')}"
+            raise SetupError(f"{where} = {text} is outside the range of {_plain(element.tag)}")
+        if not -(2 ** (INT_BITS - 1)) <= int(text) < 2 ** (INT_BITS - 1):
+            element.set("value", "0")
+            yield element, text
+
+
+def _plain(tag: str) -> str:
+    return tag.rpartition("}")[2]

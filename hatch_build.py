@@ -1,0 +1,63 @@
+"""What a wheel of the project contains besides its Python: the FMUs, and the master's loop compiled.
+
+A wheel is complete, so that nothing is built where it is installed. FMUs in `fmus/` that are up to date are
+taken as they are. An editable installation takes the FMUs of the clone, which build_fmus.py builds.
+"""
+
+import importlib.util
+import subprocess
+import sys
+from pathlib import Path
+from shutil import rmtree
+from types import ModuleType
+from typing import Any
+
+from hatchling.builders.hooks.plugin.interface import BuildHookInterface
+
+
+class CustomBuildHook(BuildHookInterface):
+    """Build the FMUs of both flavours and the loops, and put them into the wheel."""
+
+    def initialize(self, version: str, build_data: dict[str, Any]) -> None:
+        """Fill the wheel; raises RuntimeError with the builder's words where an FMU cannot be built."""
+        if self.target_name != "wheel" or version == "editable":
+            return
+        root = Path(self.root)
+        loops = root / "build" / "loops"
+        command = [sys.executable, str(root / "build_fmus.py"), "--flavour", "both"]
+        done = subprocess.run(command, cwd=root, capture_output=True, text=True, check=False)
+        if done.returncode:
+            raise RuntimeError(f"the FMUs cannot be built:\n{done.stderr}")
+        _compiler(root).compile_every_loop(loops)
+        fmus = [
+            path
+            for pattern in ("*.fmu", "native/*.fmu", "wasm/*.wasm")
+            for path in sorted((root / "fmus").glob(pattern))
+        ]
+        included = build_data["force_include"]
+        for path in fmus:
+            if path.name != "LinearSystem.fmu":  # no question uses it; `cosim verify` does
+                included[str(path)] = f"scenarios/fmus/{path.relative_to(root / 'fmus').as_posix()}"
+        exact = root / "fmus" / "LinearSystem.fmu"
+        included[str(exact)] = "cosim/verification/LinearSystem.fmu"
+        for path in sorted(loops.glob("*.so")):
+            included[str(path)] = f"cosim/engine/compiled/{path.name}"
+        for path in sorted((root / "components").glob("*/*")):
+            if path.name in ("model.py", "page.md", "drawing.svg"):
+                place = path.relative_to(root / "components").as_posix()
+                included[str(path)] = f"fmukit/machines/{place}"
+
+    def finalize(self, version: str, build_data: dict[str, Any], artifact_path: str) -> None:
+        """Remove the compiled loops, which are in the wheel now."""
+        rmtree(Path(self.root) / "build" / "loops", ignore_errors=True)
+
+
+def _compiler(root: Path) -> ModuleType:
+    """The module that compiles the loop, without the package around it, which needs more than a build."""
+    path = root / "cosim" / "engine" / "compiler.py"
+    spec = importlib.util.spec_from_file_location("loop_compiler", path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module

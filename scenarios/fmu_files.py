@@ -1,0 +1,100 @@
+"""The built FMUs: where they are, and whether they are made from the sources as these are now.
+
+In a clone, build_fmus.py writes beside the FMUs which state of the sources each was made from. Checking it
+reads the sources, about 100 files, and starts no process. An installed package contains no sources of FMUs
+that could change.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterable, Mapping
+from functools import cache
+from pathlib import Path
+
+PACKAGE = Path(__file__).resolve().parent
+CLONE = PACKAGE.parent
+IS_CLONE = (CLONE / "build_fmus.py").is_file()
+FMUS = (CLONE if IS_CLONE else PACKAGE) / "fmus"
+FOLDERS = {"python": FMUS, "native": FMUS / "native", "wasm": FMUS / "wasm"}
+RECORD = "sources.json"
+ENDINGS = {".py", ".c"}
+
+
+def plain(name: str) -> str:
+    """A machine's name in one spelling for its folder and its FMU: drivemotor."""
+    return name.replace("_", "").lower()
+
+
+@cache
+def kit_digest() -> bytes:
+    """The hash of all that every FMU is made from: the kit, the licence and the project's data."""
+    files = [path for path in (CLONE / "fmukit").rglob("*") if path.suffix in ENDINGS]
+    return _digest([*files, CLONE / "LICENSE", CLONE / "pyproject.toml"])
+
+
+def source_digest(name: str) -> str:
+    """The hash of all that the FMU of a machine, "DriveMotor" or "drive_motor", is made from.
+
+    Raises FileNotFoundError for a machine that is not in `components`.
+    """
+    folders = {plain(path.parent.name): path.parent for path in CLONE.glob("components/*/model.py")}
+    if plain(name) not in folders:
+        raise FileNotFoundError(f"there is no folder of {name} in components")
+    machine = _digest(path for path in folders[plain(name)].iterdir() if path.is_file())
+    return hashlib.sha256(kit_digest() + machine).hexdigest()
+
+
+def record(names: Iterable[str], folder: Path) -> None:
+    """Write for the FMUs and modules of these machines in a folder which sources they were made from."""
+    known = recorded(folder)
+    for name in names:
+        for path in [*folder.rglob("*.fmu"), *folder.rglob("*.wasm")]:
+            if plain(path.stem) == plain(name):
+                known[path.relative_to(folder).as_posix()] = source_digest(name)
+    text = json.dumps(dict(sorted(known.items())), indent=1)
+    (folder / RECORD).write_text(text + "\n", encoding="utf-8")
+
+
+def recorded(folder: Path) -> dict[str, str]:
+    """The hash of the sources of each FMU in a folder, by its path; nothing where nothing is recorded."""
+    path = folder / RECORD
+    if not path.is_file():
+        return {}
+    return {str(key): str(value) for key, value in json.loads(path.read_text("utf-8")).items()}
+
+
+def problem(name: str, flavour: str, folders: Mapping[str, Path] = FOLDERS) -> str:
+    """Why the FMU of a machine in a flavour cannot be used, with the command that builds it; "" if it can.
+
+    Parameters
+    ----------
+    name
+        The machine as its FMU is called, "DriveMotor".
+    flavour
+        "python", "native" or "wasm".
+    folders
+        The folder of each flavour.
+    """
+    path = folders[flavour] / f"{name}{'.wasm' if flavour == 'wasm' else '.fmu'}"
+    build = f"python build_fmus.py --flavour {flavour}"
+    if not path.is_file():
+        return f"there is no {path.name} in {path.parent}" + (
+            f": build it with `{build}`" if IS_CLONE else ""
+        )
+    if not IS_CLONE:
+        return ""
+    label = path.relative_to(FMUS).as_posix()
+    if recorded(FMUS).get(label) == source_digest(name):
+        return ""
+    return f"{path} is not made from the present sources: build it again with `{build}`"
+
+
+def _digest(paths: Iterable[Path]) -> bytes:
+    """The hash of files: their names and what they contain."""
+    digest = hashlib.sha256()
+    for path in sorted(paths):
+        digest.update(path.name.encode())
+        digest.update(hashlib.sha256(path.read_bytes()).digest())
+    return digest.digest()

@@ -1,0 +1,152 @@
+"""A folder of results belongs to one run: the second is refused, and the first one's files stay whole."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import scenarios
+from cosim import SetupError
+from scenarios.__main__ import PROJECT
+from tests.conftest import ROOT, until
+from workbench.answer import Table, stream
+from workbench.command import main
+
+ROWS = 2000
+QUESTION = '''
+"""How much is in the rows?"""
+import time
+from dataclasses import dataclass
+from pathlib import Path
+import cosim
+from cosim import System
+import workbench
+from workbench import Figure, Findings, Show, Table, option
+PARTS = {"motor": "DriveMotor"}
+@dataclass(frozen=True, kw_only=True)
+class Options(workbench.Options):
+    kind: str = option("kept", "what makes the rows", choices=("run", "kept", "sweep"))
+    scale: float = option(1.0, "scale of the rows")
+    gate: str = option("", "file for which the picture waits")
+def scaled(task): return task[0] * task[1]
+def solve(o, bench):
+    if o.kind == "run":
+        path = bench.out / "rows.csv"
+        run = cosim.run(System(bench.fmus, [], {"motor.w": o.scale}), stop=ROWS * 1e-3, step=1e-3, csv=path)
+        table = Table(run.frame, run.units)
+    else:
+        tasks = [(o.scale, float(k)) for k in range(ROWS if o.kind == "kept" else 20)]
+        numbers = map(scaled, tasks) if o.kind == "kept" else bench.each(scaled, tasks, "rows")
+        table = bench.kept("rows.csv", {"x": "1"}, ([x] for x in numbers))
+    return Findings({"scale": Figure(o.scale, "1", 0.0)}, o, tables={"rows.csv": table})
+def show(o, f, r):
+    if o.gate:
+        Path(o.gate + ".reached").touch()
+        while not Path(o.gate).exists():
+            time.sleep(0.01)
+    return Show()
+'''.replace("ROWS", str(ROWS))
+
+
+@pytest.fixture
+def question(tmp_path: Path) -> Path:
+    path = tmp_path / "rows_of_mine.py"
+    path.write_text(QUESTION)
+    return path
+
+
+def words(question: Path, kind: str, scale: float, out: Path, *more: str) -> list[str]:
+    return ["run", str(question), "--flavour", "native", "--kind", kind, "--scale", f"{scale}",
+            "--out", str(out), *more]  # fmt: skip
+
+
+def at_the_gate(question: Path, kind: str, out: Path, gate: Path) -> subprocess.Popen[str]:
+    """A run that has its figures and waits before it writes its last files."""
+    process = subprocess.Popen(
+        [sys.executable, "-m", "scenarios", *words(question, kind, 1.0, out, "--gate", str(gate))],
+        cwd=ROOT,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
+    until(lambda: process.poll() is not None or Path(f"{gate}.reached").exists())
+    return process
+
+
+@pytest.mark.parametrize("kind", ["run", "kept", "sweep"])
+def test_a_second_run_into_a_folder_is_refused_until_the_last_file_is_written(
+    kind: str, question: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out, alone, gate = tmp_path / "out", tmp_path / "alone", tmp_path / "gate"
+    assert main(words(question, kind, 1.0, alone), PROJECT, "scenarios") == 0
+    first = at_the_gate(question, kind, out, gate)
+    capsys.readouterr()
+    try:
+        assert main(words(question, kind, 2.0, out), PROJECT, "scenarios") == 2
+        assert capsys.readouterr().err == (
+            f"error: {out}: another process is using this folder; wait until it ends, or choose "
+            "another folder with --out\n"
+        )
+        with pytest.raises(SetupError, match="another process is using this folder"):
+            scenarios.ask(str(question), kind=kind, flavour="native", out=out)
+        with (
+            pytest.raises(SetupError, match="another process is using this folder"),
+            stream(out / "rows.csv", ["x"]),
+        ):
+            pass
+    finally:
+        gate.touch()
+        said = first.communicate(timeout=100)[0]
+    assert first.returncode == 0, said
+    assert (out / "rows.csv").read_bytes() == (alone / "rows.csv").read_bytes()
+    assert json.loads((out / "rows_of_mine.json").read_text())["options"]["scale"]["value"] == 1.0
+    assert {path.name for path in out.iterdir()} == {path.name for path in alone.iterdir()}
+
+
+def test_a_killed_run_leaves_its_folder_to_the_next(question: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    first = at_the_gate(question, "kept", out, tmp_path / "gate")
+    os.kill(first.pid, signal.SIGKILL)
+    first.communicate()
+    assert main(words(question, "kept", 2.0, out), PROJECT, "scenarios") == 0
+    rows = (out / "rows.csv").read_text().split()
+    assert rows == ["x", *(f"{2.0 * k}" for k in range(ROWS))]
+    assert not [path.name for path in out.iterdir() if path.name.startswith(".")]
+
+
+def test_a_folder_that_nothing_was_written_to_is_not_left(tmp_path: Path) -> None:
+    from workbench.runs.folder import reservation
+
+    with pytest.raises(SetupError), reservation(tmp_path / "some" / "folder"):
+        with reservation(tmp_path / "some" / "folder"):
+            assert (tmp_path / "some" / "folder").is_dir()
+        raise SetupError
+    assert not list(tmp_path.iterdir())
+    (tmp_path / "file").touch()
+    with pytest.raises(SetupError, match=r"file cannot be written: .*[Ee]xists"):
+        reservation(tmp_path / "file").__enter__()
+
+
+def test_a_table_has_no_rows_of_the_run_whose_file_is_in_its_way(tmp_path: Path) -> None:
+    """Another program has NAME.partial.csv open; a link there leads to somebody's file."""
+    precious = tmp_path / "precious"
+    precious.write_text("mine\n")
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "rows.partial.csv").symlink_to(precious)
+    from workbench.answer import Answer, write
+
+    frame = Table.of_rows([(1.0,)], {"x": "1"})
+    bare = {"parts": {}, "versions": {}, "flavour": "native"}
+    write(
+        Answer({}, tables={"rows.csv": frame}, provenance=bare, scenario="a", question="?",
+               verdict=""),
+        tmp_path / "out",
+    )  # fmt: skip
+    assert precious.read_text() == "mine\n"
+    assert (tmp_path / "out" / "rows.csv").read_text() == "x\n1.0\n"
