@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from cosim.system import Value
-from workbench.live import Number
+from workbench.live import Formulas, Number
 
 from .drive import induction
 
@@ -17,13 +17,13 @@ KLOSS = {
     "slip": "b * share / (1 + sqrt(1 - share**2))",
     "B": "2 * motor.kloss.tau_b * b * (b**2 - slip**2) / (slip**2 + b**2)**2",
 }
-START = {
+START: Formulas = {
     "motor.A": "slope * speed",
     "motor.tau": "load_slope * speed",
     "conveyor.phi": 0.0,
     "conveyor.w": "speed",
 }
-KLOSS_START = {"motor.kloss.w_s": "speed + slip", "motor.kloss.s_b": "b / (speed + slip)"}
+KLOSS_START: Formulas = {"motor.kloss.w_s": "speed + slip", "motor.kloss.s_b": "b / (speed + slip)"}
 NUMBERS = (Number("nu_res", "nu_res"), Number("zeta", "zeta"))
 
 

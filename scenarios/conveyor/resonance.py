@@ -485,8 +485,8 @@ def ripple(o: Options, f: Mapping[str, Figure], r: Sweep, title: str) -> Chart:
 
 
 #: steps per revolution of the live sweep, of which a ripple of order 2 needs a few dozen
-SWEEP_STEPS = 128
-#: the share to which live revolutions repeat, below the step differences of 512 and of 128 steps
+SWEEP_STEPS = 256
+#: the share to which live revolutions repeat, below the step differences of 512 and of 256 steps
 ORBIT, SWEEP_ORBIT = Steady(1e-6, 200), Steady(1e-4, 80)
 
 
@@ -546,7 +546,7 @@ def live_part(o: Options, f: Mapping[str, Figure], r: Sweep) -> Live:
             Slider("conveyor.trough.d", 1000.0, 12000.0),
         ),
         values=live_theory.values(o.start),
-        start=live_theory.START | ({} if is_linear else live_theory.KLOSS_START),
+        start={**live_theory.START, **({} if is_linear else live_theory.KLOSS_START)},
         stop="2 * pi / speed",
         step="2 * pi / (speed * steps_per_rev)",
         angle="conveyor.phi",

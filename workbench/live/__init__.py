@@ -9,6 +9,7 @@ from .declare import (
     REVOLUTION,
     Caption,
     Coordinate,
+    Formulas,
     Live,
     LiveChart,
     LiveMotion,
@@ -22,6 +23,6 @@ from .declare import (
 )  # fmt: skip
 
 __all__ = [
-    "REVOLUTION", "Caption", "Coordinate", "Live", "LiveChart", "LiveMotion", "LivePanel",
+    "REVOLUTION", "Caption", "Coordinate", "Formulas", "Live", "LiveChart", "LiveMotion", "LivePanel",
     "LivePart", "LiveRun", "LiveSweep", "Number", "Reader", "Slider", "Steady", "of",
 ]  # fmt: skip

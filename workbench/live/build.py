@@ -73,8 +73,9 @@ class LivePart(NamedTuple):
 
 @cache
 def script(names: tuple[str, ...]) -> str:
-    """Return script files one after the other."""
-    return "\n".join((FOLDER / name).read_text(encoding="utf-8") for name in names)
+    """Return script files one after the other, without comments and indents."""
+    text = "\n".join((FOLDER / name).read_text(encoding="utf-8") for name in names)
+    return re.sub(r"(?m)^\s*(//.*)?\n?", "", text)
 
 
 def of(

@@ -94,8 +94,9 @@ def _written(node: ast.AST, text: str, names: set[str]) -> str:
     def inside(part: ast.AST) -> str:
         return _written(part, text, names)
 
-    if isinstance(node, ast.Constant) and type(node.value) in (int, float):
-        return repr(float(node.value))
+    number = getattr(node, "value", None) if isinstance(node, ast.Constant) else None
+    if isinstance(number, (int, float)) and not isinstance(number, bool):
+        return repr(float(number))
     if isinstance(node, ast.BinOp) and type(node.op) in OPERATORS:
         return f"({inside(node.left)} {OPERATORS[type(node.op)]} {inside(node.right)})"
     if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub):

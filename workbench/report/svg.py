@@ -117,7 +117,7 @@ def placed_shapes(motion: Motion) -> tuple[Samples, float, list[tuple[Shape, Sam
     return scale * (high - low) + 2 * EDGE, scale, placed
 
 
-def letter_sizes(size: Sequence[float]) -> str:
+def letter_sizes(size: Sequence[float] | Samples) -> str:
     """The size of letters on wide and narrow screens in a drawing of that size, for its style."""
     return "; ".join(
         f"--{screen}: {height / min(wide / size[0], TALL / size[1]):.1f}px"

@@ -138,9 +138,9 @@ const live = async (content) => {
   }
 
   // Take the values of the address.
-  const arrive = () => {
-    if (!location.hash.startsWith(PREFIX)) return;
-    const words = readable(location.hash.slice(PREFIX.length)).split("&").filter(Boolean);
+  const arrive = (hash) => {
+    if (!hash.startsWith(PREFIX)) return;
+    const words = readable(hash.slice(PREFIX.length)).split("&").filter(Boolean);
     const values = new Map(words.map((word) => [word.split("=")[0], word.replace(/^[^=]*=?/, "")]));
     for (const one of controls) {
       one.set(one.original);
@@ -232,9 +232,10 @@ const live = async (content) => {
     state.textContent = spoken.textContent = "Copied";
   });
   find(".live-command code").textContent = commandOf(data, controls);
+  const address = location.hash;
   worker.postMessage({ modules, data });
   ask();
   await begun;
-  addEventListener("hashchange", arrive);
-  arrive();
+  addEventListener("hashchange", () => arrive(location.hash));
+  arrive(address);
 };
