@@ -40,6 +40,25 @@ class Rows:
     level: float = 0.0
 
 
+def curvature(y: Samples, x: Samples) -> Samples:
+    """Return the second derivative of y over x between rows, of shape (n - 1,).
+
+    It is the smaller of those at both rows, and 0 where they differ in sign or x does not grow, as at a jump.
+    """
+    with np.errstate(divide="ignore", invalid="ignore"):
+        slope = np.diff(y) / np.diff(x)
+        bend = 2 * np.diff(slope) / (x[2:] - x[:-2])
+    before, after = np.append(bend[0], bend), np.append(bend, bend[-1])
+    with np.errstate(invalid="ignore"):
+        is_smooth = (before * after > 0) & np.isfinite(before) & np.isfinite(after)
+    return np.where(is_smooth, np.where(abs(before) < abs(after), before, after), 0.0)
+
+
+def integral(y: Samples, x: Samples) -> float:
+    """Return the integral of y over x, by the trapezoidal rule less what the curvature adds to it."""
+    return float(np.trapezoid(y, x) - np.sum(np.diff(x) ** 3 * curvature(y, x)) / 12)
+
+
 def last(rows: Rows) -> float:
     """Return the value of the last row."""
     return float(rows.x[-1])
@@ -69,8 +88,8 @@ def minimum(rows: Rows) -> float:
 
 
 def mean(rows: Rows) -> float:
-    """Return the mean over time, by the trapezoidal rule."""
-    return float(np.trapezoid(rows.x, rows.t) / (rows.t[-1] - rows.t[0]))
+    """Return the mean over time."""
+    return integral(rows.x, rows.t) / float(rows.t[-1] - rows.t[0])
 
 
 def first_crossing(rows: Rows) -> float:
@@ -84,9 +103,10 @@ def first_crossing(rows: Rows) -> float:
 
 
 def _wave(rows: Rows) -> complex:
-    """The complex amplitude, x = Im(X exp(i k angle)), by the trapezoidal rule over a revolution."""
-    turned = rows.x * np.exp(-1j * rows.order * rows.angle)
-    return complex(2j * np.trapezoid(turned, rows.angle) / (rows.angle[-1] - rows.angle[0]))
+    """The complex amplitude, x = Im(X exp(i k angle)), over a revolution."""
+    scale = 2 / float(rows.angle[-1] - rows.angle[0])
+    sine, cosine = (rows.x * f(rows.order * rows.angle) for f in (np.sin, np.cos))
+    return complex(scale * integral(sine, rows.angle), scale * integral(cosine, rows.angle))
 
 
 def amplitude(rows: Rows) -> float:
@@ -107,13 +127,16 @@ READERS: Mapping[str, Callable[[Rows], float]] = {
 
 
 def since(rows: Rows, begin: float) -> Rows:
-    """Return the rows from a time [s] on, the first of them on the straight line between two rows."""
+    """Return the rows from a time [s] on, the first of them between two rows."""
     if not begin > rows.t[0]:
         return rows
     later = rows.t > begin
+    k = int(np.argmax(later))
+    first, second = rows.t[k - 1], rows.t[k]
 
     def cut(column: Samples) -> Samples:
-        return np.concatenate([[np.interp(begin, rows.t, column)], column[later]])
+        sag = curvature(column, rows.t)[k - 1] * (begin - first) * (second - begin) / 2
+        return np.concatenate([[np.interp(begin, rows.t, column) - sag], column[later]])
 
     return Rows(
         np.concatenate([[begin], rows.t[later]]),

@@ -57,12 +57,16 @@ const charted = (place, { picture, includes, marks, title }) => {
       const value = last.marks[k];
       if (!(value >= first && value <= end)) return [];
       const share = (value - first) / (end - first);
+      const near = (other, n) => n !== k && Math.abs(other - value) < 0.25 * (end - first);
+      const before = (other, n) => near(other, n) && (other < value || (other === value && n < k));
+      const after = last.marks.some(near) ? "right" : "center";
+      const side = last.marks.some(before) ? "left" : after;
       const line = { color: GREY, dash: "dot", width: 1.6 };
       for (const key of rows) {
         const yref = `y${key.slice(5)} domain`;
         layout.shapes.push({ type: "line", yref, y0: 0, y1: 1, x0: value, x1: value, line });
       }
-      const xanchor = share < 0.2 ? "left" : share > 0.8 ? "right" : "center";
+      const xanchor = share < 0.1 ? "left" : share > 0.9 ? "right" : side;
       const text = `${note.text} ${shown(value, 4)} ${marks[k].unit}`;
       return [{ ...note, text, x: value, xanchor }];
     });
