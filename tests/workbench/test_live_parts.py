@@ -257,8 +257,17 @@ def test_a_drawing_is_a_table_of_coefficients_or_is_refused(javascript: Evaluate
         return table.shapes.map((shape) => points(shape, features, [5, 7]));""")
     for shape, (k, own) in zip(moved, enumerate((ground, tip, slide))):
         assert [complex(*xy) for xy in shape] == pytest.approx(list(own[-1] + 5 + 7j)), k
-    with pytest.raises(SetupError, match=r"'Arm' draws 'slide' with points that are not linear"):
+    with pytest.raises(drawing.NonlinearDrawing, match=r"the points of 'slide' are not linear"):
         drawing.table(arm(0.2), 1)
+
+
+def test_a_machine_that_cannot_be_drawn_live_costs_a_warning_and_not_the_answer() -> None:
+    answer = ask("run_up", stop=0.1, start={"conveyor.crank.r": 0.1})
+    assert answer.live is not None and answer.live.data["motion"] is None
+    (warning,) = [text for text in answer.warnings if text.startswith("LIVE: ")]
+    assert (
+        "'Both conveyors from rest' is left out: the points of 'spring' are not linear" in warning
+    )
 
 
 QUICKLY: dict[str, dict[str, Any]] = {

@@ -6,6 +6,7 @@ is made and never a page that does not work.
 
 from __future__ import annotations
 
+import logging
 import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
@@ -418,7 +419,7 @@ class _Build:
                     name = run.name if several else name
                     color = run.color if several and run.color else color
                     curves.append(
-                        Curve(name, [0.0, 1.0], [0.0, 1.0], color, style[0] if style else "line")
+                        Curve(name, [0.0, 1.0], [0.2, 0.7], color, style[0] if style else "line")
                     )
             levels = [Mark(0.5, text) for text in panel.levels]
             panels.append(
@@ -435,12 +436,19 @@ class _Build:
             ],
         }  # fmt: skip
 
-    def motion(self, motion: LiveMotion, live: Live) -> dict[str, Any]:
-        """Return the table of a motion, and what stands below it."""
+    def motion(self, motion: LiveMotion, live: Live) -> dict[str, Any] | None:
+        """Return the table of a motion, and what stands below it; None where its drawing has no table.
+
+        A start value of the user may be the reason, which must not cost the answer, so it is a warning.
+        """
         where = f"motion {motion.title!r}"
         for coordinate in motion.coordinates:
             self.record(coordinate.column, where)
-        table = drawing.table(motion, len(live.runs))
+        try:
+            table = drawing.table(motion, len(live.runs))
+        except drawing.NonlinearDrawing as problem:
+            logging.getLogger("cosim").warning(str(problem))
+            return None
         captions = [
             {
                 "text": x.text, "unit": x.unit, "decimals": x.decimals, "texts": x.texts,

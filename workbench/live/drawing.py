@@ -13,8 +13,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim import SetupError
-
 from ..report.chart import COLORS
 from ..report.motion import Columns, Motion, Shape
 from ..report.svg import placed_shapes
@@ -33,6 +31,10 @@ SAMPLES = 4
 SEED = 1
 
 
+class NonlinearDrawing(ValueError):
+    """The points of a drawing do not depend linearly on its features."""
+
+
 def table(motion: LiveMotion, runs: int) -> dict[str, Any]:
     """Return the shapes of a motion as coefficients of features, in units of the drawing.
 
@@ -45,7 +47,7 @@ def table(motion: LiveMotion, runs: int) -> dict[str, Any]:
 
     Raises
     ------
-    SetupError
+    NonlinearDrawing
         If a point does not depend linearly on the features.
     """
     coordinates = motion.coordinates
@@ -66,9 +68,9 @@ def table(motion: LiveMotion, runs: int) -> dict[str, Any]:
             error = float(np.abs(features[checked] @ fit - points[checked]).max())
             if error > LARGEST_ERROR:
                 names = ", ".join(x.column for x in coordinates)
-                raise SetupError(
-                    f"LIVE: the motion {motion.title!r} draws {shape.name!r} with points that are not linear "
-                    f"in lengths and turned angles of {names}: they are off by {error:.2g} of 1000"
+                raise NonlinearDrawing(
+                    f"LIVE: the motion {motion.title!r} is left out: the points of {shape.name!r} are not "
+                    f"linear in lengths and turned angles of {names}, they are off by {error:.2g} of 1000"
                 )
         visible = np.flatnonzero((np.abs(fit) * weights[:, None]).max(axis=1) > NEGLIGIBLE)
         rows.append({
