@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 import shutil
 import subprocess
 from collections.abc import Iterator, Mapping
@@ -22,6 +23,7 @@ from scenarios.__main__ import PROJECT
 from scenarios.conveyor import live_theory
 from scenarios.conveyor.drive import conveyor_drive, linearised
 from scenarios.conveyor.theory import SETS
+from scenarios.fmu_files import FMUS
 from scenarios.iron import iron_bounce
 from tests.conftest import ROOT, ask, fmus_of
 from tests.workbench.javascript import Evaluate, evaluator
@@ -374,6 +376,24 @@ def test_a_declaration_that_does_not_fit_is_one_clear_line() -> None:
     assert "sweep over 'nothing'" in refused(sweep=LiveSweep("nothing", [1, 2], "step", [], chart))
     assert "needs two values" in refused(sweep=LiveSweep("speed", [1.0], "step", [], chart))
     assert "LIVE: start of a run: " in refused(runs=[LiveRun(start={"x.y": 1.0})])
+
+
+def test_the_example_of_the_guide_makes_a_question_live() -> None:
+    guide = (ROOT / "docs" / "scenarios.md").read_text(encoding="utf-8")
+    (example,) = re.findall(r"```python\n(from workbench.live import .*?)```", guide, re.DOTALL)
+    scope: dict[str, Any] = {}
+    exec(example, scope)  # noqa: S102
+    page = load(str(ROOT / "examples" / "run_down.py"))
+    o, fmus = made(page.Options, {}, "it"), fmus_of(page)
+    modules = {part: FMUS / "wasm" / f"{fmu}.wasm" for part, fmu in page.PARTS.items()}
+    figures = {
+        "tenth": Figure(0.1, "s", 0.0, "until a tenth of the speed is left"),
+        "brake": Figure(5.0, "N.m", 0.0, "largest braking torque"),
+    }
+    copy: Any = SimpleNamespace(__file__="it.py", Options=page.Options, LIVE=scope["LIVE"])
+    part = live.of(copy, o, Findings(figures, None, page.system(o, fmus)), modules, "ask")
+    assert part is not None
+    assert [x["meaning"] for x in part.data["numbers"]] == [x.meaning for x in figures.values()]
 
 
 def test_the_scripts_stay_small() -> None:
