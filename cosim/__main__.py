@@ -15,7 +15,16 @@ from tempfile import TemporaryDirectory, TemporaryFile, mkdtemp
 from typing import Any, NamedTuple
 
 from . import __version__
-from .commandline import Help, Parser, assignment, exit_code, literal, number, require
+from .commandline import (
+    Help,
+    Parser,
+    StartAction,
+    assignment,
+    exit_code,
+    literal,
+    require,
+    seconds,
+)
 from .engine.adaptive import Adaptive
 from .engine.algorithms import ALGORITHMS
 from .engine.part import quiet
@@ -38,10 +47,20 @@ from .judge.isolated import run_isolated
 from .judge.oracle import METHODS, oracle, true_errors
 from .master import problems
 from .progress import bar
-from .result import Interrupted, Result, SimulationError
+from .result import Interrupted, Result, SimulationError, require_names
 from .result import partial as partial_file
 from .scratch import scratch
-from .system import Network, System, connect, default_experiment, describe_fmu, part_name
+from .system import (
+    Network,
+    System,
+    Value,
+    connect,
+    default_experiment,
+    describe_fmu,
+    part_name,
+    scale,
+)
+from .units import QUANTITY
 
 HERE = Path(__file__).resolve().parent
 EXACT = next(
@@ -55,6 +74,10 @@ EXACT = next(
     ),
     Path("fmus/LinearSystem.fmu"),
 )
+#: The longest step, as a share of a run: one, and a little for what rounding makes of it.
+LONGEST_STEP = 1.0 + 1e-9
+TIMED = ("check", "run", "oracle")
+OTHER_NAMES = {"certify": "run --certify"}
 
 
 class Task(NamedTuple):
@@ -97,22 +120,30 @@ def over_time(system: System, options: argparse.Namespace) -> System:
 
 
 @contextmanager
-def opened(options: argparse.Namespace) -> Iterator[Task]:
+def opened(options: argparse.Namespace, *, runnable: bool = True) -> Iterator[Task]:
     """The system of the file, with the start values of --parameters and of --set over its own."""
     with TemporaryDirectory(dir=scratch()) as folder:
         package = read(options.file, Path(folder) / "ssp")
         system = package.system
-        network = connect(system)
+        network = connect(system, runnable=runnable)
         values = read_values(options.parameters, network) if options.parameters else {}
         for name, text in map(assignment, options.given):
-            values[name] = (
-                text if network.port(name).type in ("String", "Binary") else literal(text)
-            )
+            values[name] = start_value(network, name, text)
         system = replace(system, start={**system.start, **values})
-        network = connect(over_time(system, options))
+        network = connect(over_time(system, options), runnable=runnable)
         for part, blemish in network.blemishes.items() if options.strict else ():
             raise SetupError(f"part {part}: {blemish}")
         yield Task(network, package)
+
+
+def start_value(network: Network, name: str, text: str) -> Value:
+    """The value that a text gives a variable; that of a Real may be in any unit that fits its own."""
+    port = network.port(name)
+    quantity = QUANTITY.fullmatch(text) if port.type == "Real" else None
+    if quantity and quantity[2]:
+        factor, offset = scale(network, port, quantity[2], "be given")
+        return factor * float(quantity[1]) + offset
+    return text if port.type in ("String", "Binary") else literal(text)
 
 
 def read(path: Path, folder: Path) -> Package:
@@ -120,7 +151,7 @@ def read(path: Path, folder: Path) -> Package:
     if path.suffix == ".fmu":
         system = alone(path)
         ((name, fmu),) = system.parts.items()
-        experiment = default_experiment(describe_fmu(name, fmu))
+        experiment = default_experiment(describe_fmu(name, fmu, runnable=False))
         return Package(system, experiment.start, experiment.stop)
     if path.suffix == ".xml" or (path / FILE).is_file():
         return read_osp(path)
@@ -164,7 +195,16 @@ def parser() -> Parser:
             values = "start values: an .ssv, or a .csv with the columns name, value and unit"
             one.path("--parameters", values)
             value = "start value of a parameter or input, by its dotted name"
+            value += ", with a unit if need be: motor.T=5ms"
             one.several("--set", value, dest="given", metavar="NAME=VALUE")
+            text = "start value, as with --set (repeatable)"
+            if name in TIMED:
+                text += "; or start time [s], as with --from"
+                one.time("--from", "start time [s]; the file's by default", dest="start")
+            one.add_argument(
+                "--start", help=text, action=StartAction,
+                metavar="NAME=VALUE", default=None if name in TIMED else argparse.SUPPRESS,
+            )  # fmt: skip
             text = "refuse an FMU whose model description is not valid"
             one.add_argument("--strict", action="store_true", help=text)
         return one
@@ -174,7 +214,7 @@ def parser() -> Parser:
     one = command("run", simulate, "run a system and write its rows")
     stepping(one)
     one.path("--out", ".csv or .parquet file; a JSON file next to it gives units and provenance")
-    one.number("--timeout", "longest time that a step may take [s]; no limit by default", math.inf)
+    one.time("--timeout", "longest time that a step may take [s]; no limit by default", math.inf)
     one.add_argument(
         "--part", metavar="NAME", help="write only this part's columns, under their bare names"
     )
@@ -185,10 +225,12 @@ def parser() -> Parser:
     one = command("diagnose", measure, "measure what the coupling does to the damping")
     shared(one, "--step", "--algorithm")
     one.number("--share", "artificial damping allowed, as a share of the real damping", 0.05)
-    one.number("--settle", "time [s] to settle before the measurement", 0.0)
+    one.time("--settle", "time [s] to settle before the measurement", 0.0)
 
     one = command("oracle", judge, "find the true errors of a run by model exchange")
-    shared(one, "--start", "--stop", "--step", "--algorithm")
+    shared(one, "--stop", "--step", "--algorithm")
+    text = "longest time that an integration of the oracle may take [s]; no limit by default"
+    one.time("--timeout", text, math.inf)
     text = "integrator; the last two are for stiff systems"
     one.add_argument("--method", choices=METHODS, default=METHODS[0], help=text)
     shared(one, "--record")
@@ -199,12 +241,12 @@ def parser() -> Parser:
     formats = ("ssp", "osp", "container")
     one.add_argument("--to", choices=formats, required=True, help="format")
     one.path("--out", "file to write, or folder for osp", required=True)
-    one.number("--step", "communication step [s]")
+    one.time("--step", "communication step [s]")
 
     one = command("crosscheck", cross, "check whether an FMU keeps its promises", file=False)
     one.path("fmu", "a co-simulation FMU of FMI 2.0 or 3.0", metavar="fmu")
-    one.number("--step", "communication step [s]; by default the one the FMU prefers")
-    one.number("--timeout", "longest time that a check may take [s]", 60.0)
+    one.time("--step", "communication step [s]; by default the one the FMU prefers")
+    one.time("--timeout", "longest time that a check may take [s]", 60.0)
     one.several("--out", "report file: .txt, .xml (JUnit) or .html", metavar="FILE", type=Path)
 
     one = command(
@@ -239,9 +281,8 @@ def parser() -> Parser:
 def shared(one: Parser, *options: str) -> None:
     """Options of several commands."""
     told: dict[str, dict[str, Any]] = {
-        "--start": {"type": number, "metavar": "NUMBER", "help": "start time [s]; the file's by default"},
-        "--stop": {"type": number, "metavar": "NUMBER", "help": "stop time [s]; the file's by default"},
-        "--step": {"type": number, "metavar": "NUMBER", "help": "communication step [s]; by default the file's, or the one the FMUs prefer"},
+        "--stop": {"type": seconds, "metavar": "TIME", "help": "stop time [s]; the file's by default"},
+        "--step": {"type": seconds, "metavar": "TIME", "help": "communication step [s]; by default the file's, or the one the FMUs prefer"},
         "--algorithm": {"choices": ALGORITHMS, "default": "strang", "help": "coupling algorithm"},
         "--record": {"type": names, "metavar": "LIST", "help": "columns to record, by dotted names a,b,c; all outputs by default"},
     }  # fmt: skip
@@ -251,7 +292,7 @@ def shared(one: Parser, *options: str) -> None:
 
 def stepping(one: Parser) -> None:
     """The options of how a system is stepped."""
-    shared(one, "--start", "--stop", "--step")
+    shared(one, "--stop", "--step")
     one.number(
         "--adaptive",
         "choose the steps so that the coupling error stays within this tolerance",
@@ -283,7 +324,7 @@ def stepping(one: Parser) -> None:
     )
     one.several("--at", "change during the run", metavar="'TIME NAME=VALUE'")
     shared(one, "--record")
-    one.number("--output-step", "time between rows [s]; a row at every step by default")
+    one.time("--output-step", "time between rows [s]; a row at every step by default")
 
 
 def times(task: Task, options: argparse.Namespace) -> tuple[float, float]:
@@ -295,6 +336,20 @@ def times(task: Task, options: argparse.Namespace) -> tuple[float, float]:
     return start, stop
 
 
+def substeps(task: Task, options: argparse.Namespace, step: float | Adaptive) -> dict[str, int]:
+    """The sub-steps asked for, over those of the file, which hold for the file's own step."""
+    requested = rates(vars(options).get("substeps", []))
+    stated = {name: n for name, n in task.package.substeps.items() if name not in requested}
+    if stated and step != task.package.step:
+        print(
+            f"warning: the file's own steps of {', '.join(stated)} hold for its step of "
+            f"{task.package.step!r} s only and are ignored; give --substeps",
+            file=sys.stderr,
+        )
+        stated = {}
+    return stated | requested
+
+
 def settings(task: Task, options: argparse.Namespace) -> Settings:
     """How to run, as asked for, as the file says, or as the FMUs prefer."""
     start, stop = times(task, options)
@@ -302,14 +357,17 @@ def settings(task: Task, options: argparse.Namespace) -> Settings:
         raise SetupError("--step and --adaptive exclude each other")
     adaptive = options.adaptive is not None
     step = Adaptive(options.adaptive) if adaptive else task.step(options.step)
+    if options.step is not None and start < stop < start + options.step / LONGEST_STEP:
+        span = f"the time from start to stop, {stop - start!r} s"
+        raise SetupError(f"step = {options.step!r} s must be at most {span}")
     own = {name: value for name, value in vars(options).items() if name in Settings._fields}
-    own |= {"substeps": rates(own.get("substeps", []))}
+    own |= {"substeps": substeps(task, options, step)}
     return Settings(**own | {"start": start, "stop": stop, "step": step})
 
 
 def show(options: argparse.Namespace) -> int:
     """python -m cosim info."""
-    with opened(options) as task:
+    with opened(options, runnable=False) as task:
         print("\n".join(describe.info(task.network)))
         for connector, port in task.package.connectors.items():
             print(f"connector {connector} is {port}")
@@ -340,6 +398,7 @@ def simulate(options: argparse.Namespace) -> int:
     with opened(options) as task:
         way = settings(task, options)
         given: dict[str, Any] = {k: v for k, v in way._asdict().items() if v is not None}
+        folders = new_folders(options)
         require_files(options, task.system)
         whole = options.out is not None and options.part is None and options.out.suffix == ".csv"
         figures: dict[str, Estimate] = {}
@@ -365,6 +424,9 @@ def simulate(options: argparse.Namespace) -> int:
             if options.plot is not None:
                 result.plot(path=options.plot)
             print("\n".join(told(result)))
+            print(
+                "\n".join(new_files(options, folders)), end="\n" * bool(options.out or options.plot)
+            )
             if options.out is None and options.plot is None:
                 end = zip(result.columns, result.data[-1])
                 table((name, f"{value:.6g} {result.units[name]}") for name, value in end)
@@ -413,6 +475,7 @@ def require_files(options: argparse.Namespace, system: System) -> None:
     require_image(options.plot)
     if options.out is not None:
         require_place(options.out)
+        require_names(options.out)
         if options.out.suffix not in (".csv", ".parquet"):
             raise SetupError(f"{options.out} must end in .csv or .parquet")
         if options.out.suffix == ".parquet":
@@ -421,6 +484,26 @@ def require_files(options: argparse.Namespace, system: System) -> None:
         require("scipy", "--certify")
     if options.part is not None and options.part not in system.parts:
         raise SetupError(f"there is no part {options.part!r}, only {', '.join(system.parts)}")
+
+
+def new_folders(options: argparse.Namespace) -> list[Path]:
+    """The folders that must be made for the files to write, the outermost of each."""
+    folders = []
+    for path in filter(None, (options.out, options.plot)):
+        missing = [folder for folder in path.parents if not folder.exists()]
+        folders += missing[-1:]
+    return list(dict.fromkeys(folders))
+
+
+def new_files(options: argparse.Namespace, folders: Sequence[Path]) -> Iterator[str]:
+    """Which files and folders a command has made."""
+    if options.out is not None:
+        facts = options.out.with_suffix(".json")
+        yield f"rows written to {options.out}, units and provenance to {facts}"
+    if options.plot is not None:
+        yield f"plot written to {options.plot}"
+    for folder in folders:
+        yield f"new folder: {folder}"
 
 
 def require_place(path: Path) -> None:
@@ -469,7 +552,9 @@ def told(result: Result) -> Iterator[str]:
     did = counted(ran["steps"], "step")
     for what in ("rejected", "discarded"):
         did += f", {ran[what]} {what}" if ran[what] else ""
-    pace = (ran["stop"] - ran["start"]) / ran["wall_time"]
+    pace = (ran["reached"] - ran["start"]) / ran["wall_time"]
+    if ran["reason"]:
+        yield str(ran["reason"])
     yield (
         f"{ran['algorithm']}, {ran['communication']}: {did} in {ran['wall_time']:.3g} s "
         f"({pace:.3g} x real time), {counted(ran['rows'], 'row')}"
@@ -494,16 +579,18 @@ def measure(options: argparse.Namespace) -> int:
 
 def judge(options: argparse.Namespace) -> int:
     """python -m cosim oracle."""
+    folders = new_folders(options)
     require_files(options, System({}))
     with opened(options) as task:
         descriptions = task.network.descriptions.items()
         if lone := [name for name, d in descriptions if d.coSimulation is None]:
-            return truth(task, options, lone)
+            return truth(task, options, lone, folders)
         way = settings(task, options)
         with quiet():
             found = true_errors(
                 task.system, start=way.start, stop=way.stop, step=task.step(options.step),
                 record=options.record, method=options.method, algorithm=options.algorithm,
+                timeout=options.timeout,
             )  # fmt: skip
     if options.out is not None:
         found.result.write(options.out)
@@ -513,17 +600,20 @@ def judge(options: argparse.Namespace) -> int:
         x, unit = found.figures[name], found.result.units[column]
         rows.append((name, f"{x.true:.9g} {unit}", x.certified.text(unit), f"{x.error:.2g} {unit}"))
     table(rows)
+    print("\n".join(new_files(options, folders)), end="\n" * bool(options.out))
     warn(found.result)
     return 0
 
 
-def truth(task: Task, options: argparse.Namespace, lone: Sequence[str]) -> int:
+def truth(
+    task: Task, options: argparse.Namespace, lone: Sequence[str], folders: Sequence[Path]
+) -> int:
     """python -m cosim oracle, where no run can be beside it."""
     start, stop = times(task, options)
     with quiet():
         result = oracle(
             task.system, start=start, stop=stop, output_step=options.step, record=options.record,
-            method=options.method,
+            method=options.method, timeout=options.timeout,
         )  # fmt: skip
     if options.out is not None:
         result.write(options.out)
@@ -538,6 +628,7 @@ def truth(task: Task, options: argparse.Namespace, lone: Sequence[str]) -> int:
         found = Estimate(figures[name], error, math.nan, reason=UNKNOWN)
         rows.append((name, found.text(result.units[column])))
     table(rows)
+    print("\n".join(new_files(options, folders)), end="\n" * bool(options.out))
     warn(result)
     return 0
 
@@ -603,6 +694,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command that was typed; its exit code."""
 
     def act() -> int:
+        words = sys.argv[1:] if arguments is None else arguments
+        if words and words[0] in OTHER_NAMES:
+            raise SetupError(f"there is no command {words[0]!r}: use {OTHER_NAMES[words[0]]}")
         options = parser().parse_args(arguments)
         return int(options.does(options))
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import errno
 import os
 import signal
 import sys
@@ -15,6 +16,7 @@ from .errors import SetupError
 from .result import SimulationError
 from .signals import heard
 from .system import Value
+from .units import QUANTITY, multiples
 
 
 class Help(argparse.HelpFormatter):
@@ -46,6 +48,10 @@ class Parser(argparse.ArgumentParser):
         told: dict[str, Any] = {"type": number, "metavar": "NUMBER", "default": default} | more
         self.add_argument(name, help=text, **told)
 
+    def time(self, name: str, text: str, default: float | None = None, **more: Any) -> None:
+        """An option that is a time [s]."""
+        self.number(name, text, default, **{"type": seconds, "metavar": "TIME"} | more)
+
     def several(self, name: str, text: str, **more: Any) -> None:
         """An option that may be given again."""
         self.add_argument(name, action="append", default=[], help=text, **more)
@@ -56,14 +62,43 @@ def number(text: str) -> float:
     try:
         return float(text)
     except ValueError:
-        other = "; start values are given with --set" if "=" in text else ""
+        other = "; start values are given with --set or --start" if "=" in text else ""
         raise argparse.ArgumentTypeError(f"{text!r} is not a number{other}") from None
+
+
+def seconds(text: str) -> float:
+    """A time [s], which may be written with a unit: "1ms", "2 min". Raises ArgumentTypeError for others."""
+    quantity = QUANTITY.fullmatch(text)
+    if quantity is None or not quantity[2]:
+        return number(text)
+    scale = multiples("s").get(quantity[2])
+    if scale is None:
+        known = ", ".join(multiples("s"))
+        raise argparse.ArgumentTypeError(f"{text!r} is not a time: its unit must be one of {known}")
+    return float(quantity[1]) * scale
+
+
+class StartAction(argparse.Action):
+    """NAME=VALUE is a start value, as with --set; anything else the start time [s], where there is one."""
+
+    def __call__(self, parser: Any, options: Any, text: Any, name: str | None = None) -> None:
+        """Keep what is given."""
+        if "=" in text:
+            options.given = [*options.given, text]
+            return
+        if not hasattr(options, self.dest):
+            raise argparse.ArgumentError(self, f"{text!r} must read NAME=VALUE")
+        try:
+            setattr(options, self.dest, seconds(text))
+        except argparse.ArgumentTypeError as error:
+            raise argparse.ArgumentError(self, str(error)) from None
 
 
 def exit_code(action: Callable[[], int]) -> int:
     """What the action returns; 1 for a run that failed or a file that cannot be written, 2 for bad input,
     130 for Ctrl-C and the like, 141 if nobody reads the output any more.
     """
+    open_standard_files()
     try:
         with heard(signal.default_int_handler):
             code = action()
@@ -79,13 +114,40 @@ def exit_code(action: Callable[[], int]) -> int:
         print(f"error: {error}", file=sys.stderr)
         return 1
     except OSError as error:
-        where = "" if error.filename is None else f"{error.filename}: "
-        print(f"error: {where}{error.strerror or error}", file=sys.stderr)
+        print(f"error: {reason_of(error)}", file=sys.stderr)
         return 1
     except KeyboardInterrupt as interrupt:
         kept = f"; what was computed is kept: {interrupt}" if interrupt.args else ""
         print(f"interrupted{kept}", file=sys.stderr)
         return 130
+
+
+def open_standard_files() -> None:
+    """Give a process that was started without standard input, output or error the null device there.
+
+    Otherwise the next file that is opened takes their place, and what an FMU prints goes into it.
+    """
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # takes the lowest number that is free
+    if sys.stdout is None:
+        sys.stdout = open(os.devnull, "w")  # noqa: SIM115, PTH123
+    if sys.stderr is None:
+        sys.stderr = open(os.devnull, "w")  # noqa: SIM115, PTH123
+
+
+def reason_of(error: OSError) -> str:
+    """What is wrong with which file, or with the current folder."""
+    if error.filename is not None:
+        return f"{error.filename}: {error.strerror or error}"
+    if error.errno == errno.ENOENT:
+        try:
+            Path.cwd()
+        except FileNotFoundError:
+            return "the current folder has been removed: change to another one"
+    return str(error.strerror or error)
 
 
 def require(package: str, what: str) -> None:

@@ -33,7 +33,14 @@ class NotFinite(PartFailure):
 
 
 class Ended(PartFailure):
-    """A part ended the simulation itself."""
+    """A part ended the simulation itself, at the time `reached` [s]."""
+
+    def __init__(self, message: str, reached: float) -> None:
+        super().__init__(message)
+        self.reached = reached
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (str(self), self.reached)
 
 
 def counted(number: int, noun: str) -> str:

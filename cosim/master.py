@@ -7,7 +7,7 @@ import platform
 import time as clock
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from functools import cache
 from heapq import heappop, heappush
 from importlib.util import find_spec
@@ -24,7 +24,7 @@ from .engine.part import Part
 from .engine.rows import Recorder
 from .engine.stepping import Row, Run, Settings
 from .engine.surroundings import Surroundings
-from .errors import PartFailure, SetupError, counted
+from .errors import Ended, PartFailure, SetupError, counted
 from .loops import algebraic_loops, describe
 from .result import Interrupted, Result, SimulationError
 from .signals import interrupts
@@ -77,7 +77,8 @@ def run(
     called with the fraction of the run that is done.
 
     Warnings of the FMUs are in the result. They are also logged under "cosim" as they occur, unless
-    `quiet` suppresses them. Raises SetupError before the first step, and later SimulationError or
+    `quiet` suppresses them. A run that an FMU ends itself is complete: `provenance` gives the time
+    `reached` [s] and the `reason`. Raises SetupError before the first step, and later SimulationError or
     Interrupted with the rows so far.
     """
     network = connect(system)
@@ -133,6 +134,8 @@ def run(
                 around.require_now()
                 recorder.flush()
                 status, reason = "complete", ""
+        except Ended as asked:
+            status, reason = "complete", _end(run, recorder, asked)
         except PartFailure as failure:
             reason = str(failure)
         finally:
@@ -152,6 +155,14 @@ def run(
     if status == "interrupted":
         raise Interrupted(stopped, result)
     return result
+
+
+def _end(run: Run, recorder: Recorder, end: Ended) -> str:
+    """Close the rows of a run that a part has ended; what to say of it."""
+    with suppress(PartFailure):
+        run.end_at(end.reached)
+    recorder.flush()
+    return f"{end}; the last row is at t = {run.t!r} s"
 
 
 def problems(network: Network, settings: Settings) -> Iterator[str]:

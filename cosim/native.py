@@ -18,6 +18,8 @@ from .errors import SetupError
 WIDTHS = {f"{sign}Int{bits}": (bits, not sign) for bits in (8, 16, 32, 64) for sign in ("", "U")}
 KINDS = dict.fromkeys(("Float32", "Float64"), "Real") | dict.fromkeys(WIDTHS, "Integer")
 TRUE = ("true", "1")
+#: Elements that the arrays of an FMU may have in all: a convention. Each takes about a kilobyte here.
+MOST_ELEMENTS = 1_000_000
 
 
 class Element:
@@ -64,6 +66,7 @@ def expand(path: Path, description: ModelDescription) -> dict[str, tuple[int, ..
     with ZipFile(path) as archive:
         root = ElementTree.fromstring(archive.read("modelDescription.xml"))
     said = {each.get("name"): each for each in root.iterfind("ModelVariables/*")}
+    _require_countable(description)
     families = {id(v): _family(v, said[(v.alias or v).name]) for v in description.modelVariables}
     shapes = {v.name: v.shape for v in description.modelVariables if v.shape}
     for rates in families.values():
@@ -85,6 +88,18 @@ def expand(path: Path, description: ModelDescription) -> dict[str, tuple[int, ..
                 unknowns.append(copy(unknown))
                 unknowns[-1].variable = element
     return shapes
+
+
+def _require_countable(description: ModelDescription) -> None:
+    """Raise SetupError for arrays that are too large to name each element."""
+    count = 0
+    for v in description.modelVariables:
+        count += (size := prod(v.shape or ()))
+        if count > MOST_ELEMENTS:
+            raise SetupError(
+                f"has too many variables: {v.name} has {size} elements, and all arrays together may have "
+                f"{MOST_ELEMENTS}"
+            )
 
 
 def _family(variable: ScalarVariable, said: Any) -> list[Element]:

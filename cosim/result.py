@@ -5,6 +5,8 @@ from __future__ import annotations
 import base64
 import html
 import json
+import os
+import stat
 from collections.abc import Callable, Sequence
 from functools import cached_property
 from importlib.util import find_spec
@@ -45,7 +47,8 @@ class Result:
     def _span(self) -> str:
         """How it ended, from when to when."""
         ran = self.provenance
-        return f"{ran['status']}, {ran['start']:g} to {ran['reached']:g} s"
+        reason = f"; {ran['reason']}" if ran["status"] == "complete" and ran.get("reason") else ""
+        return f"{ran['status']}, {ran['start']:g} to {ran['reached']:g} s{reason}"
 
     def _repr_html_(self) -> str:
         """Status, warnings, the extremes of every column and, with matplotlib, the first SHOWN of them."""
@@ -110,6 +113,7 @@ class Result:
         if path.suffix not in (".csv", ".parquet"):
             raise SetupError(f"{path} must end in .csv or .parquet")
         path.parent.mkdir(parents=True, exist_ok=True)
+        require_names(path)
         rows = partial(path)
         facts = rows.with_suffix(".json")
         try:
@@ -125,20 +129,20 @@ class Result:
                 f"{path}: Parquet needs the package pyarrow, the extra `parquet`"
             ) from None
         except OSError:
-            for file in (rows, facts):
-                file.unlink(missing_ok=True)
+            for name in (rows, facts):
+                name.unlink(missing_ok=True)
             raise
 
     def plot(
         self, names: Sequence[str] | str | None = None, path: Path | str | IO[bytes] | None = None
     ) -> Figure:
         """Plot the columns over time, one axis per unit; `path` also writes the figure to a file."""
-        from matplotlib.figure import Figure
+        from .picture import Picture
 
         names = self.columns[1:] if names is None else names
         names = [names] if isinstance(names, str) else list(names)
         axes_of = list(dict.fromkeys(self.units.get(name, "") for name in names))
-        figure = Figure(figsize=(9, 1.2 + 2.2 * len(axes_of)), layout="constrained")
+        figure = Picture(figsize=(9, 1.2 + 2.2 * len(axes_of)), layout="constrained")
         axes = figure.subplots(len(axes_of), sharex=True, squeeze=False)[:, 0]
         for axis, unit in zip(axes, axes_of):
             for name in names:
@@ -178,6 +182,35 @@ def partial(path: Path) -> Path:
     return path.with_name(f"{path.stem}.partial{path.suffix}")
 
 
+def require_names(path: Path) -> None:
+    """Raise SetupError if a file that goes with a result cannot have its name.
+
+    A symbolic link at such a name would lead to a file that nobody has named: it is refused.
+    """
+    rows = partial(path)
+    for name in (rows, rows.with_suffix(".json"), path.with_suffix(".json")):
+        try:
+            is_link = stat.S_ISLNK(name.lstat().st_mode)
+        except FileNotFoundError:
+            continue
+        except OSError as error:
+            raise SetupError(f"{name} cannot be written: {error.strerror}") from None
+        if is_link:
+            raise SetupError(
+                f"{name} is a symbolic link, and results are not written through links: "
+                "remove it or choose another name"
+            )
+
+
+def open_unlinked(path: Path, mode: str) -> IO[Any]:
+    """Open a file for writing without a buffer, but not through a symbolic link at its name."""
+
+    def opener(name: str, flags: int) -> int:
+        return os.open(name, flags | getattr(os, "O_NOFOLLOW", 0), 0o666)
+
+    return open(path, mode, buffering=0, opener=opener)
+
+
 def read_rows(path: Path) -> Rows:
     """The rows of a CSV file, to the last digit."""
     import pandas as pd
@@ -188,4 +221,5 @@ def read_rows(path: Path) -> Rows:
 
 def write_json(path: Path, content: dict[str, Any]) -> None:
     """Write readable JSON."""
-    path.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
+    with open_unlinked(path, "wb") as file:
+        file.write(f"{json.dumps(content, indent=2)}\n".encode())

@@ -15,13 +15,14 @@ STOPS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if ha
 def heard(handler: Callable[[int, Any], Any]) -> Iterator[None]:
     """Call this function for signals that ask to stop, as far as they are not ignored.
 
+    A handler that is not Python's own, as a program in C installs one, could not be put back: it stays.
     Only the main thread can; where Ctrl-C is ignored, as in the children of a pool, nothing changes.
     """
     elsewhere = threading.current_thread() is not threading.main_thread()
     if elsewhere or signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         yield
         return
-    free = [number for number in STOPS if signal.getsignal(number) is not signal.SIG_IGN]
+    free = [n for n in STOPS if signal.getsignal(n) not in (signal.SIG_IGN, None)]
     before = {number: signal.signal(number, handler) for number in free}
     try:
         yield

@@ -12,6 +12,7 @@ from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 from xml.etree import ElementTree
+from xml.parsers import expat
 from zipfile import ZipFile
 
 import fmpy
@@ -37,6 +38,9 @@ BASES = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
 ANGLE = (0, 0, 0, 0, 0, 0, 0, 1)
 XML, LONGEST = "modelDescription.xml", 128 * 2**20
 WANTED = "this master runs co-simulation by FMI 2.0 and 3.0"
+#: What reading a description raises where it lacks something: errors of Python, not of the file.
+INTERNAL = (TypeError, AttributeError, LookupError, NameError, MemoryError, ArithmeticError)
+NO_NUMBER = re.compile(r"(?:could not convert string to float:|invalid literal for int.*:) ('.*')")
 NUMERIC = {"Real": float, "Integer": int, "Enumeration": int, "Boolean": int}
 
 
@@ -163,7 +167,8 @@ class Connection(NamedTuple):
 class Fmu(NamedTuple):
     """A model description, its variables by name, its units in SI base units by name.
 
-    `blemish` says what is wrong in it but does not affect a run. `terminals` are the variables of each
+    `blemish` says what is wrong in it but does not affect a run, `obstacle` why it cannot run here, but
+    only be described. `terminals` are the variables of each
     terminal by member, `shapes` the dimensions of arrays, of which the elements are variables.
     """
 
@@ -173,6 +178,7 @@ class Fmu(NamedTuple):
     blemish: str
     terminals: dict[str, dict[str, str]]
     shapes: dict[str, tuple[int, ...]]
+    obstacle: str = ""
 
 
 @dataclass(frozen=True)
@@ -240,8 +246,11 @@ class Network:
         return self.fmus[port.part].units.get(port.unit)
 
 
-def connect(system: System) -> Network:
+def connect(system: System, *, runnable: bool = True) -> Network:
     """Check a system against the model descriptions of its FMUs.
+
+    If it need not be `runnable`, FMUs are accepted that can only be described here: those for other
+    platforms or for scheduled execution, and those whose clocks nothing ticks.
 
     Raises SetupError for a file that is not an FMU of FMI 2.0 or 3.0, an unknown part or variable, a
     wire with the wrong direction, type or unit, an input driven twice, and a start value that is not
@@ -250,7 +259,8 @@ def connect(system: System) -> Network:
     """
     if not system.parts:
         raise SetupError("a system needs a part")
-    network = Network(system, {name: _fmu(name, Path(path)) for name, path in system.parts.items()})
+    fmus = {name: _fmu(name, Path(path), runnable) for name, path in system.parts.items()}
+    network = Network(system, fmus)
     _require_distinct(network.fmus)
     wires = [wire for given in system.wires for wire in _wires(network, given)]
     network.wires.extend(_connection(network, wire) for wire in wires)
@@ -274,9 +284,12 @@ def connect(system: System) -> Network:
     for name, description in network.descriptions.items():
         for variable in description.modelVariables:
             if variable.type == "Clock":
-                _require_ticking(Port(name, variable), description)
+                if runnable and (obstacle := _silent(Port(name, variable), description)):
+                    raise SetupError(obstacle)
             elif variable.causality == "input" and f"{name}.{variable.name}" not in known:
                 port, own = Port(name, variable), own_start(variable)
+                if own is None and not runnable:
+                    continue
                 if own is None:
                     raise SetupError(f"input {port} is not connected and has no start value")
                 network.open.append((port, own))
@@ -284,16 +297,25 @@ def connect(system: System) -> Network:
     return network
 
 
-def _require_ticking(port: Port, description: ModelDescription) -> None:
-    """Refuse a clock that this master cannot tick."""
+def _silent(port: Port, description: ModelDescription) -> str:
+    """Why this master cannot tick a clock; empty if it can or need not."""
     if port.variable.causality != "input":
-        return
+        return ""
     if port.variable.intervalVariability == "triggered":
-        raise SetupError(
-            f"{port} is a triggered clock, which nothing here triggers; only clocks with an interval tick"
-        )
+        return f"{port} is a triggered clock, which nothing here triggers; only clocks with an interval tick"
     if description.coSimulation and not description.coSimulation.hasEventMode:
-        raise SetupError(f"{port} is a clock of an FMU without event mode, in which it would tick")
+        return f"{port} is a clock of an FMU without event mode, in which it would tick"
+    return ""
+
+
+def obstacles(network: Network) -> Iterator[str]:
+    """Why the parts of a system that is only described cannot run here."""
+    for name, fmu in network.fmus.items():
+        if fmu.obstacle:
+            yield f"part {name}: {network.system.parts[name]} {fmu.obstacle}"
+        clocks = (v for v in fmu.description.modelVariables if v.type == "Clock")
+        reasons = (_silent(Port(name, v), fmu.description) for v in clocks)
+        yield from filter(None, reasons)
 
 
 def require_fmi2(descriptions: Mapping[str, ModelDescription], what: str) -> None:
@@ -326,12 +348,14 @@ def still(system: System, where: str, *, sums: bool = False) -> Network:
     return network
 
 
-def describe_fmu(name: str, path: Path) -> ModelDescription:
-    """The description of a part's FMU; raises SetupError if name or file cannot be used."""
-    return _fmu(name, path).description
+def describe_fmu(name: str, path: Path, *, runnable: bool = True) -> ModelDescription:
+    """The description of a part's FMU; raises SetupError if name or file cannot be used, or if it cannot
+    run here but is to be `runnable`.
+    """
+    return _fmu(name, path, runnable).description
 
 
-def _fmu(name: str, path: Path) -> Fmu:
+def _fmu(name: str, path: Path, runnable: bool = True) -> Fmu:
     if PART.fullmatch(name) is None:
         raise SetupError(
             f"part name {name!r} must begin with a letter, then letters, digits, _, - and [], "
@@ -340,9 +364,12 @@ def _fmu(name: str, path: Path) -> Fmu:
     if not path.is_file():
         raise SetupError(f"part {name}: there is no file {path}")
     try:
-        return _read(path, version(path))
+        fmu = _read(path, version(path))
     except SetupError as error:
         raise SetupError(f"part {name}: {path} {error}") from error
+    if runnable and fmu.obstacle:
+        raise SetupError(f"part {name}: {path} {fmu.obstacle}")
+    return fmu
 
 
 def part_name(name: str) -> str:
@@ -366,6 +393,7 @@ def _read(path: Path, _: tuple[int, int]) -> Fmu:
         with ZipFile(path) as archive:
             files = archive.namelist()
             long = any(f.file_size > LONGEST for f in archive.infolist() if f.filename == XML)
+            typed = XML in files and not long and _has_document_type(archive.read(XML))
     except Exception as error:
         raise SetupError(
             f"is not a valid FMU: it cannot be opened as a zip file: {error}"
@@ -373,22 +401,23 @@ def _read(path: Path, _: tuple[int, int]) -> Fmu:
     if XML not in files or long:
         which = f"a {XML} of more than {LONGEST >> 20} MiB" if long else f"no {XML}"
         raise SetupError(f"is not a valid FMU: it has {which}")
+    if typed:
+        raise SetupError(
+            f"is not a valid FMU: {XML} has a document type, which may define entities: remove it"
+        )
     try:
         description, blemish = _description(path)
     except Exception as error:
         raise SetupError(f"is not a valid FMU: modelDescription.xml: {_reason(error)}") from error
     if description.fmiVersion not in ("2.0", "3.0"):
         raise SetupError(f"is FMI {description.fmiVersion}; {WANTED}")
-    third = description.fmiVersion == "3.0"
-    interface = description.coSimulation or description.modelExchange
-    if interface is None:
-        raise SetupError(f"offers scheduled execution only; {WANTED}: export it for that, too")
-    library = f"{interface.modelIdentifier}{fmpy.sharedLibraryExtension}"
-    binary = f"binaries/{fmpy.platform_tuple if third else fmpy.platform}/{library}"
-    if binary not in files:
-        there = ", ".join(fmpy.supported_platforms(str(path))) or "no platform"
-        raise SetupError(f"has no binary for this platform, {binary}; it is for {there}")
-    shapes = expand(path, description) if third else {}
+    try:
+        shapes = expand(path, description) if description.fmiVersion == "3.0" else {}
+        default_experiment(description)
+    except SetupError:
+        raise
+    except Exception as error:
+        raise SetupError(f"is not a valid FMU: modelDescription.xml: {_reason(error)}") from error
     variables: dict[str, ScalarVariable] = {}
     for variable in description.modelVariables:
         if variables.setdefault(variable.name, variable) is not variable:
@@ -398,7 +427,49 @@ def _read(path: Path, _: tuple[int, int]) -> Fmu:
                 setattr(variable, attribute, getattr(variable.declaredType, attribute))
     units = {unit.name: unit.baseUnit for unit in reversed(description.unitDefinitions)}
     terminals, wrong = _terminals(path) if TERMINALS in files else ({}, "")
-    return Fmu(description, variables, units, blemish or wrong, terminals, shapes)
+    obstacle = _obstacle(path, files, description)
+    return Fmu(description, variables, units, blemish or wrong, terminals, shapes, obstacle)
+
+
+def _obstacle(path: Path, files: Sequence[str], description: ModelDescription) -> str:
+    """Why an FMU with these files cannot run here; empty if it can."""
+    interface = description.coSimulation or description.modelExchange
+    if interface is None:
+        return f"offers scheduled execution only; {WANTED}: export it for that, too"
+    platform = fmpy.platform_tuple if description.fmiVersion == "3.0" else fmpy.platform
+    folder = f"binaries/{platform}/"
+    binary = f"{folder}{interface.modelIdentifier}{fmpy.sharedLibraryExtension}"
+    if binary in files:
+        return ""
+    others = [name.removeprefix(folder) for name in files if re.fullmatch(f"{folder}[^/]+", name)]
+    if others:
+        return f"has no {binary}, the name that its modelIdentifier gives; {folder} has {', '.join(others)}"
+    there = ", ".join(fmpy.supported_platforms(str(path))) or "no platform"
+    return f"has no binary for this platform, {binary}; it is for {there}"
+
+
+class _Prologue(Exception):
+    """The end of what precedes the first element of a document, or its document type."""
+
+
+def _has_document_type(content: bytes) -> bool:
+    """Whether an XML document has a document type; nothing in it is expanded."""
+
+    def end(*_: Any) -> None:
+        raise _Prologue
+
+    def document_type(*_: Any) -> None:
+        raise _Prologue("document type")
+
+    parser = expat.ParserCreate()
+    parser.StartElementHandler, parser.StartDoctypeDeclHandler = end, document_type
+    try:
+        parser.Parse(content, True)
+    except _Prologue as prologue:
+        return bool(prologue.args)
+    except (expat.ExpatError, ValueError, LookupError):  # who reads the elements says what is wrong
+        return False
+    return False
 
 
 def _terminals(path: Path) -> tuple[dict[str, dict[str, str]], str]:
@@ -422,13 +493,28 @@ def _description(path: Path) -> tuple[ModelDescription, str]:
     try:
         return read_model_description(str(path)), ""
     except Exception as error:  # noqa: BLE001
-        blemish = f"modelDescription.xml is not valid: {_reason(error)}"
-        return read_model_description(str(path), validate=False), blemish
+        reason = _reason(error)
+    try:
+        return read_model_description(str(path), validate=False), f"{XML} is not valid: {reason}"
+    except Exception as error:
+        if isinstance(error, INTERNAL):
+            raise SetupError(reason) from error
+        raise
 
 
 def _reason(error: Exception) -> str:
-    """The last lines of an error as one."""
-    return "; ".join(line.removeprefix("- ") for line in str(error).splitlines()[-3:])
+    """The last lines of an error as one; errors of the reader itself, of which a user knows nothing, in
+    other words.
+    """
+    text = str(error)
+    if isinstance(error, ValueError) and (value := NO_NUMBER.search(text)):
+        return f"{value[1]} is not a number"
+    if isinstance(error, INTERNAL) or not text.strip("-0123456789 "):
+        return (
+            "an element or an attribute is missing, has a value of another type, or is not known to FMPy, "
+            "which reads it"
+        )
+    return "; ".join(line.removeprefix("- ") for line in text.splitlines()[-3:])
 
 
 def _require_distinct(fmus: Mapping[str, Fmu]) -> None:

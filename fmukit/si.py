@@ -70,6 +70,62 @@ Inductance = Annotated[float, Quantity("Inductance", "H", {"kg": 1, "m": 2, "s":
 MagneticFlux = Annotated[float, Quantity("MagneticFlux", "Wb", {"kg": 1, "m": 2, "s": -2, "A": -1})]
 Ratio = Annotated[float, Quantity("DimensionlessRatio", "1", {})]
 
+#: Convention of the SI (9th brochure, tables 2 and 4): the exponents of the base units in each coherent unit.
+COHERENT: dict[str, dict[str, int]] = {
+    "1": {},
+    "rad": {},
+    "sr": {},
+    **{base: {base: 1} for base in ("kg", "m", "s", "A", "K", "mol", "cd")},
+    "Hz": {"s": -1},
+    "N": {"kg": 1, "m": 1, "s": -2},
+    "Pa": {"kg": 1, "m": -1, "s": -2},
+    "J": {"kg": 1, "m": 2, "s": -2},
+    "W": {"kg": 1, "m": 2, "s": -3},
+    "C": {"s": 1, "A": 1},
+    "V": {"kg": 1, "m": 2, "s": -3, "A": -1},
+    "F": {"kg": -1, "m": -2, "s": 4, "A": 2},
+    "Ohm": {"kg": 1, "m": 2, "s": -3, "A": -2},
+    "S": {"kg": -1, "m": -2, "s": 3, "A": 2},
+    "Wb": {"kg": 1, "m": 2, "s": -2, "A": -1},
+    "T": {"kg": 1, "s": -2, "A": -1},
+    "H": {"kg": 1, "m": 2, "s": -2, "A": -2},
+}
+
+
+def require_exponents(quantity: Quantity) -> None:
+    """Raise ValueError if a unit that is made of those of the SI has other exponents than are declared."""
+    wanted = exponents_of(quantity.unit)
+    declared = {
+        base: power for base, power in quantity.exponents.items() if base != "rad" and power
+    }
+    if wanted is not None and wanted != declared:
+        radians = {"rad": quantity.exponents["rad"]} if "rad" in quantity.exponents else {}
+        raise ValueError(
+            f"the unit {quantity.unit} of {quantity.name} has the exponents {wanted}, not {declared}: "
+            f'write Quantity("{quantity.name}", "{quantity.unit}", {wanted | radians})'
+        )
+
+
+def exponents_of(unit: str) -> dict[str, int] | None:
+    """The exponents of the base units in a unit such as N.m/rad or W/(m2.K), the radian counted as one.
+
+    None if a part of it is no coherent unit of the SI, or if it cannot be read in one way only.
+    """
+    above, *below = unit.split("/")
+    total: dict[str, int] = {}
+    for part, sign in ((above, 1), *((part, -1) for part in below)):
+        inner = part[1:-1] if part[:1] + part[-1:] == "()" else part
+        if sign < 0 and "." in inner and inner == part:
+            return None
+        for factor in inner.split("."):
+            match = re.fullmatch(r"([A-Za-z]+|1)(-?\d+)?", factor)
+            if match is None or match[1] not in COHERENT:
+                return None
+            for base, power in COHERENT[match[1]].items():
+                total[base] = total.get(base, 0) + sign * power * int(match[2] or 1)
+    return {base: power for base, power in total.items() if power}
+
+
 RATES: dict[str, Quantity] = {
     get_args(quantity)[1].name: get_args(rate)[1]
     for quantity, rate in (

@@ -87,7 +87,7 @@ def landing(answers: Sequence[Answered]) -> str:
         "Explore": ["machines", "questions"],
         "Guides": ["The project <README>", "All guides <docs/README>", *guides],
         "Reference": ["commands", *(f"reference/{name}" for name in reference.API), "CONTRIBUTING",
-                      "CHANGELOG"],
+                      "SECURITY", "CHANGELOG"],
     }  # fmt: skip
     contents = "\n\n".join(tree(caption, "\n".join(names)) for caption, names in trees.items())
     return f"""\

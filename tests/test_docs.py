@@ -26,7 +26,6 @@ PAGES = sorted(
 )
 TEST_COMMAND = " pytest"
 SITE_COMMAND = ".venv/bin/uv run --no-dev --group site python -m gallery"
-NOT_TRIED = {"docs/hosts/omsimulator.md": "lua"}
 SLOW = {
     "python3 -m venv .venv && .venv/bin/pip install -q uv && "
     ".venv/bin/uv run --no-dev python -m scenarios run resonance",
@@ -41,9 +40,11 @@ SLOW = {
     "scenarios run resonance_map --x motor.T=0.015:0.16:60:log --y conveyor.rotor.J=0.2:1.2:40 "
     "--speed 45",
     "scenarios study studies/drive_tolerances.toml --flavour native",
-    ".venv/bin/python -m dask scheduler --port 8786 &",
-    ".venv/bin/python -m dask worker tcp://localhost:8786 --nworkers 2 --nthreads 1 &",
-    "scenarios study studies/rotor_speed.toml --scheduler tcp://localhost:8786 --out results/cluster",
+    ".venv/bin/python -m dask scheduler --host 127.0.0.1 --port 8786 --no-dashboard "
+    "--dashboard-address 127.0.0.1:0 &",
+    ".venv/bin/python -m dask worker tcp://127.0.0.1:8786 --host 127.0.0.1 --nworkers 2 --nthreads 1 "
+    "--no-dashboard --dashboard-address 127.0.0.1:0 &",
+    "scenarios study studies/rotor_speed.toml --scheduler tcp://127.0.0.1:8786 --out results/cluster",
     "kill %1 %2",
     ".venv/bin/uv run --no-dev python -m cosim verify",
     ".venv/bin/python -m scenarios study studies/records.toml --flavour native",
@@ -152,7 +153,7 @@ def ended(line: str, command: str) -> str:
 def executable(block: Block, slow: bool) -> tuple[str, str, str] | None:
     """A block as tests/page.py takes it; None for what is not run."""
     language, _, target = block.info.partition(" ")
-    if target == "not tried" or block.info in SILENT:
+    if block.info in SILENT:
         return None
     if language == "sh":
         kept = [
@@ -256,22 +257,17 @@ def test_a_command_within_the_text_works(command: str, tree: Path) -> None:
 
 
 def test_nothing_is_left_out() -> None:
-    """Only known kinds of blocks; only hosts that were not tried; no list that outlives its page."""
+    """Only known kinds of blocks; no list that outlives its page."""
     assert {"README.md", "CONTRIBUTING.md", "docs/component.md", "docs/coupling.md"} <= {*PAGES}
-    left, seen = {}, set(INLINE)
+    seen = set(INLINE)
     for page in PAGES:
         for block in blocks(page):
             language, _, target = block.info.partition(" ")
-            if target == "not tried":
-                before = text_of(page).partition(block.text)[0]
-                assert "**Not tried**" in before, block.place
-                left[page] = language
-            elif block.info not in SILENT:
+            if block.info not in SILENT:
                 written = target.endswith({"python": ".py", "toml": ".toml"}.get(language, "-"))
                 assert language in ("sh", "python") or written, f"{block.place}: {block.info!r}"
                 assert not target or written, block.place
             seen |= {*commands(block.text)} if language == "sh" else set()
-    assert left == NOT_TRIED
     assert seen >= SLOW
     assert any(TEST_COMMAND in command for command in seen)
     assert SITE_COMMAND in seen

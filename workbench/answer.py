@@ -214,7 +214,8 @@ def write(answer: Answer, folder: Path, animate: bool = False) -> list[str]:
 
 
 def _write(answer: Answer, folder: Path, animate: bool) -> list[str]:
-    """Write the files to a folder that is this run's."""
+    """Write the files to a folder that is this run's; it may have been removed meanwhile."""
+    folder.mkdir(parents=True, exist_ok=True)
     for name, table in answer.tables.items():
         with replacement(folder / name) as fresh:
             table.frame.to_csv(fresh, index=False)

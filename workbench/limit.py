@@ -68,7 +68,7 @@ def certified(
 def converged(
     figures: Callable[[Result], Mapping[str, Figure]],
     result: Result,
-    found: Mapping[str, Figure],
+    stated: Mapping[str, Figure],
     runs: Sequence[np.ndarray],
 ) -> dict[str, Figure]:
     """The figures, of which those are refused that need rows after the three runs have diverged.
@@ -77,7 +77,7 @@ def converged(
     """
     begin, columns = divergence(runs[::-1])
     if not columns.any():
-        return dict(found)
+        return dict(stated)
     reason = f"{DIVERGED} from {begin:.4g} s on"
     before = figures(result)
     try:
@@ -88,7 +88,7 @@ def converged(
         name: figure
         if figure.error is None or after.get(name) == before.get(name)
         else Figure.refused(figure.unit, reason, figure.meaning)
-        for name, figure in found.items()
+        for name, figure in stated.items()
     }
 
 

@@ -12,7 +12,7 @@ from typing import Any
 
 from fmpy.model_description import ModelDescription
 
-from ..errors import Discarded, Ended, Met, PartFailure
+from ..errors import Discarded, Met, PartFailure
 from ..native import WIDTHS, Element
 from ..system import Value
 from .clock import same
@@ -318,9 +318,7 @@ class Coupled3(Coupled):
             reached = min(told.reached if told.early else t + size, end)
             at_once = at_once + 1 if _reached(reached, t) else 0
             if told.ended:
-                raise Ended(
-                    f"{self.name} ended the simulation at t = {reached!r} s: {self.reason()}"
-                )
+                raise self.ended(reached)
             if told.event:
                 self._require_stop(reached, begin, end, PAST)
             if at_once > MOST_AT_ONCE:
@@ -418,7 +416,7 @@ class Coupled3(Coupled):
         for _ in range(MOST_AT_ONCE):
             again, end, _, _, timed, time = self.call("updateDiscreteStates")
             if end:
-                raise Ended(f"{self.name} ended the simulation at t = {t!r} s: {self.reason()}")
+                raise self.ended(t)
             if not again:
                 break
         else:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import ExitStack, suppress
+from functools import partial
 from itertools import chain
 from math import isclose, isfinite
 from pathlib import Path
@@ -67,7 +68,7 @@ def initialise(
     for name in network.system.parts:
         parts[name] = instance(name)
     for name in parts:
-        parts[name] = _set_up(parts[name], settings, lambda name=name: instance(name))
+        parts[name] = _set_up(parts[name], settings, partial(instance, name))
     for port, value in given.values():
         if port.variable.causality == "input" or _keeps(port):
             parts[port.part].set(port.variable, value)
@@ -94,7 +95,7 @@ def _set_up(part: Coupled, settings: Settings, again: Callable[[], Coupled]) -> 
     that refuses to initialise without it, which is then warned of. Raises PartFailure.
     """
     tolerance = settings.tolerance
-    if tolerance is None:
+    if tolerance is None and part.SIDE == "coSimulation":
         tolerance = default_experiment(part.description).tolerance
     stop = settings.stop if settings.stop_time_defined else None
     part.limit(settings.stop)

@@ -316,8 +316,17 @@ class Part:
         answer, time, ended = self.stopped()
         reached = time if answer in (OK, WARNING) and not math.isnan(time) else t
         if ended:
-            raise Ended(f"{self.name} ended the simulation at t = {reached!r} s: {self.reason()}")
+            raise self.ended(reached)
         raise Discarded(str(failure), reached)
+
+    def ended(self, reached: float) -> Ended:
+        """The end of the simulation that the FMU asks for at a time [s], with its reason if it gives any."""
+        said = self._complaint or (self.log[-1] if self.log else "")
+        return Ended(
+            f"{self.name} ended the simulation at t = {reached!r} s"
+            + (f": {said}" if said else ""),
+            reached,
+        )
 
     def stopped(self) -> tuple[int, float, bool]:
         """Of a discarded step: the status of the answer, the time reached [s], whether that is the end."""

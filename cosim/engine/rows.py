@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import PartFailure, SetupError
-from ..result import Result, Rows, partial, read_rows, write_json
+from ..result import Result, Rows, open_unlinked, partial, read_rows, require_names, write_json
 from .clock import same
 
 CHUNK = 4096
@@ -49,6 +49,7 @@ class Recorder:
         if path is not None:
             if path.suffix != ".csv" or path.is_dir():
                 raise SetupError(f"csv = {path} must be a file that ends in .csv")
+            require_names(path)
             self._stream = Stream(partial(path))
             self._write(self.columns)
             facts = {**provenance, "status": "running", "units": self.units}
@@ -109,7 +110,7 @@ class Stream:
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             while True:
-                self._file = path.open("ab", buffering=0)
+                self._file = open_unlinked(path, "ab")
                 if not _lock(self._file.fileno()):
                     self._file.close()
                     raise SetupError(f"another run is writing {path}")

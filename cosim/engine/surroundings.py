@@ -15,6 +15,10 @@ from ..signals import hear_again
 from .library import LOCK
 
 BETWEEN = 0.1
+#: A convention of IEEE 754: the smallest number above 0, which is subnormal.
+SUBNORMAL = 5e-324
+#: Derived from the largest fenv_t known, 256 bytes of 32-bit x86 with all extensions.
+ENVIRONMENT_BYTES = 256
 C = ctypes.CDLL("ucrtbase" if sys.platform == "win32" else None)
 
 
@@ -24,6 +28,11 @@ class Surroundings:
     def __init__(self) -> None:
         self.warnings: list[str] = []
         self._rounding, self._locale = C.fegetround(), locale.setlocale(locale.LC_ALL)
+        self._environment, self._flushes = (
+            ctypes.create_string_buffer(ENVIRONMENT_BYTES),
+            _flushes(),
+        )
+        C.fegetenv(self._environment)
         with LOCK:  # while an FMU is loaded, the folder is another
             self._folder = _folder()
         self._looked = clock.perf_counter()
@@ -43,23 +52,32 @@ class Surroundings:
         if C.fegetround() != self._rounding:
             C.fesetround(self._rounding)
             self._warn("the rounding of floating-point numbers")
+        if _flushes() != self._flushes:
+            C.fesetenv(self._environment)
+            self._warn("the treatment of subnormal floating-point numbers (FTZ, DAZ)")
 
     def require(self) -> None:
-        """Look now and then during a run; raises PartFailure if its numbers are rounded otherwise."""
+        """Look now and then during a run; raises PartFailure if its numbers are computed otherwise."""
         if clock.perf_counter() > self._looked + BETWEEN:
             self.require_now()
 
     def require_now(self) -> None:
         """Look now; raises PartFailure."""
-        rounding = C.fegetround()
+        arithmetic = C.fegetround(), _flushes()
         self.restore()
-        if rounding != self._rounding:
+        if arithmetic != (self._rounding, self._flushes):
             raise PartFailure(self.warnings[-1])
 
     def _warn(self, what: str) -> None:
         sentence = f"an FMU has changed {what} of the whole process; it was restored"
         if sentence not in self.warnings:
             self.warnings.append(sentence)
+
+
+def _flushes() -> tuple[bool, bool]:
+    """Whether the processor takes subnormal results, and subnormal operands, as zero."""
+    smallest, half = sys.float_info.min, 0.5
+    return smallest * half == 0.0, SUBNORMAL == 0.0
 
 
 def _folder() -> Path | None:

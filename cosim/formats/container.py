@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import logging
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from copy import copy
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -18,6 +20,7 @@ if TYPE_CHECKING:
     from fmu_manipulation_toolbox.container import FMUContainer
 
 ALGORITHMS = ("jacobi", "gauss-seidel")
+TOOL = "fmu_manipulation_toolbox"
 
 
 def write_container(
@@ -60,14 +63,34 @@ def write_container(
             container = FMUContainer(re.sub(r"\W", "_", f"C_{path.stem}"), Path(folder))
             container.start_time, container.stop_time = start, stop
             _fill(container, network, sequence)
-            _require_order(container, network, sequence)
-            container.make_fmu(whole, step_size=step, sequential=algorithm == "gauss-seidel")
+            with _without_repetition(TOOL):
+                _require_order(container, network, sequence)
+                container.make_fmu(whole, step_size=step, sequential=algorithm == "gauss-seidel")
         except (FMUContainerError, FMUError) as error:
             raise SetupError(f"{path.name}: {error}") from error
         problems = validate_fmu(str(whole))
         if problems:
             raise SetupError(f"{path.name} is not valid: {problems[0]}")
         whole.replace(path)
+
+
+@contextmanager
+def _without_repetition(name: str) -> Iterator[None]:
+    """Let a logger say each of its messages once."""
+    logger, messages = logging.getLogger(name), set[str]()
+
+    def is_new(record: logging.LogRecord) -> bool:
+        text = record.getMessage()
+        if text in messages:
+            return False
+        messages.add(text)
+        return True
+
+    logger.addFilter(is_new)
+    try:
+        yield
+    finally:
+        logger.removeFilter(is_new)
 
 
 def _fill(container: FMUContainer, network: Network, sequence: Sequence[str]) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 import shutil
 from collections import defaultdict
 from collections.abc import Iterable, Iterator
@@ -14,7 +15,7 @@ from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
 from ..engine.ledger import declared
-from ..errors import SetupError
+from ..errors import SetupError, counted
 from ..system import (
     READ,
     Connection,
@@ -28,7 +29,7 @@ from ..system import (
     require_fmi2,
     still,
 )
-from .ssp.files import LINK, Room, load, locate, plain
+from .ssp.files import LINK, Room, load, locate, plain, require_root
 from .ssp.parameters import Parameter
 from .ssp.plan import Arrow, Connector, Node, Plan, dotted
 from .ssp.read import Package
@@ -45,6 +46,9 @@ CONTENTS = (
 )  # fmt: skip
 GROUPS = "{}_OspModelDescription.xml"
 SOURCES = ("output", "calculatedParameter")
+
+#: Derived from decimals: the quotient of two steps in seconds is whole within a few of their last bits.
+ROUNDING = 1e-9
 log = logging.getLogger("cosim")
 
 
@@ -55,15 +59,13 @@ def read_osp(path: Path) -> Package:
     the start value of their FMU. The connections of a `powerBond` become a bond, and a sum becomes
     several wires into one input. Two groups of variables, defined by a
     MODEL_OspModelDescription.xml next to the FMU or the structure, are connected one by one in their
-    order. Raises SetupError with file and line for what is invalid or not supported, such as FMUs that
-    are not files.
+    order. A simulator whose `stepSize` is shorter than the base step gets sub-steps, no longer than that;
+    a longer one takes the base step, with a logged warning. Raises SetupError with file and line for
+    what is invalid or not supported, such as FMUs that are not files.
     """
     file = Path(path) / FILE if Path(path).is_dir() else Path(path)
     root, reader = load(file), _Reader(file)
-    if root.tag != f"{{{NAMESPACE}}}OspSystemStructure":
-        raise SetupError(
-            f"{file.name}: the root element must be OspSystemStructure, not {plain(root.tag)}"
-        )
+    require_root(root, f"{{{NAMESPACE}}}OspSystemStructure", file.name)
     for element in root.iterfind("{*}EccoConfiguration"):
         root.remove(element)
     for element in root.iter("*"):
@@ -84,7 +86,7 @@ def read_osp(path: Path) -> Package:
     system = System(plan.fmus, [*plan.wires(), *reader.sums()], plan.starts(), bonds)
     connect(system)
     start, stop, step = map(reader.times.get, TIMES)
-    return Package(system, start, stop, step=step)
+    return Package(system, start, stop, step=step, substeps=dict(reader.substeps()))
 
 
 class _Reader:
@@ -95,6 +97,7 @@ class _Reader:
         self.times: dict[str, float] = {}
         self.bonds: dict[str, list[Node]] = defaultdict(list)
         self.added: dict[Node, list[Node]] = {}
+        self.steps: dict[str, float] = {}
 
     def at(self, element: Any) -> str:
         """File, line, kind and name of an element."""
@@ -174,8 +177,32 @@ class _Reader:
         fmu = locate(source, self.file.parent, Path(self.file.absolute().anchor))
         part = self.plan.add_element("", name)
         self.plan.add_fmu(part, fmu, describe_fmu(part, fmu))
-        if step is not None and float(step) != self.times.get("BaseStepSize"):
-            log.warning("%s: stepSize %s is ignored: all parts step together", name, step)
+        if step is not None:
+            self.steps[part] = float(step)
+
+    def substeps(self) -> Iterator[tuple[str, int]]:
+        """The sub-steps of the parts with a step of their own, none longer than that.
+
+        libcosim rounds such steps to whole base steps. A step that is longer than the base step, or
+        shorter but no whole part of it, is therefore no reason to refuse a structure that runs there.
+        """
+        base = self.times.get("BaseStepSize")
+        for part, step in self.steps.items():
+            if not 0.0 < step < math.inf:
+                raise SetupError(
+                    f"{self.file.name}: stepSize {step!r} s of {part} must be above 0 and finite"
+                )
+            if base is None:
+                log.warning("%s: stepSize %r s is ignored: there is no BaseStepSize", part, step)
+                continue
+            count = math.ceil(base / step * (1.0 - ROUNDING))
+            if count > 1:
+                yield part, count
+            if not math.isclose(base, count * step, rel_tol=ROUNDING):
+                log.warning(
+                    "%s: stepSize %r s becomes %r s, the BaseStepSize of %r s in %s",
+                    part, step, base / count, base, counted(count, "step"),
+                )  # fmt: skip
 
     def _initial(self, part: str, element: Any) -> None:
         name, (content,) = element.attrib["variable"], element.iterchildren("*")

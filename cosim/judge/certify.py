@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -18,6 +19,7 @@ from ..figures import FEWEST, largest, mean, smallest, spline
 from ..master import run
 from ..result import Result, Rows
 from ..system import System
+from .describe import table
 
 NEGLIGIBLE = 1e-10
 SLOWEST, FASTER, VAGUE, SAFETY = 0.5, 1.5, 0.1, 1.5
@@ -59,6 +61,10 @@ class Estimate(NamedTuple):
     order: float
     rows: float = 0.0
     reason: str = ""
+
+    def __str__(self) -> str:
+        """The figure without a unit."""
+        return self.text("").replace("  ", " ").rstrip()
 
     def text(self, unit: str) -> str:
         """The figure for printing, with two digits of its error, rounded up."""
@@ -119,6 +125,20 @@ class Certified(NamedTuple):
 
     result: Result
     figures: dict[str, Estimate]
+
+    def __str__(self) -> str:
+        """A line for each figure, and what the run warns of."""
+        lines = list(table([(name, str(figure)) for name, figure in self.figures.items()]))
+        return "\n".join([*lines, *(f"warning: {text}" for text in self.result.warnings)])
+
+    def _repr_html_(self) -> str:
+        """The figures as a table, for notebooks."""
+        rows = "".join(
+            f"<tr><td>{html.escape(name)}</td><td>{html.escape(str(figure))}</td></tr>"
+            for name, figure in self.figures.items()
+        )
+        warnings = "".join(f"<p>{html.escape(text)}</p>" for text in self.result.warnings)
+        return f"<table><tr><th>figure</th><th>value and error</th></tr>{rows}</table>{warnings}"
 
 
 def certify(
@@ -206,8 +226,8 @@ def _diverged(
 def disturbed(rows: Rows, begin: float, columns: NDArray[np.bool_]) -> Rows:
     """Rows whose columns have other values from the time `begin` [s] on; figures that need them change."""
     changed = rows.copy()
-    late = rows[:, 0] >= begin
-    changed[np.ix_(late, columns)] *= np.linspace(0.5, 1.5, int(late.sum()))[:, None]
+    after = rows[:, 0] >= begin
+    changed[np.ix_(after, columns)] *= np.linspace(0.5, 1.5, int(after.sum()))[:, None]
     return changed
 
 
@@ -225,19 +245,19 @@ def divergence(runs: Sequence[Rows], ratio: float = HALVED) -> tuple[float, NDAr
         np.column_stack([t, *(np.interp(t, rows[:, 0], x) for x in rows.T[1:])]) for rows in runs
     )
     last, before = (
-        np.array([np.abs(one - other)[piece].mean(axis=0) for piece in pieces])
-        for one, other in ((fine, middle), (middle, coarse))
+        np.array([np.abs(finer - coarser)[piece].mean(axis=0) for piece in pieces])
+        for finer, coarser in ((fine, middle), (middle, coarse))
     )
     least = np.maximum(FAR_APART * np.ptp(fine, axis=0), NEGLIGIBLE * np.abs(fine).max(axis=0))
     padded = np.pad(before, ((NEIGHBOURS, NEIGHBOURS), (0, 0)))
     around = np.max([padded[k : k + len(before)] for k in range(2 * NEIGHBOURS + 1)], axis=0)
-    apart = last > least
-    parted = apart & (last > around / ratio**SLOWEST)
-    parted[:, (fine == np.round(fine)).all(axis=0)] = False
-    if not parted.any():
+    distant = last > least
+    diverged = distant & (last > around / ratio**SLOWEST)
+    diverged[:, (fine == np.round(fine)).all(axis=0)] = False
+    if not diverged.any():
         return math.inf, np.zeros(fine.shape[1], dtype=bool)
-    first = int(parted.any(axis=1).argmax())
-    return float(t[pieces[first][0]]), apart[first:].any(axis=0)
+    first = int(diverged.any(axis=1).argmax())
+    return float(t[pieces[first][0]]), distant[first:].any(axis=0)
 
 
 def _order(

@@ -130,10 +130,10 @@ class Comparison:
 
     def plot(self, path: Path | str | None = None) -> Figure:
         """A panel per column: both curves, the band and the rows outside; `path` also writes a file."""
-        from matplotlib.figure import Figure
+        from ..picture import Picture
 
         number = len(self.columns)
-        figure = Figure(figsize=(9, 1.0 + 2.2 * number), layout="constrained")
+        figure = Picture(figsize=(9, 1.0 + 2.2 * number), layout="constrained")
         axes = figure.subplots(number, sharex=True, squeeze=False)[:, 0]
         for axis, column in zip(axes, self.columns):
             _draw(axis, column, np.linspace(self.start, self.stop, DRAWN))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import math
+import time as clock
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from itertools import chain
@@ -120,7 +121,7 @@ class Model(Coupled):
                 columns.append(self.slopes(unknown, variable))
                 continue
             here = cells[i]
-            h = DIFFERENCE * max(abs(here), abs(float(variable.nominal or 1.0)))
+            h = DIFFERENCE * max(abs(here), abs(float(variable.nominal or 1.0)) or 1.0)
             sides = []
             for cells[i] in (here - h, here + h):
                 move()
@@ -147,7 +148,8 @@ class Whole:
     """A coupled system at a time `t` [s], from `opened`.
 
     `states`, `inputs` and `outputs` are its Real ports, part by part; `stops` are the times at which
-    something changes from outside.
+    something changes from outside. After the `deadline`, a reading of the monotonic clock [s], no rates are
+    computed any more.
     """
 
     def __init__(
@@ -163,6 +165,7 @@ class Whole:
         knots = [f.profile.times for f in self.feeds if isinstance(f.profile, Table)]
         self.stops = sorted({change.time for change in self.changes}.union(*knots))
         self.until = math.inf
+        self.deadline = math.inf
         self.jump(start)
 
     @property
@@ -172,13 +175,17 @@ class Whole:
 
     @property
     def nominals(self) -> Array:
-        """The nominal values of the states, as the parts give them."""
+        """The nominal values of the states, as the parts give them; 1 for what cannot be a nominal value.
+
+        FMI wants them above 0, and some tools give 0.
+        """
         found = []
         for part in self.parts:
             cells = (ctypes.c_double * len(part.x))()
             part.array("GetNominalsOfContinuousStates", cells)
             found += list(cells)
-        return np.array(found)
+        sizes = np.abs(found)
+        return np.where((sizes > 0.0) & (sizes < math.inf), sizes, 1.0)
 
     def at(self, t: float, x: Array) -> None:
         """Be at a time [s] and a state, all wires settled; raises Refused, PartFailure."""
@@ -191,7 +198,9 @@ class Whole:
         self._settle(lambda block: block.real)
 
     def slopes(self, t: float, x: Array) -> Array:
-        """The rates of the states; NaN where a part refuses them."""
+        """The rates of the states; NaN where a part refuses them. Raises PartFailure after the deadline."""
+        if clock.monotonic() > self.deadline:
+            raise PartFailure(f"no end within the timeout; the integrator is at t = {t!r} s")
         try:
             self.at(t, x)
             for part in self.parts:

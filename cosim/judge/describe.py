@@ -13,7 +13,7 @@ from ..engine.ledger import bonds
 from ..engine.stepping import Settings
 from ..loops import algebraic_loops, describe
 from ..master import stepping_order
-from ..system import ANGLE, Connection, Network, Port, default_experiment, exponents
+from ..system import ANGLE, Connection, Network, Port, default_experiment, exponents, obstacles
 
 ABILITIES = {
     "canGetAndSetFMUstate": "restores its state",
@@ -44,7 +44,11 @@ def info(network: Network) -> Iterator[str]:
         side = description.coSimulation
         can = [text for flag, text in ABILITIES.items() if side and getattr(side, flag)]
         told = ", ".join(can) or "fixed steps forward only" if side else "for model exchange only"
-        yield f"  for {', '.join(platforms(str(path)))}; {told}"
+        if not side and not description.modelExchange:
+            told = "for scheduled execution only"
+        if description.generationTool:
+            yield f"  made by {description.generationTool}"
+        yield f"  for {', '.join(platforms(str(path))) or 'no platform'}; {told}"
         variables = description.modelVariables
         for causality in ("input", "output"):
             for port in (Port(name, v) for v in variables if v.causality == causality):
@@ -62,6 +66,8 @@ def info(network: Network) -> Iterator[str]:
         if lines:
             yield title
             yield from (f"  {line}" for line in lines)
+    for obstacle in obstacles(network):
+        yield f"cannot run here: {obstacle}"
 
 
 def _wire(wire: Connection, *, adds: bool = False) -> str:

@@ -9,6 +9,7 @@ linearised system does not change along the motion, its eigenvalue gives the rea
 
 from __future__ import annotations
 
+import html
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
@@ -79,6 +80,14 @@ class Diagnosis:
     def trusted(self) -> bool:
         """Whether the modes explain the response and the damping at steps of zero is known."""
         return _certain(self) and self.residual <= UNEXPLAINED
+
+    def __str__(self) -> str:
+        """The diagnosis in plain words."""
+        return self.text()
+
+    def _repr_html_(self) -> str:
+        """The diagnosis in plain words, for notebooks."""
+        return f"<p>{html.escape(self.text())}</p>"
 
     def text(self) -> str:
         """The diagnosis in plain words."""

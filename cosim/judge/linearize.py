@@ -102,7 +102,7 @@ class Linear:
         The response lasts `span` [s], by default until the slowest mode has decayed, but at most some
         periods of the fastest.
         """
-        from matplotlib.figure import Figure
+        from ..picture import Picture
 
         sizes = np.abs(self.eigenvalues)
         sizes = sizes[sizes > STILL * sizes.max(initial=0.0)] if sizes.any() else np.ones(1)
@@ -114,7 +114,7 @@ class Linear:
         shown = min(SPAN / slowest, MOST_PERIODS * 2 * np.pi / sizes.max())
         t = np.linspace(0.0, shown if span is None else span, SAMPLES)
         y = self.step_response(input, output, t)
-        figure = Figure(figsize=(9, 8), layout="constrained")
+        figure = Picture(figsize=(9, 8), layout="constrained")
         axes = figure.subplots(3)
         axes[0].loglog(w, np.abs(response))
         axes[1].semilogx(w, np.degrees(np.unwrap(np.angle(response))))

@@ -62,6 +62,7 @@ def oracle(
     record: Sequence[str] | None = None,
     method: str = "DOP853",
     tolerance: float = TOLERANCE,
+    timeout: float = math.inf,
 ) -> Result:
     """Integrate the coupled system from `start` to `stop` [s] as one ordinary differential equation.
 
@@ -76,8 +77,11 @@ def oracle(
     half a step of the integrator may be missed.
 
     Raises SetupError for a part without model exchange and for settings that cannot be run, and
-    SimulationError if a part or the integrator fails.
+    SimulationError if a part or the integrator fails, or if an integration takes longer than `timeout`
+    [s] of real time.
     """
+    if not timeout > 0.0:
+        raise SetupError(f"timeout = {timeout!r} s must be above 0")
     network = connect(system)
     spacing = (stop - start) / ROWS if output_step is None else output_step
     Settings(stop, 1.0, start, output_step=output_step).check()
@@ -99,6 +103,7 @@ def oracle(
 
     def once(allowed: float) -> Result:
         with opened(network, start, stop) as whole:
+            whole.deadline = clock.monotonic() + timeout
             rows: list[list[float]] = []
             events: list[float] = []
             told = {"status": "complete", "reason": "", "reached": stop, "events": events}
@@ -139,16 +144,26 @@ def true_errors(
     start: float = 0.0,
     record: Sequence[str] | None = None,
     method: str = "DOP853",
+    timeout: float = math.inf,
     **settings: Any,
 ) -> Judged:
     """Certify figures of runs with a communication step [s], and compare them with the oracle's.
 
-    The oracle's rows are as far apart as those of the runs. `settings` are those of `run`. Raises what
+    The oracle's rows are as far apart as those of the runs, and each of its two integrations may take
+    `timeout` [s] of real time. `settings` are those of `run`. Raises what
     `oracle` and `certify` raise; parts for model exchange only are refused, since they cannot be run.
     """
     require_steps(connect(system).descriptions, system.parts)
     rows = settings.get("output_step", step)
-    exact = oracle(system, stop=stop, start=start, output_step=rows, record=record, method=method)
+    exact = oracle(
+        system,
+        stop=stop,
+        start=start,
+        output_step=rows,
+        record=record,
+        method=method,
+        timeout=timeout,
+    )
     truth = figures(exact)
     found = certify(
         system, figures, stop=stop, step=step, start=start, record=record, **settings

@@ -130,6 +130,8 @@ def record(cls: type[R]) -> type[R]:
             fields[name] = annotation
             continue
         declared, quantity = _declared(cls, name), _quantity(annotation)
+        if quantity is not None:
+            _require_exponents(f"{cls.__name__}.{name}", quantity)
         if isinstance(declared, list):
             body[name] = _whole(len(fields), declared)
         for index, element in _elements(declared):
@@ -166,6 +168,14 @@ def _declared(cls: Any, name: str) -> Any:
 
 def _missing(self: Any, name: str) -> Any:
     raise AttributeError(f"{type(self).__name__} has no {name}: it has {', '.join(self._fields)}")
+
+
+def _require_exponents(variable: str, quantity: Quantity) -> None:
+    """Raise ValueError, which names the variable, for wrong exponents of a known unit."""
+    try:
+        si.require_exponents(quantity)
+    except ValueError as error:
+        raise ValueError(f"{variable}: {error}") from None
 
 
 def _quantity(annotation: Any) -> Quantity | None:

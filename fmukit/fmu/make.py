@@ -100,9 +100,10 @@ def module_kept(build: native.NativeBuild, path: Path, force: bool) -> bool:
         print(f"wasm/{path.name} cannot be built: {error}", file=sys.stderr)
         return False
     path.parent.mkdir(parents=True, exist_ok=True)
-    candidate = path.with_suffix(".building")
-    candidate.write_bytes(content)
-    candidate.replace(path)
+    with tempfile.TemporaryDirectory(dir=path.parent, prefix=".building-") as temporary:
+        candidate = Path(temporary) / path.name
+        candidate.write_bytes(content)
+        candidate.replace(path)
     print(f"wasm/{path.name} built, {len(content) // 1024} KiB, guid {build.guid}")
     return True
 
@@ -128,4 +129,6 @@ def kept(build: Build, pack: Callable[[Build, Path], None], fmu: Path, force: bo
             return False
         candidate.replace(fmu)
     print(f"{label} built and valid, {fmu.stat().st_size // 1024} KiB, guid {build.guid}")
+    for sentence in build.warnings:
+        print(f"{label}: warning: {sentence}", file=sys.stderr)
     return True

@@ -13,26 +13,40 @@ from ..step import equations
 from .python import instance
 
 Rows = list[list[float | int]]
-FOLDER = "extra/org.fmi-standard.fmi-ls-ref"
+
+#: A convention of the layered standard FMI-LS-REF, which fixes its name.
+NAME = "org.fmi-standard.fmi-ls-ref"
+
+#: A convention of FMI-LS-REF 1.0.0-beta.1 (July 2026): its text still asks for the version of its draft.
+VERSION = "1.0.0-alpha.1"
+
+#: A convention of FMI-LS-REF, which fixes its description.
+DESCRIPTION = "Layered Standard providing information on related files included in an FMU."
+FOLDER = f"extra/{NAME}"
 MANIFEST = """\
 <?xml version="1.0" encoding="UTF-8"?>
-<fmiLayeredStandardManifest
+<fmiReferences
     xmlns:fmi-ls="http://fmi-standard.org/fmi-ls-manifest"
-    fmi-ls:fmi-ls-name="org.fmi-standard.fmi-ls-ref"
-    fmi-ls:fmi-ls-version="0.1.0-alpha.1"
-    fmi-ls:fmi-ls-description="Reference results of the default experiment"/>
+    fmi-ls:fmi-ls-name="{name}"
+    fmi-ls:fmi-ls-version="{version}"
+    fmi-ls:fmi-ls-description="{description}">
+  <Related type="text/csv" source="{file}" role="result"
+      description="Outputs of the default experiment at every communication point"/>
+</fmiReferences>
 """
 
 
 def entries(interface: Interface, rows: Rows) -> dict[str, bytes]:
     """The files by their path in the FMU: a manifest, and the outputs at every step as CSV."""
+    file = f"{class_name(interface.model)}_ref.csv"
+    manifest = MANIFEST.format(name=NAME, version=VERSION, description=DESCRIPTION, file=file)
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(["time", *(v.name for v in outputs(interface))])
     writer.writerows(rows)
     return {
-        f"{FOLDER}/fmi-ls-manifest.xml": MANIFEST.encode(),
-        f"{FOLDER}/{class_name(interface.model)}_ref.csv": text.getvalue().encode(),
+        f"{FOLDER}/fmi-ls-manifest.xml": manifest.encode(),
+        f"{FOLDER}/{file}": text.getvalue().encode(),
     }
 
 

@@ -12,7 +12,7 @@ from ..declare import bounds
 from ..declare.record import Value, start
 from ..declare.variables import Interface, Variable, class_name, only_steps
 from ..step import hybrid, jet, near, ode
-from ..trace import pure, tangents
+from ..trace import feedthrough, pure, tangents
 from ..trace.tracer import Tracer, note
 from ..trace.values import Function, size, symbol
 from . import c, python
@@ -34,25 +34,30 @@ SLAVE = (
 class Written(NamedTuple):
     """The sources of a model: C without guid, and the functions of a slave in Python.
 
-    `indicators` are the event indicators; `reach` is the C that FMI 3.0 needs to end at an event.
+    `indicators` are the event indicators; `reach` is the C that FMI 3.0 needs to end at an event;
+    `warnings` are sentences about the model.
     """
 
     c: str
     python: str
     indicators: int
     reach: str
+    warnings: tuple[str, ...]
 
 
 @cache
 def written(model: ModuleType) -> Written:
-    """Trace and print a model, once in a process."""
+    """Trace and print a model, once in a process; raises TypeError for undeclared feedthrough."""
     interface = Interface(model)
     functions = traced(interface)
+    outputs = next(f for f in functions if f.name == "model_outputs")
+    feedthrough.require(interface, outputs)
+    warnings = tuple(feedthrough.superfluous(interface, outputs))
     indicators = next(size(f.shape) for f in functions if f.name == "model_guards")
     last = next(n for n, f in enumerate(functions, 1) if f.name == "model_tangents")
     code = source(interface, functions[:last], indicators)
     more = "\n".join(map(c.definition, functions[last:]))
-    return Written(code, python.module(functions, SLAVE), indicators, more)
+    return Written(code, python.module(functions, SLAVE), indicators, more, warnings)
 
 
 def source(interface: Interface, functions: list[Function], indicators: int) -> str:

@@ -114,6 +114,7 @@ def solve(o: Options, bench: Bench) -> Findings:
         communication=f"{o.steps_per_rev} steps per revolution",
         algorithm=o.algorithm,
         tables={TABLE: table},
+        defaults={"speeds": nus},
     )
 
 
@@ -198,27 +199,49 @@ def passed(
 
 def verdict(o: Options, f: Mapping[str, Figure], r: Found) -> str:
     """Up to which speed either calculation may be used, and how wrong it gets."""
-    lines = []
-    for way, words in WORDS.items():
-        parts, tops = [], []
-        for load, (_, name, *_) in TOLD.items():
-            end, top = f[f"limit_{way}_{load}"], f[f"worst_{way}_{load}"]
-            known = end if end.error is not None or top.error is not None else top
-            where = NOWHERE if end.reason == NOWHERE else f"up to {known.text()}"
-            if end.error is None and top.error is not None and abs(top.value) <= o.tolerance:
-                where = "at every speed"
-            parts.append(f"the {name} {where}")
-            tops.append(f"{top.text()} for the {name}")
-        lines.append(
-            f"{words.capitalize()} as its load, the calculation is within {o.tolerance:g} % for "
-            f"{listed(parts)}. Its largest errors are {listed(tops)}."
-        )
+    lines = [" ".join(sentences(o, f, r, way)) for way in WORDS]
     if f["share"].error is not None:
         lines.append(
-            "The spring alone no longer gives the torque ripple once the inertia force of the trough is "
-            f"{f['share'].text()} of the spring force."
+            f"The spring alone no longer gives the torque ripple within {o.tolerance:g} % once the inertia force "
+            f"of the trough is {f['share'].brief()} of the spring force."
         )
     return "\n".join(lines)
+
+
+def sentences(o: Options, f: Mapping[str, Figure], r: Found, way: str) -> list[str]:
+    """What one of the calculations is good for, what for not, and what is not determined."""
+    good: list[str] = []
+    bad: list[str] = []
+    errors: list[str] = []
+    reasons: dict[str, list[str]] = {}
+    for load, (_, name, *_) in TOLD.items():
+        end, top = f[f"limit_{way}_{load}"], f[f"worst_{way}_{load}"]
+        if end.reason == NOWHERE:
+            bad.append(f"the {name}")
+        elif end.error is not None:
+            good.append(f"the {name} up to {end.brief()}")
+        elif top.error is not None and abs(top.value) + top.error <= o.tolerance:
+            good.append(f"the {name} at every speed of the sweep")
+        else:
+            reason = end.reason if top.error is not None else top.reason
+            reasons.setdefault(reason, []).append(f"the {name}")
+        if top.error is not None:
+            errors.append(f"{top.brief()} for the {name}")
+        elif end.error is not None or end.reason == NOWHERE:
+            reasons.setdefault(top.reason, []).append(f"the largest error of the {name}")
+    subject, lines = f"{WORDS[way].capitalize()} as its load, the calculation", []
+    if good:
+        lines.append(f"{subject} is within {o.tolerance:g} % for {listed(good)}.")
+    if bad:
+        who = "It" if good else subject
+        lowest = f"already at {r.sweep.nus[0]:g} rad/s, the lowest speed of the sweep"
+        lines.append(f"{who} is off by more than {o.tolerance:g} % for {listed(bad)} {lowest}.")
+    if errors:
+        lines.append(f"Its largest errors are {listed(errors)}.")
+    for reason, names in reasons.items():
+        what = f"How far the calculation {WORDS[way]} can be trusted"
+        lines.append(f"{what} is not determined for {listed(names)}: {reason}.")
+    return lines
 
 
 def show(o: Options, f: Mapping[str, Figure], r: Found) -> Show:
@@ -245,11 +268,14 @@ def show(o: Options, f: Mapping[str, Figure], r: Found) -> Show:
     marks = [Mark(machine.nu_res, f"resonance {machine.nu_res:.4g} rad/s")]
     axis, second = "operating speed [rad/s]", Second("rpm", 30 / math.pi)
     good, share = f["limit_spring_torque"], f["share"].value
-    title = (
-        "The spring alone is not accurate enough at these speeds"
-        if good.error is None
-        else f"The spring alone is good up to {good.value:.3g} rad/s; inertia is {share:.2g} % of its force there"
-    )
+    title = "Torque ripple, speed ripple and rod force of both calculations"
+    if good.error is not None:
+        title = (
+            f"The spring alone gives the torque ripple within {o.tolerance:g} % up to {good.value:.3g} rad/s; "
+            f"inertia is {share:.2g} % of its force there"
+        )
+    elif good.reason == NOWHERE:
+        title = f"The spring alone is off by more than {o.tolerance:g} % at the lowest speed of the sweep"
     charts = [
         Chart(title, axis, loads, marks, second=second),
         Chart("Errors of both calculations", axis, errors, marks, second=second),

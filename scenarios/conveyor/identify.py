@@ -95,6 +95,7 @@ def solve(o: Options, bench: Bench) -> Findings:
         fit.result.provenance,
         tables=recorded.tables(fit, told.advice, "identify", "rad/s"),
         facts=facts(o, told),
+        defaults={"speed": told.operating, "rated_torque": o.rated},
     )
 
 

@@ -19,16 +19,19 @@ import workbench
 from cosim import ORDERS, SetupError
 from cosim.system import Value
 from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, Table, option
+from workbench.figure import percent
 from workbench.report.chart import LIFT, THEORY
 
 from . import mechanism, resonance, response
 from .drive import KLOSS, conveyor_drive, followed, linearised
 from .drive import PARTS as DRIVE
+from .resonance import OVERDAMPED
 from .response import COARSER, LAG, Line, Lost, Setup
 from .theory import SETS, Machine, flux_lag
 
 PARTS = DRIVE
 PARALLEL = True
+DECISIVE = ("nu_kloss",)
 OWN = ("motor.characteristic", "motor.A", "motor.B", "motor.tau", "conveyor.phi", "conveyor.w")
 TABLE, SWEEP = "induction_motor.csv", "induction_motor_speeds.csv"
 RANGE, KNOWN = (0.6, 1.4), 5
@@ -265,22 +268,60 @@ def fluxed(motor: Motor, where: str) -> Figure:
 
 
 def verdict(o: Options, f: Mapping[str, Figure], r: Found) -> str:
-    """Where the resonance is, and what moves it."""
-    text = {name: figure.text() for name, figure in f.items()}
-    lines = [
-        f"With a motor lag of {text['motor_lag']} and a slope of {text['slope']} at the slip there, "
-        f"formula (22) puts the resonance at {text['nu_res']}. A linear motor of this slope puts it at "
-        f"{text['nu_linear']}, the full characteristic at {text['nu_kloss']}."
-    ]
+    """Where the resonance is, how far the data sheet's formula is off, and what moves it."""
+    text = {name: figure.brief() for name, figure in f.items()}
+    name = "resonance" if f["zeta"].value <= OVERDAMPED else "90 degree lag"
+    lines = []
+    if f["nu_kloss"].error is None:
+        lines.append(
+            f"The {name} with the full characteristic is not determined: {f['nu_kloss'].reason}."
+        )
+    else:
+        lines.append(
+            f"The {name} is at {text['nu_kloss']} with the full characteristic. The resonance formula (22) with "
+            f"the motor lag of {text['motor_lag']} and the slope of {text['slope']} at the slip there puts it at "
+            f"{text['nu_res']}, {beside(f['nu_res'], f['nu_kloss'])}."
+        )
+    if name != "resonance":
+        lines.append(
+            f"That is no resonance: by formula the damping ratio is {text['zeta']}, and above {OVERDAMPED:.4f} "
+            f"the ratio of torque to load has no peak over the speed."
+        )
     if f["shift"].error is not None:
-        lines.append(f"The curvature of the characteristic moves it by {text['shift']}.")
-    lines.append(
-        f"With a trough resistance of {text['most_resistance']}, formula (22) puts it at {text['heavy_res']}, the "
-        f"full characteristic at {text['heavy_kloss']}, and theory with the rotor flux instead of (2) at "
-        f"{text['heavy_flux']}. With a breakdown slip of {text['least_slip']} the full characteristic "
-        f"puts it at {text['small_kloss']}."
-    )
+        lines.append(
+            f"A linear motor of this slope has it at {text['nu_linear']}: the curvature of the characteristic "
+            f"moves it by {text['shift']}."
+        )
+    if f["heavy_kloss"].error is not None:
+        lines.append(
+            f"With a trough resistance of {text['most_resistance']} it is at {text['heavy_kloss']}; formula (22) is "
+            f"{beside(f['heavy_res'], f['heavy_kloss'])}{rotor_flux(f['heavy_flux'], f['heavy_kloss'])}."
+        )
+    if f["small_kloss"].error is not None:
+        lines.append(
+            f"With a breakdown slip of {text['least_slip']} it is at {text['small_kloss']}."
+        )
+    reasons = {f[x].reason: 0 for x in ("heavy_kloss", "small_kloss") if f[x].error is None}
+    lines += [
+        f"That of another load or breakdown slip is not determined: {reason}." for reason in reasons
+    ]
     return "\n".join(lines)
+
+
+def rotor_flux(theory: Figure, truth: Figure) -> str:
+    """How far the theory with the flux of the rotor as a state is off, in words."""
+    if theory.error is None:
+        return ""
+    return f", and theory with the flux of the rotor as a state is {beside(theory, truth)}"
+
+
+def beside(theory: Figure, truth: Figure) -> str:
+    """How far a value is from another, in words, "0.7 % too high"."""
+    share = theory.value / truth.value - 1.0
+    error = (truth.error or 0.0) / truth.value
+    if abs(share) <= error:
+        return "right within the error"
+    return f"{percent(abs(share))} too {'high' if share > 0.0 else 'low'}"
 
 
 def show(o: Options, f: Mapping[str, Figure], r: Found) -> Show:
@@ -307,9 +348,12 @@ def moved_by(column: str, name: str, x: str, rows: Any) -> Chart:
         nu = rows[f"nu_{key}"]
         place.append(Curve(label, at, nu, color, "points", rows[f"nu_{key}_error"]))
     damping = [Curve("formula", at, rows["zeta"], LIFT, "linked")]
-    ends = [f"{rows['nu_kloss'].iloc[k]:.4g}" for k in (0, -1)]
+    first, last = (float(rows["nu_kloss"].iloc[k]) for k in (0, -1))
+    title = f"The 90 degree lag over the {name}"
+    if math.isfinite(first) and math.isfinite(last) and first != last:
+        title = f"From the smallest {name} to the largest, the 90 degree lag moves from {first:.4g} to {last:.4g} rad/s"
     return Chart(
-        f"A larger {name} moves the resonance from {ends[0]} to {ends[1]} rad/s",
+        title,
         x,
         [
             Panel("speed of 90 deg lag", "rad/s", place),

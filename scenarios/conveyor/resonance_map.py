@@ -162,6 +162,15 @@ def solve(o: Options, bench: Bench) -> Findings:
             "distribution": "uniform within the tolerance, speed held",
             "checks": checks,
         },
+        defaults={
+            "rated_torque": o.rated,
+            "tolerance": tuple(f"{name}={100 * share:g}" for name, share in spread.items()),
+            **(
+                {"speed": plane.speed}
+                if within is None
+                else {"range": f"{within[0]:g}:{within[1]:g}"}
+            ),
+        },
     )
 
 
@@ -346,8 +355,13 @@ def stretches(along: Direction, good: NDArray[np.bool_]) -> str:
     """The values of an axis that are good, as from .. to of those next to each other."""
     groups = groupby(zip(good, along.values), lambda one: one[0])
     runs = [[x for _, x in group] for ok, group in groups if ok]
-    told = [f"{run[0]:.3g} .. {run[-1]:.3g} {along.unit}" for run in runs]
-    return " and ".join(told) or "no value on the map"
+    texts = [
+        f"{run[0]:.3g} {along.unit}"
+        if len(run) == 1
+        else f"{run[0]:.3g} .. {run[-1]:.3g} {along.unit}"
+        for run in runs
+    ]
+    return " and ".join(texts)
 
 
 def verdict(o: Options, f: Mapping[str, Figure], r: Map) -> str:
@@ -355,30 +369,40 @@ def verdict(o: Options, f: Mapping[str, Figure], r: Map) -> str:
     above = f"above {o.most:g} N.m ({o.most / o.rated:.0%} of the rated torque of {o.rated:g} N.m)"
     built = "With every part within its tolerance,"
     if r.within is None:
-        over = np.nanmean(r.points["ripple"] > o.most)
+        ripple = r.points["ripple"].dropna()
+        where = "the map"
+        if len(ripple) < len(r.points):
+            where = (
+                f"the {len(ripple)} of {len(r.points)} points of the map that have a steady orbit"
+            )
         return (
-            f"At {r.plane.speed:g} rad/s the torque ripple is {above} in {over:.0%} of the map. "
-            f"{built} {r.sure()} of the map stays clear {NEARLY_ALL}."
+            f"At {r.plane.speed:g} rad/s the torque ripple is {above} in {np.mean(ripple > o.most):.0%} of "
+            f"{where}. {built} {r.sure()} of the map stays clear {NEARLY_ALL}."
         )
-    name = r.plane.y.name
-    return (
-        f"The operating range {r.within[0]:g} .. {r.within[1]:g} rad/s stays clear of a torque ripple "
-        f"{above} with {name} of {r.clear('ripple_in_range', o.most)}. {built} "
-        f"it stays clear {NEARLY_ALL} with {name} of "
-        f"{r.clear('probability_in_range', SURE)}."
-    )
+    name, meaning = r.plane.y.name, r.plane.y.along.label.partition("\n")[0]
+    nominal, nearly_all = r.clear("ripple_in_range", o.most), r.clear("probability_in_range", SURE)
+    span = f"The operating range {r.within[0]:g} .. {r.within[1]:g} rad/s"
+    first = f"{span} stays clear of a torque ripple {above} with {name} of {nominal}."
+    if not nominal:
+        first = f"{span} does not stay clear of a torque ripple {above} with any {name} of the map."
+    second = f"it stays clear {NEARLY_ALL} with {name} of {nearly_all}."
+    if not nearly_all:
+        second = f"no {name} of the map keeps it clear {NEARLY_ALL}."
+    return f"{first} {built} {second} ({name}: {meaning[:1].lower()}{meaning[1:]}.)"
 
 
 def show(o: Options, f: Mapping[str, Figure], r: Map) -> Show:
     """Both maps, the rows, and one revolution where the torque swings most."""
     worst = r.plane.nodes()[int(r.points["ripple"].argmax())]
     title = (
-        f"At {r.plane.speed:g} rad/s {r.sure()} of the map stays clear of resonance {NEARLY_ALL}"
+        f"At {r.plane.speed:g} rad/s {r.sure()} of the map stays clear of a torque ripple above "
+        f"{o.most:g} N.m {NEARLY_ALL}"
     )
     if r.within is not None:
+        values = r.clear("probability_in_range", SURE)
         title = (
-            f"{r.within[0]:g} .. {r.within[1]:g} rad/s stays clear of resonance {NEARLY_ALL} with "
-            f"{r.plane.y.name} of {r.clear('probability_in_range', SURE)}"
+            f"{r.within[0]:g} .. {r.within[1]:g} rad/s stays clear of a torque ripple above {o.most:g} N.m "
+            f"{NEARLY_ALL} with {r.plane.y.name} of {values or 'no value on the map'}"
         )
     turn = mechanism.revolution(r.setup.case(*r.plane.at(*worst)))
     return Show([*maps(r, o.most), *chart_of_rows(r, o.most)], *turn, title)

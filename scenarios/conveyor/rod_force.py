@@ -9,7 +9,7 @@ force is located, with its effect on the torque ripple and on the resonance.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
@@ -20,6 +20,8 @@ from numpy.typing import NDArray
 from cosim import ORDERS, SetupError
 from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, option
 from workbench.answer import parameters
+from workbench.figure import percent
+from workbench.limit import coupling
 from workbench.report import chart as colors
 from workbench.report.chart import Direction, Field, Level, Picture, Second
 
@@ -27,10 +29,10 @@ from . import mechanism
 from .drive import PARTS as DRIVE
 from .drive import conveyor_drive, followed
 from .plane import SPEED, Axis, Plane
-from .resonance import OPERATING, row, told
+from .resonance import OPERATING, OVERDAMPED, row, told
 from .resonance_map import coupling_error, torque_ripple
 from .response import COARSER, LAG, TORQUE, Line, Point, Ripple, Setup, Spot, places
-from .rod import ORDER, around, between, course, largest, least, peak, search, unloading
+from .rod import CLOSE, ORDER, around, between, course, largest, least, peak, search, unloading
 from .theory import ANGLES, FIELDS, SETS, Machine, rod_force
 
 if TYPE_CHECKING:
@@ -45,8 +47,12 @@ UNITS = {
     "tau2": "N.m", "tau2_theory": "N.m", "settling": "1",
 }  # fmt: skip
 FEWEST, WELL = 4, 1.02
+#: Sampled coupling errors by which a point of the map may be below the largest deviation and still have it;
+#: a safety margin by convention, as a point's error may be larger than those of the sample.
+MARGIN = 3.0
 DRAWN = {"": ("machine's spring", "red"), "_unloaded": ("spring that unloads the rod", "blue")}
 OWN = ("motor.A", "motor.tau", "motor.characteristic", "conveyor.phi", "conveyor.w")
+DECISIVE = ("spring_unloaded",)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -128,6 +134,7 @@ def solve(o: Options, bench: Bench) -> Findings:
         algorithm=o.algorithm,
         tables={TABLE: table},
         facts={"operating_speed": nu, "rated_torque": o.rated},
+        defaults={"speed": nu, "rated_torque": o.rated},
     )
 
 
@@ -158,7 +165,7 @@ def springs(r: Found, spring: Figure) -> dict[str, Figure]:
         "spring_formula": Figure(own.m * nu**2, "N/m", 0.0, "that by formula (17)"),
         "spring_theory": Figure.refused("N/m", "it lies far from that of formula (17)", meaning)
         if math.isnan(theory)
-        else Figure(theory, "N/m", 0.0, meaning),
+        else Figure(theory, "N/m", CLOSE * theory, meaning),
     }
 
 
@@ -218,11 +225,38 @@ def agreement(r: Found) -> dict[str, Figure]:
         ),
         ("tau2_off", "tau2", "tau2_theory", "torque ripple of theory", torque_ripple),
     ):
-        off = 100 * abs(r.points[theory] / r.points[seen] - 1.0).max()
-        error = 100 * coupling_error(r.plane, r.setup, *tell)
+        ratio = (r.points[theory] / r.points[seen]).to_numpy()
         meaning = f"largest deviation of the {what} from co-simulation on the map"
-        found[name] = Figure(float(off), "%", error, meaning)
+        found[name] = deviation(r, ratio, *tell)._replace(meaning=meaning)
     return found
+
+
+def deviation(
+    r: Found, ratio: Real, quantity: Callable[[Point], float], order: float | None = None
+) -> Figure:
+    """The largest deviation of a `ratio` from 1 at the points of the map, in %, with its error.
+
+    The coupling error of a few points of the map says which others may have the largest deviation; these
+    are run with fewer steps, too. The largest of deviations that have errors may be too large by one of
+    them: the error reaches to the largest of their upper ends.
+    """
+    sizes = np.abs(ratio - 1.0)
+    top = float(np.nanmax(sizes))
+    margin = MARGIN * coupling_error(r.plane, r.setup, quantity, order)
+    points = np.flatnonzero(sizes >= top - margin).tolist()
+    spots = r.plane.spots()
+    orbits = r.setup.orbits([(*spots[k][:2], n) for k in points for n in COARSER], "deviation")
+    runs = np.array([quantity(orbit) for orbit in orbits]).reshape(-1, len(COARSER))
+    if not np.isfinite(runs).all():
+        return Figure.refused(
+            "%", "the coupling error is not known; take more steps per revolution"
+        )
+    vanishing = order or ORDERS[r.setup.algorithm]
+    errors = [coupling(run, vanishing) / run[0] for run in runs.tolist()]
+    ends = [sizes[k] + ratio[k] * error for k, error in zip(points, errors)]
+    at = points.index(int(np.nanargmax(sizes)))
+    error = max(max(ends) - top, float(ratio[points[at]]) * errors[at])
+    return Figure(100 * top, "%", 100 * error)
 
 
 def verdict(o: Options, f: Mapping[str, Figure], r: Found) -> str:
@@ -230,44 +264,62 @@ def verdict(o: Options, f: Mapping[str, Figure], r: Found) -> str:
     at = f"at {r.plane.speed:g} rad/s ({r.plane.speed * 30 / math.pi:.0f} rpm)"
     own, formula, spring = (f[f"spring{x}"] for x in ("", "_formula", "_unloaded"))
     said = (
-        f"Formula (17), which takes the speed as constant, recommends {formula.text()}. With {own.text()} "
-        f"it gives a largest rod force of {f['f_rod_formula'].text()}."
+        f"The rod-force formula (17), which takes the speed as constant, recommends {formula.brief()}. With {own.brief()} "
+        f"it gives a largest rod force of {f['f_rod_formula'].brief()}."
     )
     if spring.error is None:
         why = f"The spring that unloads the rod {at} is not determined: {spring.reason}."
-        return f"{why}\nWith {own.text()} the largest rod force is {f['f_rod'].text()}.\n{said}"
+        return f"{why}\nWith {own.brief()} the largest rod force is {f['f_rod'].brief()}.\n{said}"
     force, ripple, lag, top = (
         [f[f"{key}{name}"] for name in DRAWN] for key in ("f_rod", "tau2", "nu_90", "tau2_peak")
     )
     if any(one.error is None for one in force):
         advice = (
-            f"Use a spring of {spring.text()} instead of {own.text()} {at}. With it the largest rod force is "
-            f"{force[1].text()}; with the machine's spring it is {force[0].text()}."
+            f"Use a spring of {spring.brief()} instead of {own.brief()} {at}. With it the largest rod force is "
+            f"{force[1].brief()}; with the machine's spring it is {force[0].brief()}."
         )
     elif force[0].value <= WELL * force[1].value:
         advice = (
-            f"Keep the spring of {own.text()}: {at} its largest rod force is {force[0].text()}, and no "
-            f"spring gives less than {force[1].text()}, which takes {spring.text()}. The torque ripple is "
-            f"{ripple[0].text()}."
+            f"Keep the spring of {own.brief()}: {at} its largest rod force is {force[0].brief()}, and no "
+            f"spring gives less than {force[1].brief()}, which takes {spring.brief()}. The torque ripple is "
+            f"{ripple[0].brief()}."
         )
     else:
         advice = (
-            f"Use a spring of {spring.text()} instead of {own.text()}: {at} it lowers the largest rod force "
-            f"from {force[0].text()} to {force[1].text()}. The torque ripple changes from "
-            f"{ripple[0].text()} to {ripple[1].text()}."
+            f"Use a spring of {spring.brief()} instead of {own.brief()}: {at} it lowers the largest rod force "
+            f"from {force[0].brief()} to {force[1].brief()}. The torque ripple changes from "
+            f"{ripple[0].brief()} to {ripple[1].brief()}."
         )
     lines = [advice, said]
     if all(one.error is not None for one in lag):
-        lines.append(
-            f"A spring hardly moves the resonance: it is at {lag[0].text()} with the machine's spring and at "
-            f"{lag[1].text()} with the other."
-        )
+        lines.append(shifted(r, *lag))
     if all(one.error is not None for one in top):
         lines.append(
-            f"The largest torque ripple is {top[0].text()} with the machine's spring and "
-            f"{top[1].text()} with the other."
+            f"The largest torque ripple is {top[0].brief()} with the machine's spring and "
+            f"{top[1].brief()} with the other."
         )
     return "\n".join(lines)
+
+
+def shifted(r: Found, own: Figure, other: Figure) -> str:
+    """How far the spring that unloads the rod moves the resonance, whose places are determined."""
+    shift, error = other.value - own.value, (own.error or 0.0) + (other.error or 0.0)
+    name = (
+        "resonance"
+        if r.plane.machine.zeta <= OVERDAMPED
+        else "90 degree lag, which is no resonance,"
+    )
+    if abs(shift) <= error:
+        return (
+            f"The {name} stays at {own.brief()}: the other spring moves it by at most "
+            f"{percent((abs(shift) + error) / own.value)}."
+        )
+    ends = [own.brief(), other.brief()]
+    if ends[0] == ends[1]:
+        ends = [own.text(), other.text()]
+    word = "up" if shift > 0.0 else "down"
+    size = percent(abs(shift) / own.value)
+    return f"The other spring moves the {name} {word} by {size}, from {ends[0]} to {ends[1]}."
 
 
 def show(o: Options, f: Mapping[str, Figure], r: Found) -> Show:
@@ -322,13 +374,14 @@ def over_speed(r: Found) -> Chart:
 
 def maps(o: Options, r: Found) -> list[Field]:
     """Rod force and torque ripple over speed and spring, with the springs that unload the rod."""
-    x, own = r.plane.x.along, r.plane.machine
+    x, own, title = r.plane.x.along, r.plane.machine, "The torque ripple"
     y = Direction("Spring", "kN/m", 1e-3 * r.plane.y.along.values)
     nu = np.linspace(x.values[0], x.values[-1], 121)
     formula = 1e-3 * own.m * nu**2
     inside = (y.values[0] <= formula) & (formula <= y.values[-1])
     curves = [Curve("formula (17)", nu[inside], formula[inside], "sky", "theory")]
-    if valley := r.valley():
+    valley = r.valley()
+    if valley:
         speeds, found = zip(*valley)
         curves.append(Curve("smallest rod force", speeds, 1e-3 * np.array(found), "sky", "points"))
     for name, machine in r.machines.items():
@@ -337,9 +390,15 @@ def maps(o: Options, r: Found) -> list[Field]:
     mark, ripple = [Mark(own.nu_res, f"resonance {own.nu_res:.4g} rad/s")], r.field("tau2")
     reached = np.nanmin(ripple) < o.most < np.nanmax(ripple)
     level = [Level(o.most, f"torque ripple of {o.most:g} N.m")] if reached else []
+    if valley:
+        along = [float(abs(replace(own, c=c).torque_ripple(nu))) for nu, c in valley]
+        title = f"With the springs that unload the rod the torque ripple is {min(along):.3g} to "
+        title += (
+            f"{max(along):.3g} N.m by theory; on the map it is up to {np.nanmax(ripple):.3g} N.m"
+        )
     return [
-        Field("The rod is unloaded along a valley", x, y, "largest rod force [kN]",
+        Field(f"A spring of the map unloads the rod at {len(valley)} of {len(r.speeds)} speeds", x, y, "largest rod force [kN]",
               1e-3 * r.field("f_rod"), curves, True, marks=mark),
-        Field("The torque ripple is small along it as well, except at the resonance", x, y,
+        Field(title, x, y,
               "torque ripple [N.m]", ripple, curves, True, level, marks=mark),
     ]  # fmt: skip

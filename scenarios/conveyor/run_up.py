@@ -18,12 +18,14 @@ from cosim import Result
 from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Run, Show, Table, option
 from workbench.live import Live, LiveChart, LivePanel, LiveRun, Number, Reader, Slider
 from workbench.measure import Samples, crossing, largest, measured, passes, since, smallest
+from workbench.orbit import TURN
 from workbench.report.chart import FORCE, SPEED, THEORY, TORQUE, recorded
 
 from . import live_theory
 from .drive import PARTS as DRIVE
 from .drive import conveyor_drive, followed
 from .mechanism import live_motion, moving
+from .resonance import OVERDAMPED
 from .theory import SETS, Machine
 
 PARTS = DRIVE
@@ -41,6 +43,10 @@ LOADS = {
     "f_rod": ("conveyor.f_rod", "rod force"),
 }
 END = 0.8
+#: Mean speed at the end over the largest there, below which the crank only rocks; 2 / pi where it turns forward.
+ROCKING = 0.1
+#: Largest speed at the end over that of the run, below which the crank stands still; a convention.
+STANDING = 1e-3
 BELOW = "the crank does not stay above the resonance"
 
 
@@ -56,6 +62,7 @@ def solve(o: Options, bench: Bench) -> Findings:
     build_up = 1 / (4 * math.pi * machine.zeta)
     found = {
         "nu_res": Figure(machine.nu_res, "rad/s", 0.0, "resonance by formula (22)"),
+        "zeta": Figure(machine.zeta, "1", 0.0, "damping ratio by formula"),
         "build_up": Figure(build_up, "1", 0.0, "revolutions in which a resonance builds up"),
     }
     runs, systems = {}, {}
@@ -107,21 +114,37 @@ def revolutions_near(nu: float, t: Samples, w: Samples, phi: Samples) -> float:
     return float(np.diff(CubicSpline(t, phi)(ends))[middle].sum() / (2 * math.pi))
 
 
+def stalls(r: Result) -> bool:
+    """Whether the crank stands still at the end of a run, or only rocks to and fro."""
+    t, w = r["time"], r["conveyor.w"]
+    times, angles = since(t, r["conveyor.phi"], END * t[-1])
+    _, speeds = since(t, w, END * t[-1])
+    mean = (angles[-1] - angles[0]) / (times[-1] - times[0])
+    return bool(mean < ROCKING * speeds.max() or speeds.max() < STANDING * w.max())
+
+
 def verdict(o: Options, f: Mapping[str, Figure], r: Mapping[str, Result]) -> str:
-    """Whether each motor passes the resonance."""
-    lines = []
+    """Whether each motor passes the resonance, and how large torque and rod force get."""
+    place, lines = f["nu_res"].brief(), []
+    name = f"resonance at {place} by formula (22)"
+    if f["zeta"].value > OVERDAMPED:
+        name = f"90 degree lag at {place} by formula (22), which is no resonance with this damping,"
     for motor, word in WORDS.items():
         passing = f[f"{motor}_passing"]
         if passing.error is not None:
-            answer = f"has passed the resonance at {f['nu_res'].text()} after {passing.text()}"
-        elif f[f"{motor}_w_end_max"].value < 0.1 * f["nu_res"].value:
+            answer = f"has passed the {name} after {passing.brief()}"
+        elif stalls(r[motor]):
             answer = "stalls: at the end the crank stands still or only rocks"
+        elif r[motor]["conveyor.phi"][-1] - r[motor]["conveyor.phi"][0] < TURN:
+            answer = f"does not complete a turn within {o.stop:g} s"
         elif passing.reason == BELOW:
-            answer = f"does not stay above the resonance within {o.stop:g} s"
+            answer = f"does not stay above the {name} within {o.stop:g} s"
         else:
-            where = f["nu_res"].text()
-            answer = f"reaches the resonance at {where}; the time when it has passed it is {passing.text()}"
+            answer = f"reaches the {name}; the time when it has passed it is {passing.text()}"
         lines.append(f"The {word} {answer}.")
+        torque, force = f[f"{motor}_tau_max"], f[f"{motor}_f_rod_max"]
+        if torque.error is not None and force.error is not None:
+            lines[-1] += f" Its torque reaches {torque.brief()} and the rod force {force.brief()}."
     return "\n".join(lines)
 
 

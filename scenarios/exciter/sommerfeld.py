@@ -1,7 +1,8 @@
 """How much supply voltage does it take to pass the resonance of the mount, and is the motor caught there?
 
-The supply voltage of a motor with 5 Ohm is raised and lowered in levels, each held until the speed of
-its unbalanced rotor is steady. Where the speed jumps, ever smaller steps locate the voltage.
+The supply voltage of a motor is raised and lowered in levels, each held until the speed of its
+unbalanced rotor is steady. The voltages at which the speed jumps are the folds of the steady motions,
+which are found by shooting over one revolution.
 """
 
 import logging
@@ -11,7 +12,6 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 import cosim
 import workbench
@@ -19,25 +19,35 @@ from cosim import Result, SetupError, System
 from cosim.system import connect
 from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, Table, option
 from workbench.answer import parameters
+from workbench.figure import listed
 from workbench.limit import coupling
 from workbench.live import Live, LiveChart, LivePanel, LiveRun, LiveSweep, Number, Reader, Slider
-from workbench.measure import Measured, Samples
 
 from . import mechanism
+from .orbits import ROUNDING, STEPS_PER_REV, Averaged, Jump, averaged, constants, jump, searches
 
 PARTS = {"motor": "DCMotor", "exciter": "UnbalanceExciter"}
 WIRES = ("motor.tau -> exciter.tau", "exciter.w -> motor.w")
 OWN = ("motor.v",)
 STATES = ("motor.i", "exciter.phi", "exciter.w", "exciter.x", "exciter.v")
+POWERS = ("motor.P", "exciter.P_loss")
 UNITS = {"falling": "1", "supply": "V", "speed": "rad/s", "shake": "m"}
 WAYS = {"up": "supply raised", "down": "supply lowered"}
-TOLD = {
+MEANINGS = {
     "supply": ("V", "voltage at which the speed jumps"),
     "before": ("rad/s", "steady speed before the jump"),
     "after": ("rad/s", "steady speed after the jump"),
 }
-RUNS = ((1.0, 1), (1.0, 2), (1.0, 4), (0.5, 1))
-FINEST, NEAR, SMALL, STEADY, MOST = 256, 1.05, 0.02, 0.01, 40
+#: Largest drift of the speed that a level may still have before it, as the drifts of its holds fall [rad/s].
+STEADY = 0.01
+#: Largest share of the motor's work in a hold that a level may store in the motion; a convention.
+BALANCED = 0.01
+#: Holds after which a level is given up.
+MAX_HOLDS = 40
+#: Steps in a revolution at the no-load speed, which the motor does not reach.
+LEVEL_STEPS = 16
+#: Share of the resonance by which two speeds at one voltage must differ to count as two.
+APART = 0.02
 STARTS = (0.8, 1.05)
 
 
@@ -45,173 +55,235 @@ STARTS = (0.8, 1.05)
 class Options(workbench.Options):
     supplies: tuple[float, ...] = option("14:32:19", "voltage levels", "V", above=0.0)
     hold: float = option(5.0, "time over which the speed is compared", "s", above=0.0)
-    step: float = option("10ms", "finest of three communication steps", "s", above=0.0)
+    step: float = option("10ms", "longest communication step", "s", above=0.0)
 
 
 class Level(NamedTuple):
-    """A voltage [V], the steady speed [rad/s], the largest displacement [m], the states at the end."""
+    """A voltage [V], the mean speed in the last hold [rad/s], the largest displacement [m], the states at
+    the end, and whether the motion is steady.
+    """
 
     supply: float
     speed: float
     shake: float
     states: Mapping[str, float]
+    is_steady: bool
 
 
 class Case(NamedTuple):
-    """A system, the time of each level [s], the communication step [s]."""
+    """A system, the time of each hold [s], the longest communication step [s]."""
 
     system: System
     hold: float
     step: float
 
     def run(self, supply: float, states: Mapping[str, float]) -> Result:
-        """With one voltage from these states."""
+        """Run one voltage from these states, in steps that resolve a revolution at its no-load speed."""
         system = replace(self.system, start={**self.system.start, **states, "motor.v": supply})
-        return cosim.run(system, stop=self.hold, step=self.step, record=STATES)
+        period = 2 * math.pi * constants(system)[1] / supply
+        step = min(self.step, period / LEVEL_STEPS)
+        return cosim.run(system, stop=self.hold, step=step, record=(*STATES, *POWERS))
 
     def level(self, supply: float, states: Mapping[str, float]) -> Level:
-        """Where one voltage leads to from these states, once the speed moves by less than STEADY."""
-        speed, before = np.inf, -np.inf
-        for _ in range(MOST):
+        """Hold one voltage until the rest of the drift is below STEADY and what the motor gives is lost.
+
+        The drifts of the speed from hold to hold are taken as a geometric series, whose sum is the rest.
+        """
+        speed, drift, holds, is_steady = np.inf, np.inf, 0, False
+        while not is_steady and holds < MAX_HOLDS:
             r = self.run(supply, states)
             t, phi, x = r["time"], r["exciter.phi"], r["exciter.x"]
             states = {name: float(r[name][-1]) for name in STATES}
-            before, speed = speed, float((phi[-1] - phi[0]) / t[-1])
-            if abs(speed - before) < STEADY:
-                break
-        else:
-            logging.getLogger("cosim").warning(f"at {supply:g} V the speed does not settle")
-        return Level(supply, speed, float(np.abs(x).max()), states)
+            mean = float((phi[-1] - phi[0]) / t[-1])
+            before, drift, speed = drift, abs(mean - speed), mean
+            work, loss = (float(r[name].mean()) for name in POWERS)
+            rest = drift * max(1.0, drift / (before - drift)) if before > drift else np.inf
+            is_steady = rest < STEADY and abs(work - loss) < BALANCED * abs(work)
+            holds += 1
+        return Level(supply, speed, float(np.abs(x).max()), states, is_steady)
+
+
+class Observed(NamedTuple):
+    """The case and its levels, raised and then lowered, and averaged theory."""
+
+    case: Case
+    levels: Sequence[Level]
+    theory: Averaged
+
+    @property
+    def raised(self) -> Sequence[Level]:
+        """The levels of the rising supply."""
+        return self.levels[: len(self.levels) // 2]
+
+    @property
+    def lowered(self) -> Sequence[Level]:
+        """The levels of the falling supply, by rising voltage."""
+        return self.levels[: len(self.levels) // 2 - 1 : -1]
 
 
 def solve(o: Options, bench: Bench) -> Findings:
-    """Up and down with three steps, and again with half the time; raises SetupError for one level."""
+    """The levels up and down, and the folds in three step sizes; raises SetupError for one level."""
     if len(o.supplies) < 2:
         raise SetupError(f"supplies = {o.supplies} V must be two levels or more")
+    if any(high <= low for low, high in zip(o.supplies, o.supplies[1:])):
+        raise SetupError(f"supplies = {o.supplies} V must rise from level to level")
     system = System(bench.fmus, WIRES, {"motor.R": 5.0, "motor.v": o.supplies[0], **o.start})
     connect(system)
-    cases = [(o.supplies, Case(system, t * o.hold, n * o.step)) for t, n in RUNS]
-    (levels, *_), jumps = zip(*bench.each(sweep, cases, "supplies"))
+    if constants(system)[1] == 0.0:
+        raise SetupError("motor.k = 0 V.s/rad gives no torque; the motor needs a larger one")
+    case, theory = Case(system, o.hold, o.step), averaged(system)
+    ((*levels,),) = bench.each(sweep, [(o.supplies, case)], "levels")
+    seeking = searches(system, theory, o.step)
+    jumps = [*bench.each(jump, [x for way in seeking for x in way], "folds")]
+    observed = Observed(case, levels, theory)
+    warn(levels, case)
     rows = [(int(k >= len(o.supplies)), *level[:3]) for k, level in enumerate(levels)]
     table = Table.of_rows(rows, UNITS)
-    w = np.linspace(1.0, 1.02 * table.frame["speed"].max(), 20_001)
-    v, resonance = averaged(system, w)
-    curve = CubicSpline(w, v)
-    folds = curve(curve.derivative().roots(extrapolate=False))
-    found = {"nu_res": Figure(resonance, "rad/s", 0.0, "resonance of the mount by formula")}
+    figures = {
+        "nu_res": Figure(theory.resonance, "rad/s", 0.0, "resonance of the mount by formula")
+    }
     for k, (way, word) in enumerate(WAYS.items()):
-        told = [x[k] for x in jumps]
-        found |= {f"{name}_{way}": figure(told, name, word) for name in TOLD}
-        if len(folds) > k:
-            theory = f"voltage of the jump by averaged theory, {word}"
-            found[f"theory_{way}"] = Figure(float(folds[k]), "V", 0.0, theory)
-    steps, data = f"steps of {o.step:g} s, levels of {o.hold:g} s", (cases[0][1], table.frame, w, v)
-    return Findings(found, data, system, {}, steps, "strang", {"sommerfeld.csv": table})
+        count = len(seeking[k]) if theory.folds else 0
+        mine = jumps[k * count : (k + 1) * count]
+        figures |= {f"{x}_{way}": figure(mine, x, word, observed) for x in MEANINGS}
+        if theory.folds:
+            meaning = f"voltage of the jump by averaged theory, {word}"
+            figures[f"theory_{way}"] = Figure(theory.folds[k][1], "V", 0.0, meaning)
+    steps = f"steps of at most {o.step:g} s, in the folds at least {STEPS_PER_REV} in a revolution"
+    data = (observed, table.frame)
+    return Findings(figures, data, system, {}, steps, "strang", {"sommerfeld.csv": table})
 
 
-def figure(jumps: Sequence[Mapping[str, Measured]], name: str, way: str) -> Figure:
-    """What the runs tell of a jump, in the order of RUNS, where they all have one."""
-    unit, meaning = TOLD[name][0], f"{TOLD[name][1]}, {way}"
-    if not all(jumps):
-        return Figure.refused(unit, "the speed does not jump", meaning)
-    fine, *others, hasty = (jump[name].value for jump in jumps)
-    off = coupling([fine, *others], cosim.ORDERS["strang"]) + abs(fine - hasty)
-    return Figure(fine, unit, jumps[0][name].error + off, meaning)
+def warn(levels: Sequence[Level], case: Case) -> None:
+    """Name the levels at which the motion does not settle."""
+    open_ends = dict.fromkeys(f"{level.supply:g}" for level in levels if not level.is_steady)
+    if open_ends:
+        time = MAX_HOLDS * case.hold
+        logging.getLogger("cosim").warning(
+            f"at {listed([*open_ends])} V the motion is not steady after {time:g} s; the table has its last speed"
+        )
 
 
-def sweep(task: tuple[Sequence[float], Case]) -> tuple[list[Level], list[dict[str, Measured]]]:
-    """All levels up and down again, and what there is of a jump on either way."""
+def figure(jumps: Sequence[Jump], name: str, way: str, observed: Observed) -> Figure:
+    """What the searches with falling numbers of steps state of a jump, where they all have one."""
+    unit, meaning = MEANINGS[name][0], f"{MEANINGS[name][1]}, {way}"
+    if not jumps:
+        return Figure.refused(unit, no_jump(observed), meaning)
+    values = [float(getattr(x, name)) for x in jumps]
+    if not np.isfinite(values).all():
+        reason = next(x.reason for x in jumps if x.reason)
+        return Figure.refused(unit, reason, meaning)
+    error = coupling(values, cosim.ORDERS["strang"]) + ROUNDING * values[0]
+    return Figure(values[0], unit, error, meaning)
+
+
+def no_jump(observed: Observed) -> str:
+    """Why there is no jump, where averaged theory has no fold."""
+    if constants(observed.case.system)[6] == 0.0:
+        return "a mount without damping has no steady motion at its resonance"
+    if two_speeds(observed):
+        return "the levels have two speeds at one voltage, and averaged theory has no fold"
+    return "the speed does not jump"
+
+
+def two_speeds(observed: Observed) -> bool:
+    """Whether a voltage has another speed when it is raised than when it is lowered."""
+    pairs = zip(observed.raised, observed.lowered)
+    away = APART * observed.theory.resonance
+    return any(abs(up.speed - down.speed) > away for up, down in pairs)
+
+
+def sweep(task: tuple[Sequence[float], Case]) -> list[Level]:
+    """All levels up and down again, each from the states at the end of the one before."""
     supplies, case = task
     levels: list[Level] = []
     for supply in (*supplies, *supplies[::-1]):
         levels.append(case.level(supply, levels[-1].states if levels else {}))
-    return levels, [jump(case, levels[: len(supplies)]), jump(case, levels[len(supplies) :])]
+    return levels
 
 
-def jump(case: Case, levels: Sequence[Level]) -> dict[str, Measured]:
-    """The jump past the resonance with its voltage located, if the speed does not pass steadily.
-
-    The steps towards it shrink where they fail, and only there: a large one may throw a motor off
-    that a small one does not.
-    """
-    _, resonance = averaged(case.system, np.ones(1))
-    passes = [
-        (abs(levels[k + 1].speed - level.speed), k)
-        for k, level in enumerate(levels[:-1])
-        if min(level.speed, levels[k + 1].speed) < NEAR * resonance
-        and max(level.speed, levels[k + 1].speed) > resonance
-    ]
-    if not passes:
-        return {}
-    at = max(passes)[1]
-    last, caught, free = levels[max(at - 1, 0)], levels[at], levels[at + 1]
-    step = free.supply - caught.supply
-    finest = abs(step) / FINEST
-    while abs(step) > finest:
-        tried = case.level(caught.supply + step / 2, caught.states)
-        if abs(tried.speed - caught.speed) < abs(tried.speed - free.speed):
-            last, caught = caught, tried
-        else:
-            step /= 2
-    after = case.level(caught.supply + step, free.states).speed
-    if abs(after - caught.speed) < SMALL * resonance:
-        return {}
-    return {
-        "supply": Measured(caught.supply + step / 2, abs(step) / 2),
-        "before": Measured(caught.speed, abs(caught.speed - last.speed)),
-        "after": Measured(after, abs(free.speed - after) / FINEST),
-    }
-
-
-def averaged(system: System, w: Samples) -> tuple[Samples, float]:
-    """The voltage [V] of steady speeds w [rad/s] by the formula of the exciter's page, and the
-    resonance of the mount [rad/s].
-    """
-    told = parameters(system)
-    names = ("motor.R", "motor.k", "exciter.rotor.d", "exciter.rotor.m", "exciter.rotor.r")
-    R, k, d_r, m_u, r = (float(told[name].value) for name in names)
-    m, c, d = (float(told[f"exciter.mount.{name}"].value) for name in "mcd")
-    off = (c - (m + m_u) * w**2) ** 2 + (d * w) ** 2
-    tau = d_r * w + d * (m_u * r) ** 2 * w**5 / (2 * off)
-    return np.asarray(R / k * tau + k * w), math.sqrt(c / (m + m_u))
-
-
-def verdict(o: Options, f: Mapping[str, Figure], r: Any) -> str:
-    """What it takes to pass, where the motor is caught, and the way back."""
-    told = {name: figure.text() for name, figure in f.items()}
-    if f["supply_up"].error is None:
-        rows, high = r[1], f"up to {o.supplies[-1]:g} V"
-        if rows["speed"].max() < f["nu_res"].value:
-            return f"The motor stays caught {high}, below the resonance at {told['nu_res']}."
+def verdict(o: Options, f: Mapping[str, Figure], r: tuple[Observed, Any]) -> str:
+    """Where the motor is caught in these levels, what it takes to pass, and the way back."""
+    observed = r[0]
+    top, high = observed.raised[-1], f"up to {o.supplies[-1]:g} V"
+    if constants(observed.case.system)[6] == 0.0:
+        return undamped(f, observed)
+    if not observed.theory.folds:
+        if f["supply_up"].reason != no_jump(observed) or two_speeds(observed):
+            return f"The voltage of the jump is {f['supply_up'].text()}."
+        if top.speed < observed.theory.resonance:
+            return (
+                f"The motor stays below the resonance at {f['nu_res'].text()} {high}, where it turns at "
+                f"{top.speed:.4g} rad/s. Its speed does not jump."
+            )
         return f"The motor is not caught: {high} its speed does not jump."
+    texts = {name: figure.text() for name, figure in f.items()}
     said = (
-        f"When raised slowly, the supply must reach {told['supply_up']} to pass the resonance. Below that "
-        f"the motor is caught, finally at {told['before_up']}; then its speed jumps to "
-        f"{told['after_up']}."
+        f"When raised slowly, the supply must reach {texts['supply_up']} to pass the resonance. Below that "
+        f"the motor is caught, finally at {texts['before_up']}; then its speed jumps to "
+        f"{texts['after_up']}."
     )
     back = (
-        f" When lowered again, it keeps the motor above the resonance down to {told['supply_down']}, where "
-        f"the speed falls from {told['before_down']} to {told['after_down']}."
+        f"When lowered again, it keeps the motor above the resonance down to {texts['supply_down']}, where "
+        f"the speed falls from {texts['before_down']} to {texts['after_down']}."
     )
-    return said if f["supply_down"].error is None else said + back
+    return " ".join([*caught(o, f, observed), said, back])
 
 
-def show(o: Options, f: Mapping[str, Figure], r: Any) -> Show:
+def caught(o: Options, f: Mapping[str, Figure], observed: Observed) -> list[str]:
+    """What the levels show where they end before the jump, or jump before it."""
+    up, down, resonance = f["supply_up"], f["supply_down"], f["nu_res"].text()
+    if up.error is None:
+        return []
+    edge, least, top = f["before_up"].value, up.value - up.error, observed.raised[-1]
+    passing = [x.supply for x in observed.raised if x.speed > edge + STEADY and x.supply < least]
+    if passing:
+        return [
+            f"In these levels the motor passes the resonance at {resonance} at {passing[0]:g} V."
+        ]
+    if top.supply >= least:
+        return []
+    is_caught = down.error is not None and top.supply > down.value
+    does = "stays caught" if is_caught else f"does not pass the resonance at {resonance}"
+    return [
+        f"Up to {top.supply:g} V, the highest level, the motor {does}; it then turns at {top.speed:.4g} rad/s."
+    ]
+
+
+def undamped(f: Mapping[str, Figure], observed: Observed) -> str:
+    """What the levels show of a mount without damping."""
+    top, resonance = observed.raised[-1], f["nu_res"].text()
+    first = f"The mount has no damping, so that no steady motion at its resonance at {resonance} exists."
+    where = f"At {top.supply:g} V the motor turns at {top.speed:.4g} rad/s"
+    if top.is_steady:
+        return f"{first} {where}. A voltage of a jump is not determined."
+    return (
+        f"{first} {where} and is not steady after {MAX_HOLDS * observed.case.hold:g} s: the mount shakes by "
+        f"{1e3 * top.shake:.3g} mm. A voltage of a jump is not determined."
+    )
+
+
+def show(o: Options, f: Mapping[str, Figure], r: tuple[Observed, Any]) -> Show:
     """Steady speed and displacement over the supply, and two starts from rest on either side."""
-    case, rows, w, v = r
-    seen = (v >= o.supplies[0]) & (v <= o.supplies[-1])
-    steady = [Curve("averaged theory", v[seen], w[seen], "grey", "theory")]
+    (case, _, theory), rows = r
+    v, w, fastest = theory.supplies, theory.speeds, rows["speed"].max()
+    inside = (v >= o.supplies[0]) & (v <= o.supplies[-1]) & (w < 1.1 * fastest)
+    steady = [Curve("averaged theory", v[inside], w[inside], "grey", "theory")]
     shakes = []
     for falls, (word, color) in enumerate(zip(WAYS.values(), ("red", "blue"))):
         x, y, shake = rows[rows["falling"] == falls][["supply", "speed", "shake"]].to_numpy().T
         steady.append(Curve(word, x, y, color, "linked"))
         shakes.append(Curve(word, x, 1e3 * shake, color, "linked"))
     jumps = {word: f[f"supply_{way}"] for way, word in WAYS.items()}
-    marks = [Mark.of(word, jump) for word, jump in jumps.items() if jump.error is not None]
+    marks = [
+        Mark.of(word, jump)
+        for word, jump in jumps.items()
+        if jump.error is not None and o.supplies[0] <= jump.value <= o.supplies[-1]
+    ]
     level = Mark.of("resonance", f["nu_res"])
     panels = [Panel("steady speed", "rad/s", steady, [level]), Panel("displacement", "mm", shakes)]
     charts = [Chart("Both branches of the steady motion", "supply [V]", panels, marks)]
-    takes = f["supply_up"].value if f["supply_up"].error is not None else o.supplies[-1]
+    takes = min(f["supply_up"].value, o.supplies[-1]) if marks else o.supplies[-1]
     runs = {f"{share:.0%}": case.run(share * takes, {}) for share in STARTS}
     title = f"Starts from rest at shares of {takes:.4g} V"
     curves = [
@@ -222,7 +294,7 @@ def show(o: Options, f: Mapping[str, Figure], r: Any) -> Show:
     return Show(charts, [mechanism.starts(title, runs)])
 
 
-def live_part(o: Options, f: Mapping[str, Figure], r: Any) -> Live:
+def live_part(o: Options, f: Mapping[str, Figure], r: tuple[Observed, Any]) -> Live:
     """Two starts from rest on either side of the voltage of the jump, and such starts at all voltages."""
     jump = f["supply_up"]
     supply = o.supplies[-1] if jump.error is None else jump.value
@@ -231,6 +303,7 @@ def live_part(o: Options, f: Mapping[str, Figure], r: Any) -> Live:
         for share, color in zip(STARTS, ("red", "blue"))
     ]
     end = Reader("mean", "exciter.w", "stop - 1")
+    step = f"min(step, 2 * pi * motor.k / (motor.v * {LEVEL_STEPS}))"
     resonance = "sqrt(exciter.mount.c / (exciter.mount.m + exciter.rotor.m))"
     level = {"resonance of the mount": resonance}
     return Live(
@@ -241,6 +314,7 @@ def live_part(o: Options, f: Mapping[str, Figure], r: Any) -> Live:
         ),
         runs=runs,
         stop="hold",
+        step=step,
         numbers=[
             Number("nu_res", resonance),
             *(
@@ -263,11 +337,11 @@ def live_part(o: Options, f: Mapping[str, Figure], r: Any) -> Live:
                 ],
             )
         ],
-        motion=mechanism.live_motion("Two starts from rest", parameters(r[0].system)),
+        motion=mechanism.live_motion("Two starts from rest", parameters(r[0].case.system)),
         sweep=LiveSweep(
             over="motor.v",
             values=o.supplies,
-            step="step",
+            step=step,
             numbers=[
                 Number("w_end", end, "rad/s", "mean speed in the last second"),
                 Number(

@@ -410,7 +410,6 @@ def test_a_warning_without_words_counts(
 
 STEP_RETURNED = r"A: doStep\(t = \S+ s, h = \S+ s\) returned "
 ENDINGS: dict[str, tuple[str, list[str]]] = {
-    "end": (r"A ended the simulation at t = 0\.55 s", CLOSED),
     "error": (rf"{STEP_RETURNED}Error: error at t = 0\.55 s, step", [CLOSED[0], *CLOSED[1::2]]),
     "fatal": (rf"{STEP_RETURNED}Fatal: A broke down at t = 0\.55 s;", CLOSED[1::2]),
 }
@@ -434,6 +433,31 @@ def test_what_ends_on_the_way_is_named_and_the_rest_is_closed(
     assert facts["status"] == "failed" and facts["reason"] in str(error)
     assert np.array_equal(read(tmp_path / "run.partial.csv"), error.result.data)
     assert sorted(diary()) == closed
+
+
+@pytest.mark.parametrize("algorithm", [*ALGORITHMS, "doubling", "energy"])
+@pytest.mark.parametrize("loop", LOOPS)
+def test_a_run_that_an_fmu_ends_is_complete(
+    loop: str, algorithm: str, make: Make, diary: Diary, tmp_path: Path
+) -> None:
+    """Of coupled parts, up to the last communication point before it."""
+    parts = {"A": make(end_at=0.55), "B": make()}
+    pair, path = ring(parts, bonds=["A.y * B.y"]), tmp_path / "run.csv"
+    settings = stepped(algorithm)
+    result = run(pair, stop=1.0, csv=path, record=["A.y"], **settings, **LOOPS[loop])
+    facts = json.loads((tmp_path / "run.json").read_text())
+    assert facts["status"] == result.provenance["status"] == "complete"
+    assert re.match(r"A ended the simulation at t = 0\.55 s: .* the last row is", facts["reason"])
+    assert 0.3 < result.data[-1, 0] <= facts["reached"] <= 0.55
+    assert np.array_equal(read(path), result.data)
+    assert sorted(diary()) == CLOSED
+
+
+@pytest.mark.parametrize("loop", LOOPS)
+def test_the_last_row_of_a_single_fmu_that_ends_is_that_of_its_end(loop: str, make: Make) -> None:
+    result = run(system({"A": make(end_at=0.55)}), stop=1.0, step=H, **LOOPS[loop])
+    assert result["time"][-1] == result.provenance["reached"] == pytest.approx(0.55)
+    assert result["A.y"][-1] == pytest.approx(math.exp(-0.55), rel=1e-12)
 
 
 @pytest.mark.parametrize("loop", LOOPS)

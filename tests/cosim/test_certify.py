@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from cosim import Result, System, certify, estimate, run, smallest, time_of_largest
+from cosim import Result, System, certify, diagnose, estimate, run, smallest, time_of_largest
 from cosim.judge.certify import divergence
 from cosim.verification.ideal import Ideal
 from cosim.verification.systems import couple, drive
@@ -216,3 +216,17 @@ def test_runs_that_differ_much_but_converge_have_not_diverged() -> None:
         assert divergence(runs)[0] == math.inf
     steps = [np.column_stack([t, t > 5 + 4 * h]) * 1.0 for h in (0.025, 0.05, 0.1)]
     assert not divergence(steps)[1].any()
+
+
+def test_results_show_themselves_in_a_notebook(fmus: Path) -> None:
+    certified = certify(
+        pair(fmus / "native"), lambda r: {"end <b>": float(r["motor.tau"][-1])}, stop=0.1, step=1e-3
+    )
+    text = certified.figures["end <b>"].text("")
+    assert str(certified).startswith(f"end <b>  {text.split()[0]} +- ")
+    page = certified._repr_html_()
+    assert "end &lt;b&gt;" in page and text.split()[0] in page and "+-" in page
+    picture = certified.result.plot("motor.tau")
+    assert picture._repr_png_().startswith(b"\x89PNG")
+    found = diagnose(pair(fmus / "native"), step=1e-3)
+    assert str(found) == found.text() and found._repr_html_().startswith("<p>")

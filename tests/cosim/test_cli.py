@@ -213,7 +213,18 @@ def test_exports_are_files_of_their_kind(drive: Path, tmp_path: Path, said: Said
         (["run", "DRIVE", "--step", "0"], "step = 0.0 s must be above 0"),
         (["run", "DRIVE", "--step", "1", "--adaptive", "1"], "exclude each other"),
         (["run", "DRIVE", "--stop", "soon"], "argument --stop: 'soon' is not a number"),
-        (["run", "DRIVE", "--start", "motor.T=1"], "start values are given with --set"),
+        (["run", "DRIVE", "--stop", "motor.T=1"], "start values are given with --set or --start"),
+        (
+            ["run", "DRIVE", "--step", "3N"],
+            "'3N' is not a time: its unit must be one of s, ms, us, min, h",
+        ),
+        (["run", "DRIVE", "--start", "motor.T=5kg"], "motor.T [s] cannot be given in kg"),
+        (["info", "DRIVE", "--start", "5"], "argument --start: '5' must read NAME=VALUE"),
+        (
+            ["run", "DRIVE", "--step", "2"],
+            "step = 2.0 s must be at most the time from start to stop, 1.0 s",
+        ),
+        (["certify", "DRIVE"], "there is no command 'certify': use run --certify"),
         (["run", "DRIVE", "--algorithm", "euler"], "invalid choice: 'euler'"),
         (["run", "DRIVE", "--substeps", "motor=1.5"], "must be a whole number"),
         (["run", "DRIVE", "--out", "x.xls"], "must end in .csv or .parquet"),
@@ -248,3 +259,27 @@ def test_output_that_nobody_reads_any_more_is_no_traceback(drive: Path) -> None:
     done = subprocess.run(command, cwd=ROOT, stdout=writing, stderr=subprocess.PIPE, check=False)
     os.close(writing)
     assert (done.returncode, done.stderr) == (141, b"")
+
+
+def test_times_and_start_values_take_units_and_either_option(
+    drive: Path, tmp_path: Path, said: Said
+) -> None:
+    out = tmp_path / "new" / "inner" / "out.csv"
+
+    def rows(*options: object) -> Any:
+        text = said("run", drive, "--out", out, *options)
+        assert f"rows written to {out}, units and provenance to {out.with_suffix('.json')}" in text
+        return text, out.read_bytes()
+
+    text, plain = rows("--start", 0.1, "--stop", 0.2, "--step", 1e-3, "--set", "motor.T=0.005")
+    assert f"new folder: {tmp_path / 'new'}" in text
+    for options in (
+        ("--from", "100ms", "--stop", "200ms", "--step", "1ms", "--start", "motor.T=5ms"),
+        ("--start", "100 ms", "--stop", 0.2, "--step", "1000us", "--start", "motor.T=5 ms"),
+        ("--start", "motor.T=7", "--start", "0.1", "--set", "motor.T=0.005", "--stop", "0.2"),
+    ):
+        text, same = rows(*options)
+        assert same == plain and "new folder" not in text
+    assert "motor.T [s] = 0.005" in said("info", drive, "--start", "motor.T=5ms")
+    rpm = said("info", drive, "--set", "motor.w=60rpm")
+    assert f"motor.w [rad/s] = {2 * np.pi!r}" in rpm

@@ -53,6 +53,16 @@ def test_container_equals_master(
     assert np.ptp(result["conveyor.w"]) > 1.0
 
 
+def test_a_warning_of_the_tool_is_given_once(
+    fmus: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Although our own check and the tool go through the loop, one after the other; again for another file."""
+    for name in ("first", "second"):
+        write_container(pair(fmus), tmp_path / f"{name}.fmu", step=1e-3)
+        assert [text.partition(" ")[0] for text in caplog.messages] == ["Loop"]
+        caplog.clear()
+
+
 def test_parameters_and_open_inputs_can_be_set_from_outside(
     fmus: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

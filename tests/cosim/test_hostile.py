@@ -11,8 +11,11 @@ from typing import Any
 
 import pytest
 
+from cosim import SetupError, System
+from cosim.system import connect
 from tests.conftest import ROOT, described, rewritten
 from tests.cosim.conftest import Said
+from tests.cosim.foreign import BINARY
 from tests.cosim.foreign import pack as foreign
 from tests.cosim.test_ssp import (
     LOOP,
@@ -28,6 +31,7 @@ from tests.cosim.test_ssp import (
     system_in,
     values,
 )
+from tests.cosim.third import pack as third
 
 SSD = "SystemStructure.ssd"
 ENTITIES = "".join(f'<!ENTITY e{n} "{f"&e{n - 1};" * 10}">' for n in range(1, 12))
@@ -225,3 +229,92 @@ def test_bombs_take_little(name: str, fmus: Path, tmp_path: Path) -> None:
     )
     assert (done.returncode, message in done.stderr) == (2, True), done.stderr[-500:]
     assert done.stderr.count("\n") == 1 and len(done.stderr) < 500
+
+
+DIMENSION = ('(<Float64 name="h"[^>]*)/>', r'\1><Dimension start="{}"/></Float64>')
+
+
+@pytest.mark.parametrize("count", [1_000_000_000_000, 20_000_000])
+def test_an_array_with_too_many_elements_is_named(
+    count: int, tmp_path: Path, refused: Refused
+) -> None:
+    swap = described((DIMENSION[0], DIMENSION[1].format(count)))
+    fmu = rewritten(third(tmp_path / "A.fmu"), tmp_path / "B.fmu", swap)
+    refused(
+        fmu, f"has too many variables: h has {count} elements, and all arrays together may have"
+    )
+
+
+@pytest.mark.parametrize(
+    ("swap", "message"),
+    [
+        (('<Float64 name="h"', "<Float64"), "The attribute 'name' is required but missing"),
+        (('stepSize="[^"]*"', 'stepSize="ten"'), "modelDescription.xml: 'ten' is not a number"),
+        ((r"(?s)<ModelVariables>.*</ModelVariables>", ""), "is not a valid FMU: modelDescription.xml"),
+        ((r'valueReference="\d+"', 'valueReference="-"'), "is not a number"),
+    ],
+)  # fmt: skip
+def test_a_malformed_description_is_refused_in_words(
+    swap: tuple[str, str], message: str, tmp_path: Path, refused: Refused
+) -> None:
+    refused(rewritten(third(tmp_path / "A.fmu"), tmp_path / "B.fmu", described(swap)), message)
+
+
+def test_a_description_in_another_encoding_than_it_says_is_refused(
+    tmp_path: Path, refused: Refused
+) -> None:
+    def edit(files: dict[str, Any]) -> None:
+        text = files["modelDescription.xml"].decode()
+        files["modelDescription.xml"] = text.encode("utf-16")
+
+    refused(rewritten(third(tmp_path / "A.fmu"), tmp_path / "B.fmu", edit), "modelDescription.xml")
+
+
+def test_a_library_of_another_name_is_named(tmp_path: Path, said: Said) -> None:
+    """And the FMU is described all the same."""
+
+    def edit(files: dict[str, Any]) -> None:
+        files["binaries/linux64/other.so"] = files.pop(BINARY)
+
+    fmu = rewritten(foreign(tmp_path / "A.fmu"), tmp_path / "B.fmu", edit)
+    reason = "has no binaries/linux64/foreign.so, the name that its modelIdentifier gives; "
+    reason += "binaries/linux64/ has other.so"
+    assert reason in said("run", fmu, "--stop", 1, "--step", 0.1, code=2)
+    text = said("info", fmu)
+    assert f"cannot run here: part B: {fmu} {reason}" in text and "output  B.y: Real" in text
+
+
+def test_what_only_other_platforms_run_and_clocks_that_nothing_ticks_are_described(
+    tmp_path: Path, said: Said
+) -> None:
+    def edit(files: dict[str, Any]) -> None:
+        files["binaries/win64/foreign.dll"] = files.pop(BINARY)
+
+    fmu = rewritten(foreign(tmp_path / "A.fmu"), tmp_path / "B.fmu", edit)
+    text = said("info", fmu)
+    assert "for win64" in text and "has no binary for this platform, binaries/linux64" in text
+    waits = third(tmp_path / "waits.fmu", 'intervalVariability="triggered"')
+    assert "cannot run here: waits.clock is a triggered clock" in said("info", waits)
+    assert "is a triggered clock" in said("run", waits, code=2)
+    swap = described((r"(?s)<CoSimulation.*?/>", '<ScheduledExecution modelIdentifier="third"/>'))
+    scheduled = rewritten(third(tmp_path / "third.fmu"), tmp_path / "scheduled.fmu", swap)
+    assert "offers scheduled execution only" in said("info", scheduled)
+
+
+@pytest.mark.parametrize(
+    "kind", [LAUGHS, OUTSIDE, "<!DOCTYPE x>", '<!DOCTYPE x SYSTEM "http://x/y.dtd">']
+)
+def test_a_model_description_with_a_document_type_is_refused(kind: str, tmp_path: Path) -> None:
+    fmu, typed = foreign(tmp_path / "plain.fmu"), tmp_path / "typed.fmu"
+    with zipfile.ZipFile(fmu) as old, zipfile.ZipFile(typed, "w") as new:
+        for name in old.namelist():
+            content = old.read(name)
+            if name == "modelDescription.xml":
+                root = content.index(b"<fmiModelDescription")
+                content = content[:root] + kind.encode() + content[root:]
+            new.writestr(name, content)
+    with pytest.raises(
+        SetupError, match=r"modelDescription.xml has a document type, .*: remove it$"
+    ):
+        connect(System({"A": typed}))
+    connect(System({"A": fmu}))

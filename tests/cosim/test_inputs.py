@@ -453,7 +453,7 @@ BAD_FILES = {
     "fits nothing": (ssv('X Real value="1"'), "set.ssv, line 1: parameter X fits no variable"),
     "given twice": (ssv('T Real value="1"', 'DriveMotor.T Real value="1"'), "is given twice"),
     "bounds": (ssv('T Real value="-1"'), "DriveMotor.T [s] = -1.0 must be at least"),
-    "no set": ("<x/>", "set.ssv, line 1: the element must be ssv:ParameterSet, not x"),
+    "no set": ("<x/>", "set.ssv, line 1: the element must be ParameterSet, not x"),
     "no column": ("name,amount\nT,1\n", "has no column 'value', only name, amount"),
     "row": ("name,value\nT,1\nX,1\n", "set.csv, line 3: parameter X fits no variable"),
     "row type": ("name,value\nT,fast\n", "line 2: parameter T = 'fast' must be of type Real"),

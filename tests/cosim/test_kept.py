@@ -6,6 +6,7 @@ import errno
 import json
 import locale
 import os
+import platform
 import resource
 import signal
 import subprocess
@@ -214,7 +215,8 @@ def test_what_an_fmu_changes_in_its_process_is_brought_back(
     when: float, watched: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Whose numbers stay the same, and which hears Ctrl-C all the same."""
-    before = locale.setlocale(locale.LC_ALL)
+    own = locale.setlocale(locale.LC_ALL)
+    before = locale.setlocale(locale.LC_ALL, "C.UTF-8")  # another one than the FMU sets
 
     def interrupt(share: float) -> None:
         assert Path.cwd() == watched or share < 0.4
@@ -230,6 +232,7 @@ def test_what_an_fmu_changes_in_its_process_is_brought_back(
     finally:
         signal.signal(signal.SIGINT, handler)
     assert locale.setlocale(locale.LC_ALL) == before
+    locale.setlocale(locale.LC_ALL, own)
     told = "an FMU has changed {} of the whole process; it was restored"
     assert caught.value.result.warnings == [
         told.format(what) for what in ("the working directory", "the locale")
@@ -248,6 +251,77 @@ def test_numbers_that_are_rounded_otherwise_end_a_run(watched: Path) -> None:
     assert "the rounding of floating-point numbers" in started.warnings[0]
     calm = run(alone(pack(watched / "C.fmu")), stop=1.0, step=0.1)
     assert np.array_equal(calm["C.y"], started["B.y"])
+
+
+@pytest.mark.skipif(
+    platform.machine() not in ("x86_64", "AMD64"), reason="the FMU sets bits of SSE"
+)
+def test_numbers_whose_subnormal_ones_vanish_end_a_run(watched: Path) -> None:
+    """In an FMU's steps; what it sets while it starts is brought back before the first one."""
+    with pytest.raises(SimulationError, match=r"subnormal .*\(FTZ, DAZ\) of the whole process"):
+        run(alone(pack(watched / "A.fmu", flush_at=0.35)), stop=1.0, step=0.1)
+    assert sys.float_info.min * float("0.5") > 0.0, "it was restored"
+    started = run(alone(pack(watched / "B.fmu", flush_at=0.0)), stop=1.0, step=0.1)
+    assert "subnormal" in started.warnings[0]
+    calm = run(alone(pack(watched / "C.fmu")), stop=1.0, step=0.1)
+    assert np.array_equal(calm["C.y"], started["B.y"])
+
+
+@pytest.mark.parametrize("name", ["r.partial.csv", "r.partial.json", "r.json"])
+def test_results_are_not_written_through_links(name: str, tmp_path: Path, said: Said) -> None:
+    precious = tmp_path / "precious.txt"
+    precious.write_text("precious")
+    (tmp_path / name).symlink_to(precious)
+    pack(tmp_path / "A.fmu")
+    for ending in (".csv", ".parquet"):
+        link = name.replace(".csv", ending)
+        if not (tmp_path / link).is_symlink():
+            (tmp_path / link).symlink_to(precious)
+        out = str(tmp_path / f"r{ending}")
+        errors = said(
+            "run", tmp_path / "A.fmu", "--stop", "1", "--step", "0.1", "--out", out, code=2
+        )
+        assert (
+            f"{tmp_path / link} is a symbolic link, and results are not written through" in errors
+        )
+    with pytest.raises(SetupError, match="is a symbolic link"):
+        run(alone(tmp_path / "A.fmu"), stop=1.0, step=0.1).write(tmp_path / "r.csv")
+    assert precious.read_text() == "precious"
+    assert not (tmp_path / "r.csv").exists()
+
+
+def test_a_run_without_standard_output_ends_well_and_writes_only_its_rows(tmp_path: Path) -> None:
+    pack(tmp_path / "A.fmu")
+    command = f'"{sys.executable}" -m cosim run A.fmu --stop 1 --step 0.1 --out r.csv >&- 2>errors'
+    done = subprocess.run(
+        ["sh", "-c", command], cwd=tmp_path, check=False, env=os.environ | {"PYTHONPATH": str(ROOT)}
+    )
+    assert (done.returncode, (tmp_path / "errors").read_text()) == (0, "")
+    assert len(pd.read_csv(tmp_path / "r.csv")) == 11
+
+
+def test_a_current_folder_that_was_removed_is_named_as_the_cause(tmp_path: Path) -> None:
+    pack(tmp_path / "A.fmu")
+    command = (
+        f'mkdir gone && cd gone && rmdir ../gone && "{sys.executable}" -m cosim run ../A.fmu '
+        f"--stop 1 --step 0.1 --out r.csv"
+    )
+    done = subprocess.run(
+        ["sh", "-c", command], cwd=tmp_path, check=False, capture_output=True, text=True,
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+    )  # fmt: skip
+    assert done.returncode != 0
+    assert done.stderr == "error: the current folder has been removed: change to another one\n"
+
+
+def test_a_name_that_only_its_partial_file_makes_too_long_is_refused_at_once(
+    tmp_path: Path, said: Said
+) -> None:
+    pack(tmp_path / "A.fmu")
+    out = tmp_path / f"{'a' * 243}.csv"
+    errors = said("run", tmp_path / "A.fmu", "--stop", "1", "--step", "0.1", "--out", out, code=2)
+    assert errors.strip().endswith(".partial.json cannot be written: File name too long")
+    assert [*tmp_path.iterdir()] == [tmp_path / "A.fmu"]
 
 
 def test_an_fmu_that_hangs_is_ended_on_request(tmp_path: Path) -> None:

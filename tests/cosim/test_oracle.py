@@ -14,7 +14,19 @@ from benchmarks import certify as benchmark
 from components.drive_motor import model as drive_motor
 from components.gearbox import model as gearbox
 from components.shaft_link import model as shaft_link
-from cosim import SetupError, System, Table, largest, linearize, mean, oracle, run, true_errors
+from cosim import (
+    SetupError,
+    SimulationError,
+    System,
+    Table,
+    largest,
+    linearize,
+    mean,
+    oracle,
+    run,
+    true_errors,
+)
+from cosim.judge.continuous import Model
 from scenarios.packing_line import packing_line
 from tests.cosim.conftest import Said
 from tests.cosim.test_linearize import conveyor, looped, two_masses
@@ -253,3 +265,31 @@ def test_the_shell_states_true_errors(native: Path, tmp_path: Path, said: Said) 
     told = said("oracle", file, *options)
     assert "IronDrive.w, largest" in told and "+-" in told
     assert out.with_suffix(".json").exists() and len(out.read_text().splitlines()) == 12
+
+
+@pytest.mark.parametrize("method", ["DOP853", "Radau", "LSODA"])
+def test_a_nominal_value_of_0_is_taken_as_1(
+    method: str, native: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drive = System({"motor": native / "DriveMotor.fmu"}, start={"motor.w": 10.0})
+    usual = oracle(drive, stop=0.1, method=method)
+    array = Model.array
+
+    def zero(model: Model, function: str, cells: Any) -> None:
+        array(model, function, cells)
+        if function == "GetNominalsOfContinuousStates":
+            cells[:] = [0.0] * len(cells)
+
+    monkeypatch.setattr(Model, "array", zero)
+    found = oracle(drive, stop=0.1, method=method, timeout=30.0)
+    assert found.data == pytest.approx(usual.data, rel=1e-9, abs=1e-9)
+
+
+def test_an_oracle_that_takes_too_long_ends(native: Path) -> None:
+    drive = System({"motor": native / "DriveMotor.fmu"})
+    with pytest.raises(
+        SimulationError, match="no end within the timeout; the integrator is at t = "
+    ):
+        oracle(drive, stop=1.0, timeout=1e-9)
+    with pytest.raises(SetupError, match=r"timeout = 0\.0 s must be above 0"):
+        oracle(drive, stop=1.0, timeout=0.0)

@@ -197,18 +197,62 @@ def test_numbers_pass_wires_as_they_stand(place: Path) -> None:
     assert [*map(str, read_osp(place).system.wires)] == ["motor.tau => motor.w"]
 
 
-def test_steps_of_single_simulators_are_ignored_aloud(
+@pytest.mark.parametrize(
+    ("step", "substeps", "message"),
+    [
+        ("0.002", {}, ""),
+        ("0.001", {"motor": 2}, ""),
+        ("0.0006666666666666667", {"motor": 3}, ""),
+        ("0.0015", {"motor": 2}, "stepSize 0.0015 s becomes 0.001 s, the BaseStepSize of 0.002 s in 2 steps"),
+        ("0.004", {}, "stepSize 0.004 s becomes 0.002 s, the BaseStepSize of 0.002 s in 1 step"),
+    ],
+)  # fmt: skip
+def test_steps_of_single_simulators_become_substeps(
+    step: str, substeps: dict[str, int], message: str, place: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """None of them longer than its own step; aloud where the two differ."""
+    motor = simulator("motor", "DriveMotor", more=f'stepSize="{step}"')
+    (place / FILE).write_text(osp(motor, times="<BaseStepSize>0.002</BaseStepSize>"))
+    with caplog.at_level(logging.WARNING, "cosim"):
+        package = read_osp(place)
+    assert (package.step, package.substeps) == (0.002, substeps)
+    assert caplog.messages == ([f"motor: {message}"] if message else [])
+
+
+def test_steps_without_a_base_step_are_ignored_aloud(
     place: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     motor = simulator("motor", "DriveMotor", more='stepSize="0.004"')
     ecco = "<EccoConfiguration><SafetyFactor>0.9</SafetyFactor></EccoConfiguration>"
-    times = "<BaseStepSize>0.002</BaseStepSize><Algorithm>ecco</Algorithm>"
-    text = osp(motor, times=times).replace("</OspSystemStructure>", f"{ecco}</OspSystemStructure>")
+    text = osp(motor, times="<Algorithm>ecco</Algorithm>")
+    text = text.replace("</OspSystemStructure>", f"{ecco}</OspSystemStructure>")
     (place / FILE).write_text(text)
     with caplog.at_level(logging.WARNING, "cosim"):
-        assert read_osp(place).step == 0.002
-    assert "motor: stepSize 0.004 is ignored: all parts step together" in caplog.messages
+        assert read_osp(place).substeps == {}
+    assert "motor: stepSize 0.004 s is ignored: there is no BaseStepSize" in caplog.messages
     assert "algorithm ecco is ignored" in caplog.messages
+
+
+def test_the_shell_takes_the_substeps_of_a_file(place: Path, said: Said) -> None:
+    """As if they were asked for; not for another step than the file's, and not over --substeps."""
+    slow = simulator("motor", "DriveMotor", more='stepSize="0.0005"')
+    back = wired(("motor", "tau"), ("conveyor", "tau")) + wired(("conveyor", "w"), ("motor", "w"))
+    times = "<EndTime>0.1</EndTime><BaseStepSize>0.002</BaseStepSize>"
+    rows = {}
+    for name, part in (("own", slow), ("plain", MOTOR)):
+        (place / FILE).write_text(osp(part + CONVEYOR, back, times=times))
+        asked = {"own": (), "plain": ("--substeps", "motor=4")}[name]
+        said("run", place, "--out", place / f"{name}.csv", "--algorithm", "jacobi", *asked)
+        rows[name] = (place / f"{name}.csv").read_bytes()
+        other = ("--algorithm", "jacobi", "--substeps", "motor=1")
+        said("run", place, "--out", place / f"{name}_1.csv", *other)
+        rows[f"{name}_1"] = (place / f"{name}_1.csv").read_bytes()
+        said("run", place, "--out", place / f"{name}_2.csv", "--step", "0.001")
+        rows[f"{name}_2"] = (place / f"{name}_2.csv").read_bytes()
+    assert rows["own"] == rows["plain"]
+    assert rows["own_1"] == rows["plain_1"]
+    assert rows["own_2"] == rows["plain_2"]
+    assert rows["own"] != rows["own_1"]
 
 
 def test_a_sum_is_as_many_wires_into_one_input(place: Path) -> None:
@@ -282,7 +326,7 @@ def test_a_sum_that_is_written_is_read_again(fmus: Path, tmp_path: Path) -> None
 
 LINE = f"{FILE}, line 1: "
 BAD: dict[str, tuple[str, str]] = {
-    "other XML": ("<html/>", f"{FILE}: the root element must be OspSystemStructure, not html"),
+    "other XML": ("<html/>", f"{FILE}: the element must be OspSystemStructure, not html"),
     "broken XML": (osp(MOTOR)[:-9], LINE),
     "no parts": (osp(""), "a system needs a part"),
     "no name": ('<Simulator source="a"/>', f"{LINE}Simulator: there is no 'name'"),

@@ -468,6 +468,35 @@ def test_dialects_of_other_tools(read: Read, caplog: pytest.LogCaptureFixture) -
     ]
 
 
+def test_what_does_no_harm_is_a_warning(
+    fmus: Path, read: Read, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Parameter connectors without a variable, a tool's own attributes, an Enumeration without a name."""
+    odd = '<ssd:Connector name="{}" kind="parameter">{}</ssd:Connector>'
+    extra = odd.format("fmi_rTol", "<ssc:Real/>") + odd.format("_start", "<ssc:Real/>")
+    extra += odd.format("characteristic", "<ssc:Enumeration/>")
+    structure = flat().replace("</ssd:Connectors>", f"{extra}</ssd:Connectors>", 1)
+    structure = structure.replace("<ssd:Component ", '<ssd:Component delay="0.1" x:y="2" ')
+    structure = structure.replace("<ssd:System ", '<ssd:System xmlns:x="urn:x" ', 1)
+    with caplog.at_level(logging.WARNING, "cosim"):
+        same(read(structure), pair(fmus))
+    said = [text.replace("SystemStructure.ssd, line", "at") for text in caplog.messages]
+    assert re.sub(r"at \d+", "at", "\n".join(said)).splitlines() == [
+        "at: connector characteristic has an Enumeration without a name; that of the FMU is taken",
+        "at and in 1 more places: attribute delay of Component is not one of SSP and is ignored",
+        "at and in 1 more places: attribute y of Component is not one of SSP and is ignored",
+        "motor: its FMU has no fmi_rTol and no _start; 2 parameter connectors ignored",
+    ]
+
+
+@pytest.mark.parametrize("name", ["not.ssp", "missing.ssp"])
+def test_the_file_is_named_once(name: str, tmp_path: Path) -> None:
+    (tmp_path / "not.ssp").write_text("hello")
+    with pytest.raises(SetupError) as caught:
+        read_ssp(tmp_path / name, tmp_path / "unpacked")
+    assert str(caught.value).count(name) == 1
+
+
 def stacked(*levels: str) -> str:
     """Bindings of one element, one after the other."""
     return "".join(levels).replace("</ssd:ParameterBindings><ssd:ParameterBindings>", "")
@@ -779,9 +808,18 @@ BAD: dict[str, Any] = {
     "values of 2.0": (flat(motor=bindings(values('T Float64 value="1 2"').replace("1.0", "2.0", 1))), "'1 2' is not a valid value"),
     "annotated step": (flat(tail=annotated('<FixedStepAlgorithm baseStepSize="short"/>')), "baseStepSize 'short' is not a number"),
     "unknown element": (ssd("<ssd:Motor/>"), "SystemStructure.ssd, line 1: Element 'Motor': This element is not expected"),
-    "unknown attribute": (component(f'{FMU} speed="1"'), "attribute 'speed' is not allowed"),
+    "structure of a draft": (flat().replace("org/SSP1/SystemStructureDescription", "org/SSPDraft/SystemStructureDescription"),
+        "SystemStructureDescription must be in the namespace http://ssp-standard.org/SSP1/SystemStructureDescription, "
+        "not in http://ssp-standard.org/SSPDraft/SystemStructureDescription"),
+    "set of a draft": (flat(motor=bindings(values('T Real value="1"').replace("SystemStructureParameterValues", "ParameterValues"))),
+        "ParameterSet must be in the namespace http://ssp-standard.org/SSP1/SystemStructureParameterValues, "
+        "not in http://ssp-standard.org/SSP1/ParameterValues"),
+    "wire from a connector that the FMU has not": (
+        component(FMU, connectors(("w", "input", ""), ("v", "parameter", "")), SPACE.format("", "p", "part", "v").replace('startElement="" ', ""),
+            more=connectors(("p", "parameter", ""))),
+        "there is no connector part.v"),
     "broken XML": (ssd("")[:-9], "SystemStructure.ssd, line 1: "),
-    "other XML": ("<html/>", "the element must be ssd:SystemStructureDescription, not html"),
+    "other XML": ("<html/>", "the element must be SystemStructureDescription, not html"),
     "cyclic files": (ssd(LOOP.format("a", "a.ssd")),
         "cyclic nesting: test.ssp -> a.ssd -> SystemStructure.ssd -> a.ssd", {"a.ssd": ssd(LOOP.format("b", "SystemStructure.ssd"))}),
     "cyclic systems": (ssd(f'<ssd:System name="a" id="a"><ssd:Elements>{LOOP.format("b", "#a")}</ssd:Elements></ssd:System>'),
@@ -801,7 +839,7 @@ BAD: dict[str, Any] = {
     "not finite": (flat(motor=bindings(values('T Real value="INF"'))), "motor.T [s] = inf must be a finite number"),
     "output of the FMU": (flat(motor=bindings(values('P Real value="1"'))), "motor.P [W] has causality output and cannot be given a start value"),
     "set of another type": (flat(motor=bindings("<x/>", attributes='type="text/csv"')), "type 'text/csv' is not supported"),
-    "no set": (flat(motor=bindings("<x/>")), "the element must be ssv:ParameterSet, not x"),
+    "no set": (flat(motor=bindings("<x/>")), "the element must be ParameterSet, not x"),
     "invalid set": (flat(motor=bindings(values('T Real value="fast"'))), "'fast' is not a valid value"),
     "set and source": (flat(motor=bindings(values('T Real value="1"'), attributes='source="x.ssv"')), "source and inline content exclude each other"),
     "mapped name": (flat(motor=bindings(values('T Real value="1"'), mapped=mapping(("U", 'target="T"', "")))),

@@ -434,6 +434,31 @@ def test_the_default_experiment_ends_as_the_shipped_reference_says(model: Any, f
     assert all(map(math.isfinite, end.values()))
 
 
+@each_fmu
+def test_the_manifest_names_the_reference_as_the_layered_standard_asks(
+    model: Any, fmu: Path
+) -> None:
+    """Root, fixed attributes and one related file, which is there and is a result."""
+    folder, space = "extra/org.fmi-standard.fmi-ls-ref", "{http://fmi-standard.org/fmi-ls-manifest}"
+    with zipfile.ZipFile(fmu) as archive:
+        files = [n for n in archive.namelist() if n.startswith(folder)]
+        root = ElementTree.fromstring(archive.read(f"{folder}/fmi-ls-manifest.xml"))
+    assert root.tag == "fmiReferences"
+    assert root.attrib == {
+        f"{space}fmi-ls-name": "org.fmi-standard.fmi-ls-ref",
+        f"{space}fmi-ls-version": "1.0.0-alpha.1",
+        f"{space}fmi-ls-description": "Layered Standard providing information on related files included in an FMU.",
+    }
+    (related,) = root
+    assert related.tag == "Related"
+    assert related.attrib.keys() == {"type", "source", "role", "description"}
+    assert (related.get("type"), related.get("role")) == ("text/csv", "result")
+    assert sorted(files) == [
+        f"{folder}/{related.get('source')}",
+        f"{folder}/fmi-ls-manifest.xml",
+    ]
+
+
 @pytest.mark.parametrize("hold", InputHold)
 def test_motor_steps_are_exact_for_every_course_of_the_speed(hold: InputHold, both: Path) -> None:
     A, B, T = 8000.0, 199.8, 0.0625

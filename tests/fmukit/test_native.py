@@ -11,6 +11,7 @@ import subprocess
 import sys
 import zipfile
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -118,6 +119,23 @@ def test_a_module_is_built_again_to_the_same_bytes_and_only_when_it_is_out_of_da
     module = tmp_path / "wasm" / "DriveMotor.wasm"
     assert module.read_bytes() == (fmus / "wasm" / module.name).read_bytes()
     assert [path.name for path in tmp_path.rglob("*.*")] == [module.name]
+
+
+def test_builds_that_end_at_once_keep_a_whole_module(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    content = b"x" * 200_000
+    monkeypatch.setattr(make.native, "module", lambda _: content)
+    unit = build.collect(MODELS["DriveMotor"])
+    path = tmp_path / "wasm" / "DriveMotor.wasm"
+
+    def keep(_: int) -> int:
+        make.module_kept(unit, path, force=True)
+        return len(path.read_bytes())
+
+    with ThreadPoolExecutor(4) as pool:
+        assert {*pool.map(keep, range(400))} == {len(content)}
+    assert [*path.parent.iterdir()] == [path]
 
 
 def rows(fmu: Path, start: dict[str, Any], inputs: Any, h: float, steps: int) -> list[list[Any]]:
@@ -366,6 +384,14 @@ def test_output_derivatives_are_the_slopes_of_the_outputs(name: str, fmus: Path)
     scale = np.abs(np.array(rows[40])) / h
     assert np.count_nonzero(slopes) > 2
     assert np.all(np.abs(slopes - estimate) <= 1e-4 * np.abs(estimate) + 1e-12 * scale + 1e-5)
+
+
+def test_an_output_derivative_without_a_finite_value_is_an_error(fmus: Path) -> None:
+    """The torque itself stays finite: 1e308 N.m within the lag of 0.0625 s."""
+    unit = Unit(fmus / "native" / "DriveMotor.fmu").start(A=1e308).step(0.0, 1e-3)
+    tau = [unit.variables["tau"].valueReference]
+    said = unit.refusal(lambda u: u.fmi.getRealOutputDerivatives(tau, [1]))
+    assert "the derivative of tau = inf must be a finite number" in said
 
 
 def rate(unit: Unit, name: str, value: float) -> None:

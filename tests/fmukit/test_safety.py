@@ -63,6 +63,13 @@ def test_a_damaged_state_is_refused_and_rollback_leads_out(damage: str, both: Pa
     assert same
 
 
+def test_no_number_of_a_state_may_be_crafted_to_be_none(fmus: Path) -> None:
+    """A state with NaN in what inputs do within a step was accepted, and gave NaN with status OK."""
+    count, *accepted = safety.crafted_states(fmus / "native" / CONVEYOR)
+    assert count > 30
+    assert accepted == []
+
+
 def torque(t: float) -> float:
     """Torque of the default motor held at 39 rad/s."""
     final = 8000.0 - 199.8 * 39.0

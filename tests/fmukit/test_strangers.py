@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
+import re
 import subprocess
 import sys
-from itertools import pairwise
+from itertools import pairwise, product
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -15,11 +16,14 @@ import pytest
 from fmpy.validation import validate_fmu
 from scipy.integrate import solve_ivp
 
+from fmukit.declare.record import declarations
 from fmukit.declare.variables import Interface, class_name
 from fmukit.fmu.load import load
 from fmukit.fmu.make import make_all
 from fmukit.fmu.reference import by_equations
+from fmukit.write.entries import written
 from tests.conftest import ROOT
+from tests.fmukit.test_exchange import Model
 from tests.hosts.host import Unit
 
 MODELS = sorted((ROOT / "tests" / "fmukit" / "models").glob("*.py"))
@@ -147,7 +151,112 @@ def derivatives(p, t, x, u):
     return State(x=rate(x.x, p.n0))
 """
 STILL = BODY.replace("rate(x.x, p.n0)", "p.n0")
+INPUT = """
+@record
+class Inputs:
+    r: Length = real(3.0, "Input")
+    s: Length = real(3.0, "Input")
+"""
+OUTPUT = """
+@record
+class Outputs:
+    y: Length = real(0.0, "Output"{})
+def outputs(p, t, x, u):
+    return Outputs(y={})
+"""
 JUMP = "def jump(p, t, x, u, which):\n    return State(x=1.0)\n"
+
+
+WINDING = f"""{HEAD}
+@record
+class Inputs:
+    a: Length = real(1.0, "Input")
+    b: Length = real(2.0, "Input")
+    c: Length = real(3.0, "Input")
+@record
+class State:
+    x: Length = real(2.0, "State")
+@record
+class Outputs:
+    y: Length = real(0.0, "Through a function", feedthrough=("a",))
+    same: Length = real(0.0, "The same on both sides of a condition")
+    other: Length = real(0.0, "Selected by a condition", feedthrough=("b",))
+    nested: Length = real(0.0, "Of two conditions", feedthrough=("a", "c"))
+    refused: Length = real(0.0, "Of a state that an input refuses")
+def derivatives(p, t, x, u):
+    return x
+def split(a, b, x):
+    if a > 100.0 + math.exp(x):
+        return a, b + 1.0, x
+    return a * math.sin(a) * math.cos(a) * math.exp(-a) * math.sqrt(a * a), math.exp(b), x
+def nested(u, x):
+    if x > 1.0:
+        return 1.0 if u.a > 0.7 else u.c
+    return 1.0 if u.c > 3.5 else 1.0
+def outputs(p, t, x, u):
+    if u.c < -1e9:
+        raise ValueError("too low")
+    first, _, third = split(u.a, u.b, x.x)
+    return Outputs(
+        y=first, same=x.x if u.b > 1.0 else x.x, other=x.x if u.b > 1.0 else third * 2.0,
+        nested=nested(u, x.x), refused=third,
+    )
+"""
+
+
+def test_feedthrough_is_what_the_equations_use(tmp_path: Path) -> None:
+    """Through functions, conditions and what may fail: neither more nor less, as numbers show."""
+    path = tmp_path / "winding.py"
+    path.write_text(WINDING)
+    model = load(path)
+    declared = {name: d.feedthrough for name, d in declarations(model.Outputs)}
+    assert written(model).warnings == ()
+    acts: dict[str, set[str]] = {name: set() for name in declared}
+    for values in product((0.0, 0.5, 2.0, 4.0), repeat=3):
+        before = model.outputs(None, 0.0, model.State(2.0), model.Inputs(*values))
+        for place, name in enumerate(("a", "b", "c")):
+            u = model.Inputs(*values)._replace(**{name: values[place] + 1.0})
+            after = model.outputs(None, 0.0, model.State(2.0), u)
+            for output, old, new in zip(declared, before, after):
+                acts[output] |= {name} if old != new else set()
+    assert acts == {name: set(inputs) for name, inputs in declared.items()}
+    for name, inputs in declared.items():
+        for dropped in inputs:
+            rest = "".join(f'"{other}", ' for other in inputs if other != dropped)
+            changed = re.sub(rf"( {name}: .*feedthrough=)\(.*?\)", rf"\1({rest})", WINDING)
+            assert changed != WINDING
+            path = tmp_path / f"{name}_{dropped}.py"
+            path.write_text(changed)
+            refusal = f"^{name} of Outputs depends on {dropped} without delay"
+            with pytest.raises(TypeError, match=refusal):
+                written(load(path))
+
+
+def test_a_declared_input_that_does_not_act_is_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    model = tmp_path / "thing.py"
+    model.write_text(HEAD + INPUT + STILL + OUTPUT.format(', feedthrough=("r", "s")', "u.s * x.x"))
+    assert make_all([model], "python", tmp_path) == 0
+    said = capsys.readouterr().err
+    assert said == (
+        "Thing.fmu: warning: y of Outputs declares feedthrough of r, which its equation does not use: "
+        'write y: ... = real(..., "...", feedthrough=("s",))\n'
+    )
+
+
+def test_an_event_indicator_without_a_finite_value_is_an_error(tmp_path: Path) -> None:
+    """It was handed to the integrator with status OK."""
+    path = tmp_path / "tall.py"
+    guard = "def guard(p, t, x, u):\n    return (x.x * p.n0,)\n"
+    path.write_text(HEAD + STILL + guard + JUMP)
+    assert make_all([path], "native", tmp_path) == 0
+    fmu = tmp_path / "native" / "Tall.fmu"
+    model = Model(fmu)
+    assert model.all("EventIndicators", 1) == [6.0]
+    model = Model(fmu, n0=1e308, x=2.0)
+    said = model.refusal(lambda m: m.all("EventIndicators", 1))  # type: ignore[attr-defined]
+    assert "event indicator 1 = inf must be a finite number" in said
 
 
 def test_names_of_a_model_are_not_those_of_the_printers(tmp_path: Path) -> None:
@@ -298,6 +407,16 @@ def test_all_functions_of_math_that_c_has_give_the_same_bits(tmp_path: Path) -> 
          "thing.py:9: try cannot go into the FMU, where nothing is raised: test with if"),
         (HEAD + "def rate(x, n):\n    return rate(x, n)\n" + BODY,
          "thing.py: derivatives calls itself without end"),
+        (HEAD + INPUT + STILL + OUTPUT.format("", "u.s * x.x"),
+         "thing.py: y of Outputs depends on s without delay: "
+         'write y: ... = real(..., "...", feedthrough=("s",))'),
+        (HEAD + INPUT + STILL + OUTPUT.format(', feedthrough=("s",)', "u.s if u.r > x.x else x.x"),
+         'depends on r without delay: write y: ... = real(..., "...", feedthrough=("s", "r",))'),
+        (HEAD + "from typing import Annotated\nfrom fmukit.si import Quantity\n"
+         'P = Annotated[float, Quantity("Pressure", "Pa", {"kg": 1, "m": -1})]\n'
+         + BODY.replace("n0: Length", "n0: P"),
+         "thing.py:12: Parameters.n0: the unit Pa of Pressure has the exponents {'kg': 1, 'm': -1, 's': -2}, "
+         "not {'kg': 1, 'm': -1}: write Quantity("),
     ],
 )  # fmt: skip
 def test_first_mistakes_get_one_line_with_the_place_and_what_to_write(

@@ -4,13 +4,17 @@ import gc
 import math
 import random
 import signal
+import struct
 import sys
 import threading
+import zlib
 from collections.abc import Callable
 from ctypes import c_void_p, pythonapi
 from math import inf, nan
 from pathlib import Path
 from typing import Any
+
+from fmpy.fmi1 import FMICallException
 
 from tests.hosts.host import MESSAGES, Unit, apart
 
@@ -199,6 +203,26 @@ def foreign_state(fmu: str, other: str, damage: str) -> list[Any]:
     unit.step(0.5, 0.5).fmi.freeFMUstate(state)
     unit.fmi.freeInstance()
     return [refusal, seen, same]
+
+
+@apart
+def crafted_states(fmu: str) -> list[int]:
+    """Which doubles of a serialised state may be NaN, where the checksum is right."""
+    unit = Unit(fmu).start().step(0.0, 0.5)
+    content = unit.fmi.serializeFMUstate(unit.fmi.getFMUstate())
+    first, last = content.index(b"\0") + 1, len(content) - 4
+    accepted = []
+    for place in range(first, last, 8):
+        body = content[:place] + struct.pack("<d", math.nan) + content[place + 8 : last]
+        state = unit.fmi.deSerializeFMUstate(body + struct.pack("<I", zlib.crc32(body)))
+        try:
+            unit.fmi.setFMUstate(state)
+            accepted.append((place - first) // 8)
+        except FMICallException:
+            pass
+        unit.fmi.freeFMUstate(state)
+        unit.fmi.reset()
+    return [(last - first) // 8, *accepted]
 
 
 def thread_states() -> int:

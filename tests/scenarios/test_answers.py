@@ -310,6 +310,8 @@ def test_jams_and_stalls_are_named_in_a_sentence() -> None:
         stall = ask("iron_start", motor_A=motor_A, stop=stop, step=2e-3)
         assert stall.verdict.startswith(f"The motor stalls: the cam has made {turns}")
     slow = ask("run_up", stop=0.1, start={"motor.kloss.tau_b": 1.0})
+    assert "The induction motor does not complete a turn within 0.1 s." in slow.verdict
+    slow = ask("run_up", stop=3.0, step=1e-3, start={"motor.kloss.tau_b": 1.0})
     assert "The induction motor stalls" in slow.verdict
     assert slow.figures["kloss_passing"].reason == "the crank does not stay above the resonance"
 

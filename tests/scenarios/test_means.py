@@ -140,7 +140,7 @@ def test_mean_values_are_those_of_exact_orbits(asked: Any) -> None:
         assert abs(figure.value - truth[key] + getattr(plain, key)) <= figure.error
     assert abs(told["missing"].value) <= told["missing"].error < 1e-3
     assert truth["supply"] == pytest.approx(truth["trough"] + truth["motor"], rel=1e-12)
-    assert told["more"].text() in answer.verdict
+    assert f"{told['more'].brief()} more than the" in answer.verdict
 
 
 def test_drift_solves_its_equation_and_16_is_its_limit_for_a_short_lag() -> None:
@@ -293,7 +293,7 @@ def test_where_the_classical_calculation_goes_wrong_is_where_exact_orbits_say(na
                 assert figure.reason == "the error stays below 5 % at every speed of the sweep"
                 continue
             held += 1
-            assert figure.text() in answer.verdict
+            assert figure.brief() in answer.verdict
             low, high = figure.value - figure.error, figure.value + figure.error
             below, above = (abs(classical_error(SETS[name], x, way, load)) for x in (low, high))
             assert below <= most <= above
@@ -309,7 +309,11 @@ def test_a_tolerance_that_nothing_keeps_has_no_limit() -> None:
     answer = ask("classical", speeds="20,40", steps_per_rev=128, tolerance=1.0)
     end = answer.figures["limit_spring_torque"]
     assert (end.error, end.reason) == (None, "not even at the lowest speed of the sweep")
-    assert "within 1 % for the torque ripple not even at the lowest speed" in answer.verdict
+    assert (
+        "With the spring alone as its load, the calculation is off by more than 1 % for the torque ripple, the "
+        "speed ripple and the largest rod force already at 20 rad/s, the lowest speed of the sweep."
+    ) in answer.verdict
+    assert "within 1 % for the torque ripple up to" in answer.verdict.splitlines()[1]
 
 
 def test_what_steps_too_long_leave_of_the_classical_calculation_is_one_reason() -> None:
@@ -317,7 +321,13 @@ def test_what_steps_too_long_leave_of_the_classical_calculation_is_one_reason() 
     answer = ask("classical", speeds="10:30:4", steps_per_rev=128, start={"motor.T": 0.00625})
     why = "the coupling error of an orbit is not known; take more steps per revolution"
     assert answer.figures["limit_spring_torque"].reason == why
-    assert answer.verdict == f"Nothing can be determined: {why}."
+    for line, way in zip(
+        answer.verdict.splitlines(), ("the spring alone", "spring and inertia"), strict=True
+    ):
+        whole = "the torque ripple, the speed ripple and the largest rod force"
+        assert line == (
+            f"How far the calculation with {way} can be trusted is not determined for {whole}: {why}."
+        )
 
 
 def test_a_largest_error_covers_another_as_large() -> None:

@@ -24,6 +24,7 @@ from scenarios.__main__ import PROJECT
 from tests.conftest import ROOT, ask, until
 from workbench import study
 from workbench.command import main
+from workbench.runs.engine import Engine
 from workbench.runs.journal import NAME, Journal
 
 PLANE = """
@@ -294,3 +295,11 @@ def test_a_sweep_on_a_cluster_finds_what_it_finds_here(
         for out in ("there", "here"):
             shutil.rmtree(tmp_path / out)
     assert not (home / "fmus").exists()
+
+
+def test_a_scheduler_with_tls_needs_certificates_and_the_message_says_where() -> None:
+    engine = Engine(scheduler="tls://127.0.0.1:1")
+    with pytest.raises(
+        SetupError, match=r"'tls://127.0.0.1:1' needs the certificates .*CLIENT__KEY"
+    ):
+        list(engine.outcomes(abs, {0: -1.0}, "numbers"))

@@ -12,7 +12,7 @@ from scenarios.conveyor import run_up
 from tests.conftest import ask
 from workbench import Figure, measure
 from workbench.figure import whole
-from workbench.limit import certified, coupling, limit
+from workbench.limit import certified, converged, coupling, limit
 
 
 def test_the_largest_value_and_its_time_lie_between_the_rows() -> None:
@@ -262,3 +262,20 @@ def test_a_largest_value_beside_a_jump_is_not_that_of_a_spline(jump: float) -> N
     peak = measure.largest(t, np.where(t <= jump, 93.0 - (t - 1.2) ** 2, 80.0))
     assert abs(peak.value - (93.0 - (jump - 1.2) ** 2)) <= peak.error < 1e-3
     assert abs(peak.at.value - jump) <= peak.at.error < 3e-3
+
+
+def test_figures_after_the_runs_have_diverged_are_refused() -> None:
+    """Trajectories that do not come closer with shorter steps, after they begin alike."""
+    t = np.linspace(0.0, 10.0, 401)
+    late = np.where(t > 5.0, 1.0, 0.0)
+    runs = [np.column_stack([t, np.sin(t + k * late)]) for k in (1.0, 3.0, 5.5)]
+    result = Result(["time", "x"], {}, {}, lambda: runs[-1])
+
+    def figures(r: Result) -> dict[str, Figure]:
+        x = r["x"]
+        return {"early": Figure(float(x[100]), "1", 0.1), "late": Figure(float(x[-1]), "1", 0.1)}
+
+    refused = converged(figures, result, figures(result), runs)
+    assert refused["early"] == figures(result)["early"] and refused["late"].error is None
+    assert "the runs diverge from 5" in refused["late"].text()
+    assert converged(figures, result, figures(result), [runs[-1]] * 3) == figures(result)

@@ -5,8 +5,10 @@ from __future__ import annotations
 
 import base64
 import gzip
+import hashlib
 import io
 import math
+import re
 import shutil
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -176,7 +178,6 @@ def test_the_image_is_what_the_words_of_plotly_say() -> None:
     placed = {(t.get_text(), t.xy[0], round(t.xyann[1] / 14)) for t in axes[0].texts}
     assert placed == {("avoid", 3.0, 0), ("peak", 3.0, 1), ("crossing", 3.1, 1)}
     assert [a.get_xlabel() for a in axes[-1].child_axes] == ["[rpm]"]
-    png.pyplot().close(drawn)
 
 
 @pytest.mark.parametrize("screen", plot.SCREENS)
@@ -237,7 +238,6 @@ def test_a_field_is_coloured_by_its_logarithm_with_levels_and_curves_over_it() -
     assert axes.collections[0].get_clim() == (-2.0, 2.0)
     assert axes.get_yscale() == "log"
     assert [text.get_text() for text in colors.get_yticklabels()] == bar["ticktext"]
-    png.pyplot().close(drawn)
 
 
 CLAIMS = {
@@ -522,6 +522,62 @@ def test_parameters_of_a_page_have_six_digits_in_lists_too() -> None:
 def one(selector: str) -> str:
     """An element of the page in its own words."""
     return f"document.querySelector('{selector}')"
+
+
+HOLES = """<base href="https://elsewhere.example/">
+<script>document.title = "owned";</script>
+<script type="module">document.title = "owned";</script>
+<script src="data:text/javascript,document.title='owned'"></script>
+<img src="data:," onerror="document.title = 'owned'">
+<a id="leap" href="javascript:document.title = 'owned'">x</a>
+<form id="sent" action="sent.html"><button>x</button></form>
+"""
+
+
+def test_a_page_runs_its_own_scripts_and_no_other(
+    shown: Browser, sample: Path, tmp_path: Path
+) -> None:
+    """Even if a text of an answer were written into it unchanged."""
+    page, file = (sample / "report.html").read_text(encoding="utf-8"), tmp_path / "report.html"
+    file.write_text(page.replace("<main>", f"<main>{HOLES}", 1), encoding="utf-8")
+    shown.open(file, 1000)
+    assert shown.value("document.querySelectorAll('.chart .trace').length") > 0
+    shown.value(f"{one('#leap')}.click()")
+    shown.value(f"{one('#sent')}.requestSubmit()")
+    shown.value("new Promise(resolve => setTimeout(resolve, 300))")
+    assert shown.value("document.title") == "Is <this> & that told?"
+    assert (
+        shown.value("document.baseURI") == shown.value("location.href") == file.resolve().as_uri()
+    )
+    refused = [event["entry"]["text"] for event in shown.reported("Log.entryAdded")]
+    for kind, times in (("base-uri", 1), ("script-src", 5)):
+        assert (
+            sum(f'directive: "{kind}' in text or f"directive '{kind}" in text for text in refused)
+            == times
+        )
+
+
+def test_the_policy_of_a_page_names_the_scripts_of_its_template(
+    sample: Path, tmp_path: Path
+) -> None:
+    """An answer that contains a script, as text or in its tag, does not get it into the policy."""
+    tree = parsed(sample / "report.html")
+    (policy,) = tree.xpath("//meta[@http-equiv='Content-Security-Policy']/@content")
+    (script,) = (each.text for each in tree.xpath("//script[not(@type)]"))
+    plotly = gzip.decompress(base64.b64decode(tree.xpath("string(//script[@id='plotly'])")))
+    hashes = [
+        base64.b64encode(hashlib.sha256(text).digest()).decode()
+        for text in (script.encode(), plotly)
+    ]
+    assert policy == (
+        f"default-src 'none'; script-src 'sha256-{hashes[0]}' 'sha256-{hashes[1]}'; style-src "
+        "'unsafe-inline'; img-src data: blob:; base-uri 'none'; form-action 'none'"
+    )
+    text = "<script secret>a</script><script>b</script><script own-0>c</script><i secret>"
+    once = html.secured(text, "secret", [])
+    assert once.startswith("<script>a</script><script>b</script><script own-0>c</script>")
+    (found,) = re.findall(r"script-src ([^;]*);", once)
+    assert found == f"'sha256-{base64.b64encode(hashlib.sha256(b'a').digest()).decode()}'"
 
 
 def test_the_mouse_shows_values_and_the_second_unit_follows_the_zoom(opened: Browser) -> None:

@@ -458,7 +458,7 @@ def test_whatever_changes_makes_another_study_but_for_what_is_shown(
     def changed(other: dict[str, Any]) -> set[str]:
         return {name for name in before if before[name] != other[name]}
 
-    assert changed(who(flavour="native")) == {"flavour", "fmus"}
+    assert changed(who(flavour="native")) == {"flavour", "fmus", "contents"}
     seeds = study.plan.Study.samples
     for part, name, other in (
         ("versions", "cosim.versions", lambda: before["versions"] | {"numpy": "9.9"}),

@@ -154,6 +154,7 @@ class _Build:
     def content(self, live: Live) -> dict[str, Any]:
         """Return the data of a declaration."""
         sliders = self.sliders(live)
+        scope = dict(self.values)
         base = {port.name: float(value) for port, value in self.network.start}
         values = []
         for name, text in live.values.items():
@@ -161,7 +162,7 @@ class _Build:
             self.values[name] = Formula.read(text)(self.values)
         for text, where in ((live.stop, "stop"), (live.step, "step")):
             self.positive(text, where)
-            self.values[where] = Formula.read(text)(self.values)
+            self.values.setdefault(where, Formula.read(text)(self.values))
         for run in live.runs:
             self.ports(run.start, "start of a run")
         self.ports(live.start, "start")
@@ -170,7 +171,7 @@ class _Build:
         numbers = [self.number(x, live) for x in live.numbers]
         charts = [self.chart(x, live) for x in live.charts]
         return {
-            "sliders": sliders, "scope": self.values, "base": base, "values": values,
+            "sliders": sliders, "scope": scope, "base": base, "values": values,
             "wires": self.wires(live), "sequence": stepping_order(self.network, None),
             "algorithm": live.algorithm or getattr(self.options, "algorithm", "strang"),
             "start": self.pairs(live.start, "start"),

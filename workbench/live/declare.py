@@ -282,8 +282,9 @@ class Live:
     runs : sequence of LiveRun
         One by default.
     stop, step : str or float
-        Simulated time and communication step [s], by default the options of these names, under which
-        formulas know them. A steady run ends after whole pairs of revolutions of `stop` each.
+        Simulated time and communication step [s], by default the options of these names. Where there are no
+        such options, formulas know them by these names. A steady run ends after whole pairs of revolutions
+        of `stop` each.
     algorithm : str
         The coupling algorithm, by default the option.
     angle : str

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import base64
 import gzip
+import hashlib
 import json
 import math
+import re
+import secrets
 from collections.abc import Mapping, Sequence
 from functools import cache
 from importlib.metadata import version
@@ -38,9 +41,11 @@ def report(answer: Answer, path: Path) -> None:
     folder = FileSystemLoader(Path(__file__).parent)
     made = Environment(loader=folder, autoescape=True, trim_blocks=True, lstrip_blocks=True)
     page = made.get_template("page.html")
+    mark = f"own-{secrets.token_hex(16)}"
     text = page.render(
         answer=answer,
         scope=ERROR_SCOPE,
+        mark=mark,
         charts=[{"title": x.title, "words": told(x, drawn)} for x, drawn in zip(pictures, charts)],
         motions=show.motions,
         figures=[_figure(name, x) for name, x in answer.figures.items()],
@@ -49,11 +54,35 @@ def report(answer: Answer, path: Path) -> None:
         provenance=_provenance(answer.provenance),
         open=OPEN,
         packed=_packed(json.dumps(content, separators=(",", ":")).encode()),
-        plotly=_plotly(),
+        plotly=_packed_plotly(),
         modules={part: _packed(module) for part, module in live.modules.items()} if live else {},
         worker=_packed(live.worker.encode()) if live else "",
     )
-    path.write_text(text, encoding="utf-8")
+    more = " 'wasm-unsafe-eval'; worker-src blob:" if live else ""
+    path.write_text(secured(text, mark, [_plotly()], more), encoding="utf-8")
+
+
+def secured(text: str, mark: str, inserted: Sequence[bytes], more: str = "") -> str:
+    """A page that runs its own scripts and no other.
+
+    Parameters
+    ----------
+    text
+        The page. A mark, which no text of an answer can know, stands in the tag of each script of its
+        template, and in place of its content security policy.
+    inserted
+        Scripts that these insert, in UTF-8.
+    more
+        What else the policy allows to scripts, and further directives.
+    """
+    own = re.findall(f"<script {mark}>(.*?)</script>", text, re.DOTALL)
+    hashes = [hashlib.sha256(script).digest() for script in (*map(str.encode, own), *inserted)]
+    sources = " ".join(f"'sha256-{base64.b64encode(each).decode()}'" for each in hashes)
+    policy = (
+        f"default-src 'none'; script-src {sources}{more}; style-src 'unsafe-inline'; "
+        "img-src data: blob:; base-uri 'none'; form-action 'none'"
+    )
+    return text.replace(f"<script {mark}>", "<script>").replace(mark, policy)
 
 
 def first_sheet(answer: Answer) -> float:
@@ -71,8 +100,13 @@ def _packed(content: bytes) -> str:
 
 
 @cache
-def _plotly() -> str:
-    return _packed((files("plotly") / "package_data" / "plotly.min.js").read_bytes())
+def _plotly() -> bytes:
+    return (files("plotly") / "package_data" / "plotly.min.js").read_bytes()
+
+
+@cache
+def _packed_plotly() -> str:
+    return _packed(_plotly())
 
 
 def _figure(name: str, figure: Figure) -> Sequence[str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import textwrap
 from collections.abc import Sequence
-from functools import cache
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -30,16 +30,15 @@ STEPS = {"linear": "default", "hvh": "steps-mid"}
 BESIDE, WIDE, ALONE, SQUARE, POINT = 3, 6.5, 8.0, 5.2, 0.8
 
 
-@cache
-def pyplot() -> Any:
-    """matplotlib's pyplot for files, in our style; a second to import, which waits for a picture."""
-    import matplotlib as mpl
+def style() -> AbstractContextManager[None]:
+    """Our style for a while, whatever that of the user is; backend and pyplot are left alone.
 
-    mpl.use("Agg")
-    mpl.rcParams.update(STYLE)
-    from matplotlib import pyplot as plt
+    It takes half a second to import, which waits for a picture.
+    """
+    from matplotlib.style import context
 
-    return plt
+    wanted: AbstractContextManager[None] = context(["default", STYLE])
+    return wanted
 
 
 def draw(show: Show, title: str, path: Path) -> list[str]:
@@ -48,20 +47,23 @@ def draw(show: Show, title: str, path: Path) -> list[str]:
     if not pictures:
         return []
     path.parent.mkdir(parents=True, exist_ok=True)
-    figure = drawn(pictures, show.title or title)
-    figure.savefig(path)
-    pyplot().close(figure)
+    with style():
+        drawn(pictures, show.title or title).savefig(path)
     return [path.name]
 
 
 def drawn(pictures: Sequence[Picture | Motion], title: str) -> Figure:
     """The figure, with one subfigure for each picture, beside each other and in rows."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
     across = len(pictures) if len(pictures) <= BESIDE else math.ceil(math.sqrt(len(pictures)))
     words = [None if isinstance(each, Motion) else figure(each) for each in pictures]
     heights = [SQUARE if each is None else each["paper"]["height"] / INCH + 0.5 for each in words]
     rows = [max(heights[k : k + across]) for k in range(0, len(pictures), across)]
     wide = WIDE * across if across > 1 else ALONE
-    whole: Figure = pyplot().figure(figsize=(wide, sum(rows) + 0.5), layout="constrained")
+    whole = Figure(figsize=(wide, sum(rows) + 0.5), layout="constrained")
+    FigureCanvasAgg(whole)
     whole.suptitle(textwrap.fill(title, int(9 * wide)), fontweight="bold")
     grid = whole.subfigures(len(rows), across, height_ratios=rows, squeeze=False)
     for place, picture, each in zip(grid.flat, pictures, words):

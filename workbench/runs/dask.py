@@ -27,6 +27,7 @@ CONNECT = 10.0
 WORKERS = 30.0
 GRACE = 60.0
 LOOK = 1.0
+TLS = "tls://"
 _idle: SimpleQueue[Worker] = SimpleQueue()
 
 
@@ -48,9 +49,14 @@ def outcomes(
     """
     scheduler = str(engine.scheduler)
     try:
-        from distributed import Client, KilledWorker
+        from distributed import Client, KilledWorker, Security
     except ImportError:
         raise SetupError("--scheduler needs the package distributed, the extra `dask`") from None
+    if scheduler.startswith(TLS) and not Security().get_connection_args("client")["ssl_context"]:
+        raise SetupError(
+            f"scheduler = {scheduler!r} needs the certificates of this side; Dask reads their files "
+            "from DASK_DISTRIBUTED__COMM__TLS__CA_FILE, __CLIENT__CERT and __CLIENT__KEY"
+        )
     try:
         client = Client(scheduler, timeout=CONNECT, set_as_default=False)
     except (OSError, ValueError) as error:

@@ -25,7 +25,7 @@ from cosim.signals import heard
 from ..options import at_least
 from .cargo import Call, sealed
 from .journal import Journal, Key
-from .worker import OK, Outcome, Worker, await_one
+from .worker import MACHINE, OK, Outcome, Worker, await_one
 
 ADDRESS = re.compile(r"(\w+://)?\S+:\d+")
 Task = TypeVar("Task")
@@ -79,9 +79,10 @@ class Engine:
         they are done, each in a process that may crash or take longer than `timeout` [s].
 
         A journal keeps failures, too, and they count as done; without `failures` it does not, and one
-        job is done in this process, where what the function raises comes through. Raises SetupError
-        if no process can be started or the cluster is another one, KeyboardInterrupt for Ctrl-C,
-        SIGTERM and SIGHUP.
+        job is done in this process, where what the function raises comes through. What is a fault of
+        the machine is never kept: a file of the runs is gone, or room, memory or open files ran out.
+        With `failures` it raises SimulationError. Raises SetupError if no process can be started or the
+        cluster is another one, KeyboardInterrupt for Ctrl-C, SIGTERM and SIGHUP.
         """
         known = {} if journal is None else {key: journal[key] for key in tasks if key in journal}
         yield from known.items()
@@ -100,6 +101,8 @@ class Engine:
             try:
                 for key, outcome in done:
                     failed += outcome.status != OK
+                    if failures:
+                        self._check_machine(title, key, outcome)
                     if journal is not None and (failures or outcome.status == OK):
                         journal[key] = outcome
                     shown.update(bar, advance=1, failed=failed)
@@ -111,6 +114,22 @@ class Engine:
                     f"{counted(len(journal), 'run')} in {journal.path}; the same command continues"
                 )
                 raise KeyboardInterrupt(kept) from None
+
+    def _check_machine(self, title: str, key: Key, outcome: Outcome) -> None:
+        """Raise SimulationError for a run that the machine made fail."""
+        if outcome.status == OK:
+            return
+        for path in self.files:
+            if not path.exists():
+                raise Broken(
+                    f"{title}: run {key}: {path} is gone; what was computed is in the study's journal, "
+                    "and the same command continues once the file is back"
+                )
+        if outcome.status == MACHINE:
+            raise Broken(
+                f"{title}: run {key}: {outcome.message}; this is a fault of the machine, so the run "
+                "does not count; once it is mended, the same command continues"
+            )
 
     def each(
         self,

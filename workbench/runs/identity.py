@@ -29,6 +29,7 @@ def computation(where: str, fmus: Mapping[str, Path], *packages: str) -> dict[st
     return {
         "question": digest(Path(where).read_bytes()) if own else where,
         "fmus": {part: describe_fmu(part, path).guid for part, path in fmus.items()},
+        "contents": {part: digest(path.read_bytes()) for part, path in fmus.items()},
         **facts(*packages),
     }
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
+import errno
 import faulthandler
 import multiprocessing
 import os
@@ -30,6 +31,20 @@ from .cargo import Call
 
 OK = "ok"
 STATUSES = (OK, "refused", "failed", "crashed", "timeout")
+MACHINE = "machine"
+#: What the operating system lacks, whatever is asked of it: room, open files, memory, a device that
+#: works; codes of POSIX.
+FAULTS = frozenset(
+    {
+        errno.ENOSPC,
+        errno.EDQUOT,
+        errno.EMFILE,
+        errno.ENFILE,
+        errno.ENOMEM,
+        errno.EIO,
+        errno.ESTALE,
+    }
+)
 LOST = 3
 OUTSIDE = ("SIGKILL", "SIGTERM", "SIGHUP", "SIGINT")
 WORDS = "words"
@@ -45,7 +60,8 @@ class Outcome(NamedTuple):
     """What became of a call: its status, answer or message, wall time [s], and its last words.
 
     The status is "ok", "refused" (SetupError), "failed" (any other exception; `trace` has the
-    traceback unless it is a SimulationError), "crashed" (the call ended its process) or "timeout".
+    traceback unless it is a SimulationError), "crashed" (the call ended its process), "timeout", or
+    "machine": the machine was short of room, memory or open files, which says nothing of the call.
     """
 
     status: str
@@ -115,17 +131,31 @@ class Worker:
         """Give the call to the child, which is started if there is none."""
         self._began = None
         if self._process is None:
-            from cosim.scratch import scratch
+            try:
+                self._start()
+            except OSError as error:
+                from cosim.errors import SetupError
 
-            self._folder = Path(tempfile.mkdtemp(dir=scratch()))
-            self._words = (self._folder / WORDS).open("a+", errors="replace")
-            self._pipe, end = _SPAWN.Pipe()
-            self._process = _SPAWN.Process(target=_main, args=(end, str(self._folder)), daemon=True)
-            with _quietly():
-                self._process.start()
-            end.close()
+                why = error.strerror or error
+                raise SetupError(f"no process for runs can be started: {why}") from error
         with contextlib.suppress(OSError):  # the next step sees that the child is dead
             self._pipe.send(self._call)
+
+    def _start(self) -> None:
+        """Start a child; raises OSError, and leaves nothing, where that cannot be."""
+        from cosim.scratch import scratch
+
+        with contextlib.ExitStack() as undo:
+            folder = Path(tempfile.mkdtemp(dir=scratch()))
+            undo.callback(shutil.rmtree, folder, ignore_errors=True)
+            words = undo.enter_context((folder / WORDS).open("a+", errors="replace"))
+            pipe, end = _SPAWN.Pipe()
+            undo.callback(pipe.close)
+            process = _SPAWN.Process(target=_main, args=(end, str(folder)), daemon=True)
+            with end, _quietly():
+                process.start()
+            undo.pop_all()
+        self._folder, self._words, self._pipe, self._process = folder, words, pipe, process
 
     def _lose(self) -> Outcome | None:
         """The child died: its call is done again if that came from outside."""
@@ -222,6 +252,9 @@ def _answer(pipe: Connection, call: Call) -> None:
 
 def _failure(error: BaseException) -> Outcome:
     """What an exception makes of a call; cosim may not be loaded."""
+    if _is_fault(error):
+        name = "" if isinstance(error, OSError | ValueError) else f"{type(error).__name__}: "
+        return Outcome(MACHINE, message=f"{name}{error}")
     errors: Any = sys.modules.get("cosim")
     if errors and isinstance(error, errors.SetupError):
         return Outcome("refused", message=str(error))
@@ -229,6 +262,25 @@ def _failure(error: BaseException) -> Outcome:
         return Outcome("failed", message=str(error))
     text = str(error) if getattr(error, "plain", False) else f"{type(error).__name__}: {error}"
     return Outcome("failed", message=text, trace="".join(traceback.format_exception(error)))
+
+
+def _is_fault(error: BaseException) -> bool:
+    """Whether the machine's lack of something is behind an exception.
+
+    The loader of libraries says so by its text alone.
+    """
+    chain: list[BaseException | None] = [error]
+    texts = tuple(os.strerror(code) for code in FAULTS)
+    for link in chain:
+        if link is None:
+            continue
+        untold = isinstance(link, OSError) and link.errno is None and str(link).endswith(texts)
+        if isinstance(link, MemoryError) or untold:
+            return True
+        if isinstance(link, OSError) and link.errno in FAULTS:
+            return True
+        chain += [other for other in (link.__cause__, link.__context__) if other not in chain]
+    return False
 
 
 def _die_with_parent(folder: str) -> None:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import logging
 import re
 import zipfile
+from collections.abc import Iterable
 from functools import cache
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -29,6 +31,9 @@ SCHEMAS = {
     f"{{{NAMESPACES['ssv']}}}ParameterSet": "SystemStructureParameterValues.xsd",
     f"{{{NAMESPACES['ssm']}}}ParameterMapping": "SystemStructureParameterMapping.xsd",
 }
+NAMELESS = ""
+FOREIGN = "SCHEMAV_CVC_COMPLEX_TYPE_3_2_1"
+log = logging.getLogger("cosim")
 LONGEST_XML = 32 * 2**20
 ELEMENT, LINK = 50, 5
 MOST_THINGS = 1_000_000
@@ -122,27 +127,68 @@ def parse(path: Path, tag: str) -> Element:
     return root
 
 
+def require_root(element: Element, tag: str, where: str) -> None:
+    """Refuse an element of another name or namespace than `tag`, {namespace}name; SetupError."""
+    space, name = tag[1:].split("}")
+    actual = element.tag.rpartition("}")[0][1:] or "none"
+    if element.tag == tag:
+        return
+    if plain(element.tag) == name:
+        raise SetupError(f"{where}: {name} must be in the namespace {space}, not in {actual}")
+    raise SetupError(
+        f"{where}: the element must be {name}, not {plain(element.tag)}; "
+        f"its namespace must be {space}, not {actual}"
+    )
+
+
 def validate(element: Element, tag: str, name: str) -> None:
     """Check an element and what is below it; raises SetupError with the line and the reason.
 
-    What SSP 2.0 shares with 1.0 is made 1.0 in place, the rest of it is refused.
+    What SSP 2.0 has more is made 1.0 in place, as far as a system can have it; the rest is refused.
+    Attributes that are none of SSP are foreign with a logged warning.
     """
-    if element.tag != qualified(tag):
-        found = plain(element.tag)
-        raise SetupError(
-            f"{name}, line {element.sourceline}: the element must be {tag}, not {found}"
-        )
+    require_root(element, qualified(tag), f"{name}, line {element.sourceline}")
     version, wide = element.get("version"), []
     if version == "2.0":
         wide = make_1_0(element, name)
     elif version not in (None, "1.0"):
         raise SetupError(f"{name}: version {version} of SSP is not supported, only 1.0 and 2.0")
+    for kind in element.iter(qualified("ssc:Enumeration")):
+        if kind.get("name") is None and kind.getparent().tag == qualified("ssd:Connector"):
+            log.warning(
+                "%s, line %s: connector %s has an Enumeration without a name; that of the FMU is taken",
+                name, kind.sourceline, kind.getparent().get("name"),
+            )  # fmt: skip
+            kind.set("name", NAMELESS)
     schema = _schema(SCHEMAS[element.tag])
-    if not schema.validate(element):
-        first = schema.error_log[0]
-        raise SetupError(f"{name}, line {first.line}: {plain(first.message)}")
+    while not schema.validate(element):
+        if not _remove_foreign(element, schema.error_log, name):
+            first = schema.error_log[0]
+            raise SetupError(f"{name}, line {first.line}: {plain(first.message)}")
     for value, text in wide:
         value.set("value", text)
+
+
+def _remove_foreign(element: Element, errors: Iterable[Any], name: str) -> bool:
+    """Remove the attributes that errors of the schema call unknown; whether there are any."""
+    lines: dict[int, list[Element]] = {}
+    for inner in element.iter("*"):
+        lines.setdefault(inner.sourceline, []).append(inner)
+    foreign: dict[tuple[str, str], list[int]] = {}
+    for error in errors:
+        if error.type_name != FOREIGN:
+            continue
+        attribute = error.message.split("'")[3]
+        for owner in lines.get(error.line, ()):
+            if owner.attrib.pop(attribute, None) is not None:
+                foreign.setdefault((plain(attribute), plain(owner.tag)), []).append(error.line)
+    for (attribute, tag), where in foreign.items():
+        more = f" and in {len(where) - 1} more places" if len(where) > 1 else ""
+        log.warning(
+            "%s, line %s%s: attribute %s of %s is not one of SSP and is ignored",
+            name, where[0], more, attribute, tag,
+        )  # fmt: skip
+    return bool(foreign)
 
 
 @cache

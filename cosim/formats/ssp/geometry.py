@@ -102,9 +102,14 @@ def _draw(plan: Plan, path: str, frame: Frame, drawing: Geometry) -> None:
                 _draw(plan, inner, frame.inner(canvas, corners), drawing)
             continue
         for connector in children(element, "ssd:Connectors", "ssd:Connector"):
-            if place := _first(connector, "ssd:ConnectorGeometry", ("x", "y")):
-                drawing.connectors[dotted((inner, connector.get("name")))] = place
-    for connection in children(system, "ssd:Connections", "ssd:Connection"):
+            if position := _first(connector, "ssd:ConnectorGeometry", ("x", "y")):
+                drawing.connectors[dotted((inner, connector.get("name")))] = position
+    _draw_connections(plan, path, frame, drawing)
+
+
+def _draw_connections(plan: Plan, path: str, frame: Frame, drawing: Geometry) -> None:
+    """Add the wires of a system to the drawing, each from its output."""
+    for connection in children(plan.canvases[path], "ssd:Connections", "ssd:Connection"):
         points = frame.moved(_first(connection, "ssd:ConnectionGeometry", ("pointsX", "pointsY")))
         ends = [_end(plan, path, connection, end) for end in ("start", "end")]
         if not points or not all(end in plan.variables for end in ends):

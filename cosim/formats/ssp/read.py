@@ -17,9 +17,9 @@ from urllib.parse import unquote, urldefrag
 
 from fmpy.model_description import ModelDescription
 
-from ...errors import SetupError
+from ...errors import SetupError, counted
 from ...system import System, connect, describe_fmu, fits
-from .files import BOND, NAMESPACES, Element, Room, children, locate, parse, plain, unpack
+from .files import BOND, NAMELESS, NAMESPACES, Element, Room, children, locate, parse, plain, unpack
 from .geometry import Geometry, geometry
 from .parameters import bound, linear
 from .plan import DOWNWARD, Arrow, Connector, Node, Plan, dotted
@@ -39,7 +39,8 @@ log = logging.getLogger("cosim")
 class Package(NamedTuple):
     """The content of a file: the system, its default experiment and step [s], its outer connectors.
 
-    `geometry` is how the file draws the system, for `write_ssp`. `connectors` gives the dotted port of every connector of the outermost system that stands for
+    `geometry` is how the file draws the system, for `write_ssp`; `substeps` are the sub-steps of parts
+    within a step, for `run`, where the file gives them steps of their own. `connectors` gives the dotted port of every connector of the outermost system that stands for
     one variable unchanged, without a factor, an offset or a conversion of units.
     """
 
@@ -49,6 +50,7 @@ class Package(NamedTuple):
     connectors: Mapping[str, str] = MappingProxyType({})
     step: float | None = None
     geometry: Geometry | None = None
+    substeps: Mapping[str, int] = MappingProxyType({})
 
 
 class Document(NamedTuple):
@@ -114,9 +116,11 @@ def read_ssp(path: Path, folder: Path) -> Package:
         shutil.rmtree(folder)
         if existed:
             folder.mkdir()
-        if isinstance(error, SetupError):
-            raise SetupError(f"{path.name}: {error}") from error
-        raise
+        if not isinstance(error, SetupError):
+            raise
+        if str(error).startswith(path.name) or str(error).endswith(str(path)):  # named already
+            raise
+        raise SetupError(f"{path.name}: {error}") from error
 
 
 def _read(path: Path, folder: Path) -> Package:
@@ -203,8 +207,15 @@ def _component(plan: Plan, document: Document, component: Element, path: str) ->
         base = inner.path.parent
     else:
         raise SetupError(f"component type {kind!r} is not supported")
+    unknown = []
     for name, connector in _connectors(document, component).items():
-        _declare(plan, (path, name), connector)
+        if connector.kind in PARAMETERS and (path, name) not in plan.connectors:
+            unknown.append(name)
+        else:
+            _declare(plan, (path, name), connector)
+    if unknown:
+        ignored = counted(len(unknown), "parameter connector")
+        log.warning("%s: its FMU has no %s; %s ignored", path, " and no ".join(unknown), ignored)
     _bind(plan, document, component, path, base)
 
 
@@ -263,7 +274,7 @@ def _connectors(document: Document, element: Element) -> dict[str, Connector]:
             if kind not in TYPES:
                 raise SetupError(f"{where}: connector type {kind} is not supported")
             items = document.known.items.get(content.get("name"))
-            if kind == "Enumeration" and items is None:
+            if kind == "Enumeration" and items is None and content.get("name") != NAMELESS:
                 log.warning("%s: there is no Enumeration %r", where, content.get("name"))
             unit = document.known.unit(content.get("unit"))
         connectors[name] = Connector(declared.get("kind"), kind, unit, items)

@@ -45,20 +45,20 @@ def make_1_0(root: Element, name: str) -> list[tuple[Element, str]]:
         the range of their type.
     """
     root.set("version", "1.0")
-    own = [(e, e.getparent()) for e in root.iter("{*}ParameterSet") if e is not root]
-    for parameters, parent in own:  # each has a version of its own
+    inline = [(e, e.getparent()) for e in root.iter("{*}ParameterSet") if e is not root]
+    for parameters, parent in inline:  # each has a version of its own
         parent.remove(parameters)
     for extra in list(root.iter("{*}MetaData", "{*}Signature", CLOCK)):
         extra.getparent().remove(extra)
     shapes = _expand_connectors(root, name)
-    for connection in list(root.iter("{*}Connection")) if shapes else ():
+    for connection in list(root.iter("{*}Connection")):
         _expand_connection(connection, shapes, name)
     for parameter in list(root.iter("{*}Parameter")):
         _expand_parameter(parameter, name)
     wide = list(_wide(root, name))
     for element in root.iter(*(f"{{*}}{kind}" for kind in KINDS)):
         element.tag = element.tag.replace(_plain(element.tag), KINDS[_plain(element.tag)])
-    for parameters, parent in own:
+    for parameters, parent in inline:
         parent.append(parameters)
     return wide
 
@@ -75,7 +75,7 @@ def _expand_connectors(root: Element, name: str) -> dict[tuple[Element, str], Sh
         if count > MOST_ELEMENTS:
             raise SetupError(f"{name}: its arrays have more than {MOST_ELEMENTS} elements")
         shapes[connector.getparent().getparent(), connector.get("name")] = shape
-        _replace(connector, [_named(connector, place) for place in _places(shape)])
+        _replace(connector, [_named(connector, subscript) for subscript in _subscripts(shape)])
     return shapes
 
 
@@ -83,28 +83,30 @@ def _expand_connection(
     connection: Element, shapes: dict[tuple[Element, str], Shape], name: str
 ) -> None:
     """Put connections of elements in place of one of arrays."""
-    places: list[list[str]] = []
+    if not shapes and not {"startIndices", "endIndices"} & {*connection.attrib}:
+        return
+    subscripts: list[list[str]] = []
     sizes: list[str] = []
     for end in ("start", "end"):
         indices = connection.attrib.pop(f"{end}Indices", "").split()
         shape = shapes.get((_owner(connection, end), connection.get(f"{end}Connector")))
         if indices:
-            places.append([f"[{','.join(indices)}]"])
+            subscripts.append([f"[{','.join(indices)}]"])
         else:
-            places.append([""] if shape is None else list(_places(shape)))
+            subscripts.append([""] if shape is None else list(_subscripts(shape)))
         sizes.append(str(() if indices or shape is None else shape))
     if sizes[0] != sizes[1]:
         ends = " and ".join(connection.get(f"{end}Connector") for end in ("start", "end"))
         raise SetupError(
             f"{name}, line {connection.sourceline}: {ends} have the sizes {' and '.join(sizes)}"
         )
-    if places == [[""], [""]]:
+    if subscripts == [[""], [""]]:
         return
     copies: list[Element] = []
-    for here, there in zip(*places):
+    for start, end in zip(*subscripts):
         copy = deepcopy(connection)
-        copy.set("startConnector", connection.get("startConnector") + here)
-        copy.set("endConnector", connection.get("endConnector") + there)
+        copy.set("startConnector", connection.get("startConnector") + start)
+        copy.set("endConnector", connection.get("endConnector") + end)
         copies.append(copy)
     _replace(connection, copies)
 
@@ -137,8 +139,8 @@ def _expand_parameter(parameter: Element, name: str) -> None:
             f"for {prod(shape)} elements"
         )
     copies: list[Element] = []
-    for place, text in zip(_places(shape), texts):
-        copies.append(_named(parameter, place))
+    for subscript, text in zip(_subscripts(shape), texts):
+        copies.append(_named(parameter, subscript))
         inner = next(copies[-1].iterchildren("*"))
         inner[:] = []
         inner.set("value", text)
@@ -156,15 +158,15 @@ def _shape(element: Element, name: str) -> Shape | None:
     return tuple(int(d.get("size")) for d in dimensions) if dimensions else None
 
 
-def _places(shape: Shape) -> Iterator[str]:
+def _subscripts(shape: Shape) -> Iterator[str]:
     """The indices of all elements, from 1 and the last one first to move, as in names of FMI 3.0."""
     for index in product(*(range(1, size + 1) for size in shape)):
         yield f"[{','.join(map(str, index))}]"
 
 
-def _named(element: Element, place: str) -> Element:
+def _named(element: Element, subscript: str) -> Element:
     copy = deepcopy(element)
-    copy.set("name", element.get("name") + place)
+    copy.set("name", element.get("name") + subscript)
     return copy
 
 

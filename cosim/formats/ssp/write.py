@@ -28,6 +28,9 @@ OMS_MASTER = "oms_ma_default"
 #: A convention of OMSimulator: the relative tolerance of a system that states none.
 OMS_TOLERANCE = 1e-4
 
+#: A convention of SSP 2.0, which defines the two of each pair alike; OMSimulator's program knows the older.
+OLDER = {"Float64": "Real", "Int32": "Integer"}
+
 Enumerations = dict[str, dict[str, int]]
 log = logging.getLogger("cosim")
 
@@ -41,18 +44,33 @@ def write_ssp(
     *,
     geometry: Geometry | None = None,
 ) -> None:
-    """Write the system with its FMUs, wires and start values; `start` and `stop` [s] as experiment.
-
-    The communication step [s] is written into annotations for libcosim and OMSimulator. OMSimulator
-    needs one: without `step`, it gets the shortest step that an FMU prefers. The bonds are written
-    into an annotation of our own. `geometry`, as `read_ssp` returns it, places the parts in tools that
-    draw the system; what it says of parts and wires that the system lacks is left out.
+    """Write a system with its FMUs, wires, start values and bonds as an .ssp.
 
     A system with an FMU of FMI 3.0 is written as SSP 2.0, any other as SSP 1.0. Factors, offsets and
     unit conversions of the wires become linear transformations, which replace the reading tool's own
-    unit conversion. A dotted part name is written unchanged as the name of a component. Raises what
-    `connect` raises, and SetupError for an enumeration value that has no name and for a Binary start
-    value. No file is written then.
+    unit conversion. A dotted part name is written unchanged as the name of a component. The step is
+    annotated for libcosim and OMSimulator, the bonds in an annotation of our own.
+
+    Parameters
+    ----------
+    system : System
+        What is written.
+    path : Path
+        The file.
+    stop, start : float, optional
+        The default experiment [s].
+    step : float, optional
+        The communication step [s]. OMSimulator needs one: without it, it gets the shortest step that
+        an FMU prefers.
+    geometry : Geometry, optional
+        Where tools draw the parts, as `read_ssp` returns it. What it says of parts and wires that the
+        system lacks is left out.
+
+    Raises
+    ------
+    SetupError
+        What `connect` raises, and for sums of wires, inputs over time, an enumeration value that has no
+        name, and a Binary start value. No file is written then.
     """
     network = still(system, "an .ssp")
     files = archived(network)
@@ -88,17 +106,17 @@ class Task(NamedTuple):
     version: str
     geometry: Geometry
 
-    def element(self, port: Port) -> Place:
+    def element(self, port: Port) -> Variable:
         """The variable of the FMU that a port is or is an element of."""
         name = port.variable.name
         base, _, indices = name.rpartition("[")
         shape = self.network.fmus[port.part].shapes.get(base)
         if shape is None:
-            return Place(port.part, name)
-        return Place(port.part, base, shape, tuple(map(int, indices.rstrip("]").split(","))))
+            return Variable(port.part, name)
+        return Variable(port.part, base, shape, tuple(map(int, indices.rstrip("]").split(","))))
 
 
-class Place(NamedTuple):
+class Variable(NamedTuple):
     """A variable of an FMU and, of an array, its dimensions and the indices of one element from 1."""
 
     part: str
@@ -107,7 +125,7 @@ class Place(NamedTuple):
     indices: tuple[int, ...] = ()
 
     @property
-    def whole(self) -> Place:
+    def unindexed(self) -> Variable:
         """The variable without the indices."""
         return self._replace(indices=())
 
@@ -117,16 +135,16 @@ def _structure(task: Task, name: str, times: tuple[float, float | None, float | 
         ElementTree.register_namespace(prefix, uri)
     network, drawing, (start, stop, step) = task.network, task.geometry, times
     root = Element(qualified("ssd:SystemStructureDescription"), name=name, version=task.version)
-    whole = SubElement(root, qualified("ssd:System"), name=name)
-    elements = SubElement(whole, qualified("ssd:Elements"))
+    system = SubElement(root, qualified("ssd:System"), name=name)
+    elements = SubElement(system, qualified("ssd:Elements"))
     known: Enumerations = {}
     for part in network.system.parts:
         _component(elements, task, part, known)
     if network.wires:
-        _connections(SubElement(whole, qualified("ssd:Connections")), task)
-    _attributed(whole, "ssd:SystemGeometry", drawing.canvas)
+        _connections(SubElement(system, qualified("ssd:Connections")), task)
+    _attributed(system, "ssd:SystemGeometry", drawing.canvas)
     if drawing.notes:
-        graphics = SubElement(whole, qualified("ssd:GraphicalElements"))
+        graphics = SubElement(system, qualified("ssd:GraphicalElements"))
         for box in drawing.notes:
             _attributed(graphics, "ssd:Note", box)
     notes = Element(qualified("ssd:Annotations"))
@@ -136,7 +154,7 @@ def _structure(task: Task, name: str, times: tuple[float, float | None, float | 
         for bond in network.system.bonds:
             SubElement(note, BOND).text = bond
     if len(notes):
-        whole.append(notes)
+        system.append(notes)
     _enumerations(root, "ssd", known)
     if (stop, step) != (None, None):
         ends = {"startTime": repr(start)} | ({} if stop is None else {"stopTime": repr(stop)})
@@ -182,40 +200,46 @@ def _component(elements: Element, task: Task, part: str, known: Enumerations) ->
     source = f"resources/{quote(task.files[Path(network.system.parts[part])])}"
     component = SubElement(elements, qualified("ssd:Component"), name=part, type=FMU, source=source)
     ends = [port for wire in network.wires for port in wire[:2] if port.part == part]
-    if ports := {task.element(port).whole: port for port in reversed(ends)}:
+    if ports := {task.element(port).unindexed: port for port in reversed(ends)}:
         connectors = SubElement(component, qualified("ssd:Connectors"))
-        for place, port in reversed(ports.items()):
-            kind = {"name": place.name, "kind": str(port.variable.causality)}
+        for variable, port in reversed(ports.items()):
+            kind = {"name": variable.name, "kind": str(port.variable.causality)}
             connector = SubElement(connectors, qualified("ssd:Connector"), kind)
             connector.append(_type("ssc", task, port, known))
-            _dimensions(connector, place)
+            _dimensions(connector, variable)
             position = drawing.connectors.get(port.name, {})
             _attributed(connector, "ssd:ConnectorGeometry", position)
     _attributed(component, "ssd:ElementGeometry", drawing.elements.get(part, {}))
-    for port, value in (start := [(p, v) for p, v in network.start if p.part == part]):
-        if port.type == "Binary" and value != port.variable.start:
+    _start_values(component, task, part)
+
+
+def _start_values(component: Element, task: Task, part: str) -> None:
+    """The start values of a part as a parameter set; raises SetupError for a Binary."""
+    variables: dict[Variable, list[tuple[Port, Value]]] = {}
+    for port, value in task.network.start:
+        if port.part != part:
+            continue
+        if port.type != "Binary":
+            variables.setdefault(task.element(port).unindexed, []).append((port, value))
+        elif value != port.variable.start:
             raise SetupError(f"{port} = {value!r}: a Binary cannot be written to an .ssp")
-    start = [(port, value) for port, value in start if port.type != "Binary"]
-    if start:
-        bindings = SubElement(component, qualified("ssd:ParameterBindings"))
-        binding = SubElement(bindings, qualified("ssd:ParameterBinding"))
-        values = SubElement(binding, qualified("ssd:ParameterValues"))
-        settings = SubElement(
-            values, qualified("ssv:ParameterSet"), name="start", version=task.version
-        )
-        parameters = SubElement(settings, qualified("ssv:Parameters"))
-        named: Enumerations = {}
-        variables: dict[Place, list[tuple[Port, Value]]] = {}
-        for port, value in start:
-            variables.setdefault(task.element(port).whole, []).append((port, value))
-        for place, values_of_it in variables.items():
-            _parameter(parameters, task, place, values_of_it, named)
-        _enumerations(settings, "ssv", named)
+    if not variables:
+        return
+    bindings = SubElement(component, qualified("ssd:ParameterBindings"))
+    binding = SubElement(bindings, qualified("ssd:ParameterBinding"))
+    values = SubElement(binding, qualified("ssd:ParameterValues"))
+    version = {"name": "start", "version": task.version}
+    settings = SubElement(values, qualified("ssv:ParameterSet"), version)
+    parameters = SubElement(settings, qualified("ssv:Parameters"))
+    named: Enumerations = {}
+    for variable, start in variables.items():
+        _parameter(parameters, task, variable, start, named)
+    _enumerations(settings, "ssv", named)
 
 
 def _type(prefix: str, task: Task, port: Port, known: Enumerations) -> Element:
     """The element of a port's type; an enumeration becomes known, under a name of its own."""
-    element = Element(qualified(f"{prefix}:{port.native}"))
+    element = Element(qualified(f"{prefix}:{OLDER.get(port.native, port.native)}"))
     if port.type == "Enumeration":
         name, items = str(port.variable.declaredType.name), enumeration(port.variable)
         while known.setdefault(name, items) != items:
@@ -224,8 +248,8 @@ def _type(prefix: str, task: Task, port: Port, known: Enumerations) -> Element:
     return element
 
 
-def _dimensions(parent: Element, place: Place) -> None:
-    for size in place.shape:
+def _dimensions(parent: Element, variable: Variable) -> None:
+    for size in variable.shape:
         SubElement(parent, qualified("ssc:Dimension"), size=str(size))
 
 
@@ -248,18 +272,18 @@ def _enumerations(parent: Element, prefix: str, known: Enumerations) -> None:
 def _parameter(
     parameters: Element,
     task: Task,
-    place: Place,
+    variable: Variable,
     start: list[tuple[Port, Value]],
     known: Enumerations,
 ) -> None:
     """The start value of a variable; the elements of an array that have none keep that of the FMU."""
-    parameter = SubElement(parameters, qualified("ssv:Parameter"), name=place.name)
+    parameter = SubElement(parameters, qualified("ssv:Parameter"), name=variable.name)
     parameter.append(_type("ssv", task, start[0][0], known))
-    if not place.shape:
+    if not variable.shape:
         parameter[0].set("value", _text(*start[0]))
         return
     values = {port.name: (port, value) for port, value in start}
-    _, elements = task.network.array((place.part, place.name))
+    _, elements = task.network.array((variable.part, variable.name))
     texts = [
         _text(*values[port.name]) if port.name in values else str(port.variable.start)
         for port in elements
@@ -269,7 +293,7 @@ def _parameter(
             SubElement(parameter[0], qualified("ssv:Value"), value=text)
     else:
         parameter[0].set("value", " ".join(texts))
-    _dimensions(parameter, place)
+    _dimensions(parameter, variable)
 
 
 def _text(port: Port, value: Value) -> str:
@@ -289,34 +313,34 @@ def scaled(wire: Connection) -> bool:
 
 def _connections(connections: Element, task: Task) -> None:
     """The wires, those between all elements of two arrays as one connection."""
-    arrays: dict[tuple[Place, Place, float, float], list[Connection]] = {}
+    arrays: dict[tuple[Variable, Variable, float, float], list[Connection]] = {}
     for wire in task.network.wires:
         source, target = task.element(wire.source), task.element(wire.target)
-        key = (source.whole, target.whole, wire.factor, wire.offset)
+        key = (source.unindexed, target.unindexed, wire.factor, wire.offset)
         arrays.setdefault(key, []).append(wire)
     for (source, target, *_), wires in arrays.items():
-        places = [(task.element(wire.source), task.element(wire.target)) for wire in wires]
-        straight = all(here.indices == there.indices for here, there in places)
+        elements = [(task.element(wire.source), task.element(wire.target)) for wire in wires]
+        straight = all(start.indices == end.indices for start, end in elements)
         if straight and source.shape == target.shape and len(wires) == prod(source.shape):
             _connection(connections, task, wires[0], (source, target))
             continue
         log.warning(
             "%s -> %s: the indices of elements count from 1; SSP 2.0 does not say where to begin",
-            *(f"{place.part}.{place.name}" for place in (source, target)),
+            *(f"{variable.part}.{variable.name}" for variable in (source, target)),
         )
-        for wire, ends in zip(wires, places):
+        for wire, ends in zip(wires, elements):
             _connection(connections, task, wire, ends)
 
 
 def _connection(
-    connections: Element, task: Task, wire: Connection, places: tuple[Place, Place]
+    connections: Element, task: Task, wire: Connection, variables: tuple[Variable, Variable]
 ) -> None:
     """Numbers as our master makes them: no reading tool is to convert units once more."""
     ends: dict[str, str] = {}
-    for end, place in zip(("start", "end"), places):
-        ends |= {f"{end}Element": place.part, f"{end}Connector": place.name}
-        if place.indices:
-            ends[f"{end}Indices"] = " ".join(map(str, place.indices))
+    for end, variable in zip(("start", "end"), variables):
+        ends |= {f"{end}Element": variable.part, f"{end}Connector": variable.name}
+        if variable.indices:
+            ends[f"{end}Indices"] = " ".join(map(str, variable.indices))
     if scaled(wire) or wire.source.unit != wire.target.unit:
         ends["suppressUnitConversion"] = "true"
     connection = SubElement(connections, qualified("ssd:Connection"), ends)

@@ -115,7 +115,7 @@ class Subject:
         finally:
             part.close()
 
-    def alone(self, work: Callable[[], Answer]) -> Answer:
+    def in_process(self, work: Callable[[], Answer]) -> Answer:
         """What `work` returns, which makes an instance. If the FMU allows one instance per process, it is
         done in a process of its own, where the system can copy processes.
         """
@@ -174,7 +174,7 @@ class Subject:
     def steps(self) -> int:
         """How many steps it takes as it is excited, at most STEPS; raises PartFailure if none."""
         for self.shaken in (True, False):
-            taken, failure = self.alone(self._taken)
+            taken, failure = self.in_process(self._taken)
             if failure is None or taken > STEPS // 2 or (not self.shaken and taken > 3):
                 return taken
             if not self.shaken:
@@ -200,7 +200,7 @@ class Subject:
             with self.running() as part:
                 return self.go(part, 0, number)
 
-        return self.alone(work)
+        return self.in_process(work)
 
     @cached_property
     def reference(self) -> list[Row]:
@@ -208,7 +208,7 @@ class Subject:
         return self.rows()
 
     @cached_property
-    def again(self) -> list[Row]:
+    def second_rows(self) -> list[Row]:
         """The rows of a second instance."""
         return self.rows()
 
@@ -218,7 +218,7 @@ class Subject:
         with suppress(PartFailure):
             return frozenset(
                 v.name
-                for ours, theirs in zip(self.again, self.reference)
+                for ours, theirs in zip(self.second_rows, self.reference)
                 for v, x, y in zip(self.shown, ours, theirs)
                 if differ(x, y)
             )
@@ -262,7 +262,7 @@ class Subject:
                     t += h
                 return reals(part, [v for v in self.outputs if smooth(v)])
 
-        return self.alone(work)
+        return self.in_process(work)
 
     def slopes(
         self, n: int, u: Sequence[float], j: int, h: float, share: float
@@ -284,9 +284,9 @@ class Subject:
         return spans
 
 
-def differ(one: Value, other: Value) -> bool:
+def differ(a: Value, b: Value) -> bool:
     """Whether two values differ; two that are not a number do not."""
-    return one != other and (one == one or other == other)  # noqa: PLR0124
+    return a != b and (a == a or b == b)  # noqa: PLR0124
 
 
 def smooth(v: ScalarVariable) -> bool:
@@ -385,7 +385,7 @@ def terminates(s: Subject) -> str:
 
 def repeats(s: Subject) -> str:
     """A second instance gives the rows of the first."""
-    for k, (row, other) in enumerate(zip(s.again, s.reference), 1):
+    for k, (row, other) in enumerate(zip(s.second_rows, s.reference), 1):
         for v, ours, theirs in zip(s.shown, row, other):
             if differ(ours, theirs):
                 raise Broken(
@@ -430,7 +430,7 @@ def resets(s: Subject) -> str:
                 s.initialise(part)
                 return s.go(part, 0, s.steps)
 
-        if (rows := s.alone(work)) is not None:
+        if (rows := s.in_process(work)) is not None:
             s.same(rows, s.reference, "after a reset")
             return f"{s.steps} rows after a run with {len(given)} other parameters, bit for bit"
     raise Broken("it does not run a second time")
@@ -529,8 +529,11 @@ def outputs(s: Subject) -> str:
         u.variable.name: (u.dependencies, u.dependenciesKind) for u in s.description.outputs
     }
     reals = [v for v in s.outputs if v.name in s.ranges and v.variability in (None, "continuous")]
+    coarse: set[str] = set()
     for n in (0, s.steps // 2):
         u = s.inputs_at(n)
+        coarse |= _unresolved(s, n)
+        reals = [v for v in reals if v.name not in coarse]
         for j, known in enumerate(s.inputs[:MOST_INPUTS]):
             slopes = {h: s.slopes(n, u, j, h, SHAKE) for h in (s.h / 64, s.h / 1024)}
             for v in reals:
@@ -548,8 +551,25 @@ def outputs(s: Subject) -> str:
                         f"{v.name} by {known.name} is declared {kind}, but its slope is {down:.6g} on one "
                         f"side and {up:.6g} on the other"
                     )
+    if coarse and not reals:
+        raise NotOffered(f"it takes no steps as short as {s.h / 1024:.3g} s")
     tried = min(len(s.inputs), MOST_INPUTS)
     return f"{len(reals)} Real outputs by {tried} of {len(s.inputs)} Real inputs"
+
+
+def _unresolved(s: Subject, n: int) -> set[str]:
+    """The Real outputs that a step of h / 1024 moves about as far as one of h / 64, with the same inputs.
+
+    An FMU that takes whole internal steps only, or rounds the size of a step, moves its states in such a
+    step; the slopes by its inputs then show no direct dependence.
+    """
+    u = s.inputs_at(max(n - 1, 0))
+    begin, short, long = (s.after(n, u, sizes) for sizes in ([], [s.h / 1024], [s.h / 64]))
+    return {
+        name
+        for name, wide in s.ranges.items()
+        if abs(short[name] - begin[name]) > max(0.5 * abs(long[name] - begin[name]), NOISE * wide)
+    }
 
 
 def unknowns(s: Subject) -> str:
@@ -568,7 +588,7 @@ def unknowns(s: Subject) -> str:
                     part.set(v, value)
                 return part.values(shown)
 
-        return s.alone(work)
+        return s.in_process(work)
 
     base, tried = found(), 0
     steady = [u for u in entries if u.variable.name not in s.unsteady]
@@ -608,7 +628,7 @@ def derivatives(s: Subject) -> str:
     """Directional derivatives: while initialising by inputs and initial states, after a step by inputs."""
     s.needs("providesDirectionalDerivative")
     pairs = kinks = 0
-    for slope in chain(s.alone(lambda: list(_initial_slopes(s))), _later_slopes(s)):
+    for slope in chain(s.in_process(lambda: list(_initial_slopes(s))), _later_slopes(s)):
         x, v = slope.unknown, slope.known
         middle = (slope.low + slope.high) / 2.0
         floor = NOISE * s.ranges.get(x.name, s.size(x)) / s.size(v)
@@ -636,7 +656,7 @@ def _initial_slopes(s: Subject) -> Iterator[Slope]:
         s.enter(part)
         for v in known if real else ():
             own = float(own_start(v) or 0.0)
-            stated, here = part.slopes(real, v), reals(part, real)
+            stated, middle = part.slopes(real, v), reals(part, real)
             middles, sides = [], []
             for wide in (1e-4 * s.size(v), 2e-4 * s.size(v)):
                 above, below = (bounded(v, own + off) for off in (wide, -wide))
@@ -648,7 +668,7 @@ def _initial_slopes(s: Subject) -> Iterator[Slope]:
                 middles.append(
                     [(ends[0][x.name] - ends[1][x.name]) / (above - below) for x in real]
                 )
-                sides.append(_sides(real, here, ends, (above - own, below - own)))
+                sides.append(_sides(real, middle, ends, (above - own, below - own)))
             for x, value, near, far, either in zip(real, stated, *middles, sides[0]):
                 low, high = sorted(either)
                 yield Slope("while initialising", x, v, value, low, high, abs(near - far))
@@ -656,14 +676,14 @@ def _initial_slopes(s: Subject) -> Iterator[Slope]:
 
 def _sides(
     real: Sequence[ScalarVariable],
-    here: dict[str, float],
+    middle: dict[str, float],
     ends: Sequence[dict[str, float]],
     away: Sequence[float],
 ) -> list[list[float]]:
-    """By variable, the slopes to the values at the ends, which are so far away; only where they are."""
+    """By variable, the slopes from its value in the middle to those at the ends that are away from it."""
     pairs = [(end, far) for end, far in zip(ends, away) if far]
-    slopes = [[(end[x.name] - here[x.name]) / far for end, far in pairs] for x in real]
-    return [found * 2 if len(found) == 1 else found for found in slopes]
+    slopes = [[(end[x.name] - middle[x.name]) / far for end, far in pairs] for x in real]
+    return [pair * 2 if len(pair) == 1 else pair for pair in slopes]
 
 
 def _later_slopes(s: Subject) -> Iterator[Slope]:
@@ -679,7 +699,7 @@ def _later_slopes(s: Subject) -> Iterator[Slope]:
                     part.advance(s.start + n * s.h, s.h / 1024)
                     return part.slopes(real, v)
 
-            for x, value in zip(real, s.alone(work)):
+            for x, value in zip(real, s.in_process(work)):
                 middle, other = sum(near[x.name]) / 2, sum(far[x.name]) / 2
                 low, high = sorted(near[x.name])
                 yield Slope(f"after step {n + 1}", x, v, value, low, high, abs(middle - other))
@@ -692,14 +712,14 @@ def discards(s: Subject) -> str:
     if s.third:
         return untouched(s, t, h)
 
-    def whole() -> tuple[int, float, bool]:
+    def long_step() -> tuple[int, float, bool]:
         with s.running() as part:
             part.begin_of_step.value, part.size_of_step.value = t, h
             if part.do_step() != DISCARD:
                 raise NotOffered(f"a step of {h:g} s is not discarded")
             return part.stopped()
 
-    answer, reached, ended = s.alone(whole)
+    answer, reached, ended = s.in_process(long_step)
     said = f"a step of {h:g} s is discarded"
     if answer > WARNING:
         raise Broken(f"{said}, fmi2LastSuccessfulTime is not reported: {STATUS[answer]}")
@@ -708,12 +728,12 @@ def discards(s: Subject) -> str:
     if ended:
         return f"{said} at {reached:g} s, where the FMU wants to end"
 
-    def shorter() -> None:
+    def short_step() -> None:
         with s.running() as part:
             part.advance(t, reached - t)
 
     if reached > t:
-        s.alone(shorter)
+        s.in_process(short_step)
     return f"{said}, one to {reached:g} s is accepted"
 
 
@@ -731,7 +751,7 @@ def untouched(s: Subject, t: float, h: float) -> str:
         raise NotOffered(f"{step} not discarded")
 
 
-def stops(s: Subject) -> str:
+def stop_time(s: Subject) -> str:
     """A defined stop time, far beyond the last step, does not change the rows before it."""
     stop = max(s.stop, s.start + 2 * s.steps * s.h)
     with s.instance() as part:
@@ -739,7 +759,7 @@ def stops(s: Subject) -> str:
         s.steer(part, s.inputs_at(0))
         part.begin()
         rows = s.go(part, 0, s.steps)
-    said = f"with a stop time of {stop:g} s"
+    condition = f"with a stop time of {stop:g} s"
     worst = 0.0
     for v, ours, theirs in zip(s.shown, zip(*rows), zip(*s.reference)):
         if v.name in s.unsteady:
@@ -750,13 +770,13 @@ def stops(s: Subject) -> str:
             if not differ(x, y):
                 continue
             if not real or not abs(float(x) - float(y)) <= AGREES * wide:
-                raise Broken(f"{v.name} after step {k} is {x!r} {said}, {y!r} without one")
+                raise Broken(f"{v.name} after step {k} is {x!r} {condition}, {y!r} without one")
             worst = max(worst, abs(float(x) - float(y)) / wide)
     agree = f"within {worst:.2g} of the range" if worst else "bit for bit"
-    return f"{s.steps} rows {said} are those without one, {agree}"
+    return f"{s.steps} rows {condition} are those without one, {agree}"
 
 
-def begins(s: Subject) -> str:
+def start_time(s: Subject) -> str:
     """The independent variable in a run from another start time."""
     variables = s.description.modelVariables
     clocks = [v for v in variables if v.causality == "independent" and smooth(v)]
@@ -825,10 +845,10 @@ def _lives(s: Subject) -> str:
         if k in marks:
             sizes.append(resident())
     grown = [after - before for before, after in pairwise(sizes)]
-    said = f"{sum(grown) / 1024:.0f} KiB more after {LIVES} instances than after {early}"
+    growth = f"{sum(grown) / 1024:.0f} KiB more after {LIVES} instances than after {early}"
     if sum(grown) > LEFT * (LIVES - early) and all(g > 0 for g in grown):
-        raise Broken(said)
-    return said
+        raise Broken(growth)
+    return growth
 
 
 class Check(NamedTuple):
@@ -854,9 +874,9 @@ CHECKS = {check.name: check for check in (
     Check("termination", "2.1.6", "2.3.8", terminates, "run, terminate, get the values again"),
     Check("start values", "2.2.7", "2.4.7.4", starts,
           "enter initialization mode, set nothing; get exact outputs, and parameters after it"),
-    Check("stop time", "2.1.6", "2.3.2", stops,
+    Check("stop time", "2.1.6", "2.3.2", stop_time,
           "run with a stop time far beyond the last step, and without one"),
-    Check("start time", "2.1.6", "2.3.2", begins,
+    Check("start time", "2.1.6", "2.3.2", start_time,
           "run from a later start time; get the independent variable"),
     Check("repetition", "4.1.2", "4.1", repeats, "run; free the instance, run a new one"),
     Check("getting", "2.1.7", "2.2.7.2", looks, "run, and get all values twice after each step, in the opposite order, and one at a time"),
@@ -887,7 +907,7 @@ def checked(s: Subject, name: str) -> Verdict:
             s.unsteady  # noqa: B018
             s.reference  # noqa: B018
         status, before = FAILED, ""
-        said = s.alone(lambda: CHECKS[name].does(s))
+        said = s.in_process(lambda: CHECKS[name].does(s))
         status = PASSED
     except NotOffered as reason:
         status, said = NOT_OFFERED, str(reason)

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
+from contextlib import suppress
 from multiprocessing import Pipe
-from typing import TypeVar
+from typing import TypeVar, cast
 
 from ...errors import PartFailure
 
@@ -28,15 +29,14 @@ def forked(work: Callable[[], Answer]) -> Answer:
         finally:
             os._exit(0)
     sender.close()
-    try:
-        answer, error = receiver.recv()
-    except EOFError:
-        answer, error = None, PartFailure("the process ended without an answer")
-    finally:
-        receiver.close()
-        code = os.waitstatus_to_exitcode(os.waitpid(process, 0)[1])
-    if isinstance(error, PartFailure) and code < 0:
+    answer: Answer | None = None
+    failure: Exception | None = PartFailure("the process ended without an answer")
+    with suppress(EOFError):
+        answer, failure = receiver.recv()
+    receiver.close()
+    code = os.waitstatus_to_exitcode(os.waitpid(process, 0)[1])
+    if failure is not None and code < 0:
         raise PartFailure(f"the process was killed by signal {-code} (an FMU crashed)")
-    if error is not None:
-        raise error
-    return answer
+    if failure is not None:
+        raise failure
+    return cast(Answer, answer)

@@ -78,6 +78,11 @@ class NativeBuild(NamedTuple):
         return guid_of(self.digest)
 
     @property
+    def warnings(self) -> tuple[str, ...]:
+        """Sentences about the model."""
+        return written(self.model).warnings
+
+    @property
     def source(self) -> str:
         """Its C but for the guid."""
         made = written(self.model)

@@ -438,11 +438,8 @@ EXPORT fmi2Status API(fmi2SetRealInputDerivatives)(fmi2Component component,
                  v->variability, v->causality, PHASES[(int)s->phase]);
             return finish(i);
         }
-        if (!is_finite(value[k])) {
-            fail(&i->context, "the derivative of %s = %r must be a finite number", v->name,
-                 value[k]);
-            return finish(i);
-        }
+        derivative(&i->context, v, value[k]);
+        if (i->context.failed) return finish(i);
         if (s->driven == 0.0) memset(s->rates, 0, sizeof s->rates);
         if (s->driven < order[k]) s->driven = order[k];
         s->rates[order[k] - 1][vr[k] - FIRST_INPUT] = value[k];
@@ -470,7 +467,7 @@ EXPORT fmi2Status API(fmi2GetRealOutputDerivatives)(fmi2Component component,
         if (v && strcmp(v->causality, "output"))
             fail(&i->context, "%s is not an output", v->name);
         else if (v)
-            value[k] = result[vr[k] - FIRST_STATE];
+            value[k] = derivative(&i->context, v, result[vr[k] - FIRST_STATE]);
     }
     return finish(i);
 }
@@ -508,7 +505,7 @@ EXPORT fmi2Status API(fmi2GetDirectionalDerivative)(fmi2Component component,
         if (v && unknown[k] < FIRST_STATE)
             fail(c, "%s is not an output", v->name);
         else if (v)
-            d_unknown[k] = result[unknown[k] - FIRST_STATE];
+            d_unknown[k] = derivative(c, v, result[unknown[k] - FIRST_STATE]);
     }
     return finish(i);
 }

@@ -108,6 +108,12 @@ INLINE void check_finite(Context *c, const Variable *v, double value) {
         fail(c, "%s = %v must be a finite number", v->name, v, value);
 }
 
+/* A derivative of a variable, by time or by another one. */
+INLINE double derivative(Context *c, const Variable *v, double value) {
+    if (!is_finite(value)) fail(c, "the derivative of %s = %r must be a finite number", v->name, value);
+    return value;
+}
+
 /* The inputs of this instant; after a step, those at its end. */
 static const double *present(Instance *i) {
     const int stepping = i->kind == COSIMULATION && i->state.phase != AT_EVENT;
@@ -163,6 +169,9 @@ static void guards(Instance *i, double *result) {
     State *s = &i->state;
     if (!settled(i)) return;
     model_guards(&i->context, s->values, s->time, part(i, FIRST_STATE), present(i), result);
+    for (int k = 0; k < INDICATORS; k++)
+        if (!is_finite(result[k]))
+            fail(&i->context, "event indicator %d = %r must be a finite number", k + 1.0, result[k]);
     evaluated(i);
 }
 

@@ -15,17 +15,25 @@ static int among(double value, double least, double most) {
     return value >= least && value <= most && value == floor(value);
 }
 
+/* Whether a variable can have this value. */
+static int can_be(const Variable *v, double value) {
+    const double least = *v->kind == 'B' || *v->kind == 'E' ? 0.0 : -v->most;
+    return value >= least && value <= v->most && (*v->kind == 'R' || value == floor(value));
+}
+
 /* Whether an instance can have this state: who knows the checksum can write any bytes. */
 static int possible(const State *s) {
     if (!among(s->phase, INSTANTIATED, FAILED) || !among(s->driven, 0.0, HIGHEST_DEGREE)) return 0;
     if (!among(s->kind, COSIMULATION, MODEL_EXCHANGE) || !among(s->events, 0.0, MOST_EVENTS)) return 0;
     if (kind_of((int)s->phase) != EITHER && kind_of((int)s->phase) != s->kind) return 0;
-    if (!(is_finite(s->time) && is_finite(s->past))) return 0;
-    for (int k = 0; k < VARIABLES; k++) {
-        const Variable *v = &variables[k];
-        const double least = *v->kind == 'B' || *v->kind == 'E' ? 0.0 : -v->most;
-        if (!(s->values[k] >= least && s->values[k] <= v->most)) return 0;
-        if (*v->kind != 'R' && s->values[k] != floor(s->values[k])) return 0;
+    if (!is_finite(s->time) || !is_finite(s->past) || !among(s->stale, 0.0, 1.0)) return 0;
+    for (int k = 0; k < VARIABLES; k++)
+        if (!can_be(&variables[k], s->values[k])) return 0;
+    for (int k = 0; k < INPUTS; k++) {
+        const Variable *v = &variables[FIRST_INPUT + k];
+        if (!can_be(v, s->before[k]) || !can_be(v, s->end[k]) || !is_finite(s->slopes[k])) return 0;
+        for (int order = 0; order < HIGHEST_DEGREE; order++)
+            if (!is_finite(s->rates[order][k])) return 0;
     }
     return 1;
 }

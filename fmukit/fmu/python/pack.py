@@ -48,6 +48,11 @@ class Build(NamedTuple):
         return guid_of(self.digest)
 
     @property
+    def warnings(self) -> tuple[str, ...]:
+        """Sentences about the model; none about one that cannot be traced."""
+        return () if hasattr(self.model, "PYTHON_ONLY") else entries.written(self.model).warnings
+
+    @property
     def module(self) -> str:
         return f"{component(self.model)}_{self.digest[:12]}"
 

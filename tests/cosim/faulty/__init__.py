@@ -78,7 +78,7 @@ FAULTS = {
     "state lacks a value": "state, serialization",
     "one place for states": "state",
     "bytes lack a value": "serialization",
-    "ignores the step size": "step size, output dependencies, directional derivatives",
+    "ignores the step size": "step size, directional derivatives",
     "one step size": "step size, output dependencies, directional derivatives",
     "undeclared feedthrough": "output dependencies",
     "kind": "output dependencies",

@@ -64,7 +64,7 @@ SWITCHES = (
 )  # fmt: skip
 LIMITS = (
     "longest_step", "warn_at", "error_at", "fatal_at", "nan_at", "nan_above", "crash_at", "hang_at",
-    "meddle_at", "round_at", "exit_at", "end_at", "pause_at",
+    "meddle_at", "round_at", "flush_at", "exit_at", "end_at", "pause_at",
 )  # fmt: skip
 VARIABLES = [
     Variable("u", "Real", "input", 0.0),

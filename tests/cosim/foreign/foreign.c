@@ -1,6 +1,9 @@
 /* x' = a x + b u, y = x, z = x + d u, and on request what goes wrong in FMUs of others.
    Names and causalities of the variables come as macros from the table in __init__.py. */
 
+#ifdef __SSE2__
+#include <xmmintrin.h>
+#endif
 #include <fenv.h>
 #include <locale.h>
 #include <math.h>
@@ -107,6 +110,9 @@ static fmi2Status reach(Foreign *c, double from, double to) {
     if (NOW(hang_at)) for (note(c, "hangs");;);
     if (NOW(meddle_at) && !chdir("/")) setlocale(LC_ALL, "C"), signal(SIGINT, SIG_IGN);
     if (NOW(round_at)) fesetround(FE_UPWARD);
+#ifdef __SSE2__
+    if (NOW(flush_at)) _mm_setcsr(_mm_getcsr() | 0x8040); /* FTZ and DAZ */
+#endif
     if (NOW(fatal_at)) END(FATAL, fmi2Fatal, "%s broke down at t = %g s", c->name, c->m.fatal_at);
     if (NOW(error_at)) FAIL("error at t = %g s, step %d", c->m.error_at, c->m.steps);
     if (NOW(warn_at)) END(c->m.mode, fmi2Warning, "t = %g s in %s", c->m.warn_at, c->name);

@@ -16,8 +16,8 @@ class Model {
   values(sliders) {
     const v = { ...this.data.scope, ...this.data.user, ...sliders };
     for (const [name, k] of this.data.values) v[name] = formulas[k](v);
-    v.stop = formulas[this.data.stop](v);
-    v.step = formulas[this.data.step](v);
+    v.stop ??= formulas[this.data.stop](v);
+    v.step ??= formulas[this.data.step](v);
     return v;
   }
 
@@ -25,14 +25,16 @@ class Model {
   rows(v, run, sliders, multiple, { step, steady } = this.data) {
     const { base, start, columns, algorithm, adapted } = this.data;
     const own = computed(run.start, v);
-    const starts = computed(start, { ...v, ...own });
+    const all = { ...v, ...own };
+    const starts = computed(start, all);
     const wanted = Object.entries({ ...this.data.user, ...sliders });
     const user = wanted.filter(([name]) => name.includes(".") && !adapted.includes(name));
     for (const wire of this.network.wires) wire.factor = formulas[wire.formula](v);
     this.network.start({ ...base, ...starts, ...own, ...Object.fromEntries(user) });
-    const h = multiple * formulas[step](v);
-    if (!steady) return new Run(this.network, h, algorithm, v.stop).rows(columns);
-    return this.settled(new Run(this.network, h, algorithm), Math.ceil((2 * v.stop) / h), steady);
+    const h = multiple * formulas[step](all);
+    const stop = formulas[this.data.stop](all);
+    if (!steady) return new Run(this.network, h, algorithm, stop).rows(columns);
+    return this.settled(new Run(this.network, h, algorithm), Math.ceil((2 * stop) / h), steady);
   }
 
   // Two revolutions, of about `steps`, after as many as it takes until columns repeat.

@@ -1,0 +1,116 @@
+"""Which arguments each result of a traced function is computed from, through all its paths.
+
+A result depends on the arguments of its operations, and on those of a condition whose two answers give it
+different values. It does not depend on whether an operation fails. Loops of a length known only at run time, which have no
+derivatives, are not followed: outputs have none.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from .paths import kinds
+from .values import COMPARISONS, Branch, Function, Leaf, Node, Tree, key
+
+#: Arguments of a function: the name of the parameter and the place of a number in it.
+Arguments = frozenset[tuple[str, int]]
+#: What a constant depends on.
+NOTHING: Arguments = frozenset()
+
+
+class Result(NamedTuple):
+    """What a value depends on, and what makes it the same as another one."""
+
+    arguments: Arguments
+    identity: Any
+
+
+def arguments_of(function: Function) -> list[Arguments]:
+    """The arguments that each number of a function's result is computed from."""
+    results = Dependencies().along(function.tree) or []
+    return [result.arguments for result in results]
+
+
+class Dependencies:
+    """What the nodes of one function depend on; those of the functions that it calls are kept."""
+
+    def __init__(self, functions: dict[str, list[Arguments]] | None = None) -> None:
+        self.functions: dict[str, list[Arguments]] = {} if functions is None else functions
+        self.known: dict[int, Arguments] = {}
+        self.calls: dict[int, list[Arguments]] = {}
+
+    def along(self, tree: Tree) -> list[Result] | None:
+        """The results at the end of a tree; None where all its paths fail."""
+        for node in tree.nodes:
+            if node.op == "join":
+                self.join(node)
+            elif node.op == "call":
+                self.calls[node.number] = self.call(node)
+            else:
+                self.known[node.number] = self.of_all(node.args)
+        if isinstance(tree, Branch):
+            true, false = self.along(tree.true), self.along(tree.false)
+            return self.either(tree.condition, true, false)
+        return self.at_end(tree)
+
+    def at_end(self, leaf: Leaf) -> list[Result] | None:
+        if leaf.error is not None:
+            return None
+        return [Result(self.of(value), key(value)) for value in leaf.values]
+
+    def either(
+        self, condition: Node, true: list[Result] | None, false: list[Result] | None
+    ) -> list[Result] | None:
+        """The results of two paths, of which the condition selects one."""
+        if true is None or false is None:
+            return false if true is None else true
+        decides = self.of(condition)
+        return [
+            a
+            if a.identity == b.identity
+            else Result(
+                decides | a.arguments | b.arguments, (condition.number, a.identity, b.identity)
+            )
+            for a, b in zip(true, false, strict=True)
+        ]
+
+    def join(self, node: Node) -> None:
+        condition, *arms, phis = node.args
+        ends = [self.along(arm) for arm in arms]
+        for phi, result in zip(phis, self.either(condition, *ends) or []):
+            self.known[phi.number] = result.arguments
+
+    def call(self, node: Node) -> list[Arguments]:
+        function, groups = node.args
+        if function.name not in self.functions:
+            inner = Dependencies(self.functions).along(function.tree) or []
+            self.functions[function.name] = [result.arguments for result in inner]
+        names = [name for name, shape in function.parameters.items() if list(kinds(shape))]
+        given = {
+            (name, place): self.of(value)
+            for name, group in zip(names, groups, strict=True)
+            for place, value in enumerate(group)
+        }
+        return [
+            NOTHING.union(*(given[argument] for argument in arguments))
+            for arguments in self.functions[function.name]
+        ]
+
+    def of_all(self, values: Any) -> Arguments:
+        return NOTHING.union(*(self.of(value) for value in values))
+
+    def of(self, value: Any) -> Arguments:
+        """What a value depends on that is computed from the nodes so far."""
+        if not isinstance(value, Node):
+            return NOTHING
+        if value.op == "symbol":
+            return frozenset({(value.args[0], 0)})
+        if value.op == "element":
+            name, place = value.args
+            return frozenset({(name, place)})
+        if value.op == "result":
+            call, place = value.args
+            return self.calls[call][int(place)]
+        if value.op in COMPARISONS and value.number not in self.known:
+            return self.of_all(value.args)
+        return self.known[value.number]
