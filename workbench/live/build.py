@@ -23,6 +23,7 @@ from cosim.system import Network, connect
 from ..options import Options, declared
 from ..report.chart import SHOWN, Chart, Curve, Mark, Panel
 from ..report.plot import Words, figure
+from ..report.script import compact
 from ..report.svg import letter_sizes
 from . import drawing
 from .declare import (
@@ -76,7 +77,7 @@ class LivePart(NamedTuple):
 def script(names: tuple[str, ...]) -> str:
     """Return script files one after the other, without comments and indents."""
     text = "\n".join((FOLDER / name).read_text(encoding="utf-8") for name in names)
-    return re.sub(r"(?m)^\s*(//.*)?\n?", "", text)
+    return compact(text)
 
 
 def of(
@@ -269,7 +270,7 @@ class _Build:
 
     def functions(self) -> str:
         """Return the formulas as functions of JavaScript."""
-        return "const formulas = [\n{}];\n".format("".join(f"(v) => {x},\n" for x in self.sources))
+        return "const formulas = [\n{}];\n".format("".join(f"v=>{x},\n" for x in self.sources))
 
     def positive(self, text: Any, where: str) -> None:
         self.formula(text, where)

@@ -98,18 +98,18 @@ def _written(node: ast.AST, text: str, names: set[str]) -> str:
     if isinstance(number, (int, float)) and not isinstance(number, bool):
         return repr(float(number))
     if isinstance(node, ast.BinOp) and type(node.op) in OPERATORS:
-        return f"({inside(node.left)} {OPERATORS[type(node.op)]} {inside(node.right)})"
+        return f"({inside(node.left)}{OPERATORS[type(node.op)]}{inside(node.right)})"
     if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub):
         return f"(-{inside(node.operand)})"
     if isinstance(node, ast.Compare) and len(node.ops) == 1 and type(node.ops[0]) in OPERATORS:
-        return f"({inside(node.left)} {OPERATORS[type(node.ops[0])]} {inside(node.comparators[0])})"
+        return f"({inside(node.left)}{OPERATORS[type(node.ops[0])]}{inside(node.comparators[0])})"
     if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and not node.keywords:
         if node.func.id not in FUNCTIONS:
             raise SetupError(
                 f"LIVE: the formula {text!r} uses the function {node.func.id!r}, which is none of "
                 f"{', '.join(FUNCTIONS)}"
             )
-        return f"{node.func.id}({', '.join(map(inside, node.args))})"
+        return f"{node.func.id}({','.join(map(inside, node.args))})"
     name = _dotted(node)
     if name == "pi":
         return repr(math.pi)
