@@ -378,6 +378,11 @@ def test_a_declaration_that_does_not_fit_is_one_clear_line() -> None:
     assert "LIVE: start of a run: " in refused(runs=[LiveRun(start={"x.y": 1.0})])
 
 
+def test_a_sweep_of_one_speed_costs_the_live_sweep_and_not_the_answer() -> None:
+    answer = ask("resonance", speeds="40", steps_per_rev=64)
+    assert answer.live is not None and answer.live.data["sweep"] is None
+
+
 def test_the_example_of_the_guide_makes_a_question_live() -> None:
     guide = (ROOT / "docs" / "scenarios.md").read_text(encoding="utf-8")
     (example,) = re.findall(r"```python\n(from workbench.live import .*?)```", guide, re.DOTALL)
