@@ -96,4 +96,4 @@ print(f"T = {slow.T} s: 90 degrees at {found:.1f} rad/s; the formula says {slow.
 # prints: T = 0.125 s: 90 degrees at 28.3 rad/s; the formula says 28.3
 
 # The resonance fell with the square root of the lag, from 40 to 28.3 rad/s. To sweep all speeds at
-# once and get a picture: .venv/bin/python -m scenarios run resonance
+# once and get a picture: .venv/bin/scenarios run resonance

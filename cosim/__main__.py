@@ -1,4 +1,4 @@
-"""python -m cosim info | check | run | diagnose | oracle | export FILE; crosscheck, compare, verify."""
+"""cosim info | check | run | diagnose | oracle | export FILE; crosscheck, compare, verify."""
 
 from __future__ import annotations
 
@@ -366,7 +366,7 @@ def settings(task: Task, options: argparse.Namespace) -> Settings:
 
 
 def show(options: argparse.Namespace) -> int:
-    """python -m cosim info."""
+    """cosim info."""
     with opened(options, runnable=False) as task:
         print("\n".join(describe.info(task.network)))
         for connector, port in task.package.connectors.items():
@@ -379,7 +379,7 @@ def show(options: argparse.Namespace) -> int:
 
 
 def examine(options: argparse.Namespace) -> int:
-    """python -m cosim check; exit code 1 if something stands in the way."""
+    """cosim check; exit code 1 if something stands in the way."""
     with opened(options) as task:
         way = settings(task, options)
         errors, notes = list(problems(task.network, way)), list(describe.notes(task.network, way))
@@ -394,7 +394,7 @@ def examine(options: argparse.Namespace) -> int:
 
 
 def simulate(options: argparse.Namespace) -> int:
-    """python -m cosim run."""
+    """cosim run."""
     with opened(options) as task:
         way = settings(task, options)
         given: dict[str, Any] = {k: v for k, v in way._asdict().items() if v is not None}
@@ -567,7 +567,7 @@ def told(result: Result) -> Iterator[str]:
 
 
 def measure(options: argparse.Namespace) -> int:
-    """python -m cosim diagnose."""
+    """cosim diagnose."""
     with opened(options) as task:
         found = diagnose(
             task.system, step=task.step(options.step), algorithm=options.algorithm,
@@ -578,7 +578,7 @@ def measure(options: argparse.Namespace) -> int:
 
 
 def judge(options: argparse.Namespace) -> int:
-    """python -m cosim oracle."""
+    """cosim oracle."""
     folders = new_folders(options)
     require_files(options, System({}))
     with opened(options) as task:
@@ -608,7 +608,7 @@ def judge(options: argparse.Namespace) -> int:
 def truth(
     task: Task, options: argparse.Namespace, lone: Sequence[str], folders: Sequence[Path]
 ) -> int:
-    """python -m cosim oracle, where no run can be beside it."""
+    """cosim oracle, where no run can be beside it."""
     start, stop = times(task, options)
     with quiet():
         result = oracle(
@@ -634,7 +634,7 @@ def truth(
 
 
 def export(options: argparse.Namespace) -> int:
-    """python -m cosim export."""
+    """cosim export."""
     with opened(options) as task:
         if options.to != "osp":
             require_place(options.out)
@@ -655,7 +655,7 @@ def export(options: argparse.Namespace) -> int:
 
 
 def cross(options: argparse.Namespace) -> int:
-    """python -m cosim crosscheck; exit code 1 if a check failed."""
+    """cosim crosscheck; exit code 1 if a check failed."""
     for path in options.out:
         writer(path)
         require_place(path)
@@ -667,7 +667,7 @@ def cross(options: argparse.Namespace) -> int:
 
 
 def beside(options: argparse.Namespace) -> int:
-    """python -m cosim compare; exit code 1 if a column leaves its band."""
+    """cosim compare; exit code 1 if a column leaves its band."""
     require_image(options.plot)
     found = compare(
         options.result, options.reference, columns=dict(map(assignment, options.map)) or None,
@@ -681,7 +681,7 @@ def beside(options: argparse.Namespace) -> int:
 
 
 def verify(options: argparse.Namespace) -> int:
-    """python -m cosim verify; exit code 1 if anything differs from theory."""
+    """cosim verify; exit code 1 if anything differs from theory."""
     require("scipy", "verify")
     from .verification import main as verified
 

@@ -34,15 +34,19 @@ def kit_digest() -> bytes:
     return _digest([*files, CLONE / "LICENSE", CLONE / "pyproject.toml"])
 
 
+def machines() -> dict[str, Path]:
+    """The folders of the machines in `components`, by their plain names."""
+    return {plain(path.parent.name): path.parent for path in CLONE.glob("components/*/model.py")}
+
+
 def source_digest(name: str) -> str:
     """The hash of all that the FMU of a machine, "DriveMotor" or "drive_motor", is made from.
 
     Raises FileNotFoundError for a machine that is not in `components`.
     """
-    folders = {plain(path.parent.name): path.parent for path in CLONE.glob("components/*/model.py")}
-    if plain(name) not in folders:
+    if plain(name) not in machines():
         raise FileNotFoundError(f"there is no folder of {name} in components")
-    machine = _digest(path for path in folders[plain(name)].iterdir() if path.is_file())
+    machine = _digest(path for path in machines()[plain(name)].iterdir() if path.is_file())
     return hashlib.sha256(kit_digest() + machine).hexdigest()
 
 
@@ -78,6 +82,9 @@ def problem(name: str, flavour: str, folders: Mapping[str, Path] = FOLDERS) -> s
         The folder of each flavour.
     """
     path = folders[flavour] / f"{name}{'.wasm' if flavour == 'wasm' else '.fmu'}"
+    if IS_CLONE and plain(name) not in machines():
+        others = ", ".join(sorted(other.stem for other in path.parent.glob(f"*{path.suffix}")))
+        return f"there is no machine {name!r} in components; {path.parent} has {others or 'none'}"
     build = f"python build_fmus.py --flavour {flavour}"
     if not path.is_file():
         return f"there is no {path.name} in {path.parent}" + (

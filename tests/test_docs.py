@@ -25,74 +25,67 @@ PAGES = sorted(
     if path.name != "CHANGELOG.md"
 )
 TEST_COMMAND = " pytest"
-SITE_COMMAND = ".venv/bin/uv run --no-dev --group site python -m gallery"
+SITE_COMMAND = ".venv/bin/uv run --no-dev --extra site python -m gallery"
 SLOW = {
-    "python3 -m venv .venv && .venv/bin/pip install -q uv && "
-    ".venv/bin/uv run --no-dev python -m scenarios run resonance",
-    "scenarios run resonance --set B",
-    "scenarios run resonance --start conveyor.spring.c=7e5",
-    "scenarios run resonance --flavour native",
-    "scenarios run run_up",
-    "scenarios run resonance_map",
-    ".venv/bin/python -m scenarios run resonance_map",
+    "python3 -m venv .venv && .venv/bin/pip install -q uv && .venv/bin/uv sync -q --no-dev --extra "
+    "native --extra page && .venv/bin/python build_fmus.py && .venv/bin/scenarios run resonance",
+    ".venv/bin/scenarios run resonance --set B",
+    ".venv/bin/scenarios run resonance --start conveyor.spring.c=7e5",
+    ".venv/bin/scenarios run run_up",
+    ".venv/bin/scenarios run resonance_map",
     "scenarios run resonance_map --y conveyor.rotor.J=0.2:1.2:40",
     "scenarios run resonance_map --y conveyor.spring.c=4e5:1.2e6:40",
     "scenarios run resonance_map --x motor.T=0.015:0.16:60:log --y conveyor.rotor.J=0.2:1.2:40 "
     "--speed 45",
-    "scenarios study studies/drive_tolerances.toml --flavour native",
+    "scenarios study studies/drive_tolerances.toml",
     ".venv/bin/python -m dask scheduler --host 127.0.0.1 --port 8786 --no-dashboard "
     "--dashboard-address 127.0.0.1:0 &",
     ".venv/bin/python -m dask worker tcp://127.0.0.1:8786 --host 127.0.0.1 --nworkers 2 --nthreads 1 "
     "--no-dashboard --dashboard-address 127.0.0.1:0 &",
     "scenarios study studies/rotor_speed.toml --scheduler tcp://127.0.0.1:8786 --out results/cluster",
     "kill %1 %2",
-    ".venv/bin/uv run --no-dev python -m cosim verify",
-    ".venv/bin/python -m scenarios study studies/records.toml --flavour native",
-    ".venv/bin/python -m scenarios run resonance --flavour native --speed 38.0 "
+    ".venv/bin/cosim verify",
+    ".venv/bin/scenarios study studies/records.toml",
+    ".venv/bin/scenarios run resonance --speed 38.0 "
     "--rated-torque 80 --start motor.B=166.6 --start motor.T=0.09 --start "
     "conveyor.rotor.J=0.52 --start conveyor.trough.m=201.7 --start conveyor.trough.d=4286 "
     "--start conveyor.spring.c=717e3",
-    ".venv/bin/python -m scenarios run iron_identify --flavour native --data "
+    ".venv/bin/scenarios run iron_identify --data "
     "examples/iron_record.csv --map time=t --map iron.w=n --map motor.tau=M*0.02:N.m "
     "--known iron.iron.m=4.4+-1%",
-    ".venv/bin/python -m scenarios run orientator_identify --flavour native --data "
+    ".venv/bin/scenarios run orientator_identify --data "
     "examples/orientator_record.csv --map orientator.w=n --map "
     "orientator.t_falling=falling --map orientator.t_joint=joint --map "
     "orientator.t_turning=turning --map orientator.t_released=released --noise "
     "orientator.t_falling=0.5ms --noise orientator.t_joint=0.5ms --noise "
     "orientator.t_turning=0.5ms --noise orientator.t_released=0.5ms --known "
     "orientator.chute.H=0.04+-1%",
-    "scenarios run mean_values",
-    "scenarios run classical",
-    "scenarios run induction_motor",
-    "scenarios run rod_force",
-    "scenarios run iron_cycle --animate",
-    "scenarios run iron_bounce",
-    "scenarios run iron_kinematics",
-    "scenarios run iron_orders",
-    "scenarios run iron_start",
-    "scenarios run orientation_time",
-    "scenarios run orientator_cycle --animate",
-    "scenarios run orientator_limit --flavour native",
-    "scenarios run orientator_neglect --flavour native",
-    "scenarios run packing_line",
-    "scenarios run sommerfeld",
-    "scenarios run speed_step",
-    ".venv/bin/python -m cosim verify",
+    ".venv/bin/scenarios run mean_values",
+    ".venv/bin/scenarios run classical",
+    ".venv/bin/scenarios run induction_motor",
+    ".venv/bin/scenarios run rod_force",
+    ".venv/bin/scenarios run iron_cycle --animate",
+    ".venv/bin/scenarios run iron_bounce",
+    ".venv/bin/scenarios run iron_kinematics",
+    ".venv/bin/scenarios run iron_orders",
+    ".venv/bin/scenarios run iron_start",
+    ".venv/bin/scenarios run orientation_time",
+    ".venv/bin/scenarios run orientator_cycle --animate",
+    ".venv/bin/scenarios run orientator_limit",
+    ".venv/bin/scenarios run orientator_neglect",
+    ".venv/bin/scenarios run packing_line",
+    ".venv/bin/scenarios run sommerfeld",
+    ".venv/bin/scenarios run speed_step",
     ".venv/bin/python build_fmus.py --docs",
     ".venv/bin/python build_fmus.py --flavour fmi3",
     ".venv/bin/python release.py",
-    "scenarios study studies/rotor_speed.toml",
-    ".venv/bin/python -m scenarios study examples/run_down.toml",
-    ".venv/bin/python -m fmukit build results/my_wheel.py --flavour both --out results",
-    ".venv/bin/python -m scenarios run identify --flavour native "
+    ".venv/bin/scenarios study studies/rotor_speed.toml",
+    ".venv/bin/scenarios study examples/run_down.toml",
+    ".venv/bin/fmukit build results/my_wheel.py --flavour both --out results",
+    ".venv/bin/scenarios run identify "
     "--data examples/conveyor_record.csv --map time=t --map conveyor.w=n "
     "--map motor.tau=M*0.8:N.m --rated-torque 80 --known conveyor.trough.m=200+-5 "
     "--known conveyor.spring.c=720e3+-2%",
-    "python3 -m venv own",
-    'own/bin/pip install -q --find-links dist "drive-fmus[page]"',
-    "own/bin/scenarios run resonance --flavour native",
-    "own/bin/cosim --version",
     ".venv/bin/python benchmarks/coupling.py",
     ".venv/bin/python benchmarks/identify.py",
     ".venv/bin/python benchmarks/identify_machines.py",
@@ -193,7 +186,11 @@ def tree(tmp_path: Path) -> Path:
         "python": f'exec {sys.executable} "$@"',
         "fmpy": f'exec {programs}/fmpy "$@"',
         "pip": '[ "$*" = "install -q uv" ]',
-        "uv": f'[ "$1 $2" = "run --no-dev" ] || exit 2; shift 2; PATH={programs}:$PATH exec "$@"',
+        "uv": '[ "$1" = sync ]',
+        **{
+            name: f'exec {sys.executable} -m {name} "$@"'
+            for name in ("cosim", "fmukit", "scenarios")
+        },
         "python3": f'[ "$*" = "-m venv .venv" ] || exec {sys.executable} "$@"',
     }
     for name, script in scripts.items():
@@ -332,7 +329,7 @@ def test_the_first_command_answers_as_the_readme_shows(tmp_path: Path) -> None:
 def test_what_fails_on_a_page_is_seen(tree: Path) -> None:
     """A wrong option, a failed assertion, a missing program and an unset-up environment."""
     for item in (
-        ("sh", "x", ".venv/bin/python -m scenarios run run_up --sped 3"),
+        ("sh", "x", ".venv/bin/scenarios run run_up --sped 3"),
         ("sh", "x", "frobnicate | cat"),
         ("sh", "x", ".venv/bin/uv run python -c pass"),
         ("python", "x", "assert 1 == 2"),

@@ -135,6 +135,7 @@ class Answer(Findings):
             *[ERROR_SCOPE] * bool(self.figures),
             *(f"Warning: {warning}" for warning in warned[:SPOKEN]),
             *[f"and {more} more warnings, in {self.scenario}.json"] * (more > 0),
+            *[f"Computed with {flavour} FMUs." for flavour in [self.provenance.get("flavour")] if flavour],
         ])  # fmt: skip
 
     def _repr_html_(self) -> str:

@@ -105,7 +105,8 @@ def test_a_fault_of_the_machine_ends_a_study_and_the_same_command_goes_on(
         "command continues"
     )
     assert "\n" not in text
-    assert done(home) == [0.0, 1.0, 2.0]
+    # the next run is handed out before the outcome of this one is looked at; its row is not kept
+    assert done(home)[:3] == [0.0, 1.0, 2.0]
     assert not (home / "out" / "table.csv").exists()
     (home / "fault").unlink()
     found = study.run(study.load(home / "some.toml"), out=home / "out", jobs=1)
