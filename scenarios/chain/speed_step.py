@@ -333,12 +333,12 @@ def moving(r: Result) -> Motion:
         t[picked],
         5.0,
         captions,
-        drawn(r.provenance["parts"]["load"]["parameters"], at),
+        link_shapes(r.provenance["parts"]["load"]["parameters"], at),
         NOTE,
     )
 
 
-def drawn(p: Mapping[str, Any], at: motion.Columns) -> list[Shape]:
+def link_shapes(p: Mapping[str, Any], at: motion.Columns) -> list[Shape]:
     """The lines by columns with the names of the system, and the parameters of the load."""
     a, x, phi, ahead = p["crank.r"], at["load.x"], at["load.phi"], at["gear.phi_b"]
     tilt = 1.0 / p["link.l"] if p["link.swings"] else 0.0
@@ -377,7 +377,7 @@ def live_part(o: Options, f: Mapping[str, Figure], r: Result) -> Live:
     ]
     moving_part = LiveMotion(
         TITLE,
-        partial(drawn, p),
+        partial(link_shapes, p),
         [
             Coordinate("load.phi", 0.0, 2 * math.pi, (1.0,)),
             Coordinate("load.x", -a, a),

@@ -502,7 +502,7 @@ def live_part(o: Options, f: Mapping[str, Figure], r: Sweep) -> Live:
         Reader("phase", "motor.tau", REVOLUTION, 2),
         "deg",
         "phase of the torque ripple",
-        is_shown=False,
+        is_visible=False,
     )
     lag = "mod(atan2(load_im, load_re) * 180 / pi - figures.tau2_phase, 360)"
     limits = {f"rated torque {o.rated:g} N.m": o.rated, f"limit {o.most:g} N.m": o.most}

@@ -118,10 +118,14 @@ def live_part(o: Options, f: Mapping[str, Figure], r: Result) -> Live:
                 Reader("first_crossing", "orientator.stage", level=last - 0.5),
                 "s",
                 "time of the end",
-                is_shown=False,
+                is_visible=False,
             ),
             Number(
-                "stage", Reader("last", "orientator.stage"), "1", "stage at the end", is_shown=False
+                "stage",
+                Reader("last", "orientator.stage"),
+                "1",
+                "stage at the end",
+                is_visible=False,
             ),
             Number("oriented", ended),
             Number(

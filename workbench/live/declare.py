@@ -81,7 +81,7 @@ class Number:
         Those of the figure by default.
     when : str
         A formula; where it is 0 the number is not there, and `otherwise` says why.
-    is_shown : bool
+    is_visible : bool
         Whether it is shown, or only used by other formulas.
     """
 
@@ -91,7 +91,7 @@ class Number:
     meaning: str = ""
     when: Text = 1.0
     otherwise: str = ""
-    is_shown: bool = True
+    is_visible: bool = True
 
 
 @dataclass(frozen=True)
