@@ -22,7 +22,10 @@ from .answers import Answered
 
 EXTRA, THUMB = "_extra", (480, 360)
 LANDING = "resonance"
-MOVE = "Move a slider: everything runs in your browser, offline, and every figure states its error."
+MOVE = (
+    "Move a slider: the FMUs run in your browser, offline. The figures with their errors stand beside the live "
+    "numbers."
+)
 
 
 def write(answers: Sequence[Answered], folder: Path) -> None:

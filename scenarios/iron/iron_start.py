@@ -15,9 +15,9 @@ from scipy.interpolate import CubicSpline
 
 from cosim import Result, System
 from workbench import Bench, Chart, Figure, Findings, Run, Show, Table, option
-from workbench.live import Slider
+from workbench.live import Live, LiveChart, LivePanel, Number, Reader, Slider
 from workbench.measure import Measured, Samples, extended, integral, largest, measured
-from workbench.report.chart import LIFT, SPEED, THEORY, TORQUE, recorded
+from workbench.report.chart import LIFT, POWER, SPEED, THEORY, TORQUE, recorded
 
 from . import drive as iron
 from . import mechanism
@@ -25,13 +25,6 @@ from . import mechanism
 PARTS = iron.PARTS
 STANDS = 0.01
 FIRST = 0.3
-LIVE = (
-    Slider("motor_A", 1.0, 8.0),
-    Slider("motor_T", 0.002, 0.1),
-    Slider("iron.iron.m", 1.0, 10.0),
-    Slider("iron.spring.c", 0.0, 1200.0),
-    Slider("iron.reducer.J", 0.0, 0.003),
-)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -134,3 +127,47 @@ def chart(r: Result, title: str, rows: Any) -> Chart:
         panel("made or lost by the coupling", curves={"E_missing": ("missing", THEORY)}, unit="mJ"),
     ]
     return Chart(title, "time [s]", panels)
+
+
+def live_part(o: Options, f: Mapping[str, Figure], r: tuple[Result, System]) -> Live:
+    """The start."""
+    half = "stop / 2"
+    panels = [
+        LivePanel("cam speed", {"iron.w_cam": SPEED}),
+        LivePanel("motor torque", {"motor.tau": TORQUE}),
+        LivePanel("lift", {"iron.lift": LIFT}, "mm"),
+        LivePanel(
+            "energy",
+            {
+                "iron.E_kin + iron.E_pot": ("kinetic and potential", POWER),
+                "iron.E_friction": ("friction", THEORY),
+            },
+            "J",
+        ),
+    ]
+    return Live(
+        sliders=(
+            Slider("motor_A", 1.0, 8.0),
+            Slider("motor_T", 0.002, 0.1),
+            Slider("iron.iron.m", 1.0, 10.0),
+            Slider("iron.spring.c", 0.0, 1200.0),
+            Slider("iron.reducer.J", 0.0, 0.003),
+        ),
+        start={"motor.A": "motor_A", "motor.B": "motor_B", "motor.T": "motor_T"},
+        numbers=[
+            Number("w_cam_max", Reader("max", "iron.w_cam")),
+            Number("tau_max", Reader("max", "motor.tau")),
+            Number("w_cam_mean", Reader("change", f"iron.phi / ({half})", half)),
+            Number("cycles", f"figures.w_cam_mean * {iron.PER_MINUTE!r}"),
+            Number("turns", Reader("change", "iron.phi / (2 * pi)")),
+            Number("P_mean", Reader("mean", "motor.P"), "W", "mean power of the motor"),
+            Number("energy_in", "figures.P_mean * stop"),
+            Number("energy_stored", Reader("change", "iron.E_kin + iron.E_pot")),
+            Number("energy_friction", Reader("last", "iron.E_friction")),
+        ],
+        charts=[LiveChart("The start from the middle of the bottom dwell", "time [s]", panels)],
+        motion=mechanism.live_motion("The start", *r, 2.0),
+    )
+
+
+LIVE = live_part

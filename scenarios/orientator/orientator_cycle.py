@@ -11,7 +11,7 @@ from pathlib import Path
 from cosim import Result, System
 from workbench import Chart, Figure, Mark, Run, Show, option
 from workbench.figure import listed
-from workbench.live import Slider
+from workbench.live import Live, LiveChart, LivePanel, Number, Reader, Slider
 from workbench.report.chart import FORCE, SPEED, THEORY, TORQUE, recorded
 
 from . import machine as orientator
@@ -19,12 +19,6 @@ from . import mechanism
 
 PARTS = orientator.PARTS
 OWN = ("orientator.release",)
-LIVE = (
-    Slider("speed", 0.5, 12.0),
-    Slider("friction", 0.0, 1.0),
-    Slider("orientator.spring.c", 4.0, 40.0),
-    Slider("orientator.chute.H", 0.01, 0.1),
-)
 STAGES = orientator.STAGES[: orientator.ORIENTED]
 IMPULSES = {
     "corner_impulse": ("S_y", "impulse of the landing on the catcher's corner, down"),
@@ -101,3 +95,62 @@ def show(o: Options, f: Mapping[str, Figure], r: Result) -> Show:
     chart = Chart("Angles, speeds and the wall", "time [ms]", panels, spans=spans)
     moving = mechanism.motion("One product", {"": course}, last, stages)
     return Show([chart], [moving], title=verdict(o, f, r).partition(". ")[0])
+
+
+def live_part(o: Options, f: Mapping[str, Figure], r: Result) -> Live:
+    """One product, up to its end."""
+    last = float(orientator.ORIENTED)
+    panels = [LivePanel(x, CURVES[x], "deg" if x == "angle" else "") for x in CURVES]
+    panels.append(LivePanel("reaction of the wall", WALL, includes=(0.0,)))
+    ended = "figures.stage == " + repr(last)
+    return Live(
+        sliders=(
+            Slider("speed", 0.5, 12.0),
+            Slider("friction", 0.0, 1.0),
+            Slider("orientator.spring.c", 4.0, 40.0),
+            Slider("orientator.chute.H", 0.01, 0.1),
+        ),
+        start={"orientator.w": "speed", "orientator.chute.mu": "friction"},
+        until="figures.end",
+        numbers=[
+            Number(
+                "end",
+                Reader("first_crossing", "orientator.stage", level=last - 0.5),
+                "s",
+                "time of the end",
+                is_visible=False,
+            ),
+            Number(
+                "stage",
+                Reader("last", "orientator.stage"),
+                "1",
+                "stage at the end",
+                is_visible=False,
+            ),
+            Number("oriented", ended),
+            Number(
+                "orientation_time",
+                Reader("last", "orientator.orientation_time"),
+                when=ended,
+                otherwise="not oriented",
+            ),
+            *(
+                Number(
+                    f"t_{x}",
+                    Reader("last", f"orientator.t_{x}"),
+                    when=f"figures.t_{x} > 0",
+                    otherwise="not reached",
+                )
+                for x in STAGES
+            ),
+            *(
+                Number(name, Reader("last", f"orientator.{column}"))
+                for name, (column, _) in IMPULSES.items()
+            ),
+        ],
+        charts=[LiveChart("Angles, speeds and the wall", "time [ms]", panels, "1e3 * time")],
+        motion=mechanism.live_motion("One product", r, 20.0),
+    )
+
+
+LIVE = live_part
