@@ -478,6 +478,8 @@ def test_the_page_of_every_question_shows_without_network_or_error(
     assert shown.reported("Runtime.exceptionThrown") == shown.reported("Log.entryAdded") == []
     asked = [event["request"]["url"] for event in shown.reported("Network.requestWillBeSent")]
     assert [x for x in asked if not x.startswith(("data:", "blob:"))] == [file.resolve().as_uri()]
+    if answer.live is not None:
+        shown.until(f"{one('#live-part')}.dataset.answered === '1'")
     shown.value("document.querySelectorAll('details.original').forEach(x => { x.open = true; })")
     drawn, times = shown.value(DRAWN), shown.value(TIMES)
     assert len(drawn) == len(show.charts) + len(show.more) and all(drawn)
