@@ -100,11 +100,13 @@ def needs(system: System, r: Result) -> dict[str, Figure]:
     torque, unit = slow["iron.tau_cam"], slow.units["iron.tau_cam"]
     still = torque - (fast["iron.tau_cam"] - torque) / 3
     gear = r.provenance["parts"]["iron"]["parameters"]["reducer.i_g"]
-    motor = r.provenance["parts"]["motor"]["parameters"]["A"]
+    motor = float(r["motor.tau_static"][0])
     most = measured(lambda torque: float(torque.max()), still)
     return {
         "tau_cam_max": most.figure(unit, "largest torque at the cam in a slow turn"),
-        "tau_cam_rest": Figure(gear * motor, unit, 0.0, "torque of the motor at rest, at the cam"),
+        "tau_cam_rest": Figure(
+            gear * motor, unit, 0.0, "torque of the motor at the start, at the cam"
+        ),
     }
 
 
@@ -124,7 +126,7 @@ def verdict(o: Options, f: Mapping[str, Figure], r: tuple[Result, System]) -> st
     if pace(r[0]["time"], r[0]["iron.phi"], 0.9) < STANDS * f["w_cam_max"].value:
         made = f"the cam has made {told['turns']} turns, at up to {told['w_cam_max']}"
         starts = f"The motor stalls: {made}, and does not turn any further."
-    elif f["turns"].value < 1.0:
+    elif abs(f["turns"].value) < 1.0:
         starts = creeping(o, f)
     return (
         f"{starts} Of {told['energy_in']} from the motor, friction takes {told['energy_friction']}, "
@@ -139,9 +141,9 @@ def creeping(o: Options, f: Mapping[str, Figure]) -> str:
         f"Within {o.stop:g} s the cam does not complete a turn: it makes {told['turns']} turns, at up to "
         f"{told['w_cam_max']}, and its mean speed in the second half is {told['w_cam_mean']}."
     )
-    if f["tau_cam_rest"].value < f["tau_cam_max"].value - (f["tau_cam_max"].error or 0.0):
+    if 0.0 < f["tau_cam_rest"].value < f["tau_cam_max"].value - (f["tau_cam_max"].error or 0.0):
         starts += (
-            f" The motor gives {told['tau_cam_rest']} at the cam at rest, and a slow turn takes up to "
+            f" The motor gives {told['tau_cam_rest']} at the cam at the start, and a slow turn takes up to "
             f"{told['tau_cam_max']}: it cannot turn the cam slowly through a whole turn."
         )
     return starts
