@@ -127,7 +127,8 @@ def verdict(o: Options, f: Mapping[str, Figure], r: tuple[Result, System]) -> st
         made = f"the cam has made {told['turns']} turns, at up to {told['w_cam_max']}"
         starts = f"The motor stalls: {made}, and does not turn any further."
     elif abs(f["turns"].value) < 1.0:
-        starts = creeping(o, f)
+        so_far = f"Up to {o.stop:g} s it makes {told['turns']} turns."
+        starts = creeping(o, f) if is_weak(f) else f"{starts} {so_far}"
     return (
         f"{starts} Of {told['energy_in']} from the motor, friction takes {told['energy_friction']}, "
         f"and {told['energy_stored']} is stored at the end."
@@ -135,18 +136,20 @@ def verdict(o: Options, f: Mapping[str, Figure], r: tuple[Result, System]) -> st
 
 
 def creeping(o: Options, f: Mapping[str, Figure]) -> str:
-    """How far the cam comes that does not complete a turn, and whether the motor can carry it through."""
+    """How far the cam comes of a motor that is too weak for a slow turn."""
     told = {name: figure.text() for name, figure in f.items()}
-    starts = (
+    return (
         f"Within {o.stop:g} s the cam does not complete a turn: it makes {told['turns']} turns, at up to "
-        f"{told['w_cam_max']}, and its mean speed in the second half is {told['w_cam_mean']}."
+        f"{told['w_cam_max']}, and its mean speed in the second half is {told['w_cam_mean']}. The motor "
+        f"gives {told['tau_cam_rest']} at the cam at the start, and a slow turn takes up to "
+        f"{told['tau_cam_max']}: it cannot turn the cam slowly through a whole turn."
     )
-    if 0.0 < f["tau_cam_rest"].value < f["tau_cam_max"].value - (f["tau_cam_max"].error or 0.0):
-        starts += (
-            f" The motor gives {told['tau_cam_rest']} at the cam at the start, and a slow turn takes up to "
-            f"{told['tau_cam_max']}: it cannot turn the cam slowly through a whole turn."
-        )
-    return starts
+
+
+def is_weak(f: Mapping[str, Figure]) -> bool:
+    """Whether the motor gives less at the start than a slow turn takes at most."""
+    most = f["tau_cam_max"]
+    return 0.0 < f["tau_cam_rest"].value < most.value - (most.error or 0.0)
 
 
 def show(o: Options, f: Mapping[str, Figure], r: tuple[Result, System]) -> Show:

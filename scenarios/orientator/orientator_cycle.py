@@ -110,8 +110,8 @@ def verdict(o: Options, f: Mapping[str, Figure], r: Result) -> str:
     pulls = ""
     if wall.error is not None and wall.value + wall.error < 0.0:
         pulls = (
-            f" The wall would have to pull by up to {wall._replace(value=-wall.value).text()}: a real cup "
-            "leaves it there, and what follows is not valid for it."
+            f" The reaction of the wall falls to {wall.text()}: the wall would have to pull, a real cup leaves "
+            "it there, and what follows is not valid for it."
         )
     return f"{ending(r).capitalize()}{after}. {told}.{pulls}"
 
