@@ -153,8 +153,9 @@ def verdict(o: Options, f: Mapping[str, Figure], r: object) -> str:
     answer += f"it is off the cam for {told['flight']} of each turn and "
     if not f["landings"].value:
         return f"{answer}does not land."
+    times = "once" if f["landings"].value == 1.0 else f"{told['landings']} times"
     return (
-        f"{answer}lands {told['landings']} times, at up to {told['speed']} and with an impulse of up to "
+        f"{answer}lands {times}, at up to {told['speed']} and with an impulse of up to "
         f"{told['impulse']}. A contact of {o.stiffness:g} N/m then carries {told['force']}. The landings of "
         f"a turn cost {told['loss']} in all."
     )

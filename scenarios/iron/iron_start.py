@@ -24,6 +24,8 @@ from . import mechanism
 
 PARTS = iron.PARTS
 STANDS = 0.01
+#: Rows of a slow turn.
+SAMPLES = 720
 FIRST = 0.3
 
 
@@ -41,6 +43,7 @@ def solve(o: Options, bench: Bench) -> Findings:
     motor = iron.MOTOR | {"motor.A": o.motor_A, "motor.B": o.motor_B, "motor.T": o.motor_T}
     system = System(bench.fmus, iron.WIRES, motor | dict(o.start))
     result, found = bench.certify(system, figures, o, None, "iron_start.csv")
+    found |= needs(system, result)
     whole = ledger(result)
     tables = {"iron_start.csv": Table.of(whole)}
     return Findings(found, (whole, system), system, result.provenance, tables=tables)
@@ -81,6 +84,25 @@ def figures(r: Result) -> dict[str, Figure]:
     }
 
 
+def needs(system: System, r: Result) -> dict[str, Figure]:
+    """The largest torque that a slow turn takes at the cam, and what the motor gives there at rest.
+
+    Torques of turns at constant speed are f_0 + f_2 w^2, and two turns give f_0.
+    """
+    slow, fast = (iron.turn(system, w, SAMPLES) for w in (1.0, 2.0))
+    torque, unit = slow["iron.tau_cam"], slow.units["iron.tau_cam"]
+    still = torque - (fast["iron.tau_cam"] - torque) / 3
+    gear = r.provenance["parts"]["iron"]["parameters"]["reducer.i_g"]
+    motor = float(r["motor.tau_static"][0])
+    most = measured(lambda torque: float(torque.max()), still)
+    return {
+        "tau_cam_max": most.figure(unit, "largest torque at the cam in a slow turn"),
+        "tau_cam_rest": Figure(
+            gear * motor, unit, 0.0, "torque of the motor at the start, at the cam"
+        ),
+    }
+
+
 def pace(t: Samples, phi: Samples, since: float = 0.5) -> float:
     """Mean speed after that share of the run."""
     began = t[0] + since * (t[-1] - t[0])
@@ -97,10 +119,30 @@ def verdict(o: Options, f: Mapping[str, Figure], r: tuple[Result, System]) -> st
     if pace(r[0]["time"], r[0]["iron.phi"], 0.9) < STANDS * f["w_cam_max"].value:
         made = f"the cam has made {told['turns']} turns, at up to {told['w_cam_max']}"
         starts = f"The motor stalls: {made}, and does not turn any further."
+    elif abs(f["turns"].value) < 1.0:
+        so_far = f"Up to {o.stop:g} s it makes {told['turns']} turns."
+        starts = creeping(o, f) if is_weak(f) else f"{starts} {so_far}"
     return (
         f"{starts} Of {told['energy_in']} from the motor, friction takes {told['energy_friction']}, "
         f"and {told['energy_stored']} is stored at the end."
     )
+
+
+def creeping(o: Options, f: Mapping[str, Figure]) -> str:
+    """How far the cam comes of a motor that is too weak for a slow turn."""
+    told = {name: figure.text() for name, figure in f.items()}
+    return (
+        f"Within {o.stop:g} s the cam does not complete a turn: it makes {told['turns']} turns, at up to "
+        f"{told['w_cam_max']}, and its mean speed in the second half is {told['w_cam_mean']}. The motor "
+        f"gives {told['tau_cam_rest']} at the cam at the start, and a slow turn takes up to "
+        f"{told['tau_cam_max']}: it cannot turn the cam slowly through a whole turn."
+    )
+
+
+def is_weak(f: Mapping[str, Figure]) -> bool:
+    """Whether the motor gives less at the start than a slow turn takes at most."""
+    most = f["tau_cam_max"]
+    return 0.0 < f["tau_cam_rest"].value < most.value - (most.error or 0.0)
 
 
 def show(o: Options, f: Mapping[str, Figure], r: tuple[Result, System]) -> Show:

@@ -316,10 +316,13 @@ def verdict(o: Options, f: Mapping[str, Figure], r: tuple[Result, System]) -> st
             f", where order {cam.order} of the cam and order {crank.order} of the crank "
             f"meet and beat {f['beat'].text('times a minute')}"
         )
+    jams = "No product jams in the whole cycles."
+    if f["lost"].value > 0.0:
+        jams = f"Jams cost {f['lost'].text('products/min')}."
+    share = 100 * f["mean_conveyor"].value / f["mean_supply"].value
     return (
-        f"{pace} It makes {f['products'].text('products/min')}; jams cost "
-        f"{f['lost'].text('products/min')}, and a jam costs the work of a cycle, {told['work']}. The supply "
-        f"gives {told['mean_supply']} with a ripple of {told['rms_supply']} rms, between "
+        f"{pace} It makes {f['products'].text('products/min')}. {jams} A cycle without a product takes "
+        f"{told['work']} from the supply as well, {share:.3g} % of it for the conveyor. The supply gives {told['mean_supply']} with a ripple of {told['rms_supply']} rms, between "
         f"{told['least_supply']} and {told['most_supply']}{meets}."
     )
 
