@@ -46,6 +46,7 @@ MEANT = {
     "trough": ("W", "power into the resistance of the trough"),
     "motor": ("W", "power into heat in the motor"),
 }
+DRIFT = ("overshoot", "off_16", "off_whole")
 STARTS, SLOWER, LASTS = 8, 0.05, 3.0
 #: Length of the drift over the time at which its overshoot is largest; a convention, so that it lies inside.
 PAST_OVERSHOOT = 1.1
@@ -83,6 +84,10 @@ def solve(o: Options, bench: Bench) -> Findings:
         units |= {name: unit, f"{name}_error": unit, f"{name}_theory": unit, f"{name}_plain": unit}
     table = Table.of_rows([row(machine, nu, rows[nu]) for nu in nus], units)
     course, figures = drifts(sweep, operating)
+    torque = rows[operating]["torque"]
+    for name in DRIFT:
+        if torque.error is None:  # nothing that the mean speed could settle at
+            figures[name] = Figure.refused("%", torque.reason, figures[name].meaning)
     return Findings(
         compared(machine, operating, rows[operating]) | figures,
         Found(sweep, operating, table.frame, course.frame),
@@ -207,7 +212,7 @@ def drifts(sweep: Sweep, nu: float) -> tuple[Table, dict[str, Figure]]:
         systems.append(System(setup.bench.fmus, WIRES, start))
     tasks = [(system, k * h, count // k) for k in coarser for system in systems]
     runs = setup.bench.each(partial(speeds, setup.algorithm), tasks, "drift")
-    off: dict[str, list[Measured | str]] = {"overshoot": [], "off_16": [], "off_whole": []}
+    off: dict[str, list[Measured | str]] = {name: [] for name in DRIFT}
     for k in coarser:
         each = list(islice(runs, STARTS))
         t = np.linspace(0.0, count * h, count // k + 1)
@@ -354,8 +359,11 @@ def over_speed(f: Mapping[str, Figure], r: Found) -> Chart:
         for curve in pair(label, name, color, f"{name}_plain")
     ]
     supply, motor, _ = clauses(f)
+    title = f"At {r.operating:g} rad/s, compared with a drive without ripple, {supply}; {motor}"
+    if f["supply_more"].error is None:
+        title = f"At {r.operating:g} rad/s the power is not determined: {f['supply_more'].reason}"
     return Chart(
-        f"At {r.operating:g} rad/s, compared with a drive without ripple, {supply}; {motor}",
+        title,
         "nominal mean speed [rad/s]",
         [
             Panel("mean torque", "N.m", torque, includes=(0.0,)),
@@ -379,7 +387,7 @@ def course(f: Mapping[str, Figure], r: Found) -> Chart:
     off, whole = f["off_16"], f["off_whole"]
     title = f"Mean speed after the supply is raised for {r.operating:g} rad/s"
     if off.error is not None and whole.error is not None:
-        title += f": the settling formula (16) is off by up to {off.value:.2g} % of the step, "
-        title += f"with the term that it neglects by {whole.value:.2g} %"
+        title += f": the settling formula (16) is off by up to {off.brief()} of the step, "
+        title += f"with the term that it neglects by {whole.brief()}"
     level = Mark(r.operating, f"nominal {r.operating:g} rad/s")
     return Chart(title, "time [ms]", [Panel("crank speed", "rad/s", curves, [level])])

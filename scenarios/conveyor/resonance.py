@@ -375,7 +375,7 @@ def about_limit(o: Options, f: Mapping[str, Figure], r: Sweep) -> str:
     if answer == UNDETERMINED:
         sentence += ", because the limit lies within the error"
     return (
-        f"{sentence}. At {r.speed:g} rad/s it is {ripple.brief()}, {ripple.value / o.rated:.0%} of the rated "
+        f"{sentence}. At {r.speed:g} rad/s it is {ripple.brief()}, {percent(ripple.value / o.rated)} of the rated "
         f"torque; the limit is {o.most:g} N.m."
     )
 

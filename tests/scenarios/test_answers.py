@@ -263,6 +263,9 @@ def test_every_number_of_a_verdict_is_read_back_from_it(name: str) -> None:
     values = [*given, *((f.value, f.unit) for f in figures), *SAID.get(name, [])]
     exact = [*given, *((f.value, f.unit) for f in figures if f.error == 0.0)]
     shares = [100 * f.value / x for f in figures for x, unit in exact if unit == f.unit and x]
+    shares += [
+        100 * f.value / g.value for f in figures for g in figures if f.unit == g.unit and g.value
+    ]
     values += [(x, "%") for share in shares for x in (share, share - 100, abs(share - 100))]
     values += [(share * x / 100, unit) for share, u in given if u == "%" for x, unit in given]
     values += [(x * OTHER[unit][1], OTHER[unit][0]) for x, unit in values if unit in OTHER]
