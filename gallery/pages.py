@@ -15,6 +15,7 @@ from PIL import Image
 
 from scenarios.fmu_files import CLONE as ROOT
 from workbench import Figure
+from workbench.figure import ERROR_SCOPE
 from workbench.question import asked, parts
 
 from . import reference
@@ -128,7 +129,7 @@ def question(one: Answered) -> str:
     )
     return "\n\n".join([
         f"# {head}", rest.strip(), f"Machines: {used}.", verdict, *shown,
-        f"## Figures\n\n| figure | value |\n| --- | --- |\n{figures}",
+        f"## Figures\n\n| figure | value |\n| --- | --- |\n{figures}\n\n{ERROR_SCOPE}",
         f"## Run it\n\n```sh\n{one.command}\n```\n\n```text\n{reference.question(one.name)}\n```",
     ]) + "\n"  # fmt: skip
 

@@ -388,7 +388,10 @@ def test_python_asks_what_the_command_asks(
     assert sorted(x.name for x in mine.iterdir()) == sorted(x.name for x in there.iterdir())
     assert (mine / "resonance.csv").read_bytes() == (there / "resonance.csv").read_bytes()
     shown = asked._repr_html_()
-    assert ">Yes: at the operating speed" in shown and "data:image/png;base64,iV" in shown
+    assert (
+        ">On resonance: yes. At the operating speed" in shown
+        and "data:image/png;base64,iV" in shown
+    )
     assert "±" in shown and "<script" not in shown
 
 

@@ -137,7 +137,7 @@ def test_points_without_a_steady_orbit_are_told_and_left_out(
     there = plane("speed=4:60:4", "motor.T=0.05:0.06:2")._replace(machine=replace(A, B=2.0))
     points = resonance_map.swept(there, SETUP, None)
     assert points["ripple"].isna().any() and not points["ripple"].isna().all()
-    assert "No steady orbit at motor.T = 0.05 s, speed of 4 .. " in caplog.text
+    assert "No steady orbit at motor.T = 0.05 s, speed of 4 rad/s" in caplog.text
     assert math.isnan(resonance_map.ridges(there, SETUP)["lag_90"][0])
 
 

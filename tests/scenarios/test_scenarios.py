@@ -114,7 +114,9 @@ def test_tables_are_identical_in_parallel_and_with_native_fmus(tmp_path: Path) -
     ways = {"two": (*NATIVE, "--speeds", "20,24", "--jobs", 2), "python": ("--speeds", "20")}
     for name, way in ways.items():
         out = ("--steps-per-rev", "64", "--out", tmp_path / name)
-        assert main("run", "resonance", *way, *out) == 0
+        assert (
+            main("run", "resonance", *way, *out) == command.REFUSED
+        )  # too few steps to determine errors
     two, python = ((tmp_path / x / "resonance.csv").read_bytes() for x in ways)
     one = ask("resonance", speeds="20,24", steps_per_rev=64).table.to_csv(index=False).encode()
     assert one == two
