@@ -62,7 +62,7 @@ class Network {
   // The part and the variable of a dotted name.
   end(name) {
     if (!this.ends.has(name)) {
-      const part = this.sequence.find((part) => name.startsWith(`${part.name}.`));
+      const part = this.sequence.find((other) => name.startsWith(`${other.name}.`));
       this.ends.set(name, { part, variable: name.slice(part.name.length + 1) });
     }
     return this.ends.get(name);

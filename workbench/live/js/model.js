@@ -113,10 +113,10 @@ class Model {
       if ("level" in trace) return { level: formulas[trace.level](v) };
       const rows = runs[trace.run];
       const y = this.column(rows, trace, window, v).x;
-      const { t, x } = across[trace.run];
+      const { t, x: abscissa } = across[trace.run];
       const end = this.end(rows, v);
       const picked = thinned(y.subarray(0, t.findIndex((now) => now >= end) + 1));
-      return { x: picked.map((k) => x[k]), y: picked.map((k) => y[k]) };
+      return { x: picked.map((k) => abscissa[k]), y: picked.map((k) => y[k]) };
     });
     return { traces: drawn, marks: marks.map(({ value }) => formulas[value](v)) };
   }
@@ -145,9 +145,9 @@ class Model {
     const v = this.values(sliders);
     const warnings = [];
     const rows = runs.map((run) => {
-      const rows = this.rows(v, run, sliders, multiple);
+      const recorded = this.rows(v, run, sliders, multiple);
       warnings.push(...this.network.warnings());
-      return rows;
+      return recorded;
     });
     return {
       numbers: this.numbers(numbers, rows, v),
