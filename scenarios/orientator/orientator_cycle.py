@@ -172,7 +172,7 @@ def live_part(o: Options, f: Mapping[str, Figure], r: Result) -> Live:
             ),
             *(
                 Number(name, Reader("last", f"orientator.{column}"))
-                for name, (column, _) in IMPULSES.items()
+                for name, (column, _, _) in IMPULSES.items()
             ),
         ],
         charts=[LiveChart("Angles, speeds and the wall", "time [ms]", panels, "1e3 * time")],
