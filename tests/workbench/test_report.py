@@ -61,7 +61,10 @@ def shown(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
     program = next((path for name in PROGRAMS if (path := shutil.which(name))), None)
     if program is None:
         pytest.skip(f"none of {', '.join(PROGRAMS)} is installed: no page was looked at")
+    blank = tmp_path_factory.mktemp("blank") / "blank.html"
+    blank.write_text('<!doctype html><html data-ready="yes"><title>blank</title></html>')
     with browser(program, tmp_path_factory.mktemp("browser")) as page:
+        page.open(blank, 1000)  # a script can be run before any page of an answer is opened
         yield page
 
 

@@ -236,6 +236,7 @@ const live = async (content) => {
   worker.postMessage({ modules, data });
   ask();
   await begun;
-  addEventListener("hashchange", () => arrive(location.hash));
+  // Its own address: by now an answer may have replaced that of the page.
+  addEventListener("hashchange", (event) => arrive(new URL(event.newURL).hash));
   arrive(address);
 };
