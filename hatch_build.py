@@ -15,7 +15,7 @@ from typing import Any
 from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 
 
-class CustomBuildHook(BuildHookInterface):
+class CustomBuildHook(BuildHookInterface[Any]):
     """Build the FMUs of both flavours and the loops, and put them into the wheel."""
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:

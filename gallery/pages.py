@@ -15,6 +15,7 @@ from PIL import Image
 
 from scenarios.fmu_files import CLONE as ROOT
 from workbench import Figure
+from workbench.figure import ERROR_SCOPE
 from workbench.question import asked, parts
 
 from . import reference
@@ -22,7 +23,10 @@ from .answers import Answered
 
 EXTRA, THUMB = "_extra", (480, 360)
 LANDING = "resonance"
-MOVE = "Move a slider: everything runs in your browser, offline, and every figure states its error."
+MOVE = (
+    "Move a slider: the FMUs run in your browser, offline. The figures with their errors stand beside the live "
+    "numbers."
+)
 
 
 def write(answers: Sequence[Answered], folder: Path) -> None:
@@ -125,7 +129,7 @@ def question(one: Answered) -> str:
     )
     return "\n\n".join([
         f"# {head}", rest.strip(), f"Machines: {used}.", verdict, *shown,
-        f"## Figures\n\n| figure | value |\n| --- | --- |\n{figures}",
+        f"## Figures\n\n| figure | value |\n| --- | --- |\n{figures}\n\n{ERROR_SCOPE}",
         f"## Run it\n\n```sh\n{one.command}\n```\n\n```text\n{reference.question(one.name)}\n```",
     ]) + "\n"  # fmt: skip
 

@@ -8,17 +8,18 @@ that could change.
 from __future__ import annotations
 
 import hashlib
-import json
 from collections.abc import Iterable, Mapping
 from functools import cache
 from pathlib import Path
+from tempfile import NamedTemporaryFile
 
 PACKAGE = Path(__file__).resolve().parent
 CLONE = PACKAGE.parent
 IS_CLONE = (CLONE / "build_fmus.py").is_file()
 FMUS = (CLONE if IS_CLONE else PACKAGE) / "fmus"
 FOLDERS = {"python": FMUS, "native": FMUS / "native", "wasm": FMUS / "wasm"}
-RECORD = "sources.json"
+#: the folder beside the FMUs that keeps the hash of the sources of each, one small file per FMU
+RECORDS = ".sources"
 ENDINGS = {".py", ".c"}
 
 
@@ -34,35 +35,38 @@ def kit_digest() -> bytes:
     return _digest([*files, CLONE / "LICENSE", CLONE / "pyproject.toml"])
 
 
+def machines() -> dict[str, Path]:
+    """The folders of the machines in `components`, by their plain names."""
+    return {plain(path.parent.name): path.parent for path in CLONE.glob("components/*/model.py")}
+
+
 def source_digest(name: str) -> str:
     """The hash of all that the FMU of a machine, "DriveMotor" or "drive_motor", is made from.
 
     Raises FileNotFoundError for a machine that is not in `components`.
     """
-    folders = {plain(path.parent.name): path.parent for path in CLONE.glob("components/*/model.py")}
-    if plain(name) not in folders:
+    if plain(name) not in machines():
         raise FileNotFoundError(f"there is no folder of {name} in components")
-    machine = _digest(path for path in folders[plain(name)].iterdir() if path.is_file())
+    machine = _digest(path for path in machines()[plain(name)].iterdir() if path.is_file())
     return hashlib.sha256(kit_digest() + machine).hexdigest()
 
 
 def record(names: Iterable[str], folder: Path) -> None:
     """Write for the FMUs and modules of these machines in a folder which sources they were made from."""
-    known = recorded(folder)
     for name in names:
+        digest = source_digest(name)
         for path in [*folder.rglob("*.fmu"), *folder.rglob("*.wasm")]:
             if plain(path.stem) == plain(name):
-                known[path.relative_to(folder).as_posix()] = source_digest(name)
-    text = json.dumps(dict(sorted(known.items())), indent=1)
-    (folder / RECORD).write_text(text + "\n", encoding="utf-8")
+                target = record_of(path, folder)
+                target.parent.mkdir(parents=True, exist_ok=True)
+                with NamedTemporaryFile("w", dir=target.parent, delete=False) as file:
+                    file.write(digest)
+                Path(file.name).replace(target)
 
 
-def recorded(folder: Path) -> dict[str, str]:
-    """The hash of the sources of each FMU in a folder, by its path; nothing where nothing is recorded."""
-    path = folder / RECORD
-    if not path.is_file():
-        return {}
-    return {str(key): str(value) for key, value in json.loads(path.read_text("utf-8")).items()}
+def record_of(fmu: Path, folder: Path) -> Path:
+    """The file that keeps the hash of the sources of an FMU in a folder of FMUs."""
+    return folder / RECORDS / f"{fmu.relative_to(folder).as_posix().replace('/', '-')}.txt"
 
 
 def problem(name: str, flavour: str, folders: Mapping[str, Path] = FOLDERS) -> str:
@@ -78,6 +82,9 @@ def problem(name: str, flavour: str, folders: Mapping[str, Path] = FOLDERS) -> s
         The folder of each flavour.
     """
     path = folders[flavour] / f"{name}{'.wasm' if flavour == 'wasm' else '.fmu'}"
+    if IS_CLONE and plain(name) not in machines():
+        others = ", ".join(sorted(other.stem for other in path.parent.glob(f"*{path.suffix}")))
+        return f"there is no machine {name!r} in components; {path.parent} has {others or 'none'}"
     build = f"python build_fmus.py --flavour {flavour}"
     if not path.is_file():
         return f"there is no {path.name} in {path.parent}" + (
@@ -85,8 +92,8 @@ def problem(name: str, flavour: str, folders: Mapping[str, Path] = FOLDERS) -> s
         )
     if not IS_CLONE:
         return ""
-    label = path.relative_to(FMUS).as_posix()
-    if recorded(FMUS).get(label) == source_digest(name):
+    digest = record_of(path, FMUS)
+    if digest.is_file() and digest.read_text(encoding="utf-8") == source_digest(name):
         return ""
     return f"{path} is not made from the present sources: build it again with `{build}`"
 

@@ -140,8 +140,22 @@ def pytest_sessionstart(session: pytest.Session) -> None:
         subprocess.run([*build, "--flavour", "both"], cwd=ROOT, check=True)
 
 
+QUICK_FILES = {
+    "test_dimensions.py", "test_drive_parts.py", "test_linear_system.py", "test_physics.py",
+    "test_figures.py", "test_inputs.py", "test_jet.py", "test_scratch.py", "test_ssp.py",
+    "test_codec.py", "test_journal.py", "test_golden.py", "test_means.py",
+}  # fmt: skip
+"""Files of tests that take seconds together and look at every package; `-m quick` runs them."""
+
+
+@pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """The longest tests first, those of the whole project, so that no core waits for them at the end."""
+    """Mark the quick tests, and put those of the whole project first: they are the longest, and no core
+    shall wait for them at the end.
+    """
+    for item in items:
+        if item.path.name in QUICK_FILES and item.get_closest_marker("slow") is None:
+            item.add_marker("quick")
     items.sort(key=lambda item: item.path.parent != ROOT / "tests")
 
 

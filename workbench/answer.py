@@ -30,7 +30,7 @@ from .runs.folder import reservation
 if TYPE_CHECKING:
     import pandas as pd
 
-    from .live import Live
+    from .live import LivePart
 
 SPOKEN, PAGE = 3, "report.html"
 Rows = Callable[[Iterable[Sequence[float]]], None]
@@ -114,7 +114,7 @@ class Answer(Findings):
     options: Mapping[str, Parameter] = field(default_factory=dict)
     warnings: Sequence[str] = ()
     show: Callable[[], Show] = Show
-    live: Live | None = None
+    live: LivePart | None = None
     refused: bool = False
 
     @property

@@ -6,7 +6,7 @@ import logging
 import math
 import os
 import sys
-from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from functools import cache, partial
@@ -221,7 +221,7 @@ def answer(
             return stack.enter_context(opened(out, who, passing=True, records=records))
 
         bench = Bench(fmus, engine, out, journal)
-        found = _ended(page.solve(o, bench)) if hasattr(page, "solve") else _solve(page, o, bench)
+        found = page.solve(o, bench) if hasattr(page, "solve") else _solve(page, o, bench)
         if not isinstance(found, Findings):
             raise SetupError(f"{page.__file__}: solve must return workbench.Findings")
         _check(page, found.figures)
@@ -229,7 +229,7 @@ def answer(
         verdict = whole(verdict, found.figures)
         system = found.system or System({})
         told = parameters(system, own) if system.parts else {}
-        alive = live.of(page, o, found, told, modules, command)
+        live_part = live.of(page, o, found, modules, command)
     made = _provenance(system, found.algorithm, found.communication)
 
     def show() -> Show:
@@ -247,7 +247,7 @@ def answer(
         parameters=told,
         warnings=heard(),
         show=show,
-        live=alive,
+        live=live_part,
         refused=refused(page, found.figures),
     )
 
@@ -311,16 +311,6 @@ def is_row(answer: Any) -> bool:
         )
     except (TypeError, ValueError, KeyError, AttributeError):
         return False
-
-
-def _ended(found: Findings | Generator[Any, None, Findings]) -> Findings:
-    """The findings of a `solve`, of one that yields what may be shown on the way its last word."""
-    while isinstance(found, Generator):
-        try:
-            next(found)
-        except StopIteration as end:
-            found = end.value
-    return found
 
 
 def _solve(page: ModuleType, o: Any, bench: Bench) -> Findings:

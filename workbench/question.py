@@ -55,7 +55,7 @@ class Project(NamedTuple):
             if fmu.endswith(FMU):
                 paths[part] = Path(str(page.__file__)).parent / fmu
             elif reason := self.problem(fmu, flavour):
-                raise SetupError(reason)
+                raise SetupError(f"PARTS: {part} = {fmu!r}: {reason}")
             else:
                 paths[part] = self.folders[flavour] / f"{fmu}{FMU}"
             if not paths[part].is_file():

@@ -44,6 +44,7 @@ TOLD = {
 ROUNDS, CLOSE = 12, 1e-9
 UNKNOWN = "the coupling error of an orbit is not known; take more steps per revolution"
 FEW = "the sweep has too few speeds near the speed where the error passes the tolerance"
+JUST = "the error at the lowest speed of the sweep is that of the tolerance, within its own error"
 NOWHERE = "not even at the lowest speed of the sweep"
 
 
@@ -156,12 +157,15 @@ def passed(
     found: dict[Case, Figure] = {}
     sought: dict[Case, tuple[float, float, float]] = {}
     for case in CASES:
-        errors = np.array([off(case, machine, nu, row) for nu, row in zip(nus, rows)])[:, 0]
+        errors, unsure = np.array([off(case, machine, nu, row) for nu, row in zip(nus, rows)]).T
         if np.isnan(errors).any() or len(nus) < 2:
             reason = "the sweep has fewer than two speeds, or one without a steady orbit"
             found[case] = Figure.refused("rad/s", reason)
+        elif abs(errors[0]) > most and math.isnan(unsure[0]):
+            found[case] = Figure.refused("rad/s", UNKNOWN)
         elif abs(errors[0]) > most:
-            found[case] = Figure.refused("rad/s", NOWHERE)
+            within = abs(errors[0]) - unsure[0] <= most
+            found[case] = Figure.refused("rad/s", JUST if within else NOWHERE)
         else:
             curve = CubicSpline(nus, errors)
             ends = [(x, s) for s in (1, -1) for x in passes(np.array(nus), errors, s * most)]
@@ -268,12 +272,12 @@ def show(o: Options, f: Mapping[str, Figure], r: Found) -> Show:
         errors.append(Panel(f"error, {words}", "%", curves, levels))
     marks = [Mark(machine.nu_res, f"resonance {machine.nu_res:.4g} rad/s")]
     axis, second = "operating speed [rad/s]", Second("rpm", 30 / math.pi)
-    good, share = f["limit_spring_torque"], f["share"].value
+    good = f["limit_spring_torque"]
     title = "Torque ripple, speed ripple and rod force of both calculations"
     if good.error is not None:
         title = (
             f"The spring alone gives the torque ripple within {o.tolerance:g} % up to {good.value:.3g} rad/s; "
-            f"inertia is {share:.2g} % of its force there"
+            f"inertia is {f['share'].brief()} of its force there"
         )
     elif good.reason == NOWHERE:
         title = f"The spring alone is off by more than {o.tolerance:g} % at the lowest speed of the sweep"

@@ -40,6 +40,7 @@ STATES = ("conveyor.phi", SPEED, TORQUE)
 LINEAR, KLOSS = ("motor.A", "motor.B"), ("motor.kloss.w_s", "motor.kloss.s_b")
 FREE = ("motor.T", "conveyor.rotor.J", "conveyor.trough.d")
 DRAWN = ("conveyor.crank.r", "conveyor.trough.m", "conveyor.spring.c")
+CHANGE = "change of {} from its fitted value at which that torque ripple is at its limit"
 CHANGED = {"conveyor.rotor.J": "rotor_j", "motor.T": "motor_t"}
 STEPS, WIDEST, FINE, CURVE = 512, (0.2, 2.5), 600, 121
 FACTORS, NOISE, SLIGHT = (0.2, 5.0), 0.02, 1e-3
@@ -143,7 +144,9 @@ def figures(o: Options, bench: Bench, told: Told) -> dict[str, Figure]:
     }
     for name, key in CHANGED.items():
         meanings[f"clear_{key}"] = f"{name} at which that torque ripple is at its limit"
+        meanings[f"change_{key}"] = CHANGE.format(name)
         units[f"clear_{key}"] = fit.model.free[fit.names.index(name)].unit
+        units[f"change_{key}"] = "%"
     if fit.misfit:
         why = "no machine of this kind fits the record"
         return {name: Figure.refused(units[name], why, meanings[name]) for name in units}
@@ -167,6 +170,7 @@ def figures(o: Options, bench: Bench, told: Told) -> dict[str, Figure]:
         here[f"clear_{key}"] = simulated(
             o, bench, told, clear._replace(meaning=meanings[f"clear_{key}"]), partial(changed, name)
         )
+        here[f"change_{key}"] = change(o, told, name, here[f"clear_{key}"], clear)
     return here | recorded.values(fit)
 
 
@@ -264,24 +268,40 @@ def cleared(o: Options, told: Told, name: str, unit: str) -> Figure:
     """
     fit, nu = told.fit, told.operating
     values = fit.model.values(fit.local.p)
-    factors = np.geomspace(FACTORS[0], FACTORS[1], FINE)
-
-    def over(v: Mapping[str, float]) -> Samples:
-        many: dict[str, Any] = {FIELDS[name]: v[name] * factors}
-        each = replace(told.machine(v), **many)
-        return np.asarray(np.log(np.abs(each.torque_ripple(nu)) / o.most))
-
-    def passed(v: Mapping[str, float]) -> float:
-        y = over(v)
-        k = np.flatnonzero((y[1:] > 0) != (y[:-1] > 0))
-        at = factors[k] * (factors[k + 1] / factors[k]) ** (y[k] / (y[k] - y[k + 1]))
-        return float(v[name] * min(at, key=lambda x: abs(math.log(x)), default=math.nan))
-
     if abs(told.machine(values).torque_ripple(nu)) <= o.most:
         return Figure.refused(unit, "the operating speed is already clear")
-    if math.isnan(passed(values)):
+    if math.isnan(clearing(o, told, name, values)):
         return Figure.refused(unit, f"no {name} from a fifth to five times its value does it")
-    return said(fit.interval(passed, unit), "")
+    return said(fit.interval(lambda v: v[name] * clearing(o, told, name, v), unit), "")
+
+
+def change(o: Options, told: Told, name: str, clear: Figure, by_theory: Figure) -> Figure:
+    """The same as a change from the fitted value [%], whose error is smaller than that of the value:
+    what is not known of the drive moves both. What theory leaves out is that of the value.
+    """
+    meaning = CHANGE.format(name)
+    if clear.error is None or by_theory.error is None:
+        return Figure.refused("%", clear.reason, meaning)
+    value = told.fit.model.values(told.fit.local.p)[name]
+    ratio = told.fit.interval(lambda v: 100.0 * (clearing(o, told, name, v) - 1.0), "%")
+    figure = said(ratio, meaning)
+    if figure.error is None:
+        return figure
+    return figure._replace(error=figure.error + 100.0 * (clear.error - by_theory.error) / value)
+
+
+def clearing(o: Options, told: Told, name: str, values: Mapping[str, float]) -> float:
+    """The nearest factor of a parameter's value with which the torque ripple at the operating speed is
+    at its limit by first-order theory; nan if there is none.
+    """
+    nu, factors = told.operating, np.geomspace(FACTORS[0], FACTORS[1], FINE)
+
+    many: dict[str, Any] = {FIELDS[name]: values[name] * factors}
+    each = replace(told.machine(values), **many)
+    over = np.asarray(np.log(np.abs(each.torque_ripple(nu)) / o.most))
+    k = np.flatnonzero((over[1:] > 0) != (over[:-1] > 0))
+    at = factors[k] * (factors[k + 1] / factors[k]) ** (over[k] / (over[k] - over[k + 1]))
+    return float(min(at, key=lambda x: abs(math.log(x)), default=math.nan))
 
 
 def advice(o: Options, fit: Identified) -> list[Advice]:
@@ -332,9 +352,11 @@ def verdict(o: Options, f: Mapping[str, Figure], r: Told) -> str:
         ways = [f"a speed of {end.text()}" for end in near[:1]]
         for name, key in CHANGED.items():
             if f[f"clear_{key}"].error is not None:
-                ways.append(f"{name} = {f[f'clear_{key}'].text()}")
+                ways.append(moving_clear(name, f[f"change_{key}"], f[f"clear_{key}"]))
         lines.append(
-            f"To get clear, choose {' or '.join(ways)}." if ways else "No change gets it clear."
+            f"The ripple is at its limit with {' or '.join(ways)}. These are limits, not targets."
+            if ways
+            else "No change gets it clear."
         )
     elif ends[0].error is not None and ends[1].error is not None:
         lines.append(f"Avoid speeds from {ends[0].text()} to {ends[1].text()}.")
@@ -343,6 +365,18 @@ def verdict(o: Options, f: Mapping[str, Figure], r: Told) -> str:
     now = f["nu_res"].error or math.inf
     lines.append(recorded.next_one(r.advice, now, "the resonance", "rad/s"))
     return "\n".join(lines)
+
+
+def moving_clear(name: str, change: Figure, clear: Figure) -> str:
+    """A change of a parameter and the value it leads to, in words."""
+    if change.error is None:
+        return f"{name} = {clear.text()}"
+    if abs(change.value) <= change.error:
+        return f"{name} within {change.text()} of its value, {clear.text()}"
+    turned = "raised" if change.value > 0.0 else "lowered"
+    return (
+        f"{name} {turned} by {change._replace(value=abs(change.value)).text()}, to {clear.text()}"
+    )
 
 
 def show(o: Options, f: Mapping[str, Figure], r: Told) -> Show:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from workbench import Chart
+from workbench.live import Caption, Coordinate, LiveMotion
 from workbench.orbit import NotSteady
 from workbench.report import chart, motion
 from workbench.report.chart import recorded
@@ -24,6 +25,11 @@ ENLARGED = 4.0
 RECORD = (
     "motor.tau", "conveyor.phi", "conveyor.w", "conveyor.x", "conveyor.tau_load", "conveyor.f_rod",
 )  # fmt: skip
+CAPTIONS = (
+    Caption("crank", "conveyor.w", "rad/s"),
+    Caption("trough", "1e3 * conveyor.x", "mm", 2),
+    Caption("torque", "motor.tau", "N.m", 0),
+)
 NOTE = f"Relative to the rod, crank and stroke are drawn {ENLARGED:g} times too long."
 
 
@@ -96,3 +102,18 @@ def crank_conveyor(p: Parameters, at: Columns) -> list[Shape]:
         Shape("turns", turns, "red", 1.5),
         Shape("moves", ways, "blue", 1.5),
     ]
+
+
+def live_motion(title: str, p: Parameters, slow: float, window: str = "") -> LiveMotion:
+    """The conveyors of the runs of a live page, the first on top; `p` are the parameters of the conveyor."""
+    r = p["crank.r"]
+    return LiveMotion(
+        title,
+        lambda at: crank_conveyor(p, {"phi": at["conveyor.phi"], "x": at["conveyor.x"]}),
+        [Coordinate("conveyor.phi", 0.0, 2 * math.pi, (1.0,)), Coordinate("conveyor.x", -r, r)],
+        CAPTIONS,
+        slow,
+        NOTE,
+        window,
+        (0.0, -0.8 * p["rod.l"]),
+    )

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Callable, Generator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, NamedTuple
@@ -21,15 +21,26 @@ import numpy as np
 
 from cosim import ORDERS, SetupError
 from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, Table, option
-from workbench.figure import SENTENCE_DIGITS, SHARE_DIGITS, concise
+from workbench.answer import parameters
+from workbench.figure import SENTENCE_DIGITS, SHARE_DIGITS, concise, percent
 from workbench.limit import limit
-from workbench.live import Slider
+from workbench.live import (
+    REVOLUTION,
+    Live,
+    LiveChart,
+    LivePanel,
+    LiveSweep,
+    Number,
+    Reader,
+    Slider,
+    Steady,
+)
 from workbench.report import chart as colors
 from workbench.report.chart import Second, Span
 
-from . import mechanism, response
+from . import live_theory, mechanism, response
 from .drive import PARTS as DRIVE
-from .drive import conveyor_drive, followed, linearised, start_values
+from .drive import conveyor_drive, followed, induction, linearised, start_values
 from .response import (
     COARSER,
     LAG,
@@ -63,15 +74,6 @@ OVERDAMPED = math.sqrt(0.5)
 UNDETERMINED = "not determined"
 MARKS = {"nu_90": "90 deg lag", "nu_peak_tau": "torque peak", "nu_peak_w": "speed peak"}
 OWN = ("motor.A", "motor.tau", "conveyor.phi", "conveyor.w")
-LIVE = (
-    Slider("conveyor.spring.c", 2e5, 1.4e6),
-    Slider("speed", 20.0, 66.0),
-    Slider("conveyor.trough.m", 80.0, 400.0),
-    Slider("conveyor.rotor.J", 0.2, 1.2),
-    Slider("motor.T", 0.02, 0.2),
-    Slider("motor.B", 50.0, 500.0),
-    Slider("conveyor.trough.d", 1000.0, 12000.0),
-)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -109,7 +111,7 @@ class Sweep(NamedTuple):
     edges: Sequence[Edge]
 
 
-def solve(o: Options, bench: Bench) -> Generator[Callable[[], Show], None, Findings]:
+def solve(o: Options, bench: Bench) -> Findings:
     """Sweep and locate; raises cosim.SetupError for settings that cannot give an answer."""
     nus = o.speeds or tuple(float(nu) for nu in SPEEDS[o.set].split(","))
     operating = o.speed or OPERATING[o.set]
@@ -122,10 +124,8 @@ def solve(o: Options, bench: Bench) -> Generator[Callable[[], Show], None, Findi
     coarser = ladder(setup, line, wanted[0])
     spots = [(*line.at(nu), k) for k in reversed(coarser) for nu in wanted]
     runs: dict[float, list[Point]] = {nu: [] for nu in wanted}
-    for k, (point, (_, nu, _)) in enumerate(zip(setup.each(spots, "sweep"), spots), 1):
+    for point, (_, nu, _) in zip(setup.each(spots, "sweep"), spots):
         runs[nu].insert(0, point)
-        if k == len(wanted):
-            yield partial(sketch, o, setup, line, nus, operating, runs)
     problems = {x.nu: x.problem for points in runs.values() for x in points if x.problem}
     for nu, problem in problems.items():
         logging.getLogger("cosim").warning(f"No steady orbit at {nu:g} rad/s: {problem}")
@@ -178,13 +178,6 @@ def swept(
     edges = [(place, Figure.refused("rad/s", "it is still sought")) for place in passed]
     avoid = stretches(o, line, nus, rows, edges)
     return Sweep(setup, line, nus, speed, rows, known, avoid, edges)
-
-
-def sketch(o: Options, *so_far: Any) -> Show:
-    """The curve of what `swept` is told."""
-    sweep = swept(o, *so_far)
-    title = "Ripple and lag over the operating speed, still with an unknown error"
-    return Show([ripple(o, formulas(sweep), sweep, title)])
 
 
 def middle(r: Sweep) -> Machine:
@@ -396,8 +389,8 @@ def about_limit(o: Options, f: Mapping[str, Figure], r: Sweep) -> str:
     if answer == UNDETERMINED:
         sentence += ", because the limit lies within the error"
     return (
-        f"{sentence}. At the operating speed it is {ripple.brief()}, {100.0 * ripple.value / o.rated:.0f} % of "
-        f"the rated torque; the limit is {o.most:g} N.m."
+        f"{sentence}. At the operating speed it is {ripple.brief()}, {percent(ripple.value / o.rated)} of the rated "
+        f"torque; the limit is {o.most:g} N.m."
     )
 
 
@@ -503,3 +496,113 @@ def ripple(o: Options, f: Mapping[str, Figure], r: Sweep, title: str) -> Chart:
         [Span(*band, "avoid", "red") for band in r.avoid if certain],
         Second("rpm", 30 / math.pi),
     )  # fmt: skip
+
+
+#: steps per revolution of the live sweep, of which a ripple of order 2 needs a few dozen
+SWEEP_STEPS = 256
+#: points of the live sweep, so that a peak anywhere has several of them
+SWEEP_POINTS = 60
+#: the share to which live revolutions repeat, below the step differences of 512 and of 256 steps
+ORBIT, SWEEP_ORBIT = Steady(1e-6, 200), Steady(1e-4, 80)
+
+
+def live_part(o: Options, f: Mapping[str, Figure], r: Sweep) -> Live:
+    """The orbit at the speed of the slider, and the ripple over the speeds of the sweep."""
+    is_linear = not induction(o.start)
+    torque = Reader("amplitude", "motor.tau", REVOLUTION, 2)
+    speed = Reader("amplitude", "conveyor.w", REVOLUTION, 2)
+    phase = Number(
+        "tau2_phase",
+        Reader("phase", "motor.tau", REVOLUTION, 2),
+        "deg",
+        "phase of the torque ripple",
+        is_visible=False,
+    )
+    lag = "mod(atan2(load_im, load_re) * 180 / pi - figures.tau2_phase, 360)"
+    limits = {f"rated torque {o.rated:g} N.m": o.rated, f"limit {o.most:g} N.m": o.most}
+    ripple = [
+        ("torque ripple", TORQUE.unit, "figures.tau2", "torque_ripple", colors.TORQUE, limits),
+        ("speed ripple", SPEED.unit, "figures.w2", "speed_ripple", colors.SPEED, {}),
+        ("lag behind the load", "deg", lag, "torque_lag", colors.LIFT, {"90 deg": 90.0}),
+    ]
+    over_speed = [
+        LivePanel(
+            quantity,
+            {
+                theory: ("first-order theory", colors.THEORY, "theory"),
+                run: ("co-simulation", color, "linked"),
+            },
+            unit,
+            levels,
+            (0.0,),
+        )
+        for quantity, unit, run, theory, color, levels in ripple
+    ]
+    marks = {"operating speed": ("speed", "rad/s")}
+    if is_linear:
+        marks["formula"] = ("nu_res", "rad/s")
+    course = [
+        LivePanel(
+            "torque",
+            {"motor.tau": ("motor", colors.TORQUE), "conveyor.tau_load": ("load", colors.THEORY)},
+        ),
+        LivePanel("speed", {"conveyor.w": colors.SPEED}),
+        LivePanel("rod force", {"conveyor.f_rod": colors.FORCE}, "kN"),
+    ]
+    system = conveyor_drive(r.setup.bench.fmus, start_values(middle(r), o.start, r.speed))
+    p = {name.removeprefix("conveyor."): x.value for name, x in parameters(system).items()}
+    sweep = LiveSweep(
+        over="speed",
+        values=np.linspace(r.nus[0], r.nus[-1], SWEEP_POINTS).tolist(),
+        step=f"2 * pi / (speed * {SWEEP_STEPS})",
+        steady=SWEEP_ORBIT,
+        numbers=[
+            Number("tau2", torque, "N.m", "torque ripple"),
+            Number("w2", speed, "rad/s", "speed ripple"),
+            phase,
+        ],
+        chart=LiveChart(
+            "Ripple over the operating speed",
+            "operating speed [rad/s]",
+            over_speed,
+            marks=marks,
+        ),
+    )
+    return Live(
+        sliders=(
+            Slider("conveyor.spring.c", 2e5, 1.4e6),
+            Slider("speed", 20.0, 66.0),
+            Slider("conveyor.trough.m", 80.0, 400.0),
+            Slider("conveyor.rotor.J", 0.2, 1.2),
+            Slider("motor.T", 0.02, 0.2),
+            Slider("motor.B", 50.0, 500.0),
+            Slider("conveyor.trough.d", 1000.0, 12000.0),
+        ),
+        values=live_theory.values(o.start),
+        start={**live_theory.START, **({} if is_linear else live_theory.KLOSS_START)},
+        stop="2 * pi / speed",
+        step="2 * pi / (speed * steps_per_rev)",
+        angle="conveyor.phi",
+        steady=ORBIT,
+        numbers=[
+            Number("tau2_operating", torque),
+            Number("w2", speed, "rad/s", "speed ripple at the operating speed"),
+            phase,
+            Number("lag_operating", lag),
+            *(live_theory.NUMBERS if is_linear else ()),
+        ],
+        charts=[
+            LiveChart(
+                "One revolution at the operating speed",
+                "crank angle [deg]",
+                course,
+                "crank_angle * 180 / pi",
+                REVOLUTION,
+            )
+        ],
+        motion=mechanism.live_motion("The conveyor in this revolution", p, 25.0, REVOLUTION),
+        sweep=sweep if r.nus[0] < r.nus[-1] else None,
+    )
+
+
+LIVE = live_part

@@ -394,10 +394,8 @@ def maps(o: Options, r: Found) -> list[Field]:
     level = [Level(o.most, f"torque ripple of {o.most:g} N.m")] if reached else []
     if valley:
         along = [float(abs(replace(own, c=c).torque_ripple(nu))) for nu, c in valley]
-        title = f"With the springs that unload the rod the torque ripple is {min(along):.3g} to "
-        title += (
-            f"{max(along):.3g} N.m by theory; on the map it is up to {np.nanmax(ripple):.3g} N.m"
-        )
+        title = f"With the springs that unload the rod the torque ripple is at most {max(along):.3g} N.m "
+        title += f"by theory; on the map it is up to {np.nanmax(ripple):.3g} N.m"
     return [
         Field(f"A spring of the map unloads the rod at {len(valley)} of {len(r.speeds)} speeds", x, y, "largest rod force [kN]",
               1e-3 * r.field("f_rod"), curves, True, marks=mark),

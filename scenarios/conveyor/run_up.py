@@ -16,14 +16,15 @@ from scipy.interpolate import CubicSpline
 
 from cosim import Result
 from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Run, Show, Table, option
-from workbench.live import Slider
+from workbench.live import Live, LiveChart, LivePanel, LiveRun, Number, Reader, Slider
 from workbench.measure import Samples, crossing, largest, measured, passes, since, smallest
 from workbench.orbit import TURN
-from workbench.report.chart import THEORY, recorded
+from workbench.report.chart import FORCE, SPEED, THEORY, TORQUE, recorded
 
+from . import live_theory
 from .drive import PARTS as DRIVE
 from .drive import conveyor_drive, followed
-from .mechanism import moving
+from .mechanism import live_motion, moving
 from .resonance import OVERDAMPED
 from .theory import SETS, Machine
 
@@ -47,13 +48,6 @@ ROCKING = 0.1
 #: Largest speed at the end over that of the run, below which the crank stands still; a convention.
 STANDING = 1e-3
 BELOW = "the crank does not stay above the resonance"
-LIVE = (
-    Slider("speed", 30.0, 90.0),
-    Slider("motor.T", 0.01, 0.15),
-    Slider("conveyor.trough.m", 100.0, 400.0),
-    Slider("conveyor.spring.c", 2e5, 1.2e6),
-    Slider("conveyor.rotor.J", 0.2, 2.0),
-)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -188,3 +182,48 @@ def show(o: Options, f: Mapping[str, Figure], r: Mapping[str, Result]) -> Show:
         Chart("Torque over speed: the lag of the motor", "crank speed [rad/s]", plane),
     ]
     return Show(charts, [moving("Both conveyors from rest", r, 0.0, end, 15.0)])
+
+
+def live_part(o: Options, f: Mapping[str, Figure], r: Mapping[str, Result]) -> Live:
+    """Both motors from rest."""
+    p = r["linear"].provenance["parts"]["conveyor"]["parameters"]
+    level = {"resonance by formula": "nu_res"}
+    panels = [
+        LivePanel("crank speed", {"conveyor.w": SPEED}, levels=level),
+        LivePanel("motor torque", {"motor.tau": TORQUE}),
+        LivePanel("rod force", {"conveyor.f_rod": FORCE}, "kN"),
+    ]
+    peaks = [
+        Number(f"{motor}_{name}_max", Reader("max", f"abs({column})", run=SHOWN[motor][0]))
+        for motor in MOTORS
+        for name, (column, _) in LOADS.items()
+    ]
+    ends = [
+        Number(
+            f"{motor}_w_end_{kind}",
+            Reader(kind, "conveyor.w", f"{END} * stop", run=SHOWN[motor][0]),
+        )
+        for motor in MOTORS
+        for kind in ("min", "max")
+    ]
+    return Live(
+        sliders=(
+            Slider("speed", 30.0, 90.0),
+            Slider("motor.T", 0.01, 0.15),
+            Slider("conveyor.trough.m", 100.0, 400.0),
+            Slider("conveyor.spring.c", 2e5, 1.2e6),
+            Slider("conveyor.rotor.J", 0.2, 2.0),
+        ),
+        values=live_theory.values({}),
+        start={"motor.A": live_theory.START["motor.A"]},
+        runs=[
+            LiveRun(*SHOWN[motor], {"motor.characteristic": characteristic})
+            for motor, characteristic in MOTORS.items()
+        ],
+        numbers=[Number("nu_res", "nu_res"), *peaks, *ends],
+        charts=[LiveChart("Run-up from rest", "time [s]", panels)],
+        motion=live_motion("Both conveyors from rest", p, 15.0),
+    )
+
+
+LIVE = live_part

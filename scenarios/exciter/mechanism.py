@@ -7,10 +7,12 @@ from typing import Any
 import numpy as np
 
 from cosim import Result
+from workbench.live import Caption, Coordinate, LiveMotion
 from workbench.report import motion
 from workbench.report.motion import Columns, Motion, Shape, line
 
 ENLARGED = 2.0
+NOTE = f"The displacement is drawn {ENLARGED:g} times as large as it is."
 
 
 def exciter(p: Mapping[str, Any], at: Columns) -> list[Shape]:
@@ -46,5 +48,22 @@ def starts(title: str, runs: Mapping[str, Result]) -> Motion:
     t = results[0]["time"][picked]
     speeds = zip(*(r["exciter.w"][picked] for r in results))
     told = ["; ".join(f"{n} {w:.1f} rad/s" for n, w in zip(runs, row)) for row in speeds]
-    note = f"The displacement is drawn {ENLARGED:g} times as large as it is."
-    return Motion(title, t, 4.0, [f"{x:.2f} s: {text}" for x, text in zip(t, told)], shapes, note)
+    return Motion(title, t, 4.0, [f"{x:.2f} s: {text}" for x, text in zip(t, told)], shapes, NOTE)
+
+
+def live_motion(title: str, parameters: Mapping[str, Any]) -> LiveMotion:
+    """The runs of a live page, one above the other; `parameters` are those of the system."""
+    p = {name.removeprefix("exciter."): x.value for name, x in parameters.items()}
+    r = p["rotor.r"]
+    return LiveMotion(
+        title,
+        lambda at: exciter(p, {"phi": at["exciter.phi"], "x": at["exciter.x"]}),
+        [
+            Coordinate("exciter.phi", 0.0, 2 * math.pi, (1.0,)),
+            Coordinate("exciter.x", -r / 4, r / 4),
+        ],
+        [Caption("", "exciter.w", "rad/s")],
+        4.0,
+        NOTE,
+        offset=(0.0, -5.0 * r),
+    )

@@ -18,9 +18,10 @@ import workbench
 from cosim import Result, SetupError, System
 from cosim.system import connect
 from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, Table, option
+from workbench.answer import parameters
 from workbench.figure import listed
 from workbench.limit import coupling
-from workbench.live import Slider
+from workbench.live import Live, LiveChart, LivePanel, LiveRun, LiveSweep, Number, Reader, Slider
 
 from . import mechanism
 from .orbits import ROUNDING, STEPS_PER_REV, Averaged, Jump, averaged, constants, jump, searches
@@ -48,11 +49,6 @@ LEVEL_STEPS = 16
 #: Share of the resonance by which two speeds at one voltage must differ to count as two.
 APART = 0.02
 STARTS = (0.8, 1.05)
-LIVE = (
-    Slider("motor.R", 4.0, 8.0),
-    Slider("exciter.rotor.m", 0.3, 1.0),
-    Slider("exciter.mount.d", 20.0, 200.0),
-)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -129,8 +125,6 @@ def solve(o: Options, bench: Bench) -> Findings:
     """The levels up and down, and the folds in three step sizes; raises SetupError for one level."""
     if len(o.supplies) < 2:
         raise SetupError(f"supplies = {o.supplies} V must be two levels or more")
-    if any(high <= low for low, high in zip(o.supplies, o.supplies[1:])):
-        raise SetupError(f"supplies = {o.supplies} V must rise from level to level")
     system = System(bench.fmus, WIRES, {"motor.R": 5.0, "motor.v": o.supplies[0], **o.start})
     connect(system)
     if constants(system)[1] == 0.0:
@@ -296,3 +290,84 @@ def show(o: Options, f: Mapping[str, Figure], r: tuple[Observed, Any]) -> Show:
     ]
     charts.append(Chart(title, "time [s]", [Panel("speed", "rad/s", curves)]))
     return Show(charts, [mechanism.starts(title, runs)])
+
+
+def live_part(o: Options, f: Mapping[str, Figure], r: tuple[Observed, Any]) -> Live:
+    """Two starts from rest on either side of the voltage of the jump, and such starts at all voltages."""
+    jump = f["supply_up"]
+    supply = o.supplies[-1] if jump.error is None else jump.value
+    runs = [
+        LiveRun(f"{share * supply:.3g} V", color, {"motor.v": share * supply})
+        for share, color in zip(STARTS, ("red", "blue"))
+    ]
+    end = Reader("mean", "exciter.w", "stop - 1")
+    step = f"min(step, 2 * pi * motor.k / (motor.v * {LEVEL_STEPS}))"
+    resonance = "sqrt(exciter.mount.c / (exciter.mount.m + exciter.rotor.m))"
+    level = {"resonance of the mount": resonance}
+    return Live(
+        sliders=(
+            Slider("motor.R", 4.0, 8.0),
+            Slider("exciter.rotor.m", 0.3, 1.0),
+            Slider("exciter.mount.d", 20.0, 200.0),
+        ),
+        runs=runs,
+        stop="hold",
+        step=step,
+        numbers=[
+            Number("nu_res", resonance),
+            *(
+                Number(
+                    f"end_{k}",
+                    Reader("mean", "exciter.w", "stop - 1", run=run.name),
+                    "rad/s",
+                    f"mean speed in the last second, started with {run.name}",
+                )
+                for k, run in enumerate(runs, 1)
+            ),
+        ],
+        charts=[
+            LiveChart(
+                "Two starts from rest",
+                "time [s]",
+                [
+                    LivePanel("speed", {"exciter.w": "red"}, levels=level),
+                    LivePanel("displacement", {"exciter.x": "red"}, "mm"),
+                ],
+            )
+        ],
+        motion=mechanism.live_motion("Two starts from rest", parameters(r[0].case.system)),
+        sweep=LiveSweep(
+            over="motor.v",
+            values=o.supplies,
+            step=step,
+            numbers=[
+                Number("w_end", end, "rad/s", "mean speed in the last second"),
+                Number(
+                    "x_end",
+                    Reader("max", "abs(exciter.x)", "stop - 1"),
+                    "m",
+                    "largest displacement",
+                ),
+            ],
+            chart=LiveChart(
+                "What a start from rest leads to",
+                "supply [V]",
+                [
+                    LivePanel(
+                        "mean speed at the end",
+                        {"figures.w_end": ("from rest", "red", "points")},
+                        "rad/s",
+                        level,
+                    ),
+                    LivePanel(
+                        "displacement at the end",
+                        {"1e3 * figures.x_end": ("from rest", "red", "points")},
+                        "mm",
+                    ),
+                ],
+            ),
+        ),
+    )
+
+
+LIVE = live_part

@@ -17,7 +17,7 @@ import workbench
 from cosim import Result, System
 from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, Table, option
 from workbench.answer import parameters
-from workbench.live import Slider
+from workbench.live import REVOLUTION, Live, LiveChart, LivePanel, Number, Reader, Slider
 from workbench.measure import ROUNDING, largest, of_rows
 from workbench.report.chart import FORCE, LIFT, POWER, SPEED, TORQUE, recorded
 
@@ -47,13 +47,6 @@ AXES = {
     "impulse": ("impulse", TORQUE, 1.0, "N.s"),
     "loss": ("lost per turn", POWER, 1.0, "J"),
 }
-LIVE = (
-    Slider("speed", 7.0, 13.0),
-    Slider("stiffness", 1e5, 1e8),
-    Slider("iron.follower.e", 0.0, 0.9),
-    Slider("iron.spring.c", 0.0, 1200.0),
-    Slider("iron.iron.m", 1.0, 10.0),
-)
 UNLIKE = "one turn is not like the next"
 HIDDEN = "several landings fall between two rows; more samples are needed to separate them"
 
@@ -160,8 +153,9 @@ def verdict(o: Options, f: Mapping[str, Figure], r: object) -> str:
     answer += f"it is off the cam for {told['flight']} of each turn and "
     if not f["landings"].value:
         return f"{answer}does not land."
+    times = "once" if f["landings"].value == 1.0 else f"{told['landings']} times"
     return (
-        f"{answer}lands {told['landings']} times, at up to {told['speed']} and with an impulse of up to "
+        f"{answer}lands {times}, at up to {told['speed']} and with an impulse of up to "
         f"{told['impulse']}. A contact of {o.stiffness:g} N/m then carries {told['force']}. The landings of "
         f"a turn cost {told['loss']} in all."
     )
@@ -197,3 +191,57 @@ def show(o: Options, f: Mapping[str, Figure], r: tuple[Result, System, Table]) -
     ]
     moving = mechanism.motion("The mechanism in this turn", turn, system, turn["time"][-1], 4.0)
     return Show(charts, [moving])
+
+
+def live_part(o: Options, f: Mapping[str, Figure], r: tuple[Result, System, Table]) -> Live:
+    """The last of three turns at the speed of the slider, as `flying` has them."""
+    turn, system, _ = r
+    panels = [
+        LivePanel("gap of the rocker", {"iron.gap": FORCE}, "deg"),
+        LivePanel("force of the cam", {"iron.N": TORQUE}, includes=(0.0,)),
+        LivePanel("lift of the iron", {"iron.lift": LIFT}, "mm"),
+        LivePanel("velocity", {"iron.v": SPEED}),
+    ]
+    impulse = "sqrt(stiffness * figures.speed * figures.impulse / (1 + iron.follower.e))"
+    return Live(
+        sliders=(
+            Slider("speed", 7.0, 13.0),
+            Slider("stiffness", 1e5, 1e8),
+            Slider("iron.follower.e", 0.0, 0.9),
+            Slider("iron.spring.c", 0.0, 1200.0),
+            Slider("iron.iron.m", 1.0, 10.0),
+        ),
+        start={
+            "iron.tau": 0.0,
+            "iron.phi": 0.0,
+            "iron.w_cam": "speed",
+            "iron.reducer.J": iron.FLYWHEEL,
+            "iron.follower.lifts": 1,
+            **({} if "iron.on_invalid" in o.start else {"iron.on_invalid": 1}),
+        },
+        stop=f"{TURNS} * 2 * pi / speed",
+        step="2 * pi / (speed * samples)",
+        angle="iron.phi",
+        numbers=[
+            Number("flight", Reader("change", "iron.t_flight", REVOLUTION)),
+            Number("landings", Reader("change", "iron.landings", REVOLUTION)),
+            Number("gap", Reader("max", "iron.gap", REVOLUTION)),
+            Number("speed", Reader("max", "iron.v_landing", REVOLUTION)),
+            Number("impulse", Reader("max", "iron.S_landing", REVOLUTION)),
+            Number("loss", Reader("change", "iron.E_landing", REVOLUTION)),
+            Number("force", impulse),
+        ],
+        charts=[
+            LiveChart(
+                "The last of three turns",
+                "cam angle [deg]",
+                panels,
+                "crank_angle * 180 / pi",
+                REVOLUTION,
+            )
+        ],
+        motion=mechanism.live_motion("The mechanism in this turn", turn, system, 4.0, REVOLUTION),
+    )
+
+
+LIVE = live_part

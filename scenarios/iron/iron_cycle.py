@@ -14,7 +14,7 @@ import numpy as np
 import workbench
 from cosim import Result, System
 from workbench import Bench, Chart, Figure, Findings, Mark, Run, Show, Table, option
-from workbench.live import Slider
+from workbench.live import Live, LiveChart, LivePanel, Number, Reader, Slider
 from workbench.measure import integral, largest, smallest
 from workbench.report.chart import FORCE, LIFT, SPEED, TORQUE, recorded
 
@@ -35,12 +35,6 @@ PANELS: dict[str, Mapping[str, tuple[str, ...] | str]] = {
     "velocity": {"iron.v": SPEED},
     "acceleration": {"iron.a": FORCE},
 }
-LIVE = (
-    Slider("speed", 1.0, 12.0),
-    Slider("iron.iron.m", 1.0, 10.0),
-    Slider("iron.spring.c", 0.0, 1200.0),
-    Slider("iron.friction.K_up", 0.0, 0.3),
-)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -119,3 +113,39 @@ def show(o: Options, f: Mapping[str, Figure], r: tuple[Result, System]) -> Show:
     title = f"One turn of the cam at {now}; {event} at {pace}"
     moving = mechanism.motion("One turn of the cam", *r, result["time"][-1], 4.0)
     return Show([Chart(title, "cam angle [deg]", panels, spans=spans)], [moving])
+
+
+def live_part(o: Options, f: Mapping[str, Figure], r: tuple[Result, System]) -> Live:
+    """One turn at the speed of the slider, from the angle 0, as `drive.imposed` has it."""
+    panels = [
+        LivePanel(quantity, curves, "mm" if quantity == "lift" else "", includes=(0.0,))
+        for quantity, curves in PANELS.items()
+    ]
+    return Live(
+        sliders=(
+            Slider("speed", 1.0, 12.0),
+            Slider("iron.iron.m", 1.0, 10.0),
+            Slider("iron.spring.c", 0.0, 1200.0),
+            Slider("iron.friction.K_up", 0.0, 0.3),
+        ),
+        charts=[
+            LiveChart("One turn of the cam", "cam angle [deg]", panels, x="iron.phi * 180 / pi")
+        ],
+        motion=mechanism.live_motion("One turn of the cam", *r, 4.0),
+        start={"iron.w_cam": "speed"},
+        stop="2 * pi / speed",
+        step="2 * pi / (speed * samples)",
+        numbers=[
+            Number("tau_cam_min", Reader("min", "iron.tau_cam")),
+            Number("tau_cam_max", Reader("max", "iron.tau_cam")),
+            Number("tau_motor_max", Reader("max", "abs(iron.tau_cam) / iron.reducer.i_g")),
+            Number("stroke", Reader("max", "iron.lift")),
+            Number("friction_work", Reader("last", "iron.E_friction")),
+            Number("follower_force_min", Reader("min", "iron.N")),
+            Number("follower_force_max", Reader("max", "iron.N")),
+            Number("run_force_max", Reader("max", "iron.T_span")),
+        ],
+    )
+
+
+LIVE = live_part

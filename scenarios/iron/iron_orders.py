@@ -20,10 +20,11 @@ import workbench
 from cosim import System, largest
 from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, Table, option
 from workbench.answer import parameters
+from workbench.ask import hearing
 from workbench.figure import listed, refusals
 from workbench.limit import coupling
 from workbench.measure import Measured, Samples, harmonics, measured
-from workbench.orbit import NotSteady, steady
+from workbench.orbit import NotSteady, Turns, steady
 from workbench.report.chart import SERIES
 
 from . import drive as iron
@@ -38,6 +39,8 @@ PER_REV = 1440
 LIGHT = 1e4
 IMPORTANT, SMALL = 10.0, 0.1
 ALGORITHM = "strang"
+FORCES = [force for force, _, _ in iron.LETS_GO.values()]
+LET_GO = "the results are not valid until all is loaded again"
 UNITS = {
     "T": "s", "nu": "rad/s", "order": "1", "torque": "N.m", "torque_phase": "deg",
     "speed": "rad/s", "excitation": "N.m", "lag": "deg", "gain": "1", "settling": "N.m",
@@ -147,7 +150,9 @@ def simulate(machine: Machine, case: tuple[float, float, int]) -> list[Sequence[
     torque = speed = before = np.full(ORDERS, complex(math.nan, math.nan))
     left = 0.0
     try:
-        turns = steady(at, states, "iron.phi", nu, per_rev, (), ALGORITHM)
+        with hearing() as warnings:
+            turns = steady(at, states, "iron.phi", nu, per_rev, FORCES, ALGORITHM)
+        warn(turns, T, nu, warnings())
         torque, before = (machine.i_g * amplitudes("motor.tau", back) for back in (0, 1))
         speed, left = amplitudes("iron.w_cam"), turns.remains(1.0)
     except NotSteady as problem:
@@ -160,6 +165,25 @@ def simulate(machine: Machine, case: tuple[float, float, int]) -> list[Sequence[
         M / excited, left * np.abs(torque - before), 100 * (M - excited) / machine.most(nu).value,
     ]  # fmt: skip
     return [(T, nu, k, *row) for k, row in enumerate(np.transpose(columns).tolist(), 1)]
+
+
+def warn(turns: Turns, T: float, nu: float, warnings: Sequence[str]) -> None:
+    """Name what lets go in the steady motion of a lag [s] at a mean speed [rad/s], once; other warnings
+    of the runs are passed on.
+    """
+    log = logging.getLogger("cosim")
+    for warning in warnings:
+        if LET_GO not in warning:
+            log.warning(warning)
+    rows = turns.window()
+    events = [
+        event for force, event, _ in iron.LETS_GO.values() if turns.result[force][rows].min() < 0.0
+    ]
+    if events:
+        log.warning(
+            f"in the steady motion at {nu:g} rad/s with a lag of {1e3 * T:g} ms {listed(events)}: the orders "
+            "are not valid for a real drive"
+        )
 
 
 def figures(machine: Machine, orders: Frame, runs: Frame) -> dict[str, Figure]:

@@ -15,23 +15,18 @@ from scipy.interpolate import CubicSpline
 
 from cosim import Result, System
 from workbench import Bench, Chart, Figure, Findings, Run, Show, Table, option
-from workbench.live import Slider
+from workbench.live import Live, LiveChart, LivePanel, Number, Reader, Slider
 from workbench.measure import Measured, Samples, extended, integral, largest, measured
-from workbench.report.chart import LIFT, SPEED, THEORY, TORQUE, recorded
+from workbench.report.chart import LIFT, POWER, SPEED, THEORY, TORQUE, recorded
 
 from . import drive as iron
 from . import mechanism
 
 PARTS = iron.PARTS
 STANDS = 0.01
+#: Rows of a slow turn.
+SAMPLES = 720
 FIRST = 0.3
-LIVE = (
-    Slider("motor_A", 1.0, 8.0),
-    Slider("motor_T", 0.002, 0.1),
-    Slider("iron.iron.m", 1.0, 10.0),
-    Slider("iron.spring.c", 0.0, 1200.0),
-    Slider("iron.reducer.J", 0.0, 0.003),
-)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,6 +43,7 @@ def solve(o: Options, bench: Bench) -> Findings:
     motor = iron.MOTOR | {"motor.A": o.motor_A, "motor.B": o.motor_B, "motor.T": o.motor_T}
     system = System(bench.fmus, iron.WIRES, motor | dict(o.start))
     result, found = bench.certify(system, figures, o, None, "iron_start.csv")
+    found |= needs(system, result)
     whole = ledger(result)
     tables = {"iron_start.csv": Table.of(whole)}
     return Findings(found, (whole, system), system, result.provenance, tables=tables)
@@ -88,6 +84,25 @@ def figures(r: Result) -> dict[str, Figure]:
     }
 
 
+def needs(system: System, r: Result) -> dict[str, Figure]:
+    """The largest torque that a slow turn takes at the cam, and what the motor gives there at rest.
+
+    Torques of turns at constant speed are f_0 + f_2 w^2, and two turns give f_0.
+    """
+    slow, fast = (iron.turn(system, w, SAMPLES) for w in (1.0, 2.0))
+    torque, unit = slow["iron.tau_cam"], slow.units["iron.tau_cam"]
+    still = torque - (fast["iron.tau_cam"] - torque) / 3
+    gear = r.provenance["parts"]["iron"]["parameters"]["reducer.i_g"]
+    motor = float(r["motor.tau_static"][0])
+    most = measured(lambda torque: float(torque.max()), still)
+    return {
+        "tau_cam_max": most.figure(unit, "largest torque at the cam in a slow turn"),
+        "tau_cam_rest": Figure(
+            gear * motor, unit, 0.0, "torque of the motor at the start, at the cam"
+        ),
+    }
+
+
 def pace(t: Samples, phi: Samples, since: float = 0.5) -> float:
     """Mean speed after that share of the run."""
     began = t[0] + since * (t[-1] - t[0])
@@ -104,10 +119,30 @@ def verdict(o: Options, f: Mapping[str, Figure], r: tuple[Result, System]) -> st
     if pace(r[0]["time"], r[0]["iron.phi"], 0.9) < STANDS * f["w_cam_max"].value:
         made = f"the cam has made {told['turns']} turns, at up to {told['w_cam_max']}"
         starts = f"The motor stalls: {made}, and does not turn any further."
+    elif abs(f["turns"].value) < 1.0:
+        so_far = f"Up to {o.stop:g} s it makes {told['turns']} turns."
+        starts = creeping(o, f) if is_weak(f) else f"{starts} {so_far}"
     return (
         f"{starts} Of {told['energy_in']} from the motor, friction takes {told['energy_friction']}, "
         f"and {told['energy_stored']} is stored at the end."
     )
+
+
+def creeping(o: Options, f: Mapping[str, Figure]) -> str:
+    """How far the cam comes of a motor that is too weak for a slow turn."""
+    told = {name: figure.text() for name, figure in f.items()}
+    return (
+        f"Within {o.stop:g} s the cam does not complete a turn: it makes {told['turns']} turns, at up to "
+        f"{told['w_cam_max']}, and its mean speed in the second half is {told['w_cam_mean']}. The motor "
+        f"gives {told['tau_cam_rest']} at the cam at the start, and a slow turn takes up to "
+        f"{told['tau_cam_max']}: it cannot turn the cam slowly through a whole turn."
+    )
+
+
+def is_weak(f: Mapping[str, Figure]) -> bool:
+    """Whether the motor gives less at the start than a slow turn takes at most."""
+    most = f["tau_cam_max"]
+    return 0.0 < f["tau_cam_rest"].value < most.value - (most.error or 0.0)
 
 
 def show(o: Options, f: Mapping[str, Figure], r: tuple[Result, System]) -> Show:
@@ -134,3 +169,47 @@ def chart(r: Result, title: str, rows: Any) -> Chart:
         panel("made or lost by the coupling", curves={"E_missing": ("missing", THEORY)}, unit="mJ"),
     ]
     return Chart(title, "time [s]", panels)
+
+
+def live_part(o: Options, f: Mapping[str, Figure], r: tuple[Result, System]) -> Live:
+    """The start."""
+    half = "stop / 2"
+    panels = [
+        LivePanel("cam speed", {"iron.w_cam": SPEED}),
+        LivePanel("motor torque", {"motor.tau": TORQUE}),
+        LivePanel("lift", {"iron.lift": LIFT}, "mm"),
+        LivePanel(
+            "energy",
+            {
+                "iron.E_kin + iron.E_pot": ("kinetic and potential", POWER),
+                "iron.E_friction": ("friction", THEORY),
+            },
+            "J",
+        ),
+    ]
+    return Live(
+        sliders=(
+            Slider("motor_A", 1.0, 8.0),
+            Slider("motor_T", 0.002, 0.1),
+            Slider("iron.iron.m", 1.0, 10.0),
+            Slider("iron.spring.c", 0.0, 1200.0),
+            Slider("iron.reducer.J", 0.0, 0.003),
+        ),
+        start={"motor.A": "motor_A", "motor.B": "motor_B", "motor.T": "motor_T"},
+        numbers=[
+            Number("w_cam_max", Reader("max", "iron.w_cam")),
+            Number("tau_max", Reader("max", "motor.tau")),
+            Number("w_cam_mean", Reader("change", f"iron.phi / ({half})", half)),
+            Number("cycles", f"figures.w_cam_mean * {iron.PER_MINUTE!r}"),
+            Number("turns", Reader("change", "iron.phi / (2 * pi)")),
+            Number("P_mean", Reader("mean", "motor.P"), "W", "mean power of the motor"),
+            Number("energy_in", "figures.P_mean * stop"),
+            Number("energy_stored", Reader("change", "iron.E_kin + iron.E_pot")),
+            Number("energy_friction", Reader("last", "iron.E_friction")),
+        ],
+        charts=[LiveChart("The start from the middle of the bottom dwell", "time [s]", panels)],
+        motion=mechanism.live_motion("The start", *r, 2.0),
+    )
+
+
+LIVE = live_part

@@ -4,13 +4,14 @@ Places in the plane are complex numbers x + i y [m], seen from the axis of the r
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cosim import Result, System
+from workbench.live import Caption, Coordinate, LiveMotion
 from workbench.report import motion as draw
 from workbench.report.motion import Motion, Shape, line
 
@@ -20,8 +21,16 @@ Places = NDArray[np.complex128]
 AXIS = math.radians(-35.0)
 ROLLER = 0.012
 SEEN = ("phi", "alpha", "beta", "H", "lift", "motion")
+ANGLES = ("phi", "alpha", "beta")
+#: points of the chain on its sprocket
+ARC = 16
 PHASES = ("dwell", "up", "down", "stuck")
 NOTE = f"The radius of the roller, {1e3 * ROLLER:g} mm, is chosen for the drawing."
+CAPTIONS = (
+    Caption("cam", "mod(iron.phi * 180 / pi, 360)", "deg"),
+    Caption("iron", "iron.motion", texts=PHASES),
+    Caption("lift", "1e3 * iron.lift", "mm"),
+)
 
 
 def motion(title: str, result: Result, system: System, last: float, slow: float) -> Motion:
@@ -54,7 +63,7 @@ def iron_drive(p: Mapping[str, Any], at: draw.Columns, cam: Places) -> list[Shap
     D = p["rocker.l_K"] * np.exp(1j * alpha)
     joint = D + p["link.l"] * np.exp(1j * beta)
     leaves = beta - math.pi / 2 if p["wrap"] else np.full_like(beta, math.pi / 2)
-    around = np.linspace(leaves, math.pi, 16)
+    around = np.linspace(leaves, math.pi, ARC)
     x, y, half = -C - R, A - H, 0.05
     left, right, bottom, top = x - half, x + half, y - half, float(np.max(y)) + 0.12
     low = float(np.min(bottom))
@@ -96,6 +105,43 @@ def cam(p: Mapping[str, Any], system: System) -> Places:
     along = np.roll(path, -1) - np.roll(path, 1)
     normal = 1j * along / abs(along)
     return np.asarray(path - ROLLER * np.sign((normal * path.conj()).real) * normal)
+
+
+def live_motion(
+    title: str, result: Result, system: System, slow: float, window: str = ""
+) -> LiveMotion:
+    """The mechanism of a live page, in the range of angles and heights that a run has."""
+    return LiveMotion(
+        title, live_shapes(result, system), coordinates(result), CAPTIONS, slow, NOTE, window
+    )
+
+
+def live_shapes(result: Result, system: System) -> Callable[[draw.Columns], list[Shape]]:
+    """The lines by columns with the names of the system."""
+    p = result.provenance["parts"]["iron"]["parameters"]
+    profile = cam(p, system)
+    return lambda at: iron_drive(
+        p, {name: at[f"iron.{name}"] for name in ANGLES} | {"H": at["iron.H"]}, profile
+    )
+
+
+def coordinates(result: Result) -> list[Coordinate]:
+    """What moves the lines: angles, of which the link turns the points of the chain by shares, and the height."""
+    H = result["iron.H"]
+    shares = tuple(float(x) for x in np.linspace(1.0, 0.0, ARC)[:-1])
+    angles = [
+        Coordinate(
+            f"iron.{name}", *_range(result[f"iron.{name}"]), shares if name == "beta" else (1.0,)
+        )
+        for name in ANGLES
+    ]
+    return [*angles, Coordinate("iron.H", float(H.min()), float(H.max()))]
+
+
+def _range(angle: Any) -> tuple[float, float]:
+    """The range of an angle, at most a turn."""
+    low = float(angle.min())
+    return low, min(float(angle.max()), low + 2 * math.pi)
 
 
 def _places(p: Mapping[str, Any], alpha: Any) -> tuple[Any, Any]:

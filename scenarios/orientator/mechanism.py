@@ -1,12 +1,14 @@
 """The orientator as lines in motion, from the outputs and parameters of its FMU; its y counts down."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cosim import Result
+from workbench.live import Caption, Coordinate, LiveMotion
 from workbench.report import motion as draw
 from workbench.report.chart import Span
 from workbench.report.motion import Motion, Shape, line
@@ -36,8 +38,13 @@ def motion(
 
 def drawn(result: Result, picked: NDArray[np.int64]) -> tuple[list[Shape], list[str]]:
     """Wall, catcher and cup at some rows, and the stage of each; places are x - i y."""
-    p = result.provenance["parts"]["orientator"]["parameters"]
     at = draw.columns(result, "orientator", SEEN, picked)
+    p = result.provenance["parts"]["orientator"]["parameters"]
+    return orientator(p, at), [STAGES[int(x)] for x in at["stage"]]
+
+
+def orientator(p: Mapping[str, Any], at: draw.Columns) -> list[Shape]:
+    """Wall, catcher and cup, from columns with the names of the FMU."""
     r, back, front = p["cup.d"] / 2, p["cup.l"], p["cup.h"] - p["cup.l"]
     centre, turned = at["xc"] - 1j * at["yc"], np.exp(-1j * at["phi2"])
     bottom = front + r * np.exp(1j * np.linspace(-math.pi / 2, math.pi / 2, 25))
@@ -52,4 +59,27 @@ def drawn(result: Result, picked: NDArray[np.int64]) -> tuple[list[Shape], list[
         Shape("falls", falls, "grey", 1.5, label=0),
         Shape("cup", line(*(centre + np.outer(outline, turned))), "red", 3.0, label=0),
         Shape("catcher", line(0.0, corner, hook), "blue", 4.0, label=1),
-    ], [STAGES[int(x)] for x in at["stage"]]
+    ]
+
+
+def live_motion(title: str, result: Result, slow: float) -> LiveMotion:
+    """One product of a live page."""
+    captions = [Caption("stage", "orientator.stage", texts=STAGES)]
+    return LiveMotion(title, live_shapes(result), coordinates(result), captions, slow)
+
+
+def live_shapes(result: Result) -> Callable[[draw.Columns], list[Shape]]:
+    """The lines by columns with the names of the system."""
+    p = result.provenance["parts"]["orientator"]["parameters"]
+    names = ("phi1", "phi2", "xc", "yc")
+    return lambda at: orientator(p, {name: at[f"orientator.{name}"] for name in names})
+
+
+def coordinates(result: Result) -> list[Coordinate]:
+    """What moves the lines, in the range that a run has."""
+    turns = {"phi1": (1.0,), "phi2": (1.0,), "xc": (), "yc": ()}
+    columns = {name: result[f"orientator.{name}"] for name in turns}
+    return [
+        Coordinate(f"orientator.{name}", float(x.min()), float(x.max()), turns[name])
+        for name, x in columns.items()
+    ]

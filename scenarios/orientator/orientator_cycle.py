@@ -11,7 +11,8 @@ from pathlib import Path
 from cosim import Result, System
 from workbench import Chart, Figure, Mark, Run, Show, option
 from workbench.figure import listed
-from workbench.live import Slider
+from workbench.live import Live, LiveChart, LivePanel, Number, Reader, Slider
+from workbench.measure import measured
 from workbench.report.chart import FORCE, SPEED, THEORY, TORQUE, recorded
 
 from . import machine as orientator
@@ -19,18 +20,15 @@ from . import mechanism
 
 PARTS = orientator.PARTS
 OWN = ("orientator.release",)
-LIVE = (
-    Slider("speed", 0.5, 12.0),
-    Slider("friction", 0.0, 1.0),
-    Slider("orientator.spring.c", 4.0, 40.0),
-    Slider("orientator.chute.H", 0.01, 0.1),
-)
 STAGES = orientator.STAGES[: orientator.ORIENTED]
 IMPULSES = {
-    "corner_impulse": ("S_y", "impulse of the landing on the catcher's corner, down"),
-    "wall_impulse": ("S_k", "impulse of the landing on the wall"),
-    "hook_impulse": ("P_B", "impulse of the contact with the hook"),
+    "corner_impulse": ("S_y", "impulse of the landing on the catcher's corner, down", "falling"),
+    "wall_impulse": ("S_k", "impulse of the landing on the wall", "falling"),
+    "hook_impulse": ("P_B", "impulse of the contact with the hook", "joint"),
 }
+"""Impulses: output, meaning, and the stage that ends with it."""
+#: Rows from which a smallest value and its error are read.
+LEAST_ROWS = 8
 CURVES = {
     "angle": {"orientator.phi1": ("catcher", SPEED), "orientator.phi2": ("cup", TORQUE)},
     "speed": {"orientator.w1": ("catcher", SPEED), "orientator.w2": ("cup", TORQUE)},
@@ -69,7 +67,23 @@ def figures(o: Options, r: Result) -> dict[str, Figure]:
     for x in STAGES:
         reached = r[f"orientator.t_{x}"][-1] > 0.0
         found[f"t_{x}"] = last(f"t_{x}", f"duration of the stage {x}", reached)
-    return found | {name: last(*impulse) for name, impulse in IMPULSES.items()}
+    for name, (column, meaning, landing) in IMPULSES.items():
+        figure, landed = last(column, meaning), r[f"orientator.t_{landing}"][-1] > 0.0
+        why = f"it does not come to that: {ending(r)}"
+        found[name] = figure if landed else Figure.refused(figure.unit, why, meaning)
+    return found | {"wall_least": reaction(r)}
+
+
+def reaction(r: Result) -> Figure:
+    """The smallest reaction of the wall until the product is oriented or jams; below 0 it pulls."""
+    meaning = "smallest reaction of the wall on the product, a pull if negative"
+    under_way = r["orientator.stage"] < orientator.ORIENTED
+    force = r["orientator.N_K"][under_way]
+    if len(force) < LEAST_ROWS:
+        why = f"the product is under way for fewer than {LEAST_ROWS} rows"
+        return Figure.refused(r.units["orientator.N_K"], why, meaning)
+    least = measured(lambda force: float(force.min()), force)
+    return least.figure(r.units["orientator.N_K"], meaning)
 
 
 def ending(r: Result) -> str:
@@ -86,7 +100,14 @@ def verdict(o: Options, f: Mapping[str, Figure], r: Result) -> str:
     after = f" after {f['orientation_time'].text()}" if f["oriented"].value else ""
     stages = [f"{f[f't_{x}'].text()} ({x})" for x in STAGES if f[f"t_{x}"].error is not None]
     told = f"Its stages take {listed(stages)}" if stages else "None of its stages came to an end"
-    return f"{ending(r).capitalize()}{after}. {told}."
+    wall = f["wall_least"]
+    pulls = ""
+    if wall.error is not None and wall.value + wall.error < 0.0:
+        pulls = (
+            f" The reaction of the wall falls to {wall.text()}: the wall would have to pull, a real cup leaves "
+            "it there, and what follows is not valid for it."
+        )
+    return f"{ending(r).capitalize()}{after}. {told}.{pulls}"
 
 
 def show(o: Options, f: Mapping[str, Figure], r: Result) -> Show:
@@ -101,3 +122,62 @@ def show(o: Options, f: Mapping[str, Figure], r: Result) -> Show:
     chart = Chart("Angles, speeds and the wall", "time [ms]", panels, spans=spans)
     moving = mechanism.motion("One product", {"": course}, last, stages)
     return Show([chart], [moving], title=verdict(o, f, r).partition(". ")[0])
+
+
+def live_part(o: Options, f: Mapping[str, Figure], r: Result) -> Live:
+    """One product, up to its end."""
+    last = float(orientator.ORIENTED)
+    panels = [LivePanel(x, CURVES[x], "deg" if x == "angle" else "") for x in CURVES]
+    panels.append(LivePanel("reaction of the wall", WALL, includes=(0.0,)))
+    ended = "figures.stage == " + repr(last)
+    return Live(
+        sliders=(
+            Slider("speed", 0.5, 12.0),
+            Slider("friction", 0.0, 1.0),
+            Slider("orientator.spring.c", 4.0, 40.0),
+            Slider("orientator.chute.H", 0.01, 0.1),
+        ),
+        start={"orientator.w": "speed", "orientator.chute.mu": "friction"},
+        until="figures.end",
+        numbers=[
+            Number(
+                "end",
+                Reader("first_crossing", "orientator.stage", level=last - 0.5),
+                "s",
+                "time of the end",
+                is_visible=False,
+            ),
+            Number(
+                "stage",
+                Reader("last", "orientator.stage"),
+                "1",
+                "stage at the end",
+                is_visible=False,
+            ),
+            Number("oriented", ended),
+            Number(
+                "orientation_time",
+                Reader("last", "orientator.orientation_time"),
+                when=ended,
+                otherwise="not oriented",
+            ),
+            *(
+                Number(
+                    f"t_{x}",
+                    Reader("last", f"orientator.t_{x}"),
+                    when=f"figures.t_{x} > 0",
+                    otherwise="not reached",
+                )
+                for x in STAGES
+            ),
+            *(
+                Number(name, Reader("last", f"orientator.{column}"))
+                for name, (column, _, _) in IMPULSES.items()
+            ),
+        ],
+        charts=[LiveChart("Angles, speeds and the wall", "time [ms]", panels, "1e3 * time")],
+        motion=mechanism.live_motion("One product", r, 20.0),
+    )
+
+
+LIVE = live_part

@@ -150,14 +150,14 @@ def extreme(values: Any, errors: Any, meaning: str) -> Figure:
     return Figure(float(values.max()), "%", float(max(own, beyond)), meaning)
 
 
-def strongest(f: Mapping[str, Figure], names: Sequence[str]) -> str:
+def strongest(f: Mapping[str, Figure], names: Sequence[str]) -> tuple[str, str]:
     """The dimension of which 1 % more changes the limit most, and by how much, in words."""
     gains = {name: f[f"gain_{name.replace('.', '_').lower()}"] for name in names}
     known = {name: x for name, x in gains.items() if x.error is not None}
     if not known:
-        return f"not determined among {', '.join(names)}"
+        return "", f"not determined among {', '.join(names)}"
     name, gain = max(known.items(), key=lambda item: abs(item[1].value))
-    return f"{name}: 1 % more changes it by {gain.text()}"
+    return name, f"{name}: 1 % more changes it by {gain.text()}"
 
 
 def verdict(o: Options, f: Mapping[str, Figure], r: tuple[System, Mapping[str, Table]]) -> str:
@@ -167,12 +167,13 @@ def verdict(o: Options, f: Mapping[str, Figure], r: tuple[System, Mapping[str, T
     where = f"all {pairs}"
     if not known.all():
         where = f"the {known.sum()} of {len(known)} {pairs} that have a limit"
+    (first, most), (own, most_cup) = strongest(f, LENGTHS), strongest(f, LENGTHS[:3])
+    of_cup = f" Of the cup itself it is {most_cup}." if own != first else ""
     return (
         f"With friction {o.friction:g} the rotor may turn at up to {f['limit'].text()}; the formula gives "
         f"{f['formula'].text()}. Over {where} the formula is within {f['off'].text()} of the simulated "
         f"limits, and the closed bound lies {f['above_least'].text()} to {f['above_most'].text()} above "
-        f"them. The dimension that moves the limit most is {strongest(f, LENGTHS)}. Of the cup itself it "
-        f"is {strongest(f, LENGTHS[:3])}."
+        f"them. The dimension that moves the limit most is {most}.{of_cup}"
     )
 
 

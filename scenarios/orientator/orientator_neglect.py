@@ -17,7 +17,7 @@ from cosim import System
 from cosim.system import Value, connect
 from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, option
 from workbench.answer import parameters
-from workbench.figure import listed, refusals
+from workbench.figure import refusals
 from workbench.limit import coupling
 from workbench.measure import ROUNDING, Measured
 from workbench.report.chart import SERIES
@@ -162,22 +162,24 @@ def verdict(o: Options, f: Mapping[str, Figure], r: object) -> str:
     if f["orientation_time"].error is None:
         return " ".join(refusals({"the equations of the paper": f["orientation_time"]}))
     costs = [
-        f"{f[name].text()} ({f[f'{name}_share'].text()}) with {words}"
+        f"{words}: {f[name].text()} ({f[f'{name}_share'].text()})"
         for name, words in reversed(WORDS.items())
         if f[name].error is not None
     ]
     limits = [
-        f"{f[f'limit_{name}'].text()} with {words}"
+        f"{words}: {f[f'limit_{name}'].text()}"
         for name, words in {PLAIN: "none of them", **WORDS}.items()
         if f[f"limit_{name}"].error is not None and name not in ("hook", "corner")
     ]
     lines = [
         f"At {o.speed * 30 / math.pi:g} rpm and friction {o.friction:g} a product takes "
-        f"{f['orientation_time'].text()} by the equations of the paper. What they neglect changes this by "
-        f"{listed(costs)}."
+        f"{f['orientation_time'].text()} by the equations of the paper."
     ]
-    lines += [f"The largest rotor speed is {listed(limits)}."] if limits else []
-    return " ".join(lines)
+    if costs:
+        lines.append(f"What they neglect adds to this, {'; '.join(costs)}.")
+    if limits:
+        lines.append(f"The largest rotor speed with these effects, {'; '.join(limits)}.")
+    return "\n".join(lines)
 
 
 def show(o: Options, f: Mapping[str, Figure], r: tuple[Mapping[str, System], Any]) -> Show:

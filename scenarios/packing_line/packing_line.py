@@ -18,7 +18,17 @@ from scipy.interpolate import CubicSpline
 import cosim
 from cosim import Result, SetupError, System
 from workbench import Bench, Chart, Figure, Findings, Mark, Panel, Run, Show, Table, option
-from workbench.live import Slider
+from workbench.live import (
+    REVOLUTION,
+    Caption,
+    Live,
+    LiveChart,
+    LiveMotion,
+    LivePanel,
+    Number,
+    Reader,
+    Slider,
+)
 from workbench.measure import extended, harmonics, of_rows, over_rows
 from workbench.options import Start
 from workbench.report.chart import LIFT, POWER, Lanes, Span, recorded
@@ -68,13 +78,6 @@ HIGHEST = {"iron": 12, "conveyor": 4}
 TURN, MEASURED, EVEN = 2 * math.pi, 2, 120
 UNITS = {"drive": "1", "order": "1", "frequency": "Hz", "own": "W", "supply": "W"}
 MAIN, AROUND = 0.1, 0.05
-LIVE = (
-    Slider("gear", 0.5, 3.0),
-    Slider("iron_speed", 4.0, 8.0),
-    Slider("iron.iron.m", 1.0, 10.0),
-    Slider("orientator.chute.mu", 0.0, 1.0),
-    Slider("speed", 30.0, 80.0),
-)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -313,10 +316,13 @@ def verdict(o: Options, f: Mapping[str, Figure], r: tuple[Result, System]) -> st
             f", where order {cam.order} of the cam and order {crank.order} of the crank "
             f"meet and beat {f['beat'].text('times a minute')}"
         )
+    jams = "No product jams in the whole cycles."
+    if f["lost"].value > 0.0:
+        jams = f"Jams cost {f['lost'].text('products/min')}."
+    share = 100 * f["mean_conveyor"].value / f["mean_supply"].value
     return (
-        f"{pace} It makes {f['products'].text('products/min')}; jams cost "
-        f"{f['lost'].text('products/min')}, and a jam costs the work of a cycle, {told['work']}. The supply "
-        f"gives {told['mean_supply']} with a ripple of {told['rms_supply']} rms, between "
+        f"{pace} It makes {f['products'].text('products/min')}. {jams} A cycle without a product takes "
+        f"{told['work']} from the supply as well, {share:.3g} % of it for the conveyor. The supply gives {told['mean_supply']} with a ripple of {told['rms_supply']} rms, between "
         f"{told['least_supply']} and {told['most_supply']}{meets}."
     )
 
@@ -369,3 +375,94 @@ def motion(r: Result, line: System, first: int, last: int) -> Motion:
     title = "One cycle: the iron drive and the orientator it releases"
     note = "The conveyor, which shakes too fast to be seen here, is left out."
     return Motion(title, r["time"][picked], 4.0, captions, [*shapes, *moved(more, 0.5, 0.2)], note)
+
+
+def live_part(o: Options, f: Mapping[str, Figure], r: tuple[Result, System]) -> Live:
+    """The line over all of its time; its motors follow their speeds as `system` sets them."""
+    result, line = r
+    powers = {
+        "iron": "iron_motor.P",
+        "conveyor": "conveyor_motor.P",
+        "supply": "iron_motor.P + conveyor_motor.P",
+    }
+    cycle = "2 * pi / iron_speed"
+    late = f"stop - {MEASURED} * {cycle}"
+    panels = [
+        LivePanel("lift of the iron", {"iron.lift": ("iron", LIFT)}, "mm"),
+        LivePanel(
+            "products",
+            {
+                "orientator.oriented": ("oriented", "green", "step"),
+                "orientator.jammed": ("jammed", "red", "step"),
+            },
+            "1",
+        ),
+        *(
+            LivePanel(f"power, {name}", {column: (name, POWERS[name][2])}, "W")
+            for name, column in powers.items()
+        ),
+    ]
+    draw_iron = iron_mechanism.live_shapes(result, line)
+    draw_orientator = orientator_mechanism.live_shapes(result)
+    crank = "conveyor.crank.r**2 / 2"
+    motion = LiveMotion(
+        "The last cycle: the iron drive and the orientator it releases",
+        lambda at: [*draw_iron(at), *moved(draw_orientator(at), 0.5, 0.2)],
+        [*iron_mechanism.coordinates(result), *orientator_mechanism.coordinates(result)],
+        [
+            *iron_mechanism.CAPTIONS,
+            Caption("orientator", "orientator.stage", texts=orientator.STAGES),
+        ],
+        4.0,
+        "The conveyor, which shakes too fast to be seen here, is left out.",
+        f"stop - {cycle}",
+    )
+    return Live(
+        sliders=(
+            Slider("gear", 0.5, 3.0),
+            Slider("iron_speed", 4.0, 8.0),
+            Slider("iron.iron.m", 1.0, 10.0),
+            Slider("orientator.chute.mu", 0.0, 1.0),
+            Slider("speed", 30.0, 80.0),
+        ),
+        start={
+            "iron_motor.A": "iron_motor.B * iron.reducer.i_g * iron_speed",
+            "conveyor_motor.A": f"(conveyor_motor.B + conveyor.trough.d * {crank}) * speed",
+        },
+        factors={"orientator.w": "gear"},
+        numbers=[
+            Number(
+                "products_oriented",
+                Reader("last", "orientator.oriented"),
+                "1",
+                "products oriented in all",
+            ),
+            Number(
+                "products_jammed",
+                Reader("last", "orientator.jammed"),
+                "1",
+                "products jammed in all",
+            ),
+            Number(
+                "orientation",
+                Reader("last", "orientator.orientation_time"),
+                when="figures.products_jammed == 0",
+                otherwise="the orientator jams",
+            ),
+            Number("cycle", Reader("change", "time", REVOLUTION, angle="iron.phi")),
+            Number("cam", "2 * pi / figures.cycle"),
+            *(
+                Number(
+                    f"mean_{name}", Reader("mean", POWERS[name][0], REVOLUTION, angle=f"{name}.phi")
+                )
+                for name in HIGHEST
+            ),
+            Number("mean_supply", "figures.mean_iron + figures.mean_conveyor"),
+            *(Number(f"most_{name}", Reader("max", POWERS[name][0], late)) for name in HIGHEST),
+        ],
+        charts=[LiveChart("The whole run", "time [s]", panels)],
+        motion=motion,
+    )
+
+
+LIVE = live_part

@@ -263,7 +263,16 @@ def test_outputs_feel_at_once_the_inputs_that_they_declare_and_no_other(model: A
 
 
 def test_another_build_is_the_same_to_the_byte(fmus: Path, tmp_path: Path) -> None:
-    build(ROOT, "crank_conveyor", "gravity_orientator", "linear_system", "--into", tmp_path)
+    build(
+        ROOT,
+        "crank_conveyor",
+        "gravity_orientator",
+        "linear_system",
+        "--flavour",
+        "python",
+        "--into",
+        tmp_path,
+    )
     build(ROOT, "drive_motor", "--flavour", "native", "--into", tmp_path)
     made = [*tmp_path.rglob("*.fmu")]
     assert len(made) == 4
@@ -288,7 +297,7 @@ def test_an_unknown_component_is_named_and_ends_with_code_2() -> None:
 def test_an_invalid_fmu_is_not_kept_and_ends_with_code_1(tree: Path) -> None:
     source = tree / "components" / "crank_conveyor" / "model.py"
     change(source, 'way up", nominal=1.0', 'way up", nominal=0.0')
-    said = build(tree, "crank_conveyor", "drive_motor", code=1)
+    said = build(tree, "crank_conveyor", "drive_motor", "--flavour", "python", code=1)
     assert "CrankConveyor.fmu is not valid and was not kept:\n  nominal of phi is 0" in said
     assert [file.name for file in (tree / "fmus").iterdir()] == [MOTOR]
 

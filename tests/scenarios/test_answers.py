@@ -61,7 +61,7 @@ CHANGED = {
 EXACT = {
     "nu_res", "zeta", "build_up", "slope", "cycles", "oriented", "released", "lost", "theory_up",
     "theory_down", "torque_plain", "settling", "settling_16", "motor_lag", "free_frequency",
-    "held_frequency", "slip", "nu_flux", "most_resistance", "heavy_res", "heavy_flux", "least_slip",
+    "held_frequency", "tau_cam_rest", "slip", "nu_flux", "most_resistance", "heavy_res", "heavy_flux", "least_slip",
     "spring", "spring_formula", "spring_theory", "f_rod_formula", "formula", "joint",
     "landings",
 }  # fmt: skip
@@ -113,6 +113,7 @@ VARIABLES: dict[str, dict[str, str]] = {
     "orientation_time": {name: f"orientator.{name}" for name in (
         "orientation_time", "t_falling", "t_joint", "t_turning", "t_released")},
     "orientator_cycle": {"orientation_time": "orientator.orientation_time",
+                         "wall_least": "orientator.N_K",
                          "t_turning": "orientator.t_turning", "corner_impulse": "orientator.S_y",
                          "wall_impulse": "orientator.S_k", "hook_impulse": "orientator.P_B"},
     "packing_line": {"mean_iron": "iron_motor.P", "rms_supply": "iron_motor.P",
@@ -121,7 +122,7 @@ VARIABLES: dict[str, dict[str, str]] = {
     "sommerfeld": {"supply_up": "motor.v", "supply_down": "motor.v", "supply": "motor.v",
                    "theory_up": "motor.v", "before_up": "exciter.w", "after_up": "exciter.w",
                    "speed": "exciter.w", "shake": "exciter.x"},
-    "speed_step": {"w_max": "load.w", "tau_max": "shaft.tau_b", "tau_min": "shaft.tau_b",
+    "speed_step": {"w_max": "load.w", "mean": "load.w", "mean_max": "load.w", "ripple": "load.w", "tau_max": "shaft.tau_b", "tau_min": "shaft.tau_b",
                    "i_max": "motor.i"},
 }  # fmt: skip
 WORDS = {
@@ -289,7 +290,7 @@ def test_warnings_of_fmus_are_told_once_after_the_answer(
     finish(answer, tmp_path)
     said, errors = capfd.readouterr()
     assert errors == ""
-    assert said.splitlines()[-2] == f"Warning: {warning}"
+    assert said.splitlines()[-3] == f"Warning: {warning}"
     assert said.startswith("The cam shoots up to")
     assert json.loads((tmp_path / "iron_start.json").read_text())["warnings"] == [warning]
     assert "cam follower lifts off" in (tmp_path / "report.html").read_text()

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
 from cosim import SetupError
 from examples import measured_conveyor, measured_iron
@@ -75,6 +76,26 @@ def test_what_would_get_it_clear_does(answer: Answer) -> None:
         changed = replace(MACHINE, **{field: f[name].value})
         assert abs(changed.torque_ripple(nu)) == pytest.approx(most, rel=0.05)
         assert f[name].text() in answer.verdict
+    assert answer.verdict.count("These are limits, not targets.") == 1
+
+
+def test_a_change_is_known_better_than_the_value_it_leads_to(answer: Answer) -> None:
+    """The factor of the true machine, sought here; what is not known of the fit moves both alike."""
+    f, nu, most = answer.figures, answer.facts["operating_speed"], answer.facts["limit"]
+    for name, field in (("rotor_j", "theta1"), ("motor_t", "T")):
+        change, clear = f[f"change_{name}"], f[f"clear_{name}"]
+        assert change.error is not None and clear.error is not None
+        fitted = f["conveyor_rotor_j" if name == "rotor_j" else "motor_t"]
+        assert change.value == pytest.approx(100 * (clear.value / fitted.value - 1), rel=1e-6)
+        assert change.error < 0.9 * 100 * clear.error / fitted.value
+
+        def over(factor: float, field: str = field) -> float:
+            changed = replace(MACHINE, **{field: factor * getattr(MACHINE, field)})
+            return float(abs(changed.torque_ripple(nu))) - most
+
+        exact = 100 * (brentq(over, 1.1, 2.0) - 1)
+        assert abs(change.value - exact) < 1.5 * change.error
+        assert f"raised by {change.text()}, to {clear.text()}" in answer.verdict
 
 
 def test_the_next_record_is_one_in_which_the_speed_changes(answer: Answer) -> None:

@@ -290,7 +290,9 @@ def test_where_the_classical_calculation_goes_wrong_is_where_exact_orbits_say(na
         for load in ("torque", "speed", "force"):
             figure = answer.figures[f"limit_{way}_{load}"]
             if figure.error is None:
-                assert figure.reason == "the error stays below 5 % at every speed of the sweep"
+                assert (
+                    figure.reason == f"the error stays below {most:g} % at every speed of the sweep"
+                )
                 continue
             held += 1
             assert figure.brief() in answer.verdict

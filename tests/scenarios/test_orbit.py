@@ -26,7 +26,7 @@ from tests.scenarios.orbit_oracle import (
     question,
 )
 from workbench import Bench
-from workbench.figure import Figure
+from workbench.figure import Figure, percent
 from workbench.orbit import NotSteady, at_angles, return_map, steady
 
 FIGURES = ("nu_90", "nu_peak_tau", "tau2_peak", "nu_peak_w", "w2_peak", "f_rod_peak")
@@ -126,9 +126,7 @@ def test_the_verdict_tells_the_speeds_to_avoid_with_their_errors(
     """Where exact orbits have the limit; beside little damping the spring carries the load at 60."""
     told = ask("resonance", speeds=speeds, limit=limit, start=drive.start)
     ripple, rated = told.figures["tau2_operating"], told.facts["rated_torque"]
-    assert (
-        f"{ripple.brief()}, {100 * ripple.value / rated:.0f} % of the rated torque" in told.verdict
-    )
+    assert f"{ripple.brief()}, {percent(ripple.value / rated)} of the rated torque" in told.verdict
     first, last, _ = map(float, speeds.split(":"))
     exact = edges(drive, first, last, limit)
     found = [name for name in told.figures if name.startswith("avoid")]

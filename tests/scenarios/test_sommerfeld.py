@@ -176,13 +176,13 @@ def test_a_motor_below_the_jump_is_called_caught() -> None:
 @pytest.mark.slow
 def test_a_mount_without_damping_gives_no_end() -> None:
     """The motor is held at the resonance, and the mount shakes ever more."""
-    answer = ask("sommerfeld", supplies="14,32", start={"exciter.mount.d": 0.0})
+    answer = ask("sommerfeld", supplies="16:20:5", start={"exciter.mount.d": 0.0})
     assert answer.verdict.startswith("The mount has no damping, so that no steady motion")
-    assert "At 32 V the motor turns at 49." in answer.verdict
+    assert "At 20 V the motor turns at 49." in answer.verdict
     assert "is not steady after 200 s: the mount shakes by " in answer.verdict
     assert "not caught" not in answer.verdict
     assert answer.figures["supply_up"].error is None
-    assert any("32 V the motion is not steady" in x for x in answer.warnings)
+    assert any(" V the motion is not steady after 200 s" in x for x in answer.warnings)
 
 
 def test_a_motion_that_is_unstable_before_its_fold_gives_no_voltage() -> None:
@@ -228,8 +228,7 @@ def test_coarse_levels_find_the_same_jumps_and_low_ones_none() -> None:
     assert coarse.verdict.startswith(thrown)
     low = ask("sommerfeld", supplies="15,18").verdict
     assert low.startswith("Up to 18 V, the highest level, the motor does not pass the resonance")
-    for supplies, why in (("20", "must be two levels or more"), ("20,18", "must rise from level")):
-        with pytest.raises(SetupError, match=why):
-            ask("sommerfeld", supplies=supplies)
+    with pytest.raises(SetupError, match="must be two levels or more"):
+        ask("sommerfeld", supplies="20")
     with pytest.raises(SetupError, match=r"motor.k = 0 V.s/rad gives no torque"):
         ask("sommerfeld", supplies="18,20", start={"motor.k": 0.0})

@@ -89,8 +89,9 @@ def test_what_is_left_is_a_steady_ripple_of_an_order(
     assert strongest == pytest.approx(peak, abs=0.02)
     assert f["ripple_order"].value == 2.0
     assert ("near the natural frequency of " in answer.verdict) == near
-    assert "its mean over a turn does not exceed" in answer.verdict
+    assert "its mean over a turn is at most" in answer.verdict
     assert "overshoots" not in answer.verdict
+    assert f["mean_max_time"].reason == "the mean does not overshoot"
 
 
 def test_an_overshoot_is_one_of_the_mean() -> None:

@@ -3,21 +3,31 @@
 from __future__ import annotations
 
 import json
+import math
 import re
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 from scipy.optimize import brentq
 
+from cosim import SetupError
 from scenarios.__main__ import PROJECT
-from scenarios.conveyor.theory import SETS
-from tests.conftest import ask
+from scenarios.conveyor import rod_force
+from scenarios.conveyor.resonance_map import coupling_error
+from scenarios.conveyor.response import COARSER
+from scenarios.conveyor.rod import ORDER, largest
+from scenarios.conveyor.theory import SETS, settling
+from tests.conftest import LONG, QUICK, ask, plain
 from tests.scenarios.orbit_oracle import Drive, orbit
 from workbench.answer import Answer
+from workbench.ask import refused
 from workbench.command import REFUSED, main
-from workbench.figure import ERROR_SCOPE
+from workbench.figure import ERROR_SCOPE, Figure
+from workbench.limit import coupling
 
 SPEEDS = "34:46:7"
 
@@ -170,13 +180,114 @@ def test_a_limit_within_the_error_of_the_ripple_decides_nothing() -> None:
 def test_a_refused_answer_has_its_own_exit_status(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    for number, (words, refused) in enumerate(
+    for number, (words, is_refused) in enumerate(
         (("--steps-per-rev 128", False), ("--algorithm jacobi --steps-per-rev 128", True))
     ):
         out = tmp_path / str(number)
         command = f"run resonance --flavour native --jobs 1 --speeds 38:42:3 {words} --out {out}"
-        assert main(command.split(), PROJECT, "scenarios") == (REFUSED if refused else 0)
+        assert main(command.split(), PROJECT, "scenarios") == (REFUSED if is_refused else 0)
         assert ERROR_SCOPE in capsys.readouterr().out
-        assert json.loads((out / "resonance.json").read_text())["refused"] is refused
+        assert json.loads((out / "resonance.json").read_text())["refused"] is is_refused
         assert ERROR_SCOPE in (out / "report.html").read_text().replace("&#39;", "'")
     assert REFUSED == 3
+
+
+@pytest.mark.parametrize("name", [x for x in QUICK if x not in LONG])
+def test_no_option_is_left_without_the_value_that_was_used(name: str) -> None:
+    """But for what a question does not use: the speed of a map over the speed, ends of a record."""
+    unused = {"resonance_map": {"speed"}, "identify": {"since", "until"}}
+    unused |= {f"{machine}_identify": {"since", "until"} for machine in ("iron", "orientator")}
+    empty = {key for key, x in plain(name).options.items() if x.value is None}
+    assert empty <= unused.get(name, set())
+    speeds = plain(name).options.get("speeds")
+    assert speeds is None or len(speeds.value) > 0
+
+
+def test_an_answer_hangs_on_what_its_question_declares_or_on_all_that_is_no_formula() -> None:
+    known, formula = Figure(1.0, "N", 0.1), Figure(1.0, "N", 0.0)
+    unknown = Figure.refused("N", "it stuck")
+    declared = SimpleNamespace(DECISIVE=("a",), __file__="mine.py")
+    free = SimpleNamespace(__file__="mine.py")
+    for page, figures, wanted in (
+        (declared, {"a": known, "b": unknown}, False),
+        (declared, {"a": unknown, "b": known}, True),
+        (free, {"a": unknown, "b": known}, False),
+        (free, {"a": unknown, "b": formula}, True),
+        (free, {"a": formula}, False),
+        (free, {}, False),
+    ):
+        assert refused(page, figures) is wanted  # type: ignore[arg-type]
+    with pytest.raises(SetupError, match="DECISIVE names 'a', which is no figure"):
+        refused(declared, {"b": known})  # type: ignore[arg-type]
+
+
+def test_where_the_power_goes_is_told_with_its_signs() -> None:
+    """In set A the trough takes less with ripple than without, and the motor more than the supply."""
+    figures = ask("mean_values", speeds="30,44").figures
+    supply, motor, trough = (figures[f"{name}_more"] for name in ("supply", "motor", "trough"))
+    assert trough.value < 0.0 < supply.value < motor.value
+    text = ask("mean_values", speeds="30,44").verdict
+    less = trough._replace(value=-trough.value).brief()
+    assert f"the supply gives {supply.brief()} more; the motor turns {motor.brief()} more" in text
+    assert f"the trough takes {less} less." in text and "Of this" not in text
+
+
+@pytest.mark.parametrize(("lag", "overshoots"), [(1e-3, True), (2e-4, False)])
+def test_a_mean_speed_overshoots_as_its_damping_says(lag: float, overshoots: bool) -> None:
+    """Damping ratios of 0.79 and 1.8; the first overshoots after 5 / (2 pi) of a period."""
+    start = {"motor.T": lag}
+    answer = ask("mean_values", speeds="40", speed=40.0, start=start, steps_per_rev=1024)
+    machine, figure = replace(SETS["A"], T=lag), answer.figures["overshoot"]
+    rate = settling(machine)[0]
+    theory = 100 * math.exp(math.pi * rate.real / abs(rate.imag)) if overshoots else 0.0
+    assert figure.error is not None and figure.error < 0.1
+    assert figure.value == pytest.approx(theory, abs=0.2)
+    assert ("settles without overshoot" in answer.verdict) != overshoots
+
+
+def test_a_crank_that_stalls_has_no_overshoot() -> None:
+    """A spring too stiff for its motor: the means are refused, and what the mean speed settles at."""
+    start = {"motor.B": 14.0, "motor.T": 0.13, "conveyor.rotor.J": 0.1, "conveyor.spring.c": 2e6}
+    answer = ask("mean_values", speeds="10", speed=11.0, start=start, steps_per_rev=256)
+    assert answer.refused and answer.figures["overshoot"].error is None
+    assert "overshoot of" not in answer.verdict
+    assert "is not determined" in answer.show().charts[0].title
+
+
+def test_how_far_a_spring_moves_the_resonance_is_computed() -> None:
+    """A motor at its slope's edge: the sentence gives what the figures are, whatever they are."""
+    own, other = Figure(40.0, "rad/s", 0.001), Figure(44.0, "rad/s", 0.001)
+    data: Any = SimpleNamespace(plane=SimpleNamespace(machine=SETS["A"]))
+    text = rod_force.shifted(data, own, other)
+    assert text.startswith(
+        "The other spring moves the resonance up by 10.0 %, from 40.00 rad/s to 44.00"
+    )
+    assert "down by 9.09 %" in rod_force.shifted(data, other, own)
+    assert rod_force.shifted(data, own, own).startswith("The resonance stays at 40.00 rad/s")
+    data.plane.machine = replace(SETS["A"], T=1e-4)
+    assert "moves the 90 degree lag, which is no resonance, up" in rod_force.shifted(
+        data, own, other
+    )
+
+
+def test_the_largest_deviation_carries_the_coupling_error_of_its_own_point() -> None:
+    """Also at a speed that the sample of the map's coupling errors leaves out."""
+    answer = ask("rod_force", speeds="25:55:7", springs="1e5:1e6:7", steps_per_rev=160)
+    data, figure = answer.data, answer.figures["formula_off"]
+    ratio = (data.points["f_rod_formula"] / data.points["f_rod"]).to_numpy()
+    at = int(np.nanargmax(np.abs(ratio - 1.0)))
+    spots = [(*data.plane.spots()[at][:2], k) for k in COARSER]
+    runs = [largest(orbit) for orbit in data.setup.orbits(spots, "test")]
+    own = 100 * ratio[at] * coupling(runs, ORDER) / runs[0]
+    assert own > 200 * coupling_error(data.plane, data.setup, largest, ORDER)
+    assert figure.error is not None and figure.error >= 0.999 * own
+
+
+def test_a_motor_that_cannot_reach_a_high_resonance_does_not_stall() -> None:
+    """A drive at 60 rad/s turns, though that is below a tenth of its 90 degree lag at 1000 rad/s."""
+    answer = ask("run_up", set="A", start={"motor.T": 1e-4}, stop=0.3)
+    assert "stalls" not in answer.verdict
+    assert answer.verdict.startswith(
+        "The linear motor does not stay above the 90 degree lag at 1000 rad/s by formula (22), which is no "
+        "resonance with this damping, within 0.3 s."
+    )

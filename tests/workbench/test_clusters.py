@@ -219,6 +219,9 @@ def elsewhere(tmp_path: Path) -> Iterator[tuple[str, Path, Callable[[], None]]]:
         vanish()
 
 
+LACKING = "No module named 'workbench'"
+
+
 def test_fmus_travel_to_workers_and_other_code_is_refused(
     elsewhere: tuple[str, Path, Callable[[], None]], tmp_path: Path
 ) -> None:
@@ -247,7 +250,7 @@ def test_fmus_travel_to_workers_and_other_code_is_refused(
     with (home / "cosim" / "engine" / "curve.py").open("a") as file:
         file.write("# changed\n")
     refused(r"differs: code.\"cosim/engine/curve.py\" has changed")
-    shutil.rmtree(home / "workbench")
+    (home / "workbench" / "__init__.py").write_text(f"raise ModuleNotFoundError({LACKING!r})")
     refused("cannot do runs: .*No module named 'workbench'.*; start it in the project's folder")
 
 

@@ -105,7 +105,8 @@ def test_a_fault_of_the_machine_ends_a_study_and_the_same_command_goes_on(
         "command continues"
     )
     assert "\n" not in text
-    assert done(home) == [0.0, 1.0, 2.0]
+    # the next run is handed out before the outcome of this one is looked at; its row is not kept
+    assert done(home)[:3] == [0.0, 1.0, 2.0]
     assert not (home / "out" / "table.csv").exists()
     (home / "fault").unlink()
     found = study.run(study.load(home / "some.toml"), out=home / "out", jobs=1)
@@ -138,7 +139,7 @@ def test_a_study_whose_folder_moves_ends_and_goes_on_where_it_is(home: Path) -> 
         "study's journal, and the same command continues once the file is back\n"
     )
     assert not out.exists()
-    assert done(home) == [0.0, 1.0, 2.0]
+    assert done(home)[:3] == [0.0, 1.0, 2.0]
     found = study.run(study.load(home / "some.toml", PROJECT), out=moved, jobs=1)
     assert done(home) == [2.0, 3.0]
     assert set(found.table["status"]) == {"ok"}

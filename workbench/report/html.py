@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 from ..figure import ERROR_SCOPE, Figure
 from .motion import Motion
 from .plot import MOST, Words, figure, told
+from .script import compact
 from .svg import svg
 
 if TYPE_CHECKING:
@@ -40,6 +41,7 @@ def report(answer: Answer, path: Path) -> None:
     content |= {"live": live.data} if live else {}
     folder = FileSystemLoader(Path(__file__).parent)
     made = Environment(loader=folder, autoescape=True, trim_blocks=True, lstrip_blocks=True)
+    made.filters["compact"] = compact
     page = made.get_template("page.html")
     mark = f"own-{secrets.token_hex(16)}"
     text = page.render(
@@ -56,7 +58,7 @@ def report(answer: Answer, path: Path) -> None:
         packed=_packed(json.dumps(content, separators=(",", ":")).encode()),
         plotly=_packed_plotly(),
         modules={part: _packed(module) for part, module in live.modules.items()} if live else {},
-        worker=_packed(live.script.encode()) if live else "",
+        worker=_packed(live.worker.encode()) if live else "",
     )
     more = " 'wasm-unsafe-eval'; worker-src blob:" if live else ""
     path.write_text(secured(text, mark, [_plotly()], more), encoding="utf-8")

@@ -37,7 +37,7 @@ def scale_of(motion: Motion) -> float:
 
 def svg(motion: Motion) -> str:
     """The motion again and again over its ghosts, with letters of a size for wide and narrow screens."""
-    size, shapes = _placed(motion)
+    size, _, shapes = placed_shapes(motion)
     since = motion.times - motion.times[0]
     times = ";".join(f"{share:.6g}" for share in since / since[-1])
     clock = f'dur="{since[-1] * motion.slow:.6g}s" repeatCount="indefinite" keyTimes="{times}"'
@@ -49,20 +49,16 @@ def svg(motion: Motion) -> str:
     ]
     lines = [_line(shape, placed, clock) for shape, placed in shapes]
     names = [_name(shape, placed, clock) for shape, placed in shapes]
-    letters = [
-        f"--{screen}: {height / min(wide / size[0], TALL / size[1]):.1f}px"
-        for screen, (wide, height) in SCREENS.items()
-    ]
     label = escape(f"{motion.title}: {', '.join(shape.name for shape in motion.shapes)}")
     return (
         f'<svg role="img" aria-label="{label}" viewBox="0 0 {size[0]:.1f} {size[1]:.1f}" '
-        f'style="{"; ".join(letters)}">{"".join([*ghosts, *lines, *names])}</svg>'
+        f'style="{letter_sizes(size)}">{"".join([*ghosts, *lines, *names])}</svg>'
     )
 
 
 def still(motion: Motion, frame: int, pixels: float) -> str:
     """A frame below its caption as a picture, on its longer side so many pixels long."""
-    size, shapes = _placed(motion)
+    size, _, shapes = placed_shapes(motion)
     unit = max(size) / pixels
     now = [(shape, placed[[min(frame, len(placed) - 1)]]) for shape, placed in shapes]
     lines = [_line(shape, placed, "", thick=unit) for shape, placed in now]
@@ -81,7 +77,7 @@ def drawing(motion: Motion, symbols: Sequence[Symbol]) -> str:
     """The first frame over its ghosts, which have words beside them, as a picture that stands alone;
     symbols take the place of the names of their shapes.
     """
-    size, shapes = _placed(motion)
+    size, _, shapes = placed_shapes(motion)
     unit = (1.2 if motion.ghosts else 1.0) * size[0] / DRAWN
     tall, symbolic = round(size[1] / unit) + ABOVE, {symbol.shape for symbol in symbols}
     lines = [
@@ -112,13 +108,21 @@ def drawing(motion: Motion, symbols: Sequence[Symbol]) -> str:
     )
 
 
-def _placed(motion: Motion) -> tuple[Samples, list[tuple[Shape, Samples]]]:
-    """Width and height of the drawing, and every shape with its points there, of shape
-    (frames or 1, n, 2)."""
+def placed_shapes(motion: Motion) -> tuple[Samples, float, list[tuple[Shape, Samples]]]:
+    """Width and height of the drawing, its units in a metre, and every shape with its points there,
+    of shape (frames or 1, n, 2)."""
     (low, high), scale = motion.bounds, scale_of(motion)
     corner, ways = np.array([low[0], high[1]]), np.array([scale, -scale])
     placed = [(shape, (shape.points - corner) * ways + EDGE) for shape in motion.shapes]
-    return scale * (high - low) + 2 * EDGE, placed
+    return scale * (high - low) + 2 * EDGE, scale, placed
+
+
+def letter_sizes(size: Sequence[float] | Samples) -> str:
+    """The size of letters on wide and narrow screens in a drawing of that size, for its style."""
+    return "; ".join(
+        f"--{screen}: {height / min(wide / size[0], TALL / size[1]):.1f}px"
+        for screen, (wide, height) in SCREENS.items()
+    )
 
 
 def _line(shape: Shape, placed: Samples, clock: str, more: str = "", thick: float = 1.0) -> str:

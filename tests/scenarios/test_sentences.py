@@ -1,0 +1,105 @@
+"""Sentences that must turn where the figures do."""
+
+from __future__ import annotations
+
+import math
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from scenarios.iron import iron_bounce
+from scenarios.orientator import orientator_limit
+from tests.conftest import ask
+from workbench.figure import Figure
+
+
+def test_a_cam_that_creeps_into_its_rise_is_not_said_to_turn() -> None:
+    """The largest torque of a slow turn is the slope of what is stored and lost over the angle."""
+    answer: Any = ask("iron_start", motor_A=0.05)
+    f = answer.figures
+    first = f"Within 3 s the cam does not complete a turn: it makes {f['turns'].text()} turns"
+    assert answer.verdict.startswith(first)
+    assert "it cannot turn the cam slowly through a whole turn" in answer.verdict
+    assert f["tau_cam_rest"].value == pytest.approx(0.05 * 36, rel=1e-9)
+    rows = ask("iron_start", stop=3.0).tables["iron_start.csv"].frame
+    phi, work = (
+        rows["iron.phi"].to_numpy(),
+        (rows["iron.E_pot"] + rows["iron.E_friction"]).to_numpy(),
+    )
+    turn = phi < phi[0] + 2 * math.pi
+    most = np.max(np.diff(work[turn]) / np.diff(phi[turn]))
+    assert f["tau_cam_max"].value == pytest.approx(most, rel=0.01)
+    strong = ask("iron_start", motor_A=0.35, stop=0.5).verdict
+    assert "Up to 0.5 s it makes 0." in strong
+    assert "cannot" not in strong
+    backwards = ask("iron_start", motor_A=-4.0, stop=0.2).verdict
+    assert "cannot" not in backwards
+
+
+def test_a_wall_that_would_have_to_pull_is_named() -> None:
+    """At the default speed it would, from rows twenty times as dense; on a slower spring it does not."""
+    answer = ask("orientator_cycle")
+    rows = ask("orientator_cycle", step=5e-5).tables["orientator_cycle.csv"].frame
+    least = rows["orientator.N_K"].min()
+    figure = answer.figures["wall_least"]
+    assert least < -0.019
+    assert figure.error is not None and abs(figure.value - least) < figure.error < 1e-3
+    assert f"The reaction of the wall falls to {figure.text()}: the wall would" in answer.verdict
+    held = ask("orientator_cycle", speed="62.5rpm", friction=0.5)
+    assert held.figures["wall_least"].value > 0.2
+    assert "pull" not in held.verdict
+
+
+def test_a_landing_that_does_not_happen_has_no_impulse() -> None:
+    f = ask("orientator_cycle", speed="110rpm").figures
+    for name in ("corner_impulse", "wall_impulse", "hook_impulse"):
+        assert f[name].error is None
+        assert "it does not come to that: the product jams: held in chute" in f[name].reason
+    stopped = ask("orientator_cycle", speed="62.5rpm", friction=0.5).figures
+    assert all(
+        stopped[name].value > 0.0 for name in ("corner_impulse", "wall_impulse", "hook_impulse")
+    )
+
+
+def test_one_landing_is_once_and_one_dimension_is_named_once() -> None:
+    one = Figure(1.0, "1", 0.0)
+    f = dict.fromkeys(
+        ("follower_limit", "cycles", "flight", "speed", "impulse", "force", "loss"), one
+    )
+    verdict = iron_bounce.verdict(iron_bounce.Options(), f | {"landings": one}, None)
+    assert "lands once, at up to" in verdict
+    gains = {f"gain_{x.replace('.', '_').lower()}": 0.1 for x in orientator_limit.LENGTHS}
+    names = ("limit", "formula", "off", "above_least", "above_most")
+    said = []
+    for strongest in ("gain_cup_h", "gain_chute_r"):
+        values = gains | {strongest: 0.9}
+        f = dict.fromkeys(names, one) | {x: Figure(y, "%", 0.01) for x, y in values.items()}
+        plane = SimpleNamespace(frame=pd.DataFrame({"limit": [1.0]}))
+        o = orientator_limit.Options()
+        said.append(orientator_limit.verdict(o, f, (None, {orientator_limit.PLANE: plane})))  # type: ignore[arg-type]
+    assert said[0].count("cup.h") == 1 and "Of the cup itself" not in said[0]
+    assert "Of the cup itself it is cup.d: " in said[1]
+
+
+def test_orders_that_are_not_valid_are_named_in_a_line_each() -> None:
+    """At 9.5 rad/s the follower lifts off, at 5 rad/s nothing lets go."""
+    answer = ask("iron_orders", speeds="5,9.5")
+    assert len(answer.warnings) == 3
+    for warning, lag in zip(answer.warnings, (12, 80, 200)):
+        first = f"in the steady motion at 9.5 rad/s with a lag of {lag} ms the follower lifts off"
+        assert warning.startswith(first)
+        assert "e-1" not in warning
+
+
+def test_a_jam_costs_a_product_and_the_line_its_idling() -> None:
+    answer: Any = ask("packing_line", iron_speed=6.0, stop=3.75, step=1e-3)
+    f = answer.figures
+    share = 100 * f["mean_conveyor"].value / f["mean_supply"].value
+    work = f"takes {f['work'].text()} from the supply as well, {share:.3g} % of it for the conveyor"
+    assert work in answer.verdict
+    assert share > 99.0
+    assert "a jam costs" not in answer.verdict
+    assert ("No product jams" in answer.verdict) == (f["lost"].value == 0.0)

@@ -1,0 +1,441 @@
+"""What a live page is made of: formulas, readers, drawings and declarations, and their twins in JavaScript."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+import shutil
+import subprocess
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import cosim
+from cosim import Result, SetupError, System
+from scenarios.__main__ import PROJECT
+from scenarios.conveyor import live_theory
+from scenarios.conveyor.drive import conveyor_drive, linearised
+from scenarios.conveyor.theory import SETS
+from scenarios.fmu_files import FMUS
+from scenarios.iron import iron_bounce
+from tests.conftest import ROOT, ask, fmus_of
+from tests.workbench.javascript import Evaluate, evaluator
+from workbench import live
+from workbench.answer import Findings
+from workbench.figure import Figure
+from workbench.live import (
+    REVOLUTION,
+    Coordinate,
+    Live,
+    LiveChart,
+    LiveMotion,
+    LivePanel,
+    LiveRun,
+    LiveSweep,
+    Number,
+    Reader,
+    Slider,
+    drawing,
+)  # fmt: skip
+from workbench.live.build import FOLDER, PAGE, WORKER, script
+from workbench.live.formula import FUNCTIONS, Formula
+from workbench.live.readers import READERS, Rows, revolution, since
+from workbench.options import made
+from workbench.question import load, names
+from workbench.report.motion import Shape, line
+
+#: bytes of the scripts of a page without plotly
+LARGEST_SCRIPT = 40_000
+LIVE_QUESTIONS = (
+    "iron_bounce", "iron_cycle", "iron_start", "orientator_cycle", "packing_line", "resonance",
+    "run_up", "sommerfeld", "speed_step",
+)  # fmt: skip
+#: sums and trigonometric functions may round otherwise
+ROUNDING = 1e-11
+
+
+@pytest.fixture(scope="module")
+def javascript(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Evaluate]:
+    with evaluator(tmp_path_factory.mktemp("script")) as evaluate:
+        if evaluate is None:
+            pytest.skip("neither node nor chromium is installed: no script was run")
+        yield evaluate
+
+
+VALUES = {"motor.B": 3.5, "speed": 40.0, "conveyor.crank.r": 0.01, "x": -0.75}
+FORMULAS = [
+    "motor.B * speed - 1", "-x**2", "(-x)**2", "2**-1", "2**3**2", "-2 - -x", "1e3 * x / (2 * pi)",
+    "conveyor.crank.r**2 / 2 * (speed + 1)", "speed > 3", "x <= -0.75", "speed == 40", "7",
+    "hypot(3, 4) + abs(x)", "atan2(x, speed)", "mod(x, 0.5)", "mod(-speed, 360)", "where(x > 0, 1, 2)",
+    "min(x, 2, speed) + max(x, 2, speed)", "sqrt(speed) * sin(x) + cos(x) * exp(x) - log(speed)",
+    "sqrt(x)", "log(x)", "1 / (speed - 40)",
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("text", FORMULAS)
+def test_a_formula_means_the_same_in_both_languages(text: str, javascript: Evaluate) -> None:
+    formula, source = Formula.read(text), (FOLDER / "formula.js").read_text()
+    value = javascript(f"{source} const v = {json.dumps(VALUES)}; return +({formula.source});")
+    expected = formula(VALUES)
+    if math.isnan(expected):
+        assert value is None
+    else:
+        assert value == pytest.approx(expected, rel=1e-14)
+
+
+def test_every_function_of_formulas_is_tried() -> None:
+    assert all(any(f"{name}(" in text for text in FORMULAS) for name in FUNCTIONS)
+    assert Formula.read("-x**2")(VALUES) == -0.5625
+    assert Formula.read("a.b.c + d").names == {"a.b.c", "d"}
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "a if b else c", "__import__('os')", "x // 2", "x % 2", "[x]", "x[0]", "lambda: x", "not x", "'a'",
+        "f(x)", "x and y", "a < b < c", "x := 2", "", "True", "1j", "max(*x)", "round(x, ndigits=2)", "(x).y()",
+        "x != 2", "1; 2",
+    ],
+)  # fmt: skip
+def test_what_is_no_formula_is_refused(text: str) -> None:
+    with pytest.raises(SetupError, match=r"^LIVE: the formula "):
+        Formula.read(text)
+
+
+@cache
+def recorded() -> dict[str, Result]:
+    """A smooth run, one with jumps, and one of many turns."""
+    bounce = load(names(PROJECT.home)["iron_bounce"])
+    flight = iron_bounce.flying(System(fmus_of(bounce)), 720, 9.4)
+    return {
+        "iron": flight,
+        "conveyor": run_up(),
+        "orientator": orientator(),
+    }
+
+
+def run_up() -> Result:
+    page = load(names(PROJECT.home)["run_up"])
+    import cosim
+
+    start = SETS["B"].start(60.0) | {"motor.tau": 0.0, "conveyor.w": 0.0}
+    return cosim.run(conveyor_drive(fmus_of(page), start), stop=0.5, step=2e-4)
+
+
+def orientator() -> Result:
+    page = load(names(PROJECT.home)["orientator_cycle"])
+    return cosim.run(page.system(page.Options(), fmus_of(page)), stop=0.6, step=1e-3)
+
+
+READ = {
+    "iron": (
+        "iron.phi",
+        ["iron.N", "iron.v_landing", "iron.landings", "iron.t_flight", "iron.lift"],
+    ),
+    "conveyor": ("conveyor.phi", ["motor.tau", "conveyor.w", "conveyor.f_rod"]),
+    "orientator": ("orientator.phi1", ["orientator.stage", "orientator.w2", "orientator.t_joint"]),
+}
+
+
+@pytest.mark.parametrize("name", READ)
+def test_readers_are_those_of_python_on_recorded_runs(name: str, javascript: Evaluate) -> None:
+    result, (angle, columns) = recorded()[name], READ[name]
+    t, phi = result["time"], result[angle]
+    begin = revolution(t, phi)
+    cases, expected = [], []
+    for column in columns:
+        x = result[column]
+        for window in (0.0, float(t[-1]) / 3, begin):
+            for kind, read in READERS.items():
+                level = float((x.min() + 2 * x.max()) / 3)
+                rows = since(Rows(t, x, phi, 2, level), window)
+                cases.append([kind, column, window if math.isfinite(window) else None, level])
+                expected.append(read(rows))
+    data = {name: result[name].tolist() for name in (*columns, angle, "time")}
+    sources = script(("readers.js",))
+    values, first = javascript(f"""{sources}
+        const data = Object.fromEntries(Object.entries({json.dumps(data)}).map(([k, x]) => [k, Float64Array.from(x)]));
+        const angle = data["{angle}"];
+        return [{json.dumps(cases)}.map(([kind, column, begin, level]) => {{
+            const rows = since({{ t: data.time, x: data[column], angle }}, begin ?? NaN);
+            return readers[kind]({{ ...rows, order: 2, level }});
+        }}), revolution(data.time, angle)];""")
+    assert first == (None if math.isnan(begin) else pytest.approx(begin, rel=1e-14))
+    for case, value, wanted in zip(cases, values, expected, strict=True):
+        if math.isnan(wanted):
+            assert value is None, case
+        else:
+            scale = abs(result[case[1]]).max()
+            assert value == pytest.approx(wanted, rel=ROUNDING, abs=ROUNDING * scale), case
+
+
+def test_readers_read_what_they_say() -> None:
+    t = np.linspace(0.0, 2.0, 2001)
+    angle = 2 * np.pi * (t + 0.01 * np.sin(2 * np.pi * t))
+    x = 3.0 + 2.0 * np.sin(2 * angle + 0.5)
+    rows = since(Rows(t, x, angle, 2, 4.0), revolution(t, angle))
+    wanted = {
+        "last": x[-1], "change": 0.0, "max": 5.0, "min": 1.0, "amplitude": 2.0, "phase": math.degrees(0.5),
+    }  # fmt: skip
+    for kind, value in wanted.items():
+        assert READERS[kind](rows) == pytest.approx(value, rel=1e-4, abs=1e-9), kind
+    straight = Rows(t, 2 * t, angle, 1, 1.0)
+    assert READERS["mean"](straight) == pytest.approx(2.0)
+    assert READERS["first_crossing"](straight) == pytest.approx(0.5)
+    assert math.isnan(READERS["first_crossing"](Rows(t, 2 * t, angle, 1, 9.0)))
+    jump = np.where(t < 1.0, 0.0, 3.0 - t)
+    assert READERS["max"](Rows(t, jump, angle)) == pytest.approx(2.0, abs=1e-3)
+
+
+@pytest.mark.parametrize("start", [{}, {"motor.characteristic": 1, "motor.B": 35.8}])
+def test_theory_as_formulas_is_the_theory(start: Mapping[str, Any]) -> None:
+    for name, base in SETS.items():
+        nu = 43.0
+        kloss = {"motor.kloss.tau_b": 190.0, "motor.kloss.s_b": 0.16, "motor.kloss.w_s": 65.4}
+        v: dict[str, float] = {**kloss, **base.start(nu), "speed": nu}
+        for key, text in live_theory.values(start).items():
+            v[key] = Formula.read(text)(v)
+        machine = linearised(base, {**kloss, **start}, nu)
+        expected = {
+            "B": machine.B, "slope": machine.slope, "theta0": machine.theta0, "J": machine.J,
+            "nu_res": machine.nu_res, "zeta": machine.zeta, "load_slope": machine.load_slope,
+            "torque_ripple": abs(machine.torque_ripple(nu)), "speed_ripple": abs(machine.speed_ripple(nu)),
+            "load_re": machine.load_ripple(nu).real, "load_im": machine.load_ripple(nu).imag,
+            "torque_lag": np.angle(machine.load_ripple(nu) / machine.torque_ripple(nu), deg=True) % 360,
+        }  # fmt: skip
+        for key, value in expected.items():
+            assert v[key] == pytest.approx(value, rel=1e-12), (name, key)
+
+
+def arm(nonlinear: float = 0.0) -> LiveMotion:
+    """An arm whose end turns, and a slide that moves; perhaps with what no table has."""
+
+    def draw(at: Mapping[str, Any]) -> list[Shape]:
+        end = at["a.phi"], at["a.x"]
+        return [
+            Shape("ground", line((0.0, 0.0), (1.0, 0.0)), "grey"),
+            Shape("arm", line((0.0, 0.0), (np.cos(end[0]), np.sin(end[0]))), "red", label=1),
+            Shape("slide", line((end[1], 0.0), (end[1] + nonlinear * end[1] ** 2, 1.0)), "blue"),
+        ]
+
+    coordinates = [Coordinate("a.phi", 0.0, 6.0, (1.0,)), Coordinate("a.x", 0.0, 1.0)]
+    return LiveMotion("Arm", draw, coordinates, [], 1.0)
+
+
+def points_of(
+    table: Mapping[str, Any], columns: Mapping[str, Any], motion: LiveMotion
+) -> list[Any]:
+    """The points of every shape of a table, complex, of shape (frames, n)."""
+    features = drawing._features(motion.coordinates, columns)
+    return [
+        sum(
+            np.outer(features[:, k], np.array(re) + 1j * np.array(im))
+            for k, re, im in shape["terms"]
+        )
+        for shape in table["shapes"]
+    ]
+
+
+def test_a_drawing_is_a_table_of_coefficients_or_is_refused(javascript: Evaluate) -> None:
+    motion = arm()
+    table = drawing.table(motion, 1)
+    phi, x = np.array([0.3, 2.0]), np.array([0.1, 0.7])
+    ground, tip, slide = points_of(table, {"a.phi": phi, "a.x": x}, motion)
+    scale = abs(ground[0][1] - ground[0][0])
+    zero = ground[0][0]
+    assert (tip[:, 1] - zero) / scale == pytest.approx(np.exp(-1j * phi), abs=1e-6)
+    assert ((slide[:, 0] - zero) / scale).real == pytest.approx(x, abs=1e-6)
+    coordinates = [[c.column, list(c.turns)] for c in motion.coordinates]
+    source = (FOLDER / "motion.js").read_text()
+    moved = javascript(f"""{source} const table = {json.dumps(table)};
+        const features = featured({json.dumps(coordinates)}, [2.0, 0.7]);
+        return table.shapes.map((shape) => points(shape, features, [5, 7]));""")
+    for shape, (k, own) in zip(moved, enumerate((ground, tip, slide))):
+        assert [complex(*xy) for xy in shape] == pytest.approx(list(own[-1] + 5 + 7j)), k
+    with pytest.raises(drawing.NonlinearDrawing, match=r"the points of 'slide' are not linear"):
+        drawing.table(arm(0.2), 1)
+
+
+def test_a_machine_that_cannot_be_drawn_live_costs_a_warning_and_not_the_answer() -> None:
+    answer = ask("run_up", stop=0.1, start={"conveyor.crank.r": 0.1})
+    assert answer.live is not None and answer.live.data["motion"] is None
+    (warning,) = [text for text in answer.warnings if text.startswith("LIVE: ")]
+    assert (
+        "'Both conveyors from rest' is left out: the points of 'spring' are not linear" in warning
+    )
+
+
+QUICKLY: dict[str, dict[str, Any]] = {
+    "resonance": {"speeds": "30,44", "steps_per_rev": 64},
+    "run_up": {"stop": 0.3},
+    "iron_start": {"stop": 0.5},
+    "sommerfeld": {"supplies": "18:30:3", "hold": 2.0, "step": 0.02},
+}
+
+
+def declared_live(name: str, **moved: Any) -> Live:
+    """What a question declares, for short options."""
+    page, given = load(names(PROJECT.home)[name]), QUICKLY.get(name, {}) | {"start": moved}
+    answer = ask(name, **given)
+    declaration = page.LIVE
+    o = made(page.Options, given, name)
+    live = declaration(o, answer.figures, answer.data) if callable(declaration) else declaration
+    assert isinstance(live, Live)
+    return live
+
+
+@pytest.mark.parametrize("name", [
+    pytest.param(x, marks=[pytest.mark.slow] if x == "sommerfeld" else []) for x in LIVE_QUESTIONS
+])  # fmt: skip
+def test_no_slider_changes_what_a_drawing_is_made_of(name: str) -> None:
+    """At the same coordinates, the same lines."""
+    plain = declared_live(name)
+    moved = {x.name: x.low + 0.3 * (x.high - x.low) for x in plain.sliders if "." in x.name}
+    motions = [plain.motion, declared_live(name, **moved).motion]
+    assert motions[0] and motions[1]
+    rng = np.random.default_rng(1)
+    columns = {x.column: rng.uniform(x.low, x.high, 9) for x in motions[0].coordinates}
+    for first, second in zip(*(motion.draw(columns) for motion in motions), strict=True):
+        assert second.points == pytest.approx(first.points, abs=1e-9), first.name
+
+
+def test_all_these_questions_are_live() -> None:
+    pages = {name: load(module) for name, module in names(PROJECT.home).items()}
+    assert {name for name, page in pages.items() if hasattr(page, "LIVE")} == set(LIVE_QUESTIONS)
+
+
+def built(declaration: Any) -> Any:
+    """The live part of a product in the orientator, with another declaration."""
+    page = load(names(PROJECT.home)["orientator_cycle"])
+    o, modules = made(page.Options, {}, "it"), PROJECT.modules(page)
+    figures = {"orientation_time": Figure(0.26, "s", 0.0, "time from drop to end")}
+    findings = Findings(figures, None, page.system(o, fmus_of(page)))
+    copy: Any = SimpleNamespace(__file__="it.py", Options=page.Options, LIVE=declaration)
+    return live.of(copy, o, findings, modules, "")
+
+
+PANEL = LivePanel("angle", {"orientator.phi1": "red"}, "deg")
+PLAIN = Live(sliders=[Slider("speed", 1.0, 2.0)], charts=[LiveChart("A", "time [s]", [PANEL])])
+
+
+def refused(**changes: Any) -> str:
+    with pytest.raises(SetupError) as error:
+        built(replace(PLAIN, **changes))
+    return str(error.value)
+
+
+def with_panel(**changes: Any) -> list[LiveChart]:
+    return [LiveChart("A", "time [s]", [replace(PANEL, **changes)])]
+
+
+def with_number(value: Any, **more: Any) -> list[Number]:
+    return [Number("orientation_time", value, **more)]
+
+
+def test_a_declaration_that_does_not_fit_is_one_clear_line() -> None:
+    part = built(PLAIN)
+    assert part.data["columns"] == ["orientator.phi1"]
+    assert built(lambda o, f, r: None) is None
+    assert built(None) is None
+    with pytest.raises(SetupError, match=r"LIVE must be a workbench.live.Live, or a function"):
+        built((3,))
+    cup = [Slider("orientator.cup.x", 0.0, 1.0)]
+    assert refused(sliders=cup) == "LIVE: 'orientator.cup.x' is neither an option nor a start value"
+    assert "stop = '0 * speed' is 0 s, but must be above 0" in refused(stop="0 * speed")
+    assert "start: " in refused(start={"orientator.nothing": "speed"})
+    assert "uses 'sped', which is no option" in refused(start={"orientator.w": "sped"})
+    assert "no wire leads to 'orientator.w'" in refused(factors={"orientator.w": "speed"})
+    text = refused(charts=with_panel(curves={"orientator.phi9": "red"}))
+    assert "uses 'orientator.phi9'" in text or "needs a unit" in text
+    assert "is in rad, and the panel 'angle' in mm" in refused(charts=with_panel(unit="mm"))
+    text = refused(charts=with_panel(curves={"2 * orientator.phi1": "red"}, unit=""))
+    assert text == "LIVE: chart 'A': the panel 'angle' needs a unit"
+    assert "crank_angle needs `angle`" in refused(
+        charts=[replace(PLAIN.charts[0], x="crank_angle")]
+    )
+    text = refused(numbers=with_number(Reader("median", "orientator.w1")))
+    assert "'median' must be one of last, change, max" in text
+    text = refused(numbers=with_number(Reader("amplitude", "orientator.w1")))
+    assert "amplitude needs the window 'revolution'" in text
+    text = refused(numbers=with_number(Reader("mean", "orientator.w1", REVOLUTION)))
+    assert "a revolution needs `angle`" in text
+    text = refused(numbers=with_number(Reader("last", "orientator.w1", run="second")))
+    assert "there is no run 'second'" in text
+    text = refused(numbers=with_number("1", unit="ms"))
+    assert "has the unit 'ms', its figure 's'" in text
+    text = refused(numbers=[Number("new", "1")])
+    assert "is no figure of the answer, so it must have unit and meaning" in text
+    chart = PLAIN.charts[0]
+    assert "sweep over 'nothing'" in refused(sweep=LiveSweep("nothing", [1, 2], "step", [], chart))
+    assert "needs two values" in refused(sweep=LiveSweep("speed", [1.0], "step", [], chart))
+    assert "LIVE: start of a run: " in refused(runs=[LiveRun(start={"x.y": 1.0})])
+
+
+def test_a_sweep_of_one_speed_costs_the_live_sweep_and_not_the_answer() -> None:
+    answer = ask("resonance", speeds="40", steps_per_rev=64)
+    assert answer.live is not None and answer.live.data["sweep"] is None
+
+
+def test_the_example_of_the_guide_makes_a_question_live() -> None:
+    guide = (ROOT / "docs" / "scenarios.md").read_text(encoding="utf-8")
+    (example,) = re.findall(r"```python\n(from workbench.live import .*?)```", guide, re.DOTALL)
+    scope: dict[str, Any] = {}
+    exec(example, scope)  # noqa: S102
+    page = load(str(ROOT / "examples" / "run_down.py"))
+    o, fmus = made(page.Options, {}, "it"), fmus_of(page)
+    modules = {part: FMUS / "wasm" / f"{fmu}.wasm" for part, fmu in page.PARTS.items()}
+    figures = {
+        "tenth": Figure(0.1, "s", 0.0, "until a tenth of the speed is left"),
+        "brake": Figure(5.0, "N.m", 0.0, "largest braking torque"),
+    }
+    copy: Any = SimpleNamespace(__file__="it.py", Options=page.Options, LIVE=scope["LIVE"])
+    part = live.of(copy, o, Findings(figures, None, page.system(o, fmus)), modules, "ask")
+    assert part is not None
+    assert [x["meaning"] for x in part.data["numbers"]] == [x.meaning for x in figures.values()]
+
+
+def test_the_scripts_stay_small() -> None:
+    for name in LIVE_QUESTIONS[:3]:
+        answer = ask(name)
+        assert answer.live is not None
+        assert len(answer.live.worker) + len(answer.live.page) < LARGEST_SCRIPT
+
+
+#: rules that hold for one file; names are shared between the files of a page, so their use is not looked at
+ESLINT_RULES = (
+    "eqeqeq",
+    "no-cond-assign",
+    "no-const-assign",
+    "no-dupe-keys",
+    "no-fallthrough",
+    "no-self-compare",
+    "no-shadow",
+    "no-unreachable",
+    "no-var",
+    "prefer-const",
+    "valid-typeof",
+)
+
+
+@pytest.mark.parametrize("tool", ["prettier", "eslint"])
+def test_the_scripts_are_formatted_and_linted(tool: str, tmp_path: Path) -> None:
+    program = shutil.which(tool)
+    if program is None:
+        pytest.skip(f"{tool} is not installed: the scripts were not looked at by it")
+    rules = [f"--rule={name}: error" for name in ESLINT_RULES]
+    options = {
+        "prettier": ["--check", "--print-width", "100"],
+        "eslint": ["--no-config-lookup", *rules],
+    }[tool]
+    files = [str(FOLDER / name) for name in (*WORKER, *PAGE)]
+    done = subprocess.run(
+        [program, *options, *files], capture_output=True, text=True, check=False, cwd=ROOT
+    )
+    assert done.returncode == 0, done.stdout + done.stderr

@@ -1,0 +1,28 @@
+"""The live part of a page: sliders, and the FMUs' own C code run again in the browser at every move.
+
+A question declares `LIVE`, a `Live` or a function of options, figures and data that returns one. Nothing of
+its Python runs in the browser: what is live are sliders, formulas, readers, curves, a motion and a sweep.
+"""
+
+from .build import LivePart, of
+from .declare import (
+    REVOLUTION,
+    Caption,
+    Coordinate,
+    Formulas,
+    Live,
+    LiveChart,
+    LiveMotion,
+    LivePanel,
+    LiveRun,
+    LiveSweep,
+    Number,
+    Reader,
+    Slider,
+    Steady,
+)  # fmt: skip
+
+__all__ = [
+    "REVOLUTION", "Caption", "Coordinate", "Formulas", "Live", "LiveChart", "LiveMotion", "LivePanel",
+    "LivePart", "LiveRun", "LiveSweep", "Number", "Reader", "Slider", "Steady", "of",
+]  # fmt: skip

@@ -1,0 +1,129 @@
+"""What the browser gets of a question's `LIVE`: its modules, its scripts, and data.
+
+Everything declared is checked here, with the values of the answer, so that a mistake is one line when the page
+is made and never a page that does not work.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cache
+from pathlib import Path
+from types import ModuleType
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from cosim import SetupError
+from cosim.system import connect
+
+from ..options import Options, declared
+from ..report.script import compact
+from .content import Content, numeric
+from .declare import (
+    Live,
+)  # fmt: skip
+from .formula import Formula
+
+if TYPE_CHECKING:
+    from ..answer import Findings
+
+FOLDER = Path(__file__).with_name("js")
+#: scripts of the worker, which computes, and of the page, which draws, in the sequence that they need
+WORKER = ("formula.js", "readers.js", "master.js", "model.js", "worker.js")
+PAGE = ("curves.js", "motion.js", "page.js")
+
+
+class LivePart(NamedTuple):
+    """What the browser gets.
+
+    Attributes
+    ----------
+    modules : mapping of str to bytes
+        The FMUs' code for WebAssembly by part.
+    worker, page : str
+        The scripts that compute and that draw.
+    data : dict
+        What both need to know.
+    """
+
+    modules: Mapping[str, bytes]
+    worker: str
+    page: str
+    data: dict[str, Any]
+
+
+@cache
+def script(names: tuple[str, ...]) -> str:
+    """Return script files one after the other, without comments and indents."""
+    text = "\n".join((FOLDER / name).read_text(encoding="utf-8") for name in names)
+    return compact(text)
+
+
+def of(
+    page: ModuleType,
+    o: Options,
+    findings: Findings,
+    modules: Mapping[str, Path],
+    command: str,
+) -> LivePart | None:
+    """Return the live part of an answer.
+
+    Parameters
+    ----------
+    page : module
+        The question; its `LIVE` is a `Live`, or a function of options, figures and data that returns one or
+        None.
+    o : Options
+        The options of the answer.
+    findings : Findings
+        What the question found.
+    modules : mapping of str to Path
+        The WebAssembly modules by part.
+    command : str
+        The start of the command line that asks the question.
+
+    Returns
+    -------
+    LivePart or None
+        None where the question declares no live part, or a module of its parts does not exist.
+
+    Raises
+    ------
+    SetupError
+        If the declaration does not fit the question and its FMUs.
+    """
+    live = getattr(page, "LIVE", None)
+    if live is None or findings.system is None or not set(findings.system.parts) <= set(modules):
+        return None
+    if callable(live):
+        live = live(o, findings.figures, findings.data)
+    if live is None:
+        return None
+    if not isinstance(live, Live):
+        raise SetupError(
+            f"{page.__file__}: LIVE must be a workbench.live.Live, or a function that returns one"
+        )
+    network = connect(findings.system)
+    content = Content(network, o, findings)
+    options = declared(type(o))
+    values = {name: getattr(o, name) for name in options}
+    changed = {
+        name: x for name, x in values.items() if x != options[name].read(options[name].default)
+    }
+    data = content.of(live) | {
+        "command": [command, *(_argument(name, x) for name, x in changed.items())],
+        "user": numeric((port, x) for port, x in network.start if port.name in o.start),
+        "adapted": [name for name, text in live.start.items() if name in Formula.read(text).names],
+    }
+    worker = f'"use strict";\n{script(WORKER)}\n{content.functions()}'
+    contents = {part: modules[part].read_bytes() for part in network.descriptions}
+    return LivePart(contents, worker, script(PAGE), data)
+
+
+def _argument(name: str, value: Any) -> str:
+    """An option as a command line has it."""
+    flag = f"--{name.replace('_', '-')}"
+    if isinstance(value, bool):
+        return flag if value else f"--no-{flag[2:]}"
+    if isinstance(value, tuple):
+        value = ",".join(map(str, value))
+    return f"{flag} {value}"

@@ -1,0 +1,314 @@
+"""What a question declares to be live: sliders, runs, curves, numbers, a motion, a sweep.
+
+All values are formulas, see `formula`. They may contain options and start values by name, as the sliders have
+them, the `values` of the page, and numbers that were read before, as `figures.NAME`. Formulas of curves may
+also contain outputs of the FMUs, `time`, and `crank_angle` [rad], which is 0 where the last revolution begins.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+from ..report.motion import Columns, Shape
+
+Text = str | float
+Look = tuple[str, ...] | str
+Formulas = Mapping[str, Text]
+#: the window of the last revolution of `Live.angle`
+REVOLUTION = "revolution"
+
+
+@dataclass(frozen=True)
+class Slider:
+    """A slider.
+
+    Attributes
+    ----------
+    name : str
+        An option of the question or a start value of an FMU, "motor.T".
+    low, high : float
+        Its range, which is widened to include a requested value outside it.
+    """
+
+    name: str
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class Reader:
+    """How a number is read from a column of the run.
+
+    Attributes
+    ----------
+    kind : str
+        One of `readers.READERS`: last, change, max, min, mean, first_crossing, amplitude, phase.
+    column : str
+        A formula of outputs, such as "abs(motor.tau)".
+    window : str or float
+        The rows that count: all by default, those from a time [s] on, or "revolution", the last one.
+    order : int
+        The order of the crank angle, for amplitude and phase.
+    level : str or float
+        The level of first_crossing.
+    run : str
+        The run, the first by default.
+    angle : str
+        The output that is the crank angle [rad], `Live.angle` by default.
+    """
+
+    kind: str
+    column: str
+    window: Text = ""
+    order: int = 1
+    level: Text = 0.0
+    run: str = ""
+    angle: str = ""
+
+
+@dataclass(frozen=True)
+class Number:
+    """A live number.
+
+    Attributes
+    ----------
+    name : str
+        The figure of the answer that stands beside it; any other identifier if there is none.
+    value : Reader, str or float
+        How it is read from the run, or a formula.
+    unit, meaning : str
+        Those of the figure by default.
+    when : str
+        A formula; where it is 0 the number is not there, and `otherwise` says why.
+    is_visible : bool
+        Whether it is shown, or only used by other formulas.
+    """
+
+    name: str
+    value: Reader | Text
+    unit: str = ""
+    meaning: str = ""
+    when: Text = 1.0
+    otherwise: str = ""
+    is_visible: bool = True
+
+
+@dataclass(frozen=True)
+class LivePanel:
+    """Curves on one axis.
+
+    Attributes
+    ----------
+    quantity : str
+        What the axis shows.
+    curves : mapping of str to str or tuple
+        By formula, "motor.tau", the color, or name, color and perhaps look, as `chart.recorded` has them.
+    unit : str
+        The unit of the axis, by default that of the first column. A column alone is converted to it.
+    levels : mapping of str to str or float
+        Lines across the panel, by their text.
+    includes : sequence of float
+        Values that the axis shows in any case.
+    """
+
+    quantity: str
+    curves: Mapping[str, Look]
+    unit: str = ""
+    levels: Formulas = field(default_factory=dict)
+    includes: Sequence[float] = ()
+
+
+@dataclass(frozen=True)
+class LiveChart:
+    """Panels over one axis.
+
+    Attributes
+    ----------
+    title, label : str
+        Title of the chart and label of its x axis, "time [s]".
+    panels : sequence of LivePanel
+        From top to bottom.
+    x : str
+        The formula of the x axis.
+    window : str or float
+        The rows that are drawn, as in `Reader`.
+    marks : mapping of str to (formula, unit)
+        Vertical lines, by their text, which is followed by the value.
+    """
+
+    title: str
+    label: str
+    panels: Sequence[LivePanel]
+    x: str = "time"
+    window: Text = ""
+    marks: Mapping[str, tuple[Text, str]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Coordinate:
+    """A column that moves a drawing.
+
+    Attributes
+    ----------
+    column : str
+        The output, "conveyor.phi".
+    low, high : float
+        The range in which the drawing is made.
+    turns : tuple of float
+        Empty for a length, on which points depend linearly. For an angle, the multiples of it by which
+        points turn.
+    """
+
+    column: str
+    low: float
+    high: float
+    turns: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True)
+class Caption:
+    """A value below the drawing: its text, formula, unit and decimals, or the texts of 0, 1, 2 .."""
+
+    text: str
+    value: str
+    unit: str = ""
+    decimals: int = 1
+    texts: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class LiveMotion:
+    """A mechanism in motion.
+
+    Attributes
+    ----------
+    title, note : str
+        Title and what is said below.
+    draw : callable
+        Columns by name, of shape (frames,), to shapes, as for a still motion. Points must depend linearly
+        on lengths and on sine and cosine of the turned angles, and otherwise on nothing that a slider moves.
+    coordinates : sequence of Coordinate
+        The columns that `draw` needs.
+    captions : sequence of Caption
+        What stands below.
+    slow : float
+        How many times slower than real time it is shown.
+    window : str or float
+        The rows that are shown, as in `Reader`.
+    offset : tuple of float
+        How far the drawing of each further run is moved, right and up [m].
+    """
+
+    title: str
+    draw: Callable[[Columns], Sequence[Shape]]
+    coordinates: Sequence[Coordinate]
+    captions: Sequence[Caption]
+    slow: float
+    note: str = ""
+    window: Text = ""
+    offset: tuple[float, float] = (0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class LiveRun:
+    """A run: its name and color where there are several, and start values of its own."""
+
+    name: str = ""
+    color: str = ""
+    start: Formulas = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Steady:
+    """A run that goes on until its revolutions repeat.
+
+    Attributes
+    ----------
+    tolerance : float
+        The share by which a number may still change between two pairs of revolutions.
+    longest : int
+        The number of revolutions after which it ends in any case.
+    """
+
+    tolerance: float
+    longest: int
+
+
+@dataclass(frozen=True)
+class LiveSweep:
+    """Runs over a speed or a parameter.
+
+    Attributes
+    ----------
+    over : str
+        The option or start value that is swept; its slider marks its own value.
+    values : sequence of float
+        The values of the sweep.
+    step : str or float
+        The communication step [s] of its runs.
+    steady : Steady, optional
+        As in `Live`.
+    numbers : sequence of Number
+        What each run gives.
+    chart : LiveChart
+        Curves over the swept value. Those with numbers are points of the sweep, others are drawn finely.
+    """
+
+    over: str
+    values: Sequence[float]
+    step: Text
+    numbers: Sequence[Number]
+    chart: LiveChart
+    steady: Steady | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Live:
+    """The live part of a question's page.
+
+    Attributes
+    ----------
+    sliders : sequence of Slider
+        What the user may move.
+    charts, numbers, motion
+        What is shown of the run.
+    values : mapping of str to str or float
+        Names for intermediate values, each of which may use those before.
+    start : mapping of str to str or float
+        Start values that follow options. One that the user sets comes first, unless its formula contains it.
+    factors : mapping of str to str or float
+        Factors of wires, by the input that they drive.
+    runs : sequence of LiveRun
+        One by default.
+    stop, step : str or float
+        Simulated time and communication step [s], by default the options of these names. Where there are no
+        such options, formulas know them by these names. A steady run ends after whole pairs of revolutions
+        of `stop` each.
+    algorithm : str
+        The coupling algorithm, by default the option.
+    angle : str
+        The output that is the crank angle [rad], for revolutions.
+    steady : Steady, optional
+        Whether the run goes on until it repeats.
+    until : str or float
+        The time [s] up to which rows are shown, all where it is not a number.
+    sweep : LiveSweep, optional
+        Runs over a speed or a parameter.
+    """
+
+    sliders: Sequence[Slider]
+    charts: Sequence[LiveChart]
+    numbers: Sequence[Number] = ()
+    motion: LiveMotion | None = None
+    values: Formulas = field(default_factory=dict)
+    start: Formulas = field(default_factory=dict)
+    factors: Formulas = field(default_factory=dict)
+    runs: Sequence[LiveRun] = (LiveRun(),)
+    stop: Text = "stop"
+    step: Text = "step"
+    algorithm: str = ""
+    angle: str = ""
+    steady: Steady | None = None
+    until: Text = ""
+    sweep: LiveSweep | None = None
