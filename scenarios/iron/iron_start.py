@@ -94,7 +94,7 @@ def needs(system: System, r: Result) -> dict[str, Figure]:
     still = torque - (fast["iron.tau_cam"] - torque) / 3
     gear = r.provenance["parts"]["iron"]["parameters"]["reducer.i_g"]
     motor = float(r["motor.tau_static"][0])
-    most = measured(lambda torque: float(torque.max()), still)
+    most = largest(slow["iron.phi"], still)
     return {
         "tau_cam_max": most.figure(unit, "largest torque at the cam in a slow turn"),
         "tau_cam_rest": Figure(

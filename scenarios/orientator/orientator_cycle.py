@@ -8,11 +8,14 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
+import numpy as np
+from scipy.interpolate import CubicSpline
+
 from cosim import Result, System
 from workbench import Chart, Figure, Mark, Run, Show, option
 from workbench.figure import listed
 from workbench.live import Live, LiveChart, LivePanel, Number, Reader, Slider
-from workbench.measure import measured
+from workbench.measure import Samples, measured
 from workbench.report.chart import FORCE, SPEED, THEORY, TORQUE, recorded
 
 from . import machine as orientator
@@ -27,7 +30,7 @@ IMPULSES = {
     "hook_impulse": ("P_B", "impulse of the contact with the hook", "joint"),
 }
 """Impulses: output, meaning, and the stage that ends with it."""
-#: Rows from which a smallest value and its error are read.
+#: A convention of this question: rows that a stage needs for a spline and its error.
 LEAST_ROWS = 8
 CURVES = {
     "angle": {"orientator.phi1": ("catcher", SPEED), "orientator.phi2": ("cup", TORQUE)},
@@ -75,15 +78,36 @@ def figures(o: Options, r: Result) -> dict[str, Figure]:
 
 
 def reaction(r: Result) -> Figure:
-    """The smallest reaction of the wall until the product is oriented or jams; below 0 it pulls."""
-    meaning = "smallest reaction of the wall on the product, a pull if negative"
-    under_way = r["orientator.stage"] < orientator.ORIENTED
-    force = r["orientator.N_K"][under_way]
-    if len(force) < LEAST_ROWS:
-        why = f"the product is under way for fewer than {LEAST_ROWS} rows"
-        return Figure.refused(r.units["orientator.N_K"], why, meaning)
-    least = measured(lambda force: float(force.min()), force)
-    return least.figure(r.units["orientator.N_K"], meaning)
+    """The smallest reaction of the wall until the product is oriented or jams; below 0 it pulls.
+
+    The reaction jumps from stage to stage, so that each stage has a spline of its own, up to its ends.
+    """
+    unit, meaning = r.units["orientator.N_K"], "smallest reaction of the wall, a pull if negative"
+    end, least = 0.0, []
+    for k, name in enumerate(STAGES):
+        inside = r["orientator.stage"] == k
+        t, force = r["time"][inside], r["orientator.N_K"][inside]
+        lasts = float(r[f"orientator.t_{name}"][-1])
+        ends = np.array([end, end + lasts if lasts else t.max(initial=end)])
+        if ends[1] > end and len(t) < LEAST_ROWS:
+            why = f"the stage {name} has fewer than {LEAST_ROWS} rows; a smaller step gives more"
+            return Figure.refused(unit, why, meaning)
+        if ends[1] > end:
+            least.append(measured(partial(lowest, ends=ends), t, force))
+        end = float(ends[1])
+    if not least:
+        return Figure.refused(unit, ending(r), meaning)
+    low = min(least, key=lambda x: x.value)
+    error = max(x.error for x in least if x.value - x.error <= low.value + low.error)
+    return Figure(low.value, unit, error, meaning)
+
+
+def lowest(t: Samples, force: Samples, ends: Samples) -> float:
+    """The least value between both ends of the spline through rows."""
+    curve = CubicSpline(t, force)
+    turns = curve.derivative().roots(extrapolate=False)
+    level = turns[np.isfinite(turns)]  # a constant piece has nan
+    return float(curve(np.concatenate([t, level, ends])).min())
 
 
 def ending(r: Result) -> str:
