@@ -20,6 +20,7 @@ FMUS = (CLONE if IS_CLONE else PACKAGE) / "fmus"
 FOLDERS = {"python": FMUS, "native": FMUS / "native", "wasm": FMUS / "wasm"}
 #: the folder beside the FMUs that keeps the hash of the sources of each, one small file per FMU
 RECORDS = ".sources"
+BUILT = ("*.fmu", "native/*.fmu", "fmi3/*.fmu", "wasm/*.wasm")
 ENDINGS = {".py", ".c"}
 
 
@@ -55,7 +56,7 @@ def record(names: Iterable[str], folder: Path) -> None:
     """Write for the FMUs and modules of these machines in a folder which sources they were made from."""
     for name in names:
         digest = source_digest(name)
-        for path in [*folder.rglob("*.fmu"), *folder.rglob("*.wasm")]:
+        for path in [path for pattern in BUILT for path in folder.glob(pattern)]:
             if plain(path.stem) == plain(name):
                 target = record_of(path, folder)
                 target.parent.mkdir(parents=True, exist_ok=True)
