@@ -23,6 +23,7 @@ from . import drive as iron
 from . import mechanism
 
 PARTS = iron.PARTS
+#: Largest share of the whole way that a cam at rest makes in the last tenth of a run, a convention.
 STANDS = 0.01
 #: Rows of a slow turn.
 SAMPLES = 720
@@ -109,6 +110,12 @@ def pace(t: Samples, phi: Samples, since: float = 0.5) -> float:
     return float((phi[-1] - CubicSpline(t, phi)(began)) / (t[-1] - began))
 
 
+def stands(t: Samples, phi: Samples) -> bool:
+    """Whether the cam hardly moves in the last tenth of a run, to either side."""
+    last = t >= t[-1] - 0.1 * (t[-1] - t[0])
+    return bool(np.ptp(phi[last]) < STANDS * np.ptp(phi))
+
+
 def verdict(o: Options, f: Mapping[str, Figure], r: tuple[Result, System]) -> str:
     """How the cam starts, how it goes on, and the ledger."""
     told = {name: figure.text() for name, figure in f.items()}
@@ -116,12 +123,17 @@ def verdict(o: Options, f: Mapping[str, Figure], r: tuple[Result, System]) -> st
         f"The cam shoots up to {told['w_cam_max']} after {told['w_cam_max_time']} and turns at "
         f"{told['w_cam_mean']} ({f['cycles'].text('cycles/min')}) in the second half."
     )
-    if pace(r[0]["time"], r[0]["iron.phi"], 0.9) < STANDS * f["w_cam_max"].value:
+    if stands(r[0]["time"], r[0]["iron.phi"]):
         made = f"the cam has made {told['turns']} turns, at up to {told['w_cam_max']}"
         starts = f"The motor stalls: {made}, and does not turn any further."
     elif abs(f["turns"].value) < 1.0:
         so_far = f"Up to {o.stop:g} s it makes {told['turns']} turns."
         starts = creeping(o, f) if is_weak(f) else f"{starts} {so_far}"
+    if not stands(r[0]["time"], r[0]["iron.phi"]) and f["w_cam_mean"].value < 0.0:
+        starts = (
+            f"The cam turns backwards, at {told['w_cam_mean']} in the second half; up to {o.stop:g} s it "
+            f"makes {told['turns']} turns."
+        )
     return (
         f"{starts} Of {told['energy_in']} from the motor, friction takes {told['energy_friction']}, "
         f"and {told['energy_stored']} is stored at the end."

@@ -30,8 +30,10 @@ IMPULSES = {
     "hook_impulse": ("P_B", "impulse of the contact with the hook", "joint"),
 }
 """Impulses: output, meaning, and the stage that ends with it."""
-#: A convention of this question: rows that a stage needs for a spline and its error.
-LEAST_ROWS = 8
+#: The reason of a jam in which the catcher stops before the product reaches the hook.
+STOPPED = orientator.REASONS.index("catcher stopped")
+#: Fewest rows of a stage, derived from the four coefficients of a cubic.
+LEAST_ROWS = 4
 CURVES = {
     "angle": {"orientator.phi1": ("catcher", SPEED), "orientator.phi2": ("cup", TORQUE)},
     "speed": {"orientator.w1": ("catcher", SPEED), "orientator.w2": ("cup", TORQUE)},
@@ -72,6 +74,7 @@ def figures(o: Options, r: Result) -> dict[str, Figure]:
         found[f"t_{x}"] = last(f"t_{x}", f"duration of the stage {x}", reached)
     for name, (column, meaning, landing) in IMPULSES.items():
         figure, landed = last(column, meaning), r[f"orientator.t_{landing}"][-1] > 0.0
+        landed &= name != "hook_impulse" or int(r["orientator.reason"][-1]) != STOPPED
         why = f"it does not come to that: {ending(r)}"
         found[name] = figure if landed else Figure.refused(figure.unit, why, meaning)
     return found | {"wall_least": reaction(r)}

@@ -1,0 +1,69 @@
+"""Figures behind the verdicts about iron and orientator hold against points of mass and finer steps."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize_scalar
+
+from components.iron_drive import model as iron
+from fmukit.declare.record import start
+from scenarios.orientator import machine as orientator
+from tests.components.iron_oracle import by_material_points
+from tests.conftest import ask
+
+
+def slow_torque() -> float:
+    """The largest torque [N.m] at the cam of a turn at no speed, from points of mass in the rise."""
+    p = start(iron.Parameters)
+
+    def torque(phi: float) -> float:
+        return float(by_material_points(p, phi, 0.0, 0.0, p.friction.K_up)["tau_cam"])
+
+    best = max(np.linspace(0.05, 0.95, 10) * p.cam.rise, key=torque)
+    ends = best - 0.1 * p.cam.rise, best + 0.1 * p.cam.rise
+    top = minimize_scalar(lambda phi: -torque(phi), bounds=ends, method="bounded")
+    return -float(top.fun)
+
+
+def test_the_torque_of_a_slow_turn_is_that_of_points_of_mass() -> None:
+    figure = ask("iron_start", motor_A=0.05).figures["tau_cam_max"]
+    assert figure.error and abs(figure.value - slow_torque()) <= figure.error
+
+
+def test_a_motor_that_turns_the_cam_backwards_does_not_stall() -> None:
+    """It turns at 42 cycles per minute, like the same motor forwards."""
+    answer = ask("iron_start", motor_A=-4.0, step=2e-3)
+    mean = answer.figures["w_cam_mean"]
+    assert mean.value < -4.0
+    assert f"The cam turns backwards, at {mean.text()} in the second half" in answer.verdict
+    assert "stalls" not in answer.verdict
+
+
+@pytest.mark.parametrize(
+    ("speed", "friction"), [(4.19, 0.35), (1.3, 0.6), (5.0, 0.1), (9.0, 0.05), (8.5, 0.35)]
+)
+def test_the_least_reaction_of_the_wall_holds_against_finer_steps(
+    speed: float, friction: float
+) -> None:
+    """Against the rows of a run with steps of 20 us, and a pull has its sentence."""
+    answer = ask("orientator_cycle", speed=speed, friction=friction)
+    rows = ask("orientator_cycle", speed=speed, friction=friction, step=2e-5)
+    frame = rows.tables["orientator_cycle.csv"].frame
+    force = frame["orientator.N_K"][frame["orientator.stage"] < orientator.ORIENTED].to_numpy()
+    least, figure = int(force.argmin()), answer.figures["wall_least"]
+    near = np.abs(np.diff(force[max(least - 2, 0) : least + 2])).min()
+    assert figure.error is not None and figure.error < 0.02
+    assert abs(figure.value - force[least]) <= figure.error + near
+    assert ("the wall would have to pull" in answer.verdict) == (force[least] < -1e-3)
+
+
+def test_an_impulse_of_a_landing_that_never_was_is_refused() -> None:
+    """A product held in the chute lands on nothing; one that stops the catcher, not on the hook."""
+    held = ask("orientator_cycle", speed="110rpm").figures
+    stopped = ask("orientator_cycle", speed=10.7, friction=0.3, start={"orientator.chute.H": 0.025})
+    assert stopped.verdict.startswith("The product jams: catcher stopped")
+    for name in ("corner_impulse", "wall_impulse", "hook_impulse"):
+        assert held[name].error is None
+    assert stopped.figures["corner_impulse"].value > 0.0
+    assert stopped.figures["hook_impulse"].error is None
