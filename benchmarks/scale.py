@@ -25,10 +25,9 @@ from zipfile import ZipFile
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
-from cosim import System, run
+from cosim import System, describe, run
 from cosim.engine import program
 from cosim.engine.stepping import Settings
-from cosim.judge import describe
 from cosim.master import problems
 from cosim.system import connect
 

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from ..engine.part import quiet
 from ..errors import SetupError
-from ..figures import spline
 from ..master import run
+from ..metrics import spline
 from ..result import Result, SimulationError
 from ..system import ANGLE, Network, System, Value, connect, exponents, own_start
 from .record import Column

@@ -12,9 +12,8 @@ from typing import Any
 
 import pytest
 
-from cosim import System, run
+from cosim import System, describe, run
 from cosim.engine.stepping import Settings
-from cosim.judge import describe
 from cosim.loops import strongly_connected
 from cosim.master import problems, stepping_order
 from cosim.system import connect

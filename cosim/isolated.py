@@ -21,13 +21,13 @@ from shutil import rmtree
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from ..engine.part import log
-from ..errors import SetupError, counted
-from ..master import run
-from ..result import Interrupted, Result, SimulationError, partial, read_rows, write_json
-from ..scratch import scratch
-from ..signals import interrupts
-from ..system import System
+from .engine.part import log
+from .errors import SetupError, counted
+from .master import run
+from .result import Interrupted, Result, SimulationError, partial, read_rows, write_json
+from .scratch import scratch
+from .signals import interrupts
+from .system import System
 
 PATIENCE = 0.1
 GRACE = 10.0

@@ -9,11 +9,11 @@ from typing import Any
 
 from fmpy import supported_platforms
 
-from ..engine.ledger import bonds
-from ..engine.stepping import Settings
-from ..loops import algebraic_loops, describe
-from ..master import stepping_order
-from ..system import ANGLE, Connection, Network, Port, default_experiment, exponents, obstacles
+from .engine.ledger import bonds
+from .engine.stepping import Settings
+from .loops import algebraic_loops, describe
+from .master import stepping_order
+from .system import ANGLE, Connection, Network, Port, default_experiment, exponents, obstacles
 
 ABILITIES = {
     "canGetAndSetFMUstate": "restores its state",
