@@ -4,7 +4,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from .engine.adaptive import Adaptive
-from .engine.algorithms import ALGORITHMS, ORDERS
+from .engine.algorithms import ALGORITHMS, CONVERGENCE_ORDERS
 from .engine.part import quiet
 from .errors import SetupError
 from .figures import crossing, largest, mean, rms, smallest, time_of_largest, time_of_smallest
@@ -40,7 +40,7 @@ HOMES = {
 }  # fmt: skip
 
 __all__ = [
-    "ALGORITHMS", "ORDERS", "Adaptive", "Advice", "Certified", "Comparison", "Crosscheck",
+    "ALGORITHMS", "CONVERGENCE_ORDERS", "Adaptive", "Advice", "Certified", "Comparison", "Crosscheck",
     "Deviation", "Diagnosis", "Estimate", "Experiment", "Identified", "Interrupted", "Interval",
     "Judged", "Linear", "Package", "Result", "SetupError", "SimulationError", "System", "Table",
     "Verdict", "Wire", "advise", "certify", "compare", "crosscheck", "crossing", "diagnose",

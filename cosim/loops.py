@@ -68,6 +68,6 @@ def strongly_connected(leads: Sequence[Sequence[int]]) -> list[list[int]]:
     return rings
 
 
-def describe(loop: Sequence[Connection]) -> str:
+def describe_loop(loop: Sequence[Connection]) -> str:
     """A loop as text: its inputs and what drives them."""
     return ", ".join(f"{wire.source.name} -> {wire.target.name}" for wire in loop)

@@ -58,7 +58,7 @@ def _seconds(said: Any, what: str) -> float | None:
     return float(counter) / float(resolution) if counter and resolution else None
 
 
-def expand(path: Path, description: ModelDescription) -> dict[str, tuple[int, ...]]:
+def expand_arrays(path: Path, description: ModelDescription) -> dict[str, tuple[int, ...]]:
     """Put elements in place of the variables of an FMI 3.0 description; the shapes of its arrays.
 
     Element [1] is the first, as in the names that FMI 3.0 gives elements.

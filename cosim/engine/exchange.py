@@ -9,15 +9,15 @@ from typing import Any
 from fmpy.model_description import ModelDescription
 
 from ..system import feedthrough
-from .curve import Curves, Link
-from .feed import Feed
-from .ledger import End
+from .curve import InputPolynomials, Link
+from .feed import InputSource
+from .ledger import BondSide
 from .library import Library
 from .operation import STEP, Layout, Operation
-from .part import OK, Block, Part
+from .part import OK, Instance, VariableBlock
 
 
-class Coupled(Part):
+class Part(Instance):
     """A part with the buffers of its wired variables and what moves values into them.
 
     `substeps` is the number of sub-steps that it takes in a step; `within` are the variables to show
@@ -30,12 +30,12 @@ class Coupled(Part):
     ) -> None:
         super().__init__(name, description, fmu)
         self.substeps = 1
-        self.inputs: list[Block] = []
-        self.outputs: list[Block] = []
+        self.inputs: list[VariableBlock] = []
+        self.outputs: list[VariableBlock] = []
         self.links: list[Link] = []
-        self.curves: Curves | None = None
-        self.feeds: list[Feed] = []
-        self.ends: list[End] = []
+        self.curves: InputPolynomials | None = None
+        self.feeds: list[InputSource] = []
+        self.ends: list[BondSide] = []
         self.do_steps = 0
         self.stops = False
         self.watched: Sequence[str] = ()
@@ -45,7 +45,7 @@ class Coupled(Part):
         """Whether a wire carries what its events alone change, and a step can end there."""
         return False
 
-    def following(self, but: Sequence[Coupled] = ()) -> set[str]:
+    def following(self, but: Sequence[Part] = ()) -> set[str]:
         """The outputs on which a wired input acts at once, as far as declared; inputs driven only by the
         parts in `but` are left out.
         """
@@ -84,10 +84,10 @@ class Coupled(Part):
         else:
             yield from (link for link in self.links if link.signal is None)
             yield from (block for block in self.inputs if not block.real)
-        yield Step(self)
+        yield StepOperation(self)
 
     def advance(self, t: float, h: float) -> None:
-        """Step from t by h [s]; raises PartFailure."""
+        """Step from t by h [s]; raises FmuError."""
         self.begin_of_step.value, self.size_of_step.value = t, h
         status = self.do_step()
         if status != OK:
@@ -105,10 +105,10 @@ class Coupled(Part):
             yield self.curves
 
 
-class Step(Operation):
+class StepOperation(Operation):
     """A part's step, in as many pieces as it has substeps; inputs that move do so in each."""
 
-    def __init__(self, part: Coupled) -> None:
+    def __init__(self, part: Part) -> None:
         self.part = part
 
     def __call__(self, t: float, h: float) -> None:

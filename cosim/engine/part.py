@@ -26,7 +26,7 @@ from fmpy.fmi2 import (
 from fmpy.logging import addLoggerProxy
 from fmpy.model_description import ModelDescription, ScalarVariable
 
-from ..errors import Discarded, Ended, NotFinite, PartFailure
+from ..errors import FmuError, NonFiniteValueError, SimulationTerminated, StepDiscarded
 from ..system import Value
 from .library import Library
 from .operation import EXCHANGE, NOT_FINITE, Layout, Operation, address
@@ -53,13 +53,13 @@ def quiet() -> Iterator[None]:
         log.setLevel(level)
 
 
-PARTS: WeakValueDictionary[int, Part] = WeakValueDictionary()
+INSTANCES: WeakValueDictionary[int, Instance] = WeakValueDictionary()
 NUMBERS = count(1)
 
 
 def _message(environment: int | None, _: bytes, status: int, __: bytes, message: bytes) -> None:
     """Hand a log message to the part of that number."""
-    part = PARTS.get(environment or 0)
+    part = INSTANCES.get(environment or 0)
     if part is not None:
         part.hear(status, (message or b"").decode("utf-8", "replace"))
 
@@ -83,7 +83,7 @@ def _callbacks(number: int) -> fmi2CallbackFunctions:
     return callbacks
 
 
-class Block(Operation):
+class VariableBlock(Operation):
     """Variables of one type that are read or written in one call, and their buffer.
 
     With `orders`, one for each variable, these are derivatives of Real outputs or inputs. What is
@@ -92,7 +92,7 @@ class Block(Operation):
 
     def __init__(
         self,
-        part: Part,
+        part: Instance,
         action: str,
         variables: Sequence[ScalarVariable],
         orders: Sequence[int] = (),
@@ -118,7 +118,7 @@ class Block(Operation):
             self.answered(t, h, NOT_FINITE)
 
     def move(self) -> None:
-        """Move the buffer's values; raises PartFailure."""
+        """Move the buffer's values; raises FmuError."""
         status = self._call()
         if status != OK:
             self.part.answered(self.call, status)
@@ -148,13 +148,13 @@ class Block(Operation):
             self.part.answered(self.call, status)
             return
         name, value = next(pair for pair in zip(self.names, self.cells) if not isfinite(pair[1]))
-        raise NotFinite(f"{name} = {value!r} at t = {t!r} s must be a finite number")
+        raise NonFiniteValueError(f"{name} = {value!r} at t = {t!r} s must be a finite number")
 
 
-class Part:
-    """An instance of an FMU from instantiation to `close`; raises PartFailure where a call fails."""
+class Instance:
+    """An instance of an FMU from instantiation to `close`; raises FmuError where a call fails."""
 
-    BLOCK: type[Block] = Block
+    BLOCK: type[VariableBlock] = VariableBlock
     SIDE, FMI = "coSimulation", "fmi2"
     SERIALIZE, DESERIALIZE = "serializeFMUstate", "deSerializeFMUstate"
     FREE, GET_STATE, SET_STATE, FREE_STATE = (
@@ -172,7 +172,7 @@ class Part:
         self._worst = 0
         self._initialised = self.closed = False
         number = next(NUMBERS)
-        PARTS[number] = self
+        INSTANCES[number] = self
         self.slave, self.library = self.unit(fmu)
         try:
             self.instantiate(number)
@@ -180,7 +180,7 @@ class Part:
             fmu.forget()
             fmu.release()
             tool = getattr(description, self.SIDE).needsExecutionTool
-            raise PartFailure(
+            raise FmuError(
                 f"{name}: instantiate failed: {self.reason()}"
                 + (f"; it needs {description.generationTool or 'its tool'} to run" if tool else "")
             ) from error
@@ -224,18 +224,18 @@ class Part:
         return self._complaint or (self.log[-1] if self.log else "the FMU gives no reason")
 
     def answered(self, call: str, status: int) -> None:
-        """Keep a warning that the FMU did not put in words; raise PartFailure for what is worse."""
+        """Keep a warning that the FMU did not put in words; raise FmuError for what is worse."""
         if status != WARNING:
             raise self.failure(call, status)
         if not self.warnings:
             self.warn(f"{call} returned Warning")
 
-    def failure(self, call: str, status: int) -> PartFailure:
+    def failure(self, call: str, status: int) -> FmuError:
         """The error for a call that returned this status."""
         known = OK < status < len(STATUS)
         self._remember(status if status in (DISCARD, FATAL) else ERROR)
         answer = STATUS[status] if known else f"the unknown status {status}"
-        return PartFailure(f"{self.name}: {call} returned {answer}: {self.reason()}")
+        return FmuError(f"{self.name}: {call} returned {answer}: {self.reason()}")
 
     def _remember(self, status: int) -> None:
         """Remember the worst status; after Fatal, no instance of the FMU may be called."""
@@ -249,7 +249,7 @@ class Part:
             return getattr(self.slave, function)(*arguments)
         except FMICallException as error:
             self._remember(error.status)
-            raise PartFailure(f"{self.name}: {function}: {self.reason()}") from error
+            raise FmuError(f"{self.name}: {function}: {self.reason()}") from error
 
     def set(self, variable: ScalarVariable, value: Value) -> None:
         """Set one variable."""
@@ -271,7 +271,7 @@ class Part:
         self.call("exitInitializationMode")
         self._initialised = True
 
-    def blocks(self, action: str, variables: Sequence[ScalarVariable]) -> list[Block]:
+    def blocks(self, action: str, variables: Sequence[ScalarVariable]) -> list[VariableBlock]:
         """One Block per type, in the order of the variables."""
         kinds = dict.fromkeys(v.type for v in variables)
         return [
@@ -307,7 +307,7 @@ class Part:
         return h
 
     def stepped(self, t: float, h: float, status: int) -> None:
-        """Keep a warning of a step from t by h [s]; raise PartFailure for a worse status."""
+        """Keep a warning of a step from t by h [s]; raise FmuError for a worse status."""
         call = f"doStep(t = {t!r} s, h = {h!r} s)"
         if status != DISCARD:
             self.answered(call, status)
@@ -317,12 +317,12 @@ class Part:
         reached = time if answer in (OK, WARNING) and not math.isnan(time) else t
         if ended:
             raise self.ended(reached)
-        raise Discarded(str(failure), reached)
+        raise StepDiscarded(str(failure), reached)
 
-    def ended(self, reached: float) -> Ended:
+    def ended(self, reached: float) -> SimulationTerminated:
         """The end of the simulation that the FMU asks for at a time [s], with its reason if it gives any."""
         said = self._complaint or (self.log[-1] if self.log else "")
-        return Ended(
+        return SimulationTerminated(
             f"{self.name} ended the simulation at t = {reached!r} s"
             + (f": {said}" if said else ""),
             reached,
@@ -355,7 +355,7 @@ class Part:
         if status != OK:
             self.answered("SetFMUstate", status)
 
-    def carried(self, state: ctypes.c_void_p, other: Part) -> tuple[ctypes.c_void_p, int]:
+    def carried(self, state: ctypes.c_void_p, other: Instance) -> tuple[ctypes.c_void_p, int]:
         """A saved state as one of another instance, by way of bytes; how many these are."""
         copy = other.state()
         content = self.call(self.SERIALIZE, state)
