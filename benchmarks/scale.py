@@ -27,7 +27,7 @@ sys.path.insert(0, str(ROOT))
 
 from cosim import System, run
 from cosim.engine import program
-from cosim.engine.stepping import RunSettings
+from cosim.engine.driver import RunSettings
 from cosim.judge import describe
 from cosim.master import setup_problems
 from cosim.system import connect

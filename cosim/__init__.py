@@ -3,16 +3,15 @@
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from .engine.adaptive import Adaptive
 from .engine.algorithms import ALGORITHMS, CONVERGENCE_ORDERS
-from .engine.part import quiet
+from .engine.control import Adaptive
+from .engine.instance import quiet
 from .errors import SetupError
 from .figures import crossing, largest, mean, rms, smallest, time_of_largest, time_of_smallest
 from .formats.container import write_container
 from .formats.osp import read_osp, write_osp
 from .formats.ssp.read import Package, read_ssp
 from .formats.ssp.write import write_ssp
-from .inputs import Table
 from .judge.certify import Certified, Estimate, certify, estimate, summary
 from .judge.compare import Comparison, Deviation, compare
 from .judge.crosscheck import crosscheck
@@ -25,6 +24,7 @@ from .judge.oracle import Judged, oracle, true_errors
 from .master import run, versions
 from .result import Interrupted, Result, SimulationError
 from .system import System, Wire
+from .system.inputs import Table
 
 if TYPE_CHECKING:
     from .identification.advise import Advice, Experiment, advise

@@ -25,18 +25,17 @@ from .commandline import (
     require,
     seconds,
 )
-from .engine.adaptive import Adaptive
 from .engine.algorithms import ALGORITHMS
-from .engine.part import quiet
-from .engine.rows import Stream
-from .engine.stepping import RunSettings
+from .engine.control import Adaptive
+from .engine.driver import RunSettings
+from .engine.instance import quiet
+from .engine.recorder import Stream
 from .errors import SetupError, pluralize
 from .formats.container import write_container
 from .formats.osp import FILE, read_osp, write_osp
 from .formats.ssp.read import Package, read_ssp
 from .formats.ssp.write import write_ssp
 from .formats.values import read_values
-from .inputs import Table
 from .judge import describe
 from .judge.certify import SUMMARY, UNKNOWN, Estimate, by_rows, certify, summary
 from .judge.compare import SHARE, compare
@@ -60,6 +59,7 @@ from .system import (
     describe_fmu,
     part_name,
 )
+from .system.inputs import Table
 from .units import QUANTITY
 
 HERE = Path(__file__).resolve().parent

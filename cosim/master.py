@@ -14,18 +14,17 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from .engine.adaptive import Adaptive
 from .engine.algorithms import ALGORITHMS
 from .engine.changes import continuous_profiles, discrete_changes
-from .engine.clock import coincide
-from .engine.initial import initialise, monitored_outputs
-from .engine.ledger import bond_warnings, energy_balance, find_bonds
-from .engine.part import Instance
-from .engine.rows import Recorder
-from .engine.stepping import Driver, RowReader, RunSettings
-from .engine.surroundings import ProcessState
+from .engine.control import Adaptive
+from .engine.driver import Driver, RowReader, RunSettings
+from .engine.energy import bond_warnings, energy_balance, find_bonds
+from .engine.initialise import initialise, monitored_outputs
+from .engine.instance import Instance
+from .engine.process_state import ProcessState
+from .engine.recorder import Recorder
+from .engine.times import coincide
 from .errors import FmuError, SetupError, SimulationTerminated, pluralize
-from .loops import algebraic_loops, describe_loop
 from .result import Interrupted, Result, SimulationError
 from .signals import collect_interrupts
 from .system import (
@@ -38,6 +37,7 @@ from .system import (
     parts_without,
     require_cosimulation,
 )
+from .system.graph import algebraic_loops, describe_loop
 
 MOST_SUBSTEPS = 1 << 20
 HIGHEST = 8

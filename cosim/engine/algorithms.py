@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import FmuError, NonFiniteValueError, StepDiscarded
-from .curve import polynomial_value
-from .exchange import Part
-from .operation import Operation
+from .links import polynomial_value
+from .operations import Operation
+from .part import Part
 from .snapshot import Snapshot
 
 Advance = Callable[[float, float], None]

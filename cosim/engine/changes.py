@@ -9,10 +9,10 @@ from typing import NamedTuple
 
 from fmpy.model_description import ScalarVariable
 
-from ..inputs import FunctionInput, Table
 from ..system import Network, Port, Value, is_continuous_input
-from .clock import coincide
-from .exchange import Part
+from ..system.inputs import FunctionInput, Table
+from .part import Part
+from .times import coincide
 
 
 class Change(NamedTuple):

@@ -13,13 +13,13 @@ from typing import Any
 from fmpy.model_description import ModelDescription
 
 from ..errors import EventReached, FmuError, StepDiscarded
-from ..native import WIDTHS, Element
+from ..fmu.library import Library
 from ..system import Value
-from .clock import coincide
-from .exchange import Part
-from .library import Library
-from .operation import ENTER, EXCHANGE3, STEP3, Layout, Operation, address
-from .part import CELL, DISCARD, OK, WARNING, Instance, VariableBlock
+from ..system.arrays import WIDTHS, Element
+from .instance import CELL, DISCARD, OK, WARNING, Instance, VariableBlock
+from .operations import ENTER, EXCHANGE3, STEP3, Layout, Operation, address
+from .part import Part
+from .times import coincide
 
 UNCHANGED, CHANGED = 1, 2
 RAISED, MOST_AT_ONCE = -1, 100

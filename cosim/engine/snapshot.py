@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from .exchange import Part
+from .part import Part
 
 
 class Snapshot:

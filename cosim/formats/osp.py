@@ -14,7 +14,7 @@ from urllib.parse import quote
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
-from ..engine.ledger import declared_bond
+from ..engine.energy import declared_bond
 from ..errors import SetupError, pluralize
 from ..system import (
     READ,

@@ -11,9 +11,9 @@ import numpy as np
 
 from ..engine.algorithms import CONVERGENCE_ORDERS
 from ..errors import SetupError
-from ..inputs import Table
 from ..result import Result
 from ..system import System, connect
+from ..system.inputs import Table
 from . import evidence
 from .evidence import DEVIATIONS, Interval, Local, Residual
 from .model import (

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..engine.part import quiet
+from ..engine.instance import quiet
 from ..errors import SetupError
 from ..figures import spline
 from ..master import run

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import SetupError
-from ..inputs import COLUMN, Reading, Table, read_table
 from ..system import Network, Port, conversion_to
+from ..system.inputs import COLUMN, Reading, Table, read_table
 from ..units import multiples
 
 Samples = NDArray[np.float64]

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..engine.adaptive import Adaptive
+from ..engine.control import Adaptive
 from ..figures import FEWEST, largest, mean, smallest, spline
 from ..master import run
 from ..result import Result, Rows

@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import SetupError
-from ..inputs import COLUMN, Reading, separator
 from ..result import Result, Rows
+from ..system.inputs import COLUMN, Reading, separator
 from ..units import QUANTITY, multiples
 from .describe import table
 

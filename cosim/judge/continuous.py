@@ -15,17 +15,17 @@ from fmpy.model_description import ModelDescription, ScalarVariable
 from numpy.typing import NDArray
 
 from ..engine.changes import discrete_changes
-from ..engine.exchange import Part
+from ..engine.driver import RunSettings
 from ..engine.fmi3 import Part3
-from ..engine.initial import initialise
-from ..engine.library import Library
-from ..engine.part import DISCARD, ERROR, OK, Instance, VariableBlock
-from ..engine.stepping import RunSettings
+from ..engine.initialise import initialise
+from ..engine.instance import DISCARD, ERROR, OK, Instance, VariableBlock
+from ..engine.part import Part
 from ..errors import FmuError, SetupError
-from ..inputs import Table
-from ..loops import algebraic_loops, describe_loop
+from ..fmu.library import Library
 from ..master import stepping_order
 from ..system import Network, Port, is_continuous_input
+from ..system.graph import algebraic_loops, describe_loop
+from ..system.inputs import Table
 
 Array = NDArray[np.float64]
 DIFFERENCE, SINGULAR = 6e-6, 1e12

@@ -9,11 +9,11 @@ from typing import Any
 
 from fmpy import supported_platforms
 
-from ..engine.ledger import find_bonds
-from ..engine.stepping import RunSettings
-from ..loops import algebraic_loops, describe_loop
+from ..engine.driver import RunSettings
+from ..engine.energy import find_bonds
 from ..master import stepping_order
 from ..system import ANGLE, Connection, Network, Port, default_experiment, obstacles, unit_exponents
+from ..system.graph import algebraic_loops, describe_loop
 
 ABILITIES = {
     "canGetAndSetFMUstate": "restores its state",

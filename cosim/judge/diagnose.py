@@ -18,13 +18,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..engine.adaptive import Adaptive
 from ..engine.changes import discrete_changes
-from ..engine.exchange import Part
-from ..engine.feed import InputSource
-from ..engine.initial import initialise
-from ..engine.rows import Recorder
-from ..engine.stepping import Driver, RowReader, RunSettings
+from ..engine.control import Adaptive
+from ..engine.driver import Driver, RowReader, RunSettings
+from ..engine.initialise import initialise
+from ..engine.part import Part
+from ..engine.recorder import Recorder
+from ..engine.sources import InputSource
 from ..errors import FmuError, SetupError
 from ..master import setup_problems, stepping_order
 from ..system import Network, System, connect

@@ -21,7 +21,7 @@ from shutil import rmtree
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from ..engine.part import log
+from ..engine.instance import log
 from ..errors import SetupError, pluralize
 from ..master import run
 from ..result import Interrupted, Result, SimulationError, partial, read_rows, write_json

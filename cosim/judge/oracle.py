@@ -13,8 +13,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..engine.adaptive import Adaptive
-from ..engine.stepping import RowReader, RunSettings
+from ..engine.control import Adaptive
+from ..engine.driver import RowReader, RunSettings
 from ..errors import FmuError, SetupError
 from ..master import versions
 from ..result import Result, SimulationError

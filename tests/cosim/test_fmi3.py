@@ -30,8 +30,8 @@ from cosim import (
     write_osp,
     write_ssp,
 )  # fmt: skip
-from cosim.engine.initial import initialise
-from cosim.engine.stepping import RunSettings
+from cosim.engine.driver import RunSettings
+from cosim.engine.initialise import initialise
 from cosim.judge.describe import info
 from cosim.system import connect
 from tests.conftest import rewritten

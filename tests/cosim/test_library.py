@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 
 from cosim import SetupError, System, run, run_isolated, write_ssp
-from cosim.engine.library import LOADED, MOST_LOADED
+from cosim.fmu.library import LOADED, MOST_LOADED
 from cosim.scratch import scratch
 from tests.conftest import ROOT, described, hear_ctrl_c, rewritten, until
 from tests.cosim.conftest import Said

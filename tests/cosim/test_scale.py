@@ -13,11 +13,11 @@ from typing import Any
 import pytest
 
 from cosim import System, run
-from cosim.engine.stepping import RunSettings
+from cosim.engine.driver import RunSettings
 from cosim.judge import describe
-from cosim.loops import strongly_connected
 from cosim.master import setup_problems, stepping_order
 from cosim.system import connect
+from cosim.system.graph import strongly_connected
 from tests.conftest import described, rewritten
 from tests.cosim.foreign import pack
 

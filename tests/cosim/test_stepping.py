@@ -17,7 +17,7 @@ from numpy.testing import assert_array_equal
 from scipy.integrate import solve_ivp
 
 from cosim import Adaptive, Result, SetupError, System, run
-from cosim.engine.rows import CHUNK, OutputGrid, Recorder
+from cosim.engine.recorder import CHUNK, OutputGrid, Recorder
 from scenarios.conveyor.theory import SETS
 from tests.cosim.foreign import idle, pack
 from tests.cosim.test_cosim import NU, RECORD, REST, WIRES, pair

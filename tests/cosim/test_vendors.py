@@ -18,7 +18,7 @@ import pytest
 from cosim import Adaptive, Result, SetupError, System, run
 from cosim.__main__ import alone as single
 from cosim.__main__ import main
-from cosim.engine.rows import OutputGrid
+from cosim.engine.recorder import OutputGrid
 from tests.conftest import ROOT, described, rewritten
 from tests.cosim.conftest import Said
 from tests.cosim.foreign import pack

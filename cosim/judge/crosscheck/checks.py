@@ -20,11 +20,11 @@ from typing import NamedTuple, TypeVar
 from fmpy.model_description import ModelDescription, ScalarVariable
 from fmpy.validation import validate_fmu
 
-from ...engine.exchange import Part
-from ...engine.initial import KINDS
-from ...engine.library import borrow
-from ...engine.part import DISCARD, STATUS, WARNING
+from ...engine.initialise import KINDS
+from ...engine.instance import DISCARD, STATUS, WARNING
+from ...engine.part import Part
 from ...errors import FmuError, SimulationTerminated, StepDiscarded
+from ...fmu.library import borrow
 from ...system import (
     Port,
     Value,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Sequence
 
-from .system import Connection, Network, feedthrough
+from .network import Connection, Network, feedthrough
 
 
 def algebraic_loops(network: Network) -> list[list[Connection]]:

@@ -14,10 +14,10 @@ from typing import Any
 from ..errors import FmuError
 from .algorithms import Timed
 from .compiler import OPTIONS, SOURCE, compile_loop, file_name
-from .exchange import StepOperation
-from .feed import InputSource
-from .operation import Layout, Operation, address
-from .part import WARNING, VariableBlock
+from .instance import WARNING, VariableBlock
+from .operations import Layout, Operation, address
+from .part import StepOperation
+from .sources import InputSource
 
 INT, LONG, DOUBLE, CELLS = ctypes.c_int, ctypes.c_longlong, ctypes.c_double, ctypes.c_void_p
 ARGUMENTS: Any = [CELLS, CELLS, INT, INT, CELLS, INT, *[DOUBLE] * 2, *[LONG] * 3, CELLS, CELLS]

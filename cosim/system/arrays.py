@@ -13,7 +13,7 @@ from zipfile import ZipFile
 
 from fmpy.model_description import ModelDescription, ScalarVariable
 
-from .errors import SetupError
+from ..errors import SetupError
 
 WIDTHS = {f"{sign}Int{bits}": (bits, not sign) for bits in (8, 16, 32, 64) for sign in ("", "U")}
 KINDS = dict.fromkeys(("Float32", "Float64"), "Real") | dict.fromkeys(WIDTHS, "Integer")

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 from ..errors import SetupError
 from ..system import Connection, Network, Port, unit_exponents
-from .operation import BOOK, Layout, Operation, address
+from .operations import BOOK, Layout, Operation, address
 
 Slot = tuple[Any, int]
 

@@ -18,10 +18,10 @@ from zipfile import ZipFile
 import fmpy
 from fmpy.model_description import ModelDescription, ScalarVariable, read_model_description
 
-from .errors import SetupError
+from ..errors import SetupError
+from ..units import multiples
+from .arrays import WIDTHS, expand_arrays
 from .inputs import NUMBER, FunctionInput, Table, parse_change
-from .native import WIDTHS, expand_arrays
-from .units import multiples
 
 Value = float | int | bool | str
 Name = str | tuple[str, str]

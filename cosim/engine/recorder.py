@@ -19,7 +19,7 @@ import numpy as np
 
 from ..errors import FmuError, SetupError
 from ..result import Result, Rows, open_unlinked, partial, read_rows, require_names, write_json
-from .clock import coincide
+from .times import coincide
 
 CHUNK = 4096
 LONGEST = 0.1

@@ -6,8 +6,8 @@ import ctypes
 import math
 
 from ..errors import NonFiniteValueError
-from ..inputs import FunctionInput, Table
-from .operation import FEED, NOT_FINITE, Layout, Operation, address
+from ..system.inputs import FunctionInput, Table
+from .operations import FEED, NOT_FINITE, Layout, Operation, address
 
 
 class InputSource(Operation):

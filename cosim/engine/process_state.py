@@ -11,8 +11,8 @@ from contextlib import suppress
 from pathlib import Path
 
 from ..errors import FmuError
+from ..fmu.library import LOCK
 from ..signals import reinstall_handlers
-from .library import LOCK
 
 BETWEEN = 0.1
 #: A convention of IEEE 754: the smallest number above 0, which is subnormal.

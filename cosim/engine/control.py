@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 
 from ..errors import FmuError, NonFiniteValueError, SetupError, StepDiscarded
 from .algorithms import Advance
-from .clock import coincide
-from .exchange import Part
+from .part import Part
 from .snapshot import Snapshot, forget_after
+from .times import coincide
 
 SAFETY = 0.9
 FIRST = 1e-4

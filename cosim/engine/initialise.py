@@ -13,16 +13,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import FmuError, SetupError
+from ..fmu.library import borrow
 from ..system import Network, Port, Value, declared_start, default_experiment, feedthrough
 from .changes import continuous_profiles
-from .curve import CastLink, InputPolynomials, Link, SignalHistory
-from .exchange import Part
-from .feed import InputSource
+from .driver import RunSettings
+from .energy import BondSide, find_bonds, watts_per_product
 from .fmi3 import Part3
-from .ledger import BondSide, find_bonds, watts_per_product
-from .library import borrow
-from .part import VariableBlock
-from .stepping import RunSettings
+from .instance import VariableBlock
+from .links import CastLink, InputPolynomials, Link, SignalHistory
+from .part import Part
+from .sources import InputSource
 
 Vector = NDArray[np.float64]
 MOST_ITERATIONS = 20

@@ -9,10 +9,10 @@ from itertools import groupby, zip_longest
 from typing import Any, NamedTuple
 
 from ..errors import FmuError
-from .clock import coincide
-from .feed import InputSource
-from .operation import ADD, COPY, SCALE, Layout, Operation, address
-from .part import Instance, VariableBlock
+from .instance import Instance, VariableBlock
+from .operations import ADD, COPY, SCALE, Layout, Operation, address
+from .sources import InputSource
+from .times import coincide
 
 
 class Node(NamedTuple):

@@ -12,7 +12,7 @@ from copy import copy
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from .errors import SetupError
+from ..errors import SetupError
 
 CHANGE = re.compile(
     r"\s*(?:at\s+)?(?P<time>\S+?)\s*(?:s\s)?\s*(?P<name>[^\s=]+)\s*=\s*(?P<value>.*?)\s*"

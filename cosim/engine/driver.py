@@ -14,7 +14,6 @@ from fmpy.model_description import ScalarVariable
 
 from ..errors import EventReached, FmuError, SetupError, StepDiscarded
 from ..system import NUMERIC, STATE, VARIABLE_STEP, Network, Port, parts_without
-from .adaptive import Adaptive, Controller, by_energy, doubling
 from .algorithms import (
     EXPLICIT,
     Advance,
@@ -25,11 +24,12 @@ from .algorithms import (
     program,
 )
 from .changes import Change, with_changes
-from .clock import coincide
-from .exchange import Part
-from .program import Loop, can_compile
-from .rows import IntermediateValues, OutputGrid, Recorder
+from .control import Adaptive, Controller, by_energy, doubling
+from .loop import Loop, can_compile
+from .part import Part
+from .recorder import IntermediateValues, OutputGrid, Recorder
 from .snapshot import Snapshot, forget_after
+from .times import coincide
 
 CHECKPOINT = 1000
 SHORTEST_TIME = 2.0**-46
