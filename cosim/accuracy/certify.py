@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..describe import table
-from ..engine.adaptive import Adaptive
+from ..engine.control import Adaptive
 from ..master import run
 from ..metrics import FEWEST, largest, mean, smallest, spline
 from ..result import Result, Rows

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from ..describe import table
 from ..errors import SetupError
-from ..inputs import COLUMN, Reading, separator
 from ..result import Result, Rows
+from ..system.inputs import COLUMN, Reading, separator
 from ..units import QUANTITY, multiples
 
 if TYPE_CHECKING:
