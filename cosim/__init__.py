@@ -4,6 +4,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from .accuracy.certify import Certified, Estimate, certify, estimate, summary
+from .accuracy.reference import Judged, oracle, true_errors
 from .engine.algorithms import ALGORITHMS, CONVERGENCE_ORDERS
 from .engine.control import Adaptive
 from .engine.instance import quiet
@@ -12,6 +13,7 @@ from .formats.container import write_container
 from .formats.osp import read_osp, write_osp
 from .formats.ssp.read import Package, read_ssp
 from .formats.ssp.write import write_ssp
+from .isolated import run_isolated
 from .judge.compare import Comparison, Deviation, compare
 from .judge.crosscheck import crosscheck
 from .judge.crosscheck.checks import Verdict
