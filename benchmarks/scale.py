@@ -25,11 +25,10 @@ from zipfile import ZipFile
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
-from cosim import System, run
+from cosim import System, describe, run
 from cosim.engine import program
-from cosim.engine.stepping import Settings
-from cosim.judge import describe
-from cosim.master import problems
+from cosim.engine.driver import RunSettings
+from cosim.master import setup_problems
 from cosim.system import connect
 
 FMUS, NATIVE = ROOT / "fmus", ROOT / "fmus" / "native"
@@ -82,8 +81,8 @@ def set_up(system: System) -> None:
     """Describe, check and connect."""
     network = connect(system)
     list(describe.info(network))
-    settings = Settings(1.0, H, algorithm="jacobi")
-    list(problems(network, settings)), list(describe.notes(network, settings))
+    settings = RunSettings(1.0, H, algorithm="jacobi")
+    list(setup_problems(network, settings)), list(describe.notes(network, settings))
 
 
 def costs(count: int) -> tuple[float, float]:

@@ -14,7 +14,9 @@ from pathlib import Path
 from tempfile import TemporaryDirectory, TemporaryFile, mkdtemp
 from typing import Any, NamedTuple
 
-from . import __version__
+from . import __version__, describe
+from .accuracy.certify import SUMMARY, UNKNOWN, Estimate, by_rows, certify, summary
+from .accuracy.reference import METHODS, oracle, true_errors
 from .commandline import (
     Help,
     Parser,
@@ -25,27 +27,23 @@ from .commandline import (
     require,
     seconds,
 )
-from .engine.adaptive import Adaptive
 from .engine.algorithms import ALGORITHMS
-from .engine.part import quiet
-from .engine.rows import Stream
-from .engine.stepping import Settings
-from .errors import SetupError, counted
+from .engine.control import Adaptive
+from .engine.driver import RunSettings
+from .engine.instance import quiet
+from .engine.recorder import Stream
+from .errors import SetupError, pluralize
 from .formats.container import write_container
 from .formats.osp import FILE, read_osp, write_osp
 from .formats.ssp.read import Package, read_ssp
 from .formats.ssp.write import write_ssp
 from .formats.values import read_values
-from .inputs import Table
-from .judge import describe
-from .judge.certify import SUMMARY, UNKNOWN, Estimate, by_rows, certify, summary
+from .isolated import run_isolated
 from .judge.compare import SHARE, compare
 from .judge.crosscheck import crosscheck
 from .judge.crosscheck.report import writer
 from .judge.diagnose import diagnose
-from .judge.isolated import run_isolated
-from .judge.oracle import METHODS, oracle, true_errors
-from .master import problems
+from .master import setup_problems
 from .progress import bar
 from .result import Interrupted, Result, SimulationError, require_names
 from .result import partial as partial_file
@@ -55,11 +53,12 @@ from .system import (
     System,
     Value,
     connect,
+    conversion_to,
     default_experiment,
     describe_fmu,
     part_name,
-    scale,
 )
+from .system.inputs import Table
 from .units import QUANTITY
 
 HERE = Path(__file__).resolve().parent
@@ -141,7 +140,7 @@ def start_value(network: Network, name: str, text: str) -> Value:
     port = network.port(name)
     quantity = QUANTITY.fullmatch(text) if port.type == "Real" else None
     if quantity and quantity[2]:
-        factor, offset = scale(network, port, quantity[2], "be given")
+        factor, offset = conversion_to(network, port, quantity[2], "be given")
         return factor * float(quantity[1]) + offset
     return text if port.type in ("String", "Binary") else literal(text)
 
@@ -350,7 +349,7 @@ def substeps(task: Task, options: argparse.Namespace, step: float | Adaptive) ->
     return stated | requested
 
 
-def settings(task: Task, options: argparse.Namespace) -> Settings:
+def settings(task: Task, options: argparse.Namespace) -> RunSettings:
     """How to run, as asked for, as the file says, or as the FMUs prefer."""
     start, stop = times(task, options)
     if options.step is not None and options.adaptive is not None:
@@ -360,9 +359,9 @@ def settings(task: Task, options: argparse.Namespace) -> Settings:
     if options.step is not None and start < stop < start + options.step / LONGEST_STEP:
         span = f"the time from start to stop, {stop - start!r} s"
         raise SetupError(f"step = {options.step!r} s must be at most {span}")
-    own = {name: value for name, value in vars(options).items() if name in Settings._fields}
+    own = {name: value for name, value in vars(options).items() if name in RunSettings._fields}
     own |= {"substeps": substeps(task, options, step)}
-    return Settings(**own | {"start": start, "stop": stop, "step": step})
+    return RunSettings(**own | {"start": start, "stop": stop, "step": step})
 
 
 def show(options: argparse.Namespace) -> int:
@@ -382,7 +381,10 @@ def examine(options: argparse.Namespace) -> int:
     """cosim check; exit code 1 if something stands in the way."""
     with opened(options) as task:
         way = settings(task, options)
-        errors, notes = list(problems(task.network, way)), list(describe.notes(task.network, way))
+        errors, notes = (
+            list(setup_problems(task.network, way)),
+            list(describe.notes(task.network, way)),
+        )
         if task.package.step is not None:
             notes.append(f"communication step: {task.package.step!r} s, given by the file")
     for note in notes:
@@ -549,7 +551,7 @@ def summed(result: Result) -> Iterator[tuple[str, str]]:
 def told(result: Result) -> Iterator[str]:
     """What a run did, in a few lines."""
     ran = result.provenance
-    did = counted(ran["steps"], "step")
+    did = pluralize(ran["steps"], "step")
     for what in ("rejected", "discarded"):
         did += f", {ran[what]} {what}" if ran[what] else ""
     pace = (ran["reached"] - ran["start"]) / ran["wall_time"]
@@ -557,7 +559,7 @@ def told(result: Result) -> Iterator[str]:
         yield str(ran["reason"])
     yield (
         f"{ran['algorithm']}, {ran['communication']}: {did} in {ran['wall_time']:.3g} s "
-        f"({pace:.3g} x real time), {counted(ran['rows'], 'row')}"
+        f"({pace:.3g} x real time), {pluralize(ran['rows'], 'row')}"
     )
     for bond, energy in result.energy.items():
         yield (

@@ -14,7 +14,7 @@ from typing import Any, NoReturn
 
 from .errors import SetupError
 from .result import SimulationError
-from .signals import heard
+from .signals import handle_stop_signals
 from .system import Value
 from .units import QUANTITY, multiples
 
@@ -100,7 +100,7 @@ def exit_code(action: Callable[[], int]) -> int:
     """
     open_standard_files()
     try:
-        with heard(signal.default_int_handler):
+        with handle_stop_signals(signal.default_int_handler):
             code = action()
             sys.stdout.flush()
             return code

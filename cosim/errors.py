@@ -9,11 +9,11 @@ class SetupError(ValueError):
     """The system or the settings were refused before the first step."""
 
 
-class PartFailure(RuntimeError):
+class FmuError(RuntimeError):
     """A call into an FMU failed; the text gives the part, the call and the FMU's reason."""
 
 
-class Discarded(PartFailure):
+class StepDiscarded(FmuError):
     """A part computed a step only up to the time `reached` [s]."""
 
     def __init__(self, message: str, reached: float) -> None:
@@ -24,15 +24,15 @@ class Discarded(PartFailure):
         return type(self), (str(self), self.reached)
 
 
-class Met(Discarded):
+class EventReached(StepDiscarded):
     """A part met an event at the time `reached` [s], where the others must stop too."""
 
 
-class NotFinite(PartFailure):
+class NonFiniteValueError(FmuError):
     """A value for a wire or a row is not a finite number."""
 
 
-class Ended(PartFailure):
+class SimulationTerminated(FmuError):
     """A part ended the simulation itself, at the time `reached` [s]."""
 
     def __init__(self, message: str, reached: float) -> None:
@@ -43,6 +43,6 @@ class Ended(PartFailure):
         return type(self), (str(self), self.reached)
 
 
-def counted(number: int, noun: str) -> str:
+def pluralize(number: int, noun: str) -> str:
     """The number and the noun in a message: "1 row", "2 rows"."""
     return f"{number} {noun}{'s' * (number != 1)}"

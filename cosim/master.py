@@ -14,20 +14,19 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from .engine.adaptive import Adaptive
 from .engine.algorithms import ALGORITHMS
-from .engine.changes import changes, fed
-from .engine.clock import same
-from .engine.initial import initialise, shown
-from .engine.ledger import balance, bonds, complaints
-from .engine.part import Part
-from .engine.rows import Recorder
-from .engine.stepping import Row, Run, Settings
-from .engine.surroundings import Surroundings
-from .errors import Ended, PartFailure, SetupError, counted
-from .loops import algebraic_loops, describe
+from .engine.changes import continuous_profiles, discrete_changes
+from .engine.control import Adaptive
+from .engine.driver import Driver, RowReader, RunSettings
+from .engine.energy import bond_warnings, energy_balance, find_bonds
+from .engine.initialise import initialise, monitored_outputs
+from .engine.instance import Instance
+from .engine.process_state import ProcessState
+from .engine.recorder import Recorder
+from .engine.times import coincide
+from .errors import FmuError, SetupError, SimulationTerminated, pluralize
 from .result import Interrupted, Result, SimulationError
-from .signals import interrupts
+from .signals import collect_interrupts
 from .system import (
     STATE,
     VARIABLE_STEP,
@@ -35,9 +34,10 @@ from .system import (
     System,
     connect,
     default_experiment,
-    lacking,
-    require_steps,
+    parts_without,
+    require_cosimulation,
 )
+from .system.graph import algebraic_loops, describe_loop
 
 MOST_SUBSTEPS = 1 << 20
 HIGHEST = 8
@@ -85,16 +85,16 @@ def run(
     rates = dict(substeps or {})
     if tolerance is None and isinstance(step, Adaptive):
         tolerance = step.tolerance
-    settings = Settings(
+    settings = RunSettings(
         stop, step, start, algorithm, order, input_order, rates, tolerance, record, output_step,
         stop_time_defined,
     )  # fmt: skip
-    for problem in problems(network, settings):
+    for problem in setup_problems(network, settings):
         raise SetupError(problem)
     ports, sequence = settings.ports(network), stepping_order(network, order)
     began = clock.perf_counter()
     with ExitStack() as stack:
-        interrupted, around = stack.enter_context(interrupts()), Surroundings()
+        interrupted, around = stack.enter_context(collect_interrupts()), ProcessState()
         stack.callback(around.restore)
         try:
             within = ports if settings.every() is None else ()
@@ -103,7 +103,7 @@ def run(
                 name: _identity(p, system.parts[name], tolerance) for name, p in parts.items()
             }
             around.restore()
-        except PartFailure as error:
+        except FmuError as error:
             raise SetupError(str(error)) from error
         provenance: dict[str, Any] = {
             "algorithm": algorithm, "communication": settings.text(), "order": sequence,
@@ -114,13 +114,13 @@ def run(
             "open_inputs": {port.name: value for port, value in network.open}, "parts": identities,
             "versions": versions(),
         }  # fmt: skip
-        row = Row([parts[name] for name in parts], ports)
+        row = RowReader([parts[name] for name in parts], ports)
         units = {port.name: port.unit for port in ports}
         path = None if csv is None else Path(csv).absolute()
         recorder = Recorder([port.name for port in ports], units, path, provenance)
-        made = changes(network, parts, start, stop)
+        made = discrete_changes(network, parts, start, stop)
         stepped = [parts[name] for name in sequence]
-        run = Run(stepped, settings, row, recorder, made)
+        run = Driver(stepped, settings, row, recorder, made)
         status, reason = "failed", "stopped by an error outside the FMUs"
         try:
             for share in run.steps():
@@ -134,22 +134,22 @@ def run(
                 around.require_now()
                 recorder.flush()
                 status, reason = "complete", ""
-        except Ended as asked:
+        except SimulationTerminated as asked:
             status, reason = "complete", _end(run, recorder, asked)
-        except PartFailure as failure:
+        except FmuError as failure:
             reason = str(failure)
         finally:
-            energy = balance(end for part in parts.values() for end in part.ends)
+            energy = energy_balance(end for part in parts.values() for end in part.ends)
             heard = [f"{name}: {text}" for name, text in network.blemishes.items()]
             heard += [f"{part.name}: {text}" for part in parts.values() for text in part.warnings]
             heard += around.warnings
             if not ports:
                 heard.append("no FMU has an output to record: the rows contain only the time")
             end = {"status": status, "reason": reason, "reached": run.t, "rows": recorder.count}
-            end |= {"bonds": energy, "warnings": [*heard, *complaints(energy)]}
+            end |= {"bonds": energy, "warnings": [*heard, *bond_warnings(energy)]}
             end |= {"wall_time": clock.perf_counter() - began}
             result = recorder.finish(provenance | run.statistics() | end)
-    stopped = f"{reason}; stopped at t = {run.t!r} s, {counted(recorder.count, 'row')} kept"
+    stopped = f"{reason}; stopped at t = {run.t!r} s, {pluralize(recorder.count, 'row')} kept"
     if status == "failed":
         raise SimulationError(stopped, result)
     if status == "interrupted":
@@ -157,20 +157,20 @@ def run(
     return result
 
 
-def _end(run: Run, recorder: Recorder, end: Ended) -> str:
+def _end(run: Driver, recorder: Recorder, end: SimulationTerminated) -> str:
     """Close the rows of a run that a part has ended; what to say of it."""
-    with suppress(PartFailure):
+    with suppress(FmuError):
         run.end_at(end.reached)
     recorder.flush()
     return f"{end}; the last row is at t = {run.t!r} s"
 
 
-def problems(network: Network, settings: Settings) -> Iterator[str]:
+def setup_problems(network: Network, settings: RunSettings) -> Iterator[str]:
     """The reasons why this system cannot be run with these settings."""
     start, stop, step, algorithm = settings.start, settings.stop, settings.step, settings.algorithm
     order, input_order, tolerance = settings.order, settings.input_order, settings.tolerance
     try:
-        require_steps(network.descriptions, network.system.parts)
+        require_cosimulation(network.descriptions, network.system.parts)
         settings.ports(network)
         settings.check()
     except SetupError as error:
@@ -195,15 +195,15 @@ def problems(network: Network, settings: Settings) -> Iterator[str]:
         twin = by_guid.setdefault(description.guid, name)
         if twin != name and description.coSimulation.canBeInstantiatedOnlyOncePerProcess:
             yield f"{name}: its FMU allows only one instance per process, and {twin} is another"
-    lost = lacking(network.descriptions, STATE)
-    steady = lacking(network.descriptions, VARIABLE_STEP)
+    lost = parts_without(network.descriptions, STATE)
+    steady = parts_without(network.descriptions, VARIABLE_STEP)
     if algorithm == "iterated":
         for name in lost:
             yield f"iterated needs the FMU state, which {name} cannot save"
     else:
         for loop in algebraic_loops(network):
             yield (
-                f"algebraic loop: {describe(loop)} act on each other at once; "
+                f"algebraic loop: {describe_loop(loop)} act on each other at once; "
                 f"{algorithm} cannot solve that, but iterated can"
             )
     if isinstance(step, Adaptive):
@@ -212,21 +212,26 @@ def problems(network: Network, settings: Settings) -> Iterator[str]:
         if step.control == "doubling":
             for name in lost:
                 yield f"step doubling needs the FMU state, which {name} cannot save"
-        elif (step.control == "energy" or lost) and not bonds(network):
+        elif (step.control == "energy" or lost) and not find_bonds(network):
             yield "step control by energy needs a power bond, and the system has none"
-        watched = [p.name for ports in shown(network).values() for p in ports if p.type == "Real"]
+        watched = [
+            p.name
+            for ports in monitored_outputs(network).values()
+            for p in ports
+            if p.type == "Real"
+        ]
         for name in step.absolute:
             if name not in watched:
                 yield f"absolute tolerance of {name}: only {', '.join(watched)} can have one"
     elif steady:
-        moving, times = [port for port, _ in fed(network)], {"stop": [stop]}
+        moving, times = [port for port, _ in continuous_profiles(network)], {"stop": [stop]}
         for port, profile in network.inputs:
             if port not in moving:
                 times[port.name] = profile.jumps(start, stop)
         for name, found in times.items():
             for time in found:
                 steps = max(1, round((time - start) / step))
-                if not same(start + steps * step, time):
+                if not coincide(start + steps * step, time):
                     yield (
                         f"{name} = {time!r} s must be a whole number of steps of {step!r} s "
                         f"after start, since {steady[0]} cannot vary its step"
@@ -260,7 +265,7 @@ def stepping_order(network: Network, order: Sequence[str] | None) -> list[str]:
     return list(sequence.values())
 
 
-def _identity(part: Part, path: Path, tolerance: float | None) -> dict[str, Any]:
+def _identity(part: Instance, path: Path, tolerance: float | None) -> dict[str, Any]:
     """What a result says of a part: file, guid, model, tolerance and every parameter's value."""
     description = part.description
     if tolerance is None:

@@ -12,7 +12,7 @@ STOPS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if ha
 
 
 @contextmanager
-def heard(handler: Callable[[int, Any], Any]) -> Iterator[None]:
+def handle_stop_signals(handler: Callable[[int, Any], Any]) -> Iterator[None]:
     """Call this function for signals that ask to stop, as far as they are not ignored.
 
     A handler that is not Python's own, as a program in C installs one, could not be put back: it stays.
@@ -31,7 +31,7 @@ def heard(handler: Callable[[int, Any], Any]) -> Iterator[None]:
             signal.signal(number, old)
 
 
-def hear_again() -> None:
+def reinstall_handlers() -> None:
     """Install what hears these signals anew, in place of what an FMU may have put there."""
     if threading.current_thread() is threading.main_thread():
         for number in STOPS:
@@ -40,8 +40,8 @@ def hear_again() -> None:
 
 
 @contextmanager
-def interrupts() -> Iterator[list[int]]:
+def collect_interrupts() -> Iterator[list[int]]:
     """A list that fills with the signals that ask to stop, so that no FMU is left half-way."""
     seen: list[int] = []
-    with heard(lambda number, _: seen.append(number)):
+    with handle_stop_signals(lambda number, _: seen.append(number)):
         yield seen

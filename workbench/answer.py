@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TextIO
 
 from cosim import Result, System
 from cosim.result import partial, write_json
-from cosim.system import Value, connect, own_start
+from cosim.system import Value, connect, declared_start
 
 from .figure import ERROR_SCOPE, Figure
 from .report.chart import Picture
@@ -161,7 +161,7 @@ def parameters(system: System, own: Iterable[str] = ()) -> dict[str, Parameter]:
         for variable in description.modelVariables:
             port = network.port(f"{part}.{variable.name}")
             if variable.causality == "parameter" or port.name in given:
-                value = given.get(port.name, own_start(variable))
+                value = given.get(port.name, declared_start(variable))
                 if value is not None and port.name not in own:
                     found[port.name] = Parameter(value, port.unit, variable.description or "")
     return found

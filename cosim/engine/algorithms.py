@@ -13,10 +13,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import Discarded, NotFinite, PartFailure
-from .curve import value
-from .exchange import Coupled
-from .operation import Operation
+from ..errors import FmuError, NonFiniteValueError, StepDiscarded
+from .links import polynomial_value
+from .operations import Operation
+from .part import Part
 from .snapshot import Snapshot
 
 Advance = Callable[[float, float], None]
@@ -30,7 +30,7 @@ MEMORY = 5
 class Turn(NamedTuple):
     """A part's step within a communication step h: from t + at * h by size * h."""
 
-    part: Coupled
+    part: Part
     at: float
     size: float
 
@@ -46,17 +46,17 @@ class Timed(NamedTuple):
     size: float
 
 
-def jacobi(parts: Sequence[Coupled]) -> Stages:
+def jacobi(parts: Sequence[Part]) -> Stages:
     """All parts step with the values of the step's beginning."""
     return [[Turn(part, 0.0, 1.0) for part in parts]]
 
 
-def gauss_seidel(parts: Sequence[Coupled]) -> Stages:
+def gauss_seidel(parts: Sequence[Part]) -> Stages:
     """One after the other, each with the newest values of the ones before."""
     return [[Turn(part, 0.0, 1.0)] for part in parts]
 
 
-def strang(parts: Sequence[Coupled]) -> Stages:
+def strang(parts: Sequence[Part]) -> Stages:
     """Symmetric: all but the last half a step, the last a full one, the others backwards."""
     *first, last = parts
     there = [[Turn(part, 0.0, 0.5)] for part in first]
@@ -86,12 +86,12 @@ def explicit(program: Sequence[Timed]) -> Advance:
     return advance
 
 
-def iterated(parts: Sequence[Coupled]) -> Advance:
+def iterated(parts: Sequence[Part]) -> Advance:
     """Repeat the step until the outputs at its end are those that the inputs were made of.
 
     Rollback through the FMU state; fixed point with Anderson acceleration. An input that is held
     takes the value of the step's end, one of higher order runs there on a polynomial. Raises
-    PartFailure if MOST_SWEEPS do not bring every signal to TOLERANCE; Discarded where a sweep runs
+    FmuError if MOST_SWEEPS do not bring every signal to TOLERANCE; StepDiscarded where a sweep runs
     into a value that is not finite.
     """
     outputs = [block for part in parts for block in part.outputs]
@@ -121,7 +121,7 @@ def iterated(parts: Sequence[Coupled]) -> Advance:
         z = ends()
         if parts[0].curves is not None:  # as their past tells them
             signals = (s for part in parts if part.curves for s in part.curves.signals)
-            z = np.array([value(signal.taylor(t), h) for signal in signals])
+            z = np.array([polynomial_value(signal.taylor(t), h) for signal in signals])
         mixing = Anderson()
         for sweep in range(MOST_SWEEPS):
             if sweep:
@@ -133,8 +133,8 @@ def iterated(parts: Sequence[Coupled]) -> Advance:
             try:
                 for operation in looks:
                     operation(t + h, h)
-            except NotFinite as failure:
-                raise Discarded(str(failure), t) from failure
+            except NonFiniteValueError as failure:
+                raise StepDiscarded(str(failure), t) from failure
             image = ends()
             gap = np.abs(image - z) / (1.0 + np.abs(image))
             same = before == [list(block.cells) for block in discrete]
@@ -144,7 +144,7 @@ def iterated(parts: Sequence[Coupled]) -> Advance:
                 return
             z = mixing.next(z, image)
         worst = ", ".join(f"{name} by {g:.2g}" for name, g in zip(names, gap) if g > TOLERANCE)
-        raise PartFailure(
+        raise FmuError(
             f"no convergence in {MOST_SWEEPS} sweeps from t = {t!r} s; still off: {worst}"
         )
 
@@ -170,40 +170,40 @@ class Anderson:
         return mixed
 
 
-EXPLICIT: dict[str, Callable[[Sequence[Coupled]], Stages]] = {
+EXPLICIT: dict[str, Callable[[Sequence[Part]], Stages]] = {
     "jacobi": jacobi,
     "gauss-seidel": gauss_seidel,
     "strang": strang,
 }
-ORDERS = {"jacobi": 1, "gauss-seidel": 1, "strang": 2, "iterated": 1}
-ALGORITHMS = tuple(ORDERS)
+CONVERGENCE_ORDERS = {"jacobi": 1, "gauss-seidel": 1, "strang": 2, "iterated": 1}
+ALGORITHMS = tuple(CONVERGENCE_ORDERS)
 
 
-def order(algorithm: str, input_order: int, parts: Sequence[Coupled]) -> int:
+def convergence_order(algorithm: str, input_order: int, parts: Sequence[Part]) -> int:
     """The order at which the states converge.
 
     An FMU that cannot interpolate gets means, of order 2. Means and the half steps of Strang are of
     order 1 over outputs with direct feedthrough, which show an input from within the step.
     """
-    if moving(input_order, parts):
+    if inputs_interpolated(input_order, parts):
         return input_order + 1
     if any(part.fed_through() for part in parts):
         return 1
-    return 2 if input_order else ORDERS[algorithm]
+    return 2 if input_order else CONVERGENCE_ORDERS[algorithm]
 
 
-def moving(input_order: int, parts: Sequence[Coupled]) -> bool:
+def inputs_interpolated(input_order: int, parts: Sequence[Part]) -> bool:
     """Whether all inputs move within a step, so that outputs belong to its end."""
     return input_order > 0 and all(p.curves is None or p.curves.capable for p in parts)
 
 
-def late(algorithm: str, input_order: int, parts: Sequence[Coupled]) -> set[str]:
+def first_order_outputs(algorithm: str, input_order: int, parts: Sequence[Part]) -> set[str]:
     """The outputs that show an input from within the step: whatever the order of the states, they
     converge with order 1.
 
     Strang's way back brings each part what those after it show at the step's end.
     """
-    if moving(input_order, parts):
+    if inputs_interpolated(input_order, parts):
         return set()
     back = algorithm == "strang" and not input_order
     after = (parts[k:] if back else () for k in range(1, len(parts) + 1))

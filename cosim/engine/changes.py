@@ -9,31 +9,31 @@ from typing import NamedTuple
 
 from fmpy.model_description import ScalarVariable
 
-from ..inputs import Course, Table
-from ..system import Network, Port, Value, moves
-from .clock import same
-from .exchange import Coupled
+from ..system import Network, Port, Value, is_continuous_input
+from ..system.inputs import FunctionInput, Table
+from .part import Part
+from .times import coincide
 
 
 class Change(NamedTuple):
     """A value that a variable takes between two steps, at a time [s]."""
 
     time: float
-    part: Coupled
+    part: Part
     variable: ScalarVariable
     value: Value
 
 
-def fed(network: Network) -> list[tuple[Port, Table | Course]]:
+def continuous_profiles(network: Network) -> list[tuple[Port, Table | FunctionInput]]:
     """The Real inputs, which move within steps, and what they follow."""
-    return [(port, profile) for port, profile in network.inputs if moves(port)]
+    return [(port, profile) for port, profile in network.inputs if is_continuous_input(port)]
 
 
-def changes(
-    network: Network, parts: Mapping[str, Coupled], start: float, stop: float
+def discrete_changes(
+    network: Network, parts: Mapping[str, Part], start: float, stop: float
 ) -> list[Change]:
     """All other changes between start and stop [s], in their order."""
-    moving = [port for port, _ in fed(network)]
+    moving = [port for port, _ in continuous_profiles(network)]
     found = [
         Change(time, parts[port.part], port.variable, profile.at(time))
         for port, profile in network.inputs
@@ -43,7 +43,7 @@ def changes(
     return sorted(found, key=lambda change: change.time)
 
 
-def changing(
+def with_changes(
     advance: Callable[[float, float], None], changes: Sequence[Change]
 ) -> Callable[[float, float], None]:
     """The same step from t by h [s], with the changes at t made and one inside split off."""
@@ -52,9 +52,9 @@ def changing(
     def go(t: float, h: float) -> None:
         end, near = t + h, 64 * math.ulp(t)
         for change in changes[bisect_left(times, t - near) : bisect_right(times, end)]:
-            if same(change.time, end):
+            if coincide(change.time, end):
                 break
-            if not same(change.time, t):
+            if not coincide(change.time, t):
                 advance(t, change.time - t)
                 t, h = change.time, end - change.time
             change.part.set(change.variable, change.value)

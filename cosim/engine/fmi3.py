@@ -12,14 +12,14 @@ from typing import Any
 
 from fmpy.model_description import ModelDescription
 
-from ..errors import Discarded, Met, PartFailure
-from ..native import WIDTHS, Element
+from ..errors import EventReached, FmuError, StepDiscarded
+from ..fmu.library import Library
 from ..system import Value
-from .clock import same
-from .exchange import Coupled
-from .library import Library
-from .operation import ENTER, EXCHANGE3, STEP3, Layout, Operation, address
-from .part import CELL, DISCARD, OK, WARNING, Block, Part
+from ..system.arrays import WIDTHS, Element
+from .instance import CELL, DISCARD, OK, WARNING, Instance, VariableBlock
+from .operations import ENTER, EXCHANGE3, STEP3, Layout, Operation, address
+from .part import Part
+from .times import coincide
 
 UNCHANGED, CHANGED = 1, 2
 RAISED, MOST_AT_ONCE = -1, 100
@@ -45,7 +45,7 @@ class Answer(ctypes.Structure):
     ]
 
 
-class Block3(Block):
+class VariableBlock3(VariableBlock):
     """Variables of one type of FMI 2.0 with all elements of their arrays; Float32 are Reals too.
 
     Inputs that an FMU takes only in event mode, not before a step, are `held`; `entered` are the values
@@ -53,10 +53,10 @@ class Block3(Block):
     """
 
     def __init__(
-        self, part: Coupled3, action: str, variables: Sequence[Element], orders: Sequence[int] = ()
+        self, part: Part3, action: str, variables: Sequence[Element], orders: Sequence[int] = ()
     ) -> None:
         families = {id(v.family): v.family for v in variables}.values()
-        self.part: Coupled3 = part
+        self.part: Part3 = part
         self.variables = sorted((v for f in families for v in f), key=lambda v: v.native)
         kind = self.variables[0].type
         self.reads, self._text = action == "Get", kind == "String"
@@ -112,10 +112,10 @@ class Block3(Block):
 
 def _reached(time: float, t: float) -> bool:
     """Whether a time [s] is not after t, but for rounding."""
-    return time <= t or (time < math.inf and same(time, t))
+    return time <= t or (time < math.inf and coincide(time, t))
 
 
-class Ticking:
+class IntervalClock:
     """A clock with an interval, and the time at which it ticks next [s]."""
 
     def __init__(self, variable: Element, begin: float, interval: float) -> None:
@@ -139,14 +139,14 @@ class Ticking:
         self.begin, self.interval, self.count = t, interval, 1
 
 
-class Coupled3(Coupled):
+class Part3(Part):
     """A coupled part of FMI 3.0.
 
     A step that meets an event ends there, goes through event mode, and goes on to its end; so it does
     where a clock ticks.
     """
 
-    BLOCK, FMI = Block3, "fmi3"
+    BLOCK, FMI = VariableBlock3, "fmi3"
     SERIALIZE, DESERIALIZE = "serializeFMUState", "deserializeFMUState"
     FREE, GET_STATE, SET_STATE, FREE_STATE = (
         f"fmi3{call}" for call in ("FreeInstance", "GetFMUState", "SetFMUState", "FreeFMUState")
@@ -159,7 +159,7 @@ class Coupled3(Coupled):
         self.events = self.SIDE == "modelExchange" or bool(can.hasEventMode)
         shown = within if within and can.providesIntermediateUpdate else ()
         self.within = [v for v in shown if v.intermediateUpdate and v.type == "Real"]
-        self.clocks: list[Ticking] = []
+        self.clocks: list[IntervalClock] = []
         self.due = ctypes.c_double(math.inf)
         self._kept: dict[int, Any] = {}
         self._answer = Answer()
@@ -170,7 +170,7 @@ class Coupled3(Coupled):
         self.taking = FINISH(lambda t, _, __: self._status(lambda: self.enter(t)))  # changed inputs
         super().__init__(name, description, fmu)
         if self.within:
-            self._glass = Block3(self, "Get", self.within)
+            self._glass = VariableBlock3(self, "Get", self.within)
             self._looked = [self._glass.variables.index(v) for v in self.within]
             self.watched = [f"{name}.{v.name}" for v in self.within]
 
@@ -212,14 +212,14 @@ class Coupled3(Coupled):
             source=ctypes.cast(self._finish, ctypes.c_void_p).value,
         )
 
-    def blocks(self, action: str, variables: Sequence[Element]) -> list[Block]:
+    def blocks(self, action: str, variables: Sequence[Element]) -> list[VariableBlock]:
         """One Block per type, or two where event mode takes a share of the inputs."""
         held = self.events and action == "Set"
         kinds: dict[Any, list[Element]] = {}
         for v in variables:
             name = "Real" if v.type == "Real" else v.native
             kinds.setdefault((name, held and v.variability != "continuous"), []).append(v)
-        return [Block3(self, action, some) for some in kinds.values()]
+        return [VariableBlock3(self, action, some) for some in kinds.values()]
 
     def set(self, variable: Element, value: Value) -> None:
         """Set one variable, in event mode if steps have begun."""
@@ -228,9 +228,9 @@ class Coupled3(Coupled):
             texts[variable.family.index(variable)] = bytes.fromhex(str(value))
             self.call("setBinary", [variable.valueReference], texts)
             return
-        block = Block3(self, "Set", [variable])
+        block = VariableBlock3(self, "Set", [variable])
         if len(block.cells) > 1:
-            own = Block3(self, "Get", [variable])
+            own = VariableBlock3(self, "Get", [variable])
             own.move()
             block.cells[:] = own.cells
         place = block.variables.index(variable)
@@ -274,15 +274,15 @@ class Coupled3(Coupled):
             self.call("enterStepMode")
             self._happen(self._now, event=False)
 
-    def _ticking(self, clock: Element) -> Ticking:
+    def _ticking(self, clock: Element) -> IntervalClock:
         """A clock as it starts, with the interval of the description or what the FMU says."""
         counts = clock.intervalVariability == "countdown"
         interval, known = clock.interval, UNCHANGED
         if interval is None or counts:
             interval, known = self._interval(clock)
         if not known:
-            raise PartFailure(f"{self.name}.{clock.name}: the interval of the clock is not known")
-        made = Ticking(clock, math.inf if counts else self._now + clock.shift, interval)
+            raise FmuError(f"{self.name}.{clock.name}: the interval of the clock is not known")
+        made = IntervalClock(clock, math.inf if counts else self._now + clock.shift, interval)
         if counts and known == CHANGED:
             made.restart(self._now, interval)
         return made
@@ -295,7 +295,7 @@ class Coupled3(Coupled):
         held = self._held()
         *moves, step = super().turn()
         yield from (move for move in moves if move not in held)
-        yield from (Held(self, block) for block in held)
+        yield from (EventModeEntry(self, block) for block in held)
         yield step
 
     def advance(self, t: float, h: float, *, stepped: bool = False) -> None:
@@ -322,8 +322,8 @@ class Coupled3(Coupled):
             if told.event:
                 self._require_stop(reached, begin, end, PAST)
             if at_once > MOST_AT_ONCE:
-                raise PartFailure(f"{self.name}: its steps make no progress from t = {t!r} s")
-            self._now = t = end if same(reached, end) else reached
+                raise FmuError(f"{self.name}: its steps make no progress from t = {t!r} s")
+            self._now = t = end if coincide(reached, end) else reached
             self._happen(t, event=told.event)
             if t == end:
                 return
@@ -333,7 +333,7 @@ class Coupled3(Coupled):
         """Refuse a step in which an event is at time t [s], if all are to stop there or just past it."""
         size = end - begin
         if self.stops and begin + NEAR * size < t < end - NEAR * size:
-            raise Met(f"{self.name} has an event at t = {t!r} s", t + past * size)
+            raise EventReached(f"{self.name} has an event at t = {t!r} s", t + past * size)
 
     def stepped(self, t: float, h: float, status: int) -> None:
         if status == RAISED and self._raised is not None:
@@ -341,7 +341,9 @@ class Coupled3(Coupled):
         call = f"doStep(t = {t!r} s, h = {h!r} s)"
         if status == DISCARD:
             reached = self._answer.reached
-            raise Discarded(str(self.failure(call, status)), reached if t < reached < t + h else t)
+            raise StepDiscarded(
+                str(self.failure(call, status)), reached if t < reached < t + h else t
+            )
         self.answered(call, status)
 
     def save(self, state: ctypes.c_void_p) -> None:
@@ -358,9 +360,9 @@ class Coupled3(Coupled):
         for clock, kept in zip(self.clocks, clocks):
             vars(clock).update(kept)
 
-    def carried(self, state: ctypes.c_void_p, other: Part) -> tuple[ctypes.c_void_p, int]:
+    def carried(self, state: ctypes.c_void_p, other: Instance) -> tuple[ctypes.c_void_p, int]:
         copy, size = super().carried(state, other)
-        assert isinstance(other, Coupled3)
+        assert isinstance(other, Part3)
         other._kept[id(copy)] = self._kept[id(state)]
         return copy, size
 
@@ -384,8 +386,8 @@ class Coupled3(Coupled):
         for block in self._held():
             block.entered[:] = list(block.cells)
 
-    def _held(self) -> list[Block3]:
-        return [b for b in self.inputs if isinstance(b, Block3) and b.held]
+    def _held(self) -> list[VariableBlock3]:
+        return [b for b in self.inputs if isinstance(b, VariableBlock3) and b.held]
 
     def _happen(self, t: float, *, event: bool) -> None:
         """Event mode at time t [s], if an event is due there, until none is; the clocks tick."""
@@ -399,9 +401,11 @@ class Coupled3(Coupled):
             self._event(t, clocks=[c.variable.valueReference for c in clocks])
             self._see(t)
             event = False
-        raise PartFailure(f"{self.name}: events follow each other without end at t = {t!r} s")
+        raise FmuError(f"{self.name}: events follow each other without end at t = {t!r} s")
 
-    def _event(self, t: float, blocks: Iterable[Block] = (), clocks: Sequence[int] = ()) -> None:
+    def _event(
+        self, t: float, blocks: Iterable[VariableBlock] = (), clocks: Sequence[int] = ()
+    ) -> None:
         """Event mode, in which inputs are set and clocks are active, and back."""
         self.call("enterEventMode")
         for block in blocks:
@@ -420,7 +424,7 @@ class Coupled3(Coupled):
             if not again:
                 break
         else:
-            raise PartFailure(f"{self.name}: its discrete states do not settle at t = {t!r} s")
+            raise FmuError(f"{self.name}: its discrete states do not settle at t = {t!r} s")
         for clock in self.clocks:
             if clock.kind in ("tunable", "changing", "countdown"):
                 interval, qualifier = self._interval(clock.variable)
@@ -442,7 +446,7 @@ class Coupled3(Coupled):
         """What the FMU calls within a step, when values may be got."""
         early[0][0] = False
         if may:
-            with suppress(PartFailure):
+            with suppress(FmuError):
                 self._see(t)
 
     def _see(self, t: float) -> None:
@@ -460,10 +464,10 @@ class Coupled3(Coupled):
         return OK
 
 
-class Held(Operation):
+class EventModeEntry(Operation):
     """Enters the inputs of a part that take event mode, if one of a block has changed."""
 
-    def __init__(self, part: Coupled3, block: Block3) -> None:
+    def __init__(self, part: Part3, block: VariableBlock3) -> None:
         self.part, self.block = part, block
 
     def __call__(self, t: float, h: float) -> None:

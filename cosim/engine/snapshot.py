@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from .exchange import Coupled
+from .part import Part
 
 
 class Snapshot:
     """One place for the state of the parts; `take` overwrites what was there."""
 
-    def __init__(self, parts: Sequence[Coupled]) -> None:
+    def __init__(self, parts: Sequence[Part]) -> None:
         self._states = [(part, part.state()) for part in parts]
         self._outputs = [block for part in parts for block in part.outputs]
         self._ends = [end for part in parts for end in part.ends]
@@ -19,19 +19,19 @@ class Snapshot:
         self._booked: list[list[Any]] = []
 
     def take(self) -> None:
-        """Remember the parts as they are now; raises PartFailure."""
+        """Remember the parts as they are now; raises FmuError."""
         for part, state in self._states:
             part.save(state)
         self._cells = [list(block.cells) for block in self._outputs]
         self._booked = [list(end.totals) for end in self._ends]
 
     def restore_fmus(self) -> None:
-        """Bring the FMUs back, not what the master keeps; raises PartFailure."""
+        """Bring the FMUs back, not what the master keeps; raises FmuError."""
         for part, state in self._states:
             part.restore(state)
 
     def restore(self) -> None:
-        """Bring back everything but the nodes of moving inputs; raises PartFailure."""
+        """Bring back everything but the nodes of moving inputs; raises FmuError."""
         self.restore_fmus()
         for block, cells in zip(self._outputs, self._cells):
             block.cells[:] = cells
@@ -39,7 +39,7 @@ class Snapshot:
             end.totals[:] = booked
 
 
-def forget_after(parts: Sequence[Coupled], t: float) -> None:
+def forget_after(parts: Sequence[Part], t: float) -> None:
     """Drop what moving inputs know of their sources after the time t [s]."""
     for part in parts:
         for signal in part.curves.signals if part.curves else ():

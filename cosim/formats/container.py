@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from fmpy.validation import validate_fmu
 
 from ..errors import SetupError
-from ..system import Network, Port, System, feedthrough, require_fmi2, still
+from ..system import Network, Port, System, connect_for_export, feedthrough, require_fmi2
 
 if TYPE_CHECKING:
     from fmu_manipulation_toolbox.container import FMUContainer
@@ -47,7 +47,7 @@ def write_container(
     from fmu_manipulation_toolbox.container import FMUContainer, FMUContainerError
     from fmu_manipulation_toolbox.operations import FMUError
 
-    network = still(system, "a container")
+    network = connect_for_export(system, "a container")
     require_fmi2(network.descriptions, "a container takes")
     sequence = list(order) if order is not None else list(system.parts)
     if sorted(sequence) != sorted(system.parts):

@@ -14,8 +14,8 @@ from urllib.parse import quote
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
-from ..engine.ledger import declared
-from ..errors import SetupError, counted
+from ..engine.energy import declared_bond
+from ..errors import SetupError, pluralize
 from ..system import (
     READ,
     Connection,
@@ -25,9 +25,9 @@ from ..system import (
     Value,
     Wire,
     connect,
+    connect_for_export,
     describe_fmu,
     require_fmi2,
-    still,
 )
 from .ssp.files import LINK, Room, load, locate, plain, require_root
 from .ssp.parameters import Parameter
@@ -201,7 +201,7 @@ class _Reader:
             if not math.isclose(base, count * step, rel_tol=ROUNDING):
                 log.warning(
                     "%s: stepSize %r s becomes %r s, the BaseStepSize of %r s in %s",
-                    part, step, base / count, base, counted(count, "step"),
+                    part, step, base / count, base, pluralize(count, "step"),
                 )  # fmt: skip
 
     def _initial(self, part: str, element: Any) -> None:
@@ -266,7 +266,7 @@ def write_osp(
     """
     if not 0.0 < step < float("inf"):
         raise SetupError(f"step = {step!r} s must be above 0")
-    network = still(system, "an OSP system structure", sums=True)
+    network = connect_for_export(system, "an OSP system structure", sums=True)
     require_fmi2(network.descriptions, "libcosim runs")
     files = archived(network)
     structure = _structure(network, files, step, start, stop)
@@ -297,7 +297,7 @@ def _structure(
                 _initial(initial, port, value)
     functions, connections = Element("Functions"), Element("Connections")
     named: dict[str, str] = {}
-    for bond in (declared(network, text) for text in network.system.bonds):
+    for bond in (declared_bond(network, text) for text in network.system.bonds):
         if any(scaled(wire) for wire in bond):
             log.warning("bond %s goes through a function and is left out", bond.name)
         else:

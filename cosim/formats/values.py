@@ -6,8 +6,8 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from ..errors import SetupError
-from ..inputs import read_table
 from ..system import READ, Network, Value
+from ..system.inputs import read_table
 from .ssp.files import Room, parse
 from .ssp.parameters import Parameter, parameters_of
 from .ssp.plan import Node, Plan, dotted

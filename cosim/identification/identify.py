@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from ..engine.algorithms import ORDERS
+from ..engine.algorithms import CONVERGENCE_ORDERS
 from ..errors import SetupError
-from ..inputs import Table
 from ..result import Result
 from ..system import System, connect
+from ..system.inputs import Table
 from . import evidence
 from .evidence import DEVIATIONS, Interval, Local, Residual
 from .model import (
@@ -192,7 +192,7 @@ def _judged(
     every = range(len(model.free))
     best = descend(model, minima[0].p, every, 2 * len(every))
     look = evidence.looking(model, derived)
-    order = float(ORDERS[model.settings.get("algorithm", "strang")])
+    order = float(CONVERGENCE_ORDERS[model.settings.get("algorithm", "strang")])
     for _ in range(HALVINGS):
         local = evidence.close_by(model, best.p, look, order)
         if evidence.overrated(model, local):

@@ -10,12 +10,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..engine.part import quiet
+from ..engine.instance import quiet
 from ..errors import SetupError
-from ..figures import spline
 from ..master import run
+from ..metrics import spline
 from ..result import Result, SimulationError
-from ..system import ANGLE, Network, System, Value, connect, exponents, own_start
+from ..system import ANGLE, Network, System, Value, connect, declared_start, unit_exponents
 from .record import Column
 
 Vector = NDArray[np.float64]
@@ -210,7 +210,7 @@ def _free(
                 f"{port} cannot be free: it must be a Real start value that can be set"
             )
         given: dict[str, Value] = {p.name: value for p, value in network.start}
-        own = given.get(name, own_start(variable))
+        own = given.get(name, declared_start(variable))
         low = low if variable.min is None else float(variable.min)
         high = high if variable.max is None else float(variable.max)
         guess, unit = float(own or 0.0), port.unit
@@ -218,7 +218,7 @@ def _free(
             guess = float(np.median(measured[name].values[:5]))
         size = abs(float(variable.nominal or 0.0))
         base = network.base_unit(port)
-        turn = base is not None and exponents(base) == ANGLE and base.factor == 1.0
+        turn = base is not None and unit_exponents(base) == ANGLE and base.factor == 1.0
     size = abs(guess) or size or 1.0
     aside = math.pi if turn else WIDTH * size
     drawn = guess - aside, guess + aside

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import SetupError
-from ..inputs import COLUMN, Reading, Table, read_table
-from ..system import Network, Port, scale
+from ..system import Network, Port, conversion_to
+from ..system.inputs import COLUMN, Reading, Table, read_table
 from ..units import multiples
 
 Samples = NDArray[np.float64]
@@ -144,7 +144,7 @@ def columns(
             raise SetupError(
                 f"{what}: {port} is not a Real output, so nothing can be compared with it"
             )
-        factor, offset = scale(network, port, table.unit, "be compared with a column")
+        factor, offset = conversion_to(network, port, table.unit, "be compared with a column")
         times, values = np.array(table.times), factor * np.array(table.values, float) + offset
         there = np.isfinite(values)
         times, values = times[there], values[there]

@@ -18,15 +18,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..engine.adaptive import Adaptive
-from ..engine.changes import changes
-from ..engine.exchange import Coupled
-from ..engine.feed import Feed
-from ..engine.initial import initialise
-from ..engine.rows import Recorder
-from ..engine.stepping import Row, Run, Settings
-from ..errors import PartFailure, SetupError
-from ..master import problems, stepping_order
+from ..engine.changes import discrete_changes
+from ..engine.control import Adaptive
+from ..engine.driver import Driver, RowReader, RunSettings
+from ..engine.initialise import initialise
+from ..engine.part import Part
+from ..engine.recorder import Recorder
+from ..engine.sources import InputSource
+from ..errors import FmuError, SetupError
+from ..master import setup_problems, stepping_order
 from ..system import Network, System, connect
 from .linearize import linearize
 from .modes import SIGNIFICANT, Array, Fit, Mode, fit
@@ -154,8 +154,8 @@ def diagnose(
     then those of the deviations from that motion. Raises SetupError for a system that cannot be run.
     """
     network = connect(system)
-    settings = Settings(start + step, step, start, algorithm, order, input_order)
-    for problem in problems(network, settings):
+    settings = RunSettings(start + step, step, start, algorithm, order, input_order)
+    for problem in setup_problems(network, settings):
         raise SetupError(problem)
     if not 0.0 < share < math.inf:
         raise SetupError(f"share = {share!r} must be a finite number above 0")
@@ -165,7 +165,7 @@ def diagnose(
         raise SetupError("a diagnosis needs a wire that carries a Real")
     try:
         return _diagnose(Bench(network, settings, stepping_order(network, order), settle), share)
-    except PartFailure as failure:
+    except FmuError as failure:
         raise SetupError(str(failure)) from failure
 
 
@@ -174,7 +174,7 @@ class Bench:
     """A system whose free response is measured again and again, from a kick after `settle` [s]."""
 
     network: Network
-    settings: Settings
+    settings: RunSettings
     sequence: Sequence[str]
     settle: float
 
@@ -185,7 +185,7 @@ class Bench:
         return self.settings.step
 
     def modes(self, h: float, span: float) -> Fit:
-        """The modes at steps of h [s], from what is seen for `span` [s]; raises PartFailure."""
+        """The modes at steps of h [s], from what is seen for `span` [s]; raises FmuError."""
         count = min(MOST_STEPS, round(span / h))
         calm, kicked = (self._run(h, count, kick) for kick in (0.0, KICK))
         rows = min(len(calm), len(kicked))
@@ -207,8 +207,8 @@ class Bench:
 
         def go(first: int, last: int) -> int:
             plan = self.settings._replace(start=began + first * h, stop=began + last * h, step=h)
-            made = changes(self.network, named, plan.start, plan.stop)
-            for _ in Run(parts, plan, Row(parts, ports), recorder, made).steps():
+            made = discrete_changes(self.network, named, plan.start, plan.stop)
+            for _ in Driver(parts, plan, RowReader(parts, ports), recorder, made).steps():
                 pass
             return recorder.count
 
@@ -221,16 +221,16 @@ class Bench:
                 go(0, settled)
             with _kicked(parts, kick):
                 before = go(settled, begin)
-            with suppress(PartFailure):
+            with suppress(FmuError):
                 go(begin, end)
         return np.array(recorder.rows).reshape(recorder.count, -1)[before:, 1:]
 
 
 @contextmanager
-def _kicked(parts: Sequence[Coupled], kick: float) -> Iterator[None]:
+def _kicked(parts: Sequence[Part], kick: float) -> Iterator[None]:
     """Offset every wired Real input by `kick` times the size of its source."""
     links = [link for part in parts for link in part.links if link.real]
-    links = [link for link in links if not isinstance(link.signal, Feed)]
+    links = [link for link in links if not isinstance(link.signal, InputSource)]
     before = [link.offset for link in links]
     for link in links:
         link.offset += link.factor * kick * (1.0 + abs(link.source[link.j]))

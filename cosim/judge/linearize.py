@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import PartFailure, SetupError
+from ..accuracy.coupled_ode import Array, opened
+from ..accuracy.reference import TOLERANCE, travel
+from ..errors import FmuError, SetupError
 from ..system import System, connect
-from .continuous import Array, opened
-from .oracle import TOLERANCE, travel
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -184,7 +184,7 @@ def linearize(
             known = [*whole.states, *whole.inputs, *whole.outputs]
             values = {name: model.values for name, model in whole.models.items()}
             point = {p.name: float(*values[p.part]([p.variable]).values()) for p in known}
-    except PartFailure as failure:
+    except FmuError as failure:
         raise SetupError(str(failure)) from failure
     states, entries, outputs = names
     wired = {target.name for _, target, *_ in network.wires}

@@ -11,8 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import brentq
 
-from ..engine.adaptive import Adaptive
 from ..engine.algorithms import ALGORITHMS
+from ..engine.control import Adaptive
 from ..master import run
 from ..result import Result
 from .ideal import Ideal, Scheme

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from cosim import ORDERS
+from cosim import CONVERGENCE_ORDERS
 from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, Table, option
 from workbench.figure import listed
 from workbench.measure import Measured, passes
@@ -86,7 +86,7 @@ def solve(o: Options, bench: Bench) -> Findings:
     def simulated(nus: Sequence[float]) -> list[Row]:
         orbits = setup.orbits([(machine, nu, k) for nu in nus for k in coarser], "orbits")
         points = [list(islice(orbits, len(coarser))) for _ in nus]
-        return [resonance.row(machine, one, ORDERS[o.algorithm]) for one in points]
+        return [resonance.row(machine, one, CONVERGENCE_ORDERS[o.algorithm]) for one in points]
 
     rows = simulated(nus)
     limits = passed(machine, nus, rows, o.tolerance, simulated)

@@ -198,7 +198,7 @@ def ripple(o: Options, bench: Bench, told: Told, meaning: str) -> Figure:
     points = orbits(o, bench, told, machine, nu, COARSER)
     if points[0].problem:
         return Figure.refused("N.m", points[0].problem, meaning)
-    told_row = row(machine, points, cosim.ORDERS[o.algorithm])
+    told_row = row(machine, points, cosim.CONVERGENCE_ORDERS[o.algorithm])
     (value, unit), (error, _) = told_row["tau2"], told_row["tau2_error"]
     if math.isnan(error):
         return Figure.refused(unit, "the coupling error is not known", meaning)

@@ -16,7 +16,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 import workbench
-from cosim import ORDERS, SetupError
+from cosim import CONVERGENCE_ORDERS, SetupError
 from cosim.system import Value
 from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, Table, option
 from workbench.figure import SHARE_DIGITS, concise
@@ -210,7 +210,7 @@ def swept(motor: Motor) -> Table:
         orbits = setup.orbits([(*spot, k) for spot in spots for k in COARSER], "orbits")
         for cells, (machine, _) in zip(rows, spots):
             points = list(islice(orbits, len(COARSER)))
-            seen = resonance.row(machine, points, ORDERS[motor.algorithm])
+            seen = resonance.row(machine, points, CONVERGENCE_ORDERS[motor.algorithm])
             cells += [seen[x][0] for x in ("tau2", "tau2_error", "lag", "lag_error")]
         units |= {f"tau2_{name}{x}": "N.m" for x in ("", "_error")}
         units |= {f"lag_{name}{x}": "deg" for x in ("", "_error")}

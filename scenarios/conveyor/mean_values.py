@@ -137,7 +137,9 @@ def told(runs: Sequence[dict[str, Measured] | str], algorithm: str) -> dict[str,
     """The figures of orbits of one speed with N, N/2, N/4 steps."""
     return {
         name: converged(
-            [x if isinstance(x, str) else x[name] for x in runs], cosim.ORDERS[algorithm], *meant
+            [x if isinstance(x, str) else x[name] for x in runs],
+            cosim.CONVERGENCE_ORDERS[algorithm],
+            *meant,
         )
         for name, meant in MEANT.items()
     }
@@ -232,7 +234,7 @@ def drifts(sweep: Sweep, nu: float) -> tuple[Table, dict[str, Figure]]:
         "off_16": "largest deviation of formula (16) from the mean speed in that step",
         "off_whole": "the same with the term that (16) neglects",
     }
-    order = cosim.ORDERS[setup.algorithm]
+    order = cosim.CONVERGENCE_ORDERS[setup.algorithm]
     found = {name: converged(runs, order, "%", meant[name]) for name, runs in off.items()}
     found["settling_16"] = Figure(
         machine.J / machine.slope, "s", 0.0, "time constant of settling by formula (16)"

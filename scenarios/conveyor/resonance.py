@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cosim import ORDERS, SetupError
+from cosim import CONVERGENCE_ORDERS, SetupError
 from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, Table, option
 from workbench.answer import parameters
 from workbench.figure import SENTENCE_DIGITS, SHARE_DIGITS, concise, percent
@@ -170,7 +170,7 @@ def swept(
     runs: Mapping[float, Sequence[Point]],
 ) -> Sweep:
     """What orbits tell that were run so far; the ends of stretches to avoid without their errors."""
-    order = ORDERS[o.algorithm]
+    order = CONVERGENCE_ORDERS[o.algorithm]
     rows = {nu: row(line.at(nu)[0], points, order) for nu, points in runs.items()}
     # a load of exactly 0 leaves no ripple, and nothing to learn of load over response
     known = [(nu, runs[nu][0]) for nu in nus if abs(runs[nu][0].torque) > 0.0]

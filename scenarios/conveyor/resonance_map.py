@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim import ORDERS, SetupError
+from cosim import CONVERGENCE_ORDERS, SetupError
 from cosim.result import partial
 from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, Table, option
 from workbench.answer import stream
@@ -270,7 +270,7 @@ def coupling_error(
         raise SetupError(
             "no orbit is steady with a quarter of the steps per revolution: take more steps"
         )
-    order = order or ORDERS[setup.algorithm]
+    order = order or CONVERGENCE_ORDERS[setup.algorithm]
     return float(max(coupling(run, order) / run[0] for run in runs.tolist()))
 
 

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline, PPoly
 
 import workbench
-from cosim import ORDERS, SetupError, System
+from cosim import CONVERGENCE_ORDERS, SetupError, System
 from cosim.system import Value
 from workbench import Bench, Figure, option
 from workbench.limit import limit
@@ -457,7 +457,7 @@ def places(
     """Where places are and how high the response is there, from known steady orbits."""
     starts = [(line, place, begun(line, place, known)) for line, place, known in sought]
     found = together([search(*start, k) for start in starts for k in coarser], setup)
-    figures, order = [], ORDERS[setup.algorithm]
+    figures, order = [], CONVERGENCE_ORDERS[setup.algorithm]
     for n, (_, place, _) in enumerate(sought):
         x, heights = zip(*found[n * len(coarser) : (n + 1) * len(coarser)])
         meaning = f"{place.quantity} ripple there, order 2"

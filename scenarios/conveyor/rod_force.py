@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim import ORDERS, SetupError
+from cosim import CONVERGENCE_ORDERS, SetupError
 from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, option
 from workbench.answer import parameters
 from workbench.figure import SHARE_DIGITS, concise, percent
@@ -171,7 +171,7 @@ def springs(r: Found, spring: Figure) -> dict[str, Figure]:
 
 def loads(r: Found, spring: Figure) -> dict[str, Figure]:
     """What rod and motor bear with either spring at the operating speed, and where it is resonant."""
-    nu, order, sought = r.plane.speed, ORDERS[r.setup.algorithm], []
+    nu, order, sought = r.plane.speed, CONVERGENCE_ORDERS[r.setup.algorithm], []
     found: dict[str, Figure] = {}
     span, moved = np.linspace(r.speeds[0], r.speeds[-1], 1000), []
     for name, machine in r.machines.items():
@@ -251,7 +251,7 @@ def deviation(
         return Figure.refused(
             "%", "the coupling error is not known; take more steps per revolution"
         )
-    vanishing = order or ORDERS[r.setup.algorithm]
+    vanishing = order or CONVERGENCE_ORDERS[r.setup.algorithm]
     errors = [coupling(run, vanishing) / run[0] for run in runs.tolist()]
     ends = [sizes[k] + ratio[k] * error for k, error in zip(points, errors)]
     at = points.index(int(np.nanargmax(sizes)))

@@ -171,7 +171,7 @@ def figure(jumps: Sequence[Jump], name: str, way: str, observed: Observed) -> Fi
     if not np.isfinite(values).all():
         reason = next(x.reason for x in jumps if x.reason)
         return Figure.refused(unit, reason, meaning)
-    error = coupling(values, cosim.ORDERS["strang"]) + ROUNDING * values[0]
+    error = coupling(values, cosim.CONVERGENCE_ORDERS["strang"]) + ROUNDING * values[0]
     return Figure(values[0], unit, error, meaning)
 
 

@@ -192,7 +192,11 @@ def figures(machine: Machine, orders: Frame, runs: Frame) -> dict[str, Figure]:
     `runs` are the order that each lag adds most to, with all, a half and a quarter of the steps;
     the errors are those of the coupling, of the excitation's rows, and what settling leaves.
     """
-    theta, B, order = machine.theta, machine.i_g**2 * machine.slope, cosim.ORDERS[ALGORITHM]
+    theta, B, order = (
+        machine.theta,
+        machine.i_g**2 * machine.slope,
+        cosim.CONVERGENCE_ORDERS[ALGORITHM],
+    )
     limits, off = iron.limits(machine.drive), theta.error / (2 * theta.value)
     found = {
         "theta": theta.figure("kg.m2", "mean inertia at the cam shaft"),

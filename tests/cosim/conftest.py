@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from cosim.__main__ import main
-from cosim.engine import stepping
+from cosim.engine import driver
 
 Said = Callable[..., str]
 
@@ -35,4 +35,4 @@ def interpreted(monkeypatch: pytest.MonkeyPatch) -> None:
     def missing(*_: Any) -> None:
         raise OSError("no compiler")
 
-    monkeypatch.setattr(stepping, "Loop", missing)
+    monkeypatch.setattr(driver, "Loop", missing)

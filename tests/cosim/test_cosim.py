@@ -18,9 +18,9 @@ from fmpy.model_description import BaseUnit
 from scipy.interpolate import CubicSpline
 
 from cosim import SetupError, System, Wire, linearize, oracle, run
-from cosim.engine.ledger import bonds
-from cosim.judge.describe import info
-from cosim.system import connect, convert
+from cosim.describe import info
+from cosim.engine.energy import find_bonds
+from cosim.system import connect, unit_conversion
 from scenarios.conveyor.theory import SETS
 from tests.conftest import ROOT, described, rewritten
 from tests.cosim.foreign import idle, pack
@@ -92,9 +92,9 @@ def test_sums_of_wires_are_known_to_oracle_linear_system_and_description(fmus: P
 def test_a_sum_ends_no_bond(fmus: Path) -> None:
     """The power at its end is not that of one wire, even where one alone has a way back."""
     one_way = replace(halves(fmus / "native"), wires=halves(fmus / "native").wires[:3])
-    assert not bonds(connect(one_way))
+    assert not find_bonds(connect(one_way))
     with pytest.raises(SetupError, match=r"ends at conveyor\.tau, which is a sum of wires"):
-        bonds(connect(replace(one_way, bonds=["motor.tau * conveyor.w"])))
+        find_bonds(connect(replace(one_way, bonds=["motor.tau * conveyor.w"])))
 
 
 def percent(value: float, reference: float) -> float:
@@ -277,9 +277,9 @@ def test_units_with_an_offset_are_converted() -> None:
     known = [(celsius, 20.0), (kelvin, 293.15), (fahrenheit, 68.0)]
     for here, value in known:
         for there, wanted in known:
-            factor, offset = convert(here, there) or (math.nan, math.nan)
+            factor, offset = unit_conversion(here, there) or (math.nan, math.nan)
             assert factor * value + offset == pytest.approx(wanted, rel=1e-12)
-    assert convert(kelvin, BaseUnit(K=1, s=-1)) is None
+    assert unit_conversion(kelvin, BaseUnit(K=1, s=-1)) is None
 
 
 def test_wires_convert_units(fmus: Path, tmp_path: Path) -> None:

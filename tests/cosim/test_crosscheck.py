@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 import pytest
 
 from cosim import Crosscheck, SetupError, crosscheck
-from cosim.engine.part import quiet
+from cosim.engine.instance import quiet
 from cosim.judge.crosscheck import checks
 from cosim.judge.crosscheck.checks import CHECKS, FAILED, NOT_OFFERED, NOT_RUN, PASSED, Subject
 from tests.conftest import described, rewritten

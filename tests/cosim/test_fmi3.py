@@ -30,9 +30,9 @@ from cosim import (
     write_osp,
     write_ssp,
 )  # fmt: skip
-from cosim.engine.initial import initialise
-from cosim.engine.stepping import Settings
-from cosim.judge.describe import info
+from cosim.describe import info
+from cosim.engine.driver import RunSettings
+from cosim.engine.initialise import initialise
 from cosim.system import connect
 from tests.conftest import rewritten
 from tests.cosim import foreign
@@ -254,7 +254,7 @@ def test_what_cannot_be_is_one_sentence(
 def test_binary_values_are_hexadecimal_digits(third: Path) -> None:
     network = connect(System({"A": third}, start={"A.Binary_in": "DEAD00BEEF"}))
     with ExitStack() as stack:
-        part = initialise(network, Settings(1.0, 0.1), ["A"], stack)["A"]
+        part = initialise(network, RunSettings(1.0, 0.1), ["A"], stack)["A"]
         shown = [network.port(f"A.{name}_out").variable for name in ("Binary", "String")]
         assert part.values(shown) == {"Binary_out": "dead00beef", "String_out": "grün"}
     with pytest.raises(SetupError, match=r"A.Binary_out is a Binary and cannot be recorded"):

@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 
 from cosim import SetupError, System, run, run_isolated, write_ssp
-from cosim.engine.library import KEPT, MOST_KEPT
+from cosim.fmu.library import LOADED, MOST_LOADED
 from cosim.scratch import scratch
 from tests.conftest import ROOT, described, hear_ctrl_c, rewritten, until
 from tests.cosim.conftest import Said
@@ -32,9 +32,9 @@ def drive(folder: Path) -> System:
 
 def test_the_second_run_takes_the_same_folder_and_gives_the_same_bits(both: Path) -> None:
     first = run(drive(both), stop=0.1, step=1e-3)
-    before = [KEPT[path].folder for path in drive(both).parts.values()]
+    before = [LOADED[path].folder for path in drive(both).parts.values()]
     again = run(drive(both), stop=0.1, step=1e-3)
-    assert [KEPT[path].folder for path in drive(both).parts.values()] == before
+    assert [LOADED[path].folder for path in drive(both).parts.values()] == before
     assert len({*before}) == 2
     assert np.array_equal(first.data, again.data)
     assert first["motor.tau"].std() > 1.0
@@ -46,13 +46,13 @@ def test_a_replaced_fmu_is_noticed(fmus: Path, tmp_path: Path) -> None:
     copy = Path(shutil.copy(native / "DriveMotor.fmu", tmp_path))
     system = System({"motor": copy}, start={"motor.w": 30.0})
     started = run(system, stop=0.01, step=1e-3)
-    folder = KEPT[copy].folder
+    folder = LOADED[copy].folder
     rewritten(native / "DriveMotor.fmu", copy, described(("<CoSimulation ", "<CoSimulation  ")))
     run(system, stop=0.01, step=1e-3)
-    assert KEPT[copy].folder != folder
+    assert LOADED[copy].folder != folder
     assert not folder.exists()
     os.utime(copy, ns=(1, 1))
-    again = KEPT[copy].folder
+    again = LOADED[copy].folder
     run(system, stop=0.01, step=1e-3)
     assert not again.exists()
     shutil.copy(native / "DriveMotor.fmu", copy)
@@ -62,16 +62,16 @@ def test_a_replaced_fmu_is_noticed(fmus: Path, tmp_path: Path) -> None:
 def test_a_folder_that_was_swept_away_is_made_anew(fmus: Path) -> None:
     system = drive(fmus / "native")
     first = run(system, stop=0.01, step=1e-3)
-    shutil.rmtree(KEPT[system.parts["motor"]].folder)
+    shutil.rmtree(LOADED[system.parts["motor"]].folder)
     assert np.array_equal(run(system, stop=0.01, step=1e-3).data, first.data)
 
 
 def test_no_more_than_some_are_kept(fmus: Path, tmp_path: Path) -> None:
-    for k in range(MOST_KEPT + 2):
+    for k in range(MOST_LOADED + 2):
         copy = Path(shutil.copy(fmus / "native" / "DriveMotor.fmu", tmp_path / f"m{k}.fmu"))
         run(System({"m": copy}, start={"m.w": 1.0}), stop=0.01, step=0.01)
-        folder = KEPT[copy].folder if k else (first := KEPT[copy].folder)
-    assert len(KEPT) == MOST_KEPT
+        folder = LOADED[copy].folder if k else (first := LOADED[copy].folder)
+    assert len(LOADED) == MOST_LOADED
     assert folder.exists()
     assert not first.exists()
 
@@ -89,7 +89,7 @@ def test_an_fmu_that_lives_only_once_is_loaded_anew_for_every_run(
     fmu = rewritten(fmus / "native" / "DriveMotor.fmu", tmp_path / "once.fmu", once)
     for _ in range(2):
         run(System({"m": fmu}, start={"m.w": 1.0}), stop=0.01, step=0.01)
-        assert fmu not in KEPT
+        assert fmu not in LOADED
         assert {*scratch().iterdir()} <= before
         assert loaded() <= known
 
@@ -99,7 +99,7 @@ def test_threads_share_the_fmus(fmus: Path) -> None:
     here, failures, rows = Path.cwd(), [], []
     systems = [drive(fmus / "native"), drive(fmus)]
     expected = [run(system, stop=0.01, step=1e-3).data for system in systems]
-    for fmu in list(KEPT.values()):
+    for fmu in list(LOADED.values()):
         fmu.forget()
 
     def work() -> None:
@@ -181,7 +181,7 @@ def test_the_wrapper_of_python_fmus_lets_go_before_it_is_unloaded(
 ) -> None:
     """Without that it frees its memory twice when the process ends, and now and then crashes it."""
     run(System({"a": echo}, start={"a.u": 1.0}), stop=0.01, step=0.01)
-    library, calls = KEPT[echo], []
+    library, calls = LOADED[echo], []
     assert hasattr(library.free, "finalizePythonInterpreter")
     free = library._slave.freeLibrary
     wrapper = SimpleNamespace(finalizePythonInterpreter=lambda: calls.append("let go"))
@@ -210,10 +210,10 @@ def test_memory_is_sound_to_the_end_of_a_process_with_wrappers_of_others(
 
 
 def test_an_isolated_run_keeps_nothing(fmus: Path, tmp_path: Path) -> None:
-    before = dict(KEPT)
+    before = dict(LOADED)
     fmu = Path(shutil.copy(fmus / "native" / "DriveMotor.fmu", tmp_path))
     run_isolated(System({"m": fmu}, start={"m.w": 1.0}), stop=0.1, step=0.1, csv=tmp_path / "r.csv")
-    assert before == KEPT
+    assert before == LOADED
 
 
 def test_a_system_without_parts_is_refused_and_leaves_no_file(tmp_path: Path) -> None:

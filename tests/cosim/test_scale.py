@@ -12,12 +12,11 @@ from typing import Any
 
 import pytest
 
-from cosim import System, run
-from cosim.engine.stepping import Settings
-from cosim.judge import describe
-from cosim.loops import strongly_connected
-from cosim.master import problems, stepping_order
+from cosim import System, describe, run
+from cosim.engine.driver import RunSettings
+from cosim.master import setup_problems, stepping_order
 from cosim.system import connect
+from cosim.system.graph import strongly_connected
 from tests.conftest import described, rewritten
 from tests.cosim.foreign import pack
 
@@ -56,8 +55,8 @@ def ring(folder: Path, count: int) -> System:
 def checked(system: System) -> None:
     network = connect(system)
     list(describe.info(network))
-    settings = Settings(1.0, 1e-3, algorithm="jacobi")
-    list(problems(network, settings)), list(describe.notes(network, settings))
+    settings = RunSettings(1.0, 1e-3, algorithm="jacobi")
+    list(setup_problems(network, settings)), list(describe.notes(network, settings))
 
 
 def started(system: System) -> None:

@@ -17,7 +17,7 @@ from numpy.testing import assert_array_equal
 from scipy.integrate import solve_ivp
 
 from cosim import Adaptive, Result, SetupError, System, run
-from cosim.engine.rows import CHUNK, Grid, Recorder
+from cosim.engine.recorder import CHUNK, OutputGrid, Recorder
 from scenarios.conveyor.theory import SETS
 from tests.cosim.foreign import idle, pack
 from tests.cosim.test_cosim import NU, RECORD, REST, WIRES, pair
@@ -190,7 +190,7 @@ def test_interpolated_rows_are_of_fourth_order() -> None:
     errors = []
     for every in (8, 4, 2):
         rows: list[Any] = []
-        grid = Grid(rows.append, 1e-3, [2])
+        grid = OutputGrid(rows.append, 1e-3, [2])
         for n in range(0, 2000 + 1, every):
             grid.take([n * 1e-3, math.sin(20 * n * 1e-3), float(n >= 1000)])
         grid.flush()

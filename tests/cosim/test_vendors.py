@@ -18,7 +18,7 @@ import pytest
 from cosim import Adaptive, Result, SetupError, System, run
 from cosim.__main__ import alone as single
 from cosim.__main__ import main
-from cosim.engine.rows import Grid
+from cosim.engine.recorder import OutputGrid
 from tests.conftest import ROOT, described, rewritten
 from tests.cosim.conftest import Said
 from tests.cosim.foreign import pack
@@ -154,7 +154,7 @@ def test_steps_that_rounding_swallows_are_refused(
 
 def test_rows_before_an_event_know_nothing_of_what_comes_after() -> None:
     rows: list[list[float]] = []
-    grid = Grid(lambda row: rows.append(list(row)), 0.25, discrete=[2])
+    grid = OutputGrid(lambda row: rows.append(list(row)), 0.25, discrete=[2])
     for t in range(9):
         grid.take([float(t), float(t > 4), float(t > 4)])
     grid.flush()

@@ -17,9 +17,9 @@ import numpy as np
 import pytest
 
 import cosim.engine.algorithms
-import cosim.engine.initial
+import cosim.engine.initialise
 from cosim import ALGORITHMS, SetupError, System, run, verification
-from cosim.engine.ledger import End
+from cosim.engine.energy import BondSide
 from cosim.verification import checks
 from cosim.verification.checks import HOLDING, MOTOR, SCHEMES, SUBSTEPS, Row, orders, simulate
 from cosim.verification.ideal import Ideal, Scheme
@@ -59,8 +59,8 @@ def wrong_sign(patch: pytest.MonkeyPatch) -> None:
         for link in parts["load"].links:
             link.factor = -link.factor
 
-    connect = cosim.engine.initial._connect
-    patch.setattr(cosim.engine.initial, "_connect", connected)
+    connect = cosim.engine.initialise._connect
+    patch.setattr(cosim.engine.initialise, "_connect", connected)
 
 
 def whole_steps_for_halves(patch: pytest.MonkeyPatch) -> None:
@@ -72,14 +72,14 @@ def late_by_a_step(patch: pytest.MonkeyPatch) -> None:
 
 
 def ledger_of_the_wrong_sign(patch: pytest.MonkeyPatch) -> None:
-    patch.setattr(cosim.engine.initial, "watt", lambda *_: -1.0)
+    patch.setattr(cosim.engine.initialise, "watts_per_product", lambda *_: -1.0)
 
 
 def ledger_at_the_end_only(patch: pytest.MonkeyPatch) -> None:
-    patch.setattr(cosim.engine.initial, "End", AtEnd)
+    patch.setattr(cosim.engine.initialise, "BondSide", AtEnd)
 
 
-class AtEnd(End):
+class AtEnd(BondSide):
     """Takes the output at the end of a step for the whole of it."""
 
     def __call__(self, t: float, h: float) -> None:

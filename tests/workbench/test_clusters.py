@@ -247,9 +247,9 @@ def test_fmus_travel_to_workers_and_other_code_is_refused(
         with pytest.raises(SetupError, match=f"worker tcp.* {message}"):
             study.run(study.load(path, PROJECT), out=tmp_path / "again", scheduler=address)
 
-    with (home / "cosim" / "engine" / "curve.py").open("a") as file:
+    with (home / "cosim" / "engine" / "links.py").open("a") as file:
         file.write("# changed\n")
-    refused(r"differs: code.\"cosim/engine/curve.py\" has changed")
+    refused(r"differs: code.\"cosim/engine/links.py\" has changed")
     (home / "workbench" / "__init__.py").write_text(f"raise ModuleNotFoundError({LACKING!r})")
     refused("cannot do runs: .*No module named 'workbench'.*; start it in the project's folder")
 

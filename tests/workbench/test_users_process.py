@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from cosim.signals import STOPS, heard
+from cosim.signals import STOPS, handle_stop_signals
 from tests.conftest import ROOT
 
 SCRIPT = """
@@ -104,7 +104,7 @@ def test_a_handler_of_the_program_around_python_stays(monkeypatch: pytest.Monkey
         return known(number)
 
     monkeypatch.setattr(signal, "signal", install)
-    with heard(lambda *_: None):
+    with handle_stop_signals(lambda *_: None):
         pass
     heard_of = {n for n in STOPS if known(n) not in (signal.SIG_IGN, None)}
     assert {n for n, _ in installed} == heard_of - foreign

@@ -19,8 +19,8 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
 
 from cosim import Result, SetupError, SimulationError
-from cosim.errors import counted
-from cosim.signals import heard
+from cosim.errors import pluralize
+from cosim.signals import handle_stop_signals
 
 from ..options import at_least
 from .cargo import Call, sealed
@@ -96,7 +96,7 @@ class Engine:
         else:
             done = self._processes(function, missing, timeout)
         failed = sum(outcome.status != OK for outcome in known.values())
-        with heard(signal.default_int_handler), closing(done), _progress() as shown:
+        with handle_stop_signals(signal.default_int_handler), closing(done), _progress() as shown:
             bar = shown.add_task(title, total=len(tasks), completed=len(known), failed=failed)
             try:
                 for key, outcome in done:
@@ -110,9 +110,7 @@ class Engine:
             except KeyboardInterrupt:
                 if journal is None:
                     raise
-                kept = (
-                    f"{counted(len(journal), 'run')} in {journal.path}; the same command continues"
-                )
+                kept = f"{pluralize(len(journal), 'run')} in {journal.path}; the same command continues"
                 raise KeyboardInterrupt(kept) from None
 
     def _check_machine(self, title: str, key: Key, outcome: Outcome) -> None:

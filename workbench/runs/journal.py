@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from cosim import SetupError
-from cosim.errors import counted
+from cosim.errors import pluralize
 
 from ..figure import listed
 from . import codec
@@ -117,7 +117,7 @@ def checksum(key: Key, row: Any) -> str:
 def _damage(keys: list[Key]) -> str:
     """Which rows are damaged, "the rows of runs 3 and 5 are damaged; they are done"."""
     single = len(keys) == 1
-    rows = counted(len(keys), "row")
+    rows = pluralize(len(keys), "row")
     if all(isinstance(key, int) for key in keys):
         more = [f"{len(keys) - NAMED} more"] * (len(keys) > NAMED)
         names = listed([*map(str, keys[:NAMED]), *more])
@@ -161,7 +161,7 @@ def opened(
             journal = Journal(path, base, records)
             journal.read(sound)
             if passing and len(journal):
-                print(f"{folder}: {counted(len(journal), 'run')} already done", file=sys.stderr)
+                print(f"{folder}: {pluralize(len(journal), 'run')} already done", file=sys.stderr)
             yield journal
     except sqlite3.Error as error:
         if getattr(error, "sqlite_errorname", "") == "SQLITE_BUSY":

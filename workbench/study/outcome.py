@@ -15,7 +15,7 @@ import pandas as pd
 
 import cosim
 from cosim import SetupError
-from cosim.errors import counted
+from cosim.errors import pluralize
 
 from ..answer import Answer, Show, Table
 from ..figure import rounded
@@ -57,7 +57,7 @@ def conclude(
         "session": dict(zip(("runs", "seconds"), session)),
         "identity": identity,
     }
-    title = f"{study.name}: {study.scenario}, {counted(len(outcomes), 'run')}"
+    title = f"{study.name}: {study.scenario}, {pluralize(len(outcomes), 'run')}"
     pictures = {
         "overview.png": show.overview(study, table.frame, shown, table.units),
         "sensitivity.png": [] if indices.empty else show.sensitivity(study, indices, table.units),
@@ -79,7 +79,7 @@ def conclude(
     words = [
         *(f"{spread}." for spread in spreads[:SENTENCES]),
         *(f"  {spread}" for spread in spreads[SENTENCES:]),
-        f"{counted(len(outcomes), 'run')}, {session[0]} of them now in {session[1]:.1f} s: {ended}.",
+        f"{pluralize(len(outcomes), 'run')}, {session[0]} of them now in {session[1]:.1f} s: {ended}.",
         *_remarks(outcomes),
     ]
     answer = Answer(
@@ -108,7 +108,7 @@ def _spread(column: pd.Series[float], unit: str) -> str:
     if y.min() == y.max():
         return f"{name} is {y.min():.6g}{unit} in {runs}"
     if not unit and show.flag(y):
-        return f"{name} is 1 in {counted(int(y.sum()), 'run')} and 0 in {len(y) - y.sum():.0f}"
+        return f"{name} is 1 in {pluralize(int(y.sum()), 'run')} and 0 in {len(y) - y.sum():.0f}"
     low, high, mean = (rounded(x, y.std())[0] for x in (y.min(), y.max(), y.mean()))
     return (
         f"{name} lies between {low} and {high}{unit} in {runs}, with a mean of {mean}{unit} and a "

@@ -17,8 +17,8 @@ from urllib.parse import unquote, urldefrag
 
 from fmpy.model_description import ModelDescription
 
-from ...errors import SetupError, counted
-from ...system import System, connect, describe_fmu, fits
+from ...errors import SetupError, pluralize
+from ...system import System, connect, describe_fmu, types_match
 from .files import BOND, NAMELESS, NAMESPACES, Element, Room, children, locate, parse, plain, unpack
 from .geometry import Geometry, geometry
 from .parameters import bound, linear
@@ -214,7 +214,7 @@ def _component(plan: Plan, document: Document, component: Element, path: str) ->
         else:
             _declare(plan, (path, name), connector)
     if unknown:
-        ignored = counted(len(unknown), "parameter connector")
+        ignored = pluralize(len(unknown), "parameter connector")
         log.warning("%s: its FMU has no %s; %s ignored", path, " and no ".join(unknown), ignored)
     _bind(plan, document, component, path, base)
 
@@ -318,7 +318,7 @@ def _connection(plan: Plan, document: Document, connection: Element, path: str) 
     here, there = plan.connectors[source], plan.connectors[sink]
     if there.kind in PARAMETERS and here.kind not in PARAMETERS:
         raise SetupError(f"{here.kind} {dotted(source)} cannot drive a {there.kind}")
-    if here.type and there.type and not fits(here.type, there.type):
+    if here.type and there.type and not types_match(here.type, there.type):
         raise SetupError(f"{here.type} {dotted(source)} cannot drive {there.type}")
     for content in children(connection, "ssc:*"):
         if plain(content.tag) != "LinearTransformation":

@@ -10,7 +10,7 @@ from math import prod
 from typing import Any
 
 from ...errors import SetupError
-from ...native import KINDS, WIDTHS
+from ...system.arrays import KINDS, WIDTHS
 
 Element = Any
 Shape = tuple[int, ...]

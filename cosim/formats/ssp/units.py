@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 from fmpy.model_description import BaseUnit, ModelDescription, ScalarVariable
 
 from ...errors import SetupError
-from ...system import BASES, convert, exponents
+from ...system import BASES, unit_conversion, unit_exponents
 from .files import Element, children
 
 SCALE = {"factor": 1.0, "offset": 0.0}
@@ -93,7 +93,7 @@ def _known(description: ModelDescription) -> dict[str, Unit]:
         for shown in unit.displayUnits if base is not None else ():
             factor = base.factor / shown.factor
             offset = base.offset - factor * shown.offset
-            known[shown.name] = Unit(shown.name, BaseUnit(*exponents(base), factor, offset))
+            known[shown.name] = Unit(shown.name, BaseUnit(*unit_exponents(base), factor, offset))
     return known | {
         unit.name: Unit(unit.name, unit.baseUnit) for unit in description.unitDefinitions
     }
@@ -133,7 +133,7 @@ def _conversion(here: Unit, there: Unit, where: str) -> tuple[float, float]:
     for unit in (here, there):
         if unit.base is None:
             raise SetupError(f"{where}: unit {unit.name!r} is not defined")
-    factors = convert(here.base, there.base)
+    factors = unit_conversion(here.base, there.base)
     if factors is None:
         raise SetupError(f"{where}: {here.name} cannot be converted to {there.name}")
     return factors

@@ -14,7 +14,7 @@ from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
 from ...errors import SetupError
-from ...system import Connection, Network, Port, System, Value, enumeration, still
+from ...system import Connection, Network, Port, System, Value, connect_for_export, enumeration
 from .files import BOND, NAMESPACES, qualified
 from .geometry import Geometry
 
@@ -72,7 +72,7 @@ def write_ssp(
         What `connect` raises, and for sums of wires, inputs over time, an enumeration value that has no
         name, and a Binary start value. No file is written then.
     """
-    network = still(system, "an .ssp")
+    network = connect_for_export(system, "an .ssp")
     files = archived(network)
     third = any(d.fmiVersion == "3.0" for d in network.descriptions.values())
     task = Task(network, files, "2.0" if third else "1.0", geometry or Geometry())

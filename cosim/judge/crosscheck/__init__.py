@@ -9,9 +9,9 @@ from contextlib import suppress
 from multiprocessing.connection import Connection
 from pathlib import Path
 
-from ...engine.part import quiet
+from ...engine.instance import quiet
 from ...errors import SetupError
-from ..isolated import child, death
+from ...isolated import child, death
 from .checks import CHECKS, FAILED, NOT_RUN, STANDARD, Subject, Verdict, checked
 from .report import Crosscheck
 

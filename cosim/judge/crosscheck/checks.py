@@ -20,20 +20,20 @@ from typing import NamedTuple, TypeVar
 from fmpy.model_description import ModelDescription, ScalarVariable
 from fmpy.validation import validate_fmu
 
-from ...engine.exchange import Coupled
-from ...engine.initial import KINDS
-from ...engine.library import borrow
-from ...engine.part import DISCARD, STATUS, WARNING
-from ...errors import Discarded, Ended, PartFailure
+from ...engine.initialise import KINDS
+from ...engine.instance import DISCARD, STATUS, WARNING
+from ...engine.part import Part
+from ...errors import FmuError, SimulationTerminated, StepDiscarded
+from ...fmu.library import borrow
 from ...system import (
     Port,
     Value,
+    declared_start,
     default_experiment,
     describe_fmu,
     enumeration,
-    moves,
-    own_start,
-    require_steps,
+    is_continuous_input,
+    require_cosimulation,
 )
 from .process import forked
 
@@ -86,11 +86,11 @@ class Subject:
     def __init__(self, path: Path, step: float | None = None) -> None:
         self.path = path
         self.description: ModelDescription = describe_fmu("fmu", path)
-        require_steps({"fmu": self.description}, {"fmu": path})
+        require_cosimulation({"fmu": self.description}, {"fmu": path})
         self.third = self.description.fmiVersion == "3.0"
         self.can = self.description.coSimulation
         variables = self.description.modelVariables
-        self.inputs = [v for v in variables if moves(Port("fmu", v))]
+        self.inputs = [v for v in variables if is_continuous_input(Port("fmu", v))]
         self.shown = [
             v for v in variables if v.causality in ("output", "local") and v.type != "Clock"
         ]
@@ -105,7 +105,7 @@ class Subject:
         self._numbers = count(1)
 
     @contextmanager
-    def instance(self) -> Iterator[Coupled]:
+    def instance(self) -> Iterator[Part]:
         """A new instance, which is terminated and freed."""
         part = KINDS[self.description.fmiVersion](
             f"instance_{next(self._numbers)}", self.description, borrow(self.path, self.description)
@@ -122,42 +122,42 @@ class Subject:
         return forked(work) if self.once and hasattr(os, "fork") else work()
 
     @contextmanager
-    def running(self, number: int = 0) -> Iterator[Coupled]:
+    def running(self, number: int = 0) -> Iterator[Part]:
         """A new instance after so many steps."""
         with self.instance() as part:
             self.initialise(part)
             self.go(part, 0, number)
             yield part
 
-    def initialise(self, part: Coupled) -> None:
+    def initialise(self, part: Part) -> None:
         """From instantiated to the first step."""
         self.enter(part)
         self.steer(part, self.inputs_at(0))
         part.begin()
 
-    def enter(self, part: Coupled) -> None:
+    def enter(self, part: Part) -> None:
         """Into initialisation mode, with the tolerance that the FMU states and without a stop time."""
         part.set_up(self.tolerance, self.start, None)
 
     @staticmethod
     def size(v: ScalarVariable) -> float:
         """What is much for a variable."""
-        return abs(float(own_start(v) or 0.0)) or abs(float(v.nominal or 0.0)) or 1.0
+        return abs(float(declared_start(v) or 0.0)) or abs(float(v.nominal or 0.0)) or 1.0
 
     def inputs_at(self, k: int) -> list[float]:
         """The Real inputs at step k."""
         wide = [SHAKE * self.size(v) * self.shaken for v in self.inputs]
         return [
-            bounded(v, float(own_start(v) or 0.0) + w * math.sin(0.37 * (j + 1) * k + j))
+            bounded(v, float(declared_start(v) or 0.0) + w * math.sin(0.37 * (j + 1) * k + j))
             for j, (v, w) in enumerate(zip(self.inputs, wide))
         ]
 
-    def steer(self, part: Coupled, u: Sequence[float]) -> None:
+    def steer(self, part: Part, u: Sequence[float]) -> None:
         """Set the Real inputs."""
         for v, value in zip(self.inputs, u):
             part.set(v, value)
 
-    def go(self, part: Coupled, first: int, last: int) -> list[Row]:
+    def go(self, part: Part, first: int, last: int) -> list[Row]:
         """The rows after the steps from number `first` to `last`, each with the inputs of its step."""
         rows = []
         for k in range(first, last):
@@ -166,13 +166,13 @@ class Subject:
             rows.append(self.row(part))
         return rows
 
-    def row(self, part: Coupled) -> Row:
+    def row(self, part: Part) -> Row:
         """What the FMU shows now."""
         return tuple(part.values(self.shown).values())
 
     @cached_property
     def steps(self) -> int:
-        """How many steps it takes as it is excited, at most STEPS; raises PartFailure if none."""
+        """How many steps it takes as it is excited, at most STEPS; raises FmuError if none."""
         for self.shaken in (True, False):
             taken, failure = self.in_process(self._taken)
             if failure is None or taken > STEPS // 2 or (not self.shaken and taken > 3):
@@ -181,7 +181,7 @@ class Subject:
                 raise failure
         raise AssertionError
 
-    def _taken(self) -> tuple[int, PartFailure | None]:
+    def _taken(self) -> tuple[int, FmuError | None]:
         """How many of STEPS steps a new instance takes, and why not more."""
         taken = 0
         try:
@@ -189,7 +189,7 @@ class Subject:
                 for taken in range(STEPS):
                     self.go(part, taken, taken + 1)
                 return STEPS, None
-        except PartFailure as failure:
+        except FmuError as failure:
             return taken, failure
 
     def rows(self) -> list[Row]:
@@ -215,7 +215,7 @@ class Subject:
     @cached_property
     def unsteady(self) -> frozenset[str]:
         """The variables in which the second instance differs, such as a processor time."""
-        with suppress(PartFailure):
+        with suppress(FmuError):
             return frozenset(
                 v.name
                 for ours, theirs in zip(self.second_rows, self.reference)
@@ -294,7 +294,7 @@ def smooth(v: ScalarVariable) -> bool:
     return bool(v.type == "Real" and getattr(v, "native", "") != "Float32")
 
 
-def reals(part: Coupled, variables: Sequence[ScalarVariable]) -> dict[str, float]:
+def reals(part: Part, variables: Sequence[ScalarVariable]) -> dict[str, float]:
     """The values of Real variables."""
     return {name: float(value) for name, value in part.values(variables).items()}
 
@@ -308,7 +308,7 @@ def bounded(v: ScalarVariable, value: float) -> float:
 
 def nudged(v: ScalarVariable, share: float = NUDGE) -> Value | None:
     """Another value that a variable may have, near its start; None for a text, or where there is none."""
-    own = own_start(v)
+    own = declared_start(v)
     if v.type == "Boolean":
         return not own
     if v.type == "Enumeration":
@@ -365,7 +365,7 @@ def starts(s: Subject) -> str:
         part.begin()
         found |= part.values(parameters)
     for v in [*shown, *parameters]:
-        value, own = found[v.name], own_start(v)
+        value, own = found[v.name], declared_start(v)
         match value, own:
             case float(), float() if math.isclose(value, own, rel_tol=ROUNDING):
                 continue
@@ -424,7 +424,7 @@ def resets(s: Subject) -> str:
                         part.set(v, value)
                     s.initialise(part)
                     s.go(part, 0, s.steps // 2)
-                except PartFailure:
+                except FmuError:
                     return None
                 part.reset()
                 s.initialise(part)
@@ -444,7 +444,7 @@ def instances(s: Subject) -> str:
         rows: list[Row] = []
         for k in range(s.steps):
             rows += s.go(part, k, k + 1)
-            with suppress(PartFailure):
+            with suppress(FmuError):
                 s.go(other, k + s.steps // 3, k + s.steps // 3 + 1)
     s.same(rows, s.reference, "beside another instance")
     return f"{s.steps} rows beside another instance, bit for bit"
@@ -488,7 +488,7 @@ def halves(s: Subject) -> str:
     for h in (s.h * longer for longer in LONGER):
         try:
             apart, moved = split(s, h)
-        except PartFailure:
+        except FmuError:
             if h == s.h:
                 raise
             break
@@ -595,7 +595,7 @@ def unknowns(s: Subject) -> str:
     for v in known[:MOST_KNOWNS]:
         if (value := nudged(v)) is None:
             continue
-        with suppress(PartFailure):
+        with suppress(FmuError):
             other = found(v, value)
             tried += 1
             for u in steady:
@@ -655,7 +655,7 @@ def _initial_slopes(s: Subject) -> Iterator[Slope]:
     with s.instance() as part:
         s.enter(part)
         for v in known if real else ():
-            own = float(own_start(v) or 0.0)
+            own = float(declared_start(v) or 0.0)
             stated, middle = part.slopes(real, v), reals(part, real)
             middles, sides = [], []
             for wide in (1e-4 * s.size(v), 2e-4 * s.size(v)):
@@ -743,10 +743,10 @@ def untouched(s: Subject, t: float, h: float) -> str:
     with s.running() as part:
         try:
             part.advance(t, h)
-        except Discarded:
+        except StepDiscarded:
             s.same(s.go(part, 0, s.steps), s.reference, f"after {step} discarded")
             return f"{step} discarded, {s.steps} rows after it bit for bit"
-        except Ended as reason:
+        except SimulationTerminated as reason:
             raise NotOffered(f"{step} not discarded: {reason}") from reason
         raise NotOffered(f"{step} not discarded")
 
@@ -788,7 +788,7 @@ def start_time(s: Subject) -> str:
             part.set_up(s.tolerance, first, None)
             s.steer(part, s.inputs_at(0))
             part.begin()
-        except PartFailure as reason:
+        except FmuError as reason:
             raise NotOffered(f"it does not start at {first:g} s: {reason}") from reason
         for k in range(3):
             t = first + k * s.h
@@ -819,7 +819,7 @@ def memory(s: Subject) -> str:
             for k in range(min(life, LONG - taken)):
                 try:
                     part.advance(s.start + k * s.h, s.h)
-                except PartFailure:
+                except FmuError:
                     life = k
                     break
                 taken += 1
@@ -911,6 +911,6 @@ def checked(s: Subject, name: str) -> Verdict:
         status = PASSED
     except NotOffered as reason:
         status, said = NOT_OFFERED, str(reason)
-    except (Broken, PartFailure) as reason:
+    except (Broken, FmuError) as reason:
         said = f"{before}{reason}"
     return CHECKS[name].verdict(s.description.fmiVersion, status, said)

@@ -8,7 +8,7 @@ from contextlib import suppress
 from multiprocessing import Pipe
 from typing import TypeVar, cast
 
-from ...errors import PartFailure
+from ...errors import FmuError
 
 Answer = TypeVar("Answer")
 
@@ -16,7 +16,7 @@ Answer = TypeVar("Answer")
 def forked(work: Callable[[], Answer]) -> Answer:
     """What `work` returns in a copy of this process, in which nothing it does leaves a trace here.
 
-    Raises what `work` raises, and PartFailure if the copy ends without an answer.
+    Raises what `work` raises, and FmuError if the copy ends without an answer.
     """
     receiver, sender = Pipe(duplex=False)
     process = os.fork()
@@ -30,13 +30,13 @@ def forked(work: Callable[[], Answer]) -> Answer:
             os._exit(0)
     sender.close()
     answer: Answer | None = None
-    failure: Exception | None = PartFailure("the process ended without an answer")
+    failure: Exception | None = FmuError("the process ended without an answer")
     with suppress(EOFError):
         answer, failure = receiver.recv()
     receiver.close()
     code = os.waitstatus_to_exitcode(os.waitpid(process, 0)[1])
     if failure is not None and code < 0:
-        raise PartFailure(f"the process was killed by signal {-code} (an FMU crashed)")
+        raise FmuError(f"the process was killed by signal {-code} (an FMU crashed)")
     if failure is not None:
         raise failure
     return cast(Answer, answer)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Sequence
 
-from .system import Connection, Network, feedthrough
+from .network import Connection, Network, feedthrough
 
 
 def algebraic_loops(network: Network) -> list[list[Connection]]:
@@ -68,6 +68,6 @@ def strongly_connected(leads: Sequence[Sequence[int]]) -> list[list[int]]:
     return rings
 
 
-def describe(loop: Sequence[Connection]) -> str:
+def describe_loop(loop: Sequence[Connection]) -> str:
     """A loop as text: its inputs and what drives them."""
     return ", ".join(f"{wire.source.name} -> {wire.target.name}" for wire in loop)

@@ -21,13 +21,13 @@ from shutil import rmtree
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from ..engine.part import log
-from ..errors import SetupError, counted
-from ..master import run
-from ..result import Interrupted, Result, SimulationError, partial, read_rows, write_json
-from ..scratch import scratch
-from ..signals import interrupts
-from ..system import System
+from .engine.instance import log
+from .errors import SetupError, pluralize
+from .master import run
+from .result import Interrupted, Result, SimulationError, partial, read_rows, write_json
+from .scratch import scratch
+from .signals import collect_interrupts
+from .system import System
 
 PATIENCE = 0.1
 GRACE = 10.0
@@ -58,7 +58,7 @@ def run_isolated(
     heard: list[logging.LogRecord] = []
     ended = ""
     with (
-        interrupts() as pressed,
+        collect_interrupts() as pressed,
         child(_work, system, csv, settings, grace=GRACE) as (process, ours),
     ):
         for kind, content in _messages(ours, process, pressed, timeout, csv, before):
@@ -267,5 +267,5 @@ def _remains(
     write_json(path.with_suffix(".json"), facts)
     units = facts.pop("units")
     result = Result(header.split(","), units, facts, lambda: read_rows(path))
-    text = f"{dead} after t = {reached!r} s, {counted(len(rows), 'row')} in {path.name}"
+    text = f"{dead} after t = {reached!r} s, {pluralize(len(rows), 'row')} in {path.name}"
     return Interrupted(text, result) if pressed else SimulationError(text, result)

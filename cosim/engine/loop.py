@@ -11,13 +11,13 @@ from collections.abc import Sequence
 from functools import cache
 from typing import Any
 
-from ..errors import PartFailure
+from ..errors import FmuError
 from .algorithms import Timed
 from .compiler import OPTIONS, SOURCE, compile_loop, file_name
-from .exchange import Step
-from .feed import Feed
-from .operation import Layout, Operation, address
-from .part import WARNING, Block
+from .instance import WARNING, VariableBlock
+from .operations import Layout, Operation, address
+from .part import StepOperation
+from .sources import InputSource
 
 INT, LONG, DOUBLE, CELLS = ctypes.c_int, ctypes.c_longlong, ctypes.c_double, ctypes.c_void_p
 ARGUMENTS: Any = [CELLS, CELLS, INT, INT, CELLS, INT, *[DOUBLE] * 2, *[LONG] * 3, CELLS, CELLS]
@@ -68,17 +68,19 @@ class Loop:
     def __init__(
         self,
         program: Sequence[Timed],
-        extra: Sequence[Block],
-        columns: Sequence[tuple[Block, int]],
+        extra: Sequence[VariableBlock],
+        columns: Sequence[tuple[VariableBlock, int]],
         every: int,
     ) -> None:
         self._advance = library().advance
         self._operations = [*program, *(Timed(block, 1.0, 0.0) for block in extra)]
         self._layouts = (Layout * len(self._operations))(*map(_layout, self._operations))
         self._warned = (ctypes.c_longlong * len(self._operations))()
-        self._feeds = [k for k, timed in enumerate(program) if isinstance(timed.operation, Feed)]
+        self._feeds = [
+            k for k, timed in enumerate(program) if isinstance(timed.operation, InputSource)
+        ]
         self._parts = [
-            timed.operation.part for timed in program if isinstance(timed.operation, Step)
+            timed.operation.part for timed in program if isinstance(timed.operation, StepOperation)
         ]
         self._row_begin = len(program)
         cells = (
@@ -90,7 +92,7 @@ class Loop:
 
     def run(
         self, start: float, h: float, first: int, last: int
-    ) -> tuple[array[float], int, PartFailure | None]:
+    ) -> tuple[array[float], int, FmuError | None]:
         """Take steps first + 1 to last of size h [s] from `start` on.
 
         Returns the rows, one after the other, the last step that was completed, and the failure
@@ -100,7 +102,7 @@ class Loop:
         kept = []
         for k in self._feeds:
             feed, at, size = self._operations[k]
-            assert isinstance(feed, Feed)
+            assert isinstance(feed, InputSource)
             times = (start + n * h + at * h for n in range(first, last))
             means = [feed.profile.mean(t, size * h) for t in times]
             kept.append((ctypes.c_double * len(means))(*means))
@@ -121,13 +123,13 @@ class Loop:
             for k, n, answer in answers:
                 operation, at, size = self._operations[k]
                 operation.answered(start + n * h + at * h, size * h, answer)
-        except PartFailure as error:
+        except FmuError as error:
             failure = error
         del rows[count * self._width :]
         return rows, done, failure
 
 
-def possible(operations: Sequence[Operation]) -> bool:
+def can_compile(operations: Sequence[Operation]) -> bool:
     """Whether all operations can do without Python."""
     return all(operation.layout() is not None for operation in operations)
 

@@ -13,7 +13,7 @@ from zipfile import ZipFile
 
 from fmpy.model_description import ModelDescription, ScalarVariable
 
-from .errors import SetupError
+from ..errors import SetupError
 
 WIDTHS = {f"{sign}Int{bits}": (bits, not sign) for bits in (8, 16, 32, 64) for sign in ("", "U")}
 KINDS = dict.fromkeys(("Float32", "Float64"), "Real") | dict.fromkeys(WIDTHS, "Integer")
@@ -58,7 +58,7 @@ def _seconds(said: Any, what: str) -> float | None:
     return float(counter) / float(resolution) if counter and resolution else None
 
 
-def expand(path: Path, description: ModelDescription) -> dict[str, tuple[int, ...]]:
+def expand_arrays(path: Path, description: ModelDescription) -> dict[str, tuple[int, ...]]:
     """Put elements in place of the variables of an FMI 3.0 description; the shapes of its arrays.
 
     Element [1] is the first, as in the names that FMI 3.0 gives elements.

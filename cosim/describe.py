@@ -9,11 +9,11 @@ from typing import Any
 
 from fmpy import supported_platforms
 
-from ..engine.ledger import bonds
-from ..engine.stepping import Settings
-from ..loops import algebraic_loops, describe
-from ..master import stepping_order
-from ..system import ANGLE, Connection, Network, Port, default_experiment, exponents, obstacles
+from .engine.driver import RunSettings
+from .engine.energy import find_bonds
+from .master import stepping_order
+from .system import ANGLE, Connection, Network, Port, default_experiment, obstacles, unit_exponents
+from .system.graph import algebraic_loops, describe_loop
 
 ABILITIES = {
     "canGetAndSetFMUstate": "restores its state",
@@ -61,7 +61,7 @@ def info(network: Network) -> Iterator[str]:
         ("wires", [_wire(wire, adds=first[wire.target] is not wire) for wire in network.wires]),
         ("start values", [f"{port} = {value!r}" for port, value in network.start]),
         ("inputs over time", [f"{port}: {facts(p.told())}" for port, p in network.inputs]),
-        ("power bonds", [bond.name for bond in bonds(network)]),
+        ("power bonds", [bond.name for bond in find_bonds(network)]),
     ):
         if lines:
             yield title
@@ -76,7 +76,7 @@ def _wire(wire: Connection, *, adds: bool = False) -> str:
     return f"{wire.source}{scaled}{shifted} {'+' if adds else '-'}> {wire.target}"
 
 
-def notes(network: Network, settings: Settings) -> Iterator[str]:
+def notes(network: Network, settings: RunSettings) -> Iterator[str]:
     """What is worth knowing about a run of the system, whether it is possible or not."""
     for name, blemish in network.blemishes.items():
         yield f"{name}: {blemish}"
@@ -84,7 +84,7 @@ def notes(network: Network, settings: Settings) -> Iterator[str]:
         yield f"input {port} is open and keeps the start value of its FMU, {value!r}"
     yield f"order of steps: {', '.join(stepping_order(network, settings.order))}"
     for loop in algebraic_loops(network):
-        yield f"algebraic loop: {describe(loop)}"
+        yield f"algebraic loop: {describe_loop(loop)}"
     silent = [
         name
         for name, description in network.descriptions.items()
@@ -98,19 +98,19 @@ def notes(network: Network, settings: Settings) -> Iterator[str]:
         if not wire.source.unit or not wire.target.unit:
             yield f"{_wire(wire)}: units are not checked unless both ends have one"
         unit = network.base_unit(wire.source)
-        if unit is not None and exponents(unit) == ANGLE:
+        if unit is not None and unit_exponents(unit) == ANGLE:
             yield (
                 f"{_wire(wire)}: an angle held over a step pushes a stiff shaft ahead of itself; "
                 "exchange the speed and let the other side integrate it"
             )
-    for bond in bonds(network):
+    for bond in find_bonds(network):
         yield f"power bond: {bond.name}"
     if preferred := preferred_steps(network):
         part = min(preferred, key=preferred.__getitem__)
         yield f"recommended step: {preferred[part]!r} s, preferred by {part}"
     else:
         yield "recommended step: no FMU prefers one; use diagnose to measure what a step does"
-    if settings.algorithm == "jacobi" and bonds(network):
+    if settings.algorithm == "jacobi" and find_bonds(network):
         yield (
             "jacobi delays every loop by a step, which reduces the damping of its oscillations: "
             "use diagnose to measure by how much"

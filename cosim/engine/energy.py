@@ -9,10 +9,10 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from ..errors import SetupError
-from ..system import Connection, Network, Port, exponents
-from .operation import BOOK, Layout, Operation, address
+from ..system import Connection, Network, Port, unit_exponents
+from .operations import BOOK, Layout, Operation, address
 
-Place = tuple[Any, int]
+Slot = tuple[Any, int]
 
 ENERGY, EXCHANGED, BEFORE = range(3)
 POWER = (1, 2, -3, 0, 0, 0, 0)
@@ -30,7 +30,7 @@ class Bond(NamedTuple):
         return f"{self.there.source.name} * {self.back.source.name}"
 
 
-class End(Operation):
+class BondSide(Operation):
     """One side of a bond: a part's output times its input, integrated by the trapezoidal rule.
 
     `output` is the place of the output, `first` and `last` those of the input's values in a step;
@@ -39,7 +39,7 @@ class End(Operation):
     """
 
     def __init__(
-        self, bond: str, side: int, output: Place, first: Place, last: Place, scale: float
+        self, bond: str, side: int, output: Slot, first: Slot, last: Slot, scale: float
     ) -> None:
         self.bond, self.side = bond, side
         self.output, self.first, self.last, self.scale = output, first, last, scale
@@ -70,12 +70,12 @@ class End(Operation):
         return Layout(BOOK, cells=address(self.totals), factor=self.scale, **places)
 
 
-def bonds(network: Network) -> list[Bond]:
+def find_bonds(network: Network) -> list[Bond]:
     """The declared bonds, and those of other wires whose units and factors show them beyond doubt.
 
     Raises SetupError for a declared bond that is not two wires there and back.
     """
-    named = [declared(network, text) for text in network.system.bonds]
+    named = [declared_bond(network, text) for text in network.system.bonds]
     taken = {wire.target.name for bond in named for wire in bond}
     taken |= network.sums().keys()
     free = [w for w in network.wires if w.target.name not in taken and w.source.type == "Real"]
@@ -95,7 +95,7 @@ def _pairs(wires: Sequence[Connection]) -> Iterator[Bond]:
                 yield Bond(there, back)
 
 
-def declared(network: Network, text: str) -> Bond:
+def declared_bond(network: Network, text: str) -> Bond:
     """The bond of a text; raises SetupError if it is none."""
     factors = [network.port(name) for name in text.split("*")]
     if len(factors) != 2:
@@ -114,25 +114,25 @@ def _is_power(network: Network, there: Connection, back: Connection) -> bool:
     if None in units:
         return False
     given, taken = (
-        into.factor * watt(network, out.source, into.target)
+        into.factor * watts_per_product(network, out.source, into.target)
         for out, into in ((there, back), (back, there))
     )
-    powers = tuple(map(sum, zip(*map(exponents, units))))[:-1]
+    powers = tuple(map(sum, zip(*map(unit_exponents, units))))[:-1]
     return powers == POWER and math.isclose(given, taken, rel_tol=1e-6)
 
 
-def watt(network: Network, output: Port, entry: Port) -> float:
+def watts_per_product(network: Network, output: Port, entry: Port) -> float:
     """From the product of an output and an input, each in its own unit, to W."""
     units = [network.base_unit(port) for port in (output, entry)]
     return math.prod(1.0 if unit is None else unit.factor for unit in units)
 
 
-def balance(ends: Iterable[End]) -> dict[str, dict[str, float]]:
+def energy_balance(ends: Iterable[BondSide]) -> dict[str, dict[str, float]]:
     """By bond: what the first side gave, the second took, and the residual that neither has [J].
 
     `exchanged` is what went to and fro, by the side that saw more of it.
     """
-    sides: dict[str, list[End]] = {}
+    sides: dict[str, list[BondSide]] = {}
     for end in ends:
         sides.setdefault(end.bond, []).append(end)
     found = {}
@@ -145,7 +145,7 @@ def balance(ends: Iterable[End]) -> dict[str, dict[str, float]]:
     return found
 
 
-def complaints(balance: Mapping[str, Mapping[str, float]]) -> Iterator[str]:
+def bond_warnings(balance: Mapping[str, Mapping[str, float]]) -> Iterator[str]:
     """A sentence for every bond on which the coupling made a noticeable share of the energy carried.
 
     Amounts that are negligible compared with the energy exchanged to and fro are not reported.

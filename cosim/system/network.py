@@ -18,10 +18,10 @@ from zipfile import ZipFile
 import fmpy
 from fmpy.model_description import ModelDescription, ScalarVariable, read_model_description
 
-from .errors import SetupError
-from .inputs import NUMBER, Course, Table, change
-from .native import WIDTHS, expand
-from .units import multiples
+from ..errors import SetupError
+from ..units import multiples
+from .arrays import WIDTHS, expand_arrays
+from .inputs import NUMBER, FunctionInput, Table, parse_change
 
 Value = float | int | bool | str
 Name = str | tuple[str, str]
@@ -192,7 +192,7 @@ class Network:
     fmus: Mapping[str, Fmu]
     wires: list[Connection] = field(default_factory=list)
     start: list[tuple[Port, Value]] = field(default_factory=list)
-    inputs: list[tuple[Port, Table | Course]] = field(default_factory=list)
+    inputs: list[tuple[Port, Table | FunctionInput]] = field(default_factory=list)
     open: list[tuple[Port, Value]] = field(default_factory=list)
 
     @cached_property
@@ -214,7 +214,7 @@ class Network:
 
     def port(self, name: Name) -> Port:
         """The port of a name; raises SetupError if there is none."""
-        places = cuts(name.strip()) if isinstance(name, str) else [name]
+        places = split_name(name.strip()) if isinstance(name, str) else [name]
         places = [place for place in places if place[0] in self.fmus]
         for part, variable in places:
             if variable in self.fmus[part].variables:
@@ -234,7 +234,7 @@ class Network:
 
     def array(self, name: Name) -> tuple[tuple[int, ...], list[Port]]:
         """The dimensions and elements of an array, none and the port of another name; SetupError."""
-        for part, variable in cuts(name.strip()) if isinstance(name, str) else [name]:
+        for part, variable in split_name(name.strip()) if isinstance(name, str) else [name]:
             if part in self.fmus and variable in self.fmus[part].shapes:
                 known = self.fmus[part].variables.values()
                 elements = [Port(part, v) for v in known if v.name.startswith(f"{variable}[")]
@@ -287,7 +287,7 @@ def connect(system: System, *, runnable: bool = True) -> Network:
                 if runnable and (obstacle := _silent(Port(name, variable), description)):
                     raise SetupError(obstacle)
             elif variable.causality == "input" and f"{name}.{variable.name}" not in known:
-                port, own = Port(name, variable), own_start(variable)
+                port, own = Port(name, variable), declared_start(variable)
                 if own is None and not runnable:
                     continue
                 if own is None:
@@ -325,7 +325,9 @@ def require_fmi2(descriptions: Mapping[str, ModelDescription], what: str) -> Non
             raise SetupError(f"{name} is FMI {description.fmiVersion}; {what} FMI 2.0 only")
 
 
-def require_steps(descriptions: Mapping[str, ModelDescription], files: Mapping[str, Path]) -> None:
+def require_cosimulation(
+    descriptions: Mapping[str, ModelDescription], files: Mapping[str, Path]
+) -> None:
     """Refuse parts whose FMUs offer no co-simulation; raises SetupError."""
     for name, description in descriptions.items():
         if description.coSimulation is None:
@@ -335,12 +337,12 @@ def require_steps(descriptions: Mapping[str, ModelDescription], files: Mapping[s
             )
 
 
-def still(system: System, where: str, *, sums: bool = False) -> Network:
+def connect_for_export(system: System, where: str, *, sums: bool = False) -> Network:
     """Connect a system for a file format. Raises SetupError for inputs over time, parts without
     co-simulation and, unless the format supports `sums`, for sums of wires.
     """
     network = connect(system)
-    require_steps(network.descriptions, system.parts)
+    require_cosimulation(network.descriptions, system.parts)
     for name in () if sums else network.sums():
         raise SetupError(f"{name} is a sum of wires, which {where} cannot express")
     for port, _ in network.inputs:
@@ -412,7 +414,7 @@ def _read(path: Path, _: tuple[int, int]) -> Fmu:
     if description.fmiVersion not in ("2.0", "3.0"):
         raise SetupError(f"is FMI {description.fmiVersion}; {WANTED}")
     try:
-        shapes = expand(path, description) if description.fmiVersion == "3.0" else {}
+        shapes = expand_arrays(path, description) if description.fmiVersion == "3.0" else {}
         default_experiment(description)
     except SetupError:
         raise
@@ -520,14 +522,14 @@ def _reason(error: Exception) -> str:
 def _require_distinct(fmus: Mapping[str, Fmu]) -> None:
     """Refuse variables of two parts that have one dotted name: a, b.c and a.b, c."""
     for inner, fmu in fmus.items():
-        for outer, rest in cuts(inner):
+        for outer, rest in split_name(inner):
             if outer in fmus:
                 names = {f"{rest}.{name}" for name in fmu.variables} & fmus[outer].variables.keys()
                 if names:
                     raise SetupError(f"parts {outer} and {inner} both have a {outer}.{min(names)}")
 
 
-def cuts(name: str) -> list[tuple[str, str]]:
+def split_name(name: str) -> list[tuple[str, str]]:
     """The two pieces of a name, cut at each of its dots, the last one first."""
     return [(name[: dot.start()], name[dot.end() :]) for dot in re.finditer(r"\.", name)][::-1]
 
@@ -575,7 +577,7 @@ def _size(shape: Sequence[int]) -> str:
 
 def _terminal(network: Network, name: str, here: str) -> tuple[str, dict[str, ScalarVariable]]:
     """The part of a terminal, and the variables of its members."""
-    for part, terminal in cuts(name):
+    for part, terminal in split_name(name):
         if part in network.fmus:
             fmu = network.fmus[part]
             if terminal in fmu.terminals:
@@ -597,7 +599,7 @@ def _connection(network: Network, wire: Wire) -> Connection:
     for port in (source, target):
         if port.type in ("Binary", "Clock"):
             raise SetupError(f"{here}: {port} is a {port.type}, which wires cannot carry")
-    if not fits(source.type, target.type):
+    if not types_match(source.type, target.type):
         raise SetupError(f"{here}: {source.type} cannot drive {target.type}")
     if not math.isfinite(wire.factor + wire.offset):
         raise SetupError(f"{here}: factor and offset must be finite numbers")
@@ -608,7 +610,7 @@ def _connection(network: Network, wire: Wire) -> Connection:
     return made
 
 
-def fits(source: str, target: str) -> bool:
+def types_match(source: str, target: str) -> bool:
     """Whether values of one type can be those of another: FMI hands enumerations on as Integers."""
     return source == target or {source, target} == {"Integer", "Enumeration"}
 
@@ -618,20 +620,20 @@ def _conversion(network: Network, source: Port, target: Port) -> tuple[float, fl
     if not source.unit or not target.unit or source.unit == target.unit:
         return 1.0, 0.0
     here, there = network.base_unit(source), network.base_unit(target)
-    factors = convert(here, there) if here and there else None
+    factors = unit_conversion(here, there) if here and there else None
     if factors is None:
         raise SetupError(f"{source} cannot drive {target}")
     return factors
 
 
-def convert(here: Any, there: Any) -> tuple[float, float] | None:
+def unit_conversion(here: Any, there: Any) -> tuple[float, float] | None:
     """Factor and offset from one base unit to another; None if they measure different things."""
-    if exponents(here) != exponents(there):
+    if unit_exponents(here) != unit_exponents(there):
         return None
     return here.factor / there.factor, (here.offset - there.offset) / there.factor
 
 
-def moves(port: Port) -> bool:
+def is_continuous_input(port: Port) -> bool:
     """Whether it is an input that moves within steps: a Real one, in FMI 3.0 if it is continuous."""
     real = port.type == "Real" and port.variable.causality == "input"
     return real and (port.native == "Real" or port.variable.variability == "continuous")
@@ -661,7 +663,7 @@ def default_experiment(description: ModelDescription) -> Experiment:
     return Experiment(start, stop, *positive)
 
 
-def own_start(variable: ScalarVariable) -> Value | None:
+def declared_start(variable: ScalarVariable) -> Value | None:
     """The start value that the model description gives a variable, if any."""
     if variable.start is None:
         return None
@@ -679,12 +681,12 @@ def feedthrough(description: ModelDescription) -> dict[str, frozenset[str]]:
     }
 
 
-def lacking(descriptions: Mapping[str, ModelDescription], ability: str) -> list[str]:
+def parts_without(descriptions: Mapping[str, ModelDescription], ability: str) -> list[str]:
     """The parts whose FMUs do not have a capability, by FMI's name of it."""
     return [name for name, d in descriptions.items() if not getattr(d.coSimulation, ability)]
 
 
-def exponents(unit: Any) -> tuple[int, ...]:
+def unit_exponents(unit: Any) -> tuple[int, ...]:
     """The powers of the base units."""
     return tuple(getattr(unit, base) for base in BASES)
 
@@ -733,7 +735,7 @@ def _start(port: Port, value: Value) -> tuple[Port, Value]:
 
 def _input(
     network: Network, name: Name, given: Table | Callable[[float], float]
-) -> tuple[Port, Table | Course]:
+) -> tuple[Port, Table | FunctionInput]:
     """A table in the unit of its input, or a function; raises SetupError for what does not fit."""
     port = network.port(name)
     causality = str(port.variable.causality)
@@ -741,14 +743,14 @@ def _input(
     if causality != "input" and not (parameter and port.variable.variability == "tunable"):
         kind = "is a parameter that is not tunable" if parameter else f"has causality {causality}"
         raise SetupError(f"{port} {kind} and cannot change over time")
-    moving = moves(port)
+    moving = is_continuous_input(port)
     if not isinstance(given, Table):
         if not moving:
             raise SetupError(f"{port} cannot follow a function of time; only a Real input can")
-        return port, Course(given)
+        return port, FunctionInput(given)
     if not (moving or given.held):
         raise SetupError(f"{port} cannot be interpolated and can only follow a table that is held")
-    factor, offset = scale(network, port, given.unit, "follow a table")
+    factor, offset = conversion_to(network, port, given.unit, "follow a table")
     if (factor, offset) != (1.0, 0.0):
         given = given.mapped(lambda value: factor * value + offset)
     extremes = set(given.values)
@@ -758,7 +760,7 @@ def _input(
     return port, given.mapped(float if moving else fitting.__getitem__)
 
 
-def scale(network: Network, port: Port, unit: str, what: str) -> tuple[float, float]:
+def conversion_to(network: Network, port: Port, unit: str, what: str) -> tuple[float, float]:
     """Factor and offset from a unit to that of a port, which is to do `what` in that unit.
 
     The port's display units, common multiples of its own unit and all units that an FMU of the network
@@ -777,16 +779,16 @@ def scale(network: Network, port: Port, unit: str, what: str) -> tuple[float, fl
     there = network.base_unit(port)
     if here is None or there is None:
         raise SetupError(f"{port} cannot {what} in {unit}: no FMU here defines that unit")
-    factors = convert(here, there)
+    factors = unit_conversion(here, there)
     if factors is None:
         raise SetupError(f"{port} cannot {what} in {unit}")
     return factors
 
 
-def _changed(network: Network) -> Iterator[tuple[Port, Table | Course]]:
+def _changed(network: Network) -> Iterator[tuple[Port, Table | FunctionInput]]:
     """The changes of each variable as a table that begins with its start value."""
     steps: dict[str, list[tuple[float, Value]]] = {}
-    for time, name, text in map(change, network.system.changes):
+    for time, name, text in map(parse_change, network.system.changes):
         port = network.port(name)
         value: Value = text
         with suppress(KeyError, ValueError):
@@ -796,7 +798,7 @@ def _changed(network: Network) -> Iterator[tuple[Port, Table | Course]]:
     start = {port.name: value for port, value in network.start} if steps else {}
     for name, rows in steps.items():
         port = network.port(name)
-        before = start.get(name, own_start(port.variable))
+        before = start.get(name, declared_start(port.variable))
         over = name in network.system.inputs
         if over or before is None:
             why = "also follows a table" if over else "has no start value"

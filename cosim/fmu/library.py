@@ -18,14 +18,14 @@ from fmpy.fmi2 import FMU2Model, FMU2Slave
 from fmpy.fmi3 import FMU3Model, FMU3Slave
 from fmpy.model_description import ModelDescription
 
-from ..errors import PartFailure
+from ..errors import FmuError
 from ..scratch import scratch
 from ..system import version
 
-MOST_KEPT = 32
+MOST_LOADED = 32
 KINDS: dict[str, Any] = {"2.0": (FMU2Slave, FMU2Model), "3.0": (FMU3Slave, FMU3Model)}
 
-KEPT: dict[Path, Library] = {}
+LOADED: dict[Path, Library] = {}
 LOCK = RLock()
 
 
@@ -79,8 +79,8 @@ class Library:
     def forget(self) -> None:
         """Let the next user load the FMU anew."""
         with LOCK:
-            if KEPT.get(self.path) is self:
-                del KEPT[self.path]
+            if LOADED.get(self.path) is self:
+                del LOADED[self.path]
             self._go_if_unused()
 
     def abandon(self) -> None:
@@ -89,7 +89,7 @@ class Library:
         self.forget()
 
     def _go_if_unused(self) -> None:
-        if not self.users and KEPT.get(self.path) is not self:
+        if not self.users and LOADED.get(self.path) is not self:
             self._unload()
 
     def _go(self) -> None:
@@ -107,18 +107,18 @@ class Library:
 
 
 def borrow(path: Path, description: ModelDescription) -> Library:
-    """The library of an FMU as its file is now; raises PartFailure if it cannot be loaded."""
+    """The library of an FMU as its file is now; raises FmuError if it cannot be loaded."""
     path = path.absolute()
     with LOCK:
-        library = KEPT.get(path)
+        library = LOADED.get(path)
         if library is None or library.version != version(path) or not library.folder.is_dir():
             if library is not None:
                 library.forget()
             library = Library(path, description)
         library.users += 1
-        KEPT.pop(path, None)
-        KEPT[path] = library
-        for other in list(KEPT.values())[:-MOST_KEPT]:
+        LOADED.pop(path, None)
+        LOADED[path] = library
+        for other in list(LOADED.values())[:-MOST_LOADED]:
             other.forget()
     return library
 
@@ -130,16 +130,16 @@ def unpack(path: Path, folder: Path) -> None:
         with ZipFile(path) as archive:
             size = sum(entry.file_size for entry in archive.infolist())
             if size > 2**30 + 100 * path.stat().st_size:
-                raise PartFailure(f"{path} would be far larger unpacked than it is packed")
+                raise FmuError(f"{path} would be far larger unpacked than it is packed")
             for name in archive.namelist():
                 top, _, rest = name.partition("/")
                 runs = top == "binaries" and rest.split("/")[0] in here
                 if top == "resources" or not rest or runs:
                     archive.extract(name, folder)
-    except PartFailure:
+    except FmuError:
         raise
     except Exception as error:
-        raise PartFailure(f"{path} cannot be unpacked: {error}") from error
+        raise FmuError(f"{path} cannot be unpacked: {error}") from error
 
 
 def _loaded(kind: Any, folder: Path, guid: str, interface: Any) -> Any:
@@ -149,6 +149,6 @@ def _loaded(kind: Any, folder: Path, guid: str, interface: Any) -> Any:
         place = {"unzipDirectory": str(folder), "modelIdentifier": interface.modelIdentifier}
         return kind(guid=guid, instanceName=None, **place)
     except Exception as error:
-        raise PartFailure(str(error)) from error
+        raise FmuError(str(error)) from error
     finally:
         os.chdir(here)

@@ -13,14 +13,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..engine.adaptive import Adaptive
-from ..engine.stepping import Row, Settings
-from ..errors import PartFailure, SetupError
+from ..engine.control import Adaptive
+from ..engine.driver import RowReader, RunSettings
+from ..errors import FmuError, SetupError
 from ..master import versions
 from ..result import Result, SimulationError
-from ..system import System, connect, require_steps
+from ..system import System, connect, require_cosimulation
 from .certify import Estimate, certify, summary
-from .continuous import Array, Whole, opened
+from .coupled_ode import Array, Whole, opened
 
 METHODS = ("DOP853", "Radau", "LSODA")
 TOLERANCE, LOOSER, ROWS, MOST_AT_ONCE = 1e-12, 10.0, 1000, 100
@@ -84,8 +84,8 @@ def oracle(
         raise SetupError(f"timeout = {timeout!r} s must be above 0")
     network = connect(system)
     spacing = (stop - start) / ROWS if output_step is None else output_step
-    Settings(stop, 1.0, start, output_step=output_step).check()
-    plan = Settings(stop, spacing, start, record=record)
+    RunSettings(stop, 1.0, start, output_step=output_step).check()
+    plan = RunSettings(stop, spacing, start, record=record)
     ports = plan.ports(network)
     if method not in METHODS:
         raise SetupError(f"method {method!r} must be one of {', '.join(METHODS)}")
@@ -109,8 +109,8 @@ def oracle(
             told = {"status": "complete", "reason": "", "reached": stop, "events": events}
             try:
                 pieces = travel(whole, stop, method, allowed)
-                rows.extend(_rows(whole, Row(whole.parts, ports), plan, pieces, events))
-            except PartFailure as failure:
+                rows.extend(_rows(whole, RowReader(whole.parts, ports), plan, pieces, events))
+            except FmuError as failure:
                 told |= {"status": "failed", "reason": str(failure), "reached": whole.t}
             told["warnings"] = [
                 f"{part.name}: {text}" for part in whole.parts for text in part.warnings
@@ -125,7 +125,7 @@ def oracle(
 
     try:
         loose, result = once(LOOSER * tolerance), once(tolerance)
-    except PartFailure as failure:
+    except FmuError as failure:
         raise SetupError(str(failure)) from failure
     ours, theirs = result.data, loose.data
     _, here, there = np.intersect1d(ours[:, 0], theirs[:, 0], return_indices=True)
@@ -153,7 +153,7 @@ def true_errors(
     `timeout` [s] of real time. `settings` are those of `run`. Raises what
     `oracle` and `certify` raise; parts for model exchange only are refused, since they cannot be run.
     """
-    require_steps(connect(system).descriptions, system.parts)
+    require_cosimulation(connect(system).descriptions, system.parts)
     rows = settings.get("output_step", step)
     exact = oracle(
         system,
@@ -181,14 +181,14 @@ def travel(whole: Whole, stop: float, method: str, tolerance: float) -> Iterator
         begin, x = whole.t, whole.x
         whole.until = end = whole.next_stop(stop)
         if not len(x):
-            raise PartFailure("no part has a continuous state")
+            raise FmuError("no part has a continuous state")
         solver = getattr(integrate, method)(whole.slopes, begin, x, end, rtol=tolerance, atol=floor)
         whole.at(begin, x)
         signs, found = whole.signs(), None
         while solver.status == "running" and found is None:
             message = solver.step()
             if solver.status == "failed":
-                raise PartFailure(f"{method} stopped at t = {solver.t!r} s: {message}")
+                raise FmuError(f"{method} stopped at t = {solver.t!r} s: {message}")
             curve = solver.dense_output()
             found = _crossing(whole, signs, curve, float(solver.t_old), float(solver.t))
             last = float(solver.t) if found is None else found
@@ -199,7 +199,7 @@ def travel(whole: Whole, stop: float, method: str, tolerance: float) -> Iterator
         if found is not None or end < stop or end in whole.stops:
             at_once = at_once + 1 if whole.t - begin <= 64 * math.ulp(whole.t) else 0
             if at_once > MOST_AT_ONCE:
-                raise PartFailure(f"events follow each other without end at t = {whole.t!r} s")
+                raise FmuError(f"events follow each other without end at t = {whole.t!r} s")
             whole.until = math.inf
             whole.jump(whole.t)
             yield Piece(whole.t, whole.t, None)
@@ -227,7 +227,7 @@ def _crossing(
 
 
 def _rows(
-    whole: Whole, row: Row, plan: Settings, pieces: Iterable[Piece], events: list[float]
+    whole: Whole, row: RowReader, plan: RunSettings, pieces: Iterable[Piece], events: list[float]
 ) -> Iterator[list[float]]:
     """The rows of a plan, and those at which a discrete column changes."""
     assert not isinstance(plan.step, Adaptive)

@@ -17,9 +17,9 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import PartFailure, SetupError
+from ..errors import FmuError, SetupError
 from ..result import Result, Rows, open_unlinked, partial, read_rows, require_names, write_json
-from .clock import same
+from .times import coincide
 
 CHUNK = 4096
 LONGEST = 0.1
@@ -66,7 +66,7 @@ class Recorder:
             self.flush()
 
     def flush(self) -> None:
-        """Bring the rows into the file; raises PartFailure if it does not take them."""
+        """Bring the rows into the file; raises FmuError if it does not take them."""
         if self._stream is not None:
             fresh = np.array(self.rows).reshape(-1, len(self.columns))
             self.rows = array("d")
@@ -86,7 +86,7 @@ class Recorder:
             return Result(
                 self.columns, self.units, provenance, lambda: np.array(rows).reshape(-1, width)
             )
-        with suppress(PartFailure):
+        with suppress(FmuError):
             self.flush()
         target = partial(self._path)
         if provenance["status"] == "complete":
@@ -122,7 +122,7 @@ class Stream:
             raise SetupError(f"{path} cannot be written: {error.strerror}") from error
 
     def append(self, text: str) -> None:
-        """Add lines; raises PartFailure, and leaves whole lines, if there is no room or no file."""
+        """Add lines; raises FmuError, and leaves whole lines, if there is no room or no file."""
         rest = memoryview(text.encode())
         try:
             if not self.path.exists():
@@ -131,7 +131,7 @@ class Stream:
                 rest = rest[self._file.write(rest) or 0 :]
         except OSError as error:
             self._file.truncate(self._size)
-            raise PartFailure(f"{self.path} cannot be written: {error.strerror}") from error
+            raise FmuError(f"{self.path} cannot be written: {error.strerror}") from error
         self._size += len(text.encode())
 
     def close(self) -> None:
@@ -152,7 +152,7 @@ def _lock(file: int) -> bool:
     return True
 
 
-Seen = tuple[list[tuple[float, list[float]]], list[int]]
+IntermediateValues = tuple[list[tuple[float, list[float]]], list[int]]
 
 
 def _cubic(t: float, rows: Sequence[Rows] | Rows) -> Rows:
@@ -163,7 +163,7 @@ def _cubic(t: float, rows: Sequence[Rows] | Rows) -> Rows:
     return total
 
 
-class Grid:
+class OutputGrid:
     """Rows at start + k * spacing [s], from values at any times, and at every event.
 
     A time of the grid that is met is taken as it is. Between two others a row is interpolated by
@@ -177,7 +177,7 @@ class Grid:
         add: Callable[[Sequence[float]], None],
         spacing: float,
         discrete: Sequence[int],
-        seen: Sequence[Seen] = (),
+        seen: Sequence[IntermediateValues] = (),
     ) -> None:
         self._add, self._spacing, self._discrete = add, spacing, list(discrete)
         self._seen = seen
@@ -215,15 +215,15 @@ class Grid:
 
     def _fill(self, before: Rows, after: Rows) -> None:
         """The rows after one time, up to the next."""
-        while (due := self._due()) <= after[0] or same(due, after[0]):
-            self._emit(after if same(due, after[0]) else self._interpolated(due, before, after))
+        while (due := self._due()) <= after[0] or coincide(due, after[0]):
+            self._emit(after if coincide(due, after[0]) else self._interpolated(due, before, after))
 
     def _emit(self, row: Rows) -> None:
         """Write a row, unless its time has one."""
         if row[0] > self._last or not self._next:
             self._add(row.tolist())
             self._last = float(row[0])
-        while (due := self._due()) <= row[0] or same(due, row[0]):
+        while (due := self._due()) <= row[0] or coincide(due, row[0]):
             self._next += 1
 
     def _due(self) -> float:
@@ -237,7 +237,7 @@ class Grid:
             if within:
                 own = [0, *columns]
                 nodes = np.array([before[own], *within, after[own]])
-                cuts = [k for k in range(1, len(nodes)) if same(nodes[k - 1, 0], nodes[k, 0])]
+                cuts = [k for k in range(1, len(nodes)) if coincide(nodes[k - 1, 0], nodes[k, 0])]
                 piece = next(p for p in np.split(nodes, cuts) if p[-1, 0] >= t)
                 k = min(max(int(np.searchsorted(piece[:, 0], t)) - 2, 0), max(len(piece) - 4, 0))
                 row[columns] = _cubic(t, piece[k : k + 4])[1:]

@@ -5,6 +5,6 @@ from __future__ import annotations
 import math
 
 
-def same(a: float, b: float) -> bool:
+def coincide(a: float, b: float) -> bool:
     """Whether two times [s] differ by rounding only."""
     return abs(a - b) <= 64 * math.ulp(max(abs(a), abs(b)))

@@ -5,20 +5,20 @@ from __future__ import annotations
 import ctypes
 import math
 
-from ..errors import NotFinite
-from ..inputs import Course, Table
-from .operation import FEED, NOT_FINITE, Layout, Operation, address
+from ..errors import NonFiniteValueError
+from ..system.inputs import FunctionInput, Table
+from .operations import FEED, NOT_FINITE, Layout, Operation, address
 
 
-class Feed(Operation):
+class InputSource(Operation):
     """A Real input that follows a table or a function: `cell` holds its mean over the last step."""
 
-    def __init__(self, name: str, profile: Table | Course, t: float) -> None:
+    def __init__(self, name: str, profile: Table | FunctionInput, t: float) -> None:
         self.name, self.profile = name, profile
         self.cell = (ctypes.c_double * 1)(float(profile.at(t)))
 
     def __call__(self, t: float, h: float) -> None:
-        """Take the mean over the step from t by h [s]; raises NotFinite."""
+        """Take the mean over the step from t by h [s]; raises NonFiniteValueError."""
         self.cell[0] = self.profile.mean(t, h)
         if not math.isfinite(self.cell[0]):
             self.answered(t, h, NOT_FINITE)
@@ -29,7 +29,7 @@ class Feed(Operation):
 
     def answered(self, t: float, h: float, status: int) -> None:
         value = self.cell[0]
-        raise NotFinite(f"{self.name} = {value!r} at t = {t!r} s must be a finite number")
+        raise NonFiniteValueError(f"{self.name} = {value!r} at t = {t!r} s must be a finite number")
 
     def taylor(self, begin: float, h: float) -> list[float]:
         """Coefficients of the line with the mean and the rise of the step from `begin` by h [s]."""

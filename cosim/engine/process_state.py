@@ -10,9 +10,9 @@ import time as clock
 from contextlib import suppress
 from pathlib import Path
 
-from ..errors import PartFailure
-from ..signals import hear_again
-from .library import LOCK
+from ..errors import FmuError
+from ..fmu.library import LOCK
+from ..signals import reinstall_handlers
 
 BETWEEN = 0.1
 #: A convention of IEEE 754: the smallest number above 0, which is subnormal.
@@ -22,7 +22,7 @@ ENVIRONMENT_BYTES = 256
 C = ctypes.CDLL("ucrtbase" if sys.platform == "win32" else None)
 
 
-class Surroundings:
+class ProcessState:
     """Keeps them as they were when this was made; `warnings` reports what had to be restored."""
 
     def __init__(self) -> None:
@@ -40,7 +40,7 @@ class Surroundings:
     def restore(self) -> None:
         """Bring back what an FMU has changed."""
         self._looked = clock.perf_counter()
-        hear_again()
+        reinstall_handlers()
         with LOCK:
             if self._folder is not None and _folder() != self._folder:
                 with suppress(OSError):
@@ -57,16 +57,16 @@ class Surroundings:
             self._warn("the treatment of subnormal floating-point numbers (FTZ, DAZ)")
 
     def require(self) -> None:
-        """Look now and then during a run; raises PartFailure if its numbers are computed otherwise."""
+        """Look now and then during a run; raises FmuError if its numbers are computed otherwise."""
         if clock.perf_counter() > self._looked + BETWEEN:
             self.require_now()
 
     def require_now(self) -> None:
-        """Look now; raises PartFailure."""
+        """Look now; raises FmuError."""
         arithmetic = C.fegetround(), _flushes()
         self.restore()
         if arithmetic != (self._rounding, self._flushes):
-            raise PartFailure(self.warnings[-1])
+            raise FmuError(self.warnings[-1])
 
     def _warn(self, what: str) -> None:
         sentence = f"an FMU has changed {what} of the whole process; it was restored"

@@ -6,11 +6,11 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from ..errors import Discarded, NotFinite, PartFailure, SetupError
+from ..errors import FmuError, NonFiniteValueError, SetupError, StepDiscarded
 from .algorithms import Advance
-from .clock import same
-from .exchange import Coupled
+from .part import Part
 from .snapshot import Snapshot, forget_after
+from .times import coincide
 
 SAFETY = 0.9
 FIRST = 1e-4
@@ -49,10 +49,10 @@ class Adaptive:
             raise SetupError(f"control {self.control!r} must be doubling or energy")
 
 
-class Scale:
+class ErrorScale:
     """The largest size of each wired Real output so far, at least its nominal value."""
 
-    def __init__(self, parts: Sequence[Coupled], settings: Adaptive) -> None:
+    def __init__(self, parts: Sequence[Part], settings: Adaptive) -> None:
         self.blocks = [block for part in parts for block in part.outputs if block.real]
         self.names = [name for block in self.blocks for name in block.names]
         self.tolerance = settings.tolerance
@@ -110,13 +110,13 @@ class Controller:
         stop, places = self.times[-1], iter(self.times)
         end = self.t
         while self.t < stop:
-            if end <= self.t or same(end, self.t):
-                later = (time for time in places if time > self.t and not same(time, self.t))
+            if end <= self.t or coincide(end, self.t):
+                later = (time for time in places if time > self.t and not coincide(time, self.t))
                 end = next(later, stop)
             rest = end - self.t
             whole = self.h >= rest * (1 - 1e-9)
             self.h = rest if whole else min(self.h, rest / 2)
-            self.end = end if same(self.t + self.h, end) else self.t + self.h
+            self.end = end if coincide(self.t + self.h, end) else self.t + self.h
             yield self.t, self.h
 
     def accept(self, used: float) -> float:
@@ -133,13 +133,13 @@ class Controller:
         self.h *= float(max(SHRINK, SAFETY * used ** (-1.0 / self.order)))
 
 
-def doubling(parts: Sequence[Coupled], advance: Advance, control: Controller) -> Iterator[float]:
+def doubling(parts: Sequence[Part], advance: Advance, control: Controller) -> Iterator[float]:
     """The times at which accepted steps end, all of the controller's `times` [s], from the first to the
     last of them, among them.
 
     The whole step's end serves the halves as a prediction where inputs move within a step.
     """
-    scale, snapshot = Scale(parts, control.settings), Snapshot(parts)
+    scale, snapshot = ErrorScale(parts, control.settings), Snapshot(parts)
     for t, h in control.steps():
         snapshot.take()
         reason = ""
@@ -149,8 +149,8 @@ def doubling(parts: Sequence[Coupled], advance: Advance, control: Controller) ->
             snapshot.restore()
             advance(t, h / 2)
             advance(t + h / 2, h / 2)
-        except (Discarded, NotFinite) as failure:
-            reached = failure.reached if isinstance(failure, Discarded) else t
+        except (StepDiscarded, NonFiniteValueError) as failure:
+            reached = failure.reached if isinstance(failure, StepDiscarded) else t
             control.h = min(h / 2, max(0.0, reached - t)) or h / 2
             reason = f"{failure}; "
         else:
@@ -163,12 +163,12 @@ def doubling(parts: Sequence[Coupled], advance: Advance, control: Controller) ->
             control.shrink(used)
         control.rejected += 1
         if control.h < LEAST * control.span:
-            raise PartFailure(f"{reason}the tolerance requires steps below {control.h:.2g} s")
+            raise FmuError(f"{reason}the tolerance requires steps below {control.h:.2g} s")
         snapshot.restore()
         forget_after(parts, t)
 
 
-def by_energy(parts: Sequence[Coupled], advance: Advance, control: Controller) -> Iterator[float]:
+def by_energy(parts: Sequence[Part], advance: Advance, control: Controller) -> Iterator[float]:
     """The times at which steps end, all of the controller's among them; the next size from the energy
     that each bond made in the last.
 

@@ -12,50 +12,50 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import PartFailure, SetupError
-from ..system import Network, Port, Value, default_experiment, feedthrough, own_start
-from .changes import fed
-from .curve import Curves, Link, Recast, Signal
-from .exchange import Coupled
-from .feed import Feed
-from .fmi3 import Coupled3
-from .ledger import End, bonds, watt
-from .library import borrow
-from .part import Block
-from .stepping import Settings
+from ..errors import FmuError, SetupError
+from ..fmu.library import borrow
+from ..system import Network, Port, Value, declared_start, default_experiment, feedthrough
+from .changes import continuous_profiles
+from .driver import RunSettings
+from .energy import BondSide, find_bonds, watts_per_product
+from .fmi3 import Part3
+from .instance import VariableBlock
+from .links import CastLink, InputPolynomials, Link, SignalHistory
+from .part import Part
+from .sources import InputSource
 
 Vector = NDArray[np.float64]
 MOST_ITERATIONS = 20
 TOLERANCE = 1e-10
 SINGULAR = 1e8
-KINDS: dict[str, type[Coupled]] = {"2.0": Coupled, "3.0": Coupled3}
+KINDS: dict[str, type[Part]] = {"2.0": Part, "3.0": Part3}
 
 
 def initialise(
     network: Network,
-    settings: Settings,
+    settings: RunSettings,
     sequence: Sequence[str],
     stack: ExitStack,
     within: Sequence[Port] = (),
-    kinds: Mapping[str, type[Coupled]] = KINDS,
-) -> dict[str, Coupled]:
+    kinds: Mapping[str, type[Part]] = KINDS,
+) -> dict[str, Part]:
     """All parts at the start, their coupled start values consistent, ready for the first step.
 
     The FMUs that can are to show the ports `within` their steps. `kinds` makes a part, by the version
     of its FMU. The stack closes the parts.
-    Raises PartFailure where an FMU refuses, SetupError where the start values have no solution.
+    Raises FmuError where an FMU refuses, SetupError where the start values have no solution.
     """
-    start, parts = settings.start, dict[str, Coupled]()
+    start, parts = settings.start, dict[str, Part]()
     given = {port.name: (port, value) for port, value in network.start}
     given |= {port.name: (port, profile.at(start)) for port, profile in network.inputs}
 
-    def instance(name: str) -> Coupled:
+    def instance(name: str) -> Part:
         """The part, instantiated and with its start values."""
         description = network.descriptions[name]
         try:
             fmu = borrow(Path(network.system.parts[name]), description)
-        except PartFailure as error:
-            raise PartFailure(f"{name}: {error}") from error
+        except FmuError as error:
+            raise FmuError(f"{name}: {error}") from error
         watched = [port.variable for port in within if port.part == name]
         part = kinds[description.fmiVersion](name, description, fmu, watched)
         stack.callback(part.close)
@@ -88,11 +88,11 @@ def initialise(
     return parts
 
 
-def _set_up(part: Coupled, settings: Settings, again: Callable[[], Coupled]) -> Coupled:
+def _set_up(part: Part, settings: RunSettings, again: Callable[[], Part]) -> Part:
     """The part in initialisation mode; another instance from `again` if it needs the stop time for that.
 
     The stop time is handed over if the settings define it. Otherwise it is handed over only to an FMU
-    that refuses to initialise without it, which is then warned of. Raises PartFailure.
+    that refuses to initialise without it, which is then warned of. Raises FmuError.
     """
     tolerance = settings.tolerance
     if tolerance is None and part.SIDE == "coSimulation":
@@ -101,10 +101,10 @@ def _set_up(part: Coupled, settings: Settings, again: Callable[[], Coupled]) -> 
     part.limit(settings.stop)
     try:
         part.set_up(tolerance, settings.start, stop)
-    except PartFailure as failure:
+    except FmuError as failure:
         if stop is not None or part.fmu.abandoned:
             raise
-        with suppress(PartFailure):
+        with suppress(FmuError):
             part.close()
             other = again()
             other.limit(settings.stop)
@@ -122,7 +122,7 @@ def _keeps(port: Port) -> bool:
     return bool(port.variable.causality == "parameter" or port.variable.initial == "exact")
 
 
-def _warn_of_lost(given: Iterable[tuple[Port, Value]], parts: Mapping[str, Coupled]) -> None:
+def _warn_of_lost(given: Iterable[tuple[Port, Value]], parts: Mapping[str, Part]) -> None:
     """Let the parts warn of what was given a start value and is to keep it, but has another."""
     kept: dict[str, list[tuple[Port, Value]]] = {}
     for port, value in given:
@@ -137,12 +137,12 @@ def _warn_of_lost(given: Iterable[tuple[Port, Value]], parts: Mapping[str, Coupl
                 parts[name].warn(f"{port} = {value!r} was given, but the FMU starts with {has!r}")
 
 
-def _connect(network: Network, parts: Mapping[str, Coupled], start: float) -> None:
+def _connect(network: Network, parts: Mapping[str, Part], start: float) -> None:
     """Give every part the buffers of its wired variables, and let every input follow its source.
 
     Inputs begin at their declared start, those of an array at what they are given.
     """
-    sources, driven = shown(network), fed(network)
+    sources, driven = monitored_outputs(network), continuous_profiles(network)
     given = {port.name: value for port, value in network.start}
     targets: dict[str, list[Port]] = {name: [] for name in parts}
     for entry in dict.fromkeys(wire.target for wire in network.wires):
@@ -157,23 +157,23 @@ def _connect(network: Network, parts: Mapping[str, Coupled], start: float) -> No
                 block.cells[:] = [float(v.start or 0.0) for v in block.variables]
             for i, v in enumerate(block.variables):
                 if len(getattr(v, "family", ())) > 1:
-                    block.put(i, given.get(block.names[i], own_start(v)))
+                    block.put(i, given.get(block.names[i], declared_start(v)))
     place, begun = _places(parts), set[str]()
     for wire in network.wires:
         (target, i), (source, j) = place[wire.target.name], place[wire.source.name]
         ends = target.cells, i, source.cells, j, wire.factor, wire.offset
         alike = target.cells._type_ is source.cells._type_
-        link = Link(*ends) if alike else Recast(wire.target.name, *ends)
+        link = Link(*ends) if alike else CastLink(wire.target.name, *ends)
         link.adds = wire.target.name in begun
         begun.add(wire.target.name)
         parts[wire.target.part].links.append(link)
     for port, profile in driven:
-        (target, i), feed = place[port.name], Feed(port.name, profile, start)
+        (target, i), feed = place[port.name], InputSource(port.name, profile, start)
         parts[port.part].feeds.append(feed)
         parts[port.part].links.append(Link(target.cells, i, feed.cell, 0))
 
 
-def shown(network: Network) -> dict[str, list[Port]]:
+def monitored_outputs(network: Network) -> dict[str, list[Port]]:
     """By part the outputs that are read at every communication point.
 
     These are the wired ones. A part that only follows inputs over time shows its Real outputs, for
@@ -183,7 +183,7 @@ def shown(network: Network) -> dict[str, list[Port]]:
     sources: dict[str, dict[Port, None]] = {name: {} for name in network.descriptions}
     for wire in network.wires:
         sources[wire.source.part][wire.source] = None
-    for name in {port.part for port, _ in fed(network)}:
+    for name in {port.part for port, _ in continuous_profiles(network)}:
         if not any(port.type == "Real" for port in sources[name]):
             description = network.descriptions[name]
             acting = feedthrough(description)
@@ -195,22 +195,22 @@ def shown(network: Network) -> dict[str, list[Port]]:
     return {name: list(ports) for name, ports in sources.items()}
 
 
-def _places(parts: Mapping[str, Coupled]) -> dict[str, tuple[Block, int]]:
+def _places(parts: Mapping[str, Part]) -> dict[str, tuple[VariableBlock, int]]:
     """Where each wired variable's value stands."""
     blocks = (block for part in parts.values() for block in chain(part.outputs, part.inputs))
     return {name: (block, i) for block in blocks for i, name in enumerate(block.names)}
 
 
-def _watch(parts: Mapping[str, Coupled], degree: int) -> None:
+def _watch(parts: Mapping[str, Part], degree: int) -> None:
     """Let Real inputs follow the polynomials of their sources in place of the last values."""
-    signals: dict[tuple[int, int], Signal | Feed] = {}
+    signals: dict[tuple[int, int], SignalHistory | InputSource] = {}
     for part in parts.values():
         entries, shown = (
             next((block for block in blocks if block.real), None)
             for blocks in (part.inputs, part.outputs)
         )
         real = [link for link in part.links if entries and link.cells is entries.cells]
-        part.curves = Curves(part, degree, entries, real, shown)
+        part.curves = InputPolynomials(part, degree, entries, real, shown)
         cells = shown.cells if shown else None
         signals |= {(id(cells), i): signal for i, signal in enumerate(part.curves.signals)}
         signals |= {(id(feed.cell), 0): feed for feed in part.feeds}
@@ -219,21 +219,21 @@ def _watch(parts: Mapping[str, Coupled], degree: int) -> None:
             link.follow(signals[id(link.source), link.j])
 
 
-def _open_ledger(network: Network, parts: Mapping[str, Coupled]) -> None:
+def _open_ledger(network: Network, parts: Mapping[str, Part]) -> None:
     """Give every part its sides of the power bonds."""
     place = _places(parts)
     links = {(id(link.cells), link.i): link for part in parts.values() for link in part.links}
 
-    for bond in bonds(network):
+    for bond in find_bonds(network):
         for side, (out, into) in enumerate([(bond.there, bond.back), (bond.back, bond.there)]):
             (block, i), (entry, j) = place[out.source.name], place[into.target.name]
             link = links[id(entry.cells), j]
-            scale = watt(network, out.source, into.target)
-            end = End(bond.name, side, (block.cells, i), link.first, link.last, scale)
+            scale = watts_per_product(network, out.source, into.target)
+            end = BondSide(bond.name, side, (block.cells, i), link.first, link.last, scale)
             parts[out.source.part].ends.append(end)
 
 
-def settle(parts: Sequence[Coupled], t: float) -> None:
+def settle(parts: Sequence[Part], t: float) -> None:
     """Propagate start values in initialisation mode; solve what feeds back on itself by Newton."""
     real = [block for part in parts for block in part.inputs if block.real]
     shown = [block for part in parts for block in part.outputs]
@@ -265,7 +265,7 @@ def settle(parts: Sequence[Coupled], t: float) -> None:
         block(t)
 
 
-def _listen(part: Coupled) -> bool:
+def _listen(part: Part) -> bool:
     """Bring the values of the wires as far as they are finite; whether any has changed."""
     before = [list(block.cells) for block in part.inputs]
     part.bring()

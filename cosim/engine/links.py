@@ -8,11 +8,11 @@ from collections.abc import Sequence
 from itertools import groupby, zip_longest
 from typing import Any, NamedTuple
 
-from ..errors import PartFailure
-from .clock import same
-from .feed import Feed
-from .operation import ADD, COPY, SCALE, Layout, Operation, address
-from .part import Block, Part
+from ..errors import FmuError
+from .instance import Instance, VariableBlock
+from .operations import ADD, COPY, SCALE, Layout, Operation, address
+from .sources import InputSource
+from .times import coincide
 
 
 class Node(NamedTuple):
@@ -23,7 +23,7 @@ class Node(NamedTuple):
     rate: float | None
 
 
-class Signal:
+class SignalHistory:
     """The last nodes of a Real output, enough for a polynomial of a degree.
 
     While a step is repeated, nodes of its end from the time before serve as predictions.
@@ -35,13 +35,13 @@ class Signal:
 
     def add(self, node: Node) -> None:
         """Put a node in its place, instead of one of the same time."""
-        later = [n for n in self.nodes if n.time > node.time and not same(n.time, node.time)]
-        earlier = [n for n in self.nodes if n.time < node.time and not same(n.time, node.time)]
+        later = [n for n in self.nodes if n.time > node.time and not coincide(n.time, node.time)]
+        earlier = [n for n in self.nodes if n.time < node.time and not coincide(n.time, node.time)]
         self.nodes = [*earlier, node, *later][-self.degree - 4 :]
 
     def forget_after(self, time: float) -> None:
         """Drop the nodes after a time."""
-        self.nodes = [n for n in self.nodes if n.time < time or same(n.time, time)]
+        self.nodes = [n for n in self.nodes if n.time < time or coincide(n.time, time)]
 
     def taylor(self, begin: float, _: float = 0.0) -> list[float]:
         """Coefficients about `begin` of the polynomial through the newest of what is known.
@@ -49,13 +49,13 @@ class Signal:
         The nodes from `begin` on come first, then their rates, then older nodes.
         """
         newest = self.nodes[::-1]
-        inside = [n for n in newest if n.time >= begin or same(n.time, begin)]
+        inside = [n for n in newest if n.time >= begin or coincide(n.time, begin)]
         older = newest[len(inside) :]
         known = [(n, 0) for n in inside] + [(n, 1) for n in inside]
         known += [(n, order) for n in older for order in (0, 1)]
         known = [(n, order) for n, order in known if order == 0 or n.rate is not None]
         chosen = sorted((n.time, order, n) for n, order in known[: self.degree + 1])
-        return expand(*divided_differences([n for _, _, n in chosen]), begin)
+        return taylor_coefficients(*divided_differences([n for _, _, n in chosen]), begin)
 
 
 def divided_differences(nodes: list[Node]) -> tuple[list[float], list[float]]:
@@ -72,7 +72,7 @@ def divided_differences(nodes: list[Node]) -> tuple[list[float], list[float]]:
     return times, c
 
 
-def expand(times: list[float], newton: list[float], origin: float) -> list[float]:
+def taylor_coefficients(times: list[float], newton: list[float], origin: float) -> list[float]:
     """A Newton polynomial in powers of (t - origin)."""
     power = [0.0]
     for time, c in zip(reversed(times), reversed(newton)):
@@ -84,7 +84,7 @@ def expand(times: list[float], newton: list[float], origin: float) -> list[float
     return power[:-1]
 
 
-def value(taylor: list[float], s: float) -> float:
+def polynomial_value(taylor: list[float], s: float) -> float:
     """The polynomial at s."""
     total = 0.0
     for a in reversed(taylor):
@@ -92,9 +92,9 @@ def value(taylor: list[float], s: float) -> float:
     return total
 
 
-def mean(taylor: list[float], h: float) -> float:
+def polynomial_mean(taylor: list[float], h: float) -> float:
     """The polynomial's mean over [0, h]."""
-    return value([a / (k + 1) for k, a in enumerate(taylor)], h)
+    return polynomial_value([a / (k + 1) for k, a in enumerate(taylor)], h)
 
 
 class Link(Operation):
@@ -110,7 +110,7 @@ class Link(Operation):
     ) -> None:
         self.cells, self.i, self.source, self.j = cells, i, source, j
         self.factor, self.offset, self.adds = factor, offset, False
-        self.signal: Signal | Feed | None = None
+        self.signal: SignalHistory | InputSource | None = None
         self.first = self.last = (cells, i)
 
     @property
@@ -137,7 +137,7 @@ class Link(Operation):
         cells, source = address(self.cells, self.i), address(self.source, self.j)
         return Layout(code, ctypes.sizeof(kind), cells=cells, source=source, **scale)
 
-    def follow(self, signal: Signal | Feed) -> None:
+    def follow(self, signal: SignalHistory | InputSource) -> None:
         """Move with a signal from now on."""
         self.signal = signal
         self.first, self.last = ([0.0], 0), ([0.0], 0)
@@ -150,7 +150,7 @@ class Link(Operation):
         return taylor
 
 
-class Recast(Link):
+class CastLink(Link):
     """A link between two types of whole numbers or truth values, which must be able to hold the value."""
 
     def __init__(self, name: str, *ends: Any) -> None:
@@ -160,12 +160,10 @@ class Recast(Link):
     def __call__(self, t: float, h: float) -> None:
         super().__call__(t, h)
         if self.cells[self.i] != (value := self.source[self.j]):
-            raise PartFailure(
-                f"{self.name} cannot take {value!r}, which a wire brings at t = {t!r} s"
-            )
+            raise FmuError(f"{self.name} cannot take {value!r}, which a wire brings at t = {t!r} s")
 
 
-class Curves(Operation):
+class InputPolynomials(Operation):
     """The moving inputs and watched outputs of a part; called, it remembers the outputs.
 
     `entries` and `shown` are the buffers of its Real inputs and outputs, if any; links lead to
@@ -175,17 +173,17 @@ class Curves(Operation):
 
     def __init__(
         self,
-        part: Part,
+        part: Instance,
         degree: int,
-        entries: Block | None,
+        entries: VariableBlock | None,
         links: Sequence[Link],
-        shown: Block | None,
+        shown: VariableBlock | None,
     ) -> None:
         ability = part.description.coSimulation
         self.degree, self.capable = degree, bool(ability.canInterpolateInputs)
         self.links = sorted(links, key=lambda link: link.i)
         self._by_input = [list(own) for _, own in groupby(self.links, lambda link: link.i)]
-        self.signals = [Signal(degree) for _ in (shown.cells if shown else ())]
+        self.signals = [SignalHistory(degree) for _ in (shown.cells if shown else ())]
         self._entries, self._shown = entries, shown
         self._derivatives = self._rates = None
         if self.capable and entries:
@@ -203,7 +201,7 @@ class Curves(Operation):
             self._rates.move()
         self.suppose(t, self._rates)
 
-    def suppose(self, t: float, rates: Block | None = None) -> None:
+    def suppose(self, t: float, rates: VariableBlock | None = None) -> None:
         """Let the outputs as they stand be those of time t [s]."""
         for k, signal in enumerate(self.signals):
             assert self._shown is not None
@@ -216,13 +214,13 @@ class Curves(Operation):
             for other in others:
                 taylor = [a + b for a, b in zip_longest(taylor, other.taylor(t, h), fillvalue=0.0)]
             if self._derivatives is not None:
-                begin, link.last[0][0] = taylor[0], value(taylor, h)
+                begin, link.last[0][0] = taylor[0], polynomial_value(taylor, h)
                 for order in range(1, self.degree + 1):
                     a = taylor[order] if order < len(taylor) else 0.0
                     place = k * self.degree + order - 1
                     self._derivatives.cells[place] = math.factorial(order) * a
             else:
-                begin = link.last[0][0] = mean(taylor, h)
+                begin = link.last[0][0] = polynomial_mean(taylor, h)
             link.cells[link.i] = begin
             if first:
                 link.first[0][0] = begin

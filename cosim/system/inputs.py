@@ -12,7 +12,7 @@ from copy import copy
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from .errors import SetupError
+from ..errors import SetupError
 
 CHANGE = re.compile(
     r"\s*(?:at\s+)?(?P<time>\S+?)\s*(?:s\s)?\s*(?P<name>[^\s=]+)\s*=\s*(?P<value>.*?)\s*"
@@ -241,7 +241,7 @@ def _cell(text: str, held: bool) -> float | bool | str:
         return {"true": True, "false": False}.get(text, text)
 
 
-class Course:
+class FunctionInput:
     """A function of time [s] as an input."""
 
     held = False
@@ -271,7 +271,7 @@ class Course:
         return {"function": getattr(self.at, "__qualname__", repr(self.at))}
 
 
-def change(text: str) -> tuple[float, str, str]:
+def parse_change(text: str) -> tuple[float, str, str]:
     """Time [s], name and value of a change, "at 2 s motor.A = 7500"; raises SetupError."""
     match = CHANGE.fullmatch(text)
     try:

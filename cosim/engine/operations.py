@@ -27,7 +27,7 @@ class Operation:
     """
 
     def __call__(self, t: float, h: float) -> None:
-        """Do it; raises PartFailure."""
+        """Do it; raises FmuError."""
         raise NotImplementedError
 
     def layout(self) -> Layout | None:
@@ -35,7 +35,7 @@ class Operation:
         return None
 
     def answered(self, t: float, h: float, status: int) -> None:
-        """Keep a warning of a call; raise PartFailure for a worse status, or NOT_FINITE."""
+        """Keep a warning of a call; raise FmuError for a worse status, or NOT_FINITE."""
         raise AssertionError("an operation that cannot fail")
 
 

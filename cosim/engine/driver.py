@@ -12,16 +12,24 @@ from typing import Any, NamedTuple
 
 from fmpy.model_description import ScalarVariable
 
-from ..errors import Discarded, Met, PartFailure, SetupError
-from ..system import NUMERIC, STATE, VARIABLE_STEP, Network, Port, lacking
-from .adaptive import Adaptive, Controller, by_energy, doubling
-from .algorithms import EXPLICIT, Advance, explicit, iterated, late, order, program
-from .changes import Change, changing
-from .clock import same
-from .exchange import Coupled
-from .program import Loop, possible
-from .rows import Grid, Recorder, Seen
+from ..errors import EventReached, FmuError, SetupError, StepDiscarded
+from ..system import NUMERIC, STATE, VARIABLE_STEP, Network, Port, parts_without
+from .algorithms import (
+    EXPLICIT,
+    Advance,
+    convergence_order,
+    explicit,
+    first_order_outputs,
+    iterated,
+    program,
+)
+from .changes import Change, with_changes
+from .control import Adaptive, Controller, by_energy, doubling
+from .loop import Loop, can_compile
+from .part import Part
+from .recorder import IntermediateValues, OutputGrid, Recorder
 from .snapshot import Snapshot, forget_after
+from .times import coincide
 
 CHECKPOINT = 1000
 SHORTEST_TIME = 2.0**-46
@@ -30,7 +38,7 @@ PATIENCE = 0.05
 MOST_ROWS = 1 << 12
 
 
-class Settings(NamedTuple):
+class RunSettings(NamedTuple):
     """How a system is run, see `run`: all that a run takes and what may stand in its way judges."""
 
     stop: float
@@ -99,10 +107,10 @@ class Settings(NamedTuple):
         return f"steps of {self.step:.6g} s"
 
 
-class Row:
+class RowReader:
     """Reads the recorded variables, those that are wired from the wires' buffers."""
 
-    def __init__(self, parts: Sequence[Coupled], ports: Sequence[Port]) -> None:
+    def __init__(self, parts: Sequence[Part], ports: Sequence[Port]) -> None:
         wired = {name: (b, i) for p in parts for b in p.outputs for i, name in enumerate(b.names)}
         unread: dict[str, dict[str, ScalarVariable]] = {part.name: {} for part in parts}
         for port in ports:
@@ -120,20 +128,20 @@ class Row:
         ]
 
     def __call__(self, t: float) -> list[float]:
-        """The time and the values of the columns; raises PartFailure."""
+        """The time and the values of the columns; raises FmuError."""
         for block in self.extra:
             block(t)
         return [t, *(cells[i] for cells, i in self._cells)]
 
 
-class Run:
+class Driver:
     """The parts of a system on their way; `t` is the last communication point they reached [s]."""
 
     def __init__(
         self,
-        parts: Sequence[Coupled],
-        plan: Settings,
-        row: Row,
+        parts: Sequence[Part],
+        plan: RunSettings,
+        row: RowReader,
         recorder: Recorder,
         changes: Sequence[Change],
     ) -> None:
@@ -144,11 +152,11 @@ class Run:
         self.controller: Controller | None = None
         steps = program(EXPLICIT[algorithm](parts)) if algorithm in EXPLICIT else None
         self._advance: Advance = iterated(parts) if steps is None else explicit(steps)
-        self._advance = changing(self._advance, changes)
+        self._advance = with_changes(self._advance, changes)
         self._events = [change.time for change in changes]
         self._order, behind = (
-            order(algorithm, plan.input_order, parts),
-            late(algorithm, plan.input_order, parts),
+            convergence_order(algorithm, plan.input_order, parts),
+            first_order_outputs(algorithm, plan.input_order, parts),
         )
         self._late = [name for name in recorder.columns if name in behind]
         every = plan.every()
@@ -160,10 +168,10 @@ class Run:
         self.control = "fixed"
         self.loop = "Python"
         descriptions = {part.name: part.description for part in parts}
-        lost = lacking(descriptions, STATE)
+        lost = parts_without(descriptions, STATE)
         if isinstance(plan.step, Adaptive):
             self.control = plan.step.control or ("energy" if lost else "doubling")
-        elif not lost and not lacking(descriptions, VARIABLE_STEP):
+        elif not lost and not parts_without(descriptions, VARIABLE_STEP):
             self._checkpoint = (0, Snapshot(parts))
         back = self._checkpoint is not None or self.control == "doubling"
         for part in parts:
@@ -171,7 +179,7 @@ class Run:
             part.stops = back and part.shows_events()
         if isinstance(plan.step, Adaptive) or steps is None or every is None:
             return
-        if not possible([*(timed.operation for timed in steps), *row.extra]):
+        if not can_compile([*(timed.operation for timed in steps), *row.extra]):
             return
         try:
             self._loop = Loop(steps, row.extra, row.columns, every)
@@ -184,7 +192,9 @@ class Run:
         grid = None
         if self._every is None:
             assert self.plan.output_step is not None
-            grid = Grid(self.recorder.add, self.plan.output_step, self.row.discrete, self._seen())
+            grid = OutputGrid(
+                self.recorder.add, self.plan.output_step, self.row.discrete, self._seen()
+            )
         add = self.recorder.add if grid is None else grid.take
         try:
             add(self.row(self.t))
@@ -200,7 +210,7 @@ class Run:
         """Add the row of the time [s] at which a part has ended the simulation.
 
         Of coupled parts, not all have come to that time: the last row stays that of the last
-        communication point. Raises PartFailure.
+        communication point. Raises FmuError.
         """
         if self.t < time and len(self.parts) == 1:
             for block in self.parts[0].outputs:
@@ -208,7 +218,7 @@ class Run:
             self.recorder.add(self.row(time))
             self.t = time
 
-    def _seen(self) -> list[Seen]:
+    def _seen(self) -> list[IntermediateValues]:
         """What parts show of columns within their steps."""
         columns = {f: k for k, f in enumerate(self.row.names, 1)}
         return [(p.seen, [columns[name] for name in p.watched]) for p in self.parts if p.watched]
@@ -258,7 +268,7 @@ class Run:
                 h = step if not last_one or self.t + step == stop else stop - self.t
                 try:
                     self._advance(self.t, h)
-                except Discarded as failure:
+                except StepDiscarded as failure:
                     self._redo(failure, step)
                     self._advance(self.t, h)
                 end = stop if last_one else start + (n + 1) * step
@@ -272,14 +282,14 @@ class Run:
         """The number of the step that a time lies in, or that begins there."""
         start = self.plan.start
         n = int((time - start) / step)
-        return n + 1 if same(start + (n + 1) * step, time) else n
+        return n + 1 if coincide(start + (n + 1) * step, time) else n
 
-    def _redo(self, failure: PartFailure, step: float) -> None:
+    def _redo(self, failure: FmuError, step: float) -> None:
         """After a discarded step, come back to before it, from now on ready to step less."""
-        if not isinstance(failure, Discarded):
+        if not isinstance(failure, StepDiscarded):
             raise failure
         if self._checkpoint is None:
-            raise PartFailure(
+            raise FmuError(
                 f"{failure}; it computed up to t = {failure.reached!r} s; for a shorter step, "
                 "every part must be able to restore its state and to vary its step"
             )
@@ -287,7 +297,7 @@ class Run:
         self._checkpoint = self._loop = None
         for part in self.parts:
             part.forward.value = False
-        met = isinstance(failure, Met)
+        met = isinstance(failure, EventReached)
         self.loop = f"Python, since {'steps end at events' if met else 'a part discards steps'}"
         snapshot.restore()
         t = self.plan.start + before * step
@@ -305,20 +315,20 @@ class Run:
                 snapshot.take()
                 try:
                     advance(t, size)
-                except Discarded as discarded:
+                except StepDiscarded as discarded:
                     self.discarded += 1
                     snapshot.restore()
                     forget_after(self.parts, t)
                     reached = discarded.reached - t
-                    most = 1.0 if isinstance(discarded, Met) else 0.9
+                    most = 1.0 if isinstance(discarded, EventReached) else 0.9
                     size = reached if SHORTEST * h < reached < most * size else size / 2
                     if size < SHORTEST * h:
-                        raise PartFailure(
+                        raise FmuError(
                             f"{discarded}; it takes no step from t = {t!r} s, however short"
                         ) from discarded
                     continue
                 t += size
-                if t >= end or same(t, end):
+                if t >= end or coincide(t, end):
                     return
                 size = end - t
 

@@ -14,25 +14,25 @@ import numpy as np
 from fmpy.model_description import ModelDescription, ScalarVariable
 from numpy.typing import NDArray
 
-from ..engine.changes import changes
-from ..engine.exchange import Coupled
-from ..engine.fmi3 import Coupled3
-from ..engine.initial import initialise
-from ..engine.library import Library
-from ..engine.part import DISCARD, ERROR, OK, Block, Part
-from ..engine.stepping import Settings
-from ..errors import PartFailure, SetupError
-from ..inputs import Table
-from ..loops import algebraic_loops, describe
+from ..engine.changes import discrete_changes
+from ..engine.driver import RunSettings
+from ..engine.fmi3 import Part3
+from ..engine.initialise import initialise
+from ..engine.instance import DISCARD, ERROR, OK, Instance, VariableBlock
+from ..engine.part import Part
+from ..errors import FmuError, SetupError
+from ..fmu.library import Library
 from ..master import stepping_order
-from ..system import Network, Port, moves
+from ..system import Network, Port, is_continuous_input
+from ..system.graph import algebraic_loops, describe_loop
+from ..system.inputs import Table
 
 Array = NDArray[np.float64]
 DIFFERENCE, SINGULAR = 6e-6, 1e12
 CLOSED, MOST_ITERATIONS = 1e-12, 20
 
 
-class Refused(PartFailure):
+class Refused(FmuError):
     """A part cannot compute with the state that was tried."""
 
 
@@ -48,7 +48,7 @@ class Blocks(NamedTuple):
     F: Array
 
 
-class Model(Coupled):
+class Model(Part):
     """A part's model-exchange side: continuous states `x`, rates `dx`, event indicators `z`."""
 
     SIDE = "modelExchange"
@@ -72,7 +72,7 @@ class Model(Coupled):
         return lambda: ERROR
 
     def begin(self) -> None:
-        Part.begin(self)
+        Instance.begin(self)
 
     def close(self) -> None:
         first = not self.closed
@@ -81,7 +81,7 @@ class Model(Coupled):
             self.slave.freeLibrary()
 
     def array(self, function: str, cells: Any) -> None:
-        """Call "SetContinuousStates" and the like with this array; raises Refused, PartFailure."""
+        """Call "SetContinuousStates" and the like with this array; raises Refused, FmuError."""
         if len(cells):
             place = ctypes.c_size_t(len(cells))
             status = getattr(self.library, self.FMI + function)(self.component, cells, place)
@@ -97,7 +97,7 @@ class Model(Coupled):
     def inputs_that_move(self) -> list[ScalarVariable]:
         """The Real inputs; by FMI 3.0 those that are continuous."""
         variables = self.description.modelVariables
-        return [v for v in variables if moves(Port(self.name, v))]
+        return [v for v in variables if is_continuous_input(Port(self.name, v))]
 
     def real_outputs(self) -> list[ScalarVariable]:
         variables = self.description.modelVariables
@@ -134,12 +134,14 @@ class Model(Coupled):
         return whole[:, : len(self.states)], whole[:, len(self.states) :]
 
 
-class Model3(Model, Coupled3):
+class Model3(Model, Part3):
     """The same by FMI 3.0, whose states, rates and inputs may be arrays."""
 
     RATES, UPDATE = "GetContinuousStateDerivatives", "updateDiscreteStates"
 
-    def _event(self, t: float, blocks: Iterable[Block] = (), clocks: Sequence[int] = ()) -> None:
+    def _event(
+        self, t: float, blocks: Iterable[VariableBlock] = (), clocks: Sequence[int] = ()
+    ) -> None:
         for block in blocks:  # in event mode, which `Whole` enters
             block.move()
 
@@ -161,7 +163,7 @@ class Whole:
         self.inputs = [Port(p.name, v) for p in self.parts for v in p.inputs_that_move()]
         self.outputs = [Port(p.name, v) for p in self.parts for v in p.real_outputs()]
         self.feeds = [feed for part in self.parts for feed in part.feeds]
-        self.changes = changes(network, dict(models), start, stop)
+        self.changes = discrete_changes(network, dict(models), start, stop)
         knots = [f.profile.times for f in self.feeds if isinstance(f.profile, Table)]
         self.stops = sorted({change.time for change in self.changes}.union(*knots))
         self.until = math.inf
@@ -188,7 +190,7 @@ class Whole:
         return np.where((sizes > 0.0) & (sizes < math.inf), sizes, 1.0)
 
     def at(self, t: float, x: Array) -> None:
-        """Be at a time [s] and a state, all wires settled; raises Refused, PartFailure."""
+        """Be at a time [s] and a state, all wires settled; raises Refused, FmuError."""
         self.t = t
         values = iter(x.tolist())
         for part in self.parts:
@@ -198,9 +200,9 @@ class Whole:
         self._settle(lambda block: block.real)
 
     def slopes(self, t: float, x: Array) -> Array:
-        """The rates of the states; NaN where a part refuses them. Raises PartFailure after the deadline."""
+        """The rates of the states; NaN where a part refuses them. Raises FmuError after the deadline."""
         if clock.monotonic() > self.deadline:
-            raise PartFailure(f"no end within the timeout; the integrator is at t = {t!r} s")
+            raise FmuError(f"no end within the timeout; the integrator is at t = {t!r} s")
         try:
             self.at(t, x)
             for part in self.parts:
@@ -292,10 +294,10 @@ class Whole:
                 continue
             inner, _ = matrix_balance(loop[np.ix_(own, own)])
             if np.linalg.cond(np.eye(len(own)) - inner) > SINGULAR:
-                raise SetupError(f"the algebraic loop has no solution: {describe(ring)}")
+                raise SetupError(f"the algebraic loop has no solution: {describe_loop(ring)}")
         return np.eye(len(self.inputs)) - loop
 
-    def _settle(self, moved: Callable[[Block], bool]) -> bool:
+    def _settle(self, moved: Callable[[VariableBlock], bool]) -> bool:
         """Bring outputs over the wires until the inputs agree with them; whether any has changed."""
         for feed in self.feeds:
             feed.cell[0] = float(
@@ -331,7 +333,7 @@ class Whole:
         )
 
     def _solve(self) -> None:
-        """The Real inputs of an algebraic loop by Newton's method; raises PartFailure."""
+        """The Real inputs of an algebraic loop by Newton's method; raises FmuError."""
         blocks = [b for part in self.parts for b in part.inputs if b.real]
         names = [name for block in blocks for name in block.names]
         place = {port.name: k for k, port in enumerate(self.inputs)}
@@ -354,14 +356,12 @@ class Whole:
                     block.move()
             if np.abs(step).max() <= near:
                 return
-        loops = "; ".join(describe(loop) for loop in algebraic_loops(self.network))
-        raise PartFailure(f"the algebraic loop was not solved at t = {self.t!r} s: {loops}")
+        loops = "; ".join(describe_loop(loop) for loop in algebraic_loops(self.network))
+        raise FmuError(f"the algebraic loop was not solved at t = {self.t!r} s: {loops}")
 
     def _require_going(self, part: Model, end: bool) -> None:
         if end:
-            raise PartFailure(
-                f"{part.name} ended the simulation at t = {self.t!r} s: {part.reason()}"
-            )
+            raise FmuError(f"{part.name} ended the simulation at t = {self.t!r} s: {part.reason()}")
 
 
 KINDS = {"2.0": Model, "3.0": Model3}
@@ -371,7 +371,7 @@ KINDS = {"2.0": Model, "3.0": Model3}
 def opened(network: Network, start: float, stop: float) -> Iterator[Whole]:
     """The system at `start` [s], its start values consistent.
 
-    Raises SetupError for a part without model exchange or with a clock that is to tick, PartFailure
+    Raises SetupError for a part without model exchange or with a clock that is to tick, FmuError
     where an FMU refuses.
     """
     for name, description in network.descriptions.items():
@@ -382,7 +382,7 @@ def opened(network: Network, start: float, stop: float) -> Iterator[Whole]:
                 raise SetupError(f"{name}.{v.name} is a clock, which ticks in co-simulation only")
     with ExitStack() as stack:
         sequence = stepping_order(network, None)
-        settings = Settings(stop, math.inf, start)
+        settings = RunSettings(stop, math.inf, start)
         parts = initialise(network, settings, sequence, stack, kinds=KINDS)
         models = cast(dict[str, Model], parts)
         yield Whole(network, {name: models[name] for name in network.system.parts}, start, stop)

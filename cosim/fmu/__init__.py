@@ -1,0 +1,1 @@
+"""FMUs as they are loaded and called."""
