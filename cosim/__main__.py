@@ -15,7 +15,9 @@ from tempfile import TemporaryDirectory, TemporaryFile, mkdtemp
 from typing import Any, NamedTuple
 
 from . import __version__, describe
-from .accuracy.certify import SUMMARY, UNKNOWN, Estimate, by_rows, certify, summary
+from .accuracy.certify import SUMMARY, certify, summary, summary_rows_errors
+from .accuracy.estimate import Estimate
+from .accuracy.metric_error import NO_ROWS
 from .accuracy.reference import METHODS, oracle, true_errors
 from .commandline import (
     Help,
@@ -413,7 +415,7 @@ def simulate(options: argparse.Namespace) -> int:
                 with quiet(), bar(options.file.stem, way.start, way.stop) as progress:
                     given["progress"] = progress
                     if options.certify:
-                        result, figures = certify(task.system, summary, runner=runner, **given)
+                        result, figures = certify(task.system, runner=runner, **given)
                     else:
                         result = runner(task.system, **given)
             except (SimulationError, Interrupted) as stopped:
@@ -623,11 +625,11 @@ def truth(
         f"the oracle's figures, with no run to compare: {', '.join(lone)} offers no co-simulation"
     )
     figures = summary(result)
-    between, off = by_rows(summary, result, figures), result.provenance["errors"]
+    between, off = summary_rows_errors(result), result.provenance["errors"]
     rows = []
     for name, column in summed(result):
         error = None if (gap := between[name]) is None else gap + off[column]
-        found = Estimate(figures[name], error, math.nan, reason=UNKNOWN)
+        found = Estimate(figures[name], error, math.nan, reason=NO_ROWS)
         rows.append((name, found.text(result.units[column])))
     table(rows)
     print("\n".join(new_files(options, folders)), end="\n" * bool(options.out))

@@ -23,6 +23,7 @@ from .engine.initialise import initialise, monitored_outputs
 from .engine.instance import Instance
 from .engine.process_state import ProcessState
 from .engine.recorder import Recorder
+from .engine.row_file import RowFile
 from .engine.times import coincide
 from .errors import FmuError, SetupError, SimulationTerminated, pluralize
 from .result import Interrupted, Result, SimulationError
@@ -59,6 +60,7 @@ def run(
     stop_time_defined: bool = False,
     csv: Path | str | None = None,
     progress: Callable[[float], None] | None = None,
+    all_rows: Path | None = None,
 ) -> Result:
     """Simulate from `start` to `stop` [s] with communication steps of `step` [s], or adaptive steps.
 
@@ -74,7 +76,8 @@ def run(
     There is a row at every communication point, or at every `output_step` [s] and at changes of a
     recorded discrete variable. `record` lists the columns (default: all outputs). With `csv`, the
     rows are streamed to this file, which no other run may write at the same time. `progress` is
-    called with the fraction of the run that is done.
+    called with the fraction of the run that is done. `all_rows` is a file that takes the rows of all
+    communication points, also those that `output_step` leaves out, as plain doubles.
 
     Warnings of the FMUs are in the result. They are also logged under "cosim" as they occur, unless
     `quiet` suppresses them. A run that an FMU ends itself is complete: `provenance` gives the time
@@ -120,7 +123,10 @@ def run(
         recorder = Recorder([port.name for port in ports], units, path, provenance)
         made = discrete_changes(network, parts, start, stop)
         stepped = [parts[name] for name in sequence]
-        run = Driver(stepped, settings, row, recorder, made)
+        row_file = None if all_rows is None else RowFile(all_rows)
+        if row_file is not None:
+            stack.callback(row_file.close)
+        run = Driver(stepped, settings, row, recorder, made, row_file)
         status, reason = "failed", "stopped by an error outside the FMUs"
         try:
             for share in run.steps():

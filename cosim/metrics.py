@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,7 @@ Rows = NDArray[np.float64]
 GAUSS_POINTS = 4
 
 
+@runtime_checkable
 class Metric(Protocol):
     """A number that a column has, and what of it the error of the column may change at a stroke."""
 
@@ -38,7 +39,7 @@ class Metric(Protocol):
         ...
 
     def times(self, solution: DenseSolution) -> tuple[float, ...]:
-        """The times [s] that alone decide the number; none if all do."""
+        """The times [s] at which the values alone decide the number; none if all do, or their slopes."""
         ...
 
     def scale(self, solution: DenseSolution) -> float:
@@ -150,10 +151,6 @@ class TimeOfLargest(ColumnMetric):
         """The time of the largest value."""
         return solution.largest().time
 
-    def times(self, solution: DenseSolution) -> tuple[float, ...]:
-        """The time itself."""
-        return (self.value(solution),)
-
     def doubt(self, solution: DenseSolution, band: DenseSolution) -> float:
         """How far the furthest other peak is that may be the highest, or the end of a plateau."""
         solution, band = self.stretch(solution), self.stretch(band)
@@ -173,10 +170,6 @@ class TimeOfSmallest(ColumnMetric):
     def measure(self, solution: DenseSolution) -> float:
         """The time of the smallest value."""
         return solution.with_values(-solution.x).largest().time
-
-    def times(self, solution: DenseSolution) -> tuple[float, ...]:
-        """The time itself."""
-        return (self.value(solution),)
 
     def doubt(self, solution: DenseSolution, band: DenseSolution) -> float:
         """How far the furthest other trough is that may be the lowest, or the end of a flat one."""

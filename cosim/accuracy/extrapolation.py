@@ -54,6 +54,8 @@ DISTANT_SHARE = 0.1
 #: Parts before and after one in which the coarser runs are looked at, too: convention. Where two runs differ in
 #: phase, their distance vanishes twice a period, and not at the same times for each pair.
 NEIGHBOURS = 2
+#: The reason why numbers are refused after trajectories have diverged.
+DIVERGED = "not converged: the runs diverge"
 
 
 def estimate(
@@ -108,9 +110,9 @@ def _grid_convergence_index(
     """The index of the finest of three runs; see `estimate`."""
     difference = max(last, previous / ratio**order)
     if abs(observed - order) <= CONFIRMED_DISTANCE * order:
-        return CONFIRMED_FACTOR * difference / (ratio**order - 1.0)
+        return CONFIRMED_FACTOR * difference / float(ratio**order - 1.0)
     used = min(max(observed, LOWEST_ORDER), order)
-    return UNCONFIRMED_FACTOR * difference / (ratio**used - 1.0)
+    return UNCONFIRMED_FACTOR * difference / float(ratio**used - 1.0)
 
 
 @dataclass(frozen=True)
@@ -155,7 +157,8 @@ def error_band(
     Returns
     -------
     ErrorBand or None
-        None for a discrete column, and where less than half of the coarsest run's times are in all runs.
+        None for a discrete column. Where less than half of the coarsest run's times are in all runs, as with
+        adaptive steps, the finer two are interpolated to them.
     """
     if finest.is_discrete:
         return None
@@ -163,12 +166,16 @@ def error_band(
     for t, _ in runs[:2]:
         shared = shared[_is_in(shared, t)]
     if 2 * len(shared) < len(runs[2][0]) or len(shared) < 2:
-        return None
-    fine, middle, coarse = (x[_last_index(t, shared)] for t, x in runs)
+        shared, coarse = runs[2]
+        fine, middle = (DenseSolution.from_rows(*run)(shared) for run in runs[:2])
+    else:
+        fine, middle, coarse = (x[_last_index(t, shared)] for t, x in runs)
     last, previous = fine - middle, middle - coarse
     with np.errstate(all="ignore"):
         falls = np.log(previous / last) / math.log(ratio)
-    regular = (last * previous > 0.0) & (falls >= LOWEST_ORDER) & (falls <= order + ACCIDENTAL_EXCESS)
+    regular = (
+        (last * previous > 0.0) & (falls >= LOWEST_ORDER) & (falls <= order + ACCIDENTAL_EXCESS)
+    )
     remains = last / (ratio**order - 1.0)
     shift = np.interp(finest.t, shared, np.where(regular, remains, 0.0))
     width = np.interp(finest.t, shared, np.abs(remains))

@@ -3,19 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
-
 from ..dense import DenseSolution, Side
 from ..metrics import Metric
 from .estimate import Estimate
-from .extrapolation import (
-    CONFIRMED_FACTOR,
-    STEP_RATIO,
-    UNCONFIRMED_FACTOR,
-    ErrorBand,
-    estimate,
-)
+from .extrapolation import CONFIRMED_FACTOR, UNCONFIRMED_FACTOR, ErrorBand, estimate
+from .three_runs import ColumnRuns
 
 #: Every second and every third row are left: convention, the smallest numbers without a common factor.
 THINNED = (2, 3)
@@ -26,17 +18,6 @@ ROW_ORDERS = (1.0, 2.0)
 ROWS_FACTOR = 1.5
 SOME_RUNS = "only some of the runs have it"
 NO_ROWS = "it cannot be determined from fewer rows"
-
-
-@dataclass(frozen=True)
-class ColumnRuns:
-    """A column in three runs, the finest first, on the rows that all have, and all rows of the finest one."""
-
-    finest: DenseSolution
-    solutions: Sequence[DenseSolution]
-    band: ErrorBand | None
-    order: float
-    ratio: float = STEP_RATIO
 
 
 def metric_error(metric: Metric, runs: ColumnRuns) -> Estimate:
@@ -74,7 +55,8 @@ def _with_band(
     """The estimate of a number that is at least as wide as the band of the solution makes it.
 
     Where the number has no order, but the solution converges at the times that decide it, its error is
-    the spread of the runs or what the extrapolation moves, with the larger factor of safety.
+    the spread of the runs or what the extrapolation moves, with the larger factor of safety. That factor
+    also counts where the band is far wider than the number's own error.
     """
     solutions = [band.solution, band.solution.filled(Side.AFTER)]
     moved = max(abs(metric.value(s) - value) for s in solutions)
@@ -86,7 +68,9 @@ def _with_band(
         if not times or not all(band.converges_at(t) for t in times):
             return coupling
         error = max(spread, UNCONFIRMED_FACTOR * moved)
-    error = max(error, CONFIRMED_FACTOR * moved + metric.doubt(finest, band.width))
+    agree = moved * CONFIRMED_FACTOR**2 <= UNCONFIRMED_FACTOR * error
+    factor = CONFIRMED_FACTOR if agree else UNCONFIRMED_FACTOR
+    error = max(error, factor * moved + metric.doubt(finest, band.width))
     return coupling._replace(error=error)
 
 
@@ -117,4 +101,4 @@ def spacing_error(second: float, third: float) -> float:
     ratios = [(3.0**q - 1.0) / (2.0**q - 1.0) for q in ROW_ORDERS]
     position = (third / second - ratios[0]) / (ratios[1] - ratios[0]) if second else 1.0
     q = low + (high - low) * min(max(position, 0.0), 1.0)
-    return max(third / (3.0**q - 1.0), second / (2.0**q - 1.0))
+    return float(max(third / (3.0**q - 1.0), second / (2.0**q - 1.0)))

@@ -10,6 +10,7 @@ from itertools import chain
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
+import numpy as np
 from fmpy.model_description import ScalarVariable
 
 from ..errors import EventReached, FmuError, SetupError, StepDiscarded
@@ -28,6 +29,7 @@ from .control import Adaptive, Controller, by_energy, doubling
 from .loop import Loop, can_compile
 from .part import Part
 from .recorder import IntermediateValues, OutputGrid, Recorder
+from .row_file import RowFile
 from .snapshot import Snapshot, forget_after
 from .times import coincide
 
@@ -144,8 +146,10 @@ class Driver:
         row: RowReader,
         recorder: Recorder,
         changes: Sequence[Change],
+        all_rows: RowFile | None = None,
     ) -> None:
         self.parts, self.plan, self.row, self.recorder = parts, plan, row, recorder
+        self._all_rows = all_rows
         algorithm = plan.algorithm
         self.t = plan.start
         self.accepted = self.discarded = 0
@@ -182,7 +186,7 @@ class Driver:
         if not can_compile([*(timed.operation for timed in steps), *row.extra]):
             return
         try:
-            self._loop = Loop(steps, row.extra, row.columns, every)
+            self._loop = Loop(steps, row.extra, row.columns, every if all_rows is None else 1)
             self.loop = "compiled"
         except OSError as error:
             self.loop = f"Python, since the compiled loop is missing: {error}"
@@ -197,7 +201,9 @@ class Driver:
             )
         add = self.recorder.add if grid is None else grid.take
         try:
-            add(self.row(self.t))
+            first = self.row(self.t)
+            self._keep(first)
+            add(first)
             if isinstance(self.plan.step, Adaptive):
                 yield from self._adaptive(self.plan.step, add)
             else:
@@ -215,8 +221,23 @@ class Driver:
         if self.t < time and len(self.parts) == 1:
             for block in self.parts[0].outputs:
                 block.move()
-            self.recorder.add(self.row(time))
+            last = self.row(time)
+            self._keep(last)
+            self.recorder.add(last)
             self.t = time
+
+    def _keep(self, rows: Sequence[float]) -> None:
+        """Write rows to the file that takes all of them, if there is one."""
+        if self._all_rows is not None:
+            self._all_rows.add(rows)
+
+    def _due(self, rows: Sequence[float], first: int, every: int) -> Sequence[float]:
+        """Of rows after steps number `first`, `first` + 1, ..., those that the result has."""
+        if self._all_rows is None:
+            return rows
+        width = len(self.recorder.columns)
+        skipped = -first % every
+        return np.reshape(rows, (-1, width))[skipped::every].ravel().tolist()
 
     def _seen(self) -> list[IntermediateValues]:
         """What parts show of columns within their steps."""
@@ -234,6 +255,7 @@ class Driver:
         for t in method(self.parts, self._advance, self.controller):
             row = self.row(t)
             self.accepted, self.t = self.accepted + 1, t
+            self._keep(row)
             add(row)
             yield (t - start) / (stop - start)
 
@@ -255,7 +277,8 @@ class Driver:
             if self._loop is not None and n < last:
                 began = clock.perf_counter()
                 rows, self.accepted, failure = self._loop.run(start, step, n, last)
-                self.recorder.add(rows)
+                self._keep(rows)
+                self.recorder.add(self._due(rows, n + 1, every))
                 self.t = start + self.accepted * step
                 if failure is not None:
                     self._redo(failure, step)
@@ -272,9 +295,12 @@ class Driver:
                     self._redo(failure, step)
                     self._advance(self.t, h)
                 end = stop if last_one else start + (n + 1) * step
-                row = self.row(end) if last_one or (n + 1) % every == 0 else None
+                is_due = last_one or (n + 1) % every == 0
+                row = self.row(end) if is_due or self._all_rows is not None else None
                 self.accepted, self.t = n + 1, end
                 if row is not None:
+                    self._keep(row)
+                if row is not None and is_due:
                     add(row)
             yield self.accepted / count
 
