@@ -291,9 +291,9 @@ class Part3(Part):
         shown = (v for block in self.outputs for v in block.variables)
         return self.events and any(v.variability != "continuous" for v in shown)
 
-    def turn(self) -> Iterator[Operation]:
+    def step_operations(self) -> Iterator[Operation]:
         held = self._held()
-        *moves, step = super().turn()
+        *moves, step = super().step_operations()
         yield from (move for move in moves if move not in held)
         yield from (EventModeEntry(self, block) for block in held)
         yield step

@@ -81,9 +81,9 @@ def initialise(
         _watch(parts, settings.input_order)
     _open_ledger(network, parts)
     for part in parts.values():
-        for operation in part.look():
+        for operation in part.read_operations():
             operation(start, 0.0)
-        for end in part.ends:
+        for end in part.bond_sides:
             end.open()
     return parts
 
@@ -230,7 +230,7 @@ def _open_ledger(network: Network, parts: Mapping[str, Part]) -> None:
             link = links[id(entry.cells), j]
             scale = watts_per_product(network, out.source, into.target)
             end = BondSide(bond.name, side, (block.cells, i), link.first, link.last, scale)
-            parts[out.source.part].ends.append(end)
+            parts[out.source.part].bond_sides.append(end)
 
 
 def settle(parts: Sequence[Part], t: float) -> None:

@@ -125,6 +125,10 @@ class VariableBlock(Operation):
         if self._text:  # lasts in the FMU's memory only until its next call
             self.cells[:] = [text or b"" for text in self.cells]
 
+    def nominals(self) -> list[float]:
+        """The sizes of its variables; 1 where the FMU gives none above 0."""
+        return [abs(float(v.nominal or 0.0)) or 1.0 for v in self.variables]
+
     def put(self, i: int, value: Any) -> None:
         """Put a value into a cell."""
         self.cells[i] = value.encode() if isinstance(value, str) else value
