@@ -25,10 +25,9 @@ from zipfile import ZipFile
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
-from cosim import System, run
+from cosim import System, describe, run
 from cosim.engine import loop
 from cosim.engine.driver import RunSettings
-from cosim.judge import describe
 from cosim.master import setup_problems
 from cosim.system import connect
 

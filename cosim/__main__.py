@@ -14,7 +14,9 @@ from pathlib import Path
 from tempfile import TemporaryDirectory, TemporaryFile, mkdtemp
 from typing import Any, NamedTuple
 
-from . import __version__
+from . import __version__, describe
+from .accuracy.certify import SUMMARY, UNKNOWN, Estimate, by_rows, certify, summary
+from .accuracy.reference import METHODS, oracle, true_errors
 from .commandline import (
     Help,
     Parser,
@@ -36,14 +38,11 @@ from .formats.osp import FILE, read_osp, write_osp
 from .formats.ssp.read import Package, read_ssp
 from .formats.ssp.write import write_ssp
 from .formats.values import read_values
-from .judge import describe
-from .judge.certify import SUMMARY, UNKNOWN, Estimate, by_rows, certify, summary
+from .isolated import run_isolated
 from .judge.compare import SHARE, compare
 from .judge.crosscheck import crosscheck
 from .judge.crosscheck.report import writer
 from .judge.diagnose import diagnose
-from .judge.isolated import run_isolated
-from .judge.oracle import METHODS, oracle, true_errors
 from .master import setup_problems
 from .progress import bar
 from .result import Interrupted, Result, SimulationError, require_names

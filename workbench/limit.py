@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from cosim import Result, estimate
-from cosim.judge.certify import DIVERGED, disturbed, divergence
+from cosim.accuracy.certify import DIVERGED, disturbed, divergence
 
 from .figure import Figure
 from .measure import of_rows

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim import Result, figures
+from cosim import Result, metrics
 
 from .figure import Figure
 
@@ -93,7 +93,7 @@ def largest(t: Samples, x: Samples) -> Peak:
     """The largest value of x and its time, on the spline through its rows, which rises no further
     above them than at a smooth peak.
     """
-    return Peak(*measured(figures.largest, t, x), measured(figures.time_of_largest, t, x))
+    return Peak(*measured(metrics.largest, t, x), measured(metrics.time_of_largest, t, x))
 
 
 def smallest(t: Samples, x: Samples) -> Peak:
@@ -105,7 +105,7 @@ def smallest(t: Samples, x: Samples) -> Peak:
 def since(t: Samples, x: Samples, begin: float) -> tuple[Samples, Samples]:
     """The rows from a time on, the first of them on the spline through all."""
     late = t > begin
-    first = float(figures.spline(t, x)(begin))
+    first = float(metrics.spline(t, x)(begin))
     return np.concatenate([[begin], t[late]]), np.concatenate([[first], x[late]])
 
 
@@ -122,7 +122,7 @@ def crossing(t: Samples, x: Samples, level: float, which: int = 0) -> Measured:
         k = which % len(times)
         found, others = _crossing(t, x, level, times, k), np.concatenate([t[:1], times, t[-1:]])
         begin, end = (others[k], end) if which < 0 else (begin, others[k + 2])
-    curve = figures.spline(t, x)
+    curve = metrics.spline(t, x)
     turns = curve.derivative().roots(extrapolate=False)
     near = np.abs(curve(turns) - level) < TOUCHED * (x.max() - x.min())
     doubtful = near & (begin < turns) & (turns < end)
@@ -142,14 +142,14 @@ def _crossing(t: Samples, x: Samples, level: float, times: Samples, k: int) -> M
 
 def passes(t: Samples, x: Samples, level: float) -> Samples:
     """The times alone, without those that SciPy finds by mistake where x hardly moves, from rest."""
-    curve = figures.spline(t, x)
+    curve = metrics.spline(t, x)
     found = curve.solve(level, extrapolate=False)
     return np.asarray(found[abs(curve(found) - level) <= ON_LEVEL * abs(x - level).max()])
 
 
 def integral(t: Samples, x: Samples) -> Measured:
     """Of x over t, on the spline through its rows."""
-    return measured(lambda t, x: float(figures.spline(t, x).integrate(t[0], t[-1])), t, x)
+    return measured(lambda t, x: float(metrics.spline(t, x).integrate(t[0], t[-1])), t, x)
 
 
 def last_revolutions(phi: Samples, count: int) -> NDArray[np.bool_]:

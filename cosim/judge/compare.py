@@ -16,11 +16,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..describe import table
 from ..errors import SetupError
 from ..result import Result, Rows
 from ..system.inputs import COLUMN, Reading, separator
 from ..units import QUANTITY, multiples
-from .describe import table
 
 if TYPE_CHECKING:
     import pandas as pd

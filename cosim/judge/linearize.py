@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..accuracy.coupled_ode import Array, opened
+from ..accuracy.reference import TOLERANCE, travel
 from ..errors import FmuError, SetupError
 from ..system import System, connect
-from .continuous import Array, opened
-from .oracle import TOLERANCE, travel
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -178,7 +178,7 @@ def turns(r: Result, drive: str) -> Turns:
     lasted, inside, number = ended - began, (t >= began) & (t <= ended), last - first
     mean = float(CubicSpline(t, power).integrate(began, ended) / lasted)
     square = float(CubicSpline(t, (power - mean) ** 2).integrate(began, ended) / lasted)
-    low, high = (s * cosim.figures.largest(t[inside], s * power[inside]) for s in (-1.0, 1.0))
+    low, high = (s * cosim.metrics.largest(t[inside], s * power[inside]) for s in (-1.0, 1.0))
     angles = begin + TURN * np.arange(first * EVEN, last * EVEN) / EVEN
     sizes = np.abs(harmonics(angles, CubicSpline(phi, power)(angles), HIGHEST[drive])).tolist()
     orders = [Order(drive, k, k * number / lasted, x, x) for k, x in enumerate(sizes, 1)]

@@ -21,11 +21,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from cosim import Interrupted, SetupError, SimulationError, run, run_isolated
+from cosim import Interrupted, SetupError, SimulationError, isolated, run, run_isolated
 from cosim import __main__ as main_module
 from cosim.__main__ import alone, main
 from cosim.engine import stepping, surroundings
-from cosim.judge import isolated
 from tests.conftest import ROOT, hear_ctrl_c, until
 from tests.cosim.conftest import Said
 from tests.cosim.foreign import pack

@@ -12,9 +12,8 @@ from typing import Any
 
 import pytest
 
-from cosim import System, run
+from cosim import System, describe, run
 from cosim.engine.driver import RunSettings
-from cosim.judge import describe
 from cosim.master import setup_problems, stepping_order
 from cosim.system import connect
 from cosim.system.graph import strongly_connected

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from cosim import SetupError, System, run
-from cosim.judge.describe import info
+from cosim.describe import info
 from cosim.system import TERMINALS, connect
 from tests.conftest import rewritten
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from ...engine.instance import quiet
 from ...errors import SetupError
-from ..isolated import child, death
+from ...isolated import child, death
 from .checks import CHECKS, FAILED, NOT_RUN, STANDARD, Subject, Verdict, checked
 from .report import Crosscheck
 

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree
 
+from ...describe import table
 from ...errors import SetupError
-from ..describe import table
 from .checks import FAILED, NOT_OFFERED, NOT_RUN, PASSED, Verdict
 
 COLORS = {PASSED: "#1a7f37", FAILED: "#cf222e", NOT_OFFERED: "#6e7781", NOT_RUN: "#9a6700"}

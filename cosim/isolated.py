@@ -21,13 +21,13 @@ from shutil import rmtree
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from ..engine.instance import log
-from ..errors import SetupError, pluralize
-from ..master import run
-from ..result import Interrupted, Result, SimulationError, partial, read_rows, write_json
-from ..scratch import scratch
-from ..signals import collect_interrupts
-from ..system import System
+from .engine.instance import log
+from .errors import SetupError, pluralize
+from .master import run
+from .result import Interrupted, Result, SimulationError, partial, read_rows, write_json
+from .scratch import scratch
+from .signals import collect_interrupts
+from .system import System
 
 PATIENCE = 0.1
 GRACE = 10.0

@@ -14,12 +14,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..describe import table
 from ..engine.control import Adaptive
-from ..figures import FEWEST, largest, mean, smallest, spline
 from ..master import run
+from ..metrics import FEWEST, largest, mean, smallest, spline
 from ..result import Result, Rows
 from ..system import System
-from .describe import table
 
 NEGLIGIBLE = 1e-10
 SLOWEST, FASTER, VAGUE, SAFETY = 0.5, 1.5, 0.1, 1.5

@@ -20,7 +20,7 @@ from ..master import versions
 from ..result import Result, SimulationError
 from ..system import System, connect, require_cosimulation
 from .certify import Estimate, certify, summary
-from .continuous import Array, Whole, opened
+from .coupled_ode import Array, Whole, opened
 
 METHODS = ("DOP853", "Radau", "LSODA")
 TOLERANCE, LOOSER, ROWS, MOST_AT_ONCE = 1e-12, 10.0, 1000, 100

@@ -26,7 +26,7 @@ from cosim import (
     run,
     true_errors,
 )
-from cosim.judge.continuous import Model
+from cosim.accuracy.coupled_ode import Model
 from scenarios.packing_line import packing_line
 from tests.cosim.conftest import Said
 from tests.cosim.test_linearize import conveyor, looped, two_masses

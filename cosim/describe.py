@@ -9,12 +9,12 @@ from typing import Any
 
 from fmpy import supported_platforms
 
-from ..engine.algorithms import find_algorithm
-from ..engine.driver import RunSettings
-from ..engine.energy import find_bonds
-from ..master import stepping_order
-from ..system import ANGLE, Connection, Network, Port, default_experiment, obstacles, unit_exponents
-from ..system.graph import algebraic_loops, describe_loop
+from .engine.algorithms import find_algorithm
+from .engine.driver import RunSettings
+from .engine.energy import find_bonds
+from .master import stepping_order
+from .system import ANGLE, Connection, Network, Port, default_experiment, obstacles, unit_exponents
+from .system.graph import algebraic_loops, describe_loop
 
 ABILITIES = {
     "canGetAndSetFMUstate": "restores its state",
