@@ -127,18 +127,19 @@ class Algorithm(Protocol):
         """
         if context.has_moving_inputs:
             return frozenset()
-        by_schedule = self.held_order > 1 and not context.input_degree
-        stages = self.stages(context.parts) if by_schedule else []
+        if self.held_order == 1 or context.input_degree:
+            return frozenset(each.output for each in context.feedthroughs)
+        last, at_end = dict[str, int](), dict[str, int]()
+        for n, stage in enumerate(self.stages(context.parts)):
+            last |= {turn.part: n for turn in stage}
+            at_end |= {turn.part: n for turn in stage if turn.end == 1.0}
+
+        def is_current(source: str, part: str) -> bool:
+            """Whether a source has come to the end of the step before the last turn of the part."""
+            return source in at_end and at_end[source] < last[part]
+
         return frozenset(
             each.output
             for each in context.feedthroughs
-            if each.sources - _at_end(stages, each.part)
+            if not all(is_current(source, each.part) for source in each.sources)
         )
-
-
-def _at_end(stages: Sequence[Stage], part: str) -> frozenset[str]:
-    """The parts that have come to the end of the step in a stage before the last turn of this one."""
-    last = max(
-        (n for n, stage in enumerate(stages) for turn in stage if turn.part == part), default=0
-    )
-    return frozenset(turn.part for stage in stages[:last] for turn in stage if turn.end == 1.0)
