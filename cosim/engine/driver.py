@@ -15,6 +15,7 @@ from fmpy.model_description import ScalarVariable
 from ..errors import EventReached, FmuError, SetupError, StepDiscarded
 from ..system import NUMERIC, STATE, VARIABLE_STEP, Network, Port, parts_without
 from .algorithms import find_algorithm
+from .buffers import Slot
 from .changes import Change, with_changes
 from .control import Adaptive, Controller, by_energy, doubling
 from .iteration import Iteration
@@ -105,16 +106,19 @@ class RowReader:
     """Reads the recorded variables, those that are wired from the wires' buffers."""
 
     def __init__(self, parts: Sequence[Part], ports: Sequence[Port]) -> None:
-        wired = {name: (b, i) for p in parts for b in p.outputs for i, name in enumerate(b.names)}
+        slots: dict[str, Slot] = {}
+        for block in (block for part in parts for block in part.outputs):
+            slots |= block.slots()
         unread: dict[str, dict[str, ScalarVariable]] = {part.name: {} for part in parts}
         for port in ports:
-            if port.name not in wired:
+            if port.name not in slots:
                 unread[port.part][port.name] = port.variable
         self.extra = [b for p in parts for b in p.blocks("Get", [*unread[p.name].values()])]
-        place = wired | {name: (b, i) for b in self.extra for i, name in enumerate(b.names)}
-        self.columns = [place[port.name] for port in ports]
+        for block in self.extra:
+            slots |= block.slots()
+        self.columns = [slots[port.name] for port in ports]
         self.names = [port.name for port in ports]
-        self._cells = [(block.cells, i) for block, i in self.columns]
+        self._cells = [(slot.cells, slot.element) for slot in self.columns]
         self.discrete = [
             k
             for k, port in enumerate(ports, 1)

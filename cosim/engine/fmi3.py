@@ -16,8 +16,9 @@ from ..errors import EventReached, FmuError, StepDiscarded
 from ..fmu.library import Library
 from ..system import Value
 from ..system.arrays import WIDTHS, Element
+from .buffers import address
 from .instance import CELL, DISCARD, OK, WARNING, Instance, VariableBlock
-from .operations import ENTER, EXCHANGE3, STEP3, Layout, Operation, address
+from .operations import ENTER, EXCHANGE3, STEP3, Layout, Operation
 from .part import Part
 from .times import coincide
 

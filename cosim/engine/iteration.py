@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from ..errors import FmuError, NonFiniteValueError, SetupError, StepDiscarded
 from .algorithms import Algorithm, Turn
+from .hermite import polynomial_value
 from .instance import VariableBlock
-from .links import polynomial_value
 from .part import Part
 from .snapshot import Snapshot
 

@@ -12,9 +12,10 @@ from functools import cache
 from typing import Any
 
 from ..errors import FmuError
+from .buffers import Slot, address
 from .compiler import OPTIONS, SOURCE, compile_loop, file_name
 from .instance import WARNING, VariableBlock
-from .operations import Layout, Operation, address
+from .operations import Layout, Operation
 from .part import StepOperation
 from .schedule import TimedOperation
 from .sources import InputSource
@@ -69,7 +70,7 @@ class Loop:
         self,
         program: Sequence[TimedOperation],
         extra: Sequence[VariableBlock],
-        columns: Sequence[tuple[VariableBlock, int]],
+        columns: Sequence[Slot],
         every: int,
     ) -> None:
         self._advance = library().advance
@@ -83,9 +84,7 @@ class Loop:
             timed.operation.part for timed in program if isinstance(timed.operation, StepOperation)
         ]
         self._row_begin = len(program)
-        cells = (
-            Column(address(block.cells, i), ord(block.cells._type_._type_)) for block, i in columns
-        )
+        cells = (Column(slot.address, ord(slot.kind._type_)) for slot in columns)
         self._columns = (Column * len(columns))(*cells)
         self._width = len(columns) + 1
         self._every = every

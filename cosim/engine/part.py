@@ -45,20 +45,14 @@ class Part(Instance):
         """Whether a wire carries what its events alone change, and a step can end there."""
         return False
 
-    def direct_feedthrough(self, driver: Mapping[int, str]) -> dict[str, frozenset[str]]:
+    def direct_feedthrough(self, driver: Mapping[str, str]) -> dict[str, frozenset[str]]:
         """The outputs on which driven inputs act directly, as far as declared, and the parts that drive them.
 
-        `driver` is the part of each buffer of outputs; an empty name stands for an input over time.
+        `driver` is the part of each wired output; an empty name stands for an input over time.
         """
-        sources: dict[tuple[int, int], set[str]] = {}
+        by_input: dict[str, set[str]] = {}
         for link in self.links:
-            place = id(link.cells), link.i
-            sources.setdefault(place, set()).add(driver.get(id(link.source), ""))
-        by_input = {
-            name: sources.get((id(block.cells), i), set())
-            for block in self.inputs
-            for i, name in enumerate(block.names)
-        }
+            by_input.setdefault(link.target.name, set()).add(driver.get(link.source.name, ""))
         acting = {
             f"{self.name}.{output}": frozenset[str]().union(
                 *(by_input.get(f"{self.name}.{name}", ()) for name in inputs)

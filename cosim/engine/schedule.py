@@ -48,7 +48,7 @@ def explicit(operations: Sequence[TimedOperation]) -> Advance:
 
 def coupling_context(parts: Sequence[Part], input_degree: int) -> CouplingContext:
     """What of these parts, in their stepping order, decides how fast an algorithm converges."""
-    driver = {id(block.cells): part.name for part in parts for block in part.outputs}
+    driver = {n: part.name for part in parts for block in part.outputs for n in block.names}
     feedthroughs: list[Feedthrough] = []
     for part in parts:
         wired = {n for block in part.outputs if block.real for n in block.names}
