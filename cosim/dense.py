@@ -107,6 +107,41 @@ class DenseSolution:
         other.is_discrete = self.is_discrete
         return other
 
+    def with_extremes(self, sign: float) -> Array:
+        """The values of the rows, of which those before a gap may be higher (or lower, for a sign of -1).
+
+        Where a polynomial that fills a gap rises above both its rows, the row before the gap has the largest
+        value of it. The start counts as a gap, see `filled`.
+        """
+        x = self.x.copy()
+        if self.is_discrete:
+            return x
+        for side in (Side.AFTER, Side.BEFORE):
+            solution = self.filled(side)
+            for k in solution.gaps:
+                highest = solution.highest_in_gap(int(k), sign)
+                if highest > max(sign * self.x[k], sign * self.x[k + 1], sign * x[k]):
+                    x[k] = sign * highest
+        return x
+
+    def with_top_lowered(self, width: Array) -> Array:
+        """The values of the rows, of which the highest, down to where they rise again, are lower by a width,
+        and the lowest ones higher, shape (rows,)."""
+        x = self.x.copy()
+        if not self.is_discrete:
+            for sign in (1.0, -1.0):
+                top = _around_top(sign * self.x)
+                x[top] -= sign * width[top]
+        return x
+
+    def highest_in_gap(self, k: int, sign: float) -> float:
+        """The largest value of sign times the polynomial from row k to row k + 1."""
+        low = max(0, k - OVERLAP_ROWS)
+        p = self._polynomial(low, min(len(self.t) - 1, k + 1 + OVERLAP_ROWS))
+        inside = (p.x[:-1] >= self.t[k]) & (p.x[:-1] < self.t[k + 1])
+        values, _ = _peaks(sign * p.c[:, inside], p.x[:-1][inside], np.diff(p.x)[inside])
+        return float(values.max(initial=-np.inf))
+
     def thinned(self, n: int, first: int) -> DenseSolution:
         """The solution of the rows first, first + n, ..., of the first and the last row."""
         kept = np.unique(np.concatenate([[0], np.arange(first, len(self.t), n), [len(self.t) - 1]]))
@@ -182,7 +217,7 @@ class DenseSolution:
         row = int(np.argmax(self.x))
         value, time = float(self.x[row]), float(self.t[row])
         for p in self.polynomials():
-            values, times = _peaks(p)
+            values, times = _peaks(p.c, p.x[:-1], np.diff(p.x))
             if len(values) and values.max() > value:
                 k = int(np.argmax(values))
                 value, time = float(values[k]), float(times[k])
@@ -199,10 +234,17 @@ class DenseSolution:
         return float(sum(p.integrate(p.x[0], p.x[-1]) for p in self.polynomials()))
 
 
-def _peaks(p: PPoly) -> tuple[Array, Array]:
+def _around_top(x: Array) -> slice:
+    """The rows around the highest, down to where they rise again."""
+    top, steps = int(np.argmax(x)), np.diff(x)
+    falls, rises = np.flatnonzero(steps[:top] < 0.0), np.flatnonzero(steps[top:] > 0.0)
+    return slice(falls[-1] + 1 if len(falls) else 0, top + rises[0] + 1 if len(rises) else len(x))
+
+
+def _peaks(coefficients: Array, begin: Array, width: Array) -> tuple[Array, Array]:
     """The values and times of all points where polynomials have no slope, begin or end."""
-    a, b, c, d = p.c
-    start, width = np.zeros(p.c.shape[1]), np.diff(p.x)
+    a, b, c, d = coefficients
+    start = np.zeros(len(width))
     with np.errstate(all="ignore"):
         root = np.sqrt(b * b - 3.0 * a * c)
         # The roots of 3 a s^2 + 2 b s + c, without cancellation, whatever of a and b vanishes.
@@ -211,7 +253,7 @@ def _peaks(p: PPoly) -> tuple[Array, Array]:
         values = ((a * candidates + b) * candidates + c) * candidates + d
     inside = (candidates >= 0.0) & (candidates <= width) & np.isfinite(values)
     values = np.where(inside, values, -np.inf)
-    return values.ravel(), (p.x[:-1] + candidates).ravel()
+    return values.ravel(), (begin + candidates).ravel()
 
 
 def _fill(c: Array, t: Array, x: Array, gaps: Indices, side: Side) -> None:

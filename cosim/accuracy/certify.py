@@ -7,8 +7,8 @@ import math
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any, NamedTuple
 
-from ..describe import table
 from ..dense import DenseSolution
+from ..describe import table
 from ..engine.control import Adaptive
 from ..master import run
 from ..metrics import Largest, Last, Mean, Metric, Smallest

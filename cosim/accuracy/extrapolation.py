@@ -54,6 +54,25 @@ DISTANT_SHARE = 0.1
 #: Parts before and after one in which the coarser runs are looked at, too: convention. Where two runs differ in
 #: phase, their distance vanishes twice a period, and not at the same times for each pair.
 NEIGHBOURS = 2
+#: Runs from which an order is observed: derived, two differences need three.
+RUNS = 3
+#: Differences that do not fall by this factor show no order that can be extrapolated: measured in
+#: benchmarks/resonance.py, features of 200 drives; half of the factor 2 of order 1 lies at sqrt(2).
+SLOWEST_FALL = 1.5
+#: Differences below this share of a value are those of a settled orbit: measured in benchmarks/resonance.py.
+SETTLED_SHARE = 1e-9
+#: Differences in no order up to this share of a value still give an error: convention, three digits.
+UNORDERED_SHARE = 1e-3
+#: Factor on such differences: convention, twice the spread for each of two runs.
+UNORDERED_FACTOR = 4.0
+#: Smallest error of an extrapolated value as a share of the last difference: measured in
+#: benchmarks/resonance.py, where the limits of both pairs agree by accident.
+EXTRAPOLATION_SHARE = 0.02
+#: Factor on the spread of runs that show no order: convention, the truth is as far again on either side.
+SPREAD_FACTOR = 2.0
+#: The reasons why nothing is extrapolated.
+UNSTABLE = "the run with four times the step is unstable, so that no error can be estimated"
+NOT_CONVERGED = "results do not converge as the step is halved"
 #: The reason why numbers are refused after trajectories have diverged.
 DIVERGED = "not converged: the runs diverge"
 
@@ -108,11 +127,11 @@ def _grid_convergence_index(
     last: float, previous: float, order: float, observed: float, ratio: float
 ) -> float:
     """The index of the finest of three runs; see `estimate`."""
-    difference = max(last, previous / ratio**order)
+    difference = max(last, previous / math.pow(ratio, order))
     if abs(observed - order) <= CONFIRMED_DISTANCE * order:
-        return CONFIRMED_FACTOR * difference / float(ratio**order - 1.0)
+        return CONFIRMED_FACTOR * difference / (math.pow(ratio, order) - 1.0)
     used = min(max(observed, LOWEST_ORDER), order)
-    return UNCONFIRMED_FACTOR * difference / float(ratio**used - 1.0)
+    return UNCONFIRMED_FACTOR * difference / (math.pow(ratio, used) - 1.0)
 
 
 @dataclass(frozen=True)
@@ -120,7 +139,8 @@ class ErrorBand:
     """What remains to the solution of a column at the times of the finest run.
 
     `solution` is the column extrapolated to a step of zero, where its values converge regularly, and as it is
-    elsewhere. `width` is the distance of each value from its limit, whether it converges regularly or not.
+    elsewhere. `width` is by how much each value may be off: with the factor of safety where it converges regularly, and
+    with the lowest order elsewhere.
     `times` [s] and `regular` say where it does.
     """
 
@@ -178,7 +198,9 @@ def error_band(
     )
     remains = last / (ratio**order - 1.0)
     shift = np.interp(finest.t, shared, np.where(regular, remains, 0.0))
-    width = np.interp(finest.t, shared, np.abs(remains))
+    irregular = last / (math.pow(ratio, LOWEST_ORDER) - 1.0)
+    width = np.where(regular, CONFIRMED_FACTOR * np.abs(remains), np.abs(irregular))
+    width = np.interp(finest.t, shared, width)
     rounding = ROUNDING_SHARE * float(np.abs(finest.x).max())
     return ErrorBand(
         finest.with_values(finest.x + shift),
@@ -248,3 +270,62 @@ def divergence(
         return math.inf, np.zeros(fine.shape[1], dtype=bool)
     first = int(diverged.any(axis=1).argmax())
     return float(t[parts[first][0]]), distant[first:].any(axis=0)
+
+
+def extrapolate(values: Sequence[float], order: float) -> Estimate:
+    """Extrapolate values of runs with the steps h, 2 h and 4 h to a step of zero (Richardson).
+
+    Parameters
+    ----------
+    values : sequence of floats
+        The value with the step h, 2 h and 4 h; fewer where the runs with longer steps have failed.
+    order : float
+        The order with which the error falls.
+
+    Returns
+    -------
+    Estimate
+        Its error is the distance of what the finer pair of runs extrapolates to from what the coarser pair does,
+        which is at least twice as wrong. Values that move by little and in no order are not
+        extrapolated and keep four times their moves as error. The error is None, with a reason, where there are
+        fewer than three values, or where they move by more and in no order.
+    """
+    if len(values) < RUNS:
+        return Estimate(values[0], None, math.nan, reason=UNSTABLE)
+    fine, middle, coarse = values
+    last, previous = fine - middle, middle - coarse
+    most = max(abs(last), abs(previous))
+    if abs(previous) < SLOWEST_FALL * abs(last) or most <= SETTLED_SHARE * abs(fine):
+        if most > UNORDERED_SHARE * abs(fine):
+            return Estimate(fine, None, math.nan, reason=NOT_CONVERGED)
+        return Estimate(fine, UNORDERED_FACTOR * most, math.nan)
+    observed = math.log2(abs(previous / last)) if last else math.inf
+    gain = STEP_RATIO**order - 1.0
+    limit, limit_of_coarser = fine + last / gain, middle + previous / gain
+    error = abs(limit - limit_of_coarser) + EXTRAPOLATION_SHARE * abs(last)
+    return Estimate(limit, error, observed)
+
+
+def bound_coupling_error(values: Sequence[float], order: float) -> float:
+    """The error of the first of values with the steps h, 2 h and 4 h, see `estimate`, where one is needed.
+
+    It is twice the spread of the values where `estimate` states none, and 0 for a count that all runs agree on.
+    """
+    spread = max(values) - min(values)
+    if spread == 0.0 and values[0] == round(values[0]):
+        return 0.0
+    error = estimate(values, order).error
+    return SPREAD_FACTOR * spread if error is None else error
+
+
+def estimate_of_orders(
+    values: Sequence[float], orders: Sequence[float], ratio: float = STEP_RATIO
+) -> Estimate:
+    """Estimate the error of a value that may have one of several orders, see `estimate`.
+
+    The order is the highest one that is within CONFIRMED_DISTANCE of the order observed, else the lowest. A value
+    of a low order that happens to fall with a higher one gets too small an error.
+    """
+    observed = estimate(values, min(orders), ratio).order
+    confirmed = [p for p in orders if abs(observed - p) <= CONFIRMED_DISTANCE * p]
+    return estimate(values, max(confirmed, default=min(orders)), ratio)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+
 from ..dense import DenseSolution, Side
 from ..metrics import Metric
 from .estimate import Estimate
@@ -16,6 +17,8 @@ THINNED = (2, 3)
 ROW_ORDERS = (1.0, 2.0)
 #: Factor of safety of the rows' share: convention of this project, between those of Roache, as the order is bounded.
 ROWS_FACTOR = 1.5
+#: Times the rows' share by which the values of two runs may differ: derived, each has it once.
+BOTH_ROWS = 2.0
 SOME_RUNS = "only some of the runs have it"
 NO_ROWS = "it cannot be determined from fewer rows"
 
@@ -35,7 +38,7 @@ def metric_error(metric: Metric, runs: ColumnRuns) -> Estimate:
     if rows is None or not math.isfinite(value):
         return replace_error(coupling, None, NO_ROWS)._replace(value=value)
     spread = max(values) - min(values)
-    if coupling.error is None and spread <= 2.0 * rows:
+    if coupling.error is None and spread <= BOTH_ROWS * rows:
         coupling = coupling._replace(error=spread)
     if runs.band is not None:
         coupling = _with_band(coupling, metric, runs.finest, runs.band, value, spread)
@@ -55,8 +58,7 @@ def _with_band(
     """The estimate of a number that is at least as wide as the band of the solution makes it.
 
     Where the number has no order, but the solution converges at the times that decide it, its error is
-    the spread of the runs or what the extrapolation moves, with the larger factor of safety. That factor
-    also counts where the band is far wider than the number's own error.
+    the spread of the runs or what the extrapolation moves, with the larger factor of safety.
     """
     solutions = [band.solution, band.solution.filled(Side.AFTER)]
     moved = max(abs(metric.value(s) - value) for s in solutions)
@@ -68,10 +70,24 @@ def _with_band(
         if not times or not all(band.converges_at(t) for t in times):
             return coupling
         error = max(spread, UNCONFIRMED_FACTOR * moved)
+    return coupling._replace(error=band_error(error, moved, metric.doubt(finest, band.width)))
+
+
+def band_error(error: float, moved: float, doubt: float = 0.0) -> float:
+    """The error of a number, or the one that the band makes if that is larger.
+
+    Parameters
+    ----------
+    error : float
+        The error of the number from its values in the three runs.
+    moved : float
+        How far the extrapolation of the solution moves it.
+    doubt : float
+        See `Metric.doubt`.
+    """
     agree = moved * CONFIRMED_FACTOR**2 <= UNCONFIRMED_FACTOR * error
     factor = CONFIRMED_FACTOR if agree else UNCONFIRMED_FACTOR
-    error = max(error, factor * moved + metric.doubt(finest, band.width))
-    return coupling._replace(error=error)
+    return max(error, factor * moved + doubt)
 
 
 def replace_error(of: Estimate, error: float | None, reason: str) -> Estimate:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import time as clock
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,8 +20,8 @@ from ..master import versions
 from ..result import Result, SimulationError
 from ..system import System, connect, require_cosimulation
 from .certify import Metrics, certify, evaluate, summary_metrics
-from .estimate import Estimate
 from .coupled_ode import Array, Whole, opened
+from .estimate import Estimate
 
 METHODS = ("DOP853", "Radau", "LSODA")
 TOLERANCE, LOOSER, ROWS, MOST_AT_ONCE = 1e-12, 10.0, 1000, 100

@@ -17,10 +17,7 @@ from ..engine.row_file import read_row_file
 from ..result import Result, Rows
 from ..scratch import scratch
 from ..system import System
-from .extrapolation import STEP_RATIO, TOLERANCE_RATIO, ErrorBand, error_band
-
-#: Runs from which the order is observed: derived, two differences need three.
-RUNS = 3
+from .extrapolation import RUNS, STEP_RATIO, TOLERANCE_RATIO, ErrorBand, error_band
 
 
 @dataclass(frozen=True)
@@ -63,9 +60,10 @@ class ThreeRuns:
             return 1.0
         return float(provenance["convergence_order"])
 
-    def column(self, name: str) -> ColumnRuns:
-        """A column of the three runs."""
-        finest = _dense(self.all_rows[:, 0], self.all_rows[:, self.finest.columns.index(name)])
+    def column(self, name: str, *, keep_rows: bool = False) -> ColumnRuns:
+        """A column of the three runs, with all rows or without those that say nothing new."""
+        t, x = self.all_rows[:, 0], self.all_rows[:, self.finest.columns.index(name)]
+        finest = DenseSolution(np.array(t), np.array(x)) if keep_rows else _dense(t, x)
         runs = [(r["time"], r[name]) for r in self.results]
         order = self.order(name)
         band = error_band(finest, runs, order, self.ratio)

@@ -23,9 +23,9 @@ from scipy.interpolate import CubicSpline, PPoly
 
 import workbench
 from cosim import CONVERGENCE_ORDERS, SetupError, System
+from cosim.accuracy.extrapolation import extrapolate
 from cosim.system import Value
 from workbench import Bench, Figure, option
-from workbench.limit import limit
 from workbench.measure import Measured, harmonics
 from workbench.orbit import TURN, NotSteady, Turns, steady
 
@@ -219,9 +219,10 @@ def largest_force(orbits: Iterable[Sequence[Point]]) -> tuple[float, float]:
     peaks = []
     for points in orbits:
         for values, left in zip(zip(*(p.forces for p in points)), points[0].force_errors):
-            value, error, _ = limit(values, 1.0)
+            peak = extrapolate(values, 1.0)
+            error = peak.error
             reach = 2.0 * float(np.ptp(values)) if error is None else error + 2.0 * left
-            peaks.append((value, value + reach, error is None))
+            peaks.append((peak.value, peak.value + reach, error is None))
     value, reach, unknown = np.array(peaks).T
     best = float(value.max())
     if math.isnan(best) or unknown[reach >= best].any():
@@ -471,7 +472,7 @@ def converged(runs: Sequence[Measured | str], order: float, unit: str, meaning: 
     if lost := [run for run in runs if isinstance(run, str)]:
         return Figure.refused(unit, lost[0], meaning)
     values, errors = np.array(runs).T
-    value, error, reason = limit(values.tolist(), order)
-    if error is None:
-        return Figure.refused(unit, reason, meaning)
-    return Figure(value, unit, error + 2.0 * float(errors.max()), meaning)
+    limit = extrapolate(values.tolist(), order)
+    if limit.error is None:
+        return Figure.refused(unit, limit.reason, meaning)
+    return Figure(limit.value, unit, limit.error + 2.0 * float(errors.max()), meaning)

@@ -11,7 +11,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from cosim import Result, System, certify, diagnose, estimate, run, smallest, time_of_largest
-from cosim.accuracy.certify import divergence
+from cosim.accuracy.extrapolation import divergence
 from cosim.verification.ideal import Ideal
 from cosim.verification.systems import couple, drive
 from scenarios.iron import machine as iron

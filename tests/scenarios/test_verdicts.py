@@ -15,6 +15,7 @@ import pytest
 from scipy.optimize import brentq
 
 from cosim import SetupError
+from cosim.accuracy.extrapolation import bound_coupling_error
 from scenarios.__main__ import PROJECT
 from scenarios.conveyor.features import COARSER
 from scenarios.conveyor.first_order import SETS, settling
@@ -27,7 +28,6 @@ from workbench.answer import Answer
 from workbench.ask import refused
 from workbench.command import REFUSED, main
 from workbench.figure import ERROR_SCOPE, Figure
-from workbench.limit import coupling
 
 SPEEDS = "34:46:7"
 
@@ -278,7 +278,7 @@ def test_the_largest_deviation_carries_the_coupling_error_of_its_own_point() -> 
     at = int(np.nanargmax(np.abs(ratio - 1.0)))
     spots = [(*data.plane.spots()[at][:2], k) for k in COARSER]
     runs = [largest(orbit) for orbit in data.setup.orbits(spots, "test")]
-    own = 100 * ratio[at] * coupling(runs, ORDER) / runs[0]
+    own = 100 * ratio[at] * bound_coupling_error(runs, ORDER) / runs[0]
     assert own > 200 * coupling_error(data.plane, data.setup, largest, ORDER)
     assert figure.error is not None and figure.error >= 0.999 * own
 

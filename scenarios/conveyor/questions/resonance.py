@@ -20,10 +20,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cosim import CONVERGENCE_ORDERS, SetupError
+from cosim.accuracy.extrapolation import extrapolate
 from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, Table, option
 from workbench.answer import parameters
 from workbench.figure import SENTENCE_DIGITS, SHARE_DIGITS, concise, percent
-from workbench.limit import limit
 from workbench.live import (
     REVOLUTION,
     Live,
@@ -261,9 +261,9 @@ def row(machine: Machine, points: Sequence[Point], order: float) -> dict[str, tu
 
 def extrapolated(values: Sequence[complex], order: float) -> tuple[complex, float]:
     """Where values at steps h, 2 h, 4 h go, and the error of that, nan where it is not known."""
-    parts = [limit([getattr(x, part) for x in values], order) for part in ("real", "imag")]
-    errors = [math.nan if error is None else error for _, error, _ in parts]
-    return complex(parts[0][0], parts[1][0]), math.hypot(*errors)
+    parts = [extrapolate([getattr(x, part) for x in values], order) for part in ("real", "imag")]
+    errors = [math.nan if part.error is None else part.error for part in parts]
+    return complex(parts[0].value, parts[1].value), math.hypot(*errors)
 
 
 def told(value: float, error: float, unit: str, meaning: str, nu: float) -> Figure:

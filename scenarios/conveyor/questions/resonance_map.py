@@ -21,10 +21,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim import CONVERGENCE_ORDERS, SetupError
+from cosim.accuracy.extrapolation import bound_coupling_error
 from cosim.result import partial
 from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, Table, option
 from workbench.answer import stream
-from workbench.limit import coupling
 from workbench.options import refuse
 from workbench.report import chart as colors
 from workbench.report.chart import Direction, Field, Level, Span
@@ -271,7 +271,7 @@ def coupling_error(
             "no orbit is steady with a quarter of the steps per revolution: take more steps"
         )
     order = order or CONVERGENCE_ORDERS[setup.algorithm]
-    return float(max(coupling(run, order) / run[0] for run in runs.tolist()))
+    return float(max(bound_coupling_error(run, order) / run[0] for run in runs.tolist()))
 
 
 def risk(r: Map, built: Built, count: int, most: float) -> list[Sample]:

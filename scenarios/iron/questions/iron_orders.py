@@ -18,11 +18,11 @@ import numpy as np
 import cosim
 import workbench
 from cosim import System, largest
+from cosim.accuracy.extrapolation import bound_coupling_error
 from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, Table, option
 from workbench.answer import parameters
 from workbench.ask import hearing
 from workbench.figure import listed, refusals
-from workbench.limit import coupling
 from workbench.measure import Measured, Samples, harmonics, measured
 from workbench.orbit import NotSteady, Turns, steady
 from workbench.report.chart import SERIES
@@ -217,10 +217,11 @@ def figures(machine: Machine, orders: Frame, runs: Frame) -> dict[str, Figure]:
         for at in mine.head(1).itertuples():
             left, most = 2 * at.settling, machine.most(at.nu)
             apart = machine.excitation(at.nu, at.order).error
-            added = coupling(mine["added"].to_list(), order)
+            added = bound_coupling_error(mine["added"].to_list(), order)
             added += (100 * (left + apart) + at.added * most.error) / most.value
             gain = (
-                coupling(mine["gain"].to_list(), order) + (left + at.gain * apart) / at.excitation
+                bound_coupling_error(mine["gain"].to_list(), order)
+                + (left + at.gain * apart) / at.excitation
             )
             told["added"] = Figure(at.added, "%", added, share)
             told["gain"] = Figure(at.gain, "1", gain, f"gain of order {at.order} there")
