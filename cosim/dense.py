@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import Enum
+from math import comb
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -108,9 +109,9 @@ class DenseSolution:
         return other
 
     def with_extremes(self, sign: float) -> Array:
-        """The values of the rows, of which those before a gap may be higher (or lower, for a sign of -1).
+        """The values of the rows, of which those behind a gap may be higher (or lower, for a sign of -1).
 
-        Where a polynomial that fills a gap rises above both its rows, the row before the gap has the largest
+        Where a polynomial that fills a gap rises above both its rows, the row behind the gap has the largest
         value of it. The start counts as a gap, see `filled`.
         """
         x = self.x.copy()
@@ -120,18 +121,23 @@ class DenseSolution:
             solution = self.filled(side)
             for k in solution.gaps:
                 highest = solution.highest_in_gap(int(k), sign)
-                if highest > max(sign * self.x[k], sign * self.x[k + 1], sign * x[k]):
-                    x[k] = sign * highest
+                if highest > max(sign * self.x[k], sign * self.x[k + 1], sign * x[k + 1]):
+                    x[k + 1] = sign * highest
         return x
 
-    def with_top_lowered(self, width: Array) -> Array:
-        """The values of the rows, of which the highest, down to where they rise again, are lower by a width,
-        and the lowest ones higher, shape (rows,)."""
+    def with_top_lowered(self, width: Array, begin: float = 1.0, end: float = 1.0) -> Array:
+        """The values of the rows, of which the highest are lower by a width and the lowest ones higher.
+
+        The width is multiplied by `begin` at the first of them and by `end` at the last, evenly in between. These are the rows around the extreme, to the middle of the range and to where they turn again.
+        """
         x = self.x.copy()
+        middle = 0.5 * (float(x.min()) + float(x.max()))
         if not self.is_discrete:
             for sign in (1.0, -1.0):
                 top = _around_top(sign * self.x)
-                x[top] -= sign * width[top]
+                half = sign * self.x[top] > sign * middle
+                weights = np.linspace(begin, end, top.stop - top.start)
+                x[top] -= np.where(half, sign * weights * width[top], 0.0)
         return x
 
     def highest_in_gap(self, k: int, sign: float) -> float:
@@ -257,19 +263,22 @@ def _peaks(coefficients: Array, begin: Array, width: Array) -> tuple[Array, Arra
 
 
 def _fill(c: Array, t: Array, x: Array, gaps: Indices, side: Side) -> None:
-    """Set the coefficients in gaps; where a piece has one row only, they keep its value."""
-    from math import comb
-
+    """Set the coefficients in gaps, from the next piece that has a polynomial; without one, they keep the value
+    of its row."""
+    hidden = {int(k) for k in gaps}
     for k in gaps:
         width = t[k + 1] - t[k]
         if side is Side.LINE:
             c[:, k] = [0.0, 0.0, (x[k + 1] - x[k]) / width if width else 0.0, x[k]]
             continue
-        neighbour, shift = (k - 1, t[k] - t[k - 1]) if side is Side.BEFORE else (k + 1, -width)
-        alone = neighbour < 0 or neighbour >= c.shape[1] or neighbour in gaps
-        if alone:
+        step = -1 if side is Side.BEFORE else 1
+        neighbour = int(k) + step
+        while neighbour in hidden:
+            neighbour += step
+        if not 0 <= neighbour < c.shape[1]:
             c[:, k] = [0.0, 0.0, 0.0, x[k] if side is Side.BEFORE else x[k + 1]]
             continue
+        shift = t[k] - t[neighbour]
         of = c[:, neighbour]
         c[:, k] = [
             sum(of[3 - m] * comb(m, n) * shift ** (m - n) for m in range(n, 4))
@@ -339,4 +348,6 @@ def _leaps(t: Array, x: Array, floor: float) -> Indices:
             predicted += weight * values[:, i]
         error = np.abs(predicted - x[:many])
     calm = windows(error, SMOOTH_STENCILS)[1:].max(axis=1)
-    return np.flatnonzero(error[:-SMOOTH_STENCILS] > np.maximum(GAP_RATIO * calm, floor))
+    leaps = np.flatnonzero(error[:-SMOOTH_STENCILS] > np.maximum(GAP_RATIO * calm, floor))
+    # The stencils of the next rows reach over the same gap; the one that begins right behind it is the last.
+    return leaps[np.append(np.diff(leaps) > CUBIC_ROWS, True)] if len(leaps) else leaps

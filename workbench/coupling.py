@@ -42,7 +42,7 @@ def with_coupling_errors(
     order = float(finest.provenance["convergence_order"])
     first_order = finest.provenance.get("first_order", ())
     orders = {min(order, 1.0) if c in first_order else order for c in observed.columns_read()}
-    late = after_divergence(figures_of, results, finest, STEP_RATIO)
+    late = after_divergence(figures_of, results, STEP_RATIO)
     return {
         name: Figure.refused(figure.unit, late[name], figure.meaning)
         if name in late and figure.error is not None

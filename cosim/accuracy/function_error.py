@@ -23,6 +23,10 @@ from .metric_error import (
 )
 from .three_runs import ThreeRuns
 
+#: By how much of its width a peak is lowered at its begin and at its end: all of it or either end, derived: the top of
+#: a plateau lies at one end of it.
+TILTS = ((1.0, 1.0), (0.0, 1.0), (1.0, 0.0))
+
 #: A function from a result to numbers by name.
 Function = Callable[[Result], Mapping[str, float]]
 
@@ -91,7 +95,7 @@ def function_errors(function: Function, runs: ThreeRuns) -> dict[str, Estimate]:
         reason = f"it cannot be computed from other rows: {error}"
         return {name: Estimate(v, None, math.nan, reason=reason) for name, v in value.items()}
     orders = sorted({runs.order(name) for name in columns} or {runs.order("")})
-    diverged = after_divergence(function, runs.results, runs.dense, runs.ratio)
+    diverged = after_divergence(function, runs.results, runs.ratio)
     return {
         name: Estimate(v, None, math.nan, reason=diverged[name])
         if name in diverged
@@ -117,9 +121,11 @@ def _estimate(name: str, numbers: _Numbers, orders: Sequence[float], ratio: floa
     error = coupling.error
     if error is None and spread > BOTH_ROWS * rows:
         return coupling
-    moved = max((abs(limit[name] - value) for limit in numbers.limits), default=0.0)
+    unmoved = [*(side[name] for side in numbers.sides), *(value for _ in TILTS)]
+    moved = max(abs(limit[name] - v) for limit, v in zip(numbers.limits, unmoved))
     if math.isnan(moved):
         return coupling._replace(error=None, reason=SOME_RUNS)
+    moved = moved if moved > rows else 0.0  # to the next row, which the rows' share has
     error = spread if error is None else error
     return coupling._replace(error=band_error(error, moved) + rows, rows=rows)
 
@@ -133,9 +139,10 @@ def _rows_share(
 
 
 def _other_rows(runs: ThreeRuns, columns: Sequence[str]) -> tuple[list[Rows], list[Rows]]:
-    """All rows with the extremes that gaps hide; these at a step of zero, and with lower peaks."""
+    """All rows with the extremes that gaps hide, high and low; these at a step of zero, and with lower peaks."""
     names = runs.finest.columns
-    high, low, limit_high, limit_low, lowered = (runs.all_rows.copy() for _ in range(5))
+    high, low, limit_high, limit_low = (runs.all_rows.copy() for _ in range(4))
+    lowered = [runs.all_rows.copy() for _ in TILTS]
     for name in columns:
         k = names.index(name)
         column = runs.column(name, keep_rows=True)
@@ -144,8 +151,11 @@ def _other_rows(runs: ThreeRuns, columns: Sequence[str]) -> tuple[list[Rows], li
         if column.band is not None:
             limit_high[:, k] = column.band.solution.with_extremes(1.0)
             limit_low[:, k] = column.band.solution.with_extremes(-1.0)
-            lowered[:, k] = column.finest.with_top_lowered(column.band.width.x)
-    return [high, low], [limit_high, limit_low, lowered]
+            for rows, tilt in zip(lowered, TILTS):
+                rows[:, k] = column.finest.with_top_lowered(column.band.width.x, *tilt)
+        else:
+            limit_high[:, k], limit_low[:, k] = high[:, k], low[:, k]
+    return [high, low], [limit_high, limit_low, *lowered]
 
 
 def _thinned(result: Result, n: int) -> Iterator[Result]:
@@ -163,7 +173,6 @@ def _with_rows(result: Result, rows: Rows) -> Result:
 def after_divergence(
     function: Callable[[Result], Mapping[str, Any]],
     results: Sequence[Result],
-    dense: Result,
     ratio: float,
 ) -> dict[str, str]:
     """The values that need rows after the runs have diverged, each with the reason why it is refused.
@@ -173,22 +182,24 @@ def after_divergence(
     function : callable
         Makes values by name of a result.
     results : sequence of three results
-        The runs, the finest first.
-    dense : Result
-        The finest run; with its rows before that time alone, a value that does not need the others is the same.
+        The runs, the finest first. A value that does not need the later rows is the same with those of the second
+        run in their place.
     ratio : float
         The ratio of the steps of two runs.
     """
     begin, is_diverged = divergence([result.data for result in results], ratio)
     if not is_diverged.any():
         return {}
-    observed = ObservedResult(dense)
+    observed = ObservedResult(results[0])
     values = function(observed)
-    if not any(is_diverged[dense.columns.index(name)] for name in observed.columns_read()):
+    names = results[0].columns
+    if not any(is_diverged[names.index(name)] for name in observed.columns_read()):
         return {}
     reason = f"{DIVERGED} from {begin:.4g} s on"
+    early, late = results[0].data, results[1].data
+    rows = np.vstack([early[early[:, 0] < begin], late[late[:, 0] >= begin]])
     try:
-        earlier = function(_with_rows(dense, dense.data[dense.data[:, 0] < begin]))
-    except Exception:  # noqa: BLE001 - it needs the later rows
-        earlier = {}
-    return {name: reason for name, value in values.items() if earlier.get(name) != value}
+        others = function(_with_rows(results[0], rows))
+    except Exception:  # noqa: BLE001 - it depends on which of the rows it gets
+        others = {}
+    return {name: reason for name, value in values.items() if others.get(name) != value}

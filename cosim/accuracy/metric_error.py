@@ -60,8 +60,11 @@ def _with_band(
     Where the number has no order, but the solution converges at the times that decide it, its error is
     the spread of the runs or what the extrapolation moves, with the larger factor of safety.
     """
-    solutions = [band.solution, band.solution.filled(Side.AFTER)]
-    moved = max(abs(metric.value(s) - value) for s in solutions)
+    behind = metric.value(finest.filled(Side.AFTER))
+    moved = max(
+        abs(metric.value(band.solution) - value),
+        abs(metric.value(band.solution.filled(Side.AFTER)) - behind),
+    )
     if math.isnan(moved):
         return replace_error(coupling, None, SOME_RUNS)
     error = coupling.error

@@ -226,7 +226,8 @@ def test_the_start_and_the_turn_of_the_iron_state_their_errors() -> None:
     """A turn of 180 rows against one of 1440; the start against steps four times shorter."""
     rough, fine = (ask("iron_cycle", samples=n).figures for n in (180, 1440))
     for name in ("tau_cam_min", "tau_cam_max", "stroke", "work", "follower_force_min"):
-        assert abs(rough[name].value - fine[name].value) < rough[name].error, name
+        off = abs(rough[name].value - fine[name].value)
+        assert off < rough[name].error + fine[name].error, name
         assert rough[name].error < 0.02 * abs(fine[name].value), name
     rough, fine = (ask("iron_start", stop=0.1, step=h).figures for h in (5e-4, 1.25e-4))
     for name in ("w_cam_max", "w_cam_max_time", "tau_max", "tau_max_time", "energy_in"):
