@@ -148,10 +148,10 @@ def sweep(_: int, fmus: Path) -> Callable[[], object]:
     from scenarios.conveyor.features import Setup, simulate
     from scenarios.conveyor.first_order import SETS
     from scenarios.conveyor.questions.resonance import SPEEDS
-    from workbench import Bench
+    from workbench import Context
 
     parts = {"motor": fmus / "DriveMotor.fmu", "conveyor": fmus / "CrankConveyor.fmu"}
-    setup = Setup(Bench(parts), {}, "strang", 256)
+    setup = Setup(Context(parts), {}, "strang", 256)
     cases = [setup.case(SETS["A"], float(nu)) for nu in SPEEDS["A"].split(",")]
     simulate(cases[0])
     return lambda: [simulate(case) for case in cases]

@@ -31,17 +31,17 @@ class NotSteady(Exception):
     """There is no steady orbit from which to take a figure; says why in a sentence."""
 
 
-class Turns(NamedTuple):
+class Orbit(NamedTuple):
     """Whole revolutions of a run: columns by name and the rows of the last and the one before.
 
-    `left` is the share of a deviation from the orbit that a revolution leaves.
+    `contraction` is the share of a deviation from the orbit that a revolution leaves.
     """
 
     result: Result
     angle: str
     ends: Samples
     times: Samples
-    left: float
+    contraction: float
     states: Mapping[str, float]
 
     def window(self, back: int = 0) -> slice:
@@ -54,12 +54,12 @@ class Turns(NamedTuple):
         """How long that revolution takes [s]."""
         return float(self.times[-1 - back] - self.times[-2 - back])
 
-    def remains(self, moved: float) -> float:
+    def settling_error(self, moved: float) -> float:
         """What settling still leaves of a figure that moved so far over the last revolution."""
-        return moved * max(self.left / (1.0 - self.left), 0.1)
+        return moved * max(self.contraction / (1.0 - self.contraction), 0.1)
 
 
-def steady(
+def steady_orbit(
     system: Callable[[Mapping[str, float]], System],
     states: Mapping[str, float],
     angle: str,
@@ -67,7 +67,7 @@ def steady(
     steps_per_rev: int,
     record: Sequence[str],
     algorithm: str = "strang",
-) -> Turns:
+) -> Orbit:
     """Whole revolutions on the steady orbit near the start values `states` of the system.
 
     `system` makes the system of start values; `angle` is the output that grows by 2 pi in a
@@ -115,7 +115,7 @@ def steady(
         if known is None or np.abs(np.diff(sections, axis=0)).max() > TOLD:
             known = return_map(sections)
         map_, left = known
-        turns = Turns(
+        turns = Orbit(
             result, angle, ends, times, left, dict(zip(names, (sections[-1] * scale).tolist()))
         )
         far = moved * max(left / max(1.0 - left, 1e-12), 1.0)

@@ -24,10 +24,10 @@ from scipy.interpolate import CubicSpline, PPoly
 import workbench
 from cosim import CONVERGENCE_ORDERS, SetupError, System
 from cosim.system import Value
-from workbench import Bench, Figure, option
+from workbench import Context, Figure, option
 from workbench.limit import limit
 from workbench.measure import Measured, harmonics
-from workbench.periodic import TURN, NotSteady, Turns, steady
+from workbench.periodic import TURN, NotSteady, Orbit, steady_orbit
 
 from .first_order import SETS, Machine, longest_step
 from .machine import WIRES, start_values
@@ -106,7 +106,7 @@ class Setup:
     orbits of machines at a mean speed [rad/s] with `coarser` times fewer steps that were run.
     """
 
-    bench: Bench
+    context: Context
     start: Mapping[str, Value]
     algorithm: str
     steps_per_rev: int
@@ -122,12 +122,12 @@ class Setup:
             "motor.tau": machine.load_slope * nu + machine.torque_ripple(nu).imag,
         }
         start = start_values(machine, self.start, nu) | near
-        return Case(self.bench.fmus, start, nu, self.steps_per_rev // coarser, self.algorithm)
+        return Case(self.context.fmus, start, nu, self.steps_per_rev // coarser, self.algorithm)
 
     def each(self, spots: Sequence[Spot], title: str) -> Iterator[Point]:
         """The steady orbits of spots, one by one in their order; none is run twice."""
         new = [spot for spot in dict.fromkeys(spots) if spot not in self.known]
-        runs = self.bench.each(simulate, [self.case(*spot) for spot in new], title)
+        runs = self.context.each(simulate, [self.case(*spot) for spot in new], title)
         for spot in spots:
             if spot not in self.known:
                 self.known[spot] = next(runs)
@@ -165,17 +165,19 @@ def simulate(case: Case) -> Point:
         return Point(case.nu, problem=str(problem))
 
 
-def orbit(case: Case, record: Sequence[str]) -> Turns:
+def orbit(case: Case, record: Sequence[str]) -> Orbit:
     """Whole revolutions on the steady orbit; raises NotSteady."""
 
     def system(at: Mapping[str, float]) -> System:
         return System(case.fmus, WIRES, {**case.start, **at})
 
     near = {name: float(case.start[name]) for name in ("conveyor.w", "motor.tau")}
-    return steady(system, near, "conveyor.phi", case.nu, case.steps_per_rev, record, case.algorithm)
+    return steady_orbit(
+        system, near, "conveyor.phi", case.nu, case.steps_per_rev, record, case.algorithm
+    )
 
 
-def read(turns: Turns, nu: float) -> Point:
+def read(turns: Orbit, nu: float) -> Point:
     """The ripple of the last revolution, how far it may be from steady, and its rod forces."""
 
     ripples = []
@@ -186,7 +188,7 @@ def read(turns: Turns, nu: float) -> Point:
         ripples.append(harmonics(phi, np.stack(columns, axis=1), most)[1])
     torque, speed = ripples[0].tolist()
     moved = np.abs(ripples[0] - ripples[1]).tolist()
-    torque_error, speed_error = [turns.remains(x) for x in moved]
+    torque_error, speed_error = [turns.settling_error(x) for x in moved]
     whole = turns.window()
     rows = slice(max(0, whole.start - EDGE), whole.stop + EDGE)  # a peak may lie at an end
     phi, force = turns.result[turns.angle][rows], turns.result["conveyor.f_rod"][rows]
@@ -469,9 +471,9 @@ def places(
 def converged(runs: Sequence[Measured | str], order: float, unit: str, meaning: str) -> Figure:
     """Where values at steps h, 2 h, 4 h go that have errors of their own, or are lost."""
     if lost := [run for run in runs if isinstance(run, str)]:
-        return Figure.refused(unit, lost[0], meaning)
+        return Figure.undetermined(unit, lost[0], meaning)
     values, errors = np.array(runs).T
     value, error, reason = limit(values.tolist(), order)
     if error is None:
-        return Figure.refused(unit, reason, meaning)
+        return Figure.undetermined(unit, reason, meaning)
     return Figure(value, unit, error + 2.0 * float(errors.max()), meaning)

@@ -108,7 +108,7 @@ def unloading(setup: Setup, machine: Machine, nu: float) -> Figure:
     known = [points[k : k + len(springs)] for k in range(0, len(points), len(springs))]
     rough = [between(springs, one) for one in known]
     if lost := [c for c in rough if isinstance(c, str)]:
-        return Figure.refused("N/m", lost[0], meaning)
+        return Figure.undetermined("N/m", lost[0], meaning)
     near = [c for c in rough if isinstance(c, float)]
     spots = [(replace(machine, c=c), nu, k) for c, k in zip(near, COARSER)]
     more = setup.orbits(spots, "springs")

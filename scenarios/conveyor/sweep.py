@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import workbench
-from workbench import Bench, option
+from workbench import Context, option
 
 from .features import ALGORITHMS, Line, Setup
 from .first_order import SETS, Machine
@@ -38,10 +38,10 @@ class Sweep(NamedTuple):
     coarser: Sequence[int]
 
 
-def begun(o: Swept, bench: Bench, speeds: Mapping[str, str]) -> Sweep:
+def begun(o: Swept, context: Context, speeds: Mapping[str, str]) -> Sweep:
     """The requested sweep; raises SetupError for what FMUs, theory or coupling refuse."""
-    machine = followed(bench.fmus, SETS[o.set], o.start)
-    setup = Setup(bench, o.start, o.algorithm, o.steps_per_rev)
+    machine = followed(context.fmus, SETS[o.set], o.start)
+    setup = Setup(context, o.start, o.algorithm, o.steps_per_rev)
     nus = o.speeds or tuple(float(nu) for nu in speeds[o.set].split(","))
     for nu in nus:
         setup.check(machine, nu)

@@ -28,9 +28,9 @@ from tests.scenarios.orbit_oracle import (
 from tests.scenarios.orbit_oracle import (
     features as exact_features,
 )
-from workbench import Bench
+from workbench import Context
 from workbench.figure import Figure, percent
-from workbench.periodic import NotSteady, at_angles, return_map, steady
+from workbench.periodic import NotSteady, at_angles, return_map, steady_orbit
 
 FIGURES = ("nu_90", "nu_peak_tau", "tau2_peak", "nu_peak_w", "w2_peak", "f_rod_peak")
 FMUS = fmus_of(resonance)
@@ -176,7 +176,7 @@ def test_the_verdict_tells_how_far_the_resonance_is_from_the_speed(speed: float,
 
 def drive_case(nu: float, **start: Any) -> features.Case:
     changes = {name.replace("__", "."): value for name, value in start.items()}
-    return features.Setup(Bench(FMUS), changes, "strang", 512).case(SETS["A"], nu)
+    return features.Setup(Context(FMUS), changes, "strang", 512).case(SETS["A"], nu)
 
 
 def test_the_orbit_is_that_of_an_independent_solver_and_what_is_left_is_told() -> None:
@@ -191,7 +191,7 @@ def test_the_orbit_is_that_of_an_independent_solver_and_what_is_left_is_told() -
 def test_runs_are_over_before_their_orbits_are_told_and_none_is_made_twice() -> None:
     told = []
 
-    class Watched(Bench):
+    class Watched(Context):
         def each(self, function: Any, cases: Any, title: str, probes: bool = False) -> Any:
             yield from super().each(function, cases, title, probes)
             told.append((title, len(cases)))
@@ -207,7 +207,7 @@ def test_runs_are_over_before_their_orbits_are_told_and_none_is_made_twice() -> 
 def test_the_share_that_a_revolution_leaves_is_that_of_the_eigenvalues() -> None:
     turns = features.orbit(drive_case(60.0), features.RECORD)
     rates = abs(orbit(Drive(), 60.0).multipliers)
-    assert turns.left == pytest.approx(rates.max(), rel=1e-3)
+    assert turns.contraction == pytest.approx(rates.max(), rel=1e-3)
 
 
 def test_a_motor_that_stalls_has_no_orbit() -> None:
@@ -234,7 +234,7 @@ def test_an_orbit_that_deviations_leave_is_refused() -> None:
         return cosim.System(FMUS, drives.WIRES, line | dict(start))
 
     with pytest.raises(NotSteady):
-        steady(system, {"conveyor.w": 40.0, "motor.tau": 0.0}, "conveyor.phi", 40.0, 128, ())
+        steady_orbit(system, {"conveyor.w": 40.0, "motor.tau": 0.0}, "conveyor.phi", 40.0, 128, ())
 
 
 def test_return_map_of_a_linear_sequence_is_its_matrix() -> None:

@@ -16,10 +16,10 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from cosim import CONVERGENCE_ORDERS
-from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, Table, option
-from workbench.charts.model import FORCE, SPEED, TORQUE, Second
+from workbench import Chart, Context, Curve, Figure, Findings, Mark, Panel, Show, Table, option
+from workbench.charts.model import FORCE, SPEED, TORQUE, SecondUnit
 from workbench.figure import listed
-from workbench.measure import Measured, passes
+from workbench.measure import Measured, crossing_times
 
 from .. import motion
 from ..first_order import Machine, classical
@@ -30,7 +30,7 @@ from . import resonance
 
 PARTS = DRIVE
 PARALLEL = True
-OWN = HELD
+FIXED_STARTS = HELD
 SLOW = "6,8,10,12,14,16,18,"
 SPEEDS = {"A": SLOW + resonance.SPEEDS["A"], "B": resonance.SPEEDS["B"]}
 TABLE = "classical.csv"
@@ -80,9 +80,9 @@ class Found(NamedTuple):
     rows: Any
 
 
-def solve(o: Options, bench: Bench) -> Findings:
+def solve(o: Options, context: Context) -> Findings:
     """Sweep, compare, and find where an error is no longer accepted; raises cosim.SetupError."""
-    machine, setup, nus, coarser = sweep = begun(o, bench, SPEEDS)
+    machine, setup, nus, coarser = sweep = begun(o, context, SPEEDS)
 
     def simulated(nus: Sequence[float]) -> list[Row]:
         orbits = setup.orbits([(machine, nu, k) for nu in nus for k in coarser], "orbits")
@@ -99,7 +99,7 @@ def solve(o: Options, bench: Bench) -> Findings:
         errors = [off(case, machine, nu, row) for nu, row in zip(nus, rows)]
         figures[f"worst_{case.key}"] = worst(errors, f"largest error, {what}")
     end = limits[Case("spring", "torque")]
-    share = Figure.refused("%", end.reason)
+    share = Figure.undetermined("%", end.reason)
     if end.error is not None:
         value = 100 * machine.m * end.value**2 / machine.c
         share = Figure(value, "%", 2 * value * end.error / end.value)
@@ -112,7 +112,7 @@ def solve(o: Options, bench: Bench) -> Findings:
     return Findings(
         figures,
         Found(sweep, table.frame),
-        conveyor_drive(bench.fmus, {**machine.start(nus[0]), **o.start}),
+        conveyor_drive(context.fmus, {**machine.start(nus[0]), **o.start}),
         communication=f"{o.steps_per_rev} steps per revolution",
         algorithm=o.algorithm,
         tables={TABLE: table},
@@ -139,9 +139,9 @@ def worst(errors: Sequence[Measured], meaning: str) -> Figure:
     """The largest of errors of either sign; what it may be covers others that are as large."""
     top = max(errors, key=lambda x: math.inf if math.isnan(x.value) else abs(x.value))
     if math.isnan(top.value):
-        return Figure.refused("%", "not every speed of the sweep has a steady orbit", meaning)
+        return Figure.undetermined("%", "not every speed of the sweep has a steady orbit", meaning)
     if any(math.isnan(x.error) for x in errors):
-        return Figure.refused("%", UNKNOWN, meaning)
+        return Figure.undetermined("%", UNKNOWN, meaning)
     as_large = [x for x in errors if abs(x.value) + x.error >= abs(top.value) - top.error]
     error = max(abs(x.value - top.value) + x.error for x in as_large)
     return Figure(top.value, "%", error, meaning)
@@ -161,22 +161,24 @@ def passed(
         errors, unsure = np.array([off(case, machine, nu, row) for nu, row in zip(nus, rows)]).T
         if np.isnan(errors).any() or len(nus) < 2:
             reason = "the sweep has fewer than two speeds, or one without a steady orbit"
-            found[case] = Figure.refused("rad/s", reason)
+            found[case] = Figure.undetermined("rad/s", reason)
         elif abs(errors[0]) > most and math.isnan(unsure[0]):
-            found[case] = Figure.refused("rad/s", UNKNOWN)
+            found[case] = Figure.undetermined("rad/s", UNKNOWN)
         elif abs(errors[0]) > most:
             within = abs(errors[0]) - unsure[0] <= most
-            found[case] = Figure.refused("rad/s", JUST if within else NOWHERE)
+            found[case] = Figure.undetermined("rad/s", JUST if within else NOWHERE)
         else:
             curve = CubicSpline(nus, errors)
-            ends = [(x, s) for s in (1, -1) for x in passes(np.array(nus), errors, s * most)]
+            ends = [
+                (x, s) for s in (1, -1) for x in crossing_times(np.array(nus), errors, s * most)
+            ]
             if ends:
                 x, s = min(ends)
                 sought[case] = (float(x), s * most, float(curve(x, 1)))
             else:
                 reason = f"the error stays below {most:g} % at every speed of the sweep"
-                found[case] = Figure.refused("rad/s", reason)
-    few = Figure.refused("rad/s", FEW)
+                found[case] = Figure.undetermined("rad/s", reason)
+    few = Figure.undetermined("rad/s", FEW)
     before: dict[Case, tuple[float, float]] = {}
     for _ in range(ROUNDS):
         seen = simulated([x for x, _, _ in sought.values()])
@@ -186,7 +188,7 @@ def passed(
                 slope = (at.value - before[case][1]) / (x - before[case][0])
             step = (level - at.value) / slope if slope else math.inf
             if math.isnan(at.error):
-                found[case] = Figure.refused("rad/s", UNKNOWN)
+                found[case] = Figure.undetermined("rad/s", UNKNOWN)
             elif not nus[0] <= x + step <= nus[-1]:
                 found[case] = few
             else:
@@ -272,7 +274,7 @@ def show(o: Options, f: Mapping[str, Figure], r: Found) -> Show:
         ]
         errors.append(Panel(f"error, {words}", "%", curves, levels))
     marks = [Mark(machine.nu_res, f"resonance {machine.nu_res:.4g} rad/s")]
-    axis, second = "operating speed [rad/s]", Second("rpm", 30 / math.pi)
+    axis, second = "operating speed [rad/s]", SecondUnit("rpm", 30 / math.pi)
     good = f["limit_spring_torque"]
     title = "Torque ripple, speed ripple and rod force of both calculations"
     if good.error is not None:

@@ -19,10 +19,10 @@ from scipy.interpolate import CubicSpline
 
 import cosim
 from cosim import System
-from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, Table, option
-from workbench.charts.model import POWER, SPEED, THEORY, TORQUE, Second
+from workbench import Chart, Context, Curve, Figure, Findings, Mark, Panel, Show, Table, option
+from workbench.charts.model import POWER, SPEED, THEORY, TORQUE, SecondUnit
 from workbench.measure import Measured, Samples, largest, measured, smallest
-from workbench.periodic import TURN, NotSteady, Turns
+from workbench.periodic import TURN, NotSteady, Orbit
 
 from .. import features, motion
 from ..features import EDGE, Case, converged
@@ -34,7 +34,7 @@ from .resonance import SPEEDS
 
 PARTS = DRIVE
 PARALLEL = True
-OWN = HELD
+FIXED_STARTS = HELD
 DECISIVE = ("torque", "supply_more")
 TABLE, COURSE = "mean_values.csv", "drift.csv"
 RECORD = ("motor.tau", "conveyor.phi", "conveyor.w", "conveyor.P_loss")
@@ -70,14 +70,14 @@ class Found(NamedTuple):
     course: Any
 
 
-def solve(o: Options, bench: Bench) -> Findings:
+def solve(o: Options, context: Context) -> Findings:
     """Orbits over the speed, and the drift to the operating speed; raises cosim.SetupError."""
-    machine, setup, nus, coarser = sweep = begun(o, bench, SPEEDS)
+    machine, setup, nus, coarser = sweep = begun(o, context, SPEEDS)
     operating = o.speed or float(machine.nu_res)
     setup.check(machine, operating, coarser[-1])
     wanted = sorted({*nus, operating})
     cases = [setup.case(machine, nu, k) for nu in wanted for k in coarser]
-    orbits = bench.each(balance, cases, "orbits")
+    orbits = context.each(balance, cases, "orbits")
     rows = {nu: told(list(islice(orbits, len(coarser))), o.algorithm) for nu in wanted}
     units = {"nu": "rad/s"}
     for name, (unit, _) in MEANT.items():
@@ -87,11 +87,11 @@ def solve(o: Options, bench: Bench) -> Findings:
     torque = rows[operating]["torque"]
     for name in DRIFT:
         if torque.error is None:  # nothing that the mean speed could settle at
-            figures[name] = Figure.refused("%", torque.reason, figures[name].meaning)
+            figures[name] = Figure.undetermined("%", torque.reason, figures[name].meaning)
     return Findings(
         compared(machine, operating, rows[operating]) | figures,
         Found(sweep, operating, table.frame, course.frame),
-        conveyor_drive(bench.fmus, {**machine.start(operating), **o.start}),
+        conveyor_drive(context.fmus, {**machine.start(operating), **o.start}),
         communication=f"{o.steps_per_rev} steps per revolution",
         algorithm=o.algorithm,
         tables={TABLE: table, COURSE: course},
@@ -107,11 +107,11 @@ def balance(case: Case) -> dict[str, Measured] | str:
     except NotSteady as problem:
         return str(problem)
     now, before = (revolution(turns, case.start, back) for back in (0, 1))
-    left = {name: turns.remains(abs(now[name].value - before[name].value)) for name in now}
+    left = {name: turns.settling_error(abs(now[name].value - before[name].value)) for name in now}
     return {name: Measured(x, error + left[name]) for name, (x, error) in now.items()}
 
 
-def revolution(turns: Turns, start: Mapping[str, Any], back: int) -> dict[str, Measured]:
+def revolution(turns: Orbit, start: Mapping[str, Any], back: int) -> dict[str, Measured]:
     """The means of the last revolution, or of one so many before it."""
     whole, r = turns.window(back), turns.result
     rows = slice(max(0, whole.start - EDGE), whole.stop + EDGE)
@@ -165,7 +165,7 @@ def compared(machine: Machine, nu: float, figures: Mapping[str, Figure]) -> dict
     found["more"] = (
         moved(torque, plain.torque, above, 100 / plain.torque, "%")
         if plain.torque
-        else Figure.refused("%", "without resistance that torque is 0", above)
+        else Figure.undetermined("%", "without resistance that torque is 0", above)
     )
     for name in ("supply", "motor", "trough"):
         what = f"{MEANT[name][1]}, above that without ripple"
@@ -176,7 +176,7 @@ def compared(machine: Machine, nu: float, figures: Mapping[str, Figure]) -> dict
     found["missing"] = (
         Figure(parts[0].value - parts[1].value - parts[2].value, "W", sum(errors), gap)
         if len(errors) == len(parts)
-        else Figure.refused("W", torque.reason, gap)
+        else Figure.undetermined("W", torque.reason, gap)
     )
     return found
 
@@ -185,7 +185,7 @@ def moved(figure: Figure, plain: float, meaning: str, scale: float = 1.0, unit: 
     """How far a figure is above a value, perhaps in another unit."""
     unit = unit or figure.unit
     if figure.error is None:
-        return Figure.refused(unit, figure.reason, meaning)
+        return Figure.undetermined(unit, figure.reason, meaning)
     return Figure(scale * (figure.value - plain), unit, scale * figure.error, meaning)
 
 
@@ -211,9 +211,9 @@ def drifts(sweep: Sweep, nu: float) -> tuple[Table, dict[str, Figure]]:
             "motor.tau": machine.load_slope * slow + (M * turned).imag,
         }
         start = {**machine.start(nu), **setup.start, **state}
-        systems.append(System(setup.bench.fmus, WIRES, start))
+        systems.append(System(setup.context.fmus, WIRES, start))
     tasks = [(system, k * h, count // k) for k in coarser for system in systems]
-    runs = setup.bench.each(partial(speeds, setup.algorithm), tasks, "drift")
+    runs = setup.context.each(partial(speeds, setup.algorithm), tasks, "drift")
     off: dict[str, list[Measured | str]] = {name: [] for name in DRIFT}
     for k in coarser:
         each = list(islice(runs, STARTS))
@@ -373,7 +373,7 @@ def over_speed(f: Mapping[str, Figure], r: Found) -> Chart:
             Panel("power above that without ripple", "W", power),
         ],
         [Mark(r.operating, f"operating speed {r.operating:g} rad/s")],
-        second=Second("rpm", 30 / math.pi),
+        second=SecondUnit("rpm", 30 / math.pi),
     )
 
 

@@ -20,10 +20,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cosim import CONVERGENCE_ORDERS, SetupError
-from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, Table, option
+from workbench import Chart, Context, Curve, Figure, Findings, Mark, Panel, Show, Table, option
 from workbench.answer import parameters
 from workbench.charts import model as colors
-from workbench.charts.model import Second, Span
+from workbench.charts.model import SecondUnit, Span
 from workbench.figure import SENTENCE_DIGITS, SHARE_DIGITS, concise, percent
 from workbench.limit import limit
 from workbench.live import (
@@ -73,7 +73,7 @@ BAND = (45.0, 135.0)
 OVERDAMPED = math.sqrt(0.5)
 UNDETERMINED = "not determined"
 MARKS = {"nu_90": "90 deg lag", "nu_peak_tau": "torque peak", "nu_peak_w": "speed peak"}
-OWN = ("motor.A", "motor.tau", "conveyor.phi", "conveyor.w")
+FIXED_STARTS = ("motor.A", "motor.tau", "conveyor.phi", "conveyor.w")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -111,13 +111,13 @@ class Sweep(NamedTuple):
     edges: Sequence[Edge]
 
 
-def solve(o: Options, bench: Bench) -> Findings:
+def solve(o: Options, context: Context) -> Findings:
     """Sweep and locate; raises cosim.SetupError for settings that cannot give an answer."""
     nus = o.speeds or tuple(float(nu) for nu in SPEEDS[o.set].split(","))
     operating = o.speed or OPERATING[o.set]
-    base = followed(bench.fmus, SETS[o.set], o.start)
+    base = followed(context.fmus, SETS[o.set], o.start)
     line = Line(lambda nu: (linearised(base, o.start, nu), nu), nus[0], nus[-1])
-    setup = Setup(bench, o.start, o.algorithm, o.steps_per_rev)
+    setup = Setup(context, o.start, o.algorithm, o.steps_per_rev)
     wanted = sorted({*nus, operating})
     for nu in wanted:
         setup.check(*line.at(nu))
@@ -150,7 +150,7 @@ def solve(o: Options, bench: Bench) -> Findings:
     return Findings(
         figures,
         sweep,
-        conveyor_drive(bench.fmus, start_values(machine, o.start, machine.nu_res)),
+        conveyor_drive(context.fmus, start_values(machine, o.start, machine.nu_res)),
         communication=f"{o.steps_per_rev} steps per revolution",
         algorithm=o.algorithm,
         tables={
@@ -175,7 +175,7 @@ def swept(
     # a load of exactly 0 leaves no ripple, and nothing to learn of load over response
     known = [(nu, runs[nu][0]) for nu in nus if abs(runs[nu][0].torque) > 0.0]
     passed = line.edges(o.most, known) if len(known) > 1 else []
-    edges = [(place, Figure.refused("rad/s", "it is still sought")) for place in passed]
+    edges = [(place, Figure.undetermined("rad/s", "it is still sought")) for place in passed]
     avoid = stretches(o, line, nus, rows, edges)
     return Sweep(setup, line, nus, speed, rows, known, avoid, edges)
 
@@ -207,7 +207,7 @@ def at_speed(r: Sweep) -> dict[str, Figure]:
     parts = machine.r**2 / 2 * (machine.c + machine.m * nu**2 + machine.d * nu)
     if not math.isnan(lag) and abs(machine.load_ripple(nu)) < VANISHING * parts:
         reason = f"the load ripple nearly vanishes at {r.speed:g} rad/s, so its phase means nothing"
-        lag_figure = Figure.refused(degrees, reason, lag_meaning)
+        lag_figure = Figure.undetermined(degrees, reason, lag_meaning)
     return {
         "tau2_operating": told(ripple, ripple_error, unit, ripple_meaning, r.speed),
         "lag_operating": lag_figure,
@@ -218,7 +218,7 @@ def distance(lag: Figure, speed: float) -> Figure:
     """How far the speed of the 90 degree lag is above the operating speed."""
     meaning = "distance of the 90 deg lag from the operating speed"
     if lag.error is None:
-        return Figure.refused("rad/s", lag.reason, meaning)
+        return Figure.undetermined("rad/s", lag.reason, meaning)
     return Figure(lag.value - speed, "rad/s", lag.error, meaning)
 
 
@@ -275,7 +275,7 @@ def told(value: float, error: float, unit: str, meaning: str, nu: float) -> Figu
             if math.isnan(value)
             else "the coupling error is not known; take more steps per revolution"
         )
-        return Figure.refused(unit, reason, meaning)
+        return Figure.undetermined(unit, reason, meaning)
     return Figure(value, unit, error, meaning)
 
 
@@ -494,7 +494,7 @@ def ripple(o: Options, f: Mapping[str, Figure], r: Sweep, title: str) -> Chart:
          *(Mark.of(text, figure) for text, figure in there.items()),
          Mark(r.speed, f"operating speed {r.speed:g} rad/s")],
         [Span(*band, "avoid", "red") for band in r.avoid if certain],
-        Second("rpm", 30 / math.pi),
+        SecondUnit("rpm", 30 / math.pi),
     )  # fmt: skip
 
 
@@ -549,7 +549,7 @@ def live_part(o: Options, f: Mapping[str, Figure], r: Sweep) -> Live:
         LivePanel("speed", {"conveyor.w": colors.SPEED}),
         LivePanel("rod force", {"conveyor.f_rod": colors.FORCE}, "kN"),
     ]
-    system = conveyor_drive(r.setup.bench.fmus, start_values(middle(r), o.start, r.speed))
+    system = conveyor_drive(r.setup.context.fmus, start_values(middle(r), o.start, r.speed))
     p = {name.removeprefix("conveyor."): x.value for name, x in parameters(system).items()}
     sweep = LiveSweep(
         over="speed",
