@@ -17,12 +17,12 @@ from ..fmu.library import borrow
 from ..system import Network, Port, Value, declared_start, default_experiment, feedthrough
 from .buffers import Slot
 from .changes import continuous_profiles
-from .driver import RunSettings
 from .energy import BondSide, find_bonds, watts_per_product
 from .fmi3 import Part3
 from .hermite import SignalHistory
 from .links import CastLink, InputPolynomials, Link
 from .part import Part
+from .settings import RunSettings
 from .sources import InputSource
 
 Vector = NDArray[np.float64]
