@@ -12,7 +12,7 @@ from ..errors import SetupError
 from ..report import BondEnergy
 from ..system import Connection, Network, Port, unit_exponents
 from .buffers import Slot, address
-from .operations import BOOK, Layout, Operation
+from .operations import Code, Layout, Operation
 
 ENERGY, EXCHANGED, BEFORE = range(3)
 POWER = (1, 2, -3, 0, 0, 0, 0)
@@ -69,7 +69,7 @@ class BondSide(Operation):
 
     def layout(self) -> Layout:
         return Layout(
-            BOOK,
+            Code.BOOK,
             cells=address(self.totals),
             source=self.output.address,
             first=self.first.address,
