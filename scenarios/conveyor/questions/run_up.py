@@ -18,7 +18,7 @@ from cosim import Result
 from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Run, Show, Table, option
 from workbench.live import Live, LiveChart, LivePanel, LiveRun, Number, Reader, Slider
 from workbench.measure import Samples, crossing, largest, measured, passes, since, smallest
-from workbench.orbit import TURN
+from workbench.periodic import TURN
 from workbench.report.chart import FORCE, SPEED, THEORY, TORQUE, recorded
 
 from .. import live_theory
@@ -26,7 +26,7 @@ from ..first_order import SETS, Machine
 from ..machine import PARTS as DRIVE
 from ..machine import conveyor_drive, followed
 from ..motion import live_motion, moving
-from .resonance import OVERDAMPED
+from ..rows import OVERDAMPED
 
 PARTS = DRIVE
 OWN = ("motor.characteristic",)
