@@ -20,9 +20,9 @@ from scipy.stats import binomtest, qmc
 
 from cosim import CONVERGENCE_ORDERS, SetupError
 from workbench.answer import Parameter, parameters
+from workbench.charts.model import Direction
 from workbench.limit import coupling
 from workbench.options import at_least
-from workbench.report.chart import Direction
 
 from .features import ResponseLine
 from .first_order import FIELDS, Machine

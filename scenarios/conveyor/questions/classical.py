@@ -17,9 +17,9 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, Table, option
+from workbench.charts.model import FORCE, SPEED, TORQUE, Second
 from workbench.figure import listed
 from workbench.measure import Measured, passes
-from workbench.report.chart import FORCE, SPEED, TORQUE, Second
 from workbench.roots import RootNotFoundError, SecantSearch
 
 from .. import motion

@@ -18,8 +18,8 @@ import workbench
 from cosim import SetupError
 from cosim.system import Value
 from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, Table, option
+from workbench.charts.model import LIFT, THEORY
 from workbench.figure import SHARE_DIGITS, concise
-from workbench.report.chart import LIFT, THEORY
 
 from .. import motion
 from ..features import LAG, FeatureNotFoundError, ResponseLine, locate

@@ -20,9 +20,9 @@ from scipy.interpolate import CubicSpline
 import cosim
 from cosim import System
 from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, Table, option
+from workbench.charts.model import POWER, SPEED, THEORY, TORQUE, Second
 from workbench.measure import Measured, Samples, largest, measured, smallest
 from workbench.periodic import TURN, NoOrbitError, Revolutions
-from workbench.report.chart import POWER, SPEED, THEORY, TORQUE, Second
 
 from .. import motion
 from ..features import converged

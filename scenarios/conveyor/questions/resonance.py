@@ -20,6 +20,8 @@ import numpy as np
 
 from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, option
 from workbench.answer import parameters
+from workbench.charts import model as colors
+from workbench.charts.model import Second, Span
 from workbench.figure import SENTENCE_DIGITS, SHARE_DIGITS, concise, percent
 from workbench.live import (
     REVOLUTION,
@@ -32,8 +34,6 @@ from workbench.live import (
     Slider,
     Steady,
 )
-from workbench.report import chart as colors
-from workbench.report.chart import Second, Span
 
 from .. import live_theory, motion
 from ..features import (

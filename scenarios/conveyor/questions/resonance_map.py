@@ -24,9 +24,9 @@ from cosim import SetupError
 from cosim.result import partial
 from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, Table, option
 from workbench.answer import stream
+from workbench.charts import model as colors
+from workbench.charts.model import Direction, Field, Level, Span
 from workbench.options import refuse
-from workbench.report import chart as colors
-from workbench.report.chart import Direction, Field, Level, Span
 
 from .. import motion
 from ..features import LAG, TORQUE_PEAK, locate
