@@ -42,8 +42,8 @@ from cosim import (
     smallest,
     time_of_largest,
 )
+from cosim.analysis.coupling_theory import Ideal, Scheme
 from cosim.verification import systems as linear
-from cosim.verification.ideal import Ideal, Scheme
 from scenarios.conveyor import drive
 from scenarios.conveyor.theory import SETS
 from scenarios.exciter import sommerfeld as exciter

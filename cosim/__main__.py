@@ -17,7 +17,11 @@ from typing import Any, NamedTuple
 from . import __version__, describe
 from .accuracy.certify import SUMMARY, UNKNOWN, Estimate, by_rows, certify, summary
 from .accuracy.reference import METHODS, oracle, true_errors
-from .commandline import (
+from .analysis.compare import SHARE, compare
+from .analysis.crosscheck import crosscheck
+from .analysis.crosscheck.report import writer
+from .analysis.damping import diagnose
+from .cli.options import (
     Help,
     Parser,
     StartAction,
@@ -39,10 +43,6 @@ from .formats.ssp.read import Package, read_ssp
 from .formats.ssp.write import write_ssp
 from .formats.values import read_values
 from .isolated import run_isolated
-from .judge.compare import SHARE, compare
-from .judge.crosscheck import crosscheck
-from .judge.crosscheck.report import writer
-from .judge.diagnose import diagnose
 from .master import setup_problems
 from .progress import bar
 from .result import Interrupted, Result, SimulationError, require_names

@@ -28,8 +28,8 @@ from ..engine.sources import InputSource
 from ..errors import FmuError, SetupError
 from ..master import setup_problems, stepping_order
 from ..system import Network, System, connect
+from .free_response import SIGNIFICANT, Array, Fit, Mode, fit
 from .linearize import linearize
-from .modes import SIGNIFICANT, Array, Fit, Mode, fit
 
 KICK = 1e-3
 FEWEST_STEPS, MOST_STEPS = 256, 1 << 12

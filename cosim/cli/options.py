@@ -12,11 +12,11 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NoReturn
 
-from .errors import SetupError
-from .result import SimulationError
-from .signals import handle_stop_signals
-from .system import Value
-from .units import QUANTITY, multiples
+from ..errors import SetupError
+from ..result import SimulationError
+from ..signals import handle_stop_signals
+from ..system import Value
+from ..units import QUANTITY, multiples
 
 
 class Help(argparse.HelpFormatter):
