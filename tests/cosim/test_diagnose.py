@@ -17,8 +17,8 @@ from cosim import SetupError, System, diagnose, linearize
 from cosim.analysis.coupling_theory import Ideal, Scheme, Unit
 from cosim.analysis.free_response import fit
 from cosim.verification.systems import DC_MOTOR, OSCILLATOR, couple, drive, twisting_drive
-from scenarios.conveyor.drive import conveyor_drive
-from scenarios.conveyor.theory import SETS
+from scenarios.conveyor.first_order import SETS
+from scenarios.conveyor.machine import conveyor_drive
 from tests.conftest import ROOT
 from tests.cosim.test_linearize import conveyor, two_masses
 
