@@ -78,12 +78,12 @@ def master(steps: int, fmus: Path) -> Callable[[], object]:
 
 def master_in_python(steps: int, fmus: Path) -> Callable[[], object]:
     """Our master without its compiled loop."""
-    from cosim.engine import stepping
+    from cosim.engine import driver
 
     def missing(*_: object) -> None:
         raise OSError("not wanted")
 
-    stepping.Loop = missing
+    driver.Loop = missing
     return master(steps, fmus)
 
 

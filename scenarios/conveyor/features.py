@@ -27,7 +27,7 @@ from cosim.system import Value
 from workbench import Bench, Figure, option
 from workbench.limit import limit
 from workbench.measure import Measured, harmonics
-from workbench.orbit import TURN, NotSteady, Turns, steady
+from workbench.periodic import TURN, NotSteady, Turns, steady
 
 from .first_order import SETS, Machine, longest_step
 from .machine import WIRES, start_values

@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from workbench import Chart
+from workbench.charts import model as chart
+from workbench.charts import motion
+from workbench.charts.model import recorded
+from workbench.charts.motion import Columns, Motion, Shape, line
 from workbench.live import Caption, Coordinate, LiveMotion
-from workbench.orbit import NotSteady
-from workbench.report import chart, motion
-from workbench.report.chart import recorded
-from workbench.report.motion import Columns, Motion, Shape, line
+from workbench.periodic import NotSteady
 
 from .features import Case, orbit
 

@@ -20,8 +20,8 @@ from scipy.stats import binomtest, qmc
 
 from cosim import SetupError
 from workbench.answer import Parameter, parameters
+from workbench.charts.model import Direction
 from workbench.options import at_least
-from workbench.report.chart import Direction
 
 from .features import Line, Point, Setup, Spot
 from .first_order import FIELDS, Machine

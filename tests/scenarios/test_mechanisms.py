@@ -25,7 +25,7 @@ from scenarios.conveyor.first_order import (
 from scenarios.conveyor.questions.resonance import SPEEDS
 from tests.scenarios.orbit_oracle import Drive, orbit
 from workbench.measure import harmonics
-from workbench.orbit import steady
+from workbench.periodic import steady
 
 Real = np.typing.NDArray[np.float64]
 LINK = 0.05

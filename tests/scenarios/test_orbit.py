@@ -30,7 +30,7 @@ from tests.scenarios.orbit_oracle import (
 )
 from workbench import Bench
 from workbench.figure import Figure, percent
-from workbench.orbit import NotSteady, at_angles, return_map, steady
+from workbench.periodic import NotSteady, at_angles, return_map, steady
 
 FIGURES = ("nu_90", "nu_peak_tau", "tau2_peak", "nu_peak_w", "w2_peak", "f_rod_peak")
 FMUS = fmus_of(resonance)

@@ -24,10 +24,10 @@ from scenarios.conveyor.rod_waveform import ORDER, largest
 from tests.conftest import LONG, QUICK, ask, plain
 from tests.scenarios.orbit_oracle import Drive, orbit
 from workbench.answer import Answer
-from workbench.ask import refused
-from workbench.command import REFUSED, main
+from workbench.cli import REFUSED, main
 from workbench.figure import ERROR_SCOPE, Figure
 from workbench.limit import coupling
+from workbench.run import refused
 
 SPEEDS = "34:46:7"
 

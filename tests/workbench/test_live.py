@@ -31,8 +31,8 @@ from tests.workbench.test_report import one, shown
 from workbench.answer import Answer
 from workbench.live.build import WORKER, script
 from workbench.options import add, made
+from workbench.page import html
 from workbench.question import load, names
-from workbench.report import html
 
 __all__ = ["shown"]
 LIVE: dict[str, Mapping[str, Any]] = {

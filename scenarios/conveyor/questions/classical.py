@@ -17,9 +17,9 @@ from scipy.interpolate import CubicSpline
 
 from cosim import CONVERGENCE_ORDERS
 from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, Table, option
+from workbench.charts.model import FORCE, SPEED, TORQUE, Second
 from workbench.figure import listed
 from workbench.measure import Measured, passes
-from workbench.report.chart import FORCE, SPEED, TORQUE, Second
 
 from .. import motion
 from ..first_order import Machine, classical

@@ -19,11 +19,11 @@ import cosim
 from cosim import Advice, Identified, SetupError
 from cosim.system import Value
 from cosim.units import multiples
-from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, option, recorded
+from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, fitting, option
+from workbench.charts import model as colors
+from workbench.charts.model import Second, Span
+from workbench.fitting import Recorded, said
 from workbench.measure import Samples, harmonics
-from workbench.recorded import Recorded, said
-from workbench.report import chart as colors
-from workbench.report.chart import Second, Span
 
 from .. import features
 from ..features import COARSER, Ripple, Setup
@@ -94,7 +94,7 @@ def solve(o: Options, bench: Bench) -> Findings:
         told,
         fit.model.system,
         fit.result.provenance,
-        tables=recorded.tables(fit, told.advice, "identify", "rad/s"),
+        tables=fitting.tables(fit, told.advice, "identify", "rad/s"),
         facts=facts(o, told),
         defaults={"speed": told.operating, "rated_torque": o.rated},
     )
@@ -171,7 +171,7 @@ def figures(o: Options, bench: Bench, told: Told) -> dict[str, Figure]:
             o, bench, told, clear._replace(meaning=meanings[f"clear_{key}"]), partial(changed, name)
         )
         here[f"change_{key}"] = change(o, told, name, here[f"clear_{key}"], clear)
-    return here | recorded.values(fit)
+    return here | fitting.values(fit)
 
 
 def distance(nu: float, stretch: tuple[Figure, Figure]) -> float:
@@ -324,14 +324,14 @@ def advice(o: Options, fit: Identified) -> list[Advice]:
     if not induction(o.start):
         kinds["a run-down with the supply off"] = {**last, supply: 0.0}
     nu = float(np.mean(fit.result[SPEED]))
-    experiments = recorded.planned(kinds, supply, stop, noise, torque)
+    experiments = fitting.planned(kinds, supply, stop, noise, torque)
     return cosim.advise(fit, experiments, lambda v: found(o, base, nu, v).nu_res)
 
 
 def facts(o: Options, told: Told) -> dict[str, Any]:
     """What else stands in the JSON."""
     own = {"operating_speed": told.operating, "rated_torque": o.rated, "limit": o.most}
-    return own | recorded.facts(told.fit, told.advice, DRAWN)
+    return own | fitting.facts(told.fit, told.advice, DRAWN)
 
 
 def verdict(o: Options, f: Mapping[str, Figure], r: Told) -> str:
@@ -363,7 +363,7 @@ def verdict(o: Options, f: Mapping[str, Figure], r: Told) -> str:
     for group in r.fit.alike:
         lines.append(f"The record cannot tell {' and '.join(group)} apart.")
     now = f["nu_res"].error or math.inf
-    lines.append(recorded.next_one(r.advice, now, "the resonance", "rad/s"))
+    lines.append(fitting.next_one(r.advice, now, "the resonance", "rad/s"))
     return "\n".join(lines)
 
 
@@ -384,7 +384,7 @@ def show(o: Options, f: Mapping[str, Figure], r: Told) -> Show:
     conveyor in motion.
     """
     drawn = {SPEED: ("speed", colors.SPEED), TORQUE: ("torque", colors.TORQUE)}
-    charts = recorded.charts(r.fit, drawn)
+    charts = fitting.charts(r.fit, drawn)
     if not r.fit.misfit:
         charts.insert(0, band(o, f, r))
     first, last = (float(t) for t in r.fit.result["time"][[0, -1]])

@@ -19,8 +19,8 @@ import workbench
 from cosim import CONVERGENCE_ORDERS, SetupError
 from cosim.system import Value
 from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, Table, option
+from workbench.charts.model import LIFT, THEORY
 from workbench.figure import SHARE_DIGITS, concise
-from workbench.report.chart import LIFT, THEORY
 
 from .. import features, motion
 from ..features import COARSER, LAG, Line, Lost, Setup

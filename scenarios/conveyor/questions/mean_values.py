@@ -20,9 +20,9 @@ from scipy.interpolate import CubicSpline
 import cosim
 from cosim import System
 from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, Table, option
+from workbench.charts.model import POWER, SPEED, THEORY, TORQUE, Second
 from workbench.measure import Measured, Samples, largest, measured, smallest
-from workbench.orbit import TURN, NotSteady, Turns
-from workbench.report.chart import POWER, SPEED, THEORY, TORQUE, Second
+from workbench.periodic import TURN, NotSteady, Turns
 
 from .. import features, motion
 from ..features import EDGE, Case, converged

@@ -22,6 +22,8 @@ import numpy as np
 from cosim import CONVERGENCE_ORDERS, SetupError
 from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, Table, option
 from workbench.answer import parameters
+from workbench.charts import model as colors
+from workbench.charts.model import Second, Span
 from workbench.figure import SENTENCE_DIGITS, SHARE_DIGITS, concise, percent
 from workbench.limit import limit
 from workbench.live import (
@@ -35,8 +37,6 @@ from workbench.live import (
     Slider,
     Steady,
 )
-from workbench.report import chart as colors
-from workbench.report.chart import Second, Span
 
 from .. import features, live_theory, motion
 from ..features import (

@@ -24,10 +24,10 @@ from cosim import CONVERGENCE_ORDERS, SetupError
 from cosim.result import partial
 from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, Table, option
 from workbench.answer import stream
+from workbench.charts import model as colors
+from workbench.charts.model import Direction, Field, Level, Span
 from workbench.limit import coupling
 from workbench.options import refuse
-from workbench.report import chart as colors
-from workbench.report.chart import Direction, Field, Level, Span
 
 from .. import motion
 from ..features import COARSER, LAG, TORQUE, Point, Ripple, Setup, places

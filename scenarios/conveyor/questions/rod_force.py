@@ -20,10 +20,10 @@ from numpy.typing import NDArray
 from cosim import CONVERGENCE_ORDERS, SetupError
 from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, option
 from workbench.answer import parameters
+from workbench.charts import model as colors
+from workbench.charts.model import Direction, Field, Level, Picture, Second
 from workbench.figure import SHARE_DIGITS, concise, percent
 from workbench.limit import coupling
-from workbench.report import chart as colors
-from workbench.report.chart import Direction, Field, Level, Picture, Second
 
 from .. import motion
 from ..features import COARSER, LAG, TORQUE, Line, Point, Ripple, Setup, Spot, places

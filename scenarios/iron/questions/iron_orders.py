@@ -20,12 +20,12 @@ import workbench
 from cosim import System, largest
 from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, Table, option
 from workbench.answer import parameters
-from workbench.ask import hearing
+from workbench.charts.model import SERIES
 from workbench.figure import listed, refusals
 from workbench.limit import coupling
 from workbench.measure import Measured, Samples, harmonics, measured
-from workbench.orbit import NotSteady, Turns, steady
-from workbench.report.chart import SERIES
+from workbench.periodic import NotSteady, Turns, steady
+from workbench.run import hearing
 
 from .. import machine as iron
 from .. import motion

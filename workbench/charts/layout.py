@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .chart import Direction, Field, Lanes, Panel, Picture, Samples, Span
+from .model import Direction, Field, Lanes, Panel, Picture, Samples, Span
 
 ROOM, FEW = 0.05, 6
 

@@ -13,10 +13,16 @@ from typing import Any
 import cosim
 from cosim.system import describe_fmu
 
-from .cargo import digest
+from .transport import digest
 
 SOURCES = ("cosim", "workbench")
-PRESENTATION = ("workbench/report/*", "workbench/study/*", "*/show.py", "*/mechanism.py")
+PRESENTATION = (
+    "workbench/charts/*",
+    "workbench/page/*",
+    "workbench/study/*",
+    "*/show.py",
+    "*/mechanism.py",
+)
 SHOWN = 4
 DIGEST = re.compile(r"\{?[0-9a-f-]{16,}\}?")
 

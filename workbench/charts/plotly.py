@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .chart import COLORS, SCALES, Curve, Field, Lanes, Panel, Picture, Samples, Span
 from .layout import Axis, across, along, colored, flags, upwards
+from .model import COLORS, SCALES, Curve, Field, Lanes, Panel, Picture, Samples, Span
 
 Words = dict[str, Any]
 MOST, NARROW, ENTRY, UPWARDS = 2000, 44, 8, 13

@@ -19,10 +19,10 @@ from cosim.system import Value, connect
 from cosim.units import QUANTITY, multiples
 
 from .answer import Table
+from .charts.model import Chart, Curve, Mark, Panel
 from .figure import Figure
 from .measure import Samples
 from .options import Options, option
-from .report.chart import Chart, Curve, Mark, Panel
 
 SAME = 0.05
 KNOWN = re.compile(

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .chart import COLORS, Samples
+from .model import COLORS, Samples
 from .motion import Motion, Shape
 
 WIDE, EDGE, TALL, CAPTION = 1000.0, 28.0, 460.0, 60.0

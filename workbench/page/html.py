@@ -16,11 +16,11 @@ from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ..charts.motion import Motion
+from ..charts.plotly import MOST, Words, figure, told
+from ..charts.svg import svg
 from ..figure import ERROR_SCOPE, Figure
-from .motion import Motion
-from .plot import MOST, Words, figure, told
 from .script import compact
-from .svg import svg
 
 if TYPE_CHECKING:
     from ..answer import Answer, Table

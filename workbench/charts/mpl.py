@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .chart import COLORS, Picture
+from .model import COLORS, Picture
 from .motion import Motion
-from .plot import BELOW, INCH, SCREENS, SECOND, Words, columns, figure, listed
+from .plotly import BELOW, INCH, SCREENS, SECOND, Words, columns, figure, listed
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

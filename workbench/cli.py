@@ -12,9 +12,9 @@ from cosim.cli.options import Parser, exit_code
 
 from . import question
 from .answer import finish
-from .ask import ask
 from .options import add, declared, made, unknown
 from .question import FLAVOURS, Project, QuestionError
+from .run import ask
 from .runs.folder import reservation
 from .runs.worker import OK
 

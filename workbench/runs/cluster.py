@@ -17,10 +17,10 @@ from typing import Any, NamedTuple
 
 from cosim import SetupError
 
-from .cargo import Call, Cargo, sealed
-from .engine import Broken, Engine, Outcomes
-from .identity import differences, facts
+from .fingerprint import differences, facts
 from .journal import Key
+from .runner import Broken, Engine, Outcomes
+from .transport import Call, Cargo, sealed
 from .worker import LOST, Outcome, Worker
 
 CONNECT = 10.0

@@ -23,8 +23,8 @@ from cosim.errors import pluralize
 from cosim.signals import handle_stop_signals
 
 from ..options import at_least
-from .cargo import Call, sealed
 from .journal import Journal, Key
+from .transport import Call, sealed
 from .worker import MACHINE, OK, Outcome, Worker, await_one
 
 ADDRESS = re.compile(r"(\w+://)?\S+:\d+")
@@ -88,9 +88,9 @@ class Engine:
         yield from known.items()
         missing = {key: task for key, task in tasks.items() if key not in known}
         if self.scheduler is not None and missing:
-            from . import dask
+            from . import cluster
 
-            done = dask.outcomes(self, function, missing, timeout)
+            done = cluster.outcomes(self, function, missing, timeout)
         elif self.jobs == 1 and not failures:
             done = ((key, Outcome(OK, function(task))) for key, task in missing.items())
         else:

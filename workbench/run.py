@@ -27,10 +27,10 @@ from .limit import certified, converged
 from .options import Options, Run, declared, made, refuse
 from .question import FLAVOURS, PYTHON, Project, QuestionError, blamed, name, where
 from .runs.codec import Records
-from .runs.engine import Engine
+from .runs.fingerprint import SOURCES, computation
 from .runs.folder import reservation
-from .runs.identity import SOURCES, computation
 from .runs.journal import Journal, opened
+from .runs.runner import Engine
 
 ALONE = Engine(jobs=1)
 TOO_LONG = (

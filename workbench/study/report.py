@@ -18,11 +18,11 @@ from cosim import SetupError
 from cosim.errors import pluralize
 
 from ..answer import Answer, Show, Table
+from ..charts.mpl import draw
 from ..figure import rounded
-from ..report.png import draw
 from ..runs.worker import OK, Outcome
-from . import show
-from .plan import Study
+from . import charts
+from .file import Study
 from .sensitivity import analyse
 
 SENTENCES, SPOKEN = 3, 8
@@ -59,8 +59,8 @@ def conclude(
     }
     title = f"{study.name}: {study.scenario}, {pluralize(len(outcomes), 'run')}"
     pictures = {
-        "overview.png": show.overview(study, table.frame, shown, table.units),
-        "sensitivity.png": [] if indices.empty else show.sensitivity(study, indices, table.units),
+        "overview.png": charts.overview(study, table.frame, shown, table.units),
+        "sensitivity.png": [] if indices.empty else charts.sensitivity(study, indices, table.units),
     }
     files: dict[str, Callable[[Path], object]] = {
         name: partial(draw, Show(drawn), title) for name, drawn in pictures.items() if drawn
@@ -107,7 +107,7 @@ def _spread(column: pd.Series[float], unit: str) -> str:
     unit = "" if unit == "1" else f" {unit}"
     if y.min() == y.max():
         return f"{name} is {y.min():.6g}{unit} in {runs}"
-    if not unit and show.flag(y):
+    if not unit and charts.flag(y):
         return f"{name} is 1 in {pluralize(int(y.sum()), 'run')} and 0 in {len(y) - y.sum():.0f}"
     low, high, mean = (rounded(x, y.std())[0] for x in (y.min(), y.max(), y.mean()))
     return (
@@ -178,7 +178,7 @@ def frame(
         if units.setdefault(name, unit) != unit:
             raise SetupError(f"figure {figure!r} is in {units[name]} and in {unit}")
         if error is not None:
-            units[name + show.ERROR] = unit
+            units[name + charts.ERROR] = unit
     columns: dict[str, Any] = {"run": range(len(rows))}
     for name, given in zip(study.varied, zip(*study.runs())):
         kinds = set(map(type, given))
@@ -187,8 +187,10 @@ def frame(
     for figure, name in names.items():
         cells = [row.get(figure, (None, "", None, "")) for row in rows]
         columns[name] = pd.Series([value for value, *_ in cells], dtype=float)
-        if name + show.ERROR in units:
-            columns[name + show.ERROR] = pd.Series([error for _, _, error, _ in cells], dtype=float)
+        if name + charts.ERROR in units:
+            columns[name + charts.ERROR] = pd.Series(
+                [error for _, _, error, _ in cells], dtype=float
+            )
     columns["status"] = [outcome.status for outcome in outcomes]
     columns["warnings"] = ["; ".join(found(outcome)["warnings"]) for outcome in outcomes]
     columns["message"] = [x.message or "; ".join(refusals(x)) for x in outcomes]

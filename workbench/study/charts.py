@@ -8,8 +8,8 @@ from functools import partial
 import numpy as np
 import pandas as pd
 
-from ..report.chart import SERIES, Chart, Curve, Direction, Field, Panel, Picture
-from .plan import Study
+from ..charts.model import SERIES, Chart, Curve, Direction, Field, Panel, Picture
+from .file import Study
 
 MOST, ERROR = 6, "_error"
 KINDS = {"S1": "S1, alone", "ST": "ST, with all interactions"}
