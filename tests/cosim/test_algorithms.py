@@ -6,9 +6,9 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import pytest
-from cosim.verification.ideal import Ideal, Scheme
 
 from cosim import ALGORITHMS, CONVERGENCE_ORDERS, SetupError, System, diagnose, run, write_container
+from cosim.analysis.coupling_theory import Ideal, Scheme
 from cosim.engine.algorithms import (
     REGISTRY,
     Algorithm,
