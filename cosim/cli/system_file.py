@@ -7,7 +7,7 @@ import re
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -15,7 +15,7 @@ from typing import Any
 from .. import describe
 from ..engine.algorithms import ALGORITHMS
 from ..engine.control import Adaptive
-from ..engine.driver import RunSettings
+from ..engine.settings import RunSettings
 from ..errors import SetupError
 from ..formats.osp import FILE, read_osp
 from ..formats.ssp.read import Package, read_ssp
@@ -37,6 +37,7 @@ from .options import Parser, StartAction, assignment, literal, seconds
 
 #: The longest step as a fraction of a run: derived from 1 + the rounding of a difference of times.
 MAX_STEP_FRACTION = 1.0 + 1e-9
+FIELDS = {field.name for field in fields(RunSettings)}
 
 
 @dataclass(frozen=True)
@@ -95,7 +96,7 @@ class SystemFile:
         if options.step is not None and start < stop < start + options.step / MAX_STEP_FRACTION:
             span = f"the time from start to stop, {stop - start!r} s"
             raise SetupError(f"step = {options.step!r} s must be at most {span}")
-        requested = {k: value for k, value in vars(options).items() if k in RunSettings._fields}
+        requested = {k: value for k, value in vars(options).items() if k in FIELDS}
         requested |= {"substeps": self.substeps(options, step)}
         return RunSettings(**requested | {"start": start, "stop": stop, "step": step})
 
@@ -112,7 +113,7 @@ def open_system(options: argparse.Namespace, *, runnable: bool = True) -> Iterat
             values[name] = start_value(network, name, text)
         system = replace(system, start={**system.start, **values})
         network = connect(with_inputs(system, options), runnable=runnable)
-        for part, schema_warning in network.blemishes.items() if options.strict else ():
+        for part, schema_warning in network.schema_warnings.items() if options.strict else ():
             raise SetupError(f"part {part}: {schema_warning}")
         yield SystemFile(network, package)
 

@@ -22,10 +22,10 @@ import pandas as pd
 import pytest
 
 from cosim import Interrupted, SetupError, SimulationError, isolated, run, run_isolated
-from cosim import __main__ as main_module
+from cosim.cli.commands import run as run_command
 from cosim.cli.main import main
 from cosim.cli.system_file import single_fmu_system
-from cosim.engine import stepping, surroundings
+from cosim.engine import driver, process_state
 from tests.conftest import ROOT, hear_ctrl_c, until
 from tests.cosim.conftest import Said
 from tests.cosim.foreign import pack
@@ -205,7 +205,7 @@ def test_an_fmu_that_changes_the_folder_does_not_move_the_rows(
 @pytest.fixture
 def watched(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
     """A folder to be in, and a master that looks after every step."""
-    monkeypatch.setattr(surroundings, "BETWEEN", 0.0)
+    monkeypatch.setattr(process_state, "BETWEEN", 0.0)
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
@@ -223,7 +223,7 @@ def test_what_an_fmu_changes_in_its_process_is_brought_back(
         if share > 0.55:
             signal.raise_signal(signal.SIGINT)
 
-    monkeypatch.setattr(stepping, "possible", lambda _: False)
+    monkeypatch.setattr(driver, "can_compile", lambda _: False)
     meddler, other = (pack(watched / f"{k}.fmu", meddle_at=t) for k, t in ((1, when), (2, 9.0)))
     handler = signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
@@ -381,7 +381,7 @@ def test_rows_for_which_there_is_no_room_at_the_end_are_kept_elsewhere(
     for name in ("to_csv", "to_parquet"):
         monkeypatch.setattr(pd.DataFrame, name, full)
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    monkeypatch.setattr(main_module, "scratch", lambda: tmp_path)
+    monkeypatch.setattr(run_command, "scratch", lambda: tmp_path)
     told = ["--stop", "1", "--step", "0.1", "--out", str(tmp_path / "full" / options[0])]
     assert main(["run", str(pack(tmp_path / "A.fmu")), *told, *options[1:]]) == 1
     said = capsys.readouterr().err.splitlines()

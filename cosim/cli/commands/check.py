@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 
 from ... import describe
-from ...master import setup_problems
+from ...requirements import setup_problems
 from ..command import Command
 from ..system_file import add_stepping_options, open_system
 

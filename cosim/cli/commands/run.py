@@ -38,7 +38,7 @@ def run_system(options: argparse.Namespace) -> int:
     """Run a system, write its rows and print what the run did."""
     with open_system(options) as file, TemporaryDirectory(dir=scratch()) as folder:
         settings = file.settings(options)
-        arguments = {k: value for k, value in settings._asdict().items() if value is not None}
+        arguments = {k: value for k, value in vars(settings).items() if value is not None}
         folders = new_folders(options)
         require_files(options, file.system)
         runner = partial(run_isolated, csv=Path(folder) / "rows.csv", timeout=options.timeout)
