@@ -8,7 +8,7 @@ from argparse import ArgumentTypeError, RawDescriptionHelpFormatter
 from collections.abc import Sequence
 from pathlib import Path
 
-from cosim.commandline import Parser, exit_code
+from cosim.cli.options import Parser, exit_code
 
 from . import question
 from .answer import finish

@@ -21,7 +21,7 @@ import pytest
 import cosim
 from cosim.system import connect
 from scenarios.__main__ import PROJECT
-from scenarios.conveyor.features import simulate
+from scenarios.conveyor.orbits import simulate
 from scenarios.conveyor.questions.resonance import SWEEP_ORBIT, SWEEP_POINTS, SWEEP_STEPS
 from scenarios.fmu_files import FMUS
 from tests.conftest import ask

@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 
 from cosim import SetupError, SimulationError
-from cosim.commandline import exit_code
+from cosim.cli.options import exit_code
 from tests.conftest import ROOT, hear_ctrl_c, until
 from tests.hosts import light, plane
 from workbench import Bench
@@ -203,7 +203,7 @@ def test_an_interrupted_sweep_goes_on_and_leaves_no_journal(
 
 SWEEP = """
 import sys
-from cosim.commandline import exit_code
+from cosim.cli.options import exit_code
 from tests.hosts import light, plane
 from workbench.runs.runner import Engine
 ledger = sys.argv[1]

@@ -26,7 +26,7 @@ from ..first_order import SETS, Machine
 from ..machine import PARTS as DRIVE
 from ..machine import conveyor_drive, followed
 from ..motion import live_motion, moving
-from .resonance import OVERDAMPED
+from ..rows import OVERDAMPED
 
 PARTS = DRIVE
 OWN = ("motor.characteristic",)
