@@ -26,9 +26,9 @@ from examples import measured_iron, measured_orientator
 from scenarios.__main__ import PROJECT
 from scenarios.iron import machine
 from scenarios.orientator.questions import orientator_limit
-from workbench.ask import answer
-from workbench.options import made
+from workbench.options import parse_options
 from workbench.question import find, load
+from workbench.run import answer
 
 STAGES = [f"t_{stage}" for stage in measured_orientator.STAGES]
 LEAST, COUNT = 25.0, 10
@@ -83,7 +83,7 @@ def trial(name: str, seed: int) -> dict[str, Any]:
     with TemporaryDirectory() as folder:
         path = Path(folder) / "record.csv"
         rows.to_csv(path, index=False)
-        o = made(page.Options, {**asked, "data": str(path), "starts": 6}, name)
+        o = parse_options(page.Options, {**asked, "data": str(path), "starts": 6}, name)
         found = answer(page, o, PROJECT.fmus(page, "native"))
     told: dict[str, Any] = {"seed": seed, "seconds": time.process_time() - began}
     told["verdict"] = found.verdict

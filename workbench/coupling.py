@@ -44,7 +44,7 @@ def with_coupling_errors(
     orders = {min(order, 1.0) if c in first_order else order for c in observed.columns_read()}
     late = after_divergence(figures_of, results, STEP_RATIO)
     return {
-        name: Figure.refused(figure.unit, late[name], figure.meaning)
+        name: Figure.undetermined(figure.unit, late[name], figure.meaning)
         if name in late and figure.error is not None
         else _add([run.get(name) for run in figures], sorted(orders or {order}))
         for name, figure in figures[0].items()
@@ -59,7 +59,7 @@ def _add(runs: Sequence[Figure | None], orders: Sequence[float]) -> Figure:
         return finest
     values = [run.value for run in runs if run is not None and run.error is not None]
     if len(values) < len(runs):
-        return Figure.refused(finest.unit, SOME_RUNS, finest.meaning)
+        return Figure.undetermined(finest.unit, SOME_RUNS, finest.meaning)
     error = estimate_of_orders(values, orders).error
     if error is None or len(set(values)) == 1:
         error = bound_coupling_error(values, orders[0])

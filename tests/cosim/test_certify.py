@@ -12,8 +12,8 @@ from scipy.integrate import solve_ivp
 
 from cosim import Result, System, certify, diagnose, estimate, run, smallest
 from cosim.accuracy.extrapolation import divergence
+from cosim.analysis.coupling_theory import Ideal
 from cosim.metrics import Smallest, TimeOfLargest
-from cosim.verification.ideal import Ideal
 from cosim.verification.systems import couple, drive
 from scenarios.iron import machine as iron
 from tests.cosim.test_cosim import pair, ripple

@@ -25,7 +25,7 @@ from scenarios.orientator import machine as orientator
 from scenarios.packing_line.questions import packing_line
 from tests.conftest import LONG, QUICK, SAMPLED, ask, fmus_of, plain
 from workbench.answer import content, finish, write
-from workbench.command import main
+from workbench.cli import main
 from workbench.figure import Figure, rounded
 from workbench.measure import harmonics
 from workbench.question import find, load, names
@@ -322,7 +322,7 @@ def test_jams_and_stalls_are_named_in_a_sentence() -> None:
 @pytest.mark.parametrize("name", QUESTIONS)
 def test_a_start_value_that_no_fmu_has_is_named(name: str, tmp_path: Path) -> None:
     part = CHANGED[name][0].split(".")[0]
-    own = getattr(load(find(PROJECT.home, name)), "OWN", ())
+    own = getattr(load(find(PROJECT.home, name)), "FIXED_STARTS", ())
     refused = [(f"{x}=1", f"start value {x}: this question sets it itself") for x in own]
     for wrong, message in (
         (f"{part}.nonsense=1", f"{part} has no variable 'nonsense'"),

@@ -13,7 +13,7 @@ from scenarios.conveyor.questions import run_up
 from tests.conftest import ask
 from workbench import Figure, measure
 from workbench.coupling import with_coupling_errors
-from workbench.figure import whole
+from workbench.figure import drop_undetermined
 
 
 def test_the_largest_value_and_its_time_lie_between_the_rows() -> None:
@@ -155,7 +155,7 @@ def test_errors_of_rows_and_coupling_add_up_and_a_refusal_stays_one() -> None:
     assert error == pytest.approx(0.02 + 1.25 * 0.1)
     results = [course(steps) for steps in (1.0, 2.0, 4.0)]
     made = [ends(r) for r in results]
-    refused = {"x": Figure.refused("N", "it never was", "force")}
+    refused = {"x": Figure.undetermined("N", "it never was", "force")}
     assert with_coupling_errors(ends, results, [refused, *made[1:]]) == refused
     assert with_coupling_errors(ends, results, [*made[:2], refused])["x"].error is None
 
@@ -178,10 +178,10 @@ def test_no_sentence_has_a_hole(said: str, left: str) -> None:
     """Where a refused figure stands in another place than after "is" or "are"."""
     figures = {"t": Figure(2.0, "s", 0.1)}
     figures |= {
-        x: Figure.refused("N", why) for x, why in {"f": "it stuck", "g": "it broke"}.items()
+        x: Figure.undetermined("N", why) for x, why in {"f": "it stuck", "g": "it broke"}.items()
     }
     text = said.format(**{name: figure.text() for name, figure in figures.items()})
-    assert whole(text, figures) == left
+    assert drop_undetermined(text, figures) == left
 
 
 def test_figures_of_outputs_of_order_1_have_the_errors_of_order_1() -> None:
@@ -257,9 +257,9 @@ def test_rows_of_a_result_are_thinned_as_a_whole() -> None:
 
     def tell(r: Result) -> dict[str, Figure]:
         area = float(np.trapezoid(r["a.x"], r["time"]))
-        return {"sum": Figure(area, "m.s", 0.0), "none": Figure.refused("m", "why")}
+        return {"sum": Figure(area, "m.s", 0.0), "none": Figure.undetermined("m", "why")}
 
-    found = measure.over_rows(tell, r)
+    found = measure.with_row_errors(tell, r)
     assert found["sum"].value == pytest.approx(1 / 3, abs=1e-3)
     assert abs(found["sum"].value - 1 / 3) < found["sum"].error
     assert found["none"].reason == "why"

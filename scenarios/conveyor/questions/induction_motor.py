@@ -8,7 +8,6 @@ compared with that of a linear motor of this slope, over the load and over the b
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from itertools import islice
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -16,24 +15,31 @@ import numpy as np
 from scipy.optimize import brentq
 
 import workbench
-from cosim import CONVERGENCE_ORDERS, SetupError
+from cosim import SetupError
 from cosim.system import Value
-from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, Table, option
+from workbench import Chart, Context, Curve, Figure, Findings, Mark, Panel, Show, Table, option
+from workbench.charts.model import LIFT, THEORY
 from workbench.figure import SHARE_DIGITS, concise
-from workbench.report.chart import LIFT, THEORY
 
-from .. import features, motion
-from ..features import COARSER, LAG, Line, Lost, Setup
+from .. import motion
+from ..features import LAG, FeatureNotFoundError, ResponseLine, locate
 from ..first_order import SETS, Machine, flux_lag
 from ..machine import KLOSS, conveyor_drive, followed, linearised
 from ..machine import PARTS as DRIVE
-from . import resonance
-from .resonance import OVERDAMPED
+from ..orbits import ALGORITHMS, STEP_MULTIPLES, OrbitRunner
+from ..rows import OVERDAMPED, rows_of
 
 PARTS = DRIVE
 PARALLEL = True
 DECISIVE = ("nu_kloss",)
-OWN = ("motor.characteristic", "motor.A", "motor.B", "motor.tau", "conveyor.phi", "conveyor.w")
+FIXED_STARTS = (
+    "motor.characteristic",
+    "motor.A",
+    "motor.B",
+    "motor.tau",
+    "conveyor.phi",
+    "conveyor.w",
+)
 TABLE, SWEEP = "induction_motor.csv", "induction_motor_speeds.csv"
 RANGE, KNOWN = (0.6, 1.4), 5
 MOTORS = {"linear": ("linear motor", "purple"), "kloss": ("full characteristic", "gold")}
@@ -56,7 +62,7 @@ class Options(workbench.Options):
         "0.08,0.1,0.13,0.16,0.22,0.35", "breakdown slips", "1", above=0.0
     )
     steps_per_rev: int = option(512, "communication steps per revolution", least=1)
-    algorithm: str = option("strang", "coupling algorithm", choices=features.ALGORITHMS)
+    algorithm: str = option("strang", "coupling algorithm", choices=ALGORITHMS)
 
 
 class Motor(NamedTuple):
@@ -86,10 +92,10 @@ class Motor(NamedTuple):
         return replace(self.machine, B=2 * self.tau_b / self.breakdown)
 
     @property
-    def line(self) -> Line:
+    def line(self) -> ResponseLine:
         """The machine with the slope at its slip, over speeds around the resonance without slip."""
         first, last = (share * float(self.stiff.nu_res) for share in RANGE)
-        return Line(lambda nu: (linearised(self.machine, self.start, nu), nu), first, last)
+        return ResponseLine(lambda nu: (linearised(self.machine, self.start, nu), nu), first, last)
 
     def slip(self, nu: Any) -> Any:
         """The slip at the load of nu [rad/s], in shares of the breakdown slip."""
@@ -100,8 +106,8 @@ class Motor(NamedTuple):
     def nu_res(self) -> float:
         """The speed [rad/s] where (22) holds with the slope at the slip; raises SetupError for none."""
         try:
-            return self.line.expected(LAG)
-        except Lost as reason:
+            return self.line.expected(LAG).x
+        except FeatureNotFoundError as reason:
             where = f"{self.line.first:.4g} .. {self.line.last:.4g} rad/s"
             raise SetupError(f"formula (22) gives no lag of 90 deg in {where}: {reason}") from None
 
@@ -121,10 +127,10 @@ class Motor(NamedTuple):
         first, last = self.line.first, self.line.last
         return brentq(behind, first, last) if behind(first) > 0 > behind(last) else math.nan
 
-    def setup(self, kloss: bool) -> Setup:
+    def runner(self, kloss: bool) -> OrbitRunner:
         """How it is run, or the linear motor of the machine in its place."""
         start = {x: y for x, y in self.start.items() if kloss or not x.startswith("motor.")}
-        return Setup(Bench(self.fmus), start, self.algorithm, self.steps_per_rev)
+        return OrbitRunner(Context(self.fmus), start, self.algorithm, self.steps_per_rev)
 
 
 Places = tuple[Figure, Figure]
@@ -138,12 +144,12 @@ def located(motor: Motor) -> Places:
     lines = {True: motor.line, False: replace(motor.line, at=lambda nu: (there, nu))}
     found = []
     for kloss, line in lines.items():
-        setup, nus = motor.setup(kloss), np.linspace(line.first, line.last, KNOWN).tolist()
+        runner, nus = motor.runner(kloss), np.linspace(line.first, line.last, KNOWN).tolist()
         for nu in (line.first, line.last):
-            setup.check(*line.at(nu), COARSER[-1])
-        known = list(zip(nus, setup.orbits([(*line.at(nu), 1) for nu in nus], "orbits")))
+            runner.check(*line.at(nu), STEP_MULTIPLES[-1])
+        known = list(zip(nus, runner.orbits([line.point(nu) for nu in nus], "orbits")))
         steady = [(nu, point) for nu, point in known if not point.problem]
-        ((figure, _),) = features.places([(line, LAG, steady)], COARSER, "rad/s", setup)
+        ((figure, _),) = locate([(line, LAG, steady)], STEP_MULTIPLES, "rad/s", runner)
         found.append(figure)
     return found[0], found[1]
 
@@ -159,7 +165,7 @@ class Found(NamedTuple):
     speeds: Any
 
 
-def solve(o: Options, bench: Bench) -> Findings:
+def solve(o: Options, context: Context) -> Findings:
     """All motors, each a task, and the one of the data sheet over the speed."""
     start = {**KLOSS, **o.start, "motor.characteristic": 1}
 
@@ -167,14 +173,14 @@ def solve(o: Options, bench: Bench) -> Findings:
         given = {**start, **changed}
         lag = 1 / (2 * math.pi * o.frequency * float(given["motor.kloss.s_b"]))
         machine = replace(SETS["B"], T=lag).follow(given)
-        return Motor(bench.fmus, given, machine, o.algorithm, o.steps_per_rev)
+        return Motor(context.fmus, given, machine, o.algorithm, o.steps_per_rev)
 
-    followed(bench.fmus, SETS["B"], start)
+    followed(context.fmus, SETS["B"], start)
     sheet = motor({})
     loads = [motor({"conveyor.trough.d": d}) for d in o.resistances]
     slips = [motor({"motor.kloss.s_b": s}) for s in o.slips]
     each = [sheet, *loads, *slips]
-    places = list(bench.each(located, each, "motors"))
+    places = list(context.each(located, each, "motors"))
     table = Table.of_rows([row(x, *found) for x, found in zip(each, places)], COLUMNS)
     speeds = swept(sheet)
     heavy = max(zip(each, places), key=lambda it: it[0].machine.d)
@@ -182,7 +188,7 @@ def solve(o: Options, bench: Bench) -> Findings:
     return Findings(
         told(sheet, *places[0]) | extremes(heavy, small),
         Found(sheet, len(loads), table.frame, speeds.frame),
-        conveyor_drive(bench.fmus, {**sheet.machine.start(sheet.nu_res), **sheet.start}),
+        conveyor_drive(context.fmus, {**sheet.machine.start(sheet.nu_res), **sheet.start}),
         communication=f"{o.steps_per_rev} steps per revolution",
         algorithm=o.algorithm,
         tables={TABLE: table, SWEEP: speeds},
@@ -206,13 +212,10 @@ def swept(motor: Motor) -> Table:
     nus = np.linspace(motor.line.first, motor.line.last, 2 * KNOWN + 1).tolist()
     units, rows = {"nu": "rad/s"}, [[nu] for nu in nus]
     for name, kloss in (("kloss", True), ("linear", False)):
-        setup = motor.setup(kloss)
-        spots = [(motor.line.at(nu)[0] if kloss else there, nu) for nu in nus]
-        orbits = setup.orbits([(*spot, k) for spot in spots for k in COARSER], "orbits")
-        for cells, (machine, _) in zip(rows, spots):
-            points = list(islice(orbits, len(COARSER)))
-            seen = resonance.row(machine, points, CONVERGENCE_ORDERS[motor.algorithm])
-            cells += [seen[x][0] for x in ("tau2", "tau2_error", "lag", "lag_error")]
+        runner = motor.runner(kloss)
+        machines = [(motor.line.at(nu)[0] if kloss else there, nu) for nu in nus]
+        for cells, row in zip(rows, rows_of(machines, runner, STEP_MULTIPLES)):
+            cells += [row[column] for column in ("tau2", "tau2_error", "lag", "lag_error")]
         units |= {f"tau2_{name}{x}": "N.m" for x in ("", "_error")}
         units |= {f"lag_{name}{x}": "deg" for x in ("", "_error")}
     return Table.of_rows(rows, units)
@@ -221,7 +224,7 @@ def swept(motor: Motor) -> Table:
 def told(motor: Motor, kloss: Figure, line: Figure) -> dict[str, Figure]:
     """The figures of the motor of the data sheet."""
     nu, machine = motor.nu_res, motor.there
-    shift = Figure.refused(
+    shift = Figure.undetermined(
         "%", kloss.reason or line.reason, "shift due to the curvature of the characteristic"
     )
     if kloss.error is not None and line.error is not None:
@@ -264,7 +267,7 @@ def fluxed(motor: Motor, where: str) -> Figure:
     """The speed of 90 degrees lag with the rotor's flux in the place of (2)."""
     nu, meaning = motor.flux(), f"speed of 90 deg lag, rotor flux instead of (2), {where}"
     if math.isnan(nu):
-        return Figure.refused("rad/s", "no speed near (22) has it", meaning)
+        return Figure.undetermined("rad/s", "no speed near (22) has it", meaning)
     return Figure(nu, "rad/s", 0.0, meaning)
 
 
@@ -334,7 +337,7 @@ def show(o: Options, f: Mapping[str, Figure], r: Found) -> Show:
         moved_by("breakdown_slip", "breakdown slip", "breakdown slip [1]", r.rows.iloc[slips]),
         over_speed(f, r),
     ]
-    case = r.motor.setup(True).case(r.motor.there, r.motor.nu_res)
+    case = r.motor.runner(True).task(r.motor.there, r.motor.nu_res)
     return Show(charts, *motion.revolution(case))
 
 
