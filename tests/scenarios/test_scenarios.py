@@ -17,8 +17,8 @@ import pandas as pd
 import pytest
 
 from scenarios.__main__ import PROJECT
-from scenarios.conveyor.theory import SETS, longest_step
-from scenarios.iron import iron_orders
+from scenarios.conveyor.first_order import SETS, longest_step
+from scenarios.iron.questions import iron_orders
 from tests.conftest import ROOT, ask
 from workbench import command, question
 

@@ -21,10 +21,10 @@ import cosim
 from cosim import Result, SetupError, System
 from scenarios.__main__ import PROJECT
 from scenarios.conveyor import live_theory
-from scenarios.conveyor.drive import conveyor_drive, linearised
-from scenarios.conveyor.theory import SETS
+from scenarios.conveyor.first_order import SETS
+from scenarios.conveyor.machine import conveyor_drive, linearised
 from scenarios.fmu_files import FMUS
-from scenarios.iron import iron_bounce
+from scenarios.iron.questions import iron_bounce
 from tests.conftest import ROOT, ask, fmus_of
 from tests.workbench.javascript import Evaluate, evaluator
 from workbench import live

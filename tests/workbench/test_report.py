@@ -26,11 +26,11 @@ from PIL import Image
 
 from cosim.system import connect
 from scenarios.__main__ import PROJECT
-from scenarios.conveyor import mechanism as conveyor
-from scenarios.conveyor import resonance
-from scenarios.conveyor.drive import conveyor_drive
-from scenarios.conveyor.theory import SETS
-from scenarios.iron import mechanism as iron_mechanism
+from scenarios.conveyor import motion as conveyor
+from scenarios.conveyor.first_order import SETS
+from scenarios.conveyor.machine import conveyor_drive
+from scenarios.conveyor.questions import resonance
+from scenarios.iron import motion as iron_mechanism
 from tests.conftest import SAMPLED, ask, fmus_of, plain
 from tests.workbench.browser import Browser, browser
 from workbench.answer import Answer, Parameter, Show, Table, write
