@@ -1,4 +1,4 @@
-"""cosim info | check | run | diagnose | oracle | export FILE; crosscheck, compare, verify."""
+"""cosim info | check | run | diagnose | oracle | referee | export FILE; crosscheck, compare, verify."""
 
 from __future__ import annotations
 
@@ -16,6 +16,8 @@ from typing import Any, NamedTuple
 
 from . import __version__, describe
 from .accuracy.certify import SUMMARY, UNKNOWN, Estimate, by_rows, certify, summary
+from .accuracy.referee import TOLERANCE, referee
+from .accuracy.referee.report import writer as report_writer
 from .accuracy.reference import METHODS, oracle, true_errors
 from .commandline import (
     Help,
@@ -75,7 +77,7 @@ EXACT = next(
 )
 #: The longest step, as a share of a run: one, and a little for what rounding makes of it.
 LONGEST_STEP = 1.0 + 1e-9
-TIMED = ("check", "run", "oracle")
+TIMED = ("check", "run", "oracle", "referee")
 OTHER_NAMES = {"certify": "run --certify"}
 
 
@@ -235,6 +237,21 @@ def parser() -> Parser:
     shared(one, "--record")
     one.path("--out", ".csv or .parquet file for the oracle's rows")
     one.set_defaults(adaptive=None, output_step=None, plot=None, part=None, certify=True)
+
+    one = command("referee", judge_result, "judge a result that another master wrote")
+    one.path("--result", ".csv, .parquet, or .mat file of a Modelica tool", required=True)
+    text = (
+        "variable, and the column that holds it where its name does not tell: motor.tau=M*0.73:N.m"
+    )
+    one.several("--map", text, metavar="NAME=COLUMN")
+    text = "communication step of the other master [s]; several are tried by default"
+    one.time("--step", text)
+    shared(one, "--stop")
+    text = "difference that is allowed, as a share of the range of a signal"
+    one.number("--tolerance", text, TOLERANCE)
+    one.time("--timeout", "longest time that an integration may take [s]", 120.0)
+    text = "report: .txt, .json, .xml (JUnit), .html, or a picture .png, .svg, .pdf"
+    one.several("--out", text, metavar="FILE", type=Path)
 
     one = command("export", export, "write a system in another format")
     formats = ("ssp", "osp", "container")
@@ -633,6 +650,24 @@ def truth(
     print("\n".join(new_files(options, folders)), end="\n" * bool(options.out))
     warn(result)
     return 0
+
+
+def judge_result(options: argparse.Namespace) -> int:
+    """cosim referee; exit code 1 if the result differs, 2 if that cannot be told."""
+    for path in options.out:
+        report_writer(path)
+        require_place(path)
+    with opened(options) as task:
+        report = referee(
+            task.system, options.result, columns=dict(map(assignment, options.map)),
+            start=task.start if options.start is None else options.start,
+            stop=task.package.stop if options.stop is None else options.stop,
+            step=options.step, tolerance=options.tolerance, timeout=options.timeout,
+        )  # fmt: skip
+    for path in options.out:
+        report.write(path)
+    print(report.text())
+    return report.exit_status
 
 
 def export(options: argparse.Namespace) -> int:

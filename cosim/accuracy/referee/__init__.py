@@ -19,7 +19,7 @@ from .report import RefereeReport
 from .signals import SignalJudgement, Verdict, judge_signal
 from .solution import ReferenceSolution, SolutionRequest, solve_reference
 from .table import ForeignTable, MatchedColumn, match_columns, read_foreign
-from .variants import Reproduction, variant_causes
+from .variants import DECISIVE_REDUCTION, Reproduction, best_coupling, variant_causes
 
 if TYPE_CHECKING:
     from .table import Source
@@ -30,6 +30,8 @@ TOLERANCE = 0.01
 PRECISION = 0.25
 #: Longest real time for the search for causes [s]: a convention.
 CAUSE_SECONDS = 120.0
+#: Causes that a coupling can have, too. It is named in their place where it explains more.
+DOUBTFUL_KINDS = ("delay", "offset", "missed event")
 #: How far the ratio of the table's last time to the expected one may be from that of two units of time.
 TIME_UNIT_MARGIN = 0.02
 #: A ratio of last times from which on the unit of time is in doubt: a result of a run cut short is not as far off.
@@ -171,19 +173,34 @@ def _find_causes(
             unexplained.append(signal)
         else:
             causes.append(best)
-    # A delay may be that of a coupling, which explains all of it, and to more digits.
-    doubtful = [cause for cause in causes if cause.kind in ("delay", "offset", "missed event")]
-    again = [s for s in differing if s in unexplained or any(s.name in c.signals for c in doubtful)]
-    if again:
-        reproduction = Reproduction(network, again, request, CAUSE_SECONDS)
-        explained = variant_causes(reproduction)[:1]
-        if explained and all(explained[0].reduction > cause.reduction for cause in doubtful):
-            causes = [cause for cause in causes if cause not in doubtful] + explained
-        elif unexplained and explained:
-            causes += explained
-        elif unexplained:
-            causes += variant_causes(Reproduction(network, unexplained, request, CAUSE_SECONDS))[:1]
-    return causes
+    # What explains a column roughly may be a trace of what explains all columns exactly.
+    doubtful = [c for c in causes if c.kind in DOUBTFUL_KINDS or c.reduction < DECISIVE_REDUCTION]
+    if not unexplained and not doubtful:
+        return causes
+    certain = [cause for cause in causes if cause not in doubtful]
+    rough = any(cause.reduction < DECISIVE_REDUCTION for cause in doubtful)
+    common = _common_cause(network, signals, certain, request, rough or bool(unexplained))
+    if common is not None and all(common.reduction > cause.reduction for cause in doubtful):
+        return [*certain, common]
+    if unexplained and doubtful:
+        common = _common_cause(network, signals, causes, request, True)
+    return causes if common is None or not unexplained else [*causes, common]
+
+
+def _common_cause(
+    network: Network,
+    signals: Sequence[SignalJudgement],
+    explained: Sequence[Cause],
+    request: SolutionRequest,
+    thorough: bool,
+) -> Cause | None:
+    """What explains all signals that these causes do not; only a coupling unless the search is thorough."""
+    names = {name for cause in explained for name in cause.signals}
+    rest = [s for s in signals if s.name not in names and s.verdict is not Verdict.UNDECIDED]
+    reproduction = Reproduction(network, rest, request, CAUSE_SECONDS)
+    if not thorough:
+        return best_coupling(reproduction)[1]
+    return next(iter(variant_causes(reproduction)), None)
 
 
 def _notes(

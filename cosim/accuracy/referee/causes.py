@@ -19,12 +19,12 @@ from .table import Array
 
 #: By how much reproducing a cause must reduce a difference: a convention of the referee.
 LEAST_REDUCTION = 10.0
+#: Largest reduction that is stated: a difference between results in double precision shows no more.
+MOST_REDUCTION = 1e9
 #: Longest delay that is sought, as a share of a run: a convention; a longer one is another experiment.
 LONGEST_DELAY = 0.1
 #: Delays tried before the best is refined: twice the rows within LONGEST_DELAY, at most this many.
 MOST_DELAYS = 400
-#: Ratios of units beside those that an FMU defines: kilo and milli, a convention of SI, and turns for radians.
-COMMON_RATIOS = (1e3, 1e-3, 2.0 * math.pi, 0.5 / math.pi)
 #: Kelvin at 0 degrees Celsius: the definition of the degree Celsius.
 CELSIUS_ZERO = 273.15
 #: Events of a discrete column that are left out one by one: a convention, to limit the time.
@@ -64,7 +64,14 @@ def reduction(signal: SignalJudgement, reproduced: Array) -> float:
     """How many times closer a reproduced column is to the one of the table than the reference is."""
     before = root_mean_square(signal.values - signal.reference)
     after = root_mean_square(signal.values - reproduced)
-    return before / max(after, 1e-300) if math.isfinite(before) and math.isfinite(after) else 0.0
+    return ratio(before, after)
+
+
+def ratio(before: float, after: float) -> float:
+    """How many times smaller a distance has become, at most MOST_REDUCTION; 0 where one is infinite."""
+    if not math.isfinite(before) or not math.isfinite(after):
+        return 0.0
+    return min(MOST_REDUCTION, before / after) if after > 0.0 else MOST_REDUCTION
 
 
 def table_causes(
@@ -109,12 +116,6 @@ def _units(signal: SignalJudgement, network: Network) -> Iterator[tuple[str, str
             yield "unit", f"{signal.column} is in {unit}, not in {port.unit or '1'}", factor * x
     if port.unit == "K":
         yield "unit", f"{signal.column} is in degC, not in K", x - CELSIUS_ZERO
-    for ratio in COMMON_RATIOS:
-        yield (
-            "unit",
-            f"{signal.column} is {ratio:.6g} times too large: a unit is not converted",
-            ratio * x,
-        )
 
 
 def _ratios(port: Port, network: Network) -> dict[str, float]:

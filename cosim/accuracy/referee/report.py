@@ -29,6 +29,8 @@ FRAME_HEIGHT = 1.0
 PANEL_HEIGHT = 2.2
 #: Dots per inch of a picture: a convention of printers, halved.
 RESOLUTION = 150
+#: A reduction of a difference from which on its size does not matter to a reader: a convention.
+WORTH_STATING = 1e6
 CAUSE_NOT_FOUND = "cause not found"
 COLORS = {Verdict.AGREES: "#1a7f37", Verdict.DIFFERS: "#cf222e", Verdict.UNDECIDED: "#9a6700"}
 PAGE = """<!DOCTYPE html>
@@ -126,10 +128,10 @@ class RefereeReport:
         figures = [
             (f"{s.name} {f.name}", _quantity(f.value, s.unit), f"reference {_with_error(f.reference, f.error, s.unit)}",
              f"off by {_with_error(f.off, f.error, s.unit)}")
-            for s in self.signals if s.verdict is not Verdict.AGREES for f in s.figures
+            for s in self.signals for f in s.figures if abs(f.off) > s.allowed + f.error
         ]  # fmt: skip
         causes = [
-            f"cause: {c.text} (the difference of {', '.join(c.signals)} is {c.reduction:.3g} times smaller with it)"
+            f"cause: {c.text} (the difference of {', '.join(c.signals)} is {_smaller(c)} with it)"
             for c in self.causes
         ]
         method = f"reference: {self.method}; tolerance {self.tolerance:g} of the range of a signal"
@@ -200,8 +202,7 @@ class RefereeReport:
         drawn = BytesIO()
         self.plot(drawn)
         causes = [
-            f"Probable cause for {', '.join(c.signals)}: {c.text}. With it, the difference is "
-            f"{c.reduction:.3g} times smaller."
+            f"Probable cause for {', '.join(c.signals)}: {c.text}. With it, the difference is {_smaller(c)}."
             for c in self.causes
         ]
         return PAGE.format(
@@ -307,6 +308,12 @@ def _with_error(value: float, error: float, unit: str) -> str:
 
 def _off(signal: SignalJudgement) -> str:
     return f"{signal.off:.4g} +- {signal.error:.1g} {signal.unit}".rstrip()
+
+
+def _smaller(cause: Cause) -> str:
+    if cause.reduction >= WORTH_STATING:
+        return f"more than {WORTH_STATING:.0e} times smaller"
+    return f"{cause.reduction:.3g} times smaller"
 
 
 def _since(signal: SignalJudgement) -> str:

@@ -14,8 +14,8 @@ from itertools import combinations, permutations
 
 from ...errors import SetupError
 from ...system import Network, System, Wire, connect
-from .causes import LEAST_REDUCTION, Cause, root_mean_square
-from .signals import SignalJudgement
+from .causes import LEAST_REDUCTION, Cause, ratio, root_mean_square
+from .signals import SignalJudgement, Verdict
 from .solution import SolutionRequest, integrate_variant, reproduce
 from .table import Array
 
@@ -30,6 +30,12 @@ ROWS_PER_STEP = (2, 4, 5, 10)
 MOST_STEPS = 1_000_000
 #: Most parts whose stepping orders are all tried: 3! = 6 orders.
 MOST_ORDERED_PARTS = 3
+#: Longest time of the processor for a variant [s]: limits systems that a lost wire makes unstable.
+VARIANT_SECONDS = 0.5
+#: Longest real time of an integration of a variant [s], likewise.
+VARIANT_TIMEOUT = 20.0
+#: A reduction of the difference from which on no other cause is sought: what is left is a thousandth of it.
+DECISIVE_REDUCTION = 1e3
 #: Share of the difference that a run may be off and serve in place of an integration: a third of what a
 #: reduction of LEAST_REDUCTION leaves.
 ACCURATE_ENOUGH = 0.03
@@ -73,7 +79,10 @@ class Coupling:
 
 
 class Reproduction:
-    """Reproduces variants of a system and measures how close they come to the columns of a table."""
+    """Reproduces variants of a system and measures how close they come to the columns of a table.
+
+    All columns are measured, so that those that agree tell two causes apart; `explained` are those that differ.
+    """
 
     def __init__(
         self,
@@ -83,8 +92,13 @@ class Reproduction:
         seconds: float,
     ) -> None:
         self.system, self.network, self.signals = network.system, network, signals
-        self.request = replace(request, names=[signal.name for signal in signals])
-        self.deadline = clock.monotonic() + seconds
+        self.explained = tuple(s.name for s in signals if s.verdict is Verdict.DIFFERS)
+        self.request = replace(
+            request,
+            names=[signal.name for signal in signals],
+            timeout=min(request.timeout, VARIANT_TIMEOUT),
+        )
+        self.deadline = clock.process_time() + seconds
         self.can_run = all(d.coSimulation is not None for d in network.descriptions.values())
         self.fine_step = self._find_fine_step() if self.can_run else None
 
@@ -105,17 +119,22 @@ class Reproduction:
 
     def cause(self, kind: str, text: str, columns: Columns | None) -> Cause | None:
         """The cause that makes these columns, None if they are not close enough to those of the table."""
-        better = self.distance(self.reference) / max(self.distance(columns), 1e-300)
-        names = tuple(signal.name for signal in self.signals)
-        return Cause(kind, text, better, names) if better >= LEAST_REDUCTION else None
+        better = ratio(self.distance(self.reference), self.distance(columns))
+        return Cause(kind, text, better, self.explained) if better >= LEAST_REDUCTION else None
 
     def columns(self, system: System) -> Columns | None:
         """What a changed system does without a coupling error that matters."""
-        if clock.monotonic() > self.deadline:
+        if clock.process_time() > self.deadline:
             return None
         if self.fine_step is not None:
-            return reproduce(system, self.request, step=self.fine_step)
+            return reproduce(system, self.request, step=self.fine_step, seconds=VARIANT_SECONDS)
         return integrate_variant(system, self.request)
+
+    def confirmed(self, cause: Cause, variant: Variant) -> Cause:
+        """The cause with what an integration says of its reduction, where that is more."""
+        columns = integrate_variant(variant.system, self.request)
+        exact = self.cause(variant.kind, variant.text, columns)
+        return cause if exact is None or exact.reduction < cause.reduction else exact
 
     def coupled(self, system: System, coupling: Coupling) -> Columns | None:
         """What a system does if a master steps it like this."""
@@ -123,7 +142,7 @@ class Reproduction:
         if (
             not self.can_run
             or span / coupling.step > MOST_STEPS
-            or clock.monotonic() > self.deadline
+            or clock.process_time() > self.deadline
         ):
             return None
         return reproduce(
@@ -132,6 +151,7 @@ class Reproduction:
             step=coupling.step,
             algorithm=coupling.algorithm,
             order=coupling.order,
+            seconds=VARIANT_SECONDS,
         )
 
     def _find_fine_step(self) -> float | None:
@@ -139,7 +159,7 @@ class Reproduction:
         wanted = ACCURATE_ENOUGH * self.distance(self.reference)
         step = self.request.output_step()
         for _ in range(MOST_HALVINGS):
-            columns = reproduce(self.system, self.request, step=step)
+            columns = reproduce(self.system, self.request, step=step, seconds=VARIANT_SECONDS)
             if columns is None:
                 return None
             off = [
@@ -153,17 +173,19 @@ class Reproduction:
 
 
 def variant_causes(reproduction: Reproduction) -> list[Cause]:
-    """The causes that explain the columns of a reproduction, the best first."""
-    causes: list[Cause] = []
+    """The causes that explain the columns of a table, the best first."""
     coupling, cause = best_coupling(reproduction)
-    if cause is not None:
-        causes.append(cause)
+    if cause is not None and cause.reduction >= DECISIVE_REDUCTION:
+        return [cause]
+    causes = [] if cause is None else [cause]
     scores: list[tuple[float, Variant]] = []
     for variant in variants(reproduction.network):
         columns = reproduction.columns(variant.system)
         scores.append((reproduction.distance(columns), variant))
         if (cause := reproduction.cause(variant.kind, variant.text, columns)) is not None:
-            causes.append(cause)
+            causes.append(reproduction.confirmed(cause, variant))
+            if causes[-1].reduction >= DECISIVE_REDUCTION:
+                break
     if not causes and coupling is not None:
         for _, variant in sorted(scores, key=lambda score: score[0])[:MOST_COMBINED]:
             text = f"{variant.text}; and {coupling.text()}"
@@ -183,6 +205,8 @@ def best_coupling(reproduction: Reproduction) -> tuple[Coupling | None, Cause | 
         distance = reproduction.distance(columns)
         if columns is not None and (best is None or distance < best[0]):
             best = distance, coupling, columns
+            if reproduction.distance(reproduction.reference) >= DECISIVE_REDUCTION * distance:
+                break
     if best is None:
         return None, None
     return best[1], reproduction.cause(best[1].kind, best[1].text(), best[2])
@@ -306,8 +330,10 @@ def own_integration(reproduction: Reproduction) -> Cause | None:
     step = reproduction.request.output_step()
     finest: Columns | None = None
     for _ in range(MOST_HALVINGS if reproduction.can_run else 0):
-        columns = reproduce(reproduction.system, reproduction.request, step=step)
-        if columns is None or clock.monotonic() > reproduction.deadline:
+        columns = reproduce(
+            reproduction.system, reproduction.request, step=step, seconds=VARIANT_SECONDS
+        )
+        if columns is None or clock.process_time() > reproduction.deadline:
             break
         finest, step = columns, 0.5 * step
     text = "the FMUs integrate themselves in co-simulation less exactly than their model-exchange sides"
