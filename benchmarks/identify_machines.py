@@ -26,9 +26,9 @@ from examples import measured_iron, measured_orientator
 from scenarios.__main__ import PROJECT
 from scenarios.iron import machine
 from scenarios.orientator.questions import orientator_limit
-from workbench.ask import answer
 from workbench.options import made
 from workbench.question import find, load
+from workbench.run import answer
 
 STAGES = [f"t_{stage}" for stage in measured_orientator.STAGES]
 LEAST, COUNT = 25.0, 10

@@ -22,9 +22,9 @@ from scenarios.fmu_files import FMUS
 from scenarios.iron import motion as iron
 from scenarios.orientator import machine
 from scenarios.orientator import motion as orientator
-from workbench.report import motion
-from workbench.report.motion import Motion, Shape
-from workbench.report.svg import Symbol, drawing
+from workbench.charts import motion
+from workbench.charts.motion import Motion, Shape
+from workbench.charts.svg import Symbol, drawing
 
 CONVEYOR = (
     Symbol("r", "crank", (0, 1), (-12, 2)),

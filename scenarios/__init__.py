@@ -30,7 +30,7 @@ def ask(
     """
     from scenarios.__main__ import PROGRAM, PROJECT
     from workbench.answer import write
-    from workbench.ask import ask
+    from workbench.run import ask
     from workbench.runs.folder import reservation
 
     folder = None if out is None else Path(out)

@@ -17,7 +17,7 @@ import numpy as np
 
 import cosim
 from cosim import SetupError
-from cosim.commandline import assignment, literal
+from cosim.cli.options import assignment, literal
 from cosim.system import Value
 from cosim.units import QUANTITY, multiples
 

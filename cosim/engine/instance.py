@@ -29,7 +29,8 @@ from fmpy.model_description import ModelDescription, ScalarVariable
 from ..errors import FmuError, NonFiniteValueError, SimulationTerminated, StepDiscarded
 from ..fmu.library import Library
 from ..system import Value
-from .operations import EXCHANGE, NOT_FINITE, Layout, Operation, address
+from .buffers import Slot, address
+from .operations import NOT_FINITE, Code, Layout, Operation
 
 OK, WARNING, DISCARD, ERROR, FATAL = range(5)
 STATUS = ("OK", "Warning", "Discard", "Error", "Fatal", "Pending")
@@ -125,6 +126,14 @@ class VariableBlock(Operation):
         if self._text:  # lasts in the FMU's memory only until its next call
             self.cells[:] = [text or b"" for text in self.cells]
 
+    def slots(self) -> dict[str, Slot]:
+        """The slots of its variables by name."""
+        return {name: Slot(name, self.cells, i) for i, name in enumerate(self.names)}
+
+    def nominals(self) -> list[float]:
+        """The sizes of its variables; 1 where the FMU gives none above 0."""
+        return [abs(float(v.nominal or 0.0)) or 1.0 for v in self.variables]
+
     def put(self, i: int, value: Any) -> None:
         """Put a value into a cell."""
         self.cells[i] = value.encode() if isinstance(value, str) else value
@@ -134,7 +143,7 @@ class VariableBlock(Operation):
         if self._text:
             return None
         return Layout(
-            EXCHANGE,
+            Code.EXCHANGE,
             len(self.references),
             len(self.cells) if self.reads and self.real else 0,
             function=ctypes.cast(self.function, ctypes.c_void_p).value,

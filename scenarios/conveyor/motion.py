@@ -9,13 +9,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from workbench import Chart
+from workbench.charts import model as chart
+from workbench.charts import motion
+from workbench.charts.model import recorded
+from workbench.charts.motion import Columns, Motion, Shape, line
 from workbench.live import Caption, Coordinate, LiveMotion
-from workbench.orbit import NotSteady
-from workbench.report import chart, motion
-from workbench.report.chart import recorded
-from workbench.report.motion import Columns, Motion, Shape, line
+from workbench.periodic import NoOrbitError
 
-from .features import Case, orbit
+from .orbits import OrbitTask, run_to_orbit
 
 if TYPE_CHECKING:
     from cosim import Result
@@ -33,11 +34,11 @@ CAPTIONS = (
 NOTE = f"Relative to the rod, crank and stroke are drawn {ENLARGED:g} times too long."
 
 
-def revolution(case: Case) -> tuple[list[Motion], list[Chart]]:
-    """The motion and the course of a revolution on the orbit of a case; none where there is no orbit."""
+def revolution(task: OrbitTask) -> tuple[list[Motion], list[Chart]]:
+    """The motion and the course of a revolution on the orbit of a task; none where there is no orbit."""
     try:
-        result = orbit(case, RECORD).result
-    except NotSteady:
+        result = run_to_orbit(task, RECORD).result
+    except NoOrbitError:
         return [], []
     t, phi = result["time"], result["conveyor.phi"]
     first = float(np.interp(phi[-1] - 2 * math.pi, phi, t))
@@ -49,8 +50,8 @@ def revolution(case: Case) -> tuple[list[Motion], list[Chart]]:
         recorded("speed", result, since, {"conveyor.w": ("crank", chart.SPEED)}, rows=late),
         recorded("rod force", result, since, {"conveyor.f_rod": ("rod", chart.FORCE)}, "kN", late),
     ]
-    course = Chart(f"One revolution at {case.nu:g} rad/s", "time [ms]", panels)
-    title = f"Crank conveyor at {case.nu:g} rad/s"
+    course = Chart(f"One revolution at {task.nu:g} rad/s", "time [ms]", panels)
+    title = f"Crank conveyor at {task.nu:g} rad/s"
     return [moving(title, {"": result}, first, float(t[-1]), 25.0)], [course]
 
 

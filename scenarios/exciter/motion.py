@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from cosim import Result
+from workbench.charts import motion
+from workbench.charts.motion import Columns, Motion, Shape, line
 from workbench.live import Caption, Coordinate, LiveMotion
-from workbench.report import motion
-from workbench.report.motion import Columns, Motion, Shape, line
 
 ENLARGED = 2.0
 NOTE = f"The displacement is drawn {ENLARGED:g} times as large as it is."

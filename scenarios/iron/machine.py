@@ -10,9 +10,9 @@ import numpy as np
 import cosim
 from cosim import Result, SetupError, System
 from workbench import Figure
+from workbench.charts.model import Span
 from workbench.measure import largest
 from workbench.options import Start
-from workbench.report.chart import Span
 
 FLYWHEEL = 1e9
 EDGE = 1e-6

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim import Result, System
+from workbench.charts import motion as draw
+from workbench.charts.motion import Motion, Shape, line
 from workbench.live import Caption, Coordinate, LiveMotion
-from workbench.report import motion as draw
-from workbench.report.motion import Motion, Shape, line
 
 from .machine import turn
 

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim import Result
+from workbench.charts import motion as draw
+from workbench.charts.model import Span
+from workbench.charts.motion import Motion, Shape, line
 from workbench.live import Caption, Coordinate, LiveMotion
-from workbench.report import motion as draw
-from workbench.report.chart import Span
-from workbench.report.motion import Motion, Shape, line
 
 from .machine import STAGES
 

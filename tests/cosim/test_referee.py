@@ -108,7 +108,7 @@ def coupled(
     )
 
 
-CHANGED = {"changes": ["0.2 motor.A = 7500"]}
+CHANGED = {"changes": ["0.1 controller.w_ref = 140"]}
 MISTAKES = {
     "Jacobi": Mistake(drive, coupled("jacobi", 1e-3), "held inputs", "0.001 s"),
     "Jacobi with short steps": Mistake(drive, coupled("jacobi", 2e-4), "held inputs", "0.0002 s"),
@@ -168,8 +168,8 @@ MISTAKES = {
         "lost wire", "shaft.tau_a",
     ),
     "missed change": Mistake(
-        lambda native: drive(native, **CHANGED), lambda s: exact(replace(s, changes=()), 0.5), "lost input",
-        "motor.A",
+        lambda native: chain(native, **CHANGED), lambda s: exact(replace(s, changes=()), 0.3), "lost input",
+        "controller.w_ref",
     ),
     "constant offset": Mistake(
         drive, lambda s: exact(s, 0.3).assign(**{"conveyor.phi": lambda f: f["conveyor.phi"] - 0.3}), "offset",

@@ -25,7 +25,7 @@ from scenarios.orientator import machine as orientator
 from scenarios.packing_line.questions import packing_line
 from tests.conftest import LONG, QUICK, SAMPLED, ask, fmus_of, plain
 from workbench.answer import content, finish, write
-from workbench.command import main
+from workbench.cli import main
 from workbench.figure import Figure, rounded
 from workbench.measure import harmonics
 from workbench.question import find, load, names

@@ -18,8 +18,8 @@ from scenarios.conveyor.first_order import Machine
 from scenarios.conveyor.questions import identify
 from tests.conftest import QUICK, ROOT, ask, fmus_of
 from workbench.answer import Answer
-from workbench.ask import row
-from workbench.recorded import prior
+from workbench.fitting import prior
+from workbench.run import row
 
 TRUTH = measured_conveyor.seen()
 MACHINE = Machine(

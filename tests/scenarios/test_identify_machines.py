@@ -18,7 +18,7 @@ from scenarios.iron.questions import iron_identify
 from scenarios.orientator.questions import orientator_identify
 from tests.conftest import QUICK, ROOT, ask, fmus_of
 from workbench.answer import Answer
-from workbench.recorded import planned
+from workbench.fitting import planned
 
 IRON, ORIENTATOR = measured_iron.TRUTH, measured_orientator.TRUTH
 MU = "orientator_chute_mu"

@@ -470,7 +470,7 @@ def test_breakdown_slip_moves_the_damping_and_not_the_resonance() -> None:
                 "resistances": "4",
                 "start": {"conveyor.spring.c": 183375.0, "conveyor.trough.d": 4.0},
             },
-            "rad/s: the load ripple nearly vanishes there",
+            "rad/s: the load ripple is almost zero there",
         ),
         ({"slips": "0"}, "slips = 0 must be a finite number above 0"),
     ],

@@ -16,18 +16,18 @@ from scipy.optimize import brentq
 
 from cosim import SetupError
 from scenarios.__main__ import PROJECT
-from scenarios.conveyor.features import COARSER
 from scenarios.conveyor.first_order import SETS, settling
+from scenarios.conveyor.orbits import STEP_MULTIPLES
+from scenarios.conveyor.parameter_plane import coupling_error
 from scenarios.conveyor.questions import rod_force
-from scenarios.conveyor.questions.resonance_map import coupling_error
-from scenarios.conveyor.rod_waveform import ORDER, largest
+from scenarios.conveyor.rod_waveform import ORDER, largest_force_of
 from tests.conftest import LONG, QUICK, ask, plain
 from tests.scenarios.orbit_oracle import Drive, orbit
 from workbench.answer import Answer
-from workbench.ask import refused
-from workbench.command import REFUSED, main
+from workbench.cli import REFUSED, main
 from workbench.figure import ERROR_SCOPE, Figure
 from workbench.limit import coupling
+from workbench.run import refused
 
 SPEEDS = "34:46:7"
 
@@ -166,7 +166,7 @@ def test_a_load_of_exactly_nothing_is_answered() -> None:
     answer = ask("resonance", speeds="30:60:7", speed=60.0, start=start)
     assert answer.figures["tau2_operating"].value == 0.0
     assert answers(answer) == ("not determined", "no")
-    assert "the load ripple nearly vanishes at 60 rad/s" in answer.figures["lag_operating"].reason
+    assert "the load ripple is almost zero at 60 rad/s" in answer.figures["lag_operating"].reason
     assert answer.figures["nu_90"].value == pytest.approx(40.0, rel=1e-3)
 
 
@@ -276,10 +276,10 @@ def test_the_largest_deviation_carries_the_coupling_error_of_its_own_point() -> 
     data, figure = answer.data, answer.figures["formula_off"]
     ratio = (data.points["f_rod_formula"] / data.points["f_rod"]).to_numpy()
     at = int(np.nanargmax(np.abs(ratio - 1.0)))
-    spots = [(*data.plane.spots()[at][:2], k) for k in COARSER]
-    runs = [largest(orbit) for orbit in data.setup.orbits(spots, "test")]
+    points = [data.plane.points()[at]._replace(step_multiple=k) for k in STEP_MULTIPLES]
+    runs = [largest_force_of(orbit) for orbit in data.runner.orbits(points, "test")]
     own = 100 * ratio[at] * coupling(runs, ORDER) / runs[0]
-    assert own > 200 * coupling_error(data.plane, data.setup, largest, ORDER)
+    assert own > 200 * coupling_error(data.plane, data.runner, largest_force_of, ORDER)
     assert figure.error is not None and figure.error >= 0.999 * own
 
 

@@ -11,13 +11,13 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from cosim import SetupError
-from cosim.master import stepping_order
 from cosim.system import Network, Port, Value
+from cosim.system.graph import stepping_order
 
+from ..charts.model import SHOWN, Chart, Curve, Mark, Panel
+from ..charts.plotly import Words, figure
+from ..charts.svg import letter_sizes
 from ..options import Options, declared
-from ..report.chart import SHOWN, Chart, Curve, Mark, Panel
-from ..report.plot import Words, figure
-from ..report.svg import letter_sizes
 from . import drawing
 from .declare import (
     REVOLUTION,

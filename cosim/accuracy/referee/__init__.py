@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...engine.driver import RunSettings
+from ...engine.settings import RunSettings
 from ...errors import SetupError, pluralize
 from ...system import Network, Port, System, connect
 from ...units import multiples
@@ -28,7 +28,9 @@ if TYPE_CHECKING:
 TOLERANCE = 0.01
 #: Share of the tolerance that the reference solution aims at: a quarter leaves room for the difference itself.
 PRECISION = 0.25
-#: Longest real time for the search for causes [s]: a convention.
+#: Longest real time for an integration [s]: a convention.
+TIMEOUT = 120.0
+#: Longest processor time for the search for causes [s]: a convention.
 CAUSE_SECONDS = 120.0
 #: Causes that a coupling can have, too. It is named in their place where it explains more.
 DOUBTFUL_KINDS = ("delay", "offset", "missed event")
@@ -51,7 +53,7 @@ def referee(
     stop: float | None = None,
     step: float | None = None,
     tolerance: float = TOLERANCE,
-    timeout: float = 120.0,
+    timeout: float = TIMEOUT,
 ) -> RefereeReport:
     """Judge a result of another master: how far each column is off, from when on, and why.
 

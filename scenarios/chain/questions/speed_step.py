@@ -16,6 +16,9 @@ from scipy.interpolate import CubicSpline
 
 from cosim import Result, System
 from workbench import Bench, Chart, Figure, Findings, Mark, Run, Show, Table, option
+from workbench.charts import motion
+from workbench.charts.model import FORCE, LIFT, SPEED, THEORY, TORQUE, recorded
+from workbench.charts.motion import Motion, Shape, line
 from workbench.live import (
     Caption,
     Coordinate,
@@ -36,9 +39,6 @@ from workbench.measure import (
     measured,
     smallest,
 )
-from workbench.report import motion
-from workbench.report.chart import FORCE, LIFT, SPEED, THEORY, TORQUE, recorded
-from workbench.report.motion import Motion, Shape, line
 
 PARTS = {
     "controller": "SpeedController",

@@ -19,19 +19,19 @@ import cosim
 from cosim import Advice, Identified, SetupError
 from cosim.system import Value
 from cosim.units import multiples
-from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, option, recorded
+from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, fitting, option
+from workbench.charts import model as colors
+from workbench.charts.model import Second, Span
+from workbench.fitting import Recorded, said
 from workbench.measure import Samples, harmonics
-from workbench.recorded import Recorded, said
-from workbench.report import chart as colors
-from workbench.report.chart import Second, Span
 
-from .. import features
-from ..features import COARSER, Ripple, Setup
 from ..first_order import FIELDS, SETS, Machine
 from ..machine import PARTS as DRIVE
 from ..machine import conveyor_drive, followed, induction, linearised
 from ..motion import moving
-from .resonance import row
+from ..options import RippleOptions
+from ..orbits import STEP_MULTIPLES, Orbit, OrbitRunner, simulate
+from ..rows import speed_row
 
 PARTS = DRIVE
 OWN = ("motor.A", "motor.tau", "conveyor.phi", "conveyor.w")
@@ -47,7 +47,7 @@ FACTORS, NOISE, SLIGHT = (0.2, 5.0), 0.02, 1e-3
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options(Recorded, Ripple):
+class Options(Recorded, RippleOptions):
     speed: float | None = option(
         None, "operating speed, the mean of the record by default", "rad/s", above=0.0
     )
@@ -94,7 +94,7 @@ def solve(o: Options, bench: Bench) -> Findings:
         told,
         fit.model.system,
         fit.result.provenance,
-        tables=recorded.tables(fit, told.advice, "identify", "rad/s"),
+        tables=fitting.tables(fit, told.advice, "identify", "rad/s"),
         facts=facts(o, told),
         defaults={"speed": told.operating, "rated_torque": o.rated},
     )
@@ -171,7 +171,7 @@ def figures(o: Options, bench: Bench, told: Told) -> dict[str, Figure]:
             o, bench, told, clear._replace(meaning=meanings[f"clear_{key}"]), partial(changed, name)
         )
         here[f"change_{key}"] = change(o, told, name, here[f"clear_{key}"], clear)
-    return here | recorded.values(fit)
+    return here | fitting.values(fit)
 
 
 def distance(nu: float, stretch: tuple[Figure, Figure]) -> float:
@@ -181,29 +181,29 @@ def distance(nu: float, stretch: tuple[Figure, Figure]) -> float:
 
 
 def orbits(
-    o: Options, bench: Bench, told: Told, machine: Machine, nu: float, coarser: Sequence[int]
-) -> list[features.Point]:
+    o: Options, bench: Bench, told: Told, machine: Machine, nu: float, step_multiples: Sequence[int]
+) -> list[Orbit]:
     """Steady orbits of a machine like the one found at a mean speed nu [rad/s]."""
     values = told.fit.model.values(told.fit.local.p)
     mine = {name: x for name, x in values.items() if name not in OWN and "(" not in name}
     mine |= {name: getattr(machine, field) for name, field in FIELDS.items() if name in mine}
-    setup = Setup(bench, {**o.start, **mine}, o.algorithm, STEPS)
-    return [features.simulate(setup.case(machine, nu, k)) for k in coarser]
+    runner = OrbitRunner(bench, {**o.start, **mine}, o.algorithm, STEPS)
+    return [simulate(runner.task(machine, nu, k)) for k in step_multiples]
 
 
 def ripple(o: Options, bench: Bench, told: Told, meaning: str) -> Figure:
     """The torque ripple of the machine found on its steady orbit at the operating speed."""
     fit, nu = told.fit, told.operating
     machine = told.machine(fit.model.values(fit.local.p))
-    points = orbits(o, bench, told, machine, nu, COARSER)
+    points = orbits(o, bench, told, machine, nu, STEP_MULTIPLES)
     if points[0].problem:
         return Figure.refused("N.m", points[0].problem, meaning)
-    told_row = row(machine, points, cosim.CONVERGENCE_ORDERS[o.algorithm])
-    (value, unit), (error, _) = told_row["tau2"], told_row["tau2_error"]
+    row = speed_row(machine, points, cosim.CONVERGENCE_ORDERS[o.algorithm])
+    value, error = row["tau2"], row["tau2_error"]
     if math.isnan(error):
-        return Figure.refused(unit, "the coupling error is not known", meaning)
+        return Figure.refused("N.m", "the coupling error is not known", meaning)
     wide = fit.interval(lambda v: float(abs(told.machine(v).torque_ripple(nu)))).error
-    return Figure(value, unit, error + wide, meaning)
+    return Figure(value, "N.m", error + wide, meaning)
 
 
 def simulated(
@@ -224,11 +224,11 @@ def simulated(
         machine, nu = at(x)
         return float(np.log(np.abs(machine.torque_ripple(nu))))
 
-    (point,) = orbits(o, bench, told, *at(x), COARSER[-1:])
+    (point,) = orbits(o, bench, told, *at(x), STEP_MULTIPLES[-1:])
     if point.problem:
         return Figure.refused(figure.unit, point.problem, figure.meaning)
     slope = (theory(x * (1 + SLIGHT)) - theory(x * (1 - SLIGHT))) / (2 * SLIGHT * x)
-    off = abs((math.log(abs(point.torque)) - math.log(o.most)) / slope)
+    off = abs((math.log(abs(point.torque)) - math.log(o.ripple_limit)) / slope)
     return figure._replace(error=figure.error + off)
 
 
@@ -242,7 +242,7 @@ def edges(
     nus = machine(values).nu_res * np.geomspace(WIDEST[0], WIDEST[1], FINE)
 
     def passed(v: Mapping[str, float]) -> Samples:
-        over = np.log(np.abs(machine(v).torque_ripple(nus)) / o.most)
+        over = np.log(np.abs(machine(v).torque_ripple(nus)) / o.ripple_limit)
         k = np.flatnonzero((over[1:] > 0) != (over[:-1] > 0))
         share = over[k] / (over[k] - over[k + 1])
         return np.asarray(nus[k] + share * (nus[k + 1] - nus[k]))
@@ -251,7 +251,7 @@ def edges(
         return float(min(passed(v), key=lambda x: abs(x - near), default=math.nan))
 
     ends = [said(fit.interval(partial(edge, x), "rad/s"), "") for x in passed(values).tolist()]
-    if abs(machine(values).torque_ripple(nus[0])) > o.most:
+    if abs(machine(values).torque_ripple(nus[0])) > o.ripple_limit:
         ends.insert(
             0, Figure.refused("rad/s", "the torque ripple is above its limit at every lower speed")
         )
@@ -268,7 +268,7 @@ def cleared(o: Options, told: Told, name: str, unit: str) -> Figure:
     """
     fit, nu = told.fit, told.operating
     values = fit.model.values(fit.local.p)
-    if abs(told.machine(values).torque_ripple(nu)) <= o.most:
+    if abs(told.machine(values).torque_ripple(nu)) <= o.ripple_limit:
         return Figure.refused(unit, "the operating speed is already clear")
     if math.isnan(clearing(o, told, name, values)):
         return Figure.refused(unit, f"no {name} from a fifth to five times its value does it")
@@ -298,7 +298,7 @@ def clearing(o: Options, told: Told, name: str, values: Mapping[str, float]) -> 
 
     many: dict[str, Any] = {FIELDS[name]: values[name] * factors}
     each = replace(told.machine(values), **many)
-    over = np.asarray(np.log(np.abs(each.torque_ripple(nu)) / o.most))
+    over = np.asarray(np.log(np.abs(each.torque_ripple(nu)) / o.ripple_limit))
     k = np.flatnonzero((over[1:] > 0) != (over[:-1] > 0))
     at = factors[k] * (factors[k + 1] / factors[k]) ** (over[k] / (over[k] - over[k + 1]))
     return float(min(at, key=lambda x: abs(math.log(x)), default=math.nan))
@@ -324,14 +324,14 @@ def advice(o: Options, fit: Identified) -> list[Advice]:
     if not induction(o.start):
         kinds["a run-down with the supply off"] = {**last, supply: 0.0}
     nu = float(np.mean(fit.result[SPEED]))
-    experiments = recorded.planned(kinds, supply, stop, noise, torque)
+    experiments = fitting.planned(kinds, supply, stop, noise, torque)
     return cosim.advise(fit, experiments, lambda v: found(o, base, nu, v).nu_res)
 
 
 def facts(o: Options, told: Told) -> dict[str, Any]:
     """What else stands in the JSON."""
-    own = {"operating_speed": told.operating, "rated_torque": o.rated, "limit": o.most}
-    return own | recorded.facts(told.fit, told.advice, DRAWN)
+    own = {"operating_speed": told.operating, "rated_torque": o.rated, "limit": o.ripple_limit}
+    return own | fitting.facts(told.fit, told.advice, DRAWN)
 
 
 def verdict(o: Options, f: Mapping[str, Figure], r: Told) -> str:
@@ -339,12 +339,12 @@ def verdict(o: Options, f: Mapping[str, Figure], r: Told) -> str:
     if r.fit.misfit:
         return "\n".join(["No drive of this kind fits this record:", *r.fit.misfit])
     away, nu = f["away"], r.operating
-    over = f["tau2"].value > o.most
+    over = f["tau2"].value > o.ripple_limit
     lines = [
         f"The resonance is at {f['nu_res'].text()}, and the operating speed of {nu:.4g} rad/s "
         f"lies {away._replace(value=abs(away.value)).text()} "
         f"{'above' if away.value > 0 else 'below'} it.",
-        f"The torque ripple there is {f['tau2'].text()}; the limit is {o.most:g} N.m.",
+        f"The torque ripple there is {f['tau2'].text()}; the limit is {o.ripple_limit:g} N.m.",
     ]
     ends = [f[name] for name in ("avoid_from", "avoid_to")]
     if over:
@@ -363,7 +363,7 @@ def verdict(o: Options, f: Mapping[str, Figure], r: Told) -> str:
     for group in r.fit.alike:
         lines.append(f"The record cannot tell {' and '.join(group)} apart.")
     now = f["nu_res"].error or math.inf
-    lines.append(recorded.next_one(r.advice, now, "the resonance", "rad/s"))
+    lines.append(fitting.next_one(r.advice, now, "the resonance", "rad/s"))
     return "\n".join(lines)
 
 
@@ -384,7 +384,7 @@ def show(o: Options, f: Mapping[str, Figure], r: Told) -> Show:
     conveyor in motion.
     """
     drawn = {SPEED: ("speed", colors.SPEED), TORQUE: ("torque", colors.TORQUE)}
-    charts = recorded.charts(r.fit, drawn)
+    charts = fitting.charts(r.fit, drawn)
     if not r.fit.misfit:
         charts.insert(0, band(o, f, r))
     first, last = (float(t) for t in r.fit.result["time"][[0, -1]])
@@ -403,7 +403,7 @@ def band(o: Options, f: Mapping[str, Figure], r: Told) -> Chart:
         "first-order theory of the fitted machine", nus, [x.value for x in each], colors.TORQUE,
         "line", [x.error for x in each],
     )  # fmt: skip
-    limit = Mark(o.most, f"limit {o.most:g} N.m")
+    limit = Mark(o.ripple_limit, f"limit {o.ripple_limit:g} N.m")
     marks = [
         Mark.of("resonance", f["nu_res"]),
         Mark(r.operating, f"operating speed {r.operating:.4g} rad/s"),

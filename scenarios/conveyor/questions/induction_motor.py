@@ -8,7 +8,6 @@ compared with that of a linear motor of this slope, over the load and over the b
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from itertools import islice
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -16,19 +15,19 @@ import numpy as np
 from scipy.optimize import brentq
 
 import workbench
-from cosim import CONVERGENCE_ORDERS, SetupError
+from cosim import SetupError
 from cosim.system import Value
 from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, Table, option
+from workbench.charts.model import LIFT, THEORY
 from workbench.figure import SHARE_DIGITS, concise
-from workbench.report.chart import LIFT, THEORY
 
-from .. import features, motion
-from ..features import COARSER, LAG, Line, Lost, Setup
+from .. import motion
+from ..features import LAG, FeatureNotFoundError, ResponseLine, locate
 from ..first_order import SETS, Machine, flux_lag
 from ..machine import KLOSS, conveyor_drive, followed, linearised
 from ..machine import PARTS as DRIVE
-from . import resonance
-from .resonance import OVERDAMPED
+from ..orbits import ALGORITHMS, STEP_MULTIPLES, OrbitRunner
+from ..rows import OVERDAMPED, rows_of
 
 PARTS = DRIVE
 PARALLEL = True
@@ -56,7 +55,7 @@ class Options(workbench.Options):
         "0.08,0.1,0.13,0.16,0.22,0.35", "breakdown slips", "1", above=0.0
     )
     steps_per_rev: int = option(512, "communication steps per revolution", least=1)
-    algorithm: str = option("strang", "coupling algorithm", choices=features.ALGORITHMS)
+    algorithm: str = option("strang", "coupling algorithm", choices=ALGORITHMS)
 
 
 class Motor(NamedTuple):
@@ -86,10 +85,10 @@ class Motor(NamedTuple):
         return replace(self.machine, B=2 * self.tau_b / self.breakdown)
 
     @property
-    def line(self) -> Line:
+    def line(self) -> ResponseLine:
         """The machine with the slope at its slip, over speeds around the resonance without slip."""
         first, last = (share * float(self.stiff.nu_res) for share in RANGE)
-        return Line(lambda nu: (linearised(self.machine, self.start, nu), nu), first, last)
+        return ResponseLine(lambda nu: (linearised(self.machine, self.start, nu), nu), first, last)
 
     def slip(self, nu: Any) -> Any:
         """The slip at the load of nu [rad/s], in shares of the breakdown slip."""
@@ -100,8 +99,8 @@ class Motor(NamedTuple):
     def nu_res(self) -> float:
         """The speed [rad/s] where (22) holds with the slope at the slip; raises SetupError for none."""
         try:
-            return self.line.expected(LAG)
-        except Lost as reason:
+            return self.line.expected(LAG).x
+        except FeatureNotFoundError as reason:
             where = f"{self.line.first:.4g} .. {self.line.last:.4g} rad/s"
             raise SetupError(f"formula (22) gives no lag of 90 deg in {where}: {reason}") from None
 
@@ -121,10 +120,10 @@ class Motor(NamedTuple):
         first, last = self.line.first, self.line.last
         return brentq(behind, first, last) if behind(first) > 0 > behind(last) else math.nan
 
-    def setup(self, kloss: bool) -> Setup:
+    def runner(self, kloss: bool) -> OrbitRunner:
         """How it is run, or the linear motor of the machine in its place."""
         start = {x: y for x, y in self.start.items() if kloss or not x.startswith("motor.")}
-        return Setup(Bench(self.fmus), start, self.algorithm, self.steps_per_rev)
+        return OrbitRunner(Bench(self.fmus), start, self.algorithm, self.steps_per_rev)
 
 
 Places = tuple[Figure, Figure]
@@ -138,12 +137,12 @@ def located(motor: Motor) -> Places:
     lines = {True: motor.line, False: replace(motor.line, at=lambda nu: (there, nu))}
     found = []
     for kloss, line in lines.items():
-        setup, nus = motor.setup(kloss), np.linspace(line.first, line.last, KNOWN).tolist()
+        runner, nus = motor.runner(kloss), np.linspace(line.first, line.last, KNOWN).tolist()
         for nu in (line.first, line.last):
-            setup.check(*line.at(nu), COARSER[-1])
-        known = list(zip(nus, setup.orbits([(*line.at(nu), 1) for nu in nus], "orbits")))
+            runner.check(*line.at(nu), STEP_MULTIPLES[-1])
+        known = list(zip(nus, runner.orbits([line.point(nu) for nu in nus], "orbits")))
         steady = [(nu, point) for nu, point in known if not point.problem]
-        ((figure, _),) = features.places([(line, LAG, steady)], COARSER, "rad/s", setup)
+        ((figure, _),) = locate([(line, LAG, steady)], STEP_MULTIPLES, "rad/s", runner)
         found.append(figure)
     return found[0], found[1]
 
@@ -206,13 +205,10 @@ def swept(motor: Motor) -> Table:
     nus = np.linspace(motor.line.first, motor.line.last, 2 * KNOWN + 1).tolist()
     units, rows = {"nu": "rad/s"}, [[nu] for nu in nus]
     for name, kloss in (("kloss", True), ("linear", False)):
-        setup = motor.setup(kloss)
-        spots = [(motor.line.at(nu)[0] if kloss else there, nu) for nu in nus]
-        orbits = setup.orbits([(*spot, k) for spot in spots for k in COARSER], "orbits")
-        for cells, (machine, _) in zip(rows, spots):
-            points = list(islice(orbits, len(COARSER)))
-            seen = resonance.row(machine, points, CONVERGENCE_ORDERS[motor.algorithm])
-            cells += [seen[x][0] for x in ("tau2", "tau2_error", "lag", "lag_error")]
+        runner = motor.runner(kloss)
+        machines = [(motor.line.at(nu)[0] if kloss else there, nu) for nu in nus]
+        for cells, row in zip(rows, rows_of(machines, runner, STEP_MULTIPLES)):
+            cells += [row[column] for column in ("tau2", "tau2_error", "lag", "lag_error")]
         units |= {f"tau2_{name}{x}": "N.m" for x in ("", "_error")}
         units |= {f"lag_{name}{x}": "deg" for x in ("", "_error")}
     return Table.of_rows(rows, units)
@@ -334,7 +330,7 @@ def show(o: Options, f: Mapping[str, Figure], r: Found) -> Show:
         moved_by("breakdown_slip", "breakdown slip", "breakdown slip [1]", r.rows.iloc[slips]),
         over_speed(f, r),
     ]
-    case = r.motor.setup(True).case(r.motor.there, r.motor.nu_res)
+    case = r.motor.runner(True).task(r.motor.there, r.motor.nu_res)
     return Show(charts, *motion.revolution(case))
 
 

@@ -20,21 +20,22 @@ from scipy.interpolate import CubicSpline
 import cosim
 from cosim import System
 from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, Table, option
+from workbench.charts.model import POWER, SPEED, THEORY, TORQUE, Second
 from workbench.measure import Measured, Samples, largest, measured, smallest
-from workbench.orbit import TURN, NotSteady, Turns
-from workbench.report.chart import POWER, SPEED, THEORY, TORQUE, Second
+from workbench.periodic import TURN, NoOrbitError, Revolutions
 
-from .. import features, motion
-from ..features import EDGE, Case, converged
+from .. import motion
+from ..features import converged
 from ..first_order import Machine, Means, drift, means, settling
 from ..machine import PARTS as DRIVE
 from ..machine import WIRES, conveyor_drive
-from ..sweep import HELD, Sweep, Swept, begun
-from .resonance import SPEEDS
+from ..options import FIXED_STARTS, SweepOptions, linear_runner, speeds_of
+from ..orbits import EDGE_ROWS, OrbitRunner, OrbitTask, run_to_orbit
+from ..rows import SPEEDS
 
 PARTS = DRIVE
 PARALLEL = True
-OWN = HELD
+OWN = FIXED_STARTS
 DECISIVE = ("torque", "supply_more")
 TABLE, COURSE = "mean_values.csv", "drift.csv"
 RECORD = ("motor.tau", "conveyor.phi", "conveyor.w", "conveyor.P_loss")
@@ -55,16 +56,17 @@ NO_OVERSHOOT = 1e-6
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options(Swept):
+class Options(SweepOptions):
     speed: float | None = option(
         None, "operating speed, the resonance (22) by default", "rad/s", above=0.0
     )
 
 
 class Found(NamedTuple):
-    """The sweep, the operating speed [rad/s], rows of both tables."""
+    """The machine and how it is run, the operating speed [rad/s], rows of both tables."""
 
-    sweep: Sweep
+    machine: Machine
+    runner: OrbitRunner
     operating: float
     rows: Any
     course: Any
@@ -72,25 +74,28 @@ class Found(NamedTuple):
 
 def solve(o: Options, bench: Bench) -> Findings:
     """Orbits over the speed, and the drift to the operating speed; raises cosim.SetupError."""
-    machine, setup, nus, coarser = sweep = begun(o, bench, SPEEDS)
-    operating = o.speed or float(machine.nu_res)
-    setup.check(machine, operating, coarser[-1])
+    machine, runner = linear_runner(o, bench)
+    nus, operating = o.speeds or speeds_of(SPEEDS[o.set]), o.speed or float(machine.nu_res)
+    for nu in nus:
+        runner.check(machine, nu)
+    multiples = runner.step_multiples(machine, nus[0])
+    runner.check(machine, operating, multiples[-1])
     wanted = sorted({*nus, operating})
-    cases = [setup.case(machine, nu, k) for nu in wanted for k in coarser]
+    cases = [runner.task(machine, nu, k) for nu in wanted for k in multiples]
     orbits = bench.each(balance, cases, "orbits")
-    rows = {nu: told(list(islice(orbits, len(coarser))), o.algorithm) for nu in wanted}
+    rows = {nu: told(list(islice(orbits, len(multiples))), o.algorithm) for nu in wanted}
     units = {"nu": "rad/s"}
     for name, (unit, _) in MEANT.items():
         units |= {name: unit, f"{name}_error": unit, f"{name}_theory": unit, f"{name}_plain": unit}
     table = Table.of_rows([row(machine, nu, rows[nu]) for nu in nus], units)
-    course, figures = drifts(sweep, operating)
+    course, figures = drifts(machine, runner, multiples, operating)
     torque = rows[operating]["torque"]
     for name in DRIFT:
         if torque.error is None:  # nothing that the mean speed could settle at
             figures[name] = Figure.refused("%", torque.reason, figures[name].meaning)
     return Findings(
         compared(machine, operating, rows[operating]) | figures,
-        Found(sweep, operating, table.frame, course.frame),
+        Found(machine, runner, operating, table.frame, course.frame),
         conveyor_drive(bench.fmus, {**machine.start(operating), **o.start}),
         communication=f"{o.steps_per_rev} steps per revolution",
         algorithm=o.algorithm,
@@ -100,21 +105,21 @@ def solve(o: Options, bench: Bench) -> Findings:
     )
 
 
-def balance(case: Case) -> dict[str, Measured] | str:
+def balance(task: OrbitTask) -> dict[str, Measured] | str:
     """The means of a steady orbit by name, with what rows and settling leave open, or why none is."""
     try:
-        turns = features.orbit(case, RECORD)
-    except NotSteady as problem:
+        turns = run_to_orbit(task, RECORD)
+    except NoOrbitError as problem:
         return str(problem)
-    now, before = (revolution(turns, case.start, back) for back in (0, 1))
-    left = {name: turns.remains(abs(now[name].value - before[name].value)) for name in now}
+    now, before = (revolution(turns, task.start, back) for back in (0, 1))
+    left = {name: turns.settling_error(abs(now[name].value - before[name].value)) for name in now}
     return {name: Measured(x, error + left[name]) for name, (x, error) in now.items()}
 
 
-def revolution(turns: Turns, start: Mapping[str, Any], back: int) -> dict[str, Measured]:
+def revolution(turns: Revolutions, start: Mapping[str, Any], back: int) -> dict[str, Measured]:
     """The means of the last revolution, or of one so many before it."""
     whole, r = turns.window(back), turns.result
-    rows = slice(max(0, whole.start - EDGE), whole.stop + EDGE)
+    rows = slice(max(0, whole.start - EDGE_ROWS), whole.stop + EDGE_ROWS)
     t, tau, phi, w, lost = (r[name][rows] for name in ("time", *RECORD))
     B, times = float(start["motor.B"]), turns.times[[-2 - back, -1 - back]]
 
@@ -189,18 +194,19 @@ def moved(figure: Figure, plain: float, meaning: str, scale: float = 1.0, unit: 
     return Figure(scale * (figure.value - plain), unit, scale * figure.error, meaning)
 
 
-def drifts(sweep: Sweep, nu: float) -> tuple[Table, dict[str, Figure]]:
+def drifts(
+    machine: Machine, runner: OrbitRunner, multiples: Sequence[int], nu: float
+) -> tuple[Table, dict[str, Figure]]:
     """How the mean speed comes to nu from the orbit of a speed SLOWER, and what it makes of (16).
 
     The mean is that of STARTS at crank angles evenly spaced over a turn, which leaves out the ripple;
     how far it is from others is told in % of the way.
     """
-    machine, setup, _, coarser = sweep
     slow = (1.0 - SLOWER) * nu
     W, M, way = machine.speed_ripple(slow), machine.torque_ripple(slow), nu - slow
     stop = drift_time(machine)
-    longest = coarser[-1] * TURN / (nu * setup.steps_per_rev)
-    count = coarser[-1] * math.ceil(stop / longest)
+    longest = multiples[-1] * TURN / (nu * runner.steps_per_rev)
+    count = multiples[-1] * math.ceil(stop / longest)
     h = stop / count
     systems = []
     for phi in TURN / STARTS * np.arange(STARTS):
@@ -210,12 +216,12 @@ def drifts(sweep: Sweep, nu: float) -> tuple[Table, dict[str, Figure]]:
             "conveyor.w": slow + (W * turned).imag,
             "motor.tau": machine.load_slope * slow + (M * turned).imag,
         }
-        start = {**machine.start(nu), **setup.start, **state}
-        systems.append(System(setup.bench.fmus, WIRES, start))
-    tasks = [(system, k * h, count // k) for k in coarser for system in systems]
-    runs = setup.bench.each(partial(speeds, setup.algorithm), tasks, "drift")
+        start = {**machine.start(nu), **runner.start, **state}
+        systems.append(System(runner.bench.fmus, WIRES, start))
+    tasks = [(system, k * h, count // k) for k in multiples for system in systems]
+    runs = runner.bench.each(partial(speeds, runner.algorithm), tasks, "drift")
     off: dict[str, list[Measured | str]] = {name: [] for name in DRIFT}
-    for k in coarser:
+    for k in multiples:
         each = list(islice(runs, STARTS))
         t = np.linspace(0.0, count * h, count // k + 1)
         mean = np.mean(each, axis=0)
@@ -234,7 +240,7 @@ def drifts(sweep: Sweep, nu: float) -> tuple[Table, dict[str, Figure]]:
         "off_16": "largest deviation of formula (16) from the mean speed in that step",
         "off_whole": "the same with the term that (16) neglects",
     }
-    order = cosim.CONVERGENCE_ORDERS[setup.algorithm]
+    order = cosim.CONVERGENCE_ORDERS[runner.algorithm]
     found = {name: converged(runs, order, "%", meant[name]) for name, runs in off.items()}
     found["settling_16"] = Figure(
         machine.J / machine.slope, "s", 0.0, "time constant of settling by formula (16)"
@@ -317,15 +323,14 @@ def changed(figure: Figure) -> str:
 
 def show(o: Options, f: Mapping[str, Figure], r: Found) -> Show:
     """Means over the speed beside theory, the drift of the mean, one revolution."""
-    machine, setup, *_ = r.sweep
     charts = [over_speed(f, r), course(f, r)]
-    return Show(charts, *motion.revolution(setup.case(machine, r.operating)))
+    return Show(charts, *motion.revolution(r.runner.task(r.machine, r.operating)))
 
 
 def over_speed(f: Mapping[str, Figure], r: Found) -> Chart:
     """Mean torque, mean speeds from the nominal one, powers above those without ripple."""
     nu = np.linspace(r.rows["nu"].min(), r.rows["nu"].max(), 400)
-    theory, plain = means(r.sweep.machine, nu), means(r.sweep.machine, nu, False)
+    theory, plain = means(r.machine, nu), means(r.machine, nu, False)
 
     def pair(label: str, name: str, color: str, less: Any = None) -> list[Curve]:
         base = 0.0 if less is None else r.rows[less]

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
@@ -20,21 +20,33 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim import CONVERGENCE_ORDERS, SetupError
+from cosim import SetupError
 from cosim.result import partial
 from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, Table, option
 from workbench.answer import stream
-from workbench.limit import coupling
+from workbench.charts import model as colors
+from workbench.charts.model import Direction, Field, Level, Span
 from workbench.options import refuse
-from workbench.report import chart as colors
-from workbench.report.chart import Direction, Field, Level, Span
 
 from .. import motion
-from ..features import COARSER, LAG, TORQUE, Point, Ripple, Setup, places
+from ..features import LAG, TORQUE_PEAK, locate
 from ..first_order import FIELDS, SETS
 from ..machine import PARTS as DRIVE
 from ..machine import conveyor_drive, followed
-from ..parameter_plane import SPEED, Built, Plane, Sample, axis, interval, on_edge, shares, span
+from ..options import RippleOptions
+from ..orbits import STEP_MULTIPLES, OrbitRunner
+from ..parameter_plane import (
+    SPEED,
+    Built,
+    Plane,
+    Sample,
+    axis,
+    coupling_error,
+    interval,
+    on_edge,
+    shares,
+    span,
+)
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -52,7 +64,7 @@ TOLERANCES = {
     "conveyor.trough.m": 0.02,
     "conveyor.trough.d": 0.20,
 }
-SURE, SPEEDS, GRID = 0.01, 61, 5
+SURE, SPEEDS = 0.01, 61
 NEARLY_ALL = f"in at least {1 - SURE:.0%} of the machines"
 TABLE, ROWS_TABLE = "resonance_map.csv", "resonance_map_rows.csv"
 VALUES = {"ripple": "N.m", "gain": "1", "lag": "deg", "settling": "1", "ripple_theory": "N.m"}
@@ -67,7 +79,7 @@ OWN = ("motor.A", "motor.tau", "motor.characteristic", "conveyor.phi", "conveyor
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options(Ripple):
+class Options(RippleOptions):
     x: str = option(X, f"NAME=FROM:TO:NUMBER[:log] of `speed` [rad/s], {', '.join(FIELDS)}")
     y: str = option(Y, "the same for the other axis, without `speed`")
     speed: float | None = option(
@@ -92,7 +104,7 @@ class Map(NamedTuple):
     """The machines, how they are run, the tables of their points and rows, the operating range [rad/s]."""
 
     plane: Plane
-    setup: Setup
+    runner: OrbitRunner
     points: DataFrame
     rows: DataFrame
     within: tuple[float, float] | None
@@ -133,16 +145,18 @@ def solve(o: Options, bench: Bench) -> Findings:
     if o.check_runs > o.samples:
         raise SetupError(f"check_runs = {o.check_runs} must be at most samples = {o.samples}")
     beside = {key: value for key, value in o.start.items() if key not in FIELDS}
-    setup = Setup(bench, beside, o.algorithm, o.steps_per_rev)
-    machine, nu, _ = max(plane.spots(), key=lambda spot: spot[0].nu_res / spot[1])
-    setup.check(machine, nu, COARSER[-1])
+    runner = OrbitRunner(bench, beside, o.algorithm, o.steps_per_rev)
+    machine, nu, _ = max(plane.points(), key=lambda point: point.machine.nu_res / point.nu)
+    runner.check(machine, nu, STEP_MULTIPLES[-1])
 
-    points = swept(plane, setup, bench.out and bench.out / TABLE)
-    rows, error = ridges(plane, setup), coupling_error(plane, setup)
-    found = Map(plane, setup, points, rows.assign(**dict.fromkeys(RANGES, math.nan)), within)
+    points = swept(plane, runner, bench.out and bench.out / TABLE)
+    rows, error = ridges(plane, runner), coupling_error(plane, runner)
+    found = Map(plane, runner, points, rows.assign(**dict.fromkeys(RANGES, math.nan)), within)
     ratio = found.field("ripple") / found.field("ripple_theory")
     built = Built.within(plane, ratio, spread, o.samples)
-    checks = built.check(risk(found, built, o.checks, o.most), o.check_runs, o.most, setup)
+    checks = built.check(
+        risk(found, built, o.checks, o.ripple_limit), o.check_runs, o.ripple_limit, runner
+    )
     y = {plane.y.name: plane.y.along.unit}
     return Findings(
         figures(points, rows, error) | judgement(checks, error),
@@ -156,7 +170,7 @@ def solve(o: Options, bench: Bench) -> Findings:
         },
         facts={
             "range": within,
-            "limit": o.most,
+            "limit": o.ripple_limit,
             "rated_torque": o.rated,
             "tolerances": spread,
             "distribution": "uniform within the tolerance, speed held",
@@ -190,19 +204,19 @@ def planned(o: Options, bench: Bench) -> tuple[Plane, tuple[float, float] | None
     return plane, span("range", o.range or RANGE, across.along)
 
 
-def swept(plane: Plane, setup: Setup, path: Path | None) -> DataFrame:
+def swept(plane: Plane, runner: OrbitRunner, path: Path | None) -> DataFrame:
     """The rows of the table of all points, which are kept on the way, too.
 
     Raises SetupError where no orbit is steady.
     """
-    spots, units = plane.spots(), plane.units | VALUES
+    points_, units = plane.points(), plane.units | VALUES
     rows: list[tuple[float, ...]] = []
     try:
         with stream(path, list(units)) as keep:
-            for node, spot, orbit in zip(
-                plane.nodes(), spots, setup.each(spots, "map"), strict=True
+            for node, point, orbit in zip(
+                plane.nodes(), points_, runner.each(points_, "map"), strict=True
             ):
-                machine, nu, _ = spot
+                machine, nu, _ = point
                 load, ripple = machine.load_ripple(nu), abs(orbit.torque)
                 lag = float(np.angle(load / orbit.torque, deg=True)) % 360.0
                 theory, left = abs(machine.torque_ripple(nu)), orbit.torque_error / ripple
@@ -210,68 +224,38 @@ def swept(plane: Plane, setup: Setup, path: Path | None) -> DataFrame:
                 keep(rows[-1:])
     except KeyboardInterrupt:
         if not path:
-            raise KeyboardInterrupt(f"{len(rows)} of {len(spots)} points") from None
+            raise KeyboardInterrupt(f"{len(rows)} of {len(points_)} points") from None
         done = len(partial(path).read_text(encoding="utf-8").splitlines()) - 1
-        raise KeyboardInterrupt(f"{done} of {len(spots)} points in {partial(path)}") from None
+        raise KeyboardInterrupt(f"{done} of {len(points_)} points in {partial(path)}") from None
     points = Table.of_rows(rows, units).frame
     if points["ripple"].isna().all():
         raise SetupError("no orbit of the map is steady")
     for y, row in points.groupby(plane.y.name):
-        if (lost := row["ripple"].isna().to_numpy()).any():
+        if (unsteady := row["ripple"].isna().to_numpy()).any():
             place = f"{plane.y.name} = {y:.3g} {plane.y.along.unit}, {plane.x.name}"
             logging.getLogger("cosim").warning(
-                f"No steady orbit at {place} of {stretches(plane.x.along, lost)}"
+                f"No steady orbit at {place} of {stretches(plane.x.along, unsteady)}"
             )
     return points
 
 
-def ridges(plane: Plane, setup: Setup) -> DataFrame:
+def ridges(plane: Plane, runner: OrbitRunner) -> DataFrame:
     """Where every row has its ridges, with their errors, beside formula (22) and theory; nan where it
     has none.
     """
     x, levels, sought = plane.x.along, plane.y.along.values.tolist(), []
-    orbits = setup.orbits(plane.spots(), "map")
+    orbits = runner.orbits(plane.points(), "map")
     for line in map(plane.line, levels):
-        known = [(at, point) for at, point in zip(x.values.tolist(), orbits) if not point.problem]
-        sought += [(line, place, known) for place in (LAG, TORQUE)]
+        known = [(at, orbit) for at, orbit in zip(x.values.tolist(), orbits) if not orbit.problem]
+        sought += [(line, feature, known) for feature in (LAG, TORQUE_PEAK)]
     found = [
-        (figure.value, math.nan if figure.error is None else figure.error, line.theory(place))
-        for (line, place, _), (figure, _) in zip(sought, places(sought, COARSER, x.unit, setup))
+        (figure.value, math.nan if figure.error is None else figure.error, line.theory(feature))
+        for (line, feature, _), (figure, _) in zip(
+            sought, locate(sought, STEP_MULTIPLES, x.unit, runner)
+        )
     ]
     rows = [(level, *lag, *peak) for level, lag, peak in zip(levels, found[::2], found[1::2])]
     return Table.of_rows(rows, dict.fromkeys([plane.y.name, *RIDGES], x.unit)).frame
-
-
-def torque_ripple(point: Point) -> float:
-    """Of order 2 [N.m]."""
-    return abs(point.torque)
-
-
-def coupling_error(
-    plane: Plane,
-    setup: Setup,
-    told: Callable[[Point], float] = torque_ripple,
-    order: float | None = None,
-) -> float:
-    """The largest relative coupling error of what is told of orbits, by coarser runs all over the map.
-
-    It vanishes with the order of the algorithm, unless another one is given.
-    """
-    x, y = (
-        sorted({round(k) for k in np.linspace(0, len(axis.along.values) - 1, GRID).tolist()})
-        for axis in (plane.x, plane.y)
-    )
-    every, width = plane.spots(), len(plane.x.along.values)
-    spots = [(*every[n * width + k][:2], coarser) for n in y for k in x for coarser in COARSER]
-    found = [told(orbit) for orbit in setup.orbits(spots, "coupling error")]
-    runs = np.array(found).reshape(-1, len(COARSER))
-    runs = runs[np.isfinite(runs).all(axis=1)]
-    if not len(runs):
-        raise SetupError(
-            "no orbit is steady with a quarter of the steps per revolution: take more steps"
-        )
-    order = order or CONVERGENCE_ORDERS[setup.algorithm]
-    return float(max(coupling(run, order) / run[0] for run in runs.tolist()))
 
 
 def risk(r: Map, built: Built, count: int, most: float) -> list[Sample]:
@@ -366,7 +350,7 @@ def stretches(along: Direction, good: NDArray[np.bool_]) -> str:
 
 def verdict(o: Options, f: Mapping[str, Figure], r: Map) -> str:
     """The answer in plain words."""
-    above = f"above {o.most:g} N.m ({o.most / o.rated:.0%} of the rated torque of {o.rated:g} N.m)"
+    above = f"above {o.ripple_limit:g} N.m ({o.ripple_limit / o.rated:.0%} of the rated torque of {o.rated:g} N.m)"
     built = "With every part within its tolerance,"
     if r.within is None:
         ripple = r.points["ripple"].dropna()
@@ -376,11 +360,14 @@ def verdict(o: Options, f: Mapping[str, Figure], r: Map) -> str:
                 f"the {len(ripple)} of {len(r.points)} points of the map that have a steady orbit"
             )
         return (
-            f"At {r.plane.speed:g} rad/s the torque ripple is {above} in {np.mean(ripple > o.most):.0%} of "
+            f"At {r.plane.speed:g} rad/s the torque ripple is {above} in {np.mean(ripple > o.ripple_limit):.0%} of "
             f"{where}. {built} {r.sure()} of the map stays clear {NEARLY_ALL}."
         )
     name, meaning = r.plane.y.name, r.plane.y.along.label.partition("\n")[0]
-    nominal, nearly_all = r.clear("ripple_in_range", o.most), r.clear("probability_in_range", SURE)
+    nominal, nearly_all = (
+        r.clear("ripple_in_range", o.ripple_limit),
+        r.clear("probability_in_range", SURE),
+    )
     span = f"The operating range {r.within[0]:g} .. {r.within[1]:g} rad/s"
     first = f"{span} stays clear of a torque ripple {above} with {name} of {nominal}."
     if not nominal:
@@ -396,16 +383,16 @@ def show(o: Options, f: Mapping[str, Figure], r: Map) -> Show:
     worst = r.plane.nodes()[int(r.points["ripple"].argmax())]
     title = (
         f"At {r.plane.speed:g} rad/s {r.sure()} of the map stays clear of a torque ripple above "
-        f"{o.most:g} N.m {NEARLY_ALL}"
+        f"{o.ripple_limit:g} N.m {NEARLY_ALL}"
     )
     if r.within is not None:
         values = r.clear("probability_in_range", SURE)
         title = (
-            f"{r.within[0]:g} .. {r.within[1]:g} rad/s stays clear of a torque ripple above {o.most:g} N.m "
+            f"{r.within[0]:g} .. {r.within[1]:g} rad/s stays clear of a torque ripple above {o.ripple_limit:g} N.m "
             f"{NEARLY_ALL} with {r.plane.y.name} of {values or 'no value on the map'}"
         )
-    turn = motion.revolution(r.setup.case(*r.plane.at(*worst)))
-    return Show([*maps(r, o.most), *chart_of_rows(r, o.most)], *turn, title)
+    turn = motion.revolution(r.runner.task(*r.plane.at(*worst)))
+    return Show([*maps(r, o.ripple_limit), *chart_of_rows(r, o.ripple_limit)], *turn, title)
 
 
 def maps(r: Map, limit: float) -> list[Field]:

@@ -20,31 +20,32 @@ from numpy.typing import NDArray
 from cosim import CONVERGENCE_ORDERS, SetupError
 from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, option
 from workbench.answer import parameters
+from workbench.charts import model as colors
+from workbench.charts.model import Direction, Field, Level, Picture, Second
 from workbench.figure import SHARE_DIGITS, concise, percent
 from workbench.limit import coupling
-from workbench.report import chart as colors
-from workbench.report.chart import Direction, Field, Level, Picture, Second
 
 from .. import motion
-from ..features import COARSER, LAG, TORQUE, Line, Point, Ripple, Setup, Spot, places
+from ..features import LAG, TORQUE_PEAK, ResponseLine, locate
 from ..first_order import ANGLES, FIELDS, SETS, Machine, rod_force
 from ..machine import PARTS as DRIVE
 from ..machine import conveyor_drive, followed
-from ..parameter_plane import SPEED, Axis, Plane
+from ..options import RippleOptions, by_set
+from ..orbits import STEP_MULTIPLES, OperatingPoint, Orbit, OrbitRunner, torque_amplitude
+from ..parameter_plane import SPEED, Axis, Plane, coupling_error
 from ..rod_waveform import (
     CLOSE,
     ORDER,
     around,
     between,
-    course,
-    largest,
+    largest_force_of,
     least,
     peak,
-    search,
     unloading,
+    unloading_points,
+    waveform,
 )
-from .resonance import OPERATING, OVERDAMPED, row, told
-from .resonance_map import coupling_error, torque_ripple
+from ..rows import OPERATING, OVERDAMPED, orbit_figure, speed_row
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -67,10 +68,8 @@ DECISIVE = ("spring_unloaded",)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options(Ripple):
-    speed: float | None = option(
-        None, "operating speed, 40 in set A and 60 in set B by default", "rad/s", above=0.0
-    )
+class Options(RippleOptions):
+    speed: float | None = option(None, f"operating speed, {by_set(OPERATING)}", "rad/s", above=0.0)
     speeds: tuple[float, ...] = option("15:75:17", "speeds of the map", "rad/s", above=0.0)
     springs: tuple[float, ...] = option("0:1.2e6:11", "springs of the map", "N/m", least=0.0)
     steps_per_rev: int = option(256, "communication steps per revolution", least=1)
@@ -81,7 +80,7 @@ class Found(NamedTuple):
     plane and its table; the machine with its spring and, if it is known, the one that unloads the rod.
     """
 
-    setup: Setup
+    runner: OrbitRunner
     length: float
     plane: Plane
     points: DataFrame
@@ -97,14 +96,16 @@ class Found(NamedTuple):
         values = self.points[column].to_numpy().reshape(-1, len(self.speeds))
         return np.where(values > 0.0, values, math.nan)
 
-    def sweep(self, machine: Machine) -> list[Point]:
+    def sweep(self, machine: Machine) -> list[Orbit]:
         """The orbits of a machine at the speeds of the plane."""
-        return list(self.setup.orbits([(machine, nu, 1) for nu in self.speeds], "speeds"))
+        return list(
+            self.runner.orbits([OperatingPoint(machine, nu) for nu in self.speeds], "speeds")
+        )
 
     def valley(self) -> list[tuple[float, float]]:
         """Speeds of the plane, and the springs of the plane that unload the rod there [N/m]."""
         springs, width = self.plane.y.along.values.tolist(), len(self.speeds)
-        points = list(self.setup.orbits(self.plane.spots(), "map"))
+        points = list(self.runner.orbits(self.plane.points(), "map"))
         found = [between(springs, points[k::width]) for k in range(width)]
         return [(nu, c) for nu, c in zip(self.speeds, found) if isinstance(c, float)]
 
@@ -119,24 +120,27 @@ def solve(o: Options, bench: Bench) -> Findings:
     system = conveyor_drive(bench.fmus, {**own.start(nu), **beside})
     held = {key: one.value for key, one in parameters(system).items()}
     length = held["conveyor.rod.l"] if held["conveyor.rod.finite"] else math.inf
-    setup = Setup(bench, beside, o.algorithm, o.steps_per_rev)
-    setup.check(own, min(nu, *o.speeds), COARSER[-1])
+    runner = OrbitRunner(bench, beside, o.algorithm, o.steps_per_rev)
+    runner.check(own, min(nu, *o.speeds), STEP_MULTIPLES[-1])
     across = Direction("Operating speed", "rad/s", np.array(o.speeds))
     up = Direction("Spring", "N/m", np.array(o.springs))
     plane = Plane(Axis(SPEED, across), Axis(SPRING, up), own, nu)
 
-    def runs(machine: Machine) -> list[Spot]:
-        return [*((machine, x, 1) for x in o.speeds), *((machine, nu, k) for k in COARSER)]
+    def runs(machine: Machine) -> list[OperatingPoint]:
+        return [
+            *(OperatingPoint(machine, x) for x in o.speeds),
+            *(OperatingPoint(machine, nu, k) for k in STEP_MULTIPLES),
+        ]
 
-    more = [*search(own, nu), *runs(own)]
-    table = bench.kept(TABLE, UNITS, rows(setup, length, plane, more))
+    more = [*unloading_points(own, nu), *runs(own)]
+    table = bench.kept(TABLE, UNITS, rows(runner, length, plane, more))
     if table.frame["f_rod"].isna().all():
         raise SetupError("no orbit of the map is steady")
-    spring, machines = unloading(setup, own, nu), {"": own}
+    spring, machines = unloading(runner, own, nu), {"": own}
     if spring.error is not None:
         machines["_unloaded"] = replace(own, c=spring.value)
-        setup.orbits(runs(machines["_unloaded"]), "unloaded")
-    found = Found(setup, length, plane, table.frame, machines)
+        runner.orbits(runs(machines["_unloaded"]), "unloaded")
+    found = Found(runner, length, plane, table.frame, machines)
     return Findings(
         {**springs(found, spring), **loads(found, spring), **agreement(found)},
         found,
@@ -150,15 +154,15 @@ def solve(o: Options, bench: Bench) -> Findings:
 
 
 def rows(
-    setup: Setup, length: float, plane: Plane, more: Sequence[Spot]
+    runner: OrbitRunner, length: float, plane: Plane, more: Sequence[OperatingPoint]
 ) -> Iterator[Sequence[float]]:
     """Those of the table, one by one; `more` orbits are run with them."""
-    spots = plane.spots()
-    orbits = setup.each([*spots, *more], "map")
-    for (machine, nu, _), point in zip(spots, orbits):
-        force, ripple = largest(point), abs(point.torque)
-        formula, theory = abs(rod_force(machine, nu)), peak(course(machine, length, nu))
-        settling = point.torque_error / ripple if ripple else math.nan
+    points = plane.points()
+    orbits = runner.each([*points, *more], "map")
+    for (machine, nu, _), orbit in zip(points, orbits):
+        force, ripple = largest_force_of(orbit), torque_amplitude(orbit)
+        formula, theory = abs(rod_force(machine, nu)), peak(waveform(machine, length, nu))
+        settling = orbit.torque_error / ripple if ripple else math.nan
         expected = abs(machine.torque_ripple(nu))
         yield nu, machine.c, force, formula, theory, ripple, expected, settling
     list(orbits)
@@ -168,7 +172,7 @@ def springs(r: Found, spring: Figure) -> dict[str, Figure]:
     """The spring of the machine, and the one that unloads the rod: measured, by formula, by theory."""
     own, nu = r.plane.machine, r.plane.speed
     low, *_, high = around(own, nu)
-    theory = least(lambda c: course(replace(own, c=c), r.length, nu), low, high)
+    theory = least(lambda c: waveform(replace(own, c=c), r.length, nu), low, high)
     meaning = "that by theory to first order in the speed ripple"
     return {
         "spring": Figure(own.c, "N/m", 0.0, "spring of the machine"),
@@ -182,13 +186,17 @@ def springs(r: Found, spring: Figure) -> dict[str, Figure]:
 
 def loads(r: Found, spring: Figure) -> dict[str, Figure]:
     """What rod and motor bear with either spring at the operating speed, and where it is resonant."""
-    nu, order, sought = r.plane.speed, CONVERGENCE_ORDERS[r.setup.algorithm], []
+    nu, order, sought = r.plane.speed, CONVERGENCE_ORDERS[r.runner.algorithm], []
     found: dict[str, Figure] = {}
     span, moved = np.linspace(r.speeds[0], r.speeds[-1], 1000), []
     for name, machine in r.machines.items():
         words = f"with the {DRAWN[name][0]}"
-        orbits = list(r.setup.orbits([(machine, nu, k) for k in COARSER], "operating speed"))
-        at = {key: value for key, (value, _) in row(machine, orbits, order).items()}
+        orbits = list(
+            r.runner.orbits(
+                [OperatingPoint(machine, nu, k) for k in STEP_MULTIPLES], "operating speed"
+            )
+        )
+        at = speed_row(machine, orbits, order)
         beside = replace(machine, c=machine.c + (spring.error or 0.0) * bool(name))
         off = at["f_rod_peak_error"] + machine.r * (beside.c - machine.c)
         unsure = at["tau2_error"] + abs(beside.torque_ripple(nu) - machine.torque_ripple(nu))
@@ -197,15 +205,19 @@ def loads(r: Found, spring: Figure) -> dict[str, Figure]:
         top, away = (float(abs(x.torque_ripple(span)).max()) for x in (machine, beside))
         moved.append(abs(away - top))
         found |= {
-            f"f_rod{name}": told(at["f_rod_peak"], off, "N", f"largest rod force {words}", nu),
+            f"f_rod{name}": orbit_figure(
+                at["f_rod_peak"], off, "N", f"largest rod force {words}", nu
+            ),
             f"f_rod_formula{name}": expected,
-            f"tau2{name}": told(at["tau2"], unsure, "N.m", f"torque ripple {words}", nu),
+            f"tau2{name}": orbit_figure(at["tau2"], unsure, "N.m", f"torque ripple {words}", nu),
         }
-        line = Line(partial(turning, machine), r.speeds[0], r.speeds[-1])
-        known = [one for one in zip(r.speeds, r.sweep(machine)) if abs(one[1].torque) > 0.0]
-        sought += [(line, place, known) for place in (LAG, TORQUE)]
-    places_found = places(sought, COARSER, "rad/s", r.setup)
-    lags, tops = places_found[::2], places_found[1::2]
+        line = ResponseLine(partial(turning, machine), r.speeds[0], r.speeds[-1])
+        known = [
+            (x, orbit) for x, orbit in zip(r.speeds, r.sweep(machine)) if abs(orbit.torque) > 0.0
+        ]
+        sought += [(line, feature, known) for feature in (LAG, TORQUE_PEAK)]
+    located = locate(sought, STEP_MULTIPLES, "rad/s", r.runner)
+    lags, tops = located[::2], located[1::2]
     for name, (lag, _), (_, high), more in zip(r.machines, lags, tops, moved):
         words = f"with the {DRAWN[name][0]}"
         found[f"nu_90{name}"] = lag._replace(meaning=f"{LAG.meaning} {words}")
@@ -225,16 +237,23 @@ def agreement(r: Found) -> dict[str, Figure]:
     """How far formula and theory are off anywhere on the map."""
     found = {}
     for name, seen, theory, what, *tell in (
-        ("formula_off", "f_rod", "f_rod_formula", "rod force of formula (17)", largest, ORDER),
+        (
+            "formula_off",
+            "f_rod",
+            "f_rod_formula",
+            "rod force of formula (17)",
+            largest_force_of,
+            ORDER,
+        ),
         (
             "theory_off",
             "f_rod",
             "f_rod_theory",
             "rod force of theory with the ripple",
-            largest,
+            largest_force_of,
             ORDER,
         ),
-        ("tau2_off", "tau2", "tau2_theory", "torque ripple of theory", torque_ripple),
+        ("tau2_off", "tau2", "tau2_theory", "torque ripple of theory", torque_amplitude),
     ):
         ratio = (r.points[theory] / r.points[seen]).to_numpy()
         meaning = f"largest deviation of the {what} from co-simulation on the map"
@@ -243,7 +262,7 @@ def agreement(r: Found) -> dict[str, Figure]:
 
 
 def deviation(
-    r: Found, ratio: Real, quantity: Callable[[Point], float], order: float | None = None
+    r: Found, ratio: Real, quantity: Callable[[Orbit], float], order: float | None = None
 ) -> Figure:
     """The largest deviation of a `ratio` from 1 at the points of the map, in %, with its error.
 
@@ -253,16 +272,18 @@ def deviation(
     """
     sizes = np.abs(ratio - 1.0)
     top = float(np.nanmax(sizes))
-    margin = MARGIN * coupling_error(r.plane, r.setup, quantity, order)
+    margin = MARGIN * coupling_error(r.plane, r.runner, quantity, order)
     points = np.flatnonzero(sizes >= top - margin).tolist()
-    spots = r.plane.spots()
-    orbits = r.setup.orbits([(*spots[k][:2], n) for k in points for n in COARSER], "deviation")
-    runs = np.array([quantity(orbit) for orbit in orbits]).reshape(-1, len(COARSER))
+    every = r.plane.points()
+    orbits = r.runner.orbits(
+        [every[k]._replace(step_multiple=n) for k in points for n in STEP_MULTIPLES], "deviation"
+    )
+    runs = np.array([quantity(orbit) for orbit in orbits]).reshape(-1, len(STEP_MULTIPLES))
     if not np.isfinite(runs).all():
         return Figure.refused(
             "%", "the coupling error is not known; take more steps per revolution"
         )
-    vanishing = order or CONVERGENCE_ORDERS[r.setup.algorithm]
+    vanishing = order or CONVERGENCE_ORDERS[r.runner.algorithm]
     errors = [coupling(run, vanishing) / run[0] for run in runs.tolist()]
     ends = [sizes[k] + ratio[k] * error for k, error in zip(points, errors)]
     at = points.index(int(np.nanargmax(sizes)))
@@ -340,7 +361,7 @@ def show(o: Options, f: Mapping[str, Figure], r: Found) -> Show:
     best, nu = list(r.machines.values())[-1], r.plane.speed
     title = f"A spring of {1e-3 * best.c:.4g} kN/m unloads the rod at {nu:g} rad/s"
     pictures: list[Picture] = [over_angle(r), over_speed(r), *maps(o, r)]
-    turn = motion.revolution(r.setup.case(best, nu))
+    turn = motion.revolution(r.runner.task(best, nu))
     return Show(pictures, *turn, title if len(r.machines) > 1 else "")
 
 
@@ -348,9 +369,9 @@ def over_angle(r: Found) -> Chart:
     """The rod force over the crank angle at the operating speed: formula, theory, co-simulation."""
     nu, deg, panels = r.plane.speed, np.degrees(ANGLES), []
     for name, machine in r.machines.items():
-        (point,) = r.setup.orbits([(machine, nu, 1)], "operating speed")
-        steady, swinging = (1e-3 * course(machine, r.length, nu, kind) for kind in (True, False))
-        seen = 1e-3 * np.array(point.course[::2])
+        (orbit,) = r.runner.orbits([OperatingPoint(machine, nu)], "operating speed")
+        steady, swinging = (1e-3 * waveform(machine, r.length, nu, kind) for kind in (True, False))
+        seen = 1e-3 * np.array(orbit.waveform[::2])
         curves = [
             Curve("constant speed, formula (17)", deg, steady, colors.THEORY, "theory"),
             Curve("with the speed ripple", deg, swinging, "green"),
@@ -365,15 +386,21 @@ def over_speed(r: Found) -> Chart:
     fine, forces, ripples = np.linspace(r.speeds[0], r.speeds[-1], 121), [], []
     for name, machine in r.machines.items():
         points, (words, color) = r.sweep(machine), DRAWN[name]
-        theory = [1e-3 * peak(course(machine, r.length, nu)) for nu in fine.tolist()]
+        theory = [1e-3 * peak(waveform(machine, r.length, nu)) for nu in fine.tolist()]
         ripple, line = abs(machine.torque_ripple(fine)), f"theory, {words}"
         forces += [
             Curve(line, fine, theory, color, "theory"),
-            Curve(words, r.speeds, [1e-3 * largest(point) for point in points], color, "points"),
+            Curve(
+                words,
+                r.speeds,
+                [1e-3 * largest_force_of(point) for point in points],
+                color,
+                "points",
+            ),
         ]
         ripples += [
             Curve(line, fine, ripple, color, "theory"),
-            Curve(words, r.speeds, [torque_ripple(point) for point in points], color, "points"),
+            Curve(words, r.speeds, [torque_amplitude(point) for point in points], color, "points"),
         ]
     nu, nu_res = r.plane.speed, r.plane.machine.nu_res
     return Chart(
@@ -401,8 +428,8 @@ def maps(o: Options, r: Found) -> list[Field]:
         words, color = DRAWN[name]
         curves.append(Curve(words, [r.plane.speed], [1e-3 * machine.c], color, "points"))
     mark, ripple = [Mark(own.nu_res, f"resonance {own.nu_res:.4g} rad/s")], r.field("tau2")
-    reached = np.nanmin(ripple) < o.most < np.nanmax(ripple)
-    level = [Level(o.most, f"torque ripple of {o.most:g} N.m")] if reached else []
+    reached = np.nanmin(ripple) < o.ripple_limit < np.nanmax(ripple)
+    level = [Level(o.ripple_limit, f"torque ripple of {o.ripple_limit:g} N.m")] if reached else []
     if valley:
         along = [float(abs(replace(own, c=c).torque_ripple(nu))) for nu, c in valley]
         title = f"With the springs that unload the rod the torque ripple is at most {max(along):.3g} N.m "

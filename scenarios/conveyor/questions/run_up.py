@@ -16,17 +16,17 @@ from scipy.interpolate import CubicSpline
 
 from cosim import Result
 from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Run, Show, Table, option
+from workbench.charts.model import FORCE, SPEED, THEORY, TORQUE, recorded
 from workbench.live import Live, LiveChart, LivePanel, LiveRun, Number, Reader, Slider
 from workbench.measure import Samples, crossing, largest, measured, passes, since, smallest
-from workbench.orbit import TURN
-from workbench.report.chart import FORCE, SPEED, THEORY, TORQUE, recorded
+from workbench.periodic import TURN
 
 from .. import live_theory
 from ..first_order import SETS, Machine
 from ..machine import PARTS as DRIVE
 from ..machine import conveyor_drive, followed
 from ..motion import live_motion, moving
-from .resonance import OVERDAMPED
+from ..rows import OVERDAMPED
 
 PARTS = DRIVE
 OWN = ("motor.characteristic",)

@@ -17,9 +17,9 @@ import workbench
 from cosim import Result, System
 from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, Table, option
 from workbench.answer import parameters
+from workbench.charts.model import FORCE, LIFT, POWER, SPEED, TORQUE, recorded
 from workbench.live import REVOLUTION, Live, LiveChart, LivePanel, Number, Reader, Slider
 from workbench.measure import ROUNDING, largest, of_rows
-from workbench.report.chart import FORCE, LIFT, POWER, SPEED, TORQUE, recorded
 
 from .. import machine as iron
 from .. import motion

@@ -14,9 +14,9 @@ import numpy as np
 import workbench
 from cosim import Result, System
 from workbench import Bench, Chart, Figure, Findings, Mark, Run, Show, Table, option
+from workbench.charts.model import FORCE, LIFT, SPEED, TORQUE, recorded
 from workbench.live import Live, LiveChart, LivePanel, Number, Reader, Slider
 from workbench.measure import integral, largest, smallest
-from workbench.report.chart import FORCE, LIFT, SPEED, TORQUE, recorded
 
 from .. import machine as iron
 from .. import motion

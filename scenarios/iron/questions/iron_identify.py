@@ -18,11 +18,11 @@ import numpy as np
 import cosim
 from cosim import Advice, Identified, SetupError, System
 from cosim.system import Value
-from workbench import Bench, Chart, Curve, Figure, Findings, Panel, Show, option, recorded
+from workbench import Bench, Chart, Curve, Figure, Findings, Panel, Show, fitting, option
+from workbench.charts.model import SPEED as BLUE
+from workbench.charts.model import TORQUE as RED
+from workbench.fitting import Recorded, said
 from workbench.measure import Samples
-from workbench.recorded import Recorded, said
-from workbench.report.chart import SPEED as BLUE
-from workbench.report.chart import TORQUE as RED
 
 from .. import machine as iron
 from .. import motion
@@ -79,8 +79,8 @@ def solve(o: Options, bench: Bench) -> Findings:
         told,
         fit.model.system,
         fit.result.provenance,
-        tables=recorded.tables(fit, told.advice, "iron_identify", "1"),
-        facts=recorded.facts(fit, told.advice, EXACT),
+        tables=fitting.tables(fit, told.advice, "iron_identify", "1"),
+        facts=fitting.facts(fit, told.advice, EXACT),
     )
 
 
@@ -154,7 +154,7 @@ def figures(told: Told) -> dict[str, Figure]:
     found["away"] = Figure(
         100 * (limit.value / mean - 1), away[0], 100 * (limit.error or 0.0) / mean, away[1]
     )
-    return found | recorded.values(fit)
+    return found | fitting.values(fit)
 
 
 def pace(fit: Identified) -> float:
@@ -177,7 +177,7 @@ def advice(o: Options, fit: Identified) -> list[Advice]:
         "a step of the supply to 120 %": {**last, SUPPLY: 1.2 * values[SUPPLY]},
         "a step of the supply to half": {**last, SUPPLY: 0.5 * values[SUPPLY]},
     }
-    experiments = recorded.planned(kinds, SUPPLY, stop, noise, torque)
+    experiments = fitting.planned(kinds, SUPPLY, stop, noise, torque)
     return cosim.advise(fit, experiments, follows(fit)["mu"])
 
 
@@ -196,14 +196,14 @@ def verdict(o: Options, f: Mapping[str, Figure], r: Told) -> str:
     ]
     lines += [f"The record cannot tell {' and '.join(g)} apart." for g in r.fit.alike]
     now = f["mu"].error or math.inf
-    return "\n".join([*lines, recorded.next_one(r.advice, now, "the friction", "")])
+    return "\n".join([*lines, fitting.next_one(r.advice, now, "the friction", "")])
 
 
 def show(o: Options, f: Mapping[str, Figure], r: Told) -> Show:
     """The torque over the cam angle with its band; each column measured and fitted; the mechanism."""
     drawn = {SPEED: ("speed of the motor", BLUE), "iron.w_cam": ("speed of the cam", BLUE),
              TORQUE: ("torque of the motor", RED)}  # fmt: skip
-    charts = recorded.charts(r.fit, drawn)
+    charts = fitting.charts(r.fit, drawn)
     if not r.fit.misfit:
         charts.insert(0, band(r))
     result = r.fit.result

@@ -19,8 +19,8 @@ import workbench
 from cosim import Result, SetupError, System
 from workbench import Bench, Chart, Curve, Figure, Findings, Panel, Show, Table, option
 from workbench.answer import parameters
+from workbench.charts.model import FORCE, LIFT, POWER, SPEED, TORQUE
 from workbench.measure import Samples, largest
-from workbench.report.chart import FORCE, LIFT, POWER, SPEED, TORQUE
 
 from .. import machine as iron
 from .. import motion

@@ -20,12 +20,12 @@ import workbench
 from cosim import System, largest
 from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, Table, option
 from workbench.answer import parameters
-from workbench.ask import hearing
+from workbench.charts.model import SERIES
 from workbench.figure import listed, refusals
 from workbench.limit import coupling
 from workbench.measure import Measured, Samples, harmonics, measured
-from workbench.orbit import NotSteady, Turns, steady
-from workbench.report.chart import SERIES
+from workbench.periodic import NoOrbitError, Revolutions, periodic_orbit
+from workbench.run import hearing
 
 from .. import machine as iron
 from .. import motion
@@ -151,11 +151,11 @@ def simulate(machine: Machine, case: tuple[float, float, int]) -> list[Sequence[
     left = 0.0
     try:
         with hearing() as warnings:
-            turns = steady(at, states, "iron.phi", nu, per_rev, FORCES, ALGORITHM)
+            turns = periodic_orbit(at, states, "iron.phi", nu, per_rev, FORCES, ALGORITHM)
         warn(turns, T, nu, warnings())
         torque, before = (machine.i_g * amplitudes("motor.tau", back) for back in (0, 1))
-        speed, left = amplitudes("iron.w_cam"), turns.remains(1.0)
-    except NotSteady as problem:
+        speed, left = amplitudes("iron.w_cam"), turns.settling_error(1.0)
+    except NoOrbitError as problem:
         where = f"{nu:g} rad/s with a lag of {1e3 * T:g} ms"
         logging.getLogger("cosim").warning(f"no steady motion at {where}: {problem}")
     tau = harmonics(machine.phi, excitation, ORDERS)
@@ -167,7 +167,7 @@ def simulate(machine: Machine, case: tuple[float, float, int]) -> list[Sequence[
     return [(T, nu, k, *row) for k, row in enumerate(np.transpose(columns).tolist(), 1)]
 
 
-def warn(turns: Turns, T: float, nu: float, warnings: Sequence[str]) -> None:
+def warn(turns: Revolutions, T: float, nu: float, warnings: Sequence[str]) -> None:
     """Name what lets go in the steady motion of a lag [s] at a mean speed [rad/s], once; other warnings
     of the runs are passed on.
     """

@@ -15,9 +15,9 @@ from scipy.interpolate import CubicSpline
 
 from cosim import Result, System
 from workbench import Bench, Chart, Figure, Findings, Run, Show, Table, option
+from workbench.charts.model import LIFT, POWER, SPEED, THEORY, TORQUE, recorded
 from workbench.live import Live, LiveChart, LivePanel, Number, Reader, Slider
 from workbench.measure import Measured, Samples, extended, integral, largest, measured
-from workbench.report.chart import LIFT, POWER, SPEED, THEORY, TORQUE, recorded
 
 from .. import machine as iron
 from .. import motion

@@ -18,9 +18,9 @@ import workbench
 from cosim import Result, System
 from cosim.system import connect
 from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, Table, option
+from workbench.charts.model import SERIES
 from workbench.figure import refusals
 from workbench.measure import ROUNDING, Measured
-from workbench.report.chart import SERIES
 
 from .. import machine as orientator
 from .. import motion

@@ -13,10 +13,10 @@ from scipy.interpolate import CubicSpline
 
 from cosim import Result, System
 from workbench import Chart, Figure, Mark, Run, Show, option
+from workbench.charts.model import FORCE, SPEED, THEORY, TORQUE, recorded
 from workbench.figure import listed
 from workbench.live import Live, LiveChart, LivePanel, Number, Reader, Slider
 from workbench.measure import Samples, measured
-from workbench.report.chart import FORCE, SPEED, THEORY, TORQUE, recorded
 
 from .. import machine as orientator
 from .. import motion

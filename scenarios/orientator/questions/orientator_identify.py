@@ -16,10 +16,10 @@ import cosim
 from cosim import Advice, Experiment, Identified, SetupError, System
 from cosim import Table as Measured
 from cosim.units import multiples
-from workbench import Bench, Chart, Curve, Figure, Findings, Panel, Show, recorded
+from workbench import Bench, Chart, Curve, Figure, Findings, Panel, Show, fitting
+from workbench.charts.model import SERIES
+from workbench.fitting import Recorded
 from workbench.measure import Samples
-from workbench.recorded import Recorded
-from workbench.report.chart import SERIES
 
 from .. import machine as orientator
 from .. import motion
@@ -68,7 +68,7 @@ def solve(o: Options, bench: Bench) -> Findings:
     speeds = [scale * x for x in w.values]
     data = {name: dropped(name, table) for name, table in record.items()}
     system = System(bench.fmus, start={**o.start}, inputs=products(speeds))
-    given = [recorded.noise(system, text)[0] for text in o.noise]
+    given = [fitting.noise(system, text)[0] for text in o.noise]
     for name, table in data.items():
         if name not in given:
             raise SetupError(
@@ -89,8 +89,8 @@ def solve(o: Options, bench: Bench) -> Findings:
         told,
         fit.model.system,
         fit.result.provenance,
-        tables=recorded.tables(fit, told.advice, "orientator_identify", "1"),
-        facts={"products": len(rpm), "tried": tried} | recorded.facts(fit, told.advice, EXACT),
+        tables=fitting.tables(fit, told.advice, "orientator_identify", "1"),
+        facts={"products": len(rpm), "tried": tried} | fitting.facts(fit, told.advice, EXACT),
     )
 
 
@@ -157,8 +157,8 @@ def figures(told: Told, limit: Figure) -> dict[str, Figure]:
     found = {"limit": limit._replace(meaning=meaning), "away": away}
     if told.fit.misfit:
         refused = Figure.refused("1", "no friction fits the record", f"{FRICTION}, fitted")
-        return {recorded.key(FRICTION): refused, **found}
-    return recorded.values(told.fit) | found
+        return {fitting.key(FRICTION): refused, **found}
+    return fitting.values(told.fit) | found
 
 
 def advice(fit: Identified, tried: Sequence[int], count: int) -> list[Advice]:
@@ -176,7 +176,7 @@ def verdict(o: Options, f: Mapping[str, Figure], r: Told) -> str:
     """The answer in plain words."""
     if r.fit.misfit:
         return "\n".join(["No friction explains these stage times:", *misfits(r)])
-    mu, limit = f[recorded.key(FRICTION)], f["limit"]
+    mu, limit = f[fitting.key(FRICTION)], f["limit"]
     lines = [f"The friction between cup and wall is {mu.text()}."]
     if limit.error is None:
         lines.append(f"The largest rotor speed is {limit.text()}.")
@@ -187,7 +187,7 @@ def verdict(o: Options, f: Mapping[str, Figure], r: Told) -> str:
         )
     lines += [f"The record cannot tell {' and '.join(g)} apart." for g in r.fit.alike]
     now = mu.error or math.inf
-    return "\n".join([*lines, recorded.next_one(r.advice, now, "the friction", "")])
+    return "\n".join([*lines, fitting.next_one(r.advice, now, "the friction", "")])
 
 
 def misfits(r: Told) -> list[str]:

@@ -17,10 +17,10 @@ from cosim import System
 from cosim.system import Value, connect
 from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, option
 from workbench.answer import parameters
+from workbench.charts.model import SERIES
 from workbench.figure import refusals
 from workbench.limit import coupling
 from workbench.measure import ROUNDING, Measured
-from workbench.report.chart import SERIES
 
 from .. import machine as orientator
 from .. import motion

@@ -18,6 +18,8 @@ from scipy.interpolate import CubicSpline
 import cosim
 from cosim import Result, SetupError, System
 from workbench import Bench, Chart, Figure, Findings, Mark, Panel, Run, Show, Table, option
+from workbench.charts.model import LIFT, POWER, Lanes, Span, recorded
+from workbench.charts.motion import Motion, moved, rows
 from workbench.live import (
     REVOLUTION,
     Caption,
@@ -31,8 +33,6 @@ from workbench.live import (
 )
 from workbench.measure import extended, harmonics, of_rows, over_rows
 from workbench.options import Start
-from workbench.report.chart import LIFT, POWER, Lanes, Span, recorded
-from workbench.report.motion import Motion, moved, rows
 
 from ...conveyor.first_order import SETS
 from ...iron import machine as iron
