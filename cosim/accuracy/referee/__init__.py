@@ -201,7 +201,7 @@ def _common_cause(
     rest = [s for s in signals if s.name not in names and s.verdict is not Verdict.UNDECIDED]
     reproduction = Reproduction(network, rest, request, CAUSE_SECONDS)
     if not thorough:
-        return best_coupling(reproduction)[1]
+        return best_coupling(reproduction, reproduction.system)[1]
     return next(iter(variant_causes(reproduction)), None)
 
 

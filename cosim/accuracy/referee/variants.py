@@ -174,7 +174,7 @@ class Reproduction:
 
 def variant_causes(reproduction: Reproduction) -> list[Cause]:
     """The causes that explain the columns of a table, the best first."""
-    coupling, cause = best_coupling(reproduction)
+    _, cause = best_coupling(reproduction, reproduction.system)
     if cause is not None and cause.reduction >= DECISIVE_REDUCTION:
         return [cause]
     causes = [] if cause is None else [cause]
@@ -186,30 +186,34 @@ def variant_causes(reproduction: Reproduction) -> list[Cause]:
             causes.append(reproduction.confirmed(cause, variant))
             if causes[-1].reduction >= DECISIVE_REDUCTION:
                 break
-    if not causes and coupling is not None:
+    if not causes:
         for _, variant in sorted(scores, key=lambda score: score[0])[:MOST_COMBINED]:
-            text = f"{variant.text}; and {coupling.text()}"
-            columns = reproduction.coupled(variant.system, coupling)
-            if (cause := reproduction.cause(variant.kind, text, columns)) is not None:
-                causes.append(cause)
+            coupling, cause = best_coupling(reproduction, variant.system)
+            if coupling is not None and cause is not None:
+                text = f"{variant.text}; and {coupling.text()}"
+                causes.append(replace(cause, kind=variant.kind, text=text))
     if not causes and (cause := own_integration(reproduction)) is not None:
         causes.append(cause)
     return sorted(causes, key=lambda cause: -cause.reduction)
 
 
-def best_coupling(reproduction: Reproduction) -> tuple[Coupling | None, Cause | None]:
-    """The coupling that comes closest to the table, and the cause it is if it comes close enough."""
+def best_coupling(
+    reproduction: Reproduction, system: System
+) -> tuple[Coupling | None, Cause | None]:
+    """The coupling of a system that comes closest to the table, and the cause it is if it is close enough."""
     best: tuple[float, Coupling, Columns] | None = None
+    before = reproduction.distance(reproduction.reference)
     for coupling in couplings(reproduction):
-        columns = reproduction.coupled(reproduction.system, coupling)
+        columns = reproduction.coupled(system, coupling)
         distance = reproduction.distance(columns)
         if columns is not None and (best is None or distance < best[0]):
             best = distance, coupling, columns
-            if reproduction.distance(reproduction.reference) >= DECISIVE_REDUCTION * distance:
+            if before >= DECISIVE_REDUCTION * distance:
                 break
     if best is None:
         return None, None
-    return best[1], reproduction.cause(best[1].kind, best[1].text(), best[2])
+    _, coupling, columns = best
+    return coupling, reproduction.cause(coupling.kind, coupling.text(), columns)
 
 
 def couplings(reproduction: Reproduction) -> Iterator[Coupling]:
