@@ -212,7 +212,7 @@ def test_an_independent_solution_agrees(native: Path, rows: int) -> None:
     assert report.verdict is Verdict.AGREES, report.text()
     assert report.causes == () and report.exit_status == 0
     for signal in report.signals:
-        assert signal.off <= signal.error + 1e-7 * signal.scale
+        assert signal.deviation <= signal.error + 1e-7 * signal.scale
 
 
 @pytest.mark.parametrize("step", [5e-4, 1e-3, 2e-3])
@@ -225,7 +225,7 @@ def test_what_is_off_is_off_by_that_much(native: Path, algorithm: str, step: flo
     for name, exact_values in (("conveyor.phi", phi), ("conveyor.w", w), ("motor.tau", tau)):
         signal = report[name]
         true = np.abs(result[name] - exact_values)
-        assert signal.off == pytest.approx(true.max(), rel=1e-3, abs=signal.error)
+        assert signal.deviation == pytest.approx(true.max(), rel=1e-3, abs=signal.error)
         wrong = true.max() > 0.01 * np.ptp(exact_values)
         assert (signal.verdict is Verdict.DIFFERS) == wrong
         end = signal.figures[0]

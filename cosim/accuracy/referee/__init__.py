@@ -180,8 +180,8 @@ def _find_causes(
     if not unexplained and not doubtful:
         return causes
     certain = [cause for cause in causes if cause not in doubtful]
-    rough = any(cause.reduction < DECISIVE_REDUCTION for cause in doubtful)
-    common = _common_cause(network, signals, certain, request, rough or bool(unexplained))
+    is_approximate = any(cause.reduction < DECISIVE_REDUCTION for cause in doubtful)
+    common = _common_cause(network, signals, certain, request, is_approximate or bool(unexplained))
     if common is not None and all(common.reduction > cause.reduction for cause in doubtful):
         return [*certain, common]
     if unexplained and doubtful:

@@ -123,7 +123,7 @@ def _ratios(port: Port, network: Network) -> dict[str, float]:
     ratios = {unit: 1.0 / scale for unit, scale in multiples(port.unit).items()}
     definitions = network.fmus[port.part].description.unitDefinitions
     for display in (d for unit in definitions if unit.name == port.unit for d in unit.displayUnits):
-        if not display.offset:
+        if not display.deviationset:
             ratios[display.name] = float(display.factor)
     return ratios
 
@@ -148,11 +148,11 @@ def _delays(signal: SignalJudgement) -> Iterator[tuple[str, str, Array]]:
     spacing = float(np.median(np.diff(t)))
     longest = LONGEST_DELAY * (t[-1] - t[0])
 
-    def moved(delay: float) -> Array:
+    def shift(delay: float) -> Array:
         return np.interp(t - delay, t, x)
 
     def distance(delay: float) -> float:
-        return root_mean_square(signal.values - moved(delay))
+        return root_mean_square(signal.values - shift(delay))
 
     count = min(MOST_DELAYS, 4 * math.ceil(longest / spacing) + 1)
     delays = np.linspace(-longest, longest, count)
@@ -163,9 +163,11 @@ def _delays(signal: SignalJudgement) -> Iterator[tuple[str, str, Array]]:
     delay = rows * spacing
     if not rows or distance(delay) > LEAST_REDUCTION * distance(float(refined.x)):
         delay = float(refined.x)
-    late = "late" if delay > 0.0 else "early"
-    text = f"{signal.column} is {abs(delay):.4g} s ({abs(delay) / spacing:.3g} rows) too {late}"
-    yield "delay", text, moved(delay)
+    direction = "late" if delay > 0.0 else "early"
+    text = (
+        f"{signal.column} is {abs(delay):.4g} s ({abs(delay) / spacing:.3g} rows) too {direction}"
+    )
+    yield "delay", text, shift(delay)
 
 
 def _offsets(signal: SignalJudgement) -> Iterator[tuple[str, str, Array]]:

@@ -31,7 +31,7 @@ PANEL_HEIGHT = 2.2
 RESOLUTION = 150
 #: A reduction of a difference from which on its size does not matter to a reader: a convention.
 WORTH_STATING = 1e6
-CAUSE_NOT_FOUND = "cause not found"
+NO_CAUSE = "cause not found"
 COLORS = {Verdict.AGREES: "#1a7f37", Verdict.DIFFERS: "#cf222e", Verdict.UNDECIDED: "#9a6700"}
 PAGE = """<!DOCTYPE html>
 <html lang="en"><head><meta charset="utf-8"><title>{title}</title><style>
@@ -112,23 +112,23 @@ class RefereeReport:
         worst = max(differing, key=_severity)
         first = (
             f"{self.source} differs from the reference solution in {len(differing)} of "
-            f"{pluralize(len(self.signals), 'signal')}: {worst.name} is off by up to {_off(worst)} "
+            f"{pluralize(len(self.signals), 'signal')}: {worst.name} is off by up to {_deviation(worst)} "
             f"at {worst.time:.4g} s"
         )
         cause = self.explained(worst.name)
-        return f"{first}; {'probable cause: ' + cause.text if cause else CAUSE_NOT_FOUND}."
+        return f"{first}; {'probable cause: ' + cause.text if cause else NO_CAUSE}."
 
     def text(self) -> str:
         """The verdict, how it was reached, and a line for each signal and each figure that is off."""
         rows = [
-            (s.name, s.column if s.column != s.name else "", str(s.verdict), _off(s),
+            (s.name, s.column if s.column != s.name else "", str(s.verdict), _deviation(s),
              f"allowed {_quantity(s.allowed, s.unit)}", _since(s))
             for s in self.signals
         ]  # fmt: skip
         figures = [
             (f"{s.name} {f.name}", _quantity(f.value, s.unit), f"reference {_with_error(f.reference, f.error, s.unit)}",
-             f"off by {_with_error(f.off, f.error, s.unit)}")
-            for s in self.signals for f in s.figures if abs(f.off) > s.allowed + f.error
+             f"off by {_with_error(f.deviation, f.error, s.unit)}")
+            for s in self.signals for f in s.figures if abs(f.deviation) > s.allowed + f.error
         ]  # fmt: skip
         causes = [
             f"cause: {c.text} (the difference of {', '.join(c.signals)} is {_smaller(c)} with it)"
@@ -174,9 +174,9 @@ class RefereeReport:
             if signal.verdict is Verdict.DIFFERS:
                 cause = self.explained(signal.name)
                 failure = ElementTree.SubElement(
-                    case, "failure", message=f"off by {_off(signal)} {_since(signal)}"
+                    case, "failure", message=f"off by {_deviation(signal)} {_since(signal)}"
                 )
-                failure.text = cause.text if cause else CAUSE_NOT_FOUND
+                failure.text = cause.text if cause else NO_CAUSE
             elif signal.verdict is Verdict.UNDECIDED:
                 ElementTree.SubElement(case, "skipped", message="the reference is not exact enough")
         ElementTree.indent(suite)
@@ -185,7 +185,14 @@ class RefereeReport:
     def html(self) -> str:
         """A page that needs nothing else."""
         signals = "\n".join(
-            _row(s.name, s.column, str(s.verdict), _off(s), _quantity(s.allowed, s.unit), _since(s))
+            _row(
+                s.name,
+                s.column,
+                str(s.verdict),
+                _deviation(s),
+                _quantity(s.allowed, s.unit),
+                _since(s),
+            )
             for s in self.signals
         )
         figures = "\n".join(
@@ -194,13 +201,13 @@ class RefereeReport:
                 f.name,
                 _quantity(f.value, s.unit),
                 _with_error(f.reference, f.error, s.unit),
-                _with_error(f.off, f.error, s.unit),
+                _with_error(f.deviation, f.error, s.unit),
             )
             for s in self.signals
             for f in s.figures
         )
-        drawn = BytesIO()
-        self.plot(drawn)
+        image = BytesIO()
+        self.plot(image)
         causes = [
             f"Probable cause for {', '.join(c.signals)}: {c.text}. With it, the difference is {_smaller(c)}."
             for c in self.causes
@@ -209,7 +216,7 @@ class RefereeReport:
             title=html.escape(f"Is {Path(self.source).name} right?"), color=COLORS[self.verdict],
             sentence=html.escape(self.sentence()), causes="".join(map(_paragraph, causes)),
             method=html.escape(f"Reference: {self.method}. Tolerance: {self.tolerance:g} of the range of a signal."),
-            signals=signals, figures=figures, picture=base64.b64encode(drawn.getvalue()).decode(),
+            signals=signals, figures=figures, picture=base64.b64encode(image.getvalue()).decode(),
             notes="".join(map(_paragraph, self.notes)),
         )  # fmt: skip
 
@@ -284,10 +291,10 @@ def _without_infinities(value: Any) -> Any:
 def _signal_json(signal: SignalJudgement) -> dict[str, Any]:
     return {
         "name": signal.name, "column": signal.column, "unit": signal.unit,
-        "verdict": str(signal.verdict), "off": signal.off, "error": signal.error, "time": signal.time,
+        "verdict": str(signal.verdict), "deviation": signal.deviation, "error": signal.error, "time": signal.time,
         "allowed": signal.allowed, "since": signal.since, "rows_beyond": signal.rows_beyond,
         "figures": [
-            {"name": f.name, "value": f.value, "reference": f.reference, "error": f.error, "off": f.off}
+            {"name": f.name, "value": f.value, "reference": f.reference, "error": f.error, "deviation": f.deviation}
             for f in signal.figures
         ],
     }  # fmt: skip
@@ -295,7 +302,7 @@ def _signal_json(signal: SignalJudgement) -> dict[str, Any]:
 
 def _severity(signal: SignalJudgement) -> float:
     """The largest difference as a share of the range."""
-    return signal.off / signal.scale
+    return signal.deviation / signal.scale
 
 
 def _quantity(value: float, unit: str) -> str:
@@ -306,8 +313,8 @@ def _with_error(value: float, error: float, unit: str) -> str:
     return f"{value:.6g} +- {error:.1g} {unit}".rstrip()
 
 
-def _off(signal: SignalJudgement) -> str:
-    return f"{signal.off:.4g} +- {signal.error:.1g} {signal.unit}".rstrip()
+def _deviation(signal: SignalJudgement) -> str:
+    return f"{signal.deviation:.4g} +- {signal.error:.1g} {signal.unit}".rstrip()
 
 
 def _smaller(cause: Cause) -> str:

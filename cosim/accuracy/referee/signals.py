@@ -41,7 +41,7 @@ class Verdict(StrEnum):
 class FigureComparison:
     """A figure of a column: at the end, smallest, largest or mean over the rows that were compared.
 
-    `error` is that of the reference, `off` the value minus the reference, all in the unit of the column.
+    `error` is that of the reference, `deviation` the value minus the reference, all in the unit of the column.
     """
 
     name: str
@@ -50,7 +50,7 @@ class FigureComparison:
     error: float
 
     @property
-    def off(self) -> float:
+    def deviation(self) -> float:
         """By how much the value is too large."""
         return self.value - self.reference
 
@@ -65,7 +65,7 @@ class SignalJudgement:
         The variable, what the table calls it, and the unit.
     verdict : Verdict
         Whether it agrees.
-    off, error, time : float
+    deviation, error, time : float
         The largest difference [unit], the error of the reference there [unit], and when it is [s].
     allowed : float
         The tolerance [unit], to which the error of the reference adds.
@@ -81,7 +81,7 @@ class SignalJudgement:
     column: str
     unit: str
     verdict: Verdict
-    off: float
+    deviation: float
     error: float
     time: float
     allowed: float

@@ -103,9 +103,9 @@ def read_foreign(source: Source) -> ForeignTable:
         if path.suffix == ".mat":
             return _read_modelica(path)
         frame = _read_frame(path)
-        beside = path.with_suffix(".json")
-        if beside.is_file():
-            content = json.loads(beside.read_text(encoding="utf-8"))
+        metadata = path.with_suffix(".json")
+        if metadata.is_file():
+            content = json.loads(metadata.read_text(encoding="utf-8"))
             units = content.get("units", {}) if isinstance(content, dict) else {}
     except (OSError, ValueError, ImportError) as error:
         raise SetupError(f"{path} cannot be read as a table: {error}") from error
@@ -166,7 +166,7 @@ def _table(label: str, frame: pd.DataFrame, units: Mapping[str, str]) -> Foreign
     import pandas as pd
 
     columns: dict[str, Array] = {}
-    known: dict[str, str] = {}
+    stated_units: dict[str, str] = {}
     headings = [str(heading) for heading in frame.columns]
     clock = next((k for k, h in enumerate(headings) if _split(h)[0].lower() in TIMES), 0)
     for k, heading in enumerate(headings):
@@ -176,14 +176,16 @@ def _table(label: str, frame: pd.DataFrame, units: Mapping[str, str]) -> Foreign
             continue
         if name in columns:
             raise SetupError(f"{label} has two columns named {name!r}")
-        columns[name], known[name] = values, unit
+        columns[name], stated_units[name] = values, unit
     if not headings:
         raise SetupError(f"{label} has no columns")
     name = headings[clock] if headings[clock] in columns else _split(headings[clock])[0]
-    scale = multiples("s").get(known[name] or "s")
+    scale = multiples("s").get(stated_units[name] or "s")
     if scale is None:
-        raise SetupError(f"{label}: the time must be in a unit of time, not in {known[name]}")
-    return _checked(ForeignTable(label, scale * columns.pop(name), columns, known))
+        raise SetupError(
+            f"{label}: the time must be in a unit of time, not in {stated_units[name]}"
+        )
+    return _checked(ForeignTable(label, scale * columns.pop(name), columns, stated_units))
 
 
 def _checked(table: ForeignTable) -> ForeignTable:
@@ -245,7 +247,7 @@ def match_columns(
         if port.name not in by_name:
             raise SetupError(f"{port} cannot be judged: it must be a numeric output")
         reading = Reading.read(text, names, table.label)
-        values = reading.factor * table.columns[reading.name] + reading.offset
+        values = reading.factor * table.columns[reading.name] + reading.deviationset
         unit = table.units.get(reading.name, "") if reading.unit is None else reading.unit
         matches.append(_matched(network, port, reading.name, unit, values))
     taken = {match.port.name for match in matches}
@@ -272,8 +274,8 @@ def _pairs(ports: Sequence[Port], columns: Sequence[str], stem: str) -> list[tup
     """Variables and columns whose names agree, from the strictest rule to the loosest."""
     rules = (
         lambda port, column: column == port.name,
-        lambda port, column: _ends_alike(_path(column), _path(port.name)),
-        lambda port, column: _ends_alike(_flat(column), _flat(port.name)),
+        lambda port, column: _ends_with(_path(column), _path(port.name)),
+        lambda port, column: _ends_with(_flat(column), _flat(port.name)),
         lambda port, column: (
             _path(column) == _path(port.variable.name) and stem.startswith(port.part)
         ),
@@ -309,6 +311,6 @@ def _flat(name: str) -> list[str]:
     return [word for word in re.split(r"[^A-Za-z0-9]+", name) if word]
 
 
-def _ends_alike(longer: Sequence[str], shorter: Sequence[str]) -> bool:
+def _ends_with(longer: Sequence[str], shorter: Sequence[str]) -> bool:
     """Whether a name ends with the pieces of another one."""
     return len(longer) >= len(shorter) and list(longer[-len(shorter) :]) == list(shorter)

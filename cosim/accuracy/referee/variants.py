@@ -162,11 +162,11 @@ class Reproduction:
             columns = reproduce(self.system, self.request, step=step, seconds=VARIANT_SECONDS)
             if columns is None:
                 return None
-            off = [
+            distances = [
                 root_mean_square(columns[signal.name] - signal.reference) / signal.scale
                 for signal in self.signals
             ]
-            if max(off) <= wanted:
+            if max(distances) <= wanted:
                 return step
             step *= 0.5
         return None
@@ -192,7 +192,7 @@ def variant_causes(reproduction: Reproduction) -> list[Cause]:
             if coupling is not None and cause is not None:
                 text = f"{variant.text}; and {coupling.text()}"
                 causes.append(replace(cause, kind=variant.kind, text=text))
-    if not causes and (cause := own_integration(reproduction)) is not None:
+    if not causes and (cause := less_exact_integration(reproduction)) is not None:
         causes.append(cause)
     return sorted(causes, key=lambda cause: -cause.reduction)
 
@@ -237,7 +237,13 @@ def couplings(reproduction: Reproduction) -> Iterator[Coupling]:
 
 def variants(network: Network) -> Iterator[Variant]:
     """Systems in which something has been lost, crossed or not converted."""
-    for make in (_lost_values, _lost_inputs, _lost_factors, _lost_wires, _crossed_wires):
+    for make in (
+        _missing_values,
+        _missing_inputs,
+        _missing_factors,
+        _missing_wires,
+        _crossed_wires,
+    ):
         count = 0
         for variant in make(network):
             try:
@@ -250,7 +256,7 @@ def variants(network: Network) -> Iterator[Variant]:
                 break
 
 
-def _lost_values(network: Network) -> Iterator[Variant]:
+def _missing_values(network: Network) -> Iterator[Variant]:
     system = network.system
     for name, value in system.start.items():
         start = {other: v for other, v in system.start.items() if other != name}
@@ -266,7 +272,7 @@ def _lost_values(network: Network) -> Iterator[Variant]:
             yield Variant("lost start value", text, replace(system, start=start))
 
 
-def _lost_inputs(network: Network) -> Iterator[Variant]:
+def _missing_inputs(network: Network) -> Iterator[Variant]:
     system = network.system
     for change in system.changes:
         changes = [other for other in system.changes if other != change]
@@ -284,7 +290,7 @@ def _plain_wires(network: Network) -> list[Wire]:
     """The checked wires with their total factors and offsets."""
     sums = network.sums()
     return [
-        Wire(c.source.name, c.target.name, c.factor, c.offset, False, c.target.name in sums)
+        Wire(c.source.name, c.target.name, c.factor, c.deviationset, False, c.target.name in sums)
         for c in network.wires
     ]
 
@@ -295,22 +301,22 @@ def _rewired(network: Network, changed: Mapping[int, Wire | None]) -> System:
     return replace(network.system, wires=[w for w in wires if w is not None], bonds=())
 
 
-def _lost_factors(network: Network) -> Iterator[Variant]:
+def _missing_factors(network: Network) -> Iterator[Variant]:
     for k, wire in enumerate(_plain_wires(network)):
         ends = f"{wire.source} to {wire.target}"
-        if (wire.factor, wire.offset) != (1.0, 0.0):
+        if (wire.factor, wire.deviationset) != (1.0, 0.0):
             text = f"the wire from {ends} lacks its factor {wire.factor:.6g}"
-            text += f" and offset {wire.offset:.6g}" if wire.offset else ""
+            text += f" and offset {wire.deviationset:.6g}" if wire.deviationset else ""
             yield Variant(
                 "lost factor", text, _rewired(network, {k: wire._replace(factor=1.0, offset=0.0)})
             )
         if network.wires[k].source.type == "Real":
-            opposite = wire._replace(factor=-wire.factor, offset=-wire.offset)
+            opposite = wire._replace(factor=-wire.factor, offset=-wire.deviationset)
             text = f"the wire from {ends} has the opposite sign"
             yield Variant("lost factor", text, _rewired(network, {k: opposite}))
 
 
-def _lost_wires(network: Network) -> Iterator[Variant]:
+def _missing_wires(network: Network) -> Iterator[Variant]:
     for k, wire in enumerate(_plain_wires(network)):
         text = f"the wire from {wire.source} to {wire.target} is lost"
         yield Variant("lost wire", text, _rewired(network, {k: None}))
@@ -329,7 +335,7 @@ def _crossed_wires(network: Network) -> Iterator[Variant]:
         yield Variant("wires crossed", text, _rewired(network, changed))
 
 
-def own_integration(reproduction: Reproduction) -> Cause | None:
+def less_exact_integration(reproduction: Reproduction) -> Cause | None:
     """The integrators within the FMUs, where co-simulation tends to something else than model exchange."""
     step = reproduction.request.output_step()
     finest: Columns | None = None
