@@ -376,8 +376,8 @@ def test_what_cannot_be_judged_is_refused_or_not_told(
         referee(system, independent(0.1, 11), tolerance=1.5)
     with pytest.raises(SetupError, match="cannot be judged in kg"):
         referee(system, independent(0.1, 11).rename(columns={"conveyor.w": "conveyor.w [kg]"}))
-    impossible = replace(system, start={**system.start, "motor.T": 1e-300})
-    report = referee(impossible, independent(0.1, 11), timeout=0.2)
+    result = oracle(system, stop=0.1, output_step=1e-2, tolerance=1e-10)
+    report = referee(system, result, tolerance=1e-13)
     assert report.verdict is Verdict.UNDECIDED and report.exit_status == 2
     assert "cannot be told" in report.sentence()
 
@@ -388,18 +388,19 @@ def test_a_modelica_result_is_read(tmp_path: Path) -> None:
 
     def letters(texts: list[str]) -> Any:
         width = max(map(len, texts))
-        return np.array([list(text.ljust(width)) for text in texts]).T
+        return np.array(["".join(row) for row in zip(*(text.ljust(width) for text in texts))])
 
     t = np.linspace(0.0, 1.0, 5)
     path = tmp_path / "result.mat"
-    savemat(path, {
+    content = {
         "Aclass": letters(["Atrajectory", "1.1", "", "binTrans"]),
         "name": letters(["time", "motor.tau", "motor.neg", "motor.J"]),
         "description": letters(["Time in [s]", "torque [N.m]", "minus", "inertia [kg.m2]"]),
         "dataInfo": np.array([[0, 2, 2, 1], [1, 2, -2, 2], [0, 0, 0, 0], [-1, -1, -1, 0]]),
         "data_1": np.array([[0.0, 1.0], [0.5, 0.5]]),
         "data_2": np.stack([t, t**2]),
-    })  # fmt: skip
+    }  # fmt: skip
+    savemat(path, content, format="4")
     table = read_foreign(path)
     assert table.time.tolist() == t.tolist()
     assert table.columns["motor.neg"].tolist() == (-(t**2)).tolist()

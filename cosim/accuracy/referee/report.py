@@ -23,9 +23,11 @@ if TYPE_CHECKING:
 
 #: Panels of a picture: a convention, what fits a page.
 MOST_PANELS = 8
-#: Width of a picture, height of its frame and of each panel [inch]: a convention.
+#: Width of a picture [inch]: a convention, that of all pictures of results.
 WIDTH = 9.0
+#: Height of what is around its panels [inch]: a convention.
 FRAME_HEIGHT = 1.0
+#: Height of a panel [inch]: a convention.
 PANEL_HEIGHT = 2.2
 #: Dots per inch of a picture: a convention of printers, halved.
 RESOLUTION = 150

@@ -32,9 +32,10 @@ FEWEST_ROWS = 1000
 DENSITY = 4
 #: Most rows of a solution: limits memory; 20 000 rows of 100 columns are 16 MB.
 MOST_ROWS = 20_000
-#: Safety factors of the grid convergence index, for an observed order near the formal one and for another one:
-#: a convention of Roache (J. Fluids Eng. 116, 1994) and of Eça and Hoekstra (J. Comput. Phys. 262, 2014).
+#: Safety factor of the grid convergence index for an observed order near the formal one: a convention of Roache
+#: (J. Fluids Eng. 116, 1994) and of Eça and Hoekstra (J. Comput. Phys. 262, 2014).
 SAFETY_REGULAR = 1.25
+#: The same for another order: a convention of Roache (1994).
 SAFETY_IRREGULAR = 3.0
 #: How far an observed order may be from the formal one and count as near: a convention of Eça and Hoekstra.
 ORDER_MARGIN = 0.5

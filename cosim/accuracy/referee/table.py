@@ -247,7 +247,7 @@ def match_columns(
         if port.name not in by_name:
             raise SetupError(f"{port} cannot be judged: it must be a numeric output")
         reading = Reading.read(text, names, table.label)
-        values = reading.factor * table.columns[reading.name] + reading.deviationset
+        values = reading.factor * table.columns[reading.name] + reading.offset
         unit = table.units.get(reading.name, "") if reading.unit is None else reading.unit
         matches.append(_matched(network, port, reading.name, unit, values))
     taken = {match.port.name for match in matches}

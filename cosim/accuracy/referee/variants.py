@@ -290,7 +290,7 @@ def _plain_wires(network: Network) -> list[Wire]:
     """The checked wires with their total factors and offsets."""
     sums = network.sums()
     return [
-        Wire(c.source.name, c.target.name, c.factor, c.deviationset, False, c.target.name in sums)
+        Wire(c.source.name, c.target.name, c.factor, c.offset, False, c.target.name in sums)
         for c in network.wires
     ]
 
@@ -304,14 +304,14 @@ def _rewired(network: Network, changed: Mapping[int, Wire | None]) -> System:
 def _missing_factors(network: Network) -> Iterator[Variant]:
     for k, wire in enumerate(_plain_wires(network)):
         ends = f"{wire.source} to {wire.target}"
-        if (wire.factor, wire.deviationset) != (1.0, 0.0):
+        if (wire.factor, wire.offset) != (1.0, 0.0):
             text = f"the wire from {ends} lacks its factor {wire.factor:.6g}"
-            text += f" and offset {wire.deviationset:.6g}" if wire.deviationset else ""
+            text += f" and offset {wire.offset:.6g}" if wire.offset else ""
             yield Variant(
                 "lost factor", text, _rewired(network, {k: wire._replace(factor=1.0, offset=0.0)})
             )
         if network.wires[k].source.type == "Real":
-            opposite = wire._replace(factor=-wire.factor, offset=-wire.deviationset)
+            opposite = wire._replace(factor=-wire.factor, offset=-wire.offset)
             text = f"the wire from {ends} has the opposite sign"
             yield Variant("lost factor", text, _rewired(network, {k: opposite}))
 
