@@ -11,7 +11,7 @@ import numpy as np
 from workbench import Chart
 from workbench.charts import model as chart
 from workbench.charts import motion
-from workbench.charts.model import recorded
+from workbench.charts.model import result_panel
 from workbench.charts.motion import Columns, Motion, Shape, line
 from workbench.live import Caption, Coordinate, LiveMotion
 from workbench.periodic import NoOrbitError
@@ -46,9 +46,11 @@ def revolution(task: OrbitTask) -> tuple[list[Motion], list[Chart]]:
     since = 1e3 * (t[late] - first)
     torque = {"motor.tau": ("motor", chart.TORQUE), "conveyor.tau_load": ("load", chart.THEORY)}
     panels = [
-        recorded("torque", result, since, torque, rows=late),
-        recorded("speed", result, since, {"conveyor.w": ("crank", chart.SPEED)}, rows=late),
-        recorded("rod force", result, since, {"conveyor.f_rod": ("rod", chart.FORCE)}, "kN", late),
+        result_panel("torque", result, since, torque, rows=late),
+        result_panel("speed", result, since, {"conveyor.w": ("crank", chart.SPEED)}, rows=late),
+        result_panel(
+            "rod force", result, since, {"conveyor.f_rod": ("rod", chart.FORCE)}, "kN", late
+        ),
     ]
     course = Chart(f"One revolution at {task.nu:g} rad/s", "time [ms]", panels)
     title = f"Crank conveyor at {task.nu:g} rad/s"
@@ -67,7 +69,7 @@ def moving(
     for k, (name, result) in enumerate(runs.items()):
         p = result.provenance["parts"]["conveyor"]["parameters"]
         at = motion.columns(result, "conveyor", ("phi", "x", "w"), picked)
-        shapes += motion.moved(crank_conveyor(p, at), 0.0, -0.8 * k * p["rod.l"])
+        shapes += motion.shifted(crank_conveyor(p, at), 0.0, -0.8 * k * p["rod.l"])
         label = f"{name} ".lstrip()
         captions = [
             f"{before}{label}{w:.1f} rad/s, {1e3 * x:+.2f} mm, {tau:.0f} N.m; "

@@ -116,7 +116,7 @@ def unloading(runner: OrbitRunner, machine: Machine, nu: float) -> Figure:
     known = [points[k : k + len(springs)] for k in range(0, len(points), len(springs))]
     rough = [between(springs, one) for one in known]
     if reasons := [c for c in rough if isinstance(c, str)]:
-        return Figure.refused("N/m", reasons[0], meaning)
+        return Figure.undetermined("N/m", reasons[0], meaning)
     guesses = [c for c in rough if isinstance(c, float)]
     more_points = [
         OperatingPoint(replace(machine, c=c), nu, k) for c, k in zip(guesses, STEP_MULTIPLES)

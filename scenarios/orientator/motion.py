@@ -27,7 +27,7 @@ def motion(
     shapes, told = [], []
     for k, (name, result) in enumerate(runs.items()):
         more, stages = drawn(result, picked)
-        shapes += draw.moved(more, 0.3 * k, 0.0)
+        shapes += draw.shifted(more, 0.3 * k, 0.0)
         told.append([f"{name} {stage}".strip() for stage in stages])
     captions = [f"{now:.3f} s: {'; '.join(said)}" for now, *said in zip(t[picked], *told)]
     still = {int(np.searchsorted(t[picked], span.first)): span.text for span in ghosts}

@@ -322,7 +322,7 @@ def test_jams_and_stalls_are_named_in_a_sentence() -> None:
 @pytest.mark.parametrize("name", QUESTIONS)
 def test_a_start_value_that_no_fmu_has_is_named(name: str, tmp_path: Path) -> None:
     part = CHANGED[name][0].split(".")[0]
-    own = getattr(load(find(PROJECT.home, name)), "OWN", ())
+    own = getattr(load(find(PROJECT.home, name)), "FIXED_STARTS", ())
     refused = [(f"{x}=1", f"start value {x}: this question sets it itself") for x in own]
     for wrong, message in (
         (f"{part}.nonsense=1", f"{part} has no variable 'nonsense'"),

@@ -265,8 +265,8 @@ def test_the_end_of_a_run_up_begins_at_its_time_wherever_the_rows_lie() -> None:
 
 EXAMPLE = (ROOT / "examples" / "run_down.py").read_text()
 BROKEN = [
-    ("def figures(", "def numbers(", 2, "must define figures(o, r), or solve(o, bench)"),
-    ("def system(", "def systems(", 2, "must define system(o, fmus), or solve(o, bench)"),
+    ("def figures(", "def numbers(", 2, "must define figures(o, r), or solve(o, context)"),
+    ("def system(", "def systems(", 2, "must define system(o, fmus), or solve(o, context)"),
     ("class Options(Run)", "class Asked(Run)", 2, "must define a class Options"),
     ('figure("s",', 'figure("",', 2, "figure 'tenth' has no unit"),
     ("w, 0.1 * o.speed)", "w, 0.1 * o.spee)", 1, "AttributeError: 'Options' object has no"),

@@ -18,10 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim import CONVERGENCE_ORDERS, SetupError
-from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, option
+from workbench import Chart, Context, Curve, Figure, Findings, Mark, Panel, Show, option
 from workbench.answer import parameters
 from workbench.charts import model as colors
-from workbench.charts.model import Direction, Field, Level, Picture, Second
+from workbench.charts.model import Direction, Field, Level, Picture, SecondUnit
 from workbench.figure import SHARE_DIGITS, concise, percent
 from workbench.limit import coupling
 
@@ -63,7 +63,7 @@ FEWEST, WELL = 4, 1.02
 #: a safety margin by convention, as a point's error may be larger than those of the sample.
 MARGIN = 3.0
 DRAWN = {"": ("machine's spring", "red"), "_unloaded": ("spring that unloads the rod", "blue")}
-OWN = ("motor.A", "motor.tau", "motor.characteristic", "conveyor.phi", "conveyor.w")
+FIXED_STARTS = ("motor.A", "motor.tau", "motor.characteristic", "conveyor.phi", "conveyor.w")
 DECISIVE = ("spring_unloaded",)
 
 
@@ -110,17 +110,17 @@ class Found(NamedTuple):
         return [(nu, c) for nu, c in zip(self.speeds, found) if isinstance(c, float)]
 
 
-def solve(o: Options, bench: Bench) -> Findings:
+def solve(o: Options, context: Context) -> Findings:
     """Run the plane, and more where the rod is unloaded; raises cosim.SetupError."""
     for name, unit in (("speeds", "rad/s"), ("springs", "N/m")):
         if len(values := getattr(o, name)) < FEWEST:
             raise SetupError(f"{name} = {values} {unit} must be {FEWEST} values or more")
-    own, nu = followed(bench.fmus, SETS[o.set], o.start), o.speed or OPERATING[o.set]
+    own, nu = followed(context.fmus, SETS[o.set], o.start), o.speed or OPERATING[o.set]
     beside = {key: value for key, value in o.start.items() if key not in FIELDS}
-    system = conveyor_drive(bench.fmus, {**own.start(nu), **beside})
+    system = conveyor_drive(context.fmus, {**own.start(nu), **beside})
     held = {key: one.value for key, one in parameters(system).items()}
     length = held["conveyor.rod.l"] if held["conveyor.rod.finite"] else math.inf
-    runner = OrbitRunner(bench, beside, o.algorithm, o.steps_per_rev)
+    runner = OrbitRunner(context, beside, o.algorithm, o.steps_per_rev)
     runner.check(own, min(nu, *o.speeds), STEP_MULTIPLES[-1])
     across = Direction("Operating speed", "rad/s", np.array(o.speeds))
     up = Direction("Spring", "N/m", np.array(o.springs))
@@ -133,7 +133,7 @@ def solve(o: Options, bench: Bench) -> Findings:
         ]
 
     more = [*unloading_points(own, nu), *runs(own)]
-    table = bench.kept(TABLE, UNITS, rows(runner, length, plane, more))
+    table = context.record_rows(TABLE, UNITS, rows(runner, length, plane, more))
     if table.frame["f_rod"].isna().all():
         raise SetupError("no orbit of the map is steady")
     spring, machines = unloading(runner, own, nu), {"": own}
@@ -178,7 +178,9 @@ def springs(r: Found, spring: Figure) -> dict[str, Figure]:
         "spring": Figure(own.c, "N/m", 0.0, "spring of the machine"),
         "spring_unloaded": spring,
         "spring_formula": Figure(own.m * nu**2, "N/m", 0.0, "that by formula (17)"),
-        "spring_theory": Figure.refused("N/m", "it lies far from that of formula (17)", meaning)
+        "spring_theory": Figure.undetermined(
+            "N/m", "it lies far from that of formula (17)", meaning
+        )
         if math.isnan(theory)
         else Figure(theory, "N/m", CLOSE * theory, meaning),
     }
@@ -280,7 +282,7 @@ def deviation(
     )
     runs = np.array([quantity(orbit) for orbit in orbits]).reshape(-1, len(STEP_MULTIPLES))
     if not np.isfinite(runs).all():
-        return Figure.refused(
+        return Figure.undetermined(
             "%", "the coupling error is not known; take more steps per revolution"
         )
     vanishing = order or CONVERGENCE_ORDERS[r.runner.algorithm]
@@ -408,7 +410,7 @@ def over_speed(r: Found) -> Chart:
         [Panel("largest rod force", "kN", forces, includes=(0.0,)),
          Panel("torque ripple", "N.m", ripples, includes=(0.0,))],
         [Mark(nu, f"operating speed {nu:g} rad/s"), Mark(nu_res, f"resonance {nu_res:.4g} rad/s")],
-        second=Second("rpm", 30 / math.pi),
+        second=SecondUnit("rpm", 30 / math.pi),
     )  # fmt: skip
 
 

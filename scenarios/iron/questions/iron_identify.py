@@ -18,10 +18,10 @@ import numpy as np
 import cosim
 from cosim import Advice, Identified, SetupError, System
 from cosim.system import Value
-from workbench import Bench, Chart, Curve, Figure, Findings, Panel, Show, fitting, option
+from workbench import Chart, Context, Curve, Figure, Findings, Panel, Show, fitting, option
 from workbench.charts.model import SPEED as BLUE
 from workbench.charts.model import TORQUE as RED
-from workbench.fitting import Recorded, said
+from workbench.fitting import RecordOptions, figure_of
 from workbench.measure import Samples
 
 from .. import machine as iron
@@ -32,7 +32,7 @@ SPEED, TORQUE, SUPPLY = "iron.w", "motor.tau", "motor.A"
 STATES = ("iron.phi", "iron.w_cam", TORQUE)
 LOADS = ("iron.iron.m", "iron.spring.c", "iron.friction.K_up", "iron.friction.K_down")
 FREE = ("motor.B", "motor.T", *LOADS)
-OWN = (SUPPLY, *STATES[1:])
+FIXED_STARTS = (SUPPLY, *STATES[1:])
 EXACT = ("iron.reducer.J", "iron.reducer.i_g", "iron.spring.e_0")
 SAMPLES, FORESEEN = 360, 0.02
 ANGLES, TURN, LOAD = 256, 5e-3, 0.1
@@ -44,7 +44,7 @@ ASKED = {
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options(Recorded):
+class Options(RecordOptions):
     rated_torque: float = option(
         2.0,
         "rated torque of the motor, for the noise of a torque not yet measured",
@@ -61,7 +61,7 @@ class Told(NamedTuple):
     advice: Sequence[Advice]
 
 
-def solve(o: Options, bench: Bench) -> Findings:
+def solve(o: Options, context: Context) -> Findings:
     """Fit, and ask the drive that fits."""
     record = o.columns(SPEED)
     if not o.priors.keys() & {*LOADS}:
@@ -69,7 +69,7 @@ def solve(o: Options, bench: Bench) -> Findings:
             f"{o.data}: the record shows only (1 + K) m and (1 + K) c; give what is known, as in "
             "--known iron.iron.m=4+-1%"
         )
-    system = guess(o, bench.fmus, record[SPEED])
+    system = guess(o, context.fmus, record[SPEED])
     free = [SUPPLY, *FREE, *STATES]
     fit = o.identify(system, record, free, first=("iron.phi", SUPPLY))
     machine = drive(fit, fit.model.values(fit.local.p))
@@ -141,10 +141,11 @@ def figures(told: Told) -> dict[str, Figure]:
     if fit.misfit:
         why = "no drive of this kind fits the record"
         each = {**ASKED, "away": away}
-        return {name: Figure.refused(unit, why, text) for name, (unit, text) in each.items()}
+        return {name: Figure.undetermined(unit, why, text) for name, (unit, text) in each.items()}
     tell = follows(fit)
     found = {
-        name: said(fit.interval(tell[name], unit), text) for name, (unit, text) in ASKED.items()
+        name: figure_of(fit.interval(tell[name], unit), text)
+        for name, (unit, text) in ASKED.items()
     }
     own = iron.limits(told.machine)["follower_limit"].error or 0.0
     limit = found["follower_limit"]
@@ -154,7 +155,7 @@ def figures(told: Told) -> dict[str, Figure]:
     found["away"] = Figure(
         100 * (limit.value / mean - 1), away[0], 100 * (limit.error or 0.0) / mean, away[1]
     )
-    return found | fitting.values(fit)
+    return found | fitting.fitted_figures(fit)
 
 
 def pace(fit: Identified) -> float:
@@ -177,7 +178,7 @@ def advice(o: Options, fit: Identified) -> list[Advice]:
         "a step of the supply to 120 %": {**last, SUPPLY: 1.2 * values[SUPPLY]},
         "a step of the supply to half": {**last, SUPPLY: 0.5 * values[SUPPLY]},
     }
-    experiments = fitting.planned(kinds, SUPPLY, stop, noise, torque)
+    experiments = fitting.planned_experiments(kinds, SUPPLY, stop, noise, torque)
     return cosim.advise(fit, experiments, follows(fit)["mu"])
 
 
@@ -196,7 +197,7 @@ def verdict(o: Options, f: Mapping[str, Figure], r: Told) -> str:
     ]
     lines += [f"The record cannot tell {' and '.join(g)} apart." for g in r.fit.alike]
     now = f["mu"].error or math.inf
-    return "\n".join([*lines, fitting.next_one(r.advice, now, "the friction", "")])
+    return "\n".join([*lines, fitting.next_record(r.advice, now, "the friction", "")])
 
 
 def show(o: Options, f: Mapping[str, Figure], r: Told) -> Show:

@@ -14,8 +14,8 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from cosim import Result, System
-from workbench import Bench, Chart, Figure, Findings, Run, Show, Table, option
-from workbench.charts.model import LIFT, POWER, SPEED, THEORY, TORQUE, recorded
+from workbench import Chart, Context, Figure, Findings, Run, Show, Table, option
+from workbench.charts.model import LIFT, POWER, SPEED, THEORY, TORQUE, result_panel
 from workbench.live import Live, LiveChart, LivePanel, Number, Reader, Slider
 from workbench.measure import Measured, Samples, extended, integral, largest, measured
 
@@ -39,11 +39,11 @@ class Options(Run):
     step: float = option("0.5ms", "finest of three communication steps", "s", above=0.0)
 
 
-def solve(o: Options, bench: Bench) -> Findings:
+def solve(o: Options, context: Context) -> Findings:
     """One start."""
     motor = iron.MOTOR | {"motor.A": o.motor_A, "motor.B": o.motor_B, "motor.T": o.motor_T}
-    system = System(bench.fmus, iron.WIRES, motor | dict(o.start))
-    result, found = bench.certify(system, figures, o, None, "iron_start.csv")
+    system = System(context.fmus, iron.WIRES, motor | dict(o.start))
+    result, found = context.certify(system, figures, o, None, "iron_start.csv")
     found |= needs(system, result)
     whole = ledger(result)
     tables = {"iron_start.csv": Table.of(whole)}
@@ -167,7 +167,7 @@ def show(o: Options, f: Mapping[str, Figure], r: tuple[Result, System]) -> Show:
 
 def chart(r: Result, title: str, rows: Any) -> Chart:
     """Speed, torque, ledger and lift over time."""
-    panel = partial(recorded, result=r, x=r["time"][rows], rows=rows)
+    panel = partial(result_panel, result=r, x=r["time"][rows], rows=rows)
     energy = {
         "E_friction": ("friction", "grey", "area"),
         "E_stored": ("stored", "sky", "area"),

@@ -17,7 +17,7 @@ import cosim
 import workbench
 from cosim import Result, System
 from cosim.system import connect
-from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, Table, option
+from workbench import Chart, Context, Curve, Figure, Findings, Mark, Panel, Show, Table, option
 from workbench.charts.model import SERIES
 from workbench.figure import refusals
 from workbench.measure import ROUNDING, Measured
@@ -29,7 +29,7 @@ Frame = Any
 Row = Any
 Course = tuple[list[Row], Row]
 PARTS = orientator.PARTS
-OWN = ("orientator.chute.mu", "orientator.w", "orientator.release")
+FIXED_STARTS = ("orientator.chute.mu", "orientator.w", "orientator.release")
 TABLE = "orientation_time.csv"
 UNITS = {
     "mu": "1", "n": "rpm", "stage": "1", "reason": "1", "orientation_time": "s", "t_falling": "s",
@@ -46,14 +46,14 @@ class Options(workbench.Options):
     speeds: tuple[float, ...] = option("0:105rpm:43", "speeds of the rotor", "rad/s", least=0.0)
 
 
-def solve(o: Options, bench: Bench) -> Findings:
+def solve(o: Options, context: Context) -> Findings:
     """Sweep, and halve the gaps between what works and what jams."""
-    machine = orientator.system(bench.fmus, 0.0, 0.0, o.start)
+    machine = orientator.system(context.fmus, 0.0, 0.0, o.start)
     connect(machine)
     speeds = [round(w * 30 / math.pi, 9) for w in o.speeds]  # so that 20 rpm stay 20
     run = partial(sweep, machine, speeds)
-    rows = chain.from_iterable(bench.each(run, o.frictions, "frictions", probes=True))
-    table, steps = bench.kept(TABLE, UNITS, rows), f"steps of {STEP} s"
+    rows = chain.from_iterable(context.each(run, o.frictions, "frictions", probes=True))
+    table, steps = context.record_rows(TABLE, UNITS, rows), f"steps of {STEP} s"
     courses = {mu: course(table.frame, mu) for mu in o.frictions}
     found, data = figures(machine, table.frame, courses), (machine, courses)
     return Findings(found, data, machine, {}, steps, tables={TABLE: table})
@@ -86,14 +86,14 @@ def limit(oriented: Sequence[Row], jam: Row) -> Figure:
     """The last product that is oriented, and the first that jams beyond it."""
     which, meaning = "no product" if oriented else "every product", "largest rotor speed that works"
     if jam is None:
-        return Figure.refused("rpm", f"{which} of the sweep jams", meaning)
+        return Figure.undetermined("rpm", f"{which} of the sweep jams", meaning)
     beyond = f"{meaning}; beyond it: {orientator.REASONS[jam.reason]}"
     return Figure(oriented[-1].n, "rpm", jam.n - oriented[-1].n, beyond)
 
 
 def run(machine: System, mu: float, n: float, step: float) -> Result:
     """One product at a friction on the wall and a rotor speed [rpm]."""
-    start = {**machine.start, **dict(zip(OWN, (mu, n * math.pi / 30)))}
+    start = {**machine.start, **dict(zip(FIXED_STARTS, (mu, n * math.pi / 30)))}
     return cosim.run(replace(machine, start=start), stop=orientator.LONGEST, step=step)
 
 

@@ -16,9 +16,9 @@ import cosim
 from cosim import Advice, Experiment, Identified, SetupError, System
 from cosim import Table as Measured
 from cosim.units import multiples
-from workbench import Bench, Chart, Curve, Figure, Findings, Panel, Show, fitting
+from workbench import Chart, Context, Curve, Figure, Findings, Panel, Show, fitting
 from workbench.charts.model import SERIES
-from workbench.fitting import Recorded
+from workbench.fitting import RecordOptions
 from workbench.measure import Samples
 
 from .. import machine as orientator
@@ -29,14 +29,14 @@ from .orientator_limit import limit as simulated
 PARTS = orientator.PARTS
 SPEED, DROP, FRICTION = "orientator.w", "orientator.release", "orientator.chute.mu"
 TIMES = ("t_falling", "t_joint", "t_turning", "t_released", "orientation_time")
-OWN = (SPEED, DROP, FRICTION)
+FIXED_STARTS = (SPEED, DROP, FRICTION)
 EXACT = ("orientator.chute.H", "orientator.chute.R", "orientator.cup.m")
 PERIOD, BEFORE, LEAST = 1.6, 0.25, 1e-3
 FRICTIONS, NEXT = np.linspace(0.0, 1.0, 21), (0.5, 0.8, 0.9, 0.95)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options(Recorded):
+class Options(RecordOptions):
     pass
 
 
@@ -51,7 +51,7 @@ class Told(NamedTuple):
     advice: Sequence[Advice]
 
 
-def solve(o: Options, bench: Bench) -> Findings:
+def solve(o: Options, context: Context) -> Findings:
     """Fit, and ask the machine that fits."""
     record = o.columns(SPEED, timed=False)
     w = record.pop(SPEED)
@@ -67,7 +67,7 @@ def solve(o: Options, bench: Bench) -> Findings:
         )
     speeds = [scale * x for x in w.values]
     data = {name: dropped(name, table) for name, table in record.items()}
-    system = System(bench.fmus, start={**o.start}, inputs=products(speeds))
+    system = System(context.fmus, start={**o.start}, inputs=products(speeds))
     given = [fitting.noise(system, text)[0] for text in o.noise]
     for name, table in data.items():
         if name not in given:
@@ -80,7 +80,9 @@ def solve(o: Options, bench: Bench) -> Findings:
     machine = replace(fit.model.system, start={**fit.model.system.start, **mine}, inputs={})
     rpm = [30 / math.pi * x for x in speeds]
     limit = (
-        Figure.refused("rpm", "no friction fits the record") if fit.misfit else top(fit, machine)
+        Figure.undetermined("rpm", "no friction fits the record")
+        if fit.misfit
+        else top(fit, machine)
     )
     tried = [round(share * limit.value) for share in NEXT if limit.error is not None]
     told = Told(fit, machine, rpm, () if fit.misfit else advice(fit, tried, len(speeds)))
@@ -151,14 +153,14 @@ def figures(told: Told, limit: Figure) -> dict[str, Figure]:
     fast = max(told.speeds)
     room = "margin of that speed over the fastest product of the record"
     if limit.error is None:
-        away = Figure.refused("%", limit.reason, room)
+        away = Figure.undetermined("%", limit.reason, room)
     else:
         away = Figure(100 * (limit.value / fast - 1), "%", 100 * limit.error / fast, room)
     found = {"limit": limit._replace(meaning=meaning), "away": away}
     if told.fit.misfit:
-        refused = Figure.refused("1", "no friction fits the record", f"{FRICTION}, fitted")
-        return {fitting.key(FRICTION): refused, **found}
-    return fitting.values(told.fit) | found
+        refused = Figure.undetermined("1", "no friction fits the record", f"{FRICTION}, fitted")
+        return {fitting.figure_name(FRICTION): refused, **found}
+    return fitting.fitted_figures(told.fit) | found
 
 
 def advice(fit: Identified, tried: Sequence[int], count: int) -> list[Advice]:
@@ -176,7 +178,7 @@ def verdict(o: Options, f: Mapping[str, Figure], r: Told) -> str:
     """The answer in plain words."""
     if r.fit.misfit:
         return "\n".join(["No friction explains these stage times:", *misfits(r)])
-    mu, limit = f[fitting.key(FRICTION)], f["limit"]
+    mu, limit = f[fitting.figure_name(FRICTION)], f["limit"]
     lines = [f"The friction between cup and wall is {mu.text()}."]
     if limit.error is None:
         lines.append(f"The largest rotor speed is {limit.text()}.")
@@ -187,7 +189,7 @@ def verdict(o: Options, f: Mapping[str, Figure], r: Told) -> str:
         )
     lines += [f"The record cannot tell {' and '.join(g)} apart." for g in r.fit.alike]
     now = mu.error or math.inf
-    return "\n".join([*lines, fitting.next_one(r.advice, now, "the friction", "")])
+    return "\n".join([*lines, fitting.next_record(r.advice, now, "the friction", "")])
 
 
 def misfits(r: Told) -> list[str]:
