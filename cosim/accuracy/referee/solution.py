@@ -6,6 +6,7 @@ import math
 import time as clock
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -25,8 +26,12 @@ INTEGRATION_TOLERANCE = 1e-10
 #: How much the rows of a table may deviate from equal spacing and count as equally spaced, as a share of the
 #: spacing: the rounding of times that are printed with six digits.
 SPACING_TOLERANCE = 1e-3
+#: Share of the rows of a table that must be equally spaced: a convention; masters add rows at events.
+ON_GRID = 0.8
 #: Fewest rows of a solution that is interpolated between: a convention, that of `oracle`.
 FEWEST_ROWS = 1000
+#: Fewest rows of a cubic spline: derived from its four coefficients.
+FEWEST_OF_A_SPLINE = 4
 #: How many times denser than the table those rows are. Linear interpolation then misses a curve by less than
 #: 1/16 of what it misses between the rows of the table, since that falls with the square of the spacing.
 DENSITY = 4
@@ -99,13 +104,14 @@ class SolutionRequest:
         return float(np.median(np.diff(self.times)))
 
     def output_step(self) -> float:
-        """The time between rows of a solution [s]: that of the table where its rows are equally spaced."""
-        spacing = (self.times[-1] - self.times[0]) / (len(self.times) - 1)
-        expected = self.times[0] + spacing * np.arange(len(self.times))
-        lead = (self.times[0] - self.start) / spacing
-        even = np.abs(self.times - expected).max() <= SPACING_TOLERANCE * spacing
-        if even and abs(lead - round(lead)) <= SPACING_TOLERANCE and len(self.times) <= MOST_ROWS:
-            return float(spacing)
+        """The time between rows of a solution [s]: that of the table where most rows are equally spaced from the start."""
+        spacing = self.spacing
+        steps = (self.times - self.start) / spacing
+        on_grid = np.abs(steps - np.round(steps)) <= SPACING_TOLERANCE
+        if np.mean(on_grid) >= ON_GRID and (self.stop - self.start) / spacing <= MOST_ROWS:
+            exact = self.times[on_grid]
+            number = round((exact[-1] - self.start) / spacing)
+            return float((exact[-1] - self.start) / number) if number else spacing
         rows = min(MOST_ROWS, max(FEWEST_ROWS, DENSITY * len(self.times)))
         return (self.stop - self.start) / rows
 
@@ -139,38 +145,62 @@ def _integrate(
             system, start=request.start, stop=request.stop, output_step=request.output_step(),
             record=request.names, tolerance=tolerance, timeout=request.timeout,
         )  # fmt: skip
-    values, gaps = interpolate(result, request)
-    errors = {name: result.provenance["errors"][name] + gaps[name] for name in request.names}
     events = tuple(sorted(set(result.provenance["events"]) - {request.start}))
+    values, gaps = interpolate(result, request, events)
+    errors = {name: result.provenance["errors"][name] + gaps[name] for name in request.names}
     return ReferenceSolution(
         request.times, values, errors, "model exchange, integrated as one system", events
     )
 
 
 def interpolate(
-    result: Result, request: SolutionRequest
+    result: Result, request: SolutionRequest, events: Sequence[float] = ()
 ) -> tuple[dict[str, Array], dict[str, Array]]:
     """The columns of a result at the wanted times, and the errors of interpolation.
 
-    A column is interpolated by a cubic spline. The error is its distance from linear interpolation, which is far
-    larger than that of the spline where a column is smooth, and covers both sides of a jump. At times that the
-    result has, both vanish.
+    Between two events, a column is interpolated by a cubic spline through the rows there. The error is its distance
+    from linear interpolation, which is far larger than that of the spline where a column is smooth. At times that
+    the result has, it vanishes.
     """
-    from scipy.interpolate import CubicSpline
-
     last = np.append(np.diff(result["time"]) > 0.0, True)
     time = result["time"][last]
     nearest = np.clip(np.searchsorted(time, request.times), 1, len(time) - 1)
     nearest -= request.times - time[nearest - 1] < time[nearest] - request.times
     exact = np.abs(time[nearest] - request.times) <= SPACING_TOLERANCE * request.spacing
+    inner = [event for event in events if time[0] < event < time[-1]]
     values, gaps = {}, {}
     for name in request.names:
         column = result[name][last]
-        linear = np.interp(request.times, time, column)
-        smooth = linear if _is_integral(column) else CubicSpline(time, column)(request.times)
+        smooth, linear = _interpolate_pieces(time, column, request.times, inner)
         values[name] = np.where(exact, column[nearest], smooth)
         gaps[name] = np.where(exact, 0.0, np.abs(smooth - linear))
     return values, gaps
+
+
+def _interpolate_pieces(
+    time: Array, column: Array, wanted: Array, events: Sequence[float]
+) -> tuple[Array, Array]:
+    """A column at the wanted times by cubic splines and by straight lines, both within the pieces between events."""
+    from scipy.interpolate import CubicSpline, make_interp_spline
+
+    smooth, linear = np.empty(len(wanted)), np.empty(len(wanted))
+    borders = [-math.inf, *events, math.inf]
+    for begin, end in pairwise(borders):
+        rows, inside = (time >= begin) & (time < end), (wanted >= begin) & (wanted < end)
+        if not inside.any():
+            continue
+        t, x = time[rows], column[rows]
+        if (
+            len(t) < 2
+        ):  # nothing is known between two events so close: the rows around them bound it
+            smooth[inside] = np.interp(wanted[inside], time, column)
+            linear[inside] = smooth[inside] + np.ptp(column)
+            continue
+        line = make_interp_spline(t, x, k=1)
+        linear[inside] = line(wanted[inside])
+        curve = line if _is_integral(x) or len(t) < FEWEST_OF_A_SPLINE else CubicSpline(t, x)
+        smooth[inside] = curve(wanted[inside])
+    return smooth, linear
 
 
 def _is_integral(column: Array) -> bool:
