@@ -99,8 +99,8 @@ class Machine:
 
     def follow(self, start: Mapping[str, Value]) -> Machine:
         """The machine with start values of the FMUs, as far as the theory knows them."""
-        known = {FIELDS[name]: float(value) for name, value in start.items() if name in FIELDS}
-        return replace(self, **known)
+        changes = {FIELDS[name]: float(value) for name, value in start.items() if name in FIELDS}
+        return replace(self, **changes)
 
     def start(self, nu: float) -> dict[str, float]:
         """Start values of the two FMUs `motor` and `conveyor`, near the orbit of mean speed nu."""
@@ -229,9 +229,9 @@ def coupling_map(machine: Machine, algorithm: str, h: float) -> NDArray[np.float
         e = math.exp(-h / machine.T)
         return np.array([[1.0, 0.0], [-machine.B * (1 - e), e]])
 
-    lost = machine.load_slope * h / machine.theta0
-    share = -math.expm1(-lost) / lost if lost else 1.0
-    conveyor = np.array([[math.exp(-lost), share * h / machine.theta0], [0.0, 1.0]])
+    damping_step = machine.load_slope * h / machine.theta0
+    share = -math.expm1(-damping_step) / damping_step if damping_step else 1.0
+    conveyor = np.array([[math.exp(-damping_step), share * h / machine.theta0], [0.0, 1.0]])
     if algorithm == "jacobi":
         return np.vstack([conveyor[0], motor(h)[1]])
     if algorithm == "gauss-seidel":
@@ -292,8 +292,8 @@ def drift(machine: Machine, t: Any) -> tuple[Any, Any]:
     with the term theta0 T nu'' that (16) leaves out.
     """
     rates = settling(machine)
-    whole = (rates[1] * np.exp(rates[0] * t) - rates[0] * np.exp(rates[1] * t)) / np.diff(rates)[0]
-    return np.exp(-t * machine.slope / machine.J), whole.real
+    full = (rates[1] * np.exp(rates[0] * t) - rates[0] * np.exp(rates[1] * t)) / np.diff(rates)[0]
+    return np.exp(-t * machine.slope / machine.J), full.real
 
 
 class Loads(NamedTuple):
