@@ -5,6 +5,12 @@ from typing import TYPE_CHECKING, Any
 
 from .accuracy.certify import Certified, Estimate, certify, estimate, summary
 from .accuracy.reference import Judged, oracle, true_errors
+from .analysis.compare import Comparison, Deviation, compare
+from .analysis.crosscheck import crosscheck
+from .analysis.crosscheck.checks import Verdict
+from .analysis.crosscheck.report import Crosscheck
+from .analysis.damping import Diagnosis, diagnose
+from .analysis.linearize import Linear, linearize
 from .engine.algorithms import ALGORITHMS, CONVERGENCE_ORDERS
 from .engine.control import Adaptive
 from .engine.instance import quiet
@@ -14,12 +20,6 @@ from .formats.osp import read_osp, write_osp
 from .formats.ssp.read import Package, read_ssp
 from .formats.ssp.write import write_ssp
 from .isolated import run_isolated
-from .judge.compare import Comparison, Deviation, compare
-from .judge.crosscheck import crosscheck
-from .judge.crosscheck.checks import Verdict
-from .judge.crosscheck.report import Crosscheck
-from .judge.diagnose import Diagnosis, diagnose
-from .judge.linearize import Linear, linearize
 from .master import run, versions
 from .metrics import crossing, largest, mean, rms, smallest, time_of_largest, time_of_smallest
 from .result import Interrupted, Result, SimulationError

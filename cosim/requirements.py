@@ -73,7 +73,10 @@ def _instances_of_one_process(network: Network) -> Iterator[str]:
     by_guid: dict[str, str] = {}
     for name, description in network.descriptions.items():
         twin = by_guid.setdefault(description.guid, name)
-        if twin != name and description.coSimulation.canBeInstantiatedOnlyOncePerProcess:
+        if (
+            twin != name
+            and description.interface("coSimulation").canBeInstantiatedOnlyOncePerProcess
+        ):
             yield f"{name}: its FMU allows only one instance per process, and {twin} is another"
 
 

@@ -7,11 +7,10 @@ from bisect import bisect_left
 from collections.abc import Callable, Iterator, Sequence
 from itertools import chain
 
-from fmpy.model_description import ScalarVariable
-
 from ..errors import EventReached, FmuError, StepDiscarded
 from ..report import Statistics
 from ..system import STATE, VARIABLE_STEP, Port, parts_without
+from ..system.description import Variable
 from .algorithms import find_algorithm
 from .buffers import Slot
 from .changes import Change, with_changes
@@ -38,7 +37,7 @@ class RowReader:
         slots: dict[str, Slot] = {}
         for block in (block for part in parts for block in part.outputs):
             slots |= block.slots()
-        unread: dict[str, dict[str, ScalarVariable]] = {part.name: {} for part in parts}
+        unread: dict[str, dict[str, Variable]] = {part.name: {} for part in parts}
         for port in ports:
             if port.name not in slots:
                 unread[port.part][port.name] = port.variable

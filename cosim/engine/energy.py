@@ -118,14 +118,14 @@ def declared_bond(network: Network, text: str) -> Bond:
 
 
 def _is_power(network: Network, there: Connection, back: Connection) -> bool:
-    units = [network.base_unit(wire.source) for wire in (there, back)]
-    if None in units:
+    first, second = (network.base_unit(wire.source) for wire in (there, back))
+    if first is None or second is None:
         return False
     given, taken = (
         into.factor * watts_per_product(network, out.source, into.target)
         for out, into in ((there, back), (back, there))
     )
-    powers = tuple(map(sum, zip(*map(unit_exponents, units))))[:-1]
+    powers = tuple(map(sum, zip(unit_exponents(first), unit_exponents(second))))[:-1]
     return powers == POWER and math.isclose(given, taken, rel_tol=1e-6)
 
 

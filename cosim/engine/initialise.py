@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ..errors import FmuError
 from ..fmu.library import borrow
-from ..system import Network, Port, Value, declared_start, default_experiment, feedthrough
+from ..system import Network, Port, Value, declared_start, feedthrough
 from .buffers import Slot
 from .changes import continuous_profiles
 from .energy import BondSide, find_bonds, watts_per_product
@@ -95,7 +95,7 @@ def _set_up(part: Part, settings: RunSettings, again: Callable[[], Part]) -> Par
     """
     tolerance = settings.tolerance
     if tolerance is None and part.SIDE == "coSimulation":
-        tolerance = default_experiment(part.description).tolerance
+        tolerance = part.description.defaultExperiment.tolerance
     stop = settings.stop if settings.stop_time_defined else None
     part.limit(settings.stop)
     try:
@@ -155,7 +155,7 @@ def _connect(network: Network, parts: Mapping[str, Part], start: float) -> None:
             if block.real:
                 block.cells[:] = [float(v.start or 0.0) for v in block.variables]
             for i, v in enumerate(block.variables):
-                if len(getattr(v, "family", ())) > 1:
+                if len(v.family) > 1:
                     block.put(i, given.get(block.names[i], declared_start(v)))
     slots, begun = _slots(parts), set[str]()
     for wire in network.wires:

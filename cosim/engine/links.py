@@ -97,7 +97,7 @@ class InputPolynomials(Operation):
         links: Sequence[Link],
         outputs: VariableBlock | None,
     ) -> None:
-        ability = part.description.coSimulation
+        ability = part.description.interface("coSimulation")
         self.degree, self.capable = degree, bool(ability.canInterpolateInputs)
         self.links = sorted(links, key=lambda link: link.target.element)
         by_input = groupby(self.links, lambda link: link.target.element)

@@ -6,10 +6,9 @@ import ctypes
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from fmpy.model_description import ModelDescription
-
 from ..fmu.library import Library
 from ..system import feedthrough
+from ..system.description import ModelDescription
 from .energy import BondSide
 from .instance import OK, Instance, VariableBlock
 from .links import InputPolynomials, Link

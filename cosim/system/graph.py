@@ -6,7 +6,8 @@ from collections import Counter, defaultdict
 from collections.abc import Sequence
 from heapq import heappop, heappush
 
-from .network import Connection, Network, feedthrough
+from .description import feedthrough
+from .network import Connection, Network
 
 
 def stepping_order(network: Network, order: Sequence[str] | None) -> list[str]:

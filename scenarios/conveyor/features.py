@@ -378,9 +378,9 @@ def locate(
 def converged(runs: Sequence[Outcome], order: float, unit: str, meaning: str) -> Figure:
     """Return where values at 1, 2, 4 times the step go that have errors of their own, or reasons."""
     if reasons := [run for run in runs if isinstance(run, str)]:
-        return Figure.refused(unit, reasons[0], meaning)
+        return Figure.undetermined(unit, reasons[0], meaning)
     values, errors = np.array(runs).T
     value, error, reason = limit(values.tolist(), order)
     if error is None:
-        return Figure.refused(unit, reason, meaning)
+        return Figure.undetermined(unit, reason, meaning)
     return Figure(value, unit, error + 2.0 * float(errors.max()), meaning)

@@ -11,7 +11,7 @@ import numpy as np
 from workbench import Chart
 from workbench.charts import model as chart
 from workbench.charts import motion
-from workbench.charts.model import recorded
+from workbench.charts.model import result_panel
 from workbench.charts.motion import Columns, Motion, Shape, line
 from workbench.live import Caption, Coordinate, LiveMotion
 from workbench.periodic import NoOrbitError
@@ -46,11 +46,11 @@ def revolution(task: OrbitTask) -> tuple[list[Motion], list[Chart]]:
     since = 1e3 * (t[in_revolution] - first)
     torque = {"motor.tau": ("motor", chart.TORQUE), "conveyor.tau_load": ("load", chart.THEORY)}
     panels = [
-        recorded("torque", result, since, torque, rows=in_revolution),
-        recorded(
+        result_panel("torque", result, since, torque, rows=in_revolution),
+        result_panel(
             "speed", result, since, {"conveyor.w": ("crank", chart.SPEED)}, rows=in_revolution
         ),
-        recorded(
+        result_panel(
             "rod force",
             result,
             since,
@@ -76,7 +76,7 @@ def moving(
     for k, (name, result) in enumerate(runs.items()):
         p = result.provenance["parts"]["conveyor"]["parameters"]
         at = motion.columns(result, "conveyor", ("phi", "x", "w"), picked)
-        shapes += motion.moved(crank_conveyor(p, at), 0.0, -0.8 * k * p["rod.l"])
+        shapes += motion.shifted(crank_conveyor(p, at), 0.0, -0.8 * k * p["rod.l"])
         label = f"{name} ".lstrip()
         captions = [
             f"{before}{label}{w:.1f} rad/s, {1e3 * x:+.2f} mm, {tau:.0f} N.m; "

@@ -19,7 +19,7 @@ from scipy.interpolate import CubicSpline
 
 from cosim import SetupError, System
 from cosim.system import Value
-from workbench import Bench
+from workbench import Context
 from workbench.limit import limit
 from workbench.measure import harmonics
 from workbench.periodic import TURN, NoOrbitError, Revolutions, periodic_orbit
@@ -110,7 +110,7 @@ class OrbitRunner:
     orbits that were run.
     """
 
-    bench: Bench
+    context: Context
     start: Mapping[str, Value]
     algorithm: str
     steps_per_rev: int
@@ -125,13 +125,13 @@ class OrbitRunner:
         }
         start = start_values(machine, self.start, nu) | states
         return OrbitTask(
-            self.bench.fmus, start, nu, self.steps_per_rev // step_multiple, self.algorithm
+            self.context.fmus, start, nu, self.steps_per_rev // step_multiple, self.algorithm
         )
 
     def each(self, points: Sequence[OperatingPoint], title: str) -> Iterator[Orbit]:
         """Yield the steady orbits of operating points, one by one in their order; none is run twice."""
         new = [point for point in dict.fromkeys(points) if point not in self.cache]
-        runs = self.bench.each(simulate, [self.task(*point) for point in new], title)
+        runs = self.context.each(simulate, [self.task(*point) for point in new], title)
         for point in points:
             if point not in self.cache:
                 self.cache[point] = next(runs)

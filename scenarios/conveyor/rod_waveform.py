@@ -116,7 +116,7 @@ def unloading(runner: OrbitRunner, machine: Machine, nu: float) -> Figure:
     orbits_by_multiple = [points[k : k + len(springs)] for k in range(0, len(points), len(springs))]
     first_optima = [between(springs, orbits_) for orbits_ in orbits_by_multiple]
     if reasons := [c for c in first_optima if isinstance(c, str)]:
-        return Figure.refused("N/m", reasons[0], meaning)
+        return Figure.undetermined("N/m", reasons[0], meaning)
     guesses = [c for c in first_optima if isinstance(c, float)]
     more_points = [
         OperatingPoint(replace(machine, c=c), nu, k) for c, k in zip(guesses, STEP_MULTIPLES)

@@ -174,7 +174,7 @@ def orbit_figure(value: float, error: float, unit: str, meaning: str, nu: float)
         reason = (
             f"no steady orbit is found at {nu:g} rad/s" if math.isnan(value) else NO_COUPLING_ERROR
         )
-        return Figure.refused(unit, reason, meaning)
+        return Figure.undetermined(unit, reason, meaning)
     return Figure(value, unit, error, meaning)
 
 

@@ -44,7 +44,7 @@ def starts(title: str, runs: Mapping[str, Result]) -> Motion:
     for k, r in enumerate(results):
         p = r.provenance["parts"]["exciter"]["parameters"]
         drawing = exciter(p, motion.columns(r, "exciter", ("phi", "x"), picked))
-        shapes += motion.moved(drawing, 0.0, -5.0 * k * p["rotor.r"])
+        shapes += motion.shifted(drawing, 0.0, -5.0 * k * p["rotor.r"])
     t = results[0]["time"][picked]
     speeds = zip(*(r["exciter.w"][picked] for r in results))
     speed_texts = ["; ".join(f"{n} {w:.1f} rad/s" for n, w in zip(runs, row)) for row in speeds]

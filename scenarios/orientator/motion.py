@@ -27,7 +27,7 @@ def motion(
     shapes, stage_texts = [], []
     for k, (name, result) in enumerate(runs.items()):
         more, stages = draw_rows(result, picked)
-        shapes += draw.moved(more, 0.3 * k, 0.0)
+        shapes += draw.shifted(more, 0.3 * k, 0.0)
         stage_texts.append([f"{name} {stage}".strip() for stage in stages])
     captions = [
         f"{now:.3f} s: {'; '.join(row_texts)}" for now, *row_texts in zip(t[picked], *stage_texts)

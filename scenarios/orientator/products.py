@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 #: Start values that a run of one product sets: friction on the wall, speed of the rotor, release.
-FIXED_STARTS = ("orientator.chute.mu", "orientator.w", "orientator.release")
+PRODUCT_STARTS = ("orientator.chute.mu", "orientator.w", "orientator.release")
 UNITS = {
     "mu": "1", "n": "rpm", "stage": "1", "reason": "1", "orientation_time": "s", "t_falling": "s",
     "t_joint": "s", "t_turning": "s", "t_released": "s",
@@ -96,14 +96,14 @@ class ProductsUntilJam:
         which = "no product" if self.oriented else "every product"
         meaning = "largest rotor speed that works"
         if self.jam is None:
-            return Figure.refused("rpm", f"{which} of the sweep jams", meaning)
+            return Figure.undetermined("rpm", f"{which} of the sweep jams", meaning)
         beyond = f"{meaning}; beyond it: {orientator.REASONS[self.jam.reason]}"
         return Figure(self.oriented[-1].n, "rpm", self.bracket, beyond)
 
 
 def run_product(machine: System, mu: float, n: float, step: float) -> Result:
     """Run one product at a friction on the wall and a rotor speed [rpm]."""
-    start = {**machine.start, **dict(zip(FIXED_STARTS, (mu, n * math.pi / 30)))}
+    start = {**machine.start, **dict(zip(PRODUCT_STARTS, (mu, n * math.pi / 30)))}
     return cosim.run(replace(machine, start=start), stop=orientator.LONGEST, step=step)
 
 

@@ -15,9 +15,9 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from cosim import Result, System
-from workbench import Bench, Chart, Figure, Findings, Mark, Run, Show, Table, option
+from workbench import Chart, Context, Figure, Findings, Mark, Run, Show, Table, option
 from workbench.charts import motion
-from workbench.charts.model import FORCE, LIFT, SPEED, THEORY, TORQUE, recorded
+from workbench.charts.model import FORCE, LIFT, SPEED, THEORY, TORQUE, result_panel
 from workbench.charts.motion import Motion, Shape, line
 from workbench.live import (
     Caption,
@@ -57,7 +57,7 @@ WIRES = (
     "load.w -> shaft.w_b",
     "shaft.tau_b -> load.tau",
 )
-OWN = ("controller.w_ref", "gear.i")
+FIXED_STARTS = ("controller.w_ref", "gear.i")
 MACHINE = {
     "controller.T_i": 0.2,
     "gear.w_a": 0.0,
@@ -103,10 +103,10 @@ class Turn(NamedTuple):
     order: int
 
 
-def solve(o: Options, bench: Bench) -> Findings:
+def solve(o: Options, context: Context) -> Findings:
     """One start."""
-    drive = system(o, bench.fmus)
-    result, peaks = bench.certify(drive, partial(figures, o), o, None, "speed_step.csv")
+    drive = system(o, context.fmus)
+    result, peaks = context.certify(drive, partial(figures, o), o, None, "speed_step.csv")
     tables = {"speed_step.csv": Table.of(result)}
     return Findings(peaks | frequencies(result), result, drive, result.provenance, tables=tables)
 
@@ -151,15 +151,15 @@ def means(o: Options, r: Result) -> dict[str, Figure]:
     if phi[-1] - phi[0] <= TURN:
         why = f"the load does not make a whole turn up to {o.stop:g} s"
         return {
-            "mean_max": Figure.refused(rad, why, meaning),
-            "mean_max_time": Figure.refused("s", why, ending),
+            "mean_max": Figure.undetermined(rad, why, meaning),
+            "mean_max_time": Figure.undetermined("s", why, ending),
         }
     later = phi >= phi[0] + TURN
     mean = TURN / (t[later] - CubicSpline(phi, t)(phi[later] - TURN))
     peak = largest(t[later], mean)
     at = peak.at.figure("s", ending)
     if peak.value <= (1.0 + LEAST_OVERSHOOT) * o.speed:
-        at = Figure.refused("s", "the mean does not overshoot", ending)
+        at = Figure.undetermined("s", "the mean does not overshoot", ending)
     return {"mean_max": peak.figure(rad, meaning), "mean_max_time": at}
 
 
@@ -190,14 +190,18 @@ def ripples(o: Options, r: Result) -> dict[str, Figure]:
     why = f"the motion is not steady at {o.stop:g} s"
     if phi[-1] - phi[0] <= 3 * TURN:
         why = f"the load turns less than three times up to {o.stop:g} s"
-        return {name: Figure.refused(unit, why, text) for name, (unit, text) in meanings.items()}
+        return {
+            name: Figure.undetermined(unit, why, text) for name, (unit, text) in meanings.items()
+        }
     last, before, first = (last_turn(t, phi, w, back) for back in (0, 1, 2))
     rests = [
         rest(last.mean, before.mean, first.mean),
         rest(last.ripple, before.ripple, first.ripple),
     ]
     if max(rests) > STEADY * o.speed:
-        return {name: Figure.refused(unit, why, text) for name, (unit, text) in meanings.items()}
+        return {
+            name: Figure.undetermined(unit, why, text) for name, (unit, text) in meanings.items()
+        }
     pace = measured(lambda t, phi, w: last_turn(t, phi, w, 0).mean, t, phi, w)
     size = measured(lambda t, phi, w: last_turn(t, phi, w, 0).ripple, t, phi, w)
     scale = last.order / TURN
@@ -210,7 +214,7 @@ def ripples(o: Options, r: Result) -> dict[str, Figure]:
     figures = {name: peaks[name].figure(*meanings[name]) for name in peaks}
     if last.ripple < LEAST_RIPPLE * last.mean:
         for name in ("ripple_order", "ripple_frequency"):
-            figures[name] = Figure.refused(
+            figures[name] = Figure.undetermined(
                 meanings[name][0], "there is no ripple", meanings[name][1]
             )
     return figures
@@ -307,7 +311,7 @@ def remaining(o: Options, f: Mapping[str, Figure]) -> str:
 
 def show(o: Options, f: Mapping[str, Figure], r: Result) -> Show:
     """Speeds, torques and current over time, and both ends of the shaft in motion."""
-    panel = partial(recorded, result=r, x=r["time"])
+    panel = partial(result_panel, result=r, x=r["time"])
     speeds = {"gear.w_b": ("gearbox", SPEED), "load.w": ("load", LIFT)}
     torques = {"controller.tau": ("requested", THEORY, "theory"), "motor.tau": ("motor", TORQUE)}
     wanted = [Mark(o.speed, "set speed")]

@@ -16,10 +16,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, Table, option
-from workbench.charts.model import FORCE, SPEED, TORQUE, Second
+from workbench import Chart, Context, Curve, Figure, Findings, Mark, Panel, Show, Table, option
+from workbench.charts.model import FORCE, SPEED, TORQUE, SecondUnit
 from workbench.figure import listed
-from workbench.measure import Measured, passes
+from workbench.measure import Measured, crossing_times
 from workbench.roots import RootNotFoundError, SecantSearch
 
 from .. import motion
@@ -27,15 +27,15 @@ from ..features import ResponseLine
 from ..first_order import Machine, classical
 from ..machine import PARTS as DRIVE
 from ..machine import conveyor_drive
-from ..options import FIXED_STARTS, SweepOptions, linear_runner, speeds_of
+from ..options import LINEAR_MOTOR_STARTS, SweepOptions, linear_runner, speeds_of
 from ..rows import SPEEDS, Row, SpeedSweep, rows_of, sweep_speeds
 
 if TYPE_CHECKING:
     from pandas import DataFrame
 
 PARTS = DRIVE
+FIXED_STARTS = LINEAR_MOTOR_STARTS
 PARALLEL = True
-OWN = FIXED_STARTS
 #: Speeds of set A below those of its resonance, where the spring alone is the load [rad/s].
 SLOW = "6,8,10,12,14,16,18,"
 SWEEPS = {"A": SLOW + SPEEDS["A"], "B": SPEEDS["B"]}
@@ -104,9 +104,9 @@ class ClassicalData(NamedTuple):
     frame: DataFrame
 
 
-def solve(o: Options, bench: Bench) -> Findings:
+def solve(o: Options, context: Context) -> Findings:
     """Sweep, compare, and find where an error is no longer accepted; raises cosim.SetupError."""
-    machine, runner = linear_runner(o, bench)
+    machine, runner = linear_runner(o, context)
     nus = o.speeds or speeds_of(SWEEPS[o.set])
     for nu in nus:
         runner.check(machine, nu)
@@ -122,7 +122,7 @@ def solve(o: Options, bench: Bench) -> Findings:
         errors = [deviation(case, machine, row) for row in sweep.rows]
         figures[f"worst_{case.key}"] = worst(errors, f"largest error, {what}")
     end = limits[Case("spring", "torque")]
-    inertia = Figure.refused("%", end.reason)
+    inertia = Figure.undetermined("%", end.reason)
     if end.error is not None:
         value = 100 * machine.m * end.value**2 / machine.c
         inertia = Figure(value, "%", 2 * value * end.error / end.value)
@@ -133,7 +133,7 @@ def solve(o: Options, bench: Bench) -> Findings:
     return Findings(
         figures,
         ClassicalData(sweep, machine, table.frame),
-        conveyor_drive(bench.fmus, {**machine.start(nus[0]), **o.start}),
+        conveyor_drive(context.fmus, {**machine.start(nus[0]), **o.start}),
         communication=f"{o.steps_per_rev} steps per revolution",
         algorithm=o.algorithm,
         tables={TABLE: table},
@@ -168,9 +168,9 @@ def worst(errors: Sequence[Measured], meaning: str) -> Figure:
     """Return the largest of errors of either sign; its own error covers others that may be as large."""
     top = max(errors, key=lambda x: math.inf if math.isnan(x.value) else abs(x.value))
     if math.isnan(top.value):
-        return Figure.refused("%", "not every speed of the sweep has a steady orbit", meaning)
+        return Figure.undetermined("%", "not every speed of the sweep has a steady orbit", meaning)
     if any(math.isnan(x.error) for x in errors):
-        return Figure.refused("%", UNKNOWN, meaning)
+        return Figure.undetermined("%", UNKNOWN, meaning)
     as_large = [x for x in errors if abs(x.value) + x.error >= abs(top.value) - top.error]
     error = max(abs(x.value - top.value) + x.error for x in as_large)
     return Figure(top.value, "%", error, meaning)
@@ -192,16 +192,20 @@ def first_guess(
     errors, unsure = np.array([deviation(case, machine, row) for row in sweep.rows]).T
     if np.isnan(errors).any() or len(nus) < 2:
         reason = "the sweep has fewer than two speeds, or one without a steady orbit"
-        return Figure.refused("rad/s", reason)
+        return Figure.undetermined("rad/s", reason)
     if abs(errors[0]) > tolerance:
         is_close = abs(errors[0]) - unsure[0] <= tolerance
         reason = UNKNOWN if math.isnan(unsure[0]) else AT_TOLERANCE if is_close else NOWHERE
-        return Figure.refused("rad/s", reason)
+        return Figure.undetermined("rad/s", reason)
     curve = CubicSpline(nus, errors)
-    ends = [(float(x), s * tolerance) for s in (1, -1) for x in passes(nus, errors, s * tolerance)]
+    ends = [
+        (float(x), s * tolerance)
+        for s in (1, -1)
+        for x in crossing_times(nus, errors, s * tolerance)
+    ]
     if not ends:
         reason = f"the error stays below {tolerance:g} % at every speed of the sweep"
-        return Figure.refused("rad/s", reason)
+        return Figure.undetermined("rad/s", reason)
     x, level = min(ends)
     return LimitGuess(x, level, float(curve(x, 1)))
 
@@ -228,12 +232,12 @@ def limits_of(
             search, level = searches[case]
             error = deviation(case, machine, row)
             if math.isnan(error.error):
-                figures[case] = Figure.refused("rad/s", UNKNOWN)
+                figures[case] = Figure.undetermined("rad/s", UNKNOWN)
             else:
                 try:
                     root = search.update(error.value - level, error.error)
                 except RootNotFoundError:
-                    figures[case] = Figure.refused("rad/s", TOO_COARSE)
+                    figures[case] = Figure.undetermined("rad/s", TOO_COARSE)
                 else:
                     inside = sweep.speeds[0] <= search.x <= sweep.speeds[-1]
                     if root is None and inside:
@@ -241,7 +245,7 @@ def limits_of(
                     figures[case] = (
                         Figure(root.x, "rad/s", root.error)
                         if root is not None and inside
-                        else Figure.refused("rad/s", TOO_COARSE)
+                        else Figure.undetermined("rad/s", TOO_COARSE)
                     )
             del searches[case]
     return figures
@@ -321,7 +325,7 @@ def show(o: Options, f: Mapping[str, Figure], r: ClassicalData) -> Show:
         ]
         errors.append(Panel(f"error, {label}", "%", curves, levels))
     marks = [Mark(machine.nu_res, f"resonance {machine.nu_res:.4g} rad/s")]
-    axis, second = "operating speed [rad/s]", Second("rpm", 30 / math.pi)
+    axis, second = "operating speed [rad/s]", SecondUnit("rpm", 30 / math.pi)
     good = f["limit_spring_torque"]
     title = "Torque ripple, speed ripple and rod force of both calculations"
     if good.error is not None:

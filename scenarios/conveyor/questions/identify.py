@@ -19,10 +19,10 @@ import cosim
 from cosim import Advice, Identified, SetupError
 from cosim.system import Value
 from cosim.units import multiples
-from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, fitting, option
+from workbench import Chart, Context, Curve, Figure, Findings, Mark, Panel, Show, fitting, option
 from workbench.charts import model as colors
-from workbench.charts.model import Second, Span
-from workbench.fitting import Recorded, said
+from workbench.charts.model import SecondUnit, Span
+from workbench.fitting import RecordOptions, figure_of
 from workbench.measure import Samples, harmonics
 
 from ..first_order import FIELDS, SETS, Machine
@@ -34,7 +34,7 @@ from ..orbits import STEP_MULTIPLES, Orbit, OrbitRunner, simulate
 from ..rows import speed_row
 
 PARTS = DRIVE
-OWN = ("motor.A", "motor.tau", "conveyor.phi", "conveyor.w")
+FIXED_STARTS = ("motor.A", "motor.tau", "conveyor.phi", "conveyor.w")
 SPEED, TORQUE = "conveyor.w", "motor.tau"
 STATES = ("conveyor.phi", SPEED, TORQUE)
 LINEAR, KLOSS = ("motor.A", "motor.B"), ("motor.kloss.w_s", "motor.kloss.s_b")
@@ -47,7 +47,7 @@ FACTORS, NOISE, SLIGHT = (0.2, 5.0), 0.02, 1e-3
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options(Recorded, RippleOptions):
+class Options(RecordOptions, RippleOptions):
     speed: float | None = option(
         None, "operating speed, the mean of the record by default", "rad/s", above=0.0
     )
@@ -65,10 +65,10 @@ class IdentifiedDrive(NamedTuple):
     advice: Sequence[Advice]
 
 
-def solve(o: Options, bench: Bench) -> Findings:
+def solve(o: Options, context: Context) -> Findings:
     """Fit, and ask the machine that fits."""
     record = o.columns(SPEED)
-    base = followed(bench.fmus, SETS[o.set], o.start)
+    base = followed(context.fmus, SETS[o.set], o.start)
     w = np.array(record[SPEED].values) * multiples("rad/s").get(record[SPEED].unit, 1.0)
     nu = float(np.nanmean(w))
     operating = o.speed or nu
@@ -79,7 +79,7 @@ def solve(o: Options, bench: Bench) -> Findings:
             "--known conveyor.trough.m=200+-5, or map a torque to motor.tau"
         )
     fit = o.identify(
-        conveyor_drive(bench.fmus, guess(o, base, record[SPEED])),
+        conveyor_drive(context.fmus, guess(o, base, record[SPEED])),
         record,
         [slope, *FREE, supply, *STATES],
         derived={"nu_res": lambda v, _: fitted_machine(o, base, nu, v).nu_res},
@@ -90,7 +90,7 @@ def solve(o: Options, bench: Bench) -> Findings:
     machine = partial(fitted_machine, o, base, nu)
     drive_data = IdentifiedDrive(fit, machine, operating, edges(o, fit, machine), advice(o, fit))
     return Findings(
-        figures(o, bench, drive_data),
+        figures(o, context, drive_data),
         drive_data,
         fit.model.system,
         fit.result.provenance,
@@ -123,7 +123,7 @@ def fitted_machine(o: Options, base: Machine, nu: float, values: Mapping[str, fl
     return linearised(base.follow(values), {**o.start, **motor}, nu)
 
 
-def figures(o: Options, bench: Bench, drive_data: IdentifiedDrive) -> dict[str, Figure]:
+def figures(o: Options, context: Context, drive_data: IdentifiedDrive) -> dict[str, Figure]:
     """The resonance, how far the operating speed is from it, the torque ripple there, the stretch of
     speed to avoid, what would change it, and all values that were free.
     """
@@ -149,11 +149,11 @@ def figures(o: Options, bench: Bench, drive_data: IdentifiedDrive) -> dict[str, 
         units[f"change_{key}"] = "%"
     if fit.misfit:
         why = "no machine of this kind fits the record"
-        return {name: Figure.refused(units[name], why, meanings[name]) for name in units}
-    all_figures = {"nu_res": said(fit.derived["nu_res"], meanings["nu_res"])}
+        return {name: Figure.undetermined(units[name], why, meanings[name]) for name in units}
+    all_figures = {"nu_res": figure_of(fit.derived["nu_res"], meanings["nu_res"])}
     gap = fit.interval(lambda v: 100.0 * (nu / machine(v).nu_res - 1.0), "%")
-    all_figures["away"] = said(gap, meanings["away"])
-    all_figures["tau2"] = ripple(o, bench, drive_data, meanings["tau2"])
+    all_figures["away"] = figure_of(gap, meanings["away"])
+    all_figures["tau2"] = ripple(o, context, drive_data, meanings["tau2"])
     best = machine(fit.model.values(fit.local.p))
 
     def changed(name: str, x: float) -> tuple[Machine, float]:
@@ -162,14 +162,14 @@ def figures(o: Options, bench: Bench, drive_data: IdentifiedDrive) -> dict[str, 
 
     near = min(drive_data.edges, key=partial(distance, nu), default=None)
     for name, k in (("avoid_from", 0), ("avoid_to", 1)):
-        nowhere = Figure.refused("rad/s", "the torque ripple is below its limit everywhere")
+        nowhere = Figure.undetermined("rad/s", "the torque ripple is below its limit everywhere")
         edge = (near[k] if near else nowhere)._replace(meaning=meanings[name])
-        all_figures[name] = simulated(o, bench, drive_data, edge, lambda x: (best, x))
+        all_figures[name] = simulated(o, context, drive_data, edge, lambda x: (best, x))
     for name, key in CHANGED.items():
         clear = cleared(o, drive_data, name, units[f"clear_{key}"])
         all_figures[f"clear_{key}"] = simulated(
             o,
-            bench,
+            context,
             drive_data,
             clear._replace(meaning=meanings[f"clear_{key}"]),
             partial(changed, name),
@@ -177,7 +177,7 @@ def figures(o: Options, bench: Bench, drive_data: IdentifiedDrive) -> dict[str, 
         all_figures[f"change_{key}"] = change(
             o, drive_data, name, all_figures[f"clear_{key}"], clear
         )
-    return all_figures | fitting.values(fit)
+    return all_figures | fitting.fitted_figures(fit)
 
 
 def distance(nu: float, stretch: tuple[Figure, Figure]) -> float:
@@ -188,7 +188,7 @@ def distance(nu: float, stretch: tuple[Figure, Figure]) -> float:
 
 def orbits(
     o: Options,
-    bench: Bench,
+    context: Context,
     drive_data: IdentifiedDrive,
     machine: Machine,
     nu: float,
@@ -196,30 +196,30 @@ def orbits(
 ) -> list[Orbit]:
     """Steady orbits of a machine like the one found at a mean speed nu [rad/s]."""
     values = drive_data.fit.model.values(drive_data.fit.local.p)
-    mine = {name: x for name, x in values.items() if name not in OWN and "(" not in name}
+    mine = {name: x for name, x in values.items() if name not in FIXED_STARTS and "(" not in name}
     mine |= {name: getattr(machine, field) for name, field in FIELDS.items() if name in mine}
-    runner = OrbitRunner(bench, {**o.start, **mine}, o.algorithm, STEPS)
+    runner = OrbitRunner(context, {**o.start, **mine}, o.algorithm, STEPS)
     return [simulate(runner.task(machine, nu, k)) for k in step_multiples]
 
 
-def ripple(o: Options, bench: Bench, drive_data: IdentifiedDrive, meaning: str) -> Figure:
+def ripple(o: Options, context: Context, drive_data: IdentifiedDrive, meaning: str) -> Figure:
     """The torque ripple of the machine found on its steady orbit at the operating speed."""
     fit, nu = drive_data.fit, drive_data.operating
     machine = drive_data.machine(fit.model.values(fit.local.p))
-    points = orbits(o, bench, drive_data, machine, nu, STEP_MULTIPLES)
+    points = orbits(o, context, drive_data, machine, nu, STEP_MULTIPLES)
     if points[0].problem:
-        return Figure.refused("N.m", points[0].problem, meaning)
+        return Figure.undetermined("N.m", points[0].problem, meaning)
     row = speed_row(machine, points, cosim.CONVERGENCE_ORDERS[o.algorithm])
     value, error = row["tau2"], row["tau2_error"]
     if math.isnan(error):
-        return Figure.refused("N.m", "the coupling error is not known", meaning)
+        return Figure.undetermined("N.m", "the coupling error is not known", meaning)
     wide = fit.interval(lambda v: float(abs(drive_data.machine(v).torque_ripple(nu)))).error
     return Figure(value, "N.m", error + wide, meaning)
 
 
 def simulated(
     o: Options,
-    bench: Bench,
+    context: Context,
     drive_data: IdentifiedDrive,
     figure: Figure,
     at: Callable[[float], tuple[Machine, float]],
@@ -235,9 +235,9 @@ def simulated(
         machine, nu = at(x)
         return float(np.log(np.abs(machine.torque_ripple(nu))))
 
-    (point,) = orbits(o, bench, drive_data, *at(x), STEP_MULTIPLES[-1:])
+    (point,) = orbits(o, context, drive_data, *at(x), STEP_MULTIPLES[-1:])
     if point.problem:
-        return Figure.refused(figure.unit, point.problem, figure.meaning)
+        return Figure.undetermined(figure.unit, point.problem, figure.meaning)
     slope = (theory(x * (1 + SLIGHT)) - theory(x * (1 - SLIGHT))) / (2 * SLIGHT * x)
     shift = abs((math.log(abs(point.torque)) - math.log(o.ripple_limit)) / slope)
     return figure._replace(error=figure.error + shift)
@@ -261,14 +261,19 @@ def edges(
     def edge(near: float, v: Mapping[str, float]) -> float:
         return float(min(passed(v), key=lambda x: abs(x - near), default=math.nan))
 
-    ends = [said(fit.interval(partial(edge, x), "rad/s"), "") for x in passed(values).tolist()]
+    ends = [figure_of(fit.interval(partial(edge, x), "rad/s"), "") for x in passed(values).tolist()]
     if abs(machine(values).torque_ripple(nus[0])) > o.ripple_limit:
         ends.insert(
-            0, Figure.refused("rad/s", "the torque ripple is above its limit at every lower speed")
+            0,
+            Figure.undetermined(
+                "rad/s", "the torque ripple is above its limit at every lower speed"
+            ),
         )
     if len(ends) % 2:
         ends.append(
-            Figure.refused("rad/s", "the torque ripple is above its limit at every higher speed")
+            Figure.undetermined(
+                "rad/s", "the torque ripple is above its limit at every higher speed"
+            )
         )
     return list(zip(ends[::2], ends[1::2]))
 
@@ -280,10 +285,10 @@ def cleared(o: Options, drive_data: IdentifiedDrive, name: str, unit: str) -> Fi
     fit, nu = drive_data.fit, drive_data.operating
     values = fit.model.values(fit.local.p)
     if abs(drive_data.machine(values).torque_ripple(nu)) <= o.ripple_limit:
-        return Figure.refused(unit, "the operating speed is already clear")
+        return Figure.undetermined(unit, "the operating speed is already clear")
     if math.isnan(clearing(o, drive_data, name, values)):
-        return Figure.refused(unit, f"no {name} from a fifth to five times its value does it")
-    return said(fit.interval(lambda v: v[name] * clearing(o, drive_data, name, v), unit), "")
+        return Figure.undetermined(unit, f"no {name} from a fifth to five times its value does it")
+    return figure_of(fit.interval(lambda v: v[name] * clearing(o, drive_data, name, v), unit), "")
 
 
 def change(
@@ -294,10 +299,10 @@ def change(
     """
     meaning = CHANGE.format(name)
     if clear.error is None or by_theory.error is None:
-        return Figure.refused("%", clear.reason, meaning)
+        return Figure.undetermined("%", clear.reason, meaning)
     value = drive_data.fit.model.values(drive_data.fit.local.p)[name]
     ratio = drive_data.fit.interval(lambda v: 100.0 * (clearing(o, drive_data, name, v) - 1.0), "%")
-    figure = said(ratio, meaning)
+    figure = figure_of(ratio, meaning)
     if figure.error is None:
         return figure
     return figure._replace(error=figure.error + 100.0 * (clear.error - by_theory.error) / value)
@@ -339,7 +344,7 @@ def advice(o: Options, fit: Identified) -> list[Advice]:
     if not induction(o.start):
         kinds["a run-down with the supply off"] = {**last, supply: 0.0}
     nu = float(np.mean(fit.result[SPEED]))
-    experiments = fitting.planned(kinds, supply, stop, noise, torque)
+    experiments = fitting.planned_experiments(kinds, supply, stop, noise, torque)
     return cosim.advise(fit, experiments, lambda v: fitted_machine(o, base, nu, v).nu_res)
 
 
@@ -382,7 +387,7 @@ def verdict(o: Options, f: Mapping[str, Figure], r: IdentifiedDrive) -> str:
     for group in r.fit.alike:
         lines.append(f"The record cannot tell {' and '.join(group)} apart.")
     now = f["nu_res"].error or math.inf
-    lines.append(fitting.next_one(r.advice, now, "the resonance", "rad/s"))
+    lines.append(fitting.next_record(r.advice, now, "the resonance", "rad/s"))
     return "\n".join(lines)
 
 
@@ -434,5 +439,5 @@ def band(o: Options, f: Mapping[str, Figure], r: IdentifiedDrive) -> Chart:
         [Panel("torque ripple", "N.m", [curve], [limit], (0.0,))],
         marks,
         spans,
-        Second("rpm", 30 / math.pi),
+        SecondUnit("rpm", 30 / math.pi),
     )

@@ -17,7 +17,7 @@ from scipy.optimize import brentq
 import workbench
 from cosim import SetupError
 from cosim.system import Value
-from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, Table, option
+from workbench import Chart, Context, Curve, Figure, Findings, Mark, Panel, Show, Table, option
 from workbench.charts.model import LIFT, THEORY
 from workbench.figure import SHARE_DIGITS, concise
 
@@ -32,7 +32,14 @@ from ..rows import OVERDAMPED, rows_of
 PARTS = DRIVE
 PARALLEL = True
 DECISIVE = ("nu_kloss",)
-OWN = ("motor.characteristic", "motor.A", "motor.B", "motor.tau", "conveyor.phi", "conveyor.w")
+FIXED_STARTS = (
+    "motor.characteristic",
+    "motor.A",
+    "motor.B",
+    "motor.tau",
+    "conveyor.phi",
+    "conveyor.w",
+)
 TABLE, SWEEP = "induction_motor.csv", "induction_motor_speeds.csv"
 RANGE, GUIDE_SPEEDS = (0.6, 1.4), 5
 MOTORS = {"linear": ("linear motor", "purple"), "kloss": ("full characteristic", "gold")}
@@ -123,7 +130,7 @@ class Motor(NamedTuple):
     def runner(self, kloss: bool) -> OrbitRunner:
         """How it is run, or the linear motor of the machine in its place."""
         start = {x: y for x, y in self.start.items() if kloss or not x.startswith("motor.")}
-        return OrbitRunner(Bench(self.fmus), start, self.algorithm, self.steps_per_rev)
+        return OrbitRunner(Context(self.fmus), start, self.algorithm, self.steps_per_rev)
 
 
 LagSpeeds = tuple[Figure, Figure]
@@ -158,7 +165,7 @@ class MotorData(NamedTuple):
     speeds: Any
 
 
-def solve(o: Options, bench: Bench) -> Findings:
+def solve(o: Options, context: Context) -> Findings:
     """All motors, each a task, and the one of the data sheet over the speed."""
     start = {**KLOSS, **o.start, "motor.characteristic": 1}
 
@@ -166,14 +173,14 @@ def solve(o: Options, bench: Bench) -> Findings:
         start_ = {**start, **changed}
         lag = 1 / (2 * math.pi * o.frequency * float(start_["motor.kloss.s_b"]))
         machine = replace(SETS["B"], T=lag).follow(start_)
-        return Motor(bench.fmus, start_, machine, o.algorithm, o.steps_per_rev)
+        return Motor(context.fmus, start_, machine, o.algorithm, o.steps_per_rev)
 
-    followed(bench.fmus, SETS["B"], start)
+    followed(context.fmus, SETS["B"], start)
     sheet = motor({})
     loads = [motor({"conveyor.trough.d": d}) for d in o.resistances]
     slips = [motor({"motor.kloss.s_b": s}) for s in o.slips]
     each = [sheet, *loads, *slips]
-    lag_speeds = list(bench.each(located, each, "motors"))
+    lag_speeds = list(context.each(located, each, "motors"))
     table = Table.of_rows([row(x, *pair) for x, pair in zip(each, lag_speeds)], COLUMNS)
     speeds = swept(sheet)
     heavy = max(zip(each, lag_speeds), key=lambda it: it[0].machine.d)
@@ -181,7 +188,7 @@ def solve(o: Options, bench: Bench) -> Findings:
     return Findings(
         sheet_figures(sheet, *lag_speeds[0]) | extremes(heavy, small),
         MotorData(sheet, len(loads), table.frame, speeds.frame),
-        conveyor_drive(bench.fmus, {**sheet.machine.start(sheet.nu_res), **sheet.start}),
+        conveyor_drive(context.fmus, {**sheet.machine.start(sheet.nu_res), **sheet.start}),
         communication=f"{o.steps_per_rev} steps per revolution",
         algorithm=o.algorithm,
         tables={TABLE: table, SWEEP: speeds},
@@ -217,7 +224,7 @@ def swept(motor: Motor) -> Table:
 def sheet_figures(motor: Motor, kloss: Figure, line: Figure) -> dict[str, Figure]:
     """The figures of the motor of the data sheet."""
     nu, machine = motor.nu_res, motor.tangent
-    shift = Figure.refused(
+    shift = Figure.undetermined(
         "%", kloss.reason or line.reason, "shift due to the curvature of the characteristic"
     )
     if kloss.error is not None and line.error is not None:
@@ -262,7 +269,7 @@ def fluxed(motor: Motor, where: str) -> Figure:
     """The speed of 90 degrees lag with the rotor's flux in the place of (2)."""
     nu, meaning = motor.flux(), f"speed of 90 deg lag, rotor flux instead of (2), {where}"
     if math.isnan(nu):
-        return Figure.refused("rad/s", "no speed near (22) has it", meaning)
+        return Figure.undetermined("rad/s", "no speed near (22) has it", meaning)
     return Figure(nu, "rad/s", 0.0, meaning)
 
 

@@ -19,8 +19,8 @@ from scipy.interpolate import CubicSpline
 
 import cosim
 from cosim import System
-from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, Table, option
-from workbench.charts.model import POWER, SPEED, THEORY, TORQUE, Second
+from workbench import Chart, Context, Curve, Figure, Findings, Mark, Panel, Show, Table, option
+from workbench.charts.model import POWER, SPEED, THEORY, TORQUE, SecondUnit
 from workbench.measure import Measured, Samples, largest, measured, smallest
 from workbench.periodic import TURN, NoOrbitError, Revolutions
 
@@ -29,13 +29,13 @@ from ..features import converged
 from ..first_order import Machine, Means, drift, means, settling
 from ..machine import PARTS as DRIVE
 from ..machine import WIRES, conveyor_drive
-from ..options import FIXED_STARTS, SweepOptions, linear_runner, speeds_of
+from ..options import LINEAR_MOTOR_STARTS, SweepOptions, linear_runner, speeds_of
 from ..orbits import EDGE_ROWS, OrbitRunner, OrbitTask, run_to_orbit
 from ..rows import SPEEDS
 
 PARTS = DRIVE
 PARALLEL = True
-OWN = FIXED_STARTS
+FIXED_STARTS = LINEAR_MOTOR_STARTS
 DECISIVE = ("torque", "supply_more")
 TABLE, STEP_TABLE = "mean_values.csv", "drift.csv"
 RECORD = ("motor.tau", "conveyor.phi", "conveyor.w", "conveyor.P_loss")
@@ -72,9 +72,9 @@ class MeanData(NamedTuple):
     step_response: Any
 
 
-def solve(o: Options, bench: Bench) -> Findings:
+def solve(o: Options, context: Context) -> Findings:
     """Orbits over the speed, and the drift to the operating speed; raises cosim.SetupError."""
-    machine, runner = linear_runner(o, bench)
+    machine, runner = linear_runner(o, context)
     nus, operating = o.speeds or speeds_of(SPEEDS[o.set]), o.speed or float(machine.nu_res)
     for nu in nus:
         runner.check(machine, nu)
@@ -82,7 +82,7 @@ def solve(o: Options, bench: Bench) -> Findings:
     runner.check(machine, operating, multiples[-1])
     wanted = sorted({*nus, operating})
     cases = [runner.task(machine, nu, k) for nu in wanted for k in multiples]
-    orbits = bench.each(balance, cases, "orbits")
+    orbits = context.each(balance, cases, "orbits")
     rows = {nu: mean_figures(list(islice(orbits, len(multiples))), o.algorithm) for nu in wanted}
     units = {"nu": "rad/s"}
     for name, (unit, _) in MEANT.items():
@@ -92,11 +92,11 @@ def solve(o: Options, bench: Bench) -> Findings:
     torque = rows[operating]["torque"]
     for name in DRIFT:
         if torque.error is None:  # nothing that the mean speed could settle at
-            figures[name] = Figure.refused("%", torque.reason, figures[name].meaning)
+            figures[name] = Figure.undetermined("%", torque.reason, figures[name].meaning)
     return Findings(
         compared(machine, operating, rows[operating]) | figures,
         MeanData(machine, runner, operating, table.frame, step_response.frame),
-        conveyor_drive(bench.fmus, {**machine.start(operating), **o.start}),
+        conveyor_drive(context.fmus, {**machine.start(operating), **o.start}),
         communication=f"{o.steps_per_rev} steps per revolution",
         algorithm=o.algorithm,
         tables={TABLE: table, STEP_TABLE: step_response},
@@ -170,7 +170,7 @@ def compared(machine: Machine, nu: float, figures: Mapping[str, Figure]) -> dict
     all_figures["more"] = (
         excess(torque, plain.torque, above, 100 / plain.torque, "%")
         if plain.torque
-        else Figure.refused("%", "without resistance that torque is 0", above)
+        else Figure.undetermined("%", "without resistance that torque is 0", above)
     )
     for name in ("supply", "motor", "trough"):
         what = f"{MEANT[name][1]}, above that without ripple"
@@ -181,7 +181,7 @@ def compared(machine: Machine, nu: float, figures: Mapping[str, Figure]) -> dict
     all_figures["missing"] = (
         Figure(parts[0].value - parts[1].value - parts[2].value, "W", sum(errors), gap)
         if len(errors) == len(parts)
-        else Figure.refused("W", torque.reason, gap)
+        else Figure.undetermined("W", torque.reason, gap)
     )
     return all_figures
 
@@ -192,7 +192,7 @@ def excess(
     """How far a figure is above a value, perhaps in another unit."""
     unit = unit or figure.unit
     if figure.error is None:
-        return Figure.refused(unit, figure.reason, meaning)
+        return Figure.undetermined(unit, figure.reason, meaning)
     return Figure(scale * (figure.value - plain), unit, scale * figure.error, meaning)
 
 
@@ -219,9 +219,9 @@ def drifts(
             "motor.tau": machine.load_slope * slow + (M * turned).imag,
         }
         start = {**machine.start(nu), **runner.start, **state}
-        systems.append(System(runner.bench.fmus, WIRES, start))
+        systems.append(System(runner.context.fmus, WIRES, start))
     tasks = [(system, k * h, count // k) for k in multiples for system in systems]
-    runs = runner.bench.each(partial(speeds, runner.algorithm), tasks, "drift")
+    runs = runner.context.each(partial(speeds, runner.algorithm), tasks, "drift")
     deviations: dict[str, list[Measured | str]] = {name: [] for name in DRIFT}
     for k in multiples:
         each = list(islice(runs, STARTS))
@@ -382,7 +382,7 @@ def over_speed(f: Mapping[str, Figure], r: MeanData) -> Chart:
             Panel("power above that without ripple", "W", power),
         ],
         [Mark(r.operating, f"operating speed {r.operating:g} rad/s")],
-        second=Second("rpm", 30 / math.pi),
+        second=SecondUnit("rpm", 30 / math.pi),
     )
 
 

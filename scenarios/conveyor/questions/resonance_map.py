@@ -22,11 +22,11 @@ from numpy.typing import NDArray
 
 from cosim import SetupError
 from cosim.result import partial
-from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, Table, option
+from workbench import Chart, Context, Curve, Figure, Findings, Mark, Panel, Show, Table, option
 from workbench.answer import stream
 from workbench.charts import model as colors
 from workbench.charts.model import Direction, Field, Level, Span
-from workbench.options import refuse
+from workbench.options import check_fixed_starts
 
 from .. import motion
 from ..features import LAG, TORQUE_PEAK, locate
@@ -75,7 +75,7 @@ RIDGE_STYLES = (
     ("peak", "largest torque ripple", "red", "points"),
 )
 RANGES = {"ripple_in_range": "N.m", "probability_in_range": "1"}
-OWN = ("motor.A", "motor.tau", "motor.characteristic", "conveyor.phi", "conveyor.w")
+FIXED_STARTS = ("motor.A", "motor.tau", "motor.characteristic", "conveyor.phi", "conveyor.w")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -95,7 +95,9 @@ class Options(RippleOptions):
         + " (repeatable)",
     )
     samples: int = option(4096, "machines per point, a power of 2", least=2)
-    checks: int = option(8, "points to check by co-simulation, and half as many rows", least=0)
+    checks: int = option(
+        8, "number of map points verified by co-simulation; rows are half as many", least=0
+    )
     check_runs: int = option(128, "machines to co-simulate at each check", least=1)
     steps_per_rev: int = option(256, "communication steps per revolution", least=1)
 
@@ -133,23 +135,23 @@ class Map(NamedTuple):
         return f"{np.nanmean(self.points['probability'] <= SURE):.0%}"
 
 
-def solve(o: Options, bench: Bench) -> Findings:
+def solve(o: Options, context: Context) -> Findings:
     """Run the map, find its ridges and its risk; rows of the map are kept on the way.
 
     Raises cosim.SetupError for settings that cannot give an answer.
     """
-    plane, within = planned(o, bench)
-    spread = shares(bench.fmus, "tolerance", o.tolerance, TOLERANCES)
+    plane, within = planned(o, context)
+    spread = shares(context.fmus, "tolerance", o.tolerance, TOLERANCES)
     if o.samples & (o.samples - 1):
         raise SetupError(f"samples = {o.samples} must be a power of 2, at least 2")
     if o.check_runs > o.samples:
         raise SetupError(f"check_runs = {o.check_runs} must be at most samples = {o.samples}")
     other_starts = {key: value for key, value in o.start.items() if key not in FIELDS}
-    runner = OrbitRunner(bench, other_starts, o.algorithm, o.steps_per_rev)
+    runner = OrbitRunner(context, other_starts, o.algorithm, o.steps_per_rev)
     machine, nu, _ = max(plane.points(), key=lambda point: point.machine.nu_res / point.nu)
     runner.check(machine, nu, STEP_MULTIPLES[-1])
 
-    points = swept(plane, runner, bench.out and bench.out / TABLE)
+    points = swept(plane, runner, context.out and context.out / TABLE)
     rows, error = ridges(plane, runner), coupling_error(plane, runner)
     map_ = Map(plane, runner, points, rows.assign(**dict.fromkeys(RANGES, math.nan)), within)
     ratio = map_.field("ripple") / map_.field("ripple_theory")
@@ -161,7 +163,7 @@ def solve(o: Options, bench: Bench) -> Findings:
     return Findings(
         figures(points, rows, error) | judgement(checks, error),
         map_,
-        conveyor_drive(bench.fmus, {**plane.machine.start(plane.speed), **other_starts}),
+        conveyor_drive(context.fmus, {**plane.machine.start(plane.speed), **other_starts}),
         communication=f"{o.steps_per_rev} steps per revolution",
         algorithm=o.algorithm,
         tables={
@@ -188,13 +190,13 @@ def solve(o: Options, bench: Bench) -> Findings:
     )
 
 
-def planned(o: Options, bench: Bench) -> tuple[Plane, tuple[float, float] | None]:
+def planned(o: Options, context: Context) -> tuple[Plane, tuple[float, float] | None]:
     """The plane, and the operating range if x is the speed; raises SetupError."""
-    across, up = axis(bench.fmus, "x", o.x, 4), axis(bench.fmus, "y", o.y, 2)
+    across, up = axis(context.fmus, "x", o.x, 4), axis(context.fmus, "y", o.y, 2)
     if across.name == up.name:
         raise SetupError(f"--x and --y are both {up.name}")
-    refuse(o.start, (across.name, up.name))
-    plane = Plane(across, up, followed(bench.fmus, SETS[o.set], o.start), o.speed or FIXED)
+    check_fixed_starts(o.start, (across.name, up.name))
+    plane = Plane(across, up, followed(context.fmus, SETS[o.set], o.start), o.speed or FIXED)
     if across.name != SPEED:
         if o.range is not None:
             raise SetupError("--range is for maps whose x is the speed")
@@ -321,7 +323,7 @@ def judgement(checks: Sequence[Mapping[str, Any]], error: float) -> dict[str, Fi
         "probability from these machines minus that of the map, at most",
     )
     if not checks:
-        return {"misjudged": Figure.refused("%", "no machine is co-simulated", wrong)}
+        return {"misjudged": Figure.undetermined("%", "no machine is co-simulated", wrong)}
     check_frame = Table.of_rows(
         [[*check.values()] for check in checks], dict.fromkeys(checks[0], "")
     ).frame
@@ -410,7 +412,7 @@ def maps(r: Map, limit: float) -> list[Field]:
     bounds = [Span(*r.within, "operating range", "green")] if r.within else []
     formula = [curve for curve in over if curve.look == "theory"]
     return [
-        Field("How much the drive magnifies the load's ripple", x, y,
+        Field("Gain: torque ripple over load ripple", x, y,
               "torque ripple over load ripple", r.field("gain"), over, True, line, bounds),
         Field(f"Machines within tolerance whose torque ripple is above {limit:g} N.m", x, y,
               "share of the machines", r.field("probability"), formula, levels=line, spans=bounds,

@@ -18,10 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim import CONVERGENCE_ORDERS, SetupError
-from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, option
+from workbench import Chart, Context, Curve, Figure, Findings, Mark, Panel, Show, option
 from workbench.answer import parameters
 from workbench.charts import model as colors
-from workbench.charts.model import Direction, Field, Level, Picture, Second
+from workbench.charts.model import Direction, Field, Level, Picture, SecondUnit
 from workbench.figure import SHARE_DIGITS, concise, percent
 from workbench.limit import coupling
 
@@ -63,7 +63,7 @@ FEWEST, WELL = 4, 1.02
 #: a safety margin by convention, as a point's error may be larger than those of the sample.
 MARGIN = 3.0
 SPRINGS = {"": ("machine's spring", "red"), "_unloaded": ("spring that unloads the rod", "blue")}
-OWN = ("motor.A", "motor.tau", "motor.characteristic", "conveyor.phi", "conveyor.w")
+FIXED_STARTS = ("motor.A", "motor.tau", "motor.characteristic", "conveyor.phi", "conveyor.w")
 DECISIVE = ("spring_unloaded",)
 
 
@@ -110,17 +110,17 @@ class RodForceData(NamedTuple):
         return [(nu, c) for nu, c in zip(self.speeds, optima) if isinstance(c, float)]
 
 
-def solve(o: Options, bench: Bench) -> Findings:
+def solve(o: Options, context: Context) -> Findings:
     """Run the plane, and more where the rod is unloaded; raises cosim.SetupError."""
     for name, unit in (("speeds", "rad/s"), ("springs", "N/m")):
         if len(values := getattr(o, name)) < FEWEST:
             raise SetupError(f"{name} = {values} {unit} must be {FEWEST} values or more")
-    present, nu = followed(bench.fmus, SETS[o.set], o.start), o.speed or OPERATING[o.set]
+    present, nu = followed(context.fmus, SETS[o.set], o.start), o.speed or OPERATING[o.set]
     shifted_machine = {key: value for key, value in o.start.items() if key not in FIELDS}
-    system = conveyor_drive(bench.fmus, {**present.start(nu), **shifted_machine})
+    system = conveyor_drive(context.fmus, {**present.start(nu), **shifted_machine})
     held = {key: one.value for key, one in parameters(system).items()}
     length = held["conveyor.rod.l"] if held["conveyor.rod.finite"] else math.inf
-    runner = OrbitRunner(bench, shifted_machine, o.algorithm, o.steps_per_rev)
+    runner = OrbitRunner(context, shifted_machine, o.algorithm, o.steps_per_rev)
     runner.check(present, min(nu, *o.speeds), STEP_MULTIPLES[-1])
     across = Direction("Operating speed", "rad/s", np.array(o.speeds))
     up = Direction("Spring", "N/m", np.array(o.springs))
@@ -133,7 +133,7 @@ def solve(o: Options, bench: Bench) -> Findings:
         ]
 
     more = [*unloading_points(present, nu), *runs(present)]
-    table = bench.kept(TABLE, UNITS, rows(runner, length, plane, more))
+    table = context.record_rows(TABLE, UNITS, rows(runner, length, plane, more))
     if table.frame["f_rod"].isna().all():
         raise SetupError("no orbit of the map is steady")
     spring, machines = unloading(runner, present, nu), {"": present}
@@ -178,7 +178,9 @@ def springs(r: RodForceData, spring: Figure) -> dict[str, Figure]:
         "spring": Figure(present.c, "N/m", 0.0, "spring of the machine"),
         "spring_unloaded": spring,
         "spring_formula": Figure(present.m * nu**2, "N/m", 0.0, "that by formula (17)"),
-        "spring_theory": Figure.refused("N/m", "it lies far from that of formula (17)", meaning)
+        "spring_theory": Figure.undetermined(
+            "N/m", "it lies far from that of formula (17)", meaning
+        )
         if math.isnan(theory)
         else Figure(theory, "N/m", CLOSE * theory, meaning),
     }
@@ -284,7 +286,7 @@ def deviation(
     )
     runs = np.array([quantity(orbit) for orbit in orbits]).reshape(-1, len(STEP_MULTIPLES))
     if not np.isfinite(runs).all():
-        return Figure.refused(
+        return Figure.undetermined(
             "%", "the coupling error is not known; take more steps per revolution"
         )
     vanishing = order or CONVERGENCE_ORDERS[r.runner.algorithm]
@@ -363,7 +365,7 @@ def shifted(r: RodForceData, present: Figure, other: Figure) -> str:
 def show(o: Options, f: Mapping[str, Figure], r: RodForceData) -> Show:
     """Force over crank angle and over speed, both maps, and one revolution with the best spring."""
     best, nu = list(r.machines.values())[-1], r.plane.speed
-    title = f"A spring of {1e-3 * best.c:.4g} kN/m unloads the rod at {nu:g} rad/s"
+    title = f"At {nu:g} rad/s the peak of the rod force is smallest with a spring of {1e-3 * best.c:.4g} kN/m"
     pictures: list[Picture] = [over_angle(r), over_speed(r), *maps(o, r)]
     turn = motion.revolution(r.runner.task(best, nu))
     return Show(pictures, *turn, title if len(r.machines) > 1 else "")
@@ -418,7 +420,7 @@ def over_speed(r: RodForceData) -> Chart:
         [Panel("largest rod force", "kN", forces, includes=(0.0,)),
          Panel("torque ripple", "N.m", ripples, includes=(0.0,))],
         [Mark(nu, f"operating speed {nu:g} rad/s"), Mark(nu_res, f"resonance {nu_res:.4g} rad/s")],
-        second=Second("rpm", 30 / math.pi),
+        second=SecondUnit("rpm", 30 / math.pi),
     )  # fmt: skip
 
 

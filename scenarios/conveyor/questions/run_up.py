@@ -15,10 +15,10 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from cosim import Result
-from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Run, Show, Table, option
-from workbench.charts.model import FORCE, SPEED, THEORY, TORQUE, recorded
+from workbench import Chart, Context, Curve, Figure, Findings, Mark, Panel, Run, Show, Table, option
+from workbench.charts.model import FORCE, SPEED, THEORY, TORQUE, result_panel
 from workbench.live import Live, LiveChart, LivePanel, LiveRun, Number, Reader, Slider
-from workbench.measure import Samples, crossing, largest, measured, passes, since, smallest
+from workbench.measure import Samples, crossing, crossing_times, largest, measured, since, smallest
 from workbench.periodic import TURN
 
 from .. import live_theory
@@ -29,7 +29,7 @@ from ..motion import live_motion, moving
 from ..rows import OVERDAMPED
 
 PARTS = DRIVE
-OWN = ("motor.characteristic",)
+FIXED_STARTS = ("motor.characteristic",)
 MOTORS = {"linear": 0, "kloss": 1}
 MOTOR_NAMES = {"linear": "linear motor", "kloss": "induction motor"}
 STYLES = {"linear": ("linear motor", "purple"), "kloss": ("induction motor (Kloss)", "gold")}
@@ -56,9 +56,9 @@ class Options(Run):
     speed: float = option(60.0, "mean speed of the linear motor", "rad/s", above=0.0)
 
 
-def solve(o: Options, bench: Bench) -> Findings:
+def solve(o: Options, context: Context) -> Findings:
     """Both motors, one after the other, the linear one set for its mean speed: a run for each."""
-    machine = followed(bench.fmus, SETS[o.set], o.start)
+    machine = followed(context.fmus, SETS[o.set], o.start)
     build_up = 1 / (4 * math.pi * machine.zeta)
     all_figures = {
         "nu_res": Figure(machine.nu_res, "rad/s", 0.0, "resonance by formula (22)"),
@@ -69,9 +69,9 @@ def solve(o: Options, bench: Bench) -> Findings:
     for motor, characteristic in MOTORS.items():
         rest = {"motor.tau": 0.0, "conveyor.w": 0.0, "motor.characteristic": characteristic}
         start = machine.start(o.speed) | rest | dict(o.start)
-        systems[motor] = conveyor_drive(bench.fmus, start)
+        systems[motor] = conveyor_drive(context.fmus, start)
         figures_of = partial(figures, machine, MOTOR_NAMES[motor])
-        runs[motor], mine = bench.certify(systems[motor], figures_of, o, RECORD, f"{motor}.csv")
+        runs[motor], mine = context.certify(systems[motor], figures_of, o, RECORD, f"{motor}.csv")
         all_figures |= {f"{motor}_{name}": figure for name, figure in mine.items()}
     return Findings(
         all_figures,
@@ -90,7 +90,7 @@ def figures(machine: Machine, word: str, r: Result) -> dict[str, Figure]:
     meaning = f"time when the crank has passed the resonance, {word}"
     near = measured(partial(revolutions_near, machine.nu_res), t, w, r["conveyor.phi"])
     all_figures = {
-        "passing": Figure.refused(second, BELOW, meaning)
+        "passing": Figure.undetermined(second, BELOW, meaning)
         if w[-1] < machine.nu_res
         else crossing(t, w, machine.nu_res, -1).figure(second, meaning),
         "revolutions_near": near.figure("1", f"revolutions within 10 % of the resonance, {word}"),
@@ -109,7 +109,9 @@ def figures(machine: Machine, word: str, r: Result) -> dict[str, Figure]:
 def revolutions_near(nu: float, t: Samples, w: Samples, phi: Samples) -> float:
     """Revolutions of the crank while its speed is within 10 % of nu."""
     speed = CubicSpline(t, w)
-    ends = np.sort(np.concatenate([t[:1], *(passes(t, w, x * nu) for x in (0.9, 1.1)), t[-1:]]))
+    ends = np.sort(
+        np.concatenate([t[:1], *(crossing_times(t, w, x * nu) for x in (0.9, 1.1)), t[-1:]])
+    )
     middle = np.abs(speed((ends[1:] + ends[:-1]) / 2) / nu - 1.0) < 0.1
     return float(np.diff(CubicSpline(t, phi)(ends))[middle].sum() / (2 * math.pi))
 
@@ -157,7 +159,9 @@ def show(o: Options, f: Mapping[str, Figure], r: Mapping[str, Result]) -> Show:
 
     def panel(quantity: str, column: str, unit: str = "", *levels: Mark) -> Panel:
         each = [
-            recorded(quantity, result, result["time"], {column: STYLES[motor]}, unit, levels=levels)
+            result_panel(
+                quantity, result, result["time"], {column: STYLES[motor]}, unit, levels=levels
+            )
             for motor, result in r.items()
         ]
         return each[0]._replace(curves=[curve for chart in each for curve in chart.curves])
@@ -179,7 +183,7 @@ def show(o: Options, f: Mapping[str, Figure], r: Mapping[str, Result]) -> Show:
     end = min(float(result["time"][-1]) for result in r.values())
     charts = [
         Chart("Run-up from rest", "time [s]", panels),
-        Chart("Torque over speed: the lag of the motor", "crank speed [rad/s]", plane),
+        Chart("Torque over speed", "crank speed [rad/s]", plane),
     ]
     return Show(charts, [moving("Both conveyors from rest", r, 0.0, end, 15.0)])
 

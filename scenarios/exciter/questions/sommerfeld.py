@@ -17,7 +17,7 @@ import cosim
 import workbench
 from cosim import Result, SetupError, System
 from cosim.system import connect
-from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, Table, option
+from workbench import Chart, Context, Curve, Figure, Findings, Mark, Panel, Show, Table, option
 from workbench.answer import parameters
 from workbench.figure import listed
 from workbench.limit import coupling
@@ -28,7 +28,7 @@ from ..orbits import ROUNDING, STEPS_PER_REV, Averaged, Jump, averaged, constant
 
 PARTS = {"motor": "DCMotor", "exciter": "UnbalanceExciter"}
 WIRES = ("motor.tau -> exciter.tau", "exciter.w -> motor.w")
-OWN = ("motor.v",)
+FIXED_STARTS = ("motor.v",)
 STATES = ("motor.i", "exciter.phi", "exciter.w", "exciter.x", "exciter.v")
 POWERS = ("motor.P", "exciter.P_loss")
 UNITS = {"falling": "1", "supply": "V", "speed": "rad/s", "shake": "m"}
@@ -121,18 +121,18 @@ class Observed(NamedTuple):
         return self.levels[: len(self.levels) // 2 - 1 : -1]
 
 
-def solve(o: Options, bench: Bench) -> Findings:
+def solve(o: Options, context: Context) -> Findings:
     """The levels up and down, and the folds in three step sizes; raises SetupError for one level."""
     if len(o.supplies) < 2:
         raise SetupError(f"supplies = {o.supplies} V must be two levels or more")
-    system = System(bench.fmus, WIRES, {"motor.R": 5.0, "motor.v": o.supplies[0], **o.start})
+    system = System(context.fmus, WIRES, {"motor.R": 5.0, "motor.v": o.supplies[0], **o.start})
     connect(system)
     if constants(system)[1] == 0.0:
         raise SetupError("motor.k = 0 V.s/rad gives no torque; the motor needs a larger one")
     case, theory = Case(system, o.hold, o.step), averaged(system)
-    ((*levels,),) = bench.each(sweep, [(o.supplies, case)], "levels")
+    ((*levels,),) = context.each(sweep, [(o.supplies, case)], "levels")
     seeking = searches(system, theory, o.step)
-    jumps = [*bench.each(jump, [x for direction in seeking for x in direction], "folds")]
+    jumps = [*context.each(jump, [x for direction in seeking for x in direction], "folds")]
     observed = Observed(case, levels, theory)
     warn(levels, case)
     rows = [(int(k >= len(o.supplies)), *level[:3]) for k, level in enumerate(levels)]
@@ -166,11 +166,11 @@ def figure(jumps: Sequence[Jump], name: str, direction: str, observed: Observed)
     """What the searches with falling numbers of steps state of a jump, where they all have one."""
     unit, meaning = MEANINGS[name][0], f"{MEANINGS[name][1]}, {direction}"
     if not jumps:
-        return Figure.refused(unit, no_jump(observed), meaning)
+        return Figure.undetermined(unit, no_jump(observed), meaning)
     values = [float(getattr(x, name)) for x in jumps]
     if not np.isfinite(values).all():
         reason = next(x.reason for x in jumps if x.reason)
-        return Figure.refused(unit, reason, meaning)
+        return Figure.undetermined(unit, reason, meaning)
     error = coupling(values, cosim.CONVERGENCE_ORDERS["strang"]) + ROUNDING * values[0]
     return Figure(values[0], unit, error, meaning)
 
@@ -280,7 +280,9 @@ def show(o: Options, f: Mapping[str, Figure], r: tuple[Observed, Any]) -> Show:
     ]
     level = Mark.of("resonance", f["nu_res"])
     panels = [Panel("steady speed", "rad/s", steady, [level]), Panel("displacement", "mm", shakes)]
-    charts = [Chart("Both branches of the steady motion", "supply [V]", panels, marks)]
+    charts = [
+        Chart("Steady motion while the supply is raised and lowered", "supply [V]", panels, marks)
+    ]
     takes = min(f["supply_up"].value, o.supplies[-1]) if marks else o.supplies[-1]
     runs = {f"{share:.0%}": case.run(share * takes, {}) for share in STARTS}
     title = f"Starts from rest at shares of {takes:.4g} V"

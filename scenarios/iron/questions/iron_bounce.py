@@ -15,17 +15,17 @@ import numpy as np
 import cosim
 import workbench
 from cosim import Result, System
-from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, Table, option
+from workbench import Chart, Context, Curve, Figure, Findings, Mark, Panel, Show, Table, option
 from workbench.answer import parameters
-from workbench.charts.model import FORCE, LIFT, POWER, SPEED, TORQUE, recorded
+from workbench.charts.model import FORCE, LIFT, POWER, SPEED, TORQUE, result_panel
 from workbench.live import REVOLUTION, Live, LiveChart, LivePanel, Number, Reader, Slider
-from workbench.measure import ROUNDING, largest, of_rows
+from workbench.measure import ROUNDING, largest, with_rows
 
 from .. import machine as iron
 from .. import motion
 
 PARTS = {"iron": "IronDrive"}
-OWN = (*iron.IMPOSED, "iron.follower.lifts", "iron.gap", "iron.w_gap")
+FIXED_STARTS = (*iron.IMPOSED, "iron.follower.lifts", "iron.gap", "iron.w_gap")
 TURNS, FINER = 3, 4
 TABLE = "iron_bounce.csv"
 UNITS = {
@@ -72,12 +72,12 @@ class Options(workbench.Options):
     samples: int = option(1440, "rows per turn", least=360)
 
 
-def solve(o: Options, bench: Bench) -> Findings:
+def solve(o: Options, context: Context) -> Findings:
     """A sweep; and one speed, again with twice the rows and bounces that end four times as slow."""
-    system = System(bench.fmus, start=o.start)
+    system = System(context.fmus, start=o.start)
     e, v = (float(parameters(system)[f"iron.follower.{x}"].value) for x in ("e", "v"))
-    flights = bench.each(partial(last, system, o.samples), o.speeds, "speeds", probes=True)
-    table = bench.kept(TABLE, UNITS, (flight[:-1] for flight in flights))
+    flights = context.each(partial(last, system, o.samples), o.speeds, "speeds", probes=True)
+    table = context.record_rows(TABLE, UNITS, (flight[:-1] for flight in flights))
     result = flying(system, o.samples, o.speed)
     before, turn_figures = (
         flight(result, o.samples, o.speed, turn) for turn in (TURNS - 2, TURNS - 1)
@@ -98,10 +98,10 @@ def solve(o: Options, bench: Bench) -> Findings:
         if name == "landings":  # of which slower ends make more
             error = 0.0
         texts = Figure(x, UNITS[name], error, meaning)
-        all_figures[name] = Figure.refused(texts.unit, reason, meaning) if reason else texts
+        all_figures[name] = Figure.undetermined(texts.unit, reason, meaning) if reason else texts
     all_figures["force"] = force(all_figures, e, o.stiffness)
     all_figures["cycles"] = Figure(o.speed * iron.PER_MINUTE, "1/min", 0.0, "cycles per minute")
-    turn = of_rows(result, result.data[(TURNS - 1) * o.samples :])
+    turn = with_rows(result, result.data[(TURNS - 1) * o.samples :])
     step, data = f"{o.samples} steps in a turn", (turn, system, table)
     return Findings(all_figures, data, system, result.provenance, step, tables={TABLE: table})
 
@@ -141,7 +141,7 @@ def force(f: Mapping[str, Figure], e: float, stiffness: float) -> Figure:
         "force of the hardest landing on a contact of that stiffness",
     )
     if v.error is None or S.error is None:
-        return Figure.refused("N", v.reason, meaning)
+        return Figure.undetermined("N", v.reason, meaning)
     peak = math.sqrt(stiffness * v.value * S.value / (1 + e))
     share = (v.error / v.value + S.error / S.value) / 2 if peak else 0.0
     return Figure(peak, "N", peak * share, meaning)
@@ -163,9 +163,9 @@ def verdict(o: Options, f: Mapping[str, Figure], r: object) -> str:
         return f"{answer}does not land."
     times = "once" if f["landings"].value == 1.0 else f"{texts['landings']} times"
     return (
-        f"{answer}lands {times}, at up to {texts['speed']} and with an impulse of up to "
-        f"{texts['impulse']}. A contact of {o.stiffness:g} N/m then carries {texts['force']}. The landings of "
-        f"a turn cost {texts['loss']} in all."
+        f"{answer}lands {times} (impact speed up to {texts['speed']}, impulse up to {texts['impulse']}). "
+        f"With a contact stiffness of {o.stiffness:g} N/m the peak force is {texts['force']}. Energy lost per "
+        f"turn: {texts['loss']}."
     )
 
 
@@ -174,7 +174,7 @@ def show(o: Options, f: Mapping[str, Figure], r: tuple[Result, System, Table]) -
     turn, system, table = r
     phi = np.degrees(turn["iron.phi"]) - 360.0 * (TURNS - 1)
     hit = np.append(False, np.diff(turn["iron.landings"]) > 0)
-    at = partial(recorded, result=turn, x=phi)
+    at = partial(result_panel, result=turn, x=phi)
     panels = [
         at("gap of the rocker", curves={"iron.gap": FORCE}, unit="deg"),
         at("force of the cam", curves={"iron.N": TORQUE}, includes=(0.0,)),

@@ -13,8 +13,8 @@ import numpy as np
 
 import workbench
 from cosim import Result, System
-from workbench import Bench, Chart, Figure, Findings, Mark, Run, Show, Table, option
-from workbench.charts.model import FORCE, LIFT, SPEED, TORQUE, recorded
+from workbench import Chart, Context, Figure, Findings, Mark, Run, Show, Table, option
+from workbench.charts.model import FORCE, LIFT, SPEED, TORQUE, result_panel
 from workbench.live import Live, LiveChart, LivePanel, Number, Reader, Slider
 from workbench.measure import integral, largest, smallest
 
@@ -22,7 +22,7 @@ from .. import machine as iron
 from .. import motion
 
 PARTS = {"iron": "IronDrive"}
-OWN = iron.IMPOSED
+FIXED_STARTS = iron.IMPOSED
 FORCES = {
     "iron.N": ("cam on follower", TORQUE),
     "iron.T_span": ("chain at the link", SPEED),
@@ -43,15 +43,18 @@ class Options(workbench.Options):
     samples: int = option(1440, "rows per turn", least=180)
 
 
-def solve(o: Options, bench: Bench) -> Findings:
+def solve(o: Options, context: Context) -> Findings:
     """One turn at the speed, and two more for the limits."""
-    system, period = iron.imposed(System(bench.fmus, start=o.start), o.speed), 2 * math.pi / o.speed
+    system, period = (
+        iron.imposed(System(context.fmus, start=o.start), o.speed),
+        2 * math.pi / o.speed,
+    )
     run = Run(stop=period, step=period / o.samples)
-    result, all_figures = bench.certify(system, figures, run, None, "iron_cycle.csv")
+    result, all_figures = context.certify(system, figures, run, None, "iron_cycle.csv")
     all_figures["cycles"] = Figure(o.speed * iron.PER_MINUTE, "1/min", 0.0, "cycles per minute")
     all_figures |= iron.limits(system)
     (limit, _), meaning = iron.first(all_figures), "speed as a share of the first limit"
-    all_figures["share"] = Figure.refused("%", "the first limit is 0", meaning)
+    all_figures["share"] = Figure.undetermined("%", "the first limit is 0", meaning)
     if limit.value:
         share = 100 * o.speed / limit.value
         all_figures["share"] = Figure(
@@ -88,7 +91,7 @@ def figures(r: Result) -> dict[str, Figure]:
 def verdict(o: Options, f: Mapping[str, Figure], r: object) -> str:
     """Whether the speed is safe, and what the drive carries."""
     texts, (limit, event) = {name: figure.text() for name, figure in f.items()}, iron.first(f)
-    answer = f"is NOT possible: {event} at only {limit.text()}"
+    answer = f"exceeds the limit: {event} at {limit.text()}"
     if o.speed < limit.value:
         answer = f"is safe: it is {texts['share']} of {limit.text()}, where {event}"
     return (
@@ -103,7 +106,7 @@ def show(o: Options, f: Mapping[str, Figure], r: tuple[Result, System]) -> Show:
     """Forces, torque and motion over the cam angle, its phases as spans; the mechanism in motion."""
     (result, _), (limit, event) = r, iron.first(f)
     phi = np.degrees(result["iron.phi"])
-    panel = partial(recorded, result=result, x=phi)
+    panel = partial(result_panel, result=result, x=phi)
     zero = [Mark(0.0, "0: contact or chain lets go")]
     panels = [
         panel(quantity, curves=curves, unit="mm" if quantity == "lift" else "")

@@ -18,10 +18,10 @@ import numpy as np
 import cosim
 from cosim import Advice, Identified, SetupError, System
 from cosim.system import Value
-from workbench import Bench, Chart, Curve, Figure, Findings, Panel, Show, fitting, option
+from workbench import Chart, Context, Curve, Figure, Findings, Panel, Show, fitting, option
 from workbench.charts.model import SPEED as BLUE
 from workbench.charts.model import TORQUE as RED
-from workbench.fitting import Recorded, said
+from workbench.fitting import RecordOptions, figure_of
 from workbench.measure import Samples
 
 from .. import machine as iron
@@ -32,7 +32,7 @@ SPEED, TORQUE, SUPPLY = "iron.w", "motor.tau", "motor.A"
 STATES = ("iron.phi", "iron.w_cam", TORQUE)
 LOADS = ("iron.iron.m", "iron.spring.c", "iron.friction.K_up", "iron.friction.K_down")
 FREE = ("motor.B", "motor.T", *LOADS)
-OWN = (SUPPLY, *STATES[1:])
+FIXED_STARTS = (SUPPLY, *STATES[1:])
 EXACT = ("iron.reducer.J", "iron.reducer.i_g", "iron.spring.e_0")
 SAMPLES, FORESEEN = 360, 0.02
 ANGLES, TURN, LOAD = 256, 5e-3, 0.1
@@ -44,7 +44,7 @@ DERIVED = {
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options(Recorded):
+class Options(RecordOptions):
     rated_torque: float = option(
         2.0,
         "rated torque of the motor, for the noise of a torque not yet measured",
@@ -61,7 +61,7 @@ class IdentifiedIron(NamedTuple):
     advice: Sequence[Advice]
 
 
-def solve(o: Options, bench: Bench) -> Findings:
+def solve(o: Options, context: Context) -> Findings:
     """Fit, and ask the drive that fits."""
     record = o.columns(SPEED)
     if not o.priors.keys() & {*LOADS}:
@@ -69,7 +69,7 @@ def solve(o: Options, bench: Bench) -> Findings:
             f"{o.data}: the record shows only (1 + K) m and (1 + K) c; give what is known, as in "
             "--known iron.iron.m=4+-1%"
         )
-    system = guess(o, bench.fmus, record[SPEED])
+    system = guess(o, context.fmus, record[SPEED])
     free = [SUPPLY, *FREE, *STATES]
     fit = o.identify(system, record, free, first=("iron.phi", SUPPLY))
     machine = drive(fit, fit.model.values(fit.local.p))
@@ -144,10 +144,10 @@ def figures(iron_data: IdentifiedIron) -> dict[str, Figure]:
     if fit.misfit:
         why = "no drive of this kind fits the record"
         each = {**DERIVED, "away": margin}
-        return {name: Figure.refused(unit, why, text) for name, (unit, text) in each.items()}
+        return {name: Figure.undetermined(unit, why, text) for name, (unit, text) in each.items()}
     quantities = follows(fit)
     all_figures = {
-        name: said(fit.interval(quantities[name], unit), text)
+        name: figure_of(fit.interval(quantities[name], unit), text)
         for name, (unit, text) in DERIVED.items()
     }
     fixed = iron.limits(iron_data.machine)["follower_limit"].error or 0.0
@@ -158,7 +158,7 @@ def figures(iron_data: IdentifiedIron) -> dict[str, Figure]:
     all_figures["away"] = Figure(
         100 * (limit.value / mean - 1), margin[0], 100 * (limit.error or 0.0) / mean, margin[1]
     )
-    return all_figures | fitting.values(fit)
+    return all_figures | fitting.fitted_figures(fit)
 
 
 def pace(fit: Identified) -> float:
@@ -181,7 +181,7 @@ def advice(o: Options, fit: Identified) -> list[Advice]:
         "a step of the supply to 120 %": {**last, SUPPLY: 1.2 * values[SUPPLY]},
         "a step of the supply to half": {**last, SUPPLY: 0.5 * values[SUPPLY]},
     }
-    experiments = fitting.planned(kinds, SUPPLY, stop, noise, torque)
+    experiments = fitting.planned_experiments(kinds, SUPPLY, stop, noise, torque)
     return cosim.advise(fit, experiments, follows(fit)["mu"])
 
 
@@ -200,7 +200,7 @@ def verdict(o: Options, f: Mapping[str, Figure], r: IdentifiedIron) -> str:
     ]
     lines += [f"The record cannot tell {' and '.join(g)} apart." for g in r.fit.alike]
     now = f["mu"].error or math.inf
-    return "\n".join([*lines, fitting.next_one(r.advice, now, "the friction", "")])
+    return "\n".join([*lines, fitting.next_record(r.advice, now, "the friction", "")])
 
 
 def show(o: Options, f: Mapping[str, Figure], r: IdentifiedIron) -> Show:

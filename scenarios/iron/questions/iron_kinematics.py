@@ -17,7 +17,7 @@ from scipy.interpolate import CubicSpline
 import cosim
 import workbench
 from cosim import Result, SetupError, System
-from workbench import Bench, Chart, Curve, Figure, Findings, Panel, Show, Table, option
+from workbench import Chart, Context, Curve, Figure, Findings, Panel, Show, Table, option
 from workbench.answer import parameters
 from workbench.charts.model import FORCE, LIFT, POWER, SPEED, TORQUE
 from workbench.measure import Samples, largest
@@ -26,7 +26,7 @@ from .. import machine as iron
 from .. import motion
 
 PARTS = {"iron": "IronDrive"}
-OWN = iron.IMPOSED
+FIXED_STARTS = iron.IMPOSED
 FUNCTIONS = {
     "alpha_1": ("alpha'", SPEED), "alpha_2": ("alpha''", TORQUE), "beta_1": ("beta'", SPEED),
     "beta_2": ("beta''", TORQUE), "H_1": ("H'", SPEED), "H_2": ("H''", TORQUE),
@@ -62,13 +62,13 @@ class Options(workbench.Options):
     samples: int = option(720, "rows per turn", least=72)
 
 
-def solve(o: Options, bench: Bench) -> Findings:
+def solve(o: Options, context: Context) -> Findings:
     """A turn, and four more for each dimension: by 0.2 % and by 0.4 % longer and shorter."""
-    system = System(bench.fmus, start=o.start)
+    system = System(context.fmus, start=o.start)
     values = {x: float(parameters(system)[f"iron.{x}"].value) for x in DIMENSIONS}
     result, run = turn(system, o.samples), partial(varied, system, o.samples)
     cases = [(x, k * CHANGE * values[x]) for x in DIMENSIONS for k in (1, -1, 2, -2)]
-    turns = bench.each(run, cases, "dimensions", probes=True)
+    turns = context.each(run, cases, "dimensions", probes=True)
     phi, function_values = np.linspace(0.0, 360.0, o.samples + 1), functions(system, result)
     tops = [largest(phi, abs(y)) for y in function_values]
     if not all(top.value for top in tops):

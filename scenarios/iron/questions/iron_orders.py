@@ -18,21 +18,21 @@ import numpy as np
 import cosim
 import workbench
 from cosim import System, largest
-from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, Table, option
+from workbench import Chart, Context, Curve, Figure, Findings, Mark, Panel, Show, Table, option
 from workbench.answer import parameters
 from workbench.charts.model import SERIES
 from workbench.figure import listed, refusals
 from workbench.limit import coupling
 from workbench.measure import Measured, Samples, harmonics, measured
 from workbench.periodic import NoOrbitError, Revolutions, periodic_orbit
-from workbench.run import hearing
+from workbench.run import captured_warnings
 
 from .. import machine as iron
 from .. import motion
 
 Frame = Any
 PARTS = iron.PARTS
-OWN = ("motor.A", "motor.T", "motor.tau", "iron.w_cam", "iron.phi")
+FIXED_STARTS = ("motor.A", "motor.T", "motor.tau", "iron.w_cam", "iron.phi")
 ORDERS, HIGHEST = 12, 60
 LAGS = (12, 80, 200)
 PER_REV = 1440
@@ -87,21 +87,21 @@ class Machine(NamedTuple):
     def system(self, T: float, nu: float) -> System:
         """With the lag T [s] of a motor that is set for the mean speed nu [rad/s], turning from phi = 0."""
         mean = self.work / (2 * math.pi * self.i_g)
-        fixed = dict(zip(OWN, (self.slope * self.i_g * nu + mean, T, mean, nu, 0.0)))
+        fixed = dict(zip(FIXED_STARTS, (self.slope * self.i_g * nu + mean, T, mean, nu, 0.0)))
         return replace(self.drive, start={**self.drive.start, **fixed})
 
 
-def solve(o: Options, bench: Bench) -> Findings:
+def solve(o: Options, context: Context) -> Findings:
     """Sweep three motors; where the lag adds most, again with coarser steps."""
     start = iron.MOTOR | {"iron.on_invalid": 1} | dict(o.start)
-    machine = measure(System(bench.fmus, iron.WIRES, start))
+    machine = measure(System(context.fmus, iron.WIRES, start))
     run = partial(simulate, machine)
     cases = [(lag / 1e3, nu, PER_REV) for lag in LAGS for nu in o.speeds]
-    swept = chain.from_iterable(bench.each(run, cases, "sweep"))
-    orders = bench.kept("iron_orders.csv", UNITS, swept)
+    swept = chain.from_iterable(context.each(run, cases, "sweep"))
+    orders = context.record_rows("iron_orders.csv", UNITS, swept)
     worst = orders.frame.dropna().query("added > 0").sort_values("added").groupby("T").tail(1)
     again = [(x["T"], x["nu"], PER_REV // n) for n in (2, 4) for _, x in worst.iterrows()]
-    repeated = chain.from_iterable(bench.each(run, again, "coupling errors"))
+    repeated = chain.from_iterable(context.each(run, again, "coupling errors"))
     which = set(zip(worst["T"], worst["order"]))
     runs = [*worst.itertuples(index=False), *(x for x in repeated if (x[0], x[2]) in which)]
     all_figures = figures(machine, orders.frame, Table.of_rows(runs, UNITS).frame)
@@ -150,7 +150,7 @@ def simulate(machine: Machine, case: tuple[float, float, int]) -> list[Sequence[
     torque = speed = before = np.full(ORDERS, complex(math.nan, math.nan))
     left = 0.0
     try:
-        with hearing() as warnings:
+        with captured_warnings() as warnings:
             turns = periodic_orbit(at, states, "iron.phi", nu, per_rev, FORCES, ALGORITHM)
         warn(turns, T, nu, warnings())
         torque, before = (machine.i_g * amplitudes("motor.tau", back) for back in (0, 1))
@@ -212,7 +212,7 @@ def figures(machine: Machine, orders: Frame, runs: Frame) -> dict[str, Figure]:
         of_lag = {
             "w_n": Figure(w_n, "rad/s", w_n * spread, "frequency of a lag of 90 deg, by formula"),
             "zeta": Figure(zeta, "1", zeta * spread, "damping ratio of the ripple"),
-            "added": Figure.refused("%", f"{why} at any speed of the sweep", share),
+            "added": Figure.undetermined("%", f"{why} at any speed of the sweep", share),
         }
         for at in mine.head(1).itertuples():
             left, most = 2 * at.settling, machine.most(at.nu)
@@ -239,16 +239,22 @@ def verdict(o: Options, f: Mapping[str, Figure], r: object) -> str:
         for lag, share in adds.items()
         if share.error is not None
     ]
-    matter = " and ".join(lag for lag, share in adds.items() if share.value > IMPORTANT)
-    which = "No resonance is of practical importance: no lag adds"
-    if matter:
-        which = f"A resonance is of practical importance with a lag of {matter}: such a lag adds"
-    answer = [
-        f"{which} more than {IMPORTANT:g} % of the largest torque to an order.",
-        f"The lag adds at most {listed(most)}.",
-    ]
     lift = f"The follower lifts off at {f['follower_limit'].text()}."
-    return " ".join([*(answer if most else []), *refusals(adds), lift])
+    highest = [f"The lag adds at most {listed(most)}."] if most else []
+    return " ".join([*importance(adds), *highest, *refusals(adds), lift])
+
+
+def importance(adds: Mapping[str, Figure]) -> list[str]:
+    """Say for which lags an order rises by more than IMPORTANT, where that holds within the error."""
+    stated = {lag: share for lag, share in adds.items() if share.error is not None}
+    matter = [lag for lag, x in stated.items() if x.value - (x.error or 0.0) > IMPORTANT]
+    below = [lag for lag, x in stated.items() if x.value + (x.error or 0.0) <= IMPORTANT]
+    rise = f"rises by more than {IMPORTANT:g} % of the largest torque"
+    if matter:
+        return [f"With a motor lag of {listed(matter)} a torque order {rise}."]
+    if below and len(below) == len(stated):
+        return [f"With a motor lag of {listed(below)} no torque order {rise}."]
+    return []
 
 
 def show(o: Options, f: Mapping[str, Figure], r: tuple[Machine, Frame]) -> Show:
@@ -287,8 +293,9 @@ def torque(lag: int, f: Mapping[str, Figure], orders: Frame) -> Chart:
         nu, height = mine[mine["order"] == k][["nu", "torque"]].to_numpy().T
         curves.append(Curve(f"order {k}", nu, height, color, "linked"))
         marks.append(Mark(f[f"w_n_{lag}ms"].value / k, f"w_n / {k}"))
-    share = f"at most {adds.value:.1f} %" if adds.error is not None else "nothing"
-    title = f"A motor lag of {lag} ms adds {share} of the largest torque to an order"
+    title = f"What a motor lag of {lag} ms adds to the orders is not determined: {adds.reason}"
+    if adds.error is not None:
+        title = f"A motor lag of {lag} ms adds at most {adds.value:.1f} % of the largest torque to an order"
     inside = [mark for mark in marks if nu[0] <= mark.at <= nu[-1]]
     panel = Panel("amplitude", "N.m", curves, includes=(0.0,))
     return Chart(title, "cam speed [rad/s]", [panel], inside)

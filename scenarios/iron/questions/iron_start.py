@@ -14,8 +14,8 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from cosim import Result, System
-from workbench import Bench, Chart, Figure, Findings, Run, Show, Table, option
-from workbench.charts.model import LIFT, POWER, SPEED, THEORY, TORQUE, recorded
+from workbench import Chart, Context, Figure, Findings, Run, Show, Table, option
+from workbench.charts.model import LIFT, POWER, SPEED, THEORY, TORQUE, result_panel
 from workbench.live import Live, LiveChart, LivePanel, Number, Reader, Slider
 from workbench.measure import Measured, Samples, extended, integral, largest, measured
 
@@ -39,11 +39,11 @@ class Options(Run):
     step: float = option("0.5ms", "finest of three communication steps", "s", above=0.0)
 
 
-def solve(o: Options, bench: Bench) -> Findings:
+def solve(o: Options, context: Context) -> Findings:
     """One start."""
     motor = iron.MOTOR | {"motor.A": o.motor_A, "motor.B": o.motor_B, "motor.T": o.motor_T}
-    system = System(bench.fmus, iron.WIRES, motor | dict(o.start))
-    result, all_figures = bench.certify(system, figures, o, None, "iron_start.csv")
+    system = System(context.fmus, iron.WIRES, motor | dict(o.start))
+    result, all_figures = context.certify(system, figures, o, None, "iron_start.csv")
     all_figures |= needs(system, result)
     full = ledger(result)
     tables = {"iron_start.csv": Table.of(full)}
@@ -120,8 +120,8 @@ def verdict(o: Options, f: Mapping[str, Figure], r: tuple[Result, System]) -> st
     """How the cam starts, how it goes on, and the ledger."""
     texts = {name: figure.text() for name, figure in f.items()}
     starts = (
-        f"The cam shoots up to {texts['w_cam_max']} after {texts['w_cam_max_time']} and turns at "
-        f"{texts['w_cam_mean']} ({f['cycles'].text('cycles/min')}) in the second half."
+        f"The cam peaks at {texts['w_cam_max']} after {texts['w_cam_max_time']}; its mean speed in the second "
+        f"half is {texts['w_cam_mean']} ({f['cycles'].text('cycles/min')})."
     )
     if stands(r[0]["time"], r[0]["iron.phi"]):
         turned = f"the cam has made {texts['turns']} turns, at up to {texts['w_cam_max']}"
@@ -167,7 +167,7 @@ def show(o: Options, f: Mapping[str, Figure], r: tuple[Result, System]) -> Show:
 
 def chart(r: Result, title: str, rows: Any) -> Chart:
     """Speed, torque, ledger and lift over time."""
-    panel = partial(recorded, result=r, x=r["time"][rows], rows=rows)
+    panel = partial(result_panel, result=r, x=r["time"][rows], rows=rows)
     energy = {
         "E_friction": ("friction", "grey", "area"),
         "E_stored": ("stored", "sky", "area"),

@@ -14,7 +14,7 @@ from typing import Any
 import workbench
 from cosim import System
 from cosim.system import connect
-from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, option
+from workbench import Chart, Context, Curve, Figure, Findings, Mark, Panel, Show, option
 from workbench.charts.model import SERIES
 from workbench.figure import percent, refusals
 from workbench.measure import ROUNDING, Measured
@@ -22,7 +22,7 @@ from workbench.measure import ROUNDING, Measured
 from .. import machine as orientator
 from .. import motion
 from ..products import (
-    FIXED_STARTS,
+    PRODUCT_STARTS,
     STEP,
     UNITS,
     Product,
@@ -34,7 +34,7 @@ from ..products import (
 
 Frame = Any
 PARTS = orientator.PARTS
-OWN = FIXED_STARTS
+FIXED_STARTS = PRODUCT_STARTS
 TABLE = "orientation_time.csv"
 #: Slowest over fastest time of orientation from which on friction is said to change it; a convention.
 SPREAD = 1.1
@@ -46,14 +46,14 @@ class Options(workbench.Options):
     speeds: tuple[float, ...] = option("0:105rpm:43", "speeds of the rotor", "rad/s", least=0.0)
 
 
-def solve(o: Options, bench: Bench) -> Findings:
+def solve(o: Options, context: Context) -> Findings:
     """Sweep, and halve the gaps between what works and what jams."""
-    machine = orientator.system(bench.fmus, 0.0, 0.0, o.start)
+    machine = orientator.system(context.fmus, 0.0, 0.0, o.start)
     connect(machine)
     speeds = [round(w * 30 / math.pi, 9) for w in o.speeds]  # so that 20 rpm stay 20
     run = partial(sweep, machine, speeds)
-    rows = chain.from_iterable(bench.each(run, o.frictions, "frictions", probes=True))
-    table, steps = bench.kept(TABLE, UNITS, rows), f"steps of {STEP} s"
+    rows = chain.from_iterable(context.each(run, o.frictions, "frictions", probes=True))
+    table, steps = context.record_rows(TABLE, UNITS, rows), f"steps of {STEP} s"
     series = {mu: ProductsUntilJam.of_frame(table.frame, mu) for mu in o.frictions}
     all_figures, data = figures(machine, table.frame, series), (machine, series)
     return Findings(all_figures, data, machine, {}, steps, tables={TABLE: table})
@@ -143,7 +143,9 @@ def show(
             last = max(float(orientator.shortened(x)["time"][-1]) for x in runs.values())
             title = f"Friction {mu:g}: {' works, '.join(runs)} does not"
             motions.append(motion.motion(title, runs, last))
-    title = "The orientation time, up to the speed at which products jam"
+    title = "The orientation time over the speed of the rotor"
+    if marks:
+        title = "The orientation time, up to the speed at which products jam"
     panel = Panel("orientation time", "s", curves, includes=(0.0,))
     chart = Chart(title, "rotor speed [rpm]", [panel], marks)
     return Show([chart] if curves else [], motions)

@@ -16,9 +16,9 @@ import cosim
 from cosim import Advice, Experiment, Identified, SetupError, System
 from cosim import Table as Measured
 from cosim.units import multiples
-from workbench import Bench, Chart, Curve, Figure, Findings, Panel, Show, fitting
+from workbench import Chart, Context, Curve, Figure, Findings, Panel, Show, fitting
 from workbench.charts.model import SERIES
-from workbench.fitting import Recorded
+from workbench.fitting import RecordOptions
 from workbench.measure import Samples
 
 from .. import machine as orientator
@@ -28,14 +28,14 @@ from ..products import run_product, simulated_limit
 PARTS = orientator.PARTS
 SPEED, DROP, FRICTION = "orientator.w", "orientator.release", "orientator.chute.mu"
 TIMES = ("t_falling", "t_joint", "t_turning", "t_released", "orientation_time")
-OWN = (SPEED, DROP, FRICTION)
+FIXED_STARTS = (SPEED, DROP, FRICTION)
 EXACT = ("orientator.chute.H", "orientator.chute.R", "orientator.cup.m")
 PERIOD, BEFORE, LEAST = 1.6, 0.25, 1e-3
 FRICTIONS, NEXT = np.linspace(0.0, 1.0, 21), (0.5, 0.8, 0.9, 0.95)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options(Recorded):
+class Options(RecordOptions):
     pass
 
 
@@ -50,7 +50,7 @@ class IdentifiedOrientator(NamedTuple):
     advice: Sequence[Advice]
 
 
-def solve(o: Options, bench: Bench) -> Findings:
+def solve(o: Options, context: Context) -> Findings:
     """Fit, and ask the machine that fits."""
     record = o.columns(SPEED, timed=False)
     w = record.pop(SPEED)
@@ -66,7 +66,7 @@ def solve(o: Options, bench: Bench) -> Findings:
         )
     speeds = [scale * x for x in w.values]
     data = {name: dropped(name, table) for name, table in record.items()}
-    system = System(bench.fmus, start={**o.start}, inputs=products(speeds))
+    system = System(context.fmus, start={**o.start}, inputs=products(speeds))
     with_noise = [fitting.noise(system, text)[0] for text in o.noise]
     for name, table in data.items():
         if name not in with_noise:
@@ -79,7 +79,9 @@ def solve(o: Options, bench: Bench) -> Findings:
     machine = replace(fit.model.system, start={**fit.model.system.start, **mine}, inputs={})
     rpm = [30 / math.pi * x for x in speeds]
     limit = (
-        Figure.refused("rpm", "no friction fits the record") if fit.misfit else top(fit, machine)
+        Figure.undetermined("rpm", "no friction fits the record")
+        if fit.misfit
+        else top(fit, machine)
     )
     tried = [round(share * limit.value) for share in NEXT if limit.error is not None]
     product_data = IdentifiedOrientator(
@@ -155,14 +157,14 @@ def figures(product_data: IdentifiedOrientator, limit: Figure) -> dict[str, Figu
     fast = max(product_data.speeds)
     room = "margin of that speed over the fastest product of the record"
     if limit.error is None:
-        reserve = Figure.refused("%", limit.reason, room)
+        reserve = Figure.undetermined("%", limit.reason, room)
     else:
         reserve = Figure(100 * (limit.value / fast - 1), "%", 100 * limit.error / fast, room)
     nearest_system = {"limit": limit._replace(meaning=meaning), "away": reserve}
     if product_data.fit.misfit:
-        refused = Figure.refused("1", "no friction fits the record", f"{FRICTION}, fitted")
-        return {fitting.key(FRICTION): refused, **nearest_system}
-    return fitting.values(product_data.fit) | nearest_system
+        refused = Figure.undetermined("1", "no friction fits the record", f"{FRICTION}, fitted")
+        return {fitting.figure_name(FRICTION): refused, **nearest_system}
+    return fitting.fitted_figures(product_data.fit) | nearest_system
 
 
 def advice(fit: Identified, tried: Sequence[int], count: int) -> list[Advice]:
@@ -180,7 +182,7 @@ def verdict(o: Options, f: Mapping[str, Figure], r: IdentifiedOrientator) -> str
     """The answer in plain words."""
     if r.fit.misfit:
         return "\n".join(["No friction explains these stage times:", *misfits(r)])
-    mu, limit = f[fitting.key(FRICTION)], f["limit"]
+    mu, limit = f[fitting.figure_name(FRICTION)], f["limit"]
     lines = [f"The friction between cup and wall is {mu.text()}."]
     if limit.error is None:
         lines.append(f"The largest rotor speed is {limit.text()}.")
@@ -191,7 +193,7 @@ def verdict(o: Options, f: Mapping[str, Figure], r: IdentifiedOrientator) -> str
         )
     lines += [f"The record cannot tell {' and '.join(g)} apart." for g in r.fit.alike]
     now = mu.error or math.inf
-    return "\n".join([*lines, fitting.next_one(r.advice, now, "the friction", "")])
+    return "\n".join([*lines, fitting.next_record(r.advice, now, "the friction", "")])
 
 
 def misfits(r: IdentifiedOrientator) -> list[str]:

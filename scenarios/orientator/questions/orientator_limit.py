@@ -15,15 +15,15 @@ import numpy as np
 import workbench
 from cosim import System
 from cosim.system import Value, connect
-from workbench import Bench, Chart, Curve, Figure, Findings, Panel, Show, Table, option
+from workbench import Chart, Context, Curve, Figure, Findings, Panel, Show, Table, option
 from workbench.answer import parameters
 
 from .. import machine as orientator
 from .. import motion
 from ..limit_formula import Machine, rpm
-from ..products import FIXED_STARTS, STEP, fastest, run_product, simulated_limit
+from ..products import PRODUCT_STARTS, STEP, fastest, run_product, simulated_limit
 
-OWN = FIXED_STARTS
+FIXED_STARTS = PRODUCT_STARTS
 PARTS = orientator.PARTS
 PLANE, RAISE = "orientator_limit.csv", "orientator_limit_dimensions.csv"
 COLUMNS = {
@@ -62,19 +62,19 @@ CUPS: dict[str, tuple[dict[str, Value], str]] = {
 }
 
 
-def solve(o: Options, bench: Bench) -> Findings:
+def solve(o: Options, context: Context) -> Findings:
     """The limits over the plane, and those with every dimension a little smaller and larger."""
-    base = orientator.system(bench.fmus, 0.0, o.friction, o.start)
+    base = orientator.system(context.fmus, 0.0, o.friction, o.start)
     connect(base)
     cups = [replace(base, start={**base.start, **cup}) for cup, _ in CUPS.values()]
     cases = [(system, mu) for system in cups for mu in o.frictions]
-    rows = bench.each(limits, cases, "limits", probes=True)
-    plane = bench.kept(PLANE, COLUMNS, rows)
-    ((machine, located),) = bench.each(
+    rows = context.each(limits, cases, "limits", probes=True)
+    plane = context.record_rows(PLANE, COLUMNS, rows)
+    ((machine, located),) = context.each(
         partial(simulated_limit, base), [o.friction], "limit", probes=True
     )
     around = partial(gain, base, o.friction, (np.linspace(*NEAR_LIMIT) * located.value).tolist())
-    raised = Table.of_rows(bench.each(around, LENGTHS, "dimensions", probes=True), RAISED)
+    raised = Table.of_rows(context.each(around, LENGTHS, "dimensions", probes=True), RAISED)
     all_figures = figures(plane.frame, raised.frame, machine, located)
     tables = {PLANE: plane, RAISE: raised}
     return Findings(all_figures, (base, tables), base, {}, f"steps of {STEP} s", tables=tables)
@@ -118,7 +118,7 @@ def figures(plane: Any, raised: Any, machine: Machine, limit_figure: Figure) -> 
         "limit": limit_figure,
         "formula": Figure(formula, "rpm", 0.0, "the same by the formula")
         if formula > 0.0
-        else Figure.refused("rpm", "the formula finds none", "the same by the formula"),
+        else Figure.undetermined("rpm", "the formula finds none", "the same by the formula"),
         "joint": Figure(
             rpm(machine.lies_down), "rpm", 0.0, "closed bound: stage joint comes to its end"
         ),
@@ -138,7 +138,7 @@ def figures(plane: Any, raised: Any, machine: Machine, limit_figure: Figure) -> 
     for row in raised.itertuples():
         meaning = f"change of the limit for 1 % more of {row.dimension}"
         key = f"gain_{row.dimension.replace('.', '_').lower()}"
-        refused = Figure.refused("%", "one of the limits was not found", meaning)
+        refused = Figure.undetermined("%", "one of the limits was not found", meaning)
         located = not math.isnan(row.gain + row.gain_error)
         all_figures[key] = Figure(row.gain, "%", row.gain_error, meaning) if located else refused
     return all_figures
@@ -147,7 +147,7 @@ def figures(plane: Any, raised: Any, machine: Machine, limit_figure: Figure) -> 
 def extreme(values: Any, errors: Any, meaning: str) -> Figure:
     """The largest of these values; its error is how much each of them might be further out, or its own."""
     if values.isna().all():
-        return Figure.refused("%", "no limit was found", meaning)
+        return Figure.undetermined("%", "no limit was found", meaning)
     cup_dimension, beyond = errors[values.idxmax()], (values + errors).max() - values.max()
     return Figure(float(values.max()), "%", float(max(cup_dimension, beyond)), meaning)
 

@@ -15,7 +15,7 @@ import numpy as np
 import workbench
 from cosim import System
 from cosim.system import Value, connect
-from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, option
+from workbench import Chart, Context, Curve, Figure, Findings, Mark, Panel, Show, option
 from workbench.answer import parameters
 from workbench.charts.model import SERIES
 from workbench.figure import refusals
@@ -30,7 +30,7 @@ from ..products import STEP, fastest, run_product, simulate
 PARTS = orientator.PARTS
 NEGLECTED = "orientator.neglected."
 CREEP = f"{NEGLECTED}creep"
-OWN = (
+FIXED_STARTS = (
     "orientator.chute.mu", "orientator.w", "orientator.release", f"{NEGLECTED}mu_side",
     f"{NEGLECTED}mu_catcher", f"{NEGLECTED}rim", f"{NEGLECTED}anchored", f"{NEGLECTED}length",
 )  # fmt: skip
@@ -54,9 +54,9 @@ class Options(workbench.Options):
     length: float = option("100mm", "length of the spring at the stop", "m", above=0.0)
 
 
-def machines(o: Options, bench: Bench) -> dict[str, System]:
+def machines(o: Options, context: Context) -> dict[str, System]:
     """The machine of the paper, and with each of what it neglects; "corner" has the hook's friction."""
-    base = orientator.system(bench.fmus, 0.0, o.friction, o.start)
+    base = orientator.system(context.fmus, 0.0, o.friction, o.start)
     connect(base)
     sides: dict[str, Value] = {"mu_side": o.friction}
     hook: dict[str, Value] = {"mu_catcher": o.catcher}
@@ -72,20 +72,20 @@ def machines(o: Options, bench: Bench) -> dict[str, System]:
     }
 
 
-def solve(o: Options, bench: Bench) -> Findings:
+def solve(o: Options, context: Context) -> Findings:
     """All machines at all speeds, and where each of them jams."""
-    kinds = machines(o, bench)
+    kinds = machines(o, context)
     speeds = [round(w * 30 / math.pi, 9) for w in (o.speed, *o.speeds)]
     cases = [(system, n) for system in kinds.values() for n in speeds]
-    orientation_times = [*bench.each(partial(takes, o.friction), cases, "speeds", probes=True)]
+    orientation_times = [*context.each(partial(takes, o.friction), cases, "speeds", probes=True)]
     taken = {
         name: orientation_times[k * len(speeds) : (k + 1) * len(speeds)]
         for k, name in enumerate(kinds)
     }
     rows = ([n, *(times[k].value for times in taken.values())] for k, n in enumerate(speeds) if k)
-    table = bench.kept(TABLE, {"n": "rpm", **dict.fromkeys(kinds, "s")}, rows)
+    table = context.record_rows(TABLE, {"n": "rpm", **dict.fromkeys(kinds, "s")}, rows)
     all_figures = figures({name: times[0] for name, times in taken.items()})
-    ends = bench.each(partial(ending, o.friction), [*kinds.values()], "limits", probes=True)
+    ends = context.each(partial(ending, o.friction), [*kinds.values()], "limits", probes=True)
     for name, limit in zip(kinds, ends):
         which = (
             f"largest rotor speed with {EFFECTS[name]}"
@@ -150,7 +150,7 @@ def figures(orientation_times: Mapping[str, Measured]) -> dict[str, Figure]:
     """The time of orientation, and what each effect adds to it."""
     plain = orientation_times[PLAIN]
     meaning = "orientation time of the paper"
-    jams = Figure.refused("s", "a product jams", meaning)
+    jams = Figure.undetermined("s", "a product jams", meaning)
     all_figures = {
         "orientation_time": jams if math.isnan(plain.value) else plain.figure("s", meaning)
     }
@@ -163,7 +163,7 @@ def figures(orientation_times: Mapping[str, Measured]) -> dict[str, Figure]:
         for key, unit, scale in ((name, "ms", 1e3), (f"{name}_share", "%", 100 / plain.value)):
             meaning = f"change of the orientation time due to {label}"
             all_figures[key] = (
-                Figure.refused(unit, "a product jams", meaning)
+                Figure.undetermined(unit, "a product jams", meaning)
                 if math.isnan(cost)
                 else Figure(scale * cost, unit, abs(scale) * uncertainty, meaning)
             )

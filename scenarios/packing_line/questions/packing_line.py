@@ -17,9 +17,9 @@ from scipy.interpolate import CubicSpline
 
 import cosim
 from cosim import Result, SetupError, System
-from workbench import Bench, Chart, Figure, Findings, Mark, Panel, Run, Show, Table, option
-from workbench.charts.model import LIFT, POWER, Lanes, Span, recorded
-from workbench.charts.motion import Motion, moved, rows
+from workbench import Chart, Context, Figure, Findings, Mark, Panel, Run, Show, Table, option
+from workbench.charts.model import LIFT, POWER, Lanes, Span, result_panel
+from workbench.charts.motion import Motion, rows, shifted
 from workbench.live import (
     REVOLUTION,
     Caption,
@@ -31,7 +31,7 @@ from workbench.live import (
     Reader,
     Slider,
 )
-from workbench.measure import extended, harmonics, of_rows, over_rows
+from workbench.measure import extended, harmonics, with_row_errors, with_rows
 from workbench.options import Start
 
 from ...conveyor.first_order import SETS
@@ -111,10 +111,10 @@ def system(o: Options, fmus: Mapping[str, Path]) -> System:
     return System(fmus, wires, {**values, **o.start})
 
 
-def solve(o: Options, bench: Bench) -> Findings:
+def solve(o: Options, context: Context) -> Findings:
     """The line, with its rows, its orders and its SSP."""
-    line = system(o, bench.fmus)
-    result, all_figures = bench.certify(line, figures, o, RECORD, "packing_line.csv")
+    line = system(o, context.fmus)
+    result, all_figures = context.certify(line, figures, o, RECORD, "packing_line.csv")
     r = supplied(result)
     orders = Table.of_rows(ripple(drives(r)), UNITS)
     tables = {"packing_line.csv": Table.of(r), "packing_line_orders.csv": orders}
@@ -209,12 +209,12 @@ def figures(r: Result) -> dict[str, Figure]:
     all_figures = {
         name: Figure(float(x), "1", 0.0, meaning) for name, (x, meaning) in counts.items()
     }
-    before = cycles(of_rows(r, r.data[: begins[-2] + 1]))
-    for name, figure in over_rows(cycles, r).items():
+    before = cycles(with_rows(r, r.data[: begins[-2] + 1]))
+    for name, figure in with_row_errors(cycles, r).items():
         all_figures[name] = figure
         if figure.error is not None:
-            moved = abs(figure.value - before[name].value)
-            all_figures[name] = figure._replace(error=figure.error + moved)
+            shifted = abs(figure.value - before[name].value)
+            all_figures[name] = figure._replace(error=figure.error + shifted)
     return all_figures
 
 
@@ -271,7 +271,7 @@ def cycles(r: Result) -> dict[str, Figure]:
     if not reason:
         why = "a product is still under way when the next is released"
     for name in ("orientation", "spare") if oriented_share < 1.0 else ():
-        all_figures[name] = Figure.refused("s", why, all_figures[name].meaning)
+        all_figures[name] = Figure.undetermined("s", why, all_figures[name].meaning)
     return all_figures
 
 
@@ -350,11 +350,11 @@ def show(o: Options, f: Mapping[str, Figure], r: tuple[Result, System]) -> Show:
     first, last = releases(window)[-2:]
     data = window.data.copy()
     data[:, 0] -= data[first, 0]
-    result = of_rows(window, data)
+    result = with_rows(window, data)
     t, bars = result["time"], lanes(result, first, last)
     period = float(t[last])
     in_window = (t >= -AROUND * period) & (t <= (1 + AROUND) * period)
-    panel = partial(recorded, result=result, x=t[in_window], rows=in_window)
+    panel = partial(result_panel, result=result, x=t[in_window], rows=in_window)
     lift = panel("lift of the iron", curves={"iron.lift": ("iron", LIFT)}, unit="mm")
     panels: list[Panel | Lanes] = [lift, Lanes(bars)]
     for name in ("supply", "iron", "conveyor"):
@@ -390,8 +390,10 @@ def motion(r: Result, line: System, first: int, last: int) -> Motion:
     more, stages = orientator_motion.draw_rows(r, picked)
     captions = [f"{caption}; orientator {stage}" for caption, stage in zip(captions, stages)]
     title = "One cycle: the iron drive and the orientator it releases"
-    note = "The conveyor, which shakes too fast to be seen here, is left out."
-    return Motion(title, r["time"][picked], 4.0, captions, [*shapes, *moved(more, 0.5, 0.2)], note)
+    note = "The conveyor is left out."
+    return Motion(
+        title, r["time"][picked], 4.0, captions, [*shapes, *shifted(more, 0.5, 0.2)], note
+    )
 
 
 def live_part(o: Options, f: Mapping[str, Figure], r: tuple[Result, System]) -> Live:
@@ -424,14 +426,14 @@ def live_part(o: Options, f: Mapping[str, Figure], r: tuple[Result, System]) -> 
     crank = "conveyor.crank.r**2 / 2"
     motion = LiveMotion(
         "The last cycle: the iron drive and the orientator it releases",
-        lambda at: [*draw_iron(at), *moved(draw_orientator(at), 0.5, 0.2)],
+        lambda at: [*draw_iron(at), *shifted(draw_orientator(at), 0.5, 0.2)],
         [*iron_motion.coordinates(result), *orientator_motion.coordinates(result)],
         [
             *iron_motion.CAPTIONS,
             Caption("orientator", "orientator.stage", texts=orientator.STAGES),
         ],
         4.0,
-        "The conveyor, which shakes too fast to be seen here, is left out.",
+        "The conveyor is left out.",
         f"stop - {cycle}",
     )
     return Live(

@@ -9,6 +9,7 @@ what is kept.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 from itertools import accumulate, pairwise
 from typing import NamedTuple
@@ -18,7 +19,26 @@ from numpy.typing import NDArray
 from scipy.linalg import block_diag, expm
 
 from ..engine.algorithms import find_algorithm
-from .systems import Matrix, Unit
+
+Matrix = NDArray[np.float64]
+Rows = Sequence[Sequence[float]]
+
+
+@dataclass(frozen=True)
+class Unit:
+    """A part; `u` gives for each input its source "part.output", outputs counted from 1, or a value."""
+
+    A: Rows
+    B: Rows
+    C: Rows
+    x: Sequence[float]
+    u: Sequence[str | float]
+    D: Rows | None = None
+
+    @property
+    def feedthrough(self) -> Matrix:
+        """D, or zeros of its shape."""
+        return np.zeros((len(self.C), len(self.u))) if self.D is None else np.array(self.D, float)
 
 
 class Scheme(NamedTuple):

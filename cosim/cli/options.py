@@ -12,11 +12,11 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NoReturn
 
-from .errors import SetupError
-from .result import SimulationError
-from .signals import handle_stop_signals
-from .system import Value
-from .units import QUANTITY, multiples
+from ..errors import SetupError
+from ..result import SimulationError
+from ..signals import handle_stop_signals
+from ..system import Value
+from ..units import QUANTITY, multiples
 
 
 class Help(argparse.HelpFormatter):
@@ -45,8 +45,8 @@ class Parser(argparse.ArgumentParser):
 
     def number(self, name: str, text: str, default: float | None = None, **more: Any) -> None:
         """An option that is a number."""
-        told: dict[str, Any] = {"type": number, "metavar": "NUMBER", "default": default} | more
-        self.add_argument(name, help=text, **told)
+        arguments: dict[str, Any] = {"type": number, "metavar": "NUMBER", "default": default} | more
+        self.add_argument(name, help=text, **arguments)
 
     def time(self, name: str, text: str, default: float | None = None, **more: Any) -> None:
         """An option that is a time [s]."""
@@ -84,7 +84,7 @@ class StartAction(argparse.Action):
     def __call__(self, parser: Any, options: Any, text: Any, name: str | None = None) -> None:
         """Keep what is given."""
         if "=" in text:
-            options.given = [*options.given, text]
+            options.start_values = [*options.start_values, text]
             return
         if not hasattr(options, self.dest):
             raise argparse.ArgumentError(self, f"{text!r} must read NAME=VALUE")

@@ -30,8 +30,8 @@ from ..errors import FmuError, SetupError
 from ..requirements import setup_problems
 from ..system import Network, System, connect
 from ..system.graph import stepping_order
+from .free_response import SIGNIFICANT, Array, Fit, Mode, fit
 from .linearize import linearize
-from .modes import SIGNIFICANT, Array, Fit, Mode, fit
 
 KICK = 1e-3
 FEWEST_STEPS, MOST_STEPS = 256, 1 << 12
