@@ -23,7 +23,8 @@ from workbench import Chart, Context, Curve, Figure, Findings, Mark, Panel, Show
 from workbench.charts import model as colors
 from workbench.charts.model import SecondUnit, Span
 from workbench.fitting import RecordOptions, figure_of
-from workbench.measure import Samples, harmonics
+from workbench.measure import harmonics
+from workbench.roots import roots_between
 
 from ..first_order import FIELDS, SETS, Machine
 from ..machine import PARTS as DRIVE
@@ -42,8 +43,20 @@ FREE = ("motor.T", "conveyor.rotor.J", "conveyor.trough.d")
 FROM_DRAWINGS = ("conveyor.crank.r", "conveyor.trough.m", "conveyor.spring.c")
 CHANGE = "change of {} from its fitted value at which that torque ripple is at its limit"
 CHANGED = {"conveyor.rotor.J": "rotor_j", "motor.T": "motor_t"}
-STEPS, WIDEST, FINE, CURVE = 512, (0.2, 2.5), 600, 121
-FACTORS, NOISE, SLIGHT = (0.2, 5.0), 0.02, 1e-3
+#: Communication steps per revolution of the orbits of the fitted drive; a convention.
+STEPS = 512
+#: Speeds between which the limit of the ripple is sought, over the resonance; a convention.
+SWEEP = (0.2, 2.5)
+#: Factors of a parameter between which the limit of the ripple is sought; a convention.
+FACTORS = (0.2, 5.0)
+#: Points at which a sign is taken before Brent's method; two crossings within one step of 0.4 % are not told apart.
+GRID = 600
+#: Points of the curve with the band; a convention.
+CURVE = 121
+#: Noise of a torque that a further record would have, over the rated torque; a convention.
+NOISE = 0.02
+#: Relative step of a central difference. Its error, of the order of its square, is far below that of a fit.
+SLIGHT = 1e-3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -250,18 +263,18 @@ def edges(
     if fit.misfit:
         return []
     values = fit.model.values(fit.local.p)
-    nus = machine(values).nu_res * np.geomspace(WIDEST[0], WIDEST[1], FINE)
+    nus = machine(values).nu_res * np.geomspace(*SWEEP, GRID)
 
-    def passed(v: Mapping[str, float]) -> Samples:
-        over = np.log(np.abs(machine(v).torque_ripple(nus)) / o.ripple_limit)
-        k = np.flatnonzero((over[1:] > 0) != (over[:-1] > 0))
-        share = over[k] / (over[k] - over[k + 1])
-        return np.asarray(nus[k] + share * (nus[k + 1] - nus[k]))
+    def passed(v: Mapping[str, float]) -> list[float]:
+        drive = machine(v)
+        return roots_between(
+            lambda nu: np.log(np.abs(drive.torque_ripple(nu)) / o.ripple_limit), nus
+        )
 
     def edge(near: float, v: Mapping[str, float]) -> float:
         return float(min(passed(v), key=lambda x: abs(x - near), default=math.nan))
 
-    ends = [figure_of(fit.interval(partial(edge, x), "rad/s"), "") for x in passed(values).tolist()]
+    ends = [figure_of(fit.interval(partial(edge, x), "rad/s"), "") for x in passed(values)]
     if abs(machine(values).torque_ripple(nus[0])) > o.ripple_limit:
         ends.insert(
             0,
@@ -314,14 +327,14 @@ def clearing(
     """The nearest factor of a parameter's value with which the torque ripple at the operating speed is
     at its limit by first-order theory; nan if there is none.
     """
-    nu, factors = drive_data.operating, np.geomspace(FACTORS[0], FACTORS[1], FINE)
+    nu, drive, field = drive_data.operating, drive_data.machine(values), FIELDS[name]
 
-    many: dict[str, Any] = {FIELDS[name]: values[name] * factors}
-    each = replace(drive_data.machine(values), **many)
-    over = np.asarray(np.log(np.abs(each.torque_ripple(nu)) / o.ripple_limit))
-    k = np.flatnonzero((over[1:] > 0) != (over[:-1] > 0))
-    at = factors[k] * (factors[k + 1] / factors[k]) ** (over[k] / (over[k] - over[k + 1]))
-    return float(min(at, key=lambda x: abs(math.log(x)), default=math.nan))
+    def over_limit(factor: Any) -> Any:
+        changed: dict[str, Any] = {field: values[name] * factor}
+        return np.log(np.abs(replace(drive, **changed).torque_ripple(nu)) / o.ripple_limit)
+
+    factors = roots_between(over_limit, np.geomspace(*FACTORS, GRID))
+    return min(factors, key=lambda x: abs(math.log(x)), default=math.nan)
 
 
 def advice(o: Options, fit: Identified) -> list[Advice]:

@@ -26,12 +26,13 @@ from workbench.periodic import TURN, NoOrbitError, Revolutions
 
 from .. import motion
 from ..features import converged
-from ..first_order import Machine, Means, drift, means, settling
+from ..first_order import Machine
 from ..machine import PARTS as DRIVE
 from ..machine import WIRES, conveyor_drive
 from ..options import LINEAR_MOTOR_STARTS, SweepOptions, linear_runner, speeds_of
 from ..orbits import EDGE_ROWS, OrbitRunner, OrbitTask, run_to_orbit
 from ..rows import SPEEDS
+from ..second_order import Means, drift, means, settling
 
 PARTS = DRIVE
 PARALLEL = True
