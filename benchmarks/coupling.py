@@ -148,10 +148,10 @@ def sweep(_: int, fmus: Path) -> Callable[[], object]:
     from scenarios.conveyor.first_order import SETS
     from scenarios.conveyor.orbits import OrbitRunner, simulate
     from scenarios.conveyor.rows import SPEEDS
-    from workbench import Bench
+    from workbench import Context
 
     parts = {"motor": fmus / "DriveMotor.fmu", "conveyor": fmus / "CrankConveyor.fmu"}
-    runner = OrbitRunner(Bench(parts), {}, "strang", 256)
+    runner = OrbitRunner(Context(parts), {}, "strang", 256)
     cases = [runner.task(SETS["A"], float(nu)) for nu in SPEEDS["A"].split(",")]
     simulate(cases[0])
     return lambda: [simulate(case) for case in cases]

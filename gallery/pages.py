@@ -16,7 +16,7 @@ from PIL import Image
 from scenarios.fmu_files import CLONE as ROOT
 from workbench import Figure
 from workbench.figure import ERROR_SCOPE
-from workbench.question import asked, parts
+from workbench.question import parts, title
 
 from . import reference
 from .answers import Answered
@@ -79,10 +79,10 @@ def tree(caption: str, pages: str) -> str:
 def live(one: Answered, root: str, slider: str = "") -> str:
     """The live part of a question's page, with one slider or all, and a link to the whole page."""
     page = f"{root}questions/{one.name}/report.html"
-    title = escape(f"Live model: {asked(one.page)}")
+    label = escape(f"Live model: {title(one.page)}")
     only = f"?slider={slider}" if slider else ""
     return (
-        f'<iframe class="live" src="{page}{only}" title="{title}" loading="lazy"></iframe>\n\n'
+        f'<iframe class="live" src="{page}{only}" title="{label}" loading="lazy"></iframe>\n\n'
         f'<p class="way"><a href="{page}">Open the live page on its own</a>, with all curves, '
         "figures and data.</p>"
     )
@@ -105,7 +105,7 @@ def landing(answers: Sequence[Answered], machines: Sequence[Path], folder: Path)
 
 Drop-in FMI co-simulation FMUs of electromechanical drives, and a master that states its coupling error.
 
-**{asked(first.page)}** The FMUs run in your browser, offline. Move the slider.
+**{title(first.page)}** The FMUs run in your browser, offline. Move the slider.
 
 {live(first, "", SLIDER if first.name == LANDING else "")}
 
@@ -181,7 +181,7 @@ def machine(page: Path, answers: Sequence[Answered]) -> str:
     about = [one for one in answers if page.stem in map(page_of, parts(one.page).values())]
     if not about:
         return text
-    asked_of = "\n".join(f"* [{asked(one.page)}](../../questions/{one.name}.md)" for one in about)
+    asked_of = "\n".join(f"* [{title(one.page)}](../../questions/{one.name}.md)" for one in about)
     shown = f"## Questions about this machine\n\n{asked_of}\n"
     for one in [one for one in about if one.lives][:1]:
         shown = f"## Live model\n\n{MOVE}\n\n{live(one, '../../')}\n\n{shown}"
@@ -225,8 +225,8 @@ def question_list(answers: Sequence[Answered], folder: Path) -> str:
             whole.convert("RGB").resize(
                 (THUMB[0], round(whole.height * THUMB[0] / whole.width)), Image.Resampling.LANCZOS
             ).quantize(64).save(folder / place, optimize=True)
-        title = asked(one.page) + (" Live." if one.lives else "")
-        cards.append(card(f"questions/{one.name}.html", place, one.name, title))
+        caption = title(one.page) + (" Live." if one.lives else "")
+        cards.append(card(f"questions/{one.name}.html", place, one.name, caption))
     pages = tree(
         "", "\n".join(f"{one.name} <questions/{one.name}>" for one in by_interest(answers))
     )

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import workbench
-from workbench import Bench, option
+from workbench import Context, option
 
 from .first_order import SETS, Machine
 from .machine import followed
@@ -15,7 +15,7 @@ from .orbits import ALGORITHMS, OrbitRunner
 #: Rated torque of the motors of the sets, at the crank [N.m].
 RATED = {"A": 100.0, "B": 88.0}
 #: Start values that a question on the speeds of a linear motor sets itself.
-FIXED_STARTS = ("motor.characteristic", "motor.A", "motor.tau", "conveyor.phi", "conveyor.w")
+LINEAR_MOTOR_STARTS = ("motor.characteristic", "motor.A", "motor.tau", "conveyor.phi", "conveyor.w")
 
 
 def by_set(values: Mapping[str, float]) -> str:
@@ -66,7 +66,7 @@ def speeds_of(text: str) -> tuple[float, ...]:
     return tuple(map(float, text.split(",")))
 
 
-def linear_runner(o: SweepOptions, bench: Bench) -> tuple[Machine, OrbitRunner]:
+def linear_runner(o: SweepOptions, context: Context) -> tuple[Machine, OrbitRunner]:
     """Return the machine of the options, and how it is run; raises SetupError for what FMUs or theory refuse."""
-    machine = followed(bench.fmus, SETS[o.set], o.start)
-    return machine, OrbitRunner(bench, o.start, o.algorithm, o.steps_per_rev)
+    machine = followed(context.fmus, SETS[o.set], o.start)
+    return machine, OrbitRunner(context, o.start, o.algorithm, o.steps_per_rev)

@@ -19,7 +19,7 @@ from scipy.interpolate import CubicSpline
 
 from cosim import SetupError, System
 from cosim.system import Value
-from workbench import Bench
+from workbench import Context
 from workbench.limit import limit
 from workbench.measure import harmonics
 from workbench.periodic import TURN, NoOrbitError, Revolutions, periodic_orbit
@@ -32,8 +32,7 @@ ALGORITHMS = ("jacobi", "gauss-seidel", "strang")
 RECORD = ("motor.tau", "conveyor.phi", "conveyor.w", "conveyor.f_rod")
 #: Communication steps of a run over the shortest one. Three runs give value, error and observed order.
 STEP_MULTIPLES = (1, 2, 4)
-#: Highest order fitted to a revolution. The ripple of a rod ten times its crank has none above it that
-#: exceeds the settling error.
+#: Highest order fitted to a revolution, where it has rows for them; a convention.
 HIGHEST_ORDER = 40
 #: Rows per revolution and fitted order, more than the two that an order needs.
 ROWS_PER_ORDER = 3
@@ -41,8 +40,8 @@ ROWS_PER_ORDER = 3
 FEWEST_STEPS = 18
 #: Rows beyond each end of a revolution on which its splines stand, since a peak may lie at an end.
 EDGE_ROWS = 8
-#: Sectors of a revolution in which the rod force has one largest value each way. Peaks of two harmonics are
-#: further apart.
+#: Sectors of a revolution, of each of which the largest rod forces are kept; a convention, finer than the peaks
+#: of the orders 1 to 7 are apart.
 SECTORS = 16
 #: Even crank angles at which an orbit keeps its rod force; as many as orders up to 31 need.
 WAVEFORM_ANGLES = 64
@@ -111,7 +110,7 @@ class OrbitRunner:
     orbits that were run.
     """
 
-    bench: Bench
+    context: Context
     start: Mapping[str, Value]
     algorithm: str
     steps_per_rev: int
@@ -126,13 +125,13 @@ class OrbitRunner:
         }
         start = start_values(machine, self.start, nu) | states
         return OrbitTask(
-            self.bench.fmus, start, nu, self.steps_per_rev // step_multiple, self.algorithm
+            self.context.fmus, start, nu, self.steps_per_rev // step_multiple, self.algorithm
         )
 
     def each(self, points: Sequence[OperatingPoint], title: str) -> Iterator[Orbit]:
         """Yield the steady orbits of operating points, one by one in their order; none is run twice."""
         new = [point for point in dict.fromkeys(points) if point not in self.cache]
-        runs = self.bench.each(simulate, [self.task(*point) for point in new], title)
+        runs = self.context.each(simulate, [self.task(*point) for point in new], title)
         for point in points:
             if point not in self.cache:
                 self.cache[point] = next(runs)

@@ -28,7 +28,7 @@ from tests.scenarios.orbit_oracle import (
 from tests.scenarios.orbit_oracle import (
     features as exact_features,
 )
-from workbench import Bench
+from workbench import Context
 from workbench.figure import Figure, percent
 from workbench.periodic import NoOrbitError as NoPeriodicOrbitError
 from workbench.periodic import at_angles, periodic_orbit, return_map
@@ -177,7 +177,7 @@ def test_the_verdict_tells_how_far_the_resonance_is_from_the_speed(speed: float,
 
 def drive_case(nu: float, **start: Any) -> orbits.OrbitTask:
     changes = {name.replace("__", "."): value for name, value in start.items()}
-    return orbits.OrbitRunner(Bench(FMUS), changes, "strang", 512).task(SETS["A"], nu)
+    return orbits.OrbitRunner(Context(FMUS), changes, "strang", 512).task(SETS["A"], nu)
 
 
 def test_the_orbit_is_that_of_an_independent_solver_and_what_is_left_is_told() -> None:
@@ -192,7 +192,7 @@ def test_the_orbit_is_that_of_an_independent_solver_and_what_is_left_is_told() -
 def test_runs_are_over_before_their_orbits_are_told_and_none_is_made_twice() -> None:
     told = []
 
-    class Watched(Bench):
+    class Watched(Context):
         def each(self, function: Any, cases: Any, title: str, probes: bool = False) -> Any:
             yield from super().each(function, cases, title, probes)
             told.append((title, len(cases)))

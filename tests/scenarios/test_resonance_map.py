@@ -33,12 +33,12 @@ from scenarios.conveyor.parameter_plane import (
 from scenarios.conveyor.questions import resonance_map
 from tests.conftest import ROOT, ask, fmus_of, hear_ctrl_c, until
 from tests.scenarios.orbit_oracle import Drive, features
-from workbench import Bench
+from workbench import Context
 from workbench.answer import finish
 
 A = SETS["A"]
 FMUS = fmus_of(resonance_map)
-RUNNER = OrbitRunner(Bench(FMUS), {}, "strang", 256)
+RUNNER = OrbitRunner(Context(FMUS), {}, "strang", 256)
 LIMIT = 50.0
 MONOLITHIC = {36.0: 90.9984270, 40.0: 104.9679504, 60.0: 9.3145045}
 SPEEDS = np.linspace(24.0, 64.0, 11).tolist()

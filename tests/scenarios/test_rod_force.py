@@ -22,11 +22,11 @@ from scenarios.conveyor.rows import SPEEDS
 from tests.conftest import ask, fmus_of
 from tests.scenarios.orbit_oracle import Drive, orbit
 from tests.scenarios.test_mechanisms import drive, weakened
-from workbench import Bench
+from workbench import Context
 from workbench.answer import Answer
 
 QUICK = {"speeds": "30:60:4", "springs": "1e5:1e6:4"}
-RUNNER = OrbitRunner(Bench(fmus_of(page)), {}, "strang", 256)
+RUNNER = OrbitRunner(Context(fmus_of(page)), {}, "strang", 256)
 
 
 class Short(Drive):

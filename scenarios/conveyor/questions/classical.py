@@ -16,10 +16,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, Table, option
-from workbench.charts.model import FORCE, SPEED, TORQUE, Second
+from workbench import Chart, Context, Curve, Figure, Findings, Mark, Panel, Show, Table, option
+from workbench.charts.model import FORCE, SPEED, TORQUE, SecondUnit
 from workbench.figure import listed
-from workbench.measure import Measured, passes
+from workbench.measure import Measured, crossing_times
 from workbench.roots import RootNotFoundError, SecantSearch
 
 from .. import motion
@@ -27,15 +27,15 @@ from ..features import ResponseLine
 from ..first_order import Machine, classical
 from ..machine import PARTS as DRIVE
 from ..machine import conveyor_drive
-from ..options import FIXED_STARTS, SweepOptions, linear_runner, speeds_of
+from ..options import LINEAR_MOTOR_STARTS, SweepOptions, linear_runner, speeds_of
 from ..rows import SPEEDS, Row, SpeedSweep, rows_of, sweep_speeds
 
 if TYPE_CHECKING:
     from pandas import DataFrame
 
 PARTS = DRIVE
+FIXED_STARTS = LINEAR_MOTOR_STARTS
 PARALLEL = True
-OWN = FIXED_STARTS
 #: Speeds of set A below those of its resonance, where the spring alone is the load [rad/s].
 SLOW = "6,8,10,12,14,16,18,"
 SWEEPS = {"A": SLOW + SPEEDS["A"], "B": SPEEDS["B"]}
@@ -43,7 +43,10 @@ TABLE = "classical.csv"
 #: Whether a calculation has the inertia of the trough in its load.
 WITH_INERTIA = {"spring": False, "whole": True}
 LOAD_TEXTS = {"spring": "with the spring alone", "whole": "with spring and inertia"}
-LOOKS = {"spring": ("spring alone, after (26)", "purple"), "whole": ("spring and inertia", "black")}
+STYLES = {
+    "spring": ("spring alone, after (26)", "purple"),
+    "whole": ("spring and inertia", "black"),
+}
 UNKNOWN = "the coupling error of an orbit is not known; take more steps per revolution"
 TOO_COARSE = "the sweep has too few speeds near the speed where the error passes the tolerance"
 AT_TOLERANCE = (
@@ -76,21 +79,21 @@ QUANTITIES = {
 class Case(NamedTuple):
     """A calculation, by its load, and what it calculates."""
 
-    way: str
+    method: str
     load: str
 
     @property
     def key(self) -> str:
         """The end of the names of its figures."""
-        return f"{self.way}_{self.load}"
+        return f"{self.method}_{self.load}"
 
     def amplitude(self, machine: Machine, nu: Any) -> Any:
         """Return what the calculation says at nu [rad/s]."""
-        loads = classical(machine, nu, WITH_INERTIA[self.way])
+        loads = classical(machine, nu, WITH_INERTIA[self.method])
         return abs({"torque": loads.torque, "speed": loads.speed, "force": loads.force}[self.load])
 
 
-CASES = [Case(way, load) for way in WITH_INERTIA for load in QUANTITIES]
+CASES = [Case(method, load) for method in WITH_INERTIA for load in QUANTITIES]
 
 
 class ClassicalData(NamedTuple):
@@ -101,9 +104,9 @@ class ClassicalData(NamedTuple):
     frame: DataFrame
 
 
-def solve(o: Options, bench: Bench) -> Findings:
+def solve(o: Options, context: Context) -> Findings:
     """Sweep, compare, and find where an error is no longer accepted; raises cosim.SetupError."""
-    machine, runner = linear_runner(o, bench)
+    machine, runner = linear_runner(o, context)
     nus = o.speeds or speeds_of(SWEEPS[o.set])
     for nu in nus:
         runner.check(machine, nu)
@@ -113,13 +116,13 @@ def solve(o: Options, bench: Bench) -> Findings:
     limits = limits_of(machine, sweep, o.tolerance, multiples)
     figures = {}
     for case in CASES:
-        what = f"{QUANTITIES[case.load].name} {LOAD_TEXTS[case.way]}"
+        what = f"{QUANTITIES[case.load].name} {LOAD_TEXTS[case.method]}"
         meaning = f"speed up to which the {what} is accurate enough"
         figures[f"limit_{case.key}"] = limits[case]._replace(meaning=meaning)
         errors = [deviation(case, machine, row) for row in sweep.rows]
         figures[f"worst_{case.key}"] = worst(errors, f"largest error, {what}")
     end = limits[Case("spring", "torque")]
-    inertia = Figure.refused("%", end.reason)
+    inertia = Figure.undetermined("%", end.reason)
     if end.error is not None:
         value = 100 * machine.m * end.value**2 / machine.c
         inertia = Figure(value, "%", 2 * value * end.error / end.value)
@@ -130,7 +133,7 @@ def solve(o: Options, bench: Bench) -> Findings:
     return Findings(
         figures,
         ClassicalData(sweep, machine, table.frame),
-        conveyor_drive(bench.fmus, {**machine.start(nus[0]), **o.start}),
+        conveyor_drive(context.fmus, {**machine.start(nus[0]), **o.start}),
         communication=f"{o.steps_per_rev} steps per revolution",
         algorithm=o.algorithm,
         tables={TABLE: table},
@@ -165,9 +168,9 @@ def worst(errors: Sequence[Measured], meaning: str) -> Figure:
     """Return the largest of errors of either sign; its own error covers others that may be as large."""
     top = max(errors, key=lambda x: math.inf if math.isnan(x.value) else abs(x.value))
     if math.isnan(top.value):
-        return Figure.refused("%", "not every speed of the sweep has a steady orbit", meaning)
+        return Figure.undetermined("%", "not every speed of the sweep has a steady orbit", meaning)
     if any(math.isnan(x.error) for x in errors):
-        return Figure.refused("%", UNKNOWN, meaning)
+        return Figure.undetermined("%", UNKNOWN, meaning)
     as_large = [x for x in errors if abs(x.value) + x.error >= abs(top.value) - top.error]
     error = max(abs(x.value - top.value) + x.error for x in as_large)
     return Figure(top.value, "%", error, meaning)
@@ -189,16 +192,20 @@ def first_guess(
     errors, unsure = np.array([deviation(case, machine, row) for row in sweep.rows]).T
     if np.isnan(errors).any() or len(nus) < 2:
         reason = "the sweep has fewer than two speeds, or one without a steady orbit"
-        return Figure.refused("rad/s", reason)
+        return Figure.undetermined("rad/s", reason)
     if abs(errors[0]) > tolerance:
         is_close = abs(errors[0]) - unsure[0] <= tolerance
         reason = UNKNOWN if math.isnan(unsure[0]) else AT_TOLERANCE if is_close else NOWHERE
-        return Figure.refused("rad/s", reason)
+        return Figure.undetermined("rad/s", reason)
     curve = CubicSpline(nus, errors)
-    ends = [(float(x), s * tolerance) for s in (1, -1) for x in passes(nus, errors, s * tolerance)]
+    ends = [
+        (float(x), s * tolerance)
+        for s in (1, -1)
+        for x in crossing_times(nus, errors, s * tolerance)
+    ]
     if not ends:
         reason = f"the error stays below {tolerance:g} % at every speed of the sweep"
-        return Figure.refused("rad/s", reason)
+        return Figure.undetermined("rad/s", reason)
     x, level = min(ends)
     return LimitGuess(x, level, float(curve(x, 1)))
 
@@ -225,12 +232,12 @@ def limits_of(
             search, level = searches[case]
             error = deviation(case, machine, row)
             if math.isnan(error.error):
-                figures[case] = Figure.refused("rad/s", UNKNOWN)
+                figures[case] = Figure.undetermined("rad/s", UNKNOWN)
             else:
                 try:
                     root = search.update(error.value - level, error.error)
                 except RootNotFoundError:
-                    figures[case] = Figure.refused("rad/s", TOO_COARSE)
+                    figures[case] = Figure.undetermined("rad/s", TOO_COARSE)
                 else:
                     inside = sweep.speeds[0] <= search.x <= sweep.speeds[-1]
                     if root is None and inside:
@@ -238,7 +245,7 @@ def limits_of(
                     figures[case] = (
                         Figure(root.x, "rad/s", root.error)
                         if root is not None and inside
-                        else Figure.refused("rad/s", TOO_COARSE)
+                        else Figure.undetermined("rad/s", TOO_COARSE)
                     )
             del searches[case]
     return figures
@@ -246,7 +253,7 @@ def limits_of(
 
 def verdict(o: Options, f: Mapping[str, Figure], r: ClassicalData) -> str:
     """Up to which speed either calculation may be used, and how wrong it gets."""
-    lines = [" ".join(sentences(o, f, r, way)) for way in LOAD_TEXTS]
+    lines = [" ".join(sentences(o, f, r, method)) for method in LOAD_TEXTS]
     if f["share"].error is not None:
         lines.append(
             f"The spring alone no longer gives the torque ripple within {o.tolerance:g} % once the inertia force "
@@ -255,14 +262,14 @@ def verdict(o: Options, f: Mapping[str, Figure], r: ClassicalData) -> str:
     return "\n".join(lines)
 
 
-def sentences(o: Options, f: Mapping[str, Figure], r: ClassicalData, way: str) -> list[str]:
+def sentences(o: Options, f: Mapping[str, Figure], r: ClassicalData, method: str) -> list[str]:
     """What one of the calculations is good for, what for not, and what is not determined."""
     good: list[str] = []
     bad: list[str] = []
     errors: list[str] = []
     reasons: dict[str, list[str]] = {}
     for load, (_, name, *_) in QUANTITIES.items():
-        end, top = f[f"limit_{way}_{load}"], f[f"worst_{way}_{load}"]
+        end, top = f[f"limit_{method}_{load}"], f[f"worst_{method}_{load}"]
         if end.reason == NOWHERE:
             bad.append(f"the {name}")
         elif end.error is not None:
@@ -276,7 +283,7 @@ def sentences(o: Options, f: Mapping[str, Figure], r: ClassicalData, way: str) -
             errors.append(f"{top.brief()} for the {name}")
         elif end.error is not None or end.reason == NOWHERE:
             reasons.setdefault(top.reason, []).append(f"the largest error of the {name}")
-    subject, lines = f"{LOAD_TEXTS[way].capitalize()} as its load, the calculation", []
+    subject, lines = f"{LOAD_TEXTS[method].capitalize()} as its load, the calculation", []
     if good:
         lines.append(f"{subject} is within {o.tolerance:g} % for {listed(good)}.")
     if bad:
@@ -284,10 +291,12 @@ def sentences(o: Options, f: Mapping[str, Figure], r: ClassicalData, way: str) -
         lowest = f"already at {r.sweep.speeds[0]:g} rad/s, the lowest speed of the sweep"
         lines.append(f"{who} is off by more than {o.tolerance:g} % for {listed(bad)} {lowest}.")
     if errors:
-        who = "Its" if lines else f"{LOAD_TEXTS[way].capitalize()} as its load, the calculation's"
+        who = (
+            "Its" if lines else f"{LOAD_TEXTS[method].capitalize()} as its load, the calculation's"
+        )
         lines.append(f"{who} largest errors are {listed(errors)}.")
     for reason, names in reasons.items():
-        what = f"How far the calculation {LOAD_TEXTS[way]} can be trusted"
+        what = f"How far the calculation {LOAD_TEXTS[method]} can be trusted"
         lines.append(f"{what} is not determined for {listed(names)}: {reason}.")
     return lines
 
@@ -299,8 +308,8 @@ def show(o: Options, f: Mapping[str, Figure], r: ClassicalData) -> Show:
     loads = []
     for load, (column, name, unit, color) in QUANTITIES.items():
         curves = [
-            Curve(words, nu, Case(way, load).amplitude(machine, nu), shade, "theory")
-            for way, (words, shade) in LOOKS.items()
+            Curve(label, nu, Case(method, load).amplitude(machine, nu), shade, "theory")
+            for method, (label, shade) in STYLES.items()
         ]
         error = r.frame[f"{column}_error"].to_numpy()
         curves.append(
@@ -309,14 +318,14 @@ def show(o: Options, f: Mapping[str, Figure], r: ClassicalData) -> Show:
         loads.append(Panel(name, unit, curves, includes=(0.0,)))
     levels = [Mark(s * o.tolerance, f"{s * o.tolerance:+g} %") for s in (1, -1)]
     errors = []
-    for way, (words, _) in LOOKS.items():
+    for method, (label, _) in STYLES.items():
         curves = [
-            Curve(name, at, r.frame[f"{way}_{load}"].to_numpy(), color, "linked")
+            Curve(name, at, r.frame[f"{method}_{load}"].to_numpy(), color, "linked")
             for load, (_, name, _, color) in QUANTITIES.items()
         ]
-        errors.append(Panel(f"error, {words}", "%", curves, levels))
+        errors.append(Panel(f"error, {label}", "%", curves, levels))
     marks = [Mark(machine.nu_res, f"resonance {machine.nu_res:.4g} rad/s")]
-    axis, second = "operating speed [rad/s]", Second("rpm", 30 / math.pi)
+    axis, second = "operating speed [rad/s]", SecondUnit("rpm", 30 / math.pi)
     good = f["limit_spring_torque"]
     title = "Torque ripple, speed ripple and rod force of both calculations"
     if good.error is not None:

@@ -18,10 +18,10 @@ from typing import Any
 
 import numpy as np
 
-from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, option
+from workbench import Chart, Context, Curve, Figure, Findings, Mark, Panel, Show, option
 from workbench.answer import parameters
 from workbench.charts import model as colors
-from workbench.charts.model import Second, Span
+from workbench.charts.model import SecondUnit, Span
 from workbench.figure import SENTENCE_DIGITS, SHARE_DIGITS, concise, percent
 from workbench.live import (
     REVOLUTION,
@@ -62,7 +62,7 @@ DECISIVE = ("lag_operating", "tau2_operating")
 BAND = (45.0, 135.0)
 UNDETERMINED = "not determined"
 MARKS = {"nu_90": "90 deg lag", "nu_peak_tau": "torque peak", "nu_peak_w": "speed peak"}
-OWN = ("motor.A", "motor.tau", "conveyor.phi", "conveyor.w")
+FIXED_STARTS = ("motor.A", "motor.tau", "conveyor.phi", "conveyor.w")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -132,7 +132,7 @@ class ResonanceData:
         return list(zip(ends[::2], [*ends[1::2], self.line.last]))
 
 
-def solve(o: Options, bench: Bench) -> Findings:
+def solve(o: Options, context: Context) -> Findings:
     """Sweep the speed, locate the features of the response, and judge the operating speed.
 
     Raises
@@ -141,9 +141,9 @@ def solve(o: Options, bench: Bench) -> Findings:
         For settings that cannot give an answer.
     """
     speeds, speed = o.speeds or speeds_of(SPEEDS[o.set]), o.speed or OPERATING[o.set]
-    base = followed(bench.fmus, SETS[o.set], o.start)
+    base = followed(context.fmus, SETS[o.set], o.start)
     line = ResponseLine(lambda nu: (linearised(base, o.start, nu), nu), speeds[0], speeds[-1])
-    runner = OrbitRunner(bench, o.start, o.algorithm, o.steps_per_rev)
+    runner = OrbitRunner(context, o.start, o.algorithm, o.steps_per_rev)
     all_speeds = sorted({*speeds, speed})
     for nu in all_speeds:
         runner.check(*line.at(nu))
@@ -168,7 +168,7 @@ def solve(o: Options, bench: Bench) -> Findings:
     return Findings(
         figures,
         data,
-        conveyor_drive(bench.fmus, start_values(data.machine, o.start, data.machine.nu_res)),
+        conveyor_drive(context.fmus, start_values(data.machine, o.start, data.machine.nu_res)),
         communication=f"{o.steps_per_rev} steps per revolution",
         algorithm=o.algorithm,
         tables={TABLE: sweep.table},
@@ -201,7 +201,7 @@ def operating_figures(r: ResonanceData) -> dict[str, Figure]:
     machine, nu = r.line.at(r.speed)
     parts = machine.r**2 / 2 * (machine.c + machine.m * nu**2 + machine.d * nu)
     if not math.isnan(row["lag"]) and abs(machine.load_ripple(nu)) < VANISHING * parts:
-        lag = Figure.refused("deg", PHASE_UNDEFINED.format(f"at {r.speed:g} rad/s"), meaning)
+        lag = Figure.undetermined("deg", PHASE_UNDEFINED.format(f"at {r.speed:g} rad/s"), meaning)
     ripple = row_figure(row, "tau2", "torque ripple at the operating speed")
     return {"tau2_operating": ripple, "lag_operating": lag}
 
@@ -210,7 +210,7 @@ def distance(lag: Figure, speed: float) -> Figure:
     """Return how far the speed of the 90 degree lag is above the operating speed."""
     meaning = "distance of the 90 deg lag from the operating speed"
     if lag.error is None:
-        return Figure.refused("rad/s", lag.reason, meaning)
+        return Figure.undetermined("rad/s", lag.reason, meaning)
     return Figure(lag.value - speed, "rad/s", lag.error, meaning)
 
 
@@ -296,16 +296,16 @@ def side(f: Mapping[str, Figure], r: ResonanceData) -> str:
     """How far the resonance is from the operating speed, in words: in percent and, where the two speeds
     differ in the digits of a sentence, in rad/s, with the digits that are certain.
     """
-    away, resonance = f["nu_90_away"], f["nu_90"]
-    error = away.error or 0.0
-    if abs(away.value) <= error:
-        return f"which is {operating_speed(r)} within its error of {error:.1g} {away.unit}"
-    size = abs(away.value)
+    gap, resonance = f["nu_90_away"], f["nu_90"]
+    error = gap.error or 0.0
+    if abs(gap.value) <= error:
+        return f"which is {operating_speed(r)} within its error of {error:.1g} {gap.unit}"
+    size = abs(gap.value)
     share = concise(Figure(100.0 * size / r.speed, "%", 100.0 * error / r.speed), SHARE_DIGITS)
-    where = f"{'above' if away.value > 0.0 else 'below'} {operating_speed(r)}"
+    where = f"{'above' if gap.value > 0.0 else 'below'} {operating_speed(r)}"
     if f"{resonance.value:.{SENTENCE_DIGITS}g}" == f"{r.speed:.{SENTENCE_DIGITS}g}":
         return f"{share} {where}"
-    distant = concise(Figure(size, away.unit, error), SENTENCE_DIGITS)
+    distant = concise(Figure(size, gap.unit, error), SENTENCE_DIGITS)
     return f"{distant} {where}" if size > r.speed else f"{distant} ({share}) {where}"
 
 
@@ -423,7 +423,7 @@ def ripple(o: Options, f: Mapping[str, Figure], r: ResonanceData, title: str) ->
          *(Mark.of(text, figure) for text, figure in located.items()),
          Mark(r.speed, f"operating speed {r.speed:g} rad/s")],
         [Span(*band, "avoid", "red") for band in r.avoid if is_certain],
-        Second("rpm", 30 / math.pi),
+        SecondUnit("rpm", 30 / math.pi),
     )  # fmt: skip
 
 
@@ -481,7 +481,7 @@ def live_part(o: Options, f: Mapping[str, Figure], r: ResonanceData) -> Live:
         LivePanel("speed", {"conveyor.w": colors.SPEED}),
         LivePanel("rod force", {"conveyor.f_rod": colors.FORCE}, "kN"),
     ]
-    system = conveyor_drive(r.sweep.runner.bench.fmus, start_values(r.machine, o.start, r.speed))
+    system = conveyor_drive(r.sweep.runner.context.fmus, start_values(r.machine, o.start, r.speed))
     p = {name.removeprefix("conveyor."): x.value for name, x in parameters(system).items()}
     sweep = LiveSweep(
         over="speed",
