@@ -15,7 +15,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from types import ModuleType
 
-from fmukit.declare.variables import Interface, class_name, component
+from fmukit.declare.interface import Interface, class_name, component
 from fmukit.fmu import page, plot, reference
 from fmukit.fmu.load import load
 from fmukit.fmu.make import FLAVOURS, make_all

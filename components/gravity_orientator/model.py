@@ -16,6 +16,7 @@ from enum import IntEnum
 from math import atan2, pi, tan
 
 from fmukit import Experiment, discrete, real, record, replace, start
+from fmukit.runtime.jet import Jet, acos, cos, sin, sqrt
 from fmukit.si import (
     Acceleration,
     Angle,
@@ -31,7 +32,6 @@ from fmukit.si import (
     TranslationalStiffness,
     Velocity,
 )
-from fmukit.step.jet import Jet, acos, cos, sin, sqrt
 
 EXPERIMENT = Experiment(stop=0.3, step=1e-3)
 LONGEST_STEP = 5e-4

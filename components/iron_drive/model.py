@@ -21,6 +21,7 @@ from math import atan, pi, radians
 from typing import Any
 
 from fmukit import Experiment, discrete, real, record, repeat, replace
+from fmukit.runtime.jet import Jet, acos, atan2, constant, cos, sin, sqrt
 from fmukit.si import (
     Acceleration,
     Angle,
@@ -39,7 +40,6 @@ from fmukit.si import (
     TranslationalStiffness,
     Velocity,
 )
-from fmukit.step.jet import Jet, acos, atan2, constant, cos, sin, sqrt
 
 EXPERIMENT = Experiment(stop=1.0, step=1e-3)
 FLANGES = {"flange": ("tau", "w")}

@@ -7,8 +7,8 @@ from enum import IntEnum
 from math import isfinite
 from typing import Any
 
+from .interface import Interface, Variable
 from .record import Value
-from .variables import Interface, Variable
 
 
 def number(value: Value, unit: str) -> str:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from fmpy.model_description import read_model_description
 
-from ..declare.variables import Interface
+from ..declare.interface import Interface
 from . import page, terminals
 from .load import about
 

@@ -11,7 +11,7 @@ from types import ModuleType
 
 import tomllib
 
-from ..declare.variables import complete
+from ..declare.interface import complete
 
 
 class Refused(Exception):

@@ -12,12 +12,12 @@ from pathlib import Path
 from types import ModuleType
 from typing import TypeVar
 
-from ..declare.variables import component, only_steps
+from ..declare.interface import component, only_steps
 from . import validate
 from .archive import is_current
 from .load import Refused, load, refusing
-from .native import build as native
-from .python import pack as python
+from .native import package as native
+from .python import package as python
 
 FLAVOURS = ("python", "native", "wasm", "both", "fmi3", "all")
 Build = TypeVar("Build", python.Build, native.NativeBuild)

@@ -13,9 +13,9 @@ from pathlib import Path
 import markdown
 from latex2mathml.converter import convert
 
-from ..declare.variables import Interface, Variable, class_name, title
+from ..declare.interface import Interface, Variable, class_name, title
+from .description.fmi2 import start_text
 from .load import beside
-from .xml import start_text
 
 EXTERNAL_DEPENDENCIES = """\
 linux64 or win64, and CPython 3.10 or newer with its standard library; nothing else.

@@ -6,7 +6,7 @@ from html import escape
 from itertools import groupby
 from operator import itemgetter
 
-from ..declare.variables import Interface
+from ..declare.interface import Interface
 from .reference import Rows, outputs
 
 COLUMNS, WIDTH, HEIGHT, ACROSS, DOWN = 3, 190, 60, 60, 36

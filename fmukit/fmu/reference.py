@@ -8,8 +8,8 @@ from types import ModuleType
 from typing import Any
 from zipfile import ZipFile
 
-from ..declare.variables import Interface, Variable, class_name, complete
-from ..step import equations
+from ..declare.interface import Interface, Variable, class_name, complete
+from ..runtime import equations
 from .python import instance
 
 Rows = list[list[float | int]]

@@ -9,7 +9,7 @@ import re
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
-from ..declare.variables import Interface
+from ..declare.interface import Interface
 from .load import beside
 
 FOLDER = "terminalsAndIcons"

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from .paths import kinds
-from .values import COMPARISONS, Branch, Function, Leaf, Node, Tree, key
+from .execute import kinds
+from .graph import COMPARISONS, Branch, Function, Leaf, Node, Tree, key
 
 #: Arguments of a function: the name of the parameter and the place of a number in it.
 Arguments = frozenset[tuple[str, int]]

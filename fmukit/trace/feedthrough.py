@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from ..declare.variables import Interface, Variable
+from ..declare.interface import Interface, Variable
 from .dependencies import arguments_of
-from .values import Function
+from .graph import Function
 
 
 def require(interface: Interface, outputs: Function) -> None:

@@ -7,10 +7,8 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
-from .joins import join
-from .paths import grow, kinds
-from .tracer import Tracer, called, function, logarithm
-from .values import (
+from .execute import grow, kinds
+from .graph import (
     COMPARISONS,
     NODES,
     PATHS,
@@ -23,6 +21,8 @@ from .values import (
     operation,
     symbol,
 )
+from .merge import join
+from .tracer import Tracer, called, function, logarithm
 
 
 def forward(

@@ -14,9 +14,9 @@ from contextlib import contextmanager
 from types import BuiltinFunctionType, FunctionType, ModuleType, SimpleNamespace
 from typing import Any
 
-from ..step import flow
-from .paths import arranged, flatten, grow, has_static, kinds, leaves, symbols
-from .values import (
+from ..runtime import flow
+from .execute import arranged, flatten, grow, has_static, kinds, leaves, symbols
+from .graph import (
     NODES,
     PATHS,
     TABLE,

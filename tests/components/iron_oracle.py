@@ -14,7 +14,7 @@ from mpmath import mpf
 from components.drive_motor import model as drive_motor
 from components.iron_drive import model as iron
 from fmukit.declare.record import real, record, start
-from fmukit.step import hybrid as motion
+from fmukit.runtime import hybrid as motion
 
 TABLES = """
 deg R alpha beta H H_1 H_2

@@ -22,7 +22,7 @@ from components.slotted_link import model as slotted_link
 from components.speed_controller import model as speed_controller
 from components.unbalance_exciter import model as unbalance_exciter
 from fmukit.declare.record import Declaration, declarations, fill
-from fmukit.step import jet
+from fmukit.runtime import jet
 from tests.oracle import load_copy
 
 UNITS = pint.UnitRegistry()

@@ -23,8 +23,8 @@ from components.shaft_link import model as link
 from components.speed_controller import model as controller
 from components.unbalance_exciter import model as exciter
 from fmukit.declare.record import start
-from fmukit.step import hybrid as motion
-from fmukit.step import ode
+from fmukit.runtime import hybrid as motion
+from fmukit.runtime import ode
 from tests.oracle import TIGHT, Part, joined, part, symbolic
 
 

@@ -20,7 +20,7 @@ import sympy
 from components.gravity_orientator import model
 from components.gravity_orientator.model import Reason, Stage
 from fmukit.declare.record import start
-from fmukit.step import hybrid as motion
+from fmukit.runtime import hybrid as motion
 from tests.hosts.fmus import resident
 from tests.hosts.host import MESSAGES, Unit
 from tests.oracle import drawn

@@ -17,7 +17,7 @@ import pytest
 from components.iron_drive import model as iron
 from cosim import System, run
 from fmukit.declare.record import declarations, replace, start
-from fmukit.step import hybrid as motion
+from fmukit.runtime import hybrid as motion
 from tests.components.iron_oracle import OneSystem, by_material_points, tables
 from tests.hosts.host import MESSAGES, Unit
 from tests.oracle import drawn

@@ -15,7 +15,7 @@ import sympy as sp
 from components.iron_drive import model as iron
 from cosim import System, run
 from fmukit.declare.record import start
-from fmukit.step import hybrid
+from fmukit.runtime import hybrid
 from tests.components.iron_flight import DIMENSIONS, Reference, numbers, transfer
 from tests.components.test_iron_drive import MOTOR
 from tests.hosts.host import Unit

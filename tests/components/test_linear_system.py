@@ -15,10 +15,10 @@ import pytest
 from scipy.linalg import expm
 
 from components.linear_system import model as linear
+from fmukit.declare.interface import InputHold
 from fmukit.declare.record import array, declarations, fill, real, record, replace, start
-from fmukit.declare.variables import InputHold
+from fmukit.runtime import hybrid as motion
 from fmukit.si import Ratio
-from fmukit.step import hybrid as motion
 from tests.hosts.host import Unit
 
 FMU = "LinearSystem.fmu"

@@ -18,9 +18,9 @@ from scipy.interpolate import CubicSpline
 from components.crank_conveyor import model as crank_conveyor
 from components.drive_motor import model as drive_motor
 from fmukit.declare.record import start
-from fmukit.step import hybrid as motion
-from fmukit.step import near as turn
-from fmukit.step import ode
+from fmukit.runtime import direction as turn
+from fmukit.runtime import hybrid as motion
+from fmukit.runtime import ode
 from scenarios.conveyor.theory import SETS
 from tests.oracle import monolithic, revolution_samples, symbolic
 from workbench.measure import last_revolutions, order

@@ -11,8 +11,8 @@ from typing import Any
 import pytest
 
 from fmukit.declare.record import discrete, real, record, start
+from fmukit.runtime import hybrid as motion
 from fmukit.si import Length, Velocity
-from fmukit.step import hybrid as motion
 
 
 class Stage(IntEnum):

@@ -18,10 +18,10 @@ from fmpy import simulate_fmu
 from fmpy.fmi1 import FMICallException
 from fmpy.fmi2 import FMU2Model, FMU2Slave, fmi2Discard
 
+from fmukit.declare.interface import component, only_steps
 from fmukit.declare.record import declarations, discrete, record
 from fmukit.declare.record import start as begin
-from fmukit.declare.variables import component, only_steps
-from fmukit.step import hybrid
+from fmukit.runtime import hybrid
 from tests.conftest import ROOT
 from tests.fmukit.test_native import MODELS, NAMES, each
 from tests.hosts.host import Unit, unpacked

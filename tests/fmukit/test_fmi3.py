@@ -16,7 +16,7 @@ from fmpy import extract, fmi3, read_model_description, simulate_fmu
 from fmpy.fmi1 import FMICallException
 from fmpy.validation import validate_fmu
 
-from fmukit.declare.variables import component
+from fmukit.declare.interface import component
 from fmukit.fmu.validate import problems
 from tests.conftest import ROOT, TRIED
 from tests.fmukit.test_exchange import EXPERIMENTS, STUCK, events_of

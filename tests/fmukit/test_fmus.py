@@ -29,12 +29,12 @@ from build_fmus import made
 from components import MACHINES
 from components.crank_conveyor import model as crank_conveyor
 from fmukit import VERSION
+from fmukit.declare.interface import InputHold, Interface, Variable, class_name, component
 from fmukit.declare.record import Declaration, declarations, fill, start
-from fmukit.declare.variables import InputHold, Interface, Variable, class_name, component
 from fmukit.fmu.load import beside
-from fmukit.fmu.native import build as compiled
+from fmukit.fmu.native import package as compiled
 from fmukit.fmu.plot import HEIGHT, WIDTH
-from fmukit.fmu.python import pack as python
+from fmukit.fmu.python import package as python
 from fmukit.fmu.validate import problems
 from tests.conftest import ROOT, described, rewritten
 from tests.hosts import fmus as hosts

@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 import sympy
 
-from fmukit.step import jet
-from fmukit.step.jet import Jet
+from fmukit.runtime import jet
+from fmukit.runtime.jet import Jet
 
 FORMULAS: dict[str, Any] = {
     "products": lambda x, f: 3 * x * x - x * 2 + (1 - x) * (x + 0.5) - x**3,

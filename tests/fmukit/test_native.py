@@ -22,9 +22,9 @@ import pytest
 from fmpy.fmi1 import FMICallException
 
 from components import MACHINES
-from fmukit.declare.variables import Interface, class_name
+from fmukit.declare.interface import Interface, class_name
 from fmukit.fmu import make
-from fmukit.fmu.native import build
+from fmukit.fmu.native import package
 from fmukit.fmu.reference import by_equations
 from fmukit.trace import tracer as trace
 from tests.conftest import ROOT
@@ -103,7 +103,7 @@ SCENARIOS = [
 def test_an_fmu_carries_its_module_for_webassembly(name: str, fmus: Path) -> None:
     module = (fmus / "wasm" / f"{name}.wasm").read_bytes()
     with zipfile.ZipFile(fmus / "native" / f"{name}.fmu") as archive:
-        assert archive.read(f"{build.EXTRA}/{name}.wasm") == module
+        assert archive.read(f"{package.EXTRA}/{name}.wasm") == module
         guid = ElementTree.fromstring(archive.read("modelDescription.xml")).get("guid")
     assert module[:4] == b"\0asm"
     assert guid is not None and guid.encode() in module
@@ -126,7 +126,7 @@ def test_builds_that_end_at_once_keep_a_whole_module(
 ) -> None:
     content = b"x" * 200_000
     monkeypatch.setattr(make.native, "module", lambda _: content)
-    unit = build.collect(MODELS["DriveMotor"])
+    unit = package.collect(MODELS["DriveMotor"])
     path = tmp_path / "wasm" / "DriveMotor.wasm"
 
     def keep(_: int) -> int:
@@ -475,12 +475,12 @@ def elsewhere(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., str]:
     def compiled(source: str, target: str) -> Path:
         program, base = folder / f"{source}.{target}.exe", ["-O2", f"-I{HEADERS}", f"-I{HOSTS}"]
         if "windows" not in target:
-            build.compiled(target, str(HOSTS / source), str(program), folder, base)
+            package.compiled(target, str(HOSTS / source), str(program), folder, base)
             return program
         options, made = ["-c", *base, f'-DMODEL="{source}"'], f"{source}.obj"
-        build.compiled(target, str(HOSTS / "windows.c"), made, folder, options)
-        options = ["-nostdlib", *build.UCRT, "-lapi-ms-win-crt-runtime-l1-1-0", "-lkernel32"]
-        build.compiled(target, made, program.name, folder, [*options, "-Wl,-e,mainCRTStartup"])
+        package.compiled(target, str(HOSTS / "windows.c"), made, folder, options)
+        options = ["-nostdlib", *package.UCRT, "-lapi-ms-win-crt-runtime-l1-1-0", "-lkernel32"]
+        package.compiled(target, made, program.name, folder, [*options, "-Wl,-e,mainCRTStartup"])
         return program
 
     def run(source: str, target: str, library: Path, *arguments: object) -> str:

@@ -16,12 +16,12 @@ import pytest
 from fmpy.validation import validate_fmu
 from scipy.integrate import solve_ivp
 
+from fmukit.codegen.entries import written
+from fmukit.declare.interface import Interface, class_name
 from fmukit.declare.record import declarations
-from fmukit.declare.variables import Interface, class_name
 from fmukit.fmu.load import load
 from fmukit.fmu.make import make_all
 from fmukit.fmu.reference import by_equations
-from fmukit.write.entries import written
 from tests.conftest import ROOT
 from tests.fmukit.test_exchange import Model
 from tests.hosts.host import Unit

@@ -13,7 +13,7 @@ from lxml import etree
 from PIL import Image
 
 from components.gearbox import model as gearbox
-from fmukit.declare.variables import Interface
+from fmukit.declare.interface import Interface
 from fmukit.fmu.terminals import flanges
 
 SCHEMA = Path(fmpy.__file__).parent / "schema" / "fmi3" / "fmi3TerminalsAndIcons.xsd"

@@ -334,7 +334,7 @@ EXPORT fmi2Status API(fmi2Reset)(fmi2Component component) {
     return fmi2OK;
 }
 
-/* The inputs over the next step as fmukit/step/hybrid.py describes them, and their slopes at its end. The
+/* The inputs over the next step as fmukit/runtime/hybrid.py describes them, and their slopes at its end. The
    polynomial of the derivatives given, a_n s^n, is the line between its ends and s (s - h) times
    the sum of a_n h^(n-2-j) s^j over n >= 2 and j <= n - 2. */
 static void course(Instance *i, double h, double *inputs, double *slopes) {

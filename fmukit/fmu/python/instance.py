@@ -1,7 +1,7 @@
 """An FMI slave in Python: a table of variables, and one list of values that is also its whole state.
 
 It computes with the `functions` of a model over plain numbers: those printed for its FMU, or those of
-`step.equations`.
+`runtime.equations`.
 """
 
 from __future__ import annotations

@@ -7,10 +7,10 @@ from datetime import datetime, timezone
 from typing import NamedTuple
 from xml.etree.ElementTree import Element, SubElement
 
-from .. import VERSION
-from ..declare.record import Declaration
-from ..declare.variables import Interface, Variable, class_name, title
-from .load import about
+from ... import VERSION
+from ...declare.interface import Interface, Variable, class_name, title
+from ...declare.record import Declaration
+from ..load import about
 
 
 class Flavour(NamedTuple):

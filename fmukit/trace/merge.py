@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
-from .values import (
+from .graph import (
     COMPARISONS,
     MARK,
     NODES,

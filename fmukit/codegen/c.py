@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator
 from itertools import groupby
 from typing import Any
 
-from ..trace.values import (
+from ..trace.graph import (
     COMPARISONS,
     FAILING,
     MARK,

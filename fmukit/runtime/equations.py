@@ -7,8 +7,8 @@ from types import SimpleNamespace
 from typing import Any
 
 from ..declare import bounds
+from ..declare.interface import Interface
 from ..declare.record import fill
-from ..declare.variables import Interface
 from . import hybrid
 
 Numbers = Sequence[Any]
@@ -16,7 +16,7 @@ Note = Callable[[str], None]
 
 
 def functions(interface: Interface) -> SimpleNamespace:
-    """The functions that `write.entries` traces, with the arguments and results of those printed:
+    """The functions that `codegen.entries` traces, with the arguments and results of those printed:
     `v` are the values of all variables, records lie flat in tuples.
     """
     model = interface.model

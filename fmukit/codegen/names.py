@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-from ..trace.values import Node
+from ..trace.graph import Node
 
 
 def given(name: str) -> str:

@@ -9,8 +9,8 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 from ..declare.record import Declaration
-from .joins import joined
-from .values import PATHS, Branch, Leaf, Node, Tree, Untraceable, symbol
+from .graph import PATHS, Branch, Leaf, Node, Tree, Untraceable, symbol
+from .merge import joined
 
 MOST_CONDITIONS = 100
 

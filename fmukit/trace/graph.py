@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 if TYPE_CHECKING:
-    from .paths import Path
+    from .execute import Path
 
 COMPARISONS = ("<", "<=", ">", ">=", "==", "!=")
 FAILING = {

@@ -29,8 +29,8 @@ from math import inf
 from types import ModuleType
 from typing import Any, NamedTuple
 
+from ..declare.interface import InputHold
 from ..declare.record import declarations
-from ..declare.variables import InputHold
 from . import ode
 from .flow import repeat
 

@@ -9,9 +9,9 @@ from types import ModuleType
 from typing import Any
 
 from ..declare.record import start
-from .paths import leaves
+from .execute import leaves
+from .graph import Node, Tree, Untraceable, key
 from .tracer import Tracer
-from .values import Node, Tree, Untraceable, key
 
 REFUSED: dict[type[ast.AST], str] = {
     ast.Try: "try cannot go into the FMU, where nothing is raised: test with if",

@@ -9,19 +9,19 @@ from types import ModuleType
 from typing import Any, NamedTuple
 
 from ..declare import bounds
+from ..declare.interface import Interface, Variable, class_name, only_steps
 from ..declare.record import Value, start
-from ..declare.variables import Interface, Variable, class_name, only_steps
-from ..step import hybrid, jet, near, ode
-from ..trace import feedthrough, pure, tangents
+from ..runtime import direction, hybrid, jet, ode
+from ..trace import feedthrough, purity, tangents
+from ..trace.graph import Function, size, symbol
 from ..trace.tracer import Tracer, note
-from ..trace.values import Function, size, symbol
 from . import c, python
 
 BOUNDARIES = {
     hybrid: ("course", "along", "fallen", "slope", "smaller", "announce", "travel"),
     ode: ("reach", "resized"),
     bounds: ("within",),
-    near: ("turned",),
+    direction: ("turned",),
     jet: (),
 }
 
@@ -117,7 +117,7 @@ MOST = {"Real": sys.float_info.max, "Integer": 2.0**31 - 1, "Boolean": 1.0}
 def traced(interface: Interface) -> list[Function]:
     """The functions in the order in which C needs them."""
     model = interface.model
-    pure.require(model, Tracer(model, BOUNDARIES))
+    purity.require(model, Tracer(model, BOUNDARIES))
     tracer = Tracer(model, BOUNDARIES)
     p, x, u = (start(cls) for cls in (model.Parameters, model.State, model.Inputs))
     inputs = hybrid.Course(u, u, 0.0, 1, (u,) * (hybrid.HIGHEST_DEGREE - 1))

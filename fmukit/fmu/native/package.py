@@ -16,12 +16,12 @@ from xml.etree.ElementTree import SubElement
 
 import fmpy
 
-from ...declare.variables import Interface, class_name, only_steps
-from ...write.entries import written
+from ...codegen.entries import written
+from ...declare.interface import Interface, class_name, only_steps
 from .. import page, plot, reference, terminals
 from ..archive import LICENSE, digest_of, guid_of, write_archive
-from ..xml import NATIVE, to_xml
-from ..xml3 import translated
+from ..description.fmi2 import NATIVE, to_xml
+from ..description.fmi3 import translated
 
 RUNTIMES = sorted(Path(__file__).parent.glob("fmi*.c"))
 NAMES = ("fmi2FunctionTypes", "fmi2TypesPlatform", "fmi3FunctionTypes", "fmi3PlatformTypes")

@@ -14,20 +14,20 @@ from xml.etree import ElementTree
 
 import pythonfmu
 
-from ...declare.variables import Interface, class_name, component, title
-from ...write import entries
+from ...codegen import entries
+from ...declare.interface import Interface, class_name, component, title
 from .. import page, plot, reference, terminals
 from ..archive import KIT, LICENSE, digest_of, guid_of, write_archive
-from ..xml import PYTHON, to_xml
+from ..description.fmi2 import PYTHON, to_xml
 from . import instance
 from . import pythonfmu as wrapper
 
 BINARIES = Path(pythonfmu.__file__).parent / "resources" / "binaries"
-NEEDED = ("__init__.py", "si.py", "declare/*.py", "step/*.py")
+NEEDED = ("__init__.py", "si.py", "declare/*.py", "runtime/*.py")
 UNTRACED = """\
 from {kit} import model
-from {kit}.fmukit.declare.variables import Interface, complete
-from {kit}.fmukit.step import equations
+from {kit}.fmukit.declare.interface import Interface, complete
+from {kit}.fmukit.runtime import equations
 
 complete(model)
 """

@@ -7,7 +7,7 @@ from collections import deque
 from collections.abc import Iterator
 from typing import Any
 
-from ..trace.values import (
+from ..trace.graph import (
     COMPARISONS,
     MARK,
     NODES,

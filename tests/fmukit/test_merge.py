@@ -10,14 +10,14 @@ import fmpy
 import numpy as np
 import pytest
 
+from fmukit.codegen.c import definition
 from fmukit.fmu.load import load
 from fmukit.fmu.make import make_all
-from fmukit.fmu.native import build
+from fmukit.fmu.native import package
 from fmukit.fmu.reference import by_equations
 from fmukit.trace import tangents, tracer
-from fmukit.trace.paths import kinds
-from fmukit.trace.values import Leaf
-from fmukit.write.c import definition
+from fmukit.trace.execute import kinds
+from fmukit.trace.graph import Leaf
 from tests.hosts.host import Unit
 
 HEAD = '''"""Functions with branches"""
@@ -126,9 +126,9 @@ def without_derivatives(_: Any, traced: Any, moving: Any) -> Any:
 @pytest.fixture
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     """Native FMUs of this platform alone, with the options of all, and without derivatives."""
-    here = {path: target for path, target in build.TARGETS.items() if fmpy.platform in path}
-    monkeypatch.setattr(build, "TARGETS", here)
-    monkeypatch.setattr(build, "module", lambda build: build.guid.encode())
+    here = {path: target for path, target in package.TARGETS.items() if fmpy.platform in path}
+    monkeypatch.setattr(package, "TARGETS", here)
+    monkeypatch.setattr(package, "module", lambda build: build.guid.encode())
     monkeypatch.setattr(tangents, "derived", without_derivatives)
 
 
@@ -139,7 +139,7 @@ def compared(seed: int, count: int, forks: int, folder: Path) -> None:
     assert make_all([path], "python", folder) == 0
     model = load(path)
     (folder / "native").mkdir()
-    build.pack(build.collect(model), folder / "native" / f"Random{seed}.fmu")
+    package.pack(package.collect(model), folder / "native" / f"Random{seed}.fmu")
     slave: Any = by_equations(model)(instance_name="unit")
     units = [Unit(folder / flavour / f"Random{seed}.fmu").start() for flavour in ("", "native")]
     slave.setup_experiment(0.0, None, None)
