@@ -160,7 +160,7 @@ def load(p: Parameters, x: State, crank: direction.Direction) -> tuple[float, fl
 def derivatives(
     p: Parameters, t: float, x: State, u: Inputs, crank: direction.Direction | None = None
 ) -> State:
-    theta, tau_load = load(p, x, direction.turned(crank, x.phi) if crank else prepare(p, x))
+    theta, tau_load = load(p, x, direction.rotated(crank, x.phi) if crank else prepare(p, x))
     return State(phi=x.w, w=(u.tau - tau_load) / theta)
 
 

@@ -177,7 +177,7 @@ def reduced(p: Parameters, x: Jet, w: float) -> tuple[float, float]:
 def derivatives(
     p: Parameters, t: float, x: State, u: Inputs, crank: direction.Direction | None = None
 ) -> State:
-    at = position(p, direction.turned(crank, x.phi) if crank else prepare(p, x))
+    at = position(p, direction.rotated(crank, x.phi) if crank else prepare(p, x))
     theta, tau_load = reduced(p, at, x.w)
     return State(phi=x.w, w=(u.tau - tau_load) / theta)
 
