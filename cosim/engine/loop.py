@@ -35,21 +35,21 @@ def library() -> Any:
 
     Raises OSError with the reason if there is none.
     """
-    found = _library()
-    if isinstance(found, OSError):
-        raise found
-    return found
+    loop = _library()
+    if isinstance(loop, OSError):
+        raise loop
+    return loop
 
 
 @cache
 def _library() -> Any:
     """The same, or the reason: what cannot be made is tried once."""
-    here = file_name(sys.platform, platform.machine())
-    path = SOURCE.parent / "compiled" / here
+    name = file_name(sys.platform, platform.machine())
+    path = SOURCE.parent / "compiled" / name
     try:
         if not path.exists():
-            made_of = hashlib.sha256(f"{SOURCE.read_text()}{OPTIONS}".encode()).hexdigest()[:16]
-            path = SOURCE.parent / "__pycache__" / f"{made_of}-{here}"
+            digest = hashlib.sha256(f"{SOURCE.read_text()}{OPTIONS}".encode()).hexdigest()[:16]
+            path = SOURCE.parent / "__pycache__" / f"{digest}-{name}"
             if not path.exists() or not path.stat().st_size:
                 compile_loop(path)
         loop = ctypes.CDLL(str(path))
@@ -98,14 +98,14 @@ class Loop:
         that ended it there.
         """
         rows = array("d", [0.0]) * (self._width * ((last - first) // self._every + 1))
-        kept = []
+        laid_out = []
         for k in self._feeds:
             feed, at, size = self._operations[k]
             assert isinstance(feed, InputSource)
             times = (start + n * h + at * h for n in range(first, last))
             means = [feed.profile.mean(t, size * h) for t in times]
-            kept.append((ctypes.c_double * len(means))(*means))
-            self._layouts[k].source = address(kept[-1])
+            laid_out.append((ctypes.c_double * len(means))(*means))
+            self._layouts[k].source = address(laid_out[-1])
         report = (ctypes.c_longlong * 3)()
         count = self._advance(
             self._layouts, self._warned, len(self._layouts), self._row_begin,
