@@ -16,7 +16,7 @@ from .buffers import Slot
 from .changes import Change, with_changes
 from .control import Adaptive, Controller, by_energy, doubling
 from .iteration import Iteration
-from .loop import Loop, can_compile
+from .loop import Loop, lay_out
 from .part import Part
 from .recorder import IntermediateValues, OutputGrid, Recorder
 from .schedule import Advance, coupling_context, explicit, schedule
@@ -112,10 +112,11 @@ class Driver:
             part.stops = back and part.shows_events()
         if isinstance(plan.step, Adaptive) or steps is None or every is None:
             return
-        if not can_compile([*(timed.operation for timed in steps), *row.extra]):
+        program = lay_out(steps, row.extra)
+        if program is None:
             return
         try:
-            self._loop = Loop(steps, row.extra, row.columns, every)
+            self._loop = Loop(program, row.columns, every)
             self.loop = "compiled"
         except OSError as error:
             self.loop = f"Python, since the compiled loop is missing: {error}"

@@ -72,14 +72,14 @@ def initialise(
     for port, value in starts.values():
         if port.variable.causality == "input" or _keeps(port):
             parts[port.part].set(port.variable, value)
-    _connect(network, parts, start)
+    slots = _connect(network, parts, start)
     settle([parts[name] for name in sequence], start)
     for part in parts.values():
         part.begin()
     _warn_of_other_starts(starts.values(), parts)
     if settings.input_order:
         _interpolate_inputs(parts, settings.input_order)
-    _open_bonds(network, parts)
+    _open_bonds(network, parts, slots)
     for part in parts.values():
         for operation in part.read_operations():
             operation(start, 0.0)
@@ -137,10 +137,11 @@ def _warn_of_other_starts(starts: Iterable[tuple[Port, Value]], parts: Mapping[s
                 parts[name].warn(f"{port} = {value!r} was given, but the FMU starts with {has!r}")
 
 
-def _connect(network: Network, parts: Mapping[str, Part], start: float) -> None:
+def _connect(network: Network, parts: Mapping[str, Part], start: float) -> dict[str, Slot]:
     """Give every part the buffers of its wired variables, and let every input follow its source.
 
-    Inputs begin at their declared start, those of an array at what they are given.
+    Inputs begin at their declared start, those of an array at what they are given. Returns the slots of
+    the wired variables by name.
     """
     sources, driven = monitored_outputs(network), continuous_profiles(network)
     starts = {port.name: value for port, value in network.start}
@@ -170,6 +171,7 @@ def _connect(network: Network, parts: Mapping[str, Part], start: float) -> None:
         source_over_time = InputSource(port.name, profile, start)
         parts[port.part].feeds.append(source_over_time)
         parts[port.part].links.append(Link(slots[port.name], source_over_time.slot))
+    return slots
 
 
 def monitored_outputs(network: Network) -> dict[str, list[Port]]:
@@ -221,9 +223,8 @@ def _interpolate_inputs(parts: Mapping[str, Part], degree: int) -> None:
             link.follow(signals[link.source.name])
 
 
-def _open_bonds(network: Network, parts: Mapping[str, Part]) -> None:
+def _open_bonds(network: Network, parts: Mapping[str, Part], slots: Mapping[str, Slot]) -> None:
     """Give every part its sides of the power bonds; where inputs follow polynomials, their links know it."""
-    slots = _slots(parts)
     links = {link.target.name: link for part in parts.values() for link in part.links}
     for bond in find_bonds(network):
         for side, (out, into) in enumerate([(bond.forth, bond.back), (bond.back, bond.forth)]):

@@ -9,13 +9,13 @@ import sys
 from array import array
 from collections.abc import Sequence
 from functools import cache
-from typing import Any
+from typing import Any, NamedTuple
 
 from ..errors import FmuError
 from .buffers import Slot, address
 from .compiler import OPTIONS, SOURCE, compile_loop, file_name
 from .instance import WARNING, VariableBlock
-from .operations import Layout, Operation
+from .operations import Layout
 from .part import StepOperation
 from .schedule import TimedOperation
 from .sources import InputSource
@@ -59,31 +59,49 @@ def _library() -> Any:
     return loop
 
 
-class Loop:
-    """Fixed steps of a program, a row after every `every`-th step.
+class Program(NamedTuple):
+    """Operations laid out for loop.c; those from `row_begin` on are done before a row."""
 
-    `extra` are the blocks to get before a row, `columns` what a row holds after the time. Raises
-    OSError with the reason if there is no compiled loop; `possible` tells which programs it can run.
+    operations: list[TimedOperation]
+    layouts: list[Layout]
+    row_begin: int
+
+
+def lay_out(steps: Sequence[TimedOperation], extra: Sequence[VariableBlock]) -> Program | None:
+    """The program of these steps and of blocks to get before a row; None if an operation needs Python."""
+    operations = [*steps, *(TimedOperation(block, 1.0, 0.0) for block in extra)]
+    layouts = []
+    for operation, at, size in operations:
+        layout = operation.layout()
+        if layout is None:
+            return None
+        layout.at, layout.size = at, size
+        layouts.append(layout)
+    return Program(operations, layouts, len(steps))
+
+
+class Loop:
+    """Fixed steps of a program, a row of `columns` after the time and after every `every`-th step.
+
+    Raises OSError with the reason if there is no compiled loop.
     """
 
-    def __init__(
-        self,
-        program: Sequence[TimedOperation],
-        extra: Sequence[VariableBlock],
-        columns: Sequence[Slot],
-        every: int,
-    ) -> None:
+    def __init__(self, program: Program, columns: Sequence[Slot], every: int) -> None:
         self._advance = library().advance
-        self._operations = [*program, *(TimedOperation(block, 1.0, 0.0) for block in extra)]
-        self._layouts = (Layout * len(self._operations))(*map(_layout, self._operations))
+        self._operations = program.operations
+        self._layouts = (Layout * len(program.layouts))(*program.layouts)
         self._warned = (ctypes.c_longlong * len(self._operations))()
         self._feeds = [
-            k for k, timed in enumerate(program) if isinstance(timed.operation, InputSource)
+            k
+            for k, timed in enumerate(program.operations)
+            if isinstance(timed.operation, InputSource)
         ]
         self._parts = [
-            timed.operation.part for timed in program if isinstance(timed.operation, StepOperation)
+            timed.operation.part
+            for timed in program.operations
+            if isinstance(timed.operation, StepOperation)
         ]
-        self._row_begin = len(program)
+        self._row_begin = program.row_begin
         cells = (Column(slot.address, ord(slot.kind._type_)) for slot in columns)
         self._columns = (Column * len(columns))(*cells)
         self._width = len(columns) + 1
@@ -126,16 +144,3 @@ class Loop:
             failure = error
         del rows[count * self._width :]
         return rows, done, failure
-
-
-def can_compile(operations: Sequence[Operation]) -> bool:
-    """Whether all operations can do without Python."""
-    return all(operation.layout() is not None for operation in operations)
-
-
-def _layout(timed: TimedOperation) -> Layout:
-    operation, at, size = timed
-    layout = operation.layout()
-    assert layout is not None
-    layout.at, layout.size = at, size
-    return layout
