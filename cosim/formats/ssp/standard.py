@@ -80,11 +80,11 @@ def _report(path: Path, findings: list[Finding]) -> StandardReport:
 def _check_archive(path: Path) -> Iterator[Finding]:
     """The rules for the ZIP file."""
     clause, file = CLAUSES["package"], path.name
+    if not path.is_file():
+        raise SetupError(f"there is no file {path}")
     try:
         with ZipFile(path) as archive:
             entries = archive.infolist()
-    except FileNotFoundError:
-        raise SetupError(f"there is no file {path}") from None
     except BadZipFile as error:
         raise SetupError(f"{path} is not a readable zip file: {error}") from error
     for entry in entries:
@@ -116,21 +116,21 @@ def _check_folder(folder: Path) -> Iterator[Finding]:
     if not (folder / ROOT).is_file():
         yield Finding(clause, Severity.ERROR, ROOT, 0, f"there is no {ROOT} at the root")
     names: dict[str, str] = {}
-    is_second = False
+    has_version_2 = False
     for file in sorted(folder.glob("*.ssd")):
         yield from _check_file(file, folder)
         try:
             root = load(file)
         except SetupError:
             continue
-        is_second = is_second or root.get("version") == "2.0"
+        has_version_2 = has_version_2 or root.get("version") == "2.0"
         name = root.get("name")
-        if is_second and name in names:
+        if has_version_2 and name in names:
             text = f"the name {name!r} is also that of {names[name]}"
             yield Finding(clause, Severity.ERROR, file.name, root.sourceline, text)
         names.setdefault(name, file.name)
     documentation = folder / "documentation"
-    if is_second and documentation.is_dir() and not (documentation / "index.html").is_file():
+    if has_version_2 and documentation.is_dir() and not (documentation / "index.html").is_file():
         text = "documentation/ has no index.html"
         yield Finding(clause, Severity.ERROR, "documentation", 0, text)
     for entry in sorted(folder.iterdir()):

@@ -88,10 +88,10 @@ class StandardReport:
     def junit(self) -> str:
         """JUnit's XML: a test for each clause that has a finding, and one that passes if there is none."""
         errors = [f for f in self.findings if f.severity is Severity.ERROR]
-        others = [f for f in self.findings if f.severity is not Severity.ERROR]
+        remarks = [f for f in self.findings if f.severity is not Severity.ERROR]
         suite = ElementTree.Element(
             "testsuite", name=f"SSP standard, {self.source}", tests=str(len(self.findings) or 1),
-            failures=str(len(errors)), errors="0", skipped=str(len(others)),
+            failures=str(len(errors)), errors="0", skipped=str(len(remarks)),
         )  # fmt: skip
         for f in self.findings:
             name = f"{f.clause}: {f.file}:{f.line}"

@@ -193,15 +193,15 @@ def _check_fmu(structure: Structure, component: Element, path: Path) -> Iterator
     variables = {v.name: v for v in description.modelVariables}
     arrays = {v.name.partition("[")[0] for v in description.modelVariables if "[" in v.name}
     for connector in children(component, "ssd:Connectors", "ssd:Connector"):
-        own, kind = connector.get("name"), connector.get("kind")
-        if own not in variables:
-            if own not in arrays:
-                text = f"{name}: the FMU has no variable {own!r}"
+        variable, kind = connector.get("name"), connector.get("kind")
+        if variable not in variables:
+            if variable not in arrays:
+                text = f"{name}: the FMU has no variable {variable!r}"
                 yield structure.error("connectors", connector, text)
             continue
-        causality = variables[own].causality
+        causality = variables[variable].causality
         if kind in CAUSALITIES and causality not in CAUSALITIES[kind]:
-            text = f"{name}.{own} is of kind {kind}, and of causality {causality} in the FMU"
+            text = f"{name}.{variable} is of kind {kind}, and of causality {causality} in the FMU"
             yield structure.error("connectors", connector, text)
 
 
