@@ -24,7 +24,7 @@ import pytest
 from cosim import Interrupted, SetupError, SimulationError, isolated, run, run_isolated
 from cosim import __main__ as main_module
 from cosim.__main__ import alone, main
-from cosim.engine import stepping, surroundings
+from cosim.engine import driver, process_state
 from tests.conftest import ROOT, hear_ctrl_c, until
 from tests.cosim.conftest import Said
 from tests.cosim.foreign import pack
@@ -204,7 +204,7 @@ def test_an_fmu_that_changes_the_folder_does_not_move_the_rows(
 @pytest.fixture
 def watched(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
     """A folder to be in, and a master that looks after every step."""
-    monkeypatch.setattr(surroundings, "BETWEEN", 0.0)
+    monkeypatch.setattr(process_state, "BETWEEN", 0.0)
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
@@ -222,7 +222,7 @@ def test_what_an_fmu_changes_in_its_process_is_brought_back(
         if share > 0.55:
             signal.raise_signal(signal.SIGINT)
 
-    monkeypatch.setattr(stepping, "possible", lambda _: False)
+    monkeypatch.setattr(driver, "can_compile", lambda _: False)
     meddler, other = (pack(watched / f"{k}.fmu", meddle_at=t) for k, t in ((1, when), (2, 9.0)))
     handler = signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
