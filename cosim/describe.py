@@ -9,6 +9,7 @@ from typing import Any
 
 from fmpy import supported_platforms
 
+from .engine.algorithms import find_algorithm
 from .engine.driver import RunSettings
 from .engine.energy import find_bonds
 from .master import stepping_order
@@ -110,9 +111,10 @@ def notes(network: Network, settings: RunSettings) -> Iterator[str]:
         yield f"recommended step: {preferred[part]!r} s, preferred by {part}"
     else:
         yield "recommended step: no FMU prefers one; use diagnose to measure what a step does"
-    if settings.algorithm == "jacobi" and find_bonds(network):
+    algorithm = find_algorithm(settings.algorithm)
+    if algorithm.delays_every_wire([*network.descriptions]) and find_bonds(network):
         yield (
-            "jacobi delays every loop by a step, which reduces the damping of its oscillations: "
+            f"{algorithm.name} delays every loop by a step, which reduces the damping of its oscillations: "
             "use diagnose to measure by how much"
         )
 

@@ -14,7 +14,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from .engine.algorithms import ALGORITHMS
+from .engine.algorithms import REGISTRY, find_algorithm
 from .engine.changes import continuous_profiles, discrete_changes
 from .engine.control import Adaptive
 from .engine.driver import Driver, RowReader, RunSettings
@@ -139,7 +139,7 @@ def run(
         except FmuError as failure:
             reason = str(failure)
         finally:
-            energy = energy_balance(end for part in parts.values() for end in part.ends)
+            energy = energy_balance(end for part in parts.values() for end in part.bond_sides)
             heard = [f"{name}: {text}" for name, text in network.blemishes.items()]
             heard += [f"{part.name}: {text}" for part in parts.values() for text in part.warnings]
             heard += around.warnings
@@ -167,12 +167,13 @@ def _end(run: Driver, recorder: Recorder, end: SimulationTerminated) -> str:
 
 def setup_problems(network: Network, settings: RunSettings) -> Iterator[str]:
     """The reasons why this system cannot be run with these settings."""
-    start, stop, step, algorithm = settings.start, settings.stop, settings.step, settings.algorithm
+    start, stop, step = settings.start, settings.stop, settings.step
     order, input_order, tolerance = settings.order, settings.input_order, settings.tolerance
     try:
         require_cosimulation(network.descriptions, network.system.parts)
         settings.ports(network)
         settings.check()
+        algorithm = find_algorithm(settings.algorithm)
     except SetupError as error:
         yield str(error)
         return
@@ -181,8 +182,6 @@ def setup_problems(network: Network, settings: RunSettings) -> Iterator[str]:
         yield f"order {list(order)} must name each of {parts} once"
     if tolerance is not None and not tolerance > 0.0:
         yield f"tolerance = {tolerance!r} must be above 0"
-    if algorithm not in ALGORITHMS:
-        yield f"algorithm {algorithm!r} must be one of {', '.join(ALGORITHMS)}"
     if not 0 <= input_order <= HIGHEST:
         yield f"input_order = {input_order!r} must be at least 0 and at most {HIGHEST}"
     for name, count in settings.substeps.items():
@@ -197,14 +196,15 @@ def setup_problems(network: Network, settings: RunSettings) -> Iterator[str]:
             yield f"{name}: its FMU allows only one instance per process, and {twin} is another"
     lost = parts_without(network.descriptions, STATE)
     steady = parts_without(network.descriptions, VARIABLE_STEP)
-    if algorithm == "iterated":
+    if algorithm.is_implicit:
         for name in lost:
-            yield f"iterated needs the FMU state, which {name} cannot save"
+            yield f"{algorithm.name} needs the FMU state, which {name} cannot save"
     else:
+        implicit = [each.name for each in REGISTRY.values() if each.is_implicit]
         for loop in algebraic_loops(network):
             yield (
-                f"algebraic loop: {describe_loop(loop)} act on each other at once; "
-                f"{algorithm} cannot solve that, but iterated can"
+                f"algebraic loop: {describe_loop(loop)} act on each other by direct feedthrough; "
+                f"{algorithm.name} cannot solve that, but {' and '.join(implicit)} can"
             )
     if isinstance(step, Adaptive):
         for name in steady:

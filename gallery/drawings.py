@@ -15,16 +15,16 @@ import numpy as np
 
 import cosim
 from cosim import Result, System
-from scenarios.conveyor.mechanism import crank_conveyor
-from scenarios.exciter.mechanism import exciter
+from scenarios.conveyor.motion import crank_conveyor
+from scenarios.exciter.motion import exciter
 from scenarios.fmu_files import CLONE as ROOT
 from scenarios.fmu_files import FMUS
-from scenarios.iron import mechanism as iron
+from scenarios.iron import motion as iron
 from scenarios.orientator import machine
-from scenarios.orientator import mechanism as orientator
-from workbench.report import motion
-from workbench.report.motion import Motion, Shape
-from workbench.report.svg import Symbol, drawing
+from scenarios.orientator import motion as orientator
+from workbench.charts import motion
+from workbench.charts.motion import Motion, Shape
+from workbench.charts.svg import Symbol, drawing
 
 CONVEYOR = (
     Symbol("r", "crank", (0, 1), (-12, 2)),

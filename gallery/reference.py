@@ -17,12 +17,12 @@ from unittest.mock import patch
 import cosim.__main__
 from scenarios.__main__ import PROJECT
 from scenarios.fmu_files import CLONE as ROOT
-from workbench.command import main
+from workbench.cli import main
 
 PROGRAM = "scenarios"
 API = {
     "cosim": ("The master", ()),
-    "workbench": ("Questions", ("measure", "live", "report.motion")),
+    "workbench": ("Questions", ("measure", "live", "charts.motion")),
     "fmukit": ("Machines", ("step.hybrid", "step.flow", "step.jet")),
 }
 SCRIPTS = {

@@ -24,7 +24,7 @@ from pythonfmu import FmuBuilder
 
 from scenarios.__main__ import PROJECT
 from workbench.answer import Answer
-from workbench.ask import ask as asked
+from workbench.run import ask as asked
 
 ROOT = Path(__file__).resolve().parents[1]
 DESCRIPTION = "modelDescription.xml"

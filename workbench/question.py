@@ -139,7 +139,7 @@ def parts(page: ModuleType) -> Mapping[str, str]:
 
 
 def load(where: str) -> ModuleType:
-    """The page of a module, "scenarios.conveyor.run_up", or of a file, "mine.py".
+    """The page of a module, "scenarios.conveyor.questions.run_up", or of a file, "mine.py".
 
     Raises SetupError for a file that is not there, and for what is no page; QuestionError for one
     whose own code raises.

@@ -14,20 +14,15 @@ from fmpy.model_description import ScalarVariable
 
 from ..errors import EventReached, FmuError, SetupError, StepDiscarded
 from ..system import NUMERIC, STATE, VARIABLE_STEP, Network, Port, parts_without
-from .algorithms import (
-    EXPLICIT,
-    Advance,
-    convergence_order,
-    explicit,
-    first_order_outputs,
-    iterated,
-    program,
-)
+from .algorithms import find_algorithm
+from .buffers import Slot
 from .changes import Change, with_changes
 from .control import Adaptive, Controller, by_energy, doubling
+from .iteration import Iteration
 from .loop import Loop, can_compile
 from .part import Part
 from .recorder import IntermediateValues, OutputGrid, Recorder
+from .schedule import Advance, coupling_context, explicit, schedule
 from .snapshot import Snapshot, forget_after
 from .times import coincide
 
@@ -111,16 +106,19 @@ class RowReader:
     """Reads the recorded variables, those that are wired from the wires' buffers."""
 
     def __init__(self, parts: Sequence[Part], ports: Sequence[Port]) -> None:
-        wired = {name: (b, i) for p in parts for b in p.outputs for i, name in enumerate(b.names)}
+        slots: dict[str, Slot] = {}
+        for block in (block for part in parts for block in part.outputs):
+            slots |= block.slots()
         unread: dict[str, dict[str, ScalarVariable]] = {part.name: {} for part in parts}
         for port in ports:
-            if port.name not in wired:
+            if port.name not in slots:
                 unread[port.part][port.name] = port.variable
         self.extra = [b for p in parts for b in p.blocks("Get", [*unread[p.name].values()])]
-        place = wired | {name: (b, i) for b in self.extra for i, name in enumerate(b.names)}
-        self.columns = [place[port.name] for port in ports]
+        for block in self.extra:
+            slots |= block.slots()
+        self.columns = [slots[port.name] for port in ports]
         self.names = [port.name for port in ports]
-        self._cells = [(block.cells, i) for block, i in self.columns]
+        self._cells = [(slot.cells, slot.element) for slot in self.columns]
         self.discrete = [
             k
             for k, port in enumerate(ports, 1)
@@ -146,18 +144,21 @@ class Driver:
         changes: Sequence[Change],
     ) -> None:
         self.parts, self.plan, self.row, self.recorder = parts, plan, row, recorder
-        algorithm = plan.algorithm
+        algorithm = find_algorithm(plan.algorithm)
         self.t = plan.start
         self.accepted = self.discarded = 0
         self.controller: Controller | None = None
-        steps = program(EXPLICIT[algorithm](parts)) if algorithm in EXPLICIT else None
-        self._advance: Advance = iterated(parts) if steps is None else explicit(steps)
+        by_name = {part.name: part for part in parts}
+        steps = None if algorithm.is_implicit else schedule(algorithm.stages([*by_name]), by_name)
+        self._advance: Advance = Iteration(algorithm, parts) if steps is None else explicit(steps)
         self._advance = with_changes(self._advance, changes)
         self._events = [change.time for change in changes]
+        context = coupling_context(parts, plan.input_order)
         self._order, behind = (
-            convergence_order(algorithm, plan.input_order, parts),
-            first_order_outputs(algorithm, plan.input_order, parts),
+            algorithm.convergence_order(context),
+            algorithm.first_order_outputs(context),
         )
+        self._instant = {each.output for each in context.feedthroughs if each.is_wired}
         self._late = [name for name in recorder.columns if name in behind]
         every = plan.every()
         if plan.output_step is not None and self.row.discrete:
@@ -229,7 +230,7 @@ class Driver:
         start, stop = self.plan.start, self.plan.stop
         jumps = (f.profile.jumps(start, stop) for part in self.parts for f in part.feeds)
         times = [start, *sorted({*self._events, *chain.from_iterable(jumps)}), stop]
-        self.controller = Controller(self._order, settings, times)
+        self.controller = Controller(self._order, settings, times, self._instant)
         method = doubling if self.control == "doubling" else by_energy
         for t in method(self.parts, self._advance, self.controller):
             row = self.row(t)

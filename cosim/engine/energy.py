@@ -6,13 +6,12 @@ import ctypes
 import math
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from ..errors import SetupError
 from ..system import Connection, Network, Port, unit_exponents
-from .operations import BOOK, Layout, Operation, address
-
-Slot = tuple[Any, int]
+from .buffers import Slot, address
+from .operations import BOOK, Layout, Operation
 
 ENERGY, EXCHANGED, BEFORE = range(3)
 POWER = (1, 2, -3, 0, 0, 0, 0)
@@ -33,7 +32,7 @@ class Bond(NamedTuple):
 class BondSide(Operation):
     """One side of a bond: a part's output times its input, integrated by the trapezoidal rule.
 
-    `output` is the place of the output, `first` and `last` those of the input's values in a step;
+    `output` is the slot of the output, `first` and `last` those of the input's values in a step;
     `scale` makes W of their product. `totals` are the energy, that to and fro added up [J], and the
     output at the last booking.
     """
@@ -52,22 +51,25 @@ class BondSide(Operation):
 
     def open(self) -> None:
         """Begin with the output as it stands."""
-        cells, i = self.output
-        self.totals[BEFORE] = cells[i]
+        self.totals[BEFORE] = self.output.value
 
     def __call__(self, t: float, h: float) -> None:
         """Add the work of a step of size h [s] that ends with the output as it stands."""
-        (output, i), (first, j), (last, k), totals = self.output, self.first, self.last, self.totals
-        now = output[i]
-        work = h * 0.5 * (totals[BEFORE] * first[j] + now * last[k]) * self.scale
+        totals, now = self.totals, self.output.value
+        work = h * 0.5 * (totals[BEFORE] * self.first.value + now * self.last.value) * self.scale
         totals[ENERGY] += work
         totals[EXCHANGED] += abs(work)
         totals[BEFORE] = now
 
     def layout(self) -> Layout:
-        ends = {"source": self.output, "first": self.first, "last": self.last}
-        places = {name: address(*place) for name, place in ends.items()}
-        return Layout(BOOK, cells=address(self.totals), factor=self.scale, **places)
+        return Layout(
+            BOOK,
+            cells=address(self.totals),
+            source=self.output.address,
+            first=self.first.address,
+            last=self.last.address,
+            factor=self.scale,
+        )
 
 
 def find_bonds(network: Network) -> list[Bond]:

@@ -16,8 +16,9 @@ from ..errors import EventReached, FmuError, StepDiscarded
 from ..fmu.library import Library
 from ..system import Value
 from ..system.arrays import WIDTHS, Element
+from .buffers import address
 from .instance import CELL, DISCARD, OK, WARNING, Instance, VariableBlock
-from .operations import ENTER, EXCHANGE3, STEP3, Layout, Operation, address
+from .operations import ENTER, EXCHANGE3, STEP3, Layout, Operation
 from .part import Part
 from .times import coincide
 
@@ -291,9 +292,9 @@ class Part3(Part):
         shown = (v for block in self.outputs for v in block.variables)
         return self.events and any(v.variability != "continuous" for v in shown)
 
-    def turn(self) -> Iterator[Operation]:
+    def step_operations(self) -> Iterator[Operation]:
         held = self._held()
-        *moves, step = super().turn()
+        *moves, step = super().step_operations()
         yield from (move for move in moves if move not in held)
         yield from (EventModeEntry(self, block) for block in held)
         yield step

@@ -29,7 +29,8 @@ from fmpy.model_description import ModelDescription, ScalarVariable
 from ..errors import FmuError, NonFiniteValueError, SimulationTerminated, StepDiscarded
 from ..fmu.library import Library
 from ..system import Value
-from .operations import EXCHANGE, NOT_FINITE, Layout, Operation, address
+from .buffers import Slot, address
+from .operations import EXCHANGE, NOT_FINITE, Layout, Operation
 
 OK, WARNING, DISCARD, ERROR, FATAL = range(5)
 STATUS = ("OK", "Warning", "Discard", "Error", "Fatal", "Pending")
@@ -124,6 +125,14 @@ class VariableBlock(Operation):
             self.part.answered(self.call, status)
         if self._text:  # lasts in the FMU's memory only until its next call
             self.cells[:] = [text or b"" for text in self.cells]
+
+    def slots(self) -> dict[str, Slot]:
+        """The slots of its variables by name."""
+        return {name: Slot(name, self.cells, i) for i, name in enumerate(self.names)}
+
+    def nominals(self) -> list[float]:
+        """The sizes of its variables; 1 where the FMU gives none above 0."""
+        return [abs(float(v.nominal or 0.0)) or 1.0 for v in self.variables]
 
     def put(self, i: int, value: Any) -> None:
         """Put a value into a cell."""

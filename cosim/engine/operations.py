@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ctypes
-from typing import Any
 
 COPY, SCALE, ADD, FEED, EXCHANGE, EXCHANGE3, ENTER, STEP, STEP3, BOOK = range(10)
 NOT_FINITE = -(2**31)
@@ -37,8 +36,3 @@ class Operation:
     def answered(self, t: float, h: float, status: int) -> None:
         """Keep a warning of a call; raise FmuError for a worse status, or NOT_FINITE."""
         raise AssertionError("an operation that cannot fail")
-
-
-def address(cells: Any, i: int = 0) -> int:
-    """Where element i of a buffer stands."""
-    return ctypes.addressof(cells) + i * ctypes.sizeof(cells._type_)

@@ -233,7 +233,7 @@ def _kicked(parts: Sequence[Part], kick: float) -> Iterator[None]:
     links = [link for link in links if not isinstance(link.signal, InputSource)]
     before = [link.offset for link in links]
     for link in links:
-        link.offset += link.factor * kick * (1.0 + abs(link.source[link.j]))
+        link.offset += link.factor * kick * (1.0 + abs(link.source.value))
     try:
         yield
     finally:

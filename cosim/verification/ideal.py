@@ -8,7 +8,7 @@ what is kept.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from itertools import accumulate, pairwise
 from typing import NamedTuple
@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag, expm
 
+from ..engine.algorithms import find_algorithm
 from .systems import Matrix, Unit
 
 
@@ -155,16 +156,21 @@ class Ideal:
         kept = n + 2 * k + m + 1
         x, y, past, held, one, end = np.split(np.eye(kept + k), np.cumsum([n, k, k, m, 1]).tolist())
         at, before = np.zeros(k), np.full(k, -h)
-        stages = list(_stages(scheme.algorithm, len(self.parts)))
-        if scheme.algorithm == "strang":
-            before[: self.y_of[-1].start] = -h / 2
+        algorithm = find_algorithm(scheme.algorithm)
+        number = {str(part): part for part in self.parts}
+        stages = algorithm.stages([*number])
+        for name, part in number.items():
+            ends = [turn.end for stage in stages for turn in stage if turn.part == name]
+            before[self.y_of[part]] = (ends[-2] - 1.0 if len(ends) > 1 else -1.0) * h
         turns = []
         for stage in stages:
-            ahead = scheme.algorithm == "iterated"
+            ahead = algorithm.is_implicit
             nodes = (end, np.full(k, h), y, at) if ahead else (y, at, past, before)
+            held_at = algorithm.end_weight * end + (1.0 - algorithm.end_weight) * y if ahead else y
             fresh, times = y.copy(), at.copy()
             x, held, past, before = x.copy(), held.copy(), past.copy(), before.copy()
-            for part, begin, share in stage:
+            for name, begin, share in stage:
+                part = number[name]
                 own, port, out = self.x_of[part], self.u_of[part], self.y_of[part]
                 pieces = scheme.substeps if part == self.parts[-1] else 1
                 size = share * h / pieces
@@ -172,7 +178,7 @@ class Ideal:
                 heard = []
                 for piece in range(pieces):
                     middle = begin * h + (piece + 0.5) * size
-                    shown = _course(scheme.input_order, nodes, middle)
+                    shown = _course(nodes, middle) if scheme.input_order else held_at
                     now = self.L @ shown + np.outer(self.given, one)
                     then = {0: now, 1: 2 * now - held, 2: now}[scheme.hold]
                     since = held if scheme.hold == 2 else now
@@ -193,23 +199,9 @@ class Ideal:
         return step, [Exchange(*turn[:2], *map(known, turn[2:])) for turn in turns]
 
 
-def _stages(algorithm: str, count: int) -> Iterator[list[tuple[int, float, float]]]:
-    """Groups of turns that do not hear each other: part, where it begins, what it takes of a step."""
-    if algorithm in ("jacobi", "iterated"):
-        yield [(part, 0.0, 1.0) for part in range(count)]
-    elif algorithm == "gauss-seidel":
-        yield from ([(part, 0.0, 1.0)] for part in range(count))
-    else:
-        yield from ([(part, 0.0, 0.5)] for part in range(count - 1))
-        yield [(count - 1, 0.0, 1.0)]
-        yield from ([(part, 0.5, 0.5)] for part in reversed(range(count - 1)))
-
-
-def _course(degree: int, nodes: tuple[Matrix, Matrix, Matrix, Matrix], time: float) -> Matrix:
-    """The newest outputs, or the line through the two newest at a time [s]."""
+def _course(nodes: tuple[Matrix, Matrix, Matrix, Matrix], time: float) -> Matrix:
+    """The line through the two newest outputs at a time [s]."""
     new, at, old, before = nodes
-    if degree == 0:
-        return new
     slope = (new - old) / (at - before)[:, None]
     shown: Matrix = new + slope * (time - at)[:, None]
     return shown

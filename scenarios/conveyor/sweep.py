@@ -9,10 +9,10 @@ from typing import NamedTuple
 import workbench
 from workbench import Bench, option
 
-from .drive import followed
-from .resonance import ladder
-from .response import ALGORITHMS, Line, Setup
-from .theory import SETS, Machine
+from .features import ALGORITHMS, Line, Setup
+from .first_order import SETS, Machine
+from .machine import followed
+from .questions.resonance import ladder
 
 HELD = ("motor.characteristic", "motor.A", "motor.tau", "conveyor.phi", "conveyor.w")
 

@@ -8,8 +8,8 @@ import numpy as np
 
 from cosim import Result, System
 from cosim.system import Value
+from workbench.charts.model import Span
 from workbench.measure import of_rows
-from workbench.report.chart import Span
 
 PARTS = {"orientator": "GravityOrientator"}
 LONGEST = 1.5

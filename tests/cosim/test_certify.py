@@ -14,7 +14,7 @@ from cosim import Result, System, certify, diagnose, estimate, run, smallest, ti
 from cosim.accuracy.certify import divergence
 from cosim.verification.ideal import Ideal
 from cosim.verification.systems import couple, drive
-from scenarios.iron import drive as iron
+from scenarios.iron import machine as iron
 from tests.cosim.test_cosim import pair, ripple
 
 

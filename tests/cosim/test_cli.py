@@ -20,7 +20,7 @@ from numpy.testing import assert_array_equal
 
 from cosim import System, run, write_ssp
 from cosim.__main__ import main, parser
-from scenarios.conveyor.theory import SETS
+from scenarios.conveyor.first_order import SETS
 from tests.conftest import ROOT, described, rewritten
 from tests.cosim.conftest import Said
 from tests.cosim.foreign import pack

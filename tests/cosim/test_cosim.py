@@ -21,7 +21,7 @@ from cosim import SetupError, System, Wire, linearize, oracle, run
 from cosim.describe import info
 from cosim.engine.energy import find_bonds
 from cosim.system import connect, unit_conversion
-from scenarios.conveyor.theory import SETS
+from scenarios.conveyor.first_order import SETS
 from tests.conftest import ROOT, described, rewritten
 from tests.cosim.foreign import idle, pack
 from tests.oracle import monolithic

@@ -17,8 +17,8 @@ from cosim import SetupError, System, diagnose, linearize
 from cosim.judge.modes import fit
 from cosim.verification.ideal import Ideal, Scheme
 from cosim.verification.systems import DC_MOTOR, OSCILLATOR, Unit, couple, drive, twisting_drive
-from scenarios.conveyor.drive import conveyor_drive
-from scenarios.conveyor.theory import SETS
+from scenarios.conveyor.first_order import SETS
+from scenarios.conveyor.machine import conveyor_drive
 from tests.conftest import ROOT
 from tests.cosim.test_linearize import conveyor, two_masses
 

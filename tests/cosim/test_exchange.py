@@ -12,7 +12,7 @@ import pytest
 from scipy.linalg import expm
 
 from cosim import SetupError, System, linearize, oracle, run, true_errors
-from scenarios.packing_line import packing_line
+from scenarios.packing_line.questions import packing_line
 from tests.conftest import described, rewritten
 from tests.cosim.conftest import Said
 from tests.cosim.test_linearize import DRIVE

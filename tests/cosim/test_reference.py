@@ -27,7 +27,7 @@ from cosim import (
     true_errors,
 )
 from cosim.accuracy.coupled_ode import Model
-from scenarios.packing_line import packing_line
+from scenarios.packing_line.questions import packing_line
 from tests.cosim.conftest import Said
 from tests.cosim.test_linearize import conveyor, looped, two_masses
 from tests.oracle import joined, monolithic, part

@@ -18,7 +18,7 @@ from scipy.integrate import solve_ivp
 
 from cosim import Adaptive, Result, SetupError, System, run
 from cosim.engine.recorder import CHUNK, OutputGrid, Recorder
-from scenarios.conveyor.theory import SETS
+from scenarios.conveyor.first_order import SETS
 from tests.cosim.foreign import idle, pack
 from tests.cosim.test_cosim import NU, RECORD, REST, WIRES, pair
 from tests.oracle import monolithic

@@ -59,3 +59,27 @@ equation
   shaft.w_b = yoke.w;
   yoke.tau = shaft.tau_b;
 end LooseChain;
+
+model LinkDrive "Stiff drive and swinging link"
+  LinearMotor motor;
+  SwingingLink link;
+equation
+  link.tau = motor.tau;
+  motor.w = link.w;
+end LinkDrive;
+
+model GearedExciter "Direct-current motor, gearbox, shaft and unbalanced rotor"
+  parameter Real supply = 48;
+  DirectCurrentMotor motor(i0 = 10);
+  Gear gear;
+  Shaft shaft(twist0 = 0.001);
+  Exciter exciter(w0 = 20);
+equation
+  motor.v = supply;
+  motor.w = gear.w_a;
+  gear.tau_a = motor.tau;
+  gear.tau_b = shaft.tau_a;
+  shaft.w_a = gear.w_b;
+  shaft.w_b = exciter.w;
+  exciter.tau = shaft.tau_b;
+end GearedExciter;

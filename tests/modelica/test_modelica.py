@@ -135,6 +135,14 @@ DRIVES: dict[str, tuple[dict[str, str], list[str]]] = {
         {"motor": "DirectCurrentMotor", "exciter": "Exciter"},
         ["motor.tau -> exciter.tau", "exciter.w -> motor.w"],
     ),
+    "LinkDrive": (
+        {"motor": "LinearMotor", "link": "SwingingLink"},
+        ["motor.tau -> link.tau", "link.w -> motor.w"],
+    ),
+    "GearedExciter": (
+        {"motor": "DirectCurrentMotor", "gear": "Gear", "shaft": "Shaft", "exciter": "Exciter"},
+        [*CHAIN, "exciter.w -> shaft.w_b", "shaft.tau_b -> exciter.tau"],
+    ),
     "LooseChain": (
         {"motor": "LinearMotor", "gear": "Gear", "shaft": "PlayingShaft", "yoke": "Yoke"},
         [*CHAIN, "yoke.w -> shaft.w_b", "shaft.tau_b -> yoke.tau"],
@@ -143,6 +151,7 @@ DRIVES: dict[str, tuple[dict[str, str], list[str]]] = {
 #: inputs of drives that no wire feeds: the name of the FMU, and the parameter of the drive
 SUPPLIES = {
     "ControlledChain": {"w_ref": "controller.w_ref"}, "ShakenMotor": {"supply": "motor.v"},
+    "GearedExciter": {"supply": "motor.v"},
 }  # fmt: skip
 LONG = ("ControlledChain", "LooseChain")
 

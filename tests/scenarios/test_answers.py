@@ -18,14 +18,14 @@ from fmpy.model_description import read_model_description
 import scenarios
 from cosim import SetupError, System
 from scenarios.__main__ import PROJECT
-from scenarios.conveyor.theory import FIELDS, Machine
-from scenarios.iron import drive as iron
-from scenarios.iron import iron_orders
+from scenarios.conveyor.first_order import FIELDS, Machine
+from scenarios.iron import machine as iron
+from scenarios.iron.questions import iron_orders
 from scenarios.orientator import machine as orientator
-from scenarios.packing_line import packing_line
+from scenarios.packing_line.questions import packing_line
 from tests.conftest import LONG, QUICK, SAMPLED, ask, fmus_of, plain
 from workbench.answer import content, finish, write
-from workbench.command import main
+from workbench.cli import main
 from workbench.figure import Figure, rounded
 from workbench.measure import harmonics
 from workbench.question import find, load, names

@@ -14,12 +14,12 @@ from scipy.optimize import brentq
 
 from cosim import SetupError
 from examples import measured_conveyor, measured_iron
-from scenarios.conveyor import identify
-from scenarios.conveyor.theory import Machine
+from scenarios.conveyor.first_order import Machine
+from scenarios.conveyor.questions import identify
 from tests.conftest import QUICK, ROOT, ask, fmus_of
 from workbench.answer import Answer
-from workbench.ask import row
-from workbench.recorded import prior
+from workbench.fitting import prior
+from workbench.run import row
 
 TRUTH = measured_conveyor.seen()
 MACHINE = Machine(
@@ -157,6 +157,6 @@ def test_what_is_known_is_read_in_shares_too() -> None:
 
 @pytest.mark.slow
 def test_a_study_varies_the_record() -> None:
-    page = "scenarios.conveyor.identify"
+    page = "scenarios.conveyor.questions.identify"
     told = row(page, fmus_of(identify), QUICK["identify"])
     assert told["figures"]["nu_res"][0] == pytest.approx(MACHINE.nu_res, rel=0.01)

@@ -13,12 +13,12 @@ import pytest
 from benchmarks.identify_machines import KINDS, trial
 from cosim import Experiment, SetupError, System, run
 from examples import measured_iron, measured_orientator
-from scenarios.iron import drive as iron
-from scenarios.iron import iron_identify
-from scenarios.orientator import orientator_identify
+from scenarios.iron import machine as iron
+from scenarios.iron.questions import iron_identify
+from scenarios.orientator.questions import orientator_identify
 from tests.conftest import QUICK, ROOT, ask, fmus_of
 from workbench.answer import Answer
-from workbench.recorded import planned
+from workbench.fitting import planned
 
 IRON, ORIENTATOR = measured_iron.TRUTH, measured_orientator.TRUTH
 MU = "orientator_chute_mu"

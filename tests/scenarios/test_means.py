@@ -14,9 +14,17 @@ import sympy
 from scipy.integrate import solve_ivp
 
 from cosim import SetupError
-from scenarios.conveyor import induction_motor
-from scenarios.conveyor.classical import worst
-from scenarios.conveyor.theory import SETS, Machine, classical, drift, flux_lag, means, settling
+from scenarios.conveyor.first_order import (
+    SETS,
+    Machine,
+    classical,
+    drift,
+    flux_lag,
+    means,
+    settling,
+)
+from scenarios.conveyor.questions import induction_motor
+from scenarios.conveyor.questions.classical import worst
 from tests.conftest import QUICK, ask, fmus_of
 from tests.scenarios.orbit_oracle import Drive, Orbit, angles, orbit
 from workbench.answer import Answer

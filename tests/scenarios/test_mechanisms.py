@@ -12,8 +12,7 @@ import pytest
 import sympy
 
 from cosim import System
-from scenarios.conveyor.resonance import SPEEDS
-from scenarios.conveyor.theory import (
+from scenarios.conveyor.first_order import (
     ANGLES,
     SETS,
     Machine,
@@ -23,9 +22,10 @@ from scenarios.conveyor.theory import (
     crank,
     slotted_link,
 )
+from scenarios.conveyor.questions.resonance import SPEEDS
 from tests.scenarios.orbit_oracle import Drive, orbit
 from workbench.measure import harmonics
-from workbench.orbit import steady
+from workbench.periodic import steady
 
 Real = np.typing.NDArray[np.float64]
 LINK = 0.05

@@ -11,9 +11,10 @@ import pytest
 from numpy.testing import assert_allclose
 
 import cosim
-from scenarios.conveyor import drive as drives
-from scenarios.conveyor import resonance, response
-from scenarios.conveyor.theory import SETS
+from scenarios.conveyor import features
+from scenarios.conveyor import machine as drives
+from scenarios.conveyor.first_order import SETS
+from scenarios.conveyor.questions import resonance
 from tests.conftest import ask, fmus_of
 from tests.scenarios.orbit_oracle import (
     Drive,
@@ -21,13 +22,15 @@ from tests.scenarios.orbit_oracle import (
     drawn,
     edges,
     f_rod_peak,
-    features,
     orbit,
     question,
 )
+from tests.scenarios.orbit_oracle import (
+    features as exact_features,
+)
 from workbench import Bench
 from workbench.figure import Figure, percent
-from workbench.orbit import NotSteady, at_angles, return_map, steady
+from workbench.periodic import NotSteady, at_angles, return_map, steady
 
 FIGURES = ("nu_90", "nu_peak_tau", "tau2_peak", "nu_peak_w", "w2_peak", "f_rod_peak")
 FMUS = fmus_of(resonance)
@@ -61,7 +64,7 @@ def test_stated_errors_hold_on_drives_drawn_at_random(seed: list[int]) -> None:
         drive = drawn(rng)
         sweep = question(rng, drive)
         try:
-            truth = features(drive, *sweep[:2])
+            truth = exact_features(drive, *sweep[:2])
         except NoOrbitError:
             continue
         break
@@ -82,7 +85,7 @@ def test_stated_errors_hold_on_drives_drawn_at_random(seed: list[int]) -> None:
 def test_a_sharp_resonance_between_the_points_of_the_sweep_is_found() -> None:
     drive = Drive(B=4230, T=0.247, J=1.86, m=15.4, r=0.0316, c=0.0, d=16.8)
     told = asked(drive, 29, 72, 11)
-    for name, exact in features(drive, 29.0, 72.0).items():
+    for name, exact in exact_features(drive, 29.0, 72.0).items():
         assert held(told[name], exact) <= 1.0
         assert told[name].error < 1e-3 * exact
 
@@ -171,14 +174,14 @@ def test_the_verdict_tells_how_far_the_resonance_is_from_the_speed(speed: float,
     assert abs(share) == pytest.approx(0.5, abs=2e-3)
 
 
-def drive_case(nu: float, **start: Any) -> response.Case:
+def drive_case(nu: float, **start: Any) -> features.Case:
     changes = {name.replace("__", "."): value for name, value in start.items()}
-    return response.Setup(Bench(FMUS), changes, "strang", 512).case(SETS["A"], nu)
+    return features.Setup(Bench(FMUS), changes, "strang", 512).case(SETS["A"], nu)
 
 
 def test_the_orbit_is_that_of_an_independent_solver_and_what_is_left_is_told() -> None:
     for nu in (24.0, 40.0, 57.0):
-        point = response.simulate(drive_case(nu))
+        point = features.simulate(drive_case(nu))
         exact = orbit(Drive(), nu)
         assert_allclose(point.torque, exact.tau2, rtol=1e-3)
         assert_allclose(point.speed, exact.w2, rtol=1e-3)
@@ -193,7 +196,7 @@ def test_runs_are_over_before_their_orbits_are_told_and_none_is_made_twice() -> 
             yield from super().each(function, cases, title, probes)
             told.append((title, len(cases)))
 
-    setup = response.Setup(Watched(FMUS), {}, "strang", 64)
+    setup = features.Setup(Watched(FMUS), {}, "strang", 64)
     slow, fast = (SETS["A"], 30.0, 1), (SETS["A"], 50.0, 1)
     first = next(setup.orbits([slow, slow], "first"))
     assert told == [("first", 1)]
@@ -202,13 +205,13 @@ def test_runs_are_over_before_their_orbits_are_told_and_none_is_made_twice() -> 
 
 
 def test_the_share_that_a_revolution_leaves_is_that_of_the_eigenvalues() -> None:
-    turns = response.orbit(drive_case(60.0), response.RECORD)
+    turns = features.orbit(drive_case(60.0), features.RECORD)
     rates = abs(orbit(Drive(), 60.0).multipliers)
     assert turns.left == pytest.approx(rates.max(), rel=1e-3)
 
 
 def test_a_motor_that_stalls_has_no_orbit() -> None:
-    stalled = response.simulate(drive_case(5.0, motor__B=1.0, motor__A=5.0))
+    stalled = features.simulate(drive_case(5.0, motor__B=1.0, motor__A=5.0))
     assert stalled.problem and math.isnan(stalled.mean)
     told = ask("resonance", speeds="3,4,5", start=["motor.B=1"], speed=3.0)
     assert all(told.figures[name].error is None for name in FIGURES)

@@ -14,9 +14,9 @@ from scipy.integrate import solve_ivp
 
 from cosim import System
 from scenarios.orientator import machine as orientator
-from scenarios.orientator import orientator_limit, orientator_neglect
-from scenarios.orientator.orientation_time import fastest, run, simulate
-from scenarios.orientator.theory import DOWN, UP, Machine, rpm
+from scenarios.orientator.limit_formula import DOWN, UP, Machine, rpm
+from scenarios.orientator.questions import orientator_limit, orientator_neglect
+from scenarios.orientator.questions.orientation_time import fastest, run, simulate
 from tests.conftest import ask, fmus_of
 
 LIMITS = {0.1: 126.38634, 0.2: 100.23145, 0.3: 84.54107, 0.35: 77.75026, 0.4: 71.75820,

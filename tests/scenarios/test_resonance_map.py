@@ -18,10 +18,10 @@ import pytest
 from scipy.optimize import brentq
 
 import cosim
-from scenarios.conveyor import resonance_map
-from scenarios.conveyor.plane import Built, Plane, axis, judged, on_edge, shares
-from scenarios.conveyor.response import COARSER, LAG, Point, Setup, places
-from scenarios.conveyor.theory import SETS
+from scenarios.conveyor.features import COARSER, LAG, Point, Setup, places
+from scenarios.conveyor.first_order import SETS
+from scenarios.conveyor.parameter_plane import Built, Plane, axis, judged, on_edge, shares
+from scenarios.conveyor.questions import resonance_map
 from tests.conftest import ROOT, ask, fmus_of, hear_ctrl_c, until
 from tests.scenarios.orbit_oracle import Drive, features
 from workbench import Bench

@@ -13,12 +13,12 @@ import sympy
 from scipy.integrate import solve_ivp
 from scipy.optimize import minimize_scalar
 
-from scenarios.conveyor import rod_force as page
-from scenarios.conveyor.resonance import SPEEDS
-from scenarios.conveyor.resonance_map import coupling_error
-from scenarios.conveyor.response import Setup
-from scenarios.conveyor.rod import ORDER, course, largest, peak, unloading
-from scenarios.conveyor.theory import ANGLES, SETS, Machine, rod_force
+from scenarios.conveyor.features import Setup
+from scenarios.conveyor.first_order import ANGLES, SETS, Machine, rod_force
+from scenarios.conveyor.questions import rod_force as page
+from scenarios.conveyor.questions.resonance import SPEEDS
+from scenarios.conveyor.questions.resonance_map import coupling_error
+from scenarios.conveyor.rod_waveform import ORDER, course, largest, peak, unloading
 from tests.conftest import ask, fmus_of
 from tests.scenarios.orbit_oracle import Drive, orbit
 from tests.scenarios.test_mechanisms import drive, weakened

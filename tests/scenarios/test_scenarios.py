@@ -17,10 +17,10 @@ import pandas as pd
 import pytest
 
 from scenarios.__main__ import PROJECT
-from scenarios.conveyor.theory import SETS, longest_step
-from scenarios.iron import iron_orders
+from scenarios.conveyor.first_order import SETS, longest_step
+from scenarios.iron.questions import iron_orders
 from tests.conftest import ROOT, ask
-from workbench import command, question
+from workbench import cli, question
 
 EXPECTED: dict[str, Any] = {
     "A": {
@@ -46,7 +46,7 @@ NATIVE = ("--flavour", "native")
 
 def main(*words: object) -> int:
     """The command line, in this process."""
-    return command.main([*map(str, words)], PROJECT, "scenarios")
+    return cli.main([*map(str, words)], PROJECT, "scenarios")
 
 
 def found(folder: Path, name: str, table: str = "") -> tuple[dict[str, float], Any, pd.DataFrame]:
@@ -118,7 +118,7 @@ def test_tables_are_identical_in_parallel_and_with_native_fmus(tmp_path: Path) -
     }
     for name, way in ways.items():
         out = ("--steps-per-rev", "64", "--out", tmp_path / name)
-        assert main("run", "resonance", *way, *out) == command.REFUSED
+        assert main("run", "resonance", *way, *out) == cli.REFUSED
     two, python = ((tmp_path / x / "resonance.csv").read_bytes() for x in ways)
     one = ask("resonance", speeds="20,24", steps_per_rev=64).table.to_csv(index=False).encode()
     assert one == two

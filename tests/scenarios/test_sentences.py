@@ -10,8 +10,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from scenarios.iron import iron_bounce
-from scenarios.orientator import orientator_limit
+from scenarios.iron.questions import iron_bounce
+from scenarios.orientator.questions import orientator_limit
 from tests.conftest import ask
 from workbench.figure import Figure
 

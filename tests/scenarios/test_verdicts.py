@@ -16,18 +16,18 @@ from scipy.optimize import brentq
 
 from cosim import SetupError
 from scenarios.__main__ import PROJECT
-from scenarios.conveyor import rod_force
-from scenarios.conveyor.resonance_map import coupling_error
-from scenarios.conveyor.response import COARSER
-from scenarios.conveyor.rod import ORDER, largest
-from scenarios.conveyor.theory import SETS, settling
+from scenarios.conveyor.features import COARSER
+from scenarios.conveyor.first_order import SETS, settling
+from scenarios.conveyor.questions import rod_force
+from scenarios.conveyor.questions.resonance_map import coupling_error
+from scenarios.conveyor.rod_waveform import ORDER, largest
 from tests.conftest import LONG, QUICK, ask, plain
 from tests.scenarios.orbit_oracle import Drive, orbit
 from workbench.answer import Answer
-from workbench.ask import refused
-from workbench.command import REFUSED, main
+from workbench.cli import REFUSED, main
 from workbench.figure import ERROR_SCOPE, Figure
 from workbench.limit import coupling
+from workbench.run import refused
 
 SPEEDS = "34:46:7"
 

@@ -23,9 +23,9 @@ from cosim import SetupError, SimulationError
 from scenarios.__main__ import PROJECT
 from tests.conftest import ROOT, ask, until
 from workbench import study
-from workbench.command import main
-from workbench.runs.engine import Engine
+from workbench.cli import main
 from workbench.runs.journal import NAME, Journal
+from workbench.runs.runner import Engine
 
 PLANE = """
 scenario = "plane.py"
@@ -176,7 +176,7 @@ def test_a_run_that_ends_its_process_costs_no_worker(cluster: Any, tmp_path: Pat
 def test_a_cluster_that_is_not_there_is_named(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("workbench.runs.dask.CONNECT", 1.0)
+    monkeypatch.setattr("workbench.runs.cluster.CONNECT", 1.0)
     plan = study.load(written(tmp_path, PLANE.format(tmp_path)))
     with pytest.raises(SetupError, match=r"no Dask scheduler answers at tcp://127\.0\.0\.1:9"):
         study.run(plan, out=tmp_path / "out", scheduler="tcp://127.0.0.1:9")
@@ -257,7 +257,7 @@ def test_fmus_travel_to_workers_and_other_code_is_refused(
 def test_a_study_whose_workers_are_gone_for_good_ends_with_its_rows(
     elsewhere: tuple[str, Path, Callable[[], None]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("workbench.runs.dask.GRACE", 2.0)
+    monkeypatch.setattr("workbench.runs.cluster.GRACE", 2.0)
     address, _, vanish = elsewhere
     path, out = written(tmp_path, PLANE.format(tmp_path)), tmp_path / "out"
     kept, add = [], Journal.__setitem__

@@ -109,7 +109,7 @@ HOSTILE = (
     '{"!record":["subprocess:Popen",{"args":["touch","owned"]}]}',
     '{"!record":["workbench.runs.codec:Records",{}]}',
     '{"!record":["workbench.runs.codec:sys.modules",{}]}',
-    '{"!record":["workbench.runs.cargo:sealed",{}]}',
+    '{"!record":["workbench.runs.transport:sealed",{}]}',
     '{"!record":["workbench.figure:Figure",{"value":1.0}]}',
     '{"!record":["workbench.figure:Figure.text",{}]}',
     '{"!record":"workbench.figure:Figure"}',

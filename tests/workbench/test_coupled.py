@@ -8,7 +8,7 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 from cosim import Result
-from scenarios.conveyor import run_up
+from scenarios.conveyor.questions import run_up
 from tests.conftest import ask
 from workbench import Figure, measure
 from workbench.figure import whole

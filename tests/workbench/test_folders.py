@@ -16,7 +16,7 @@ from cosim import SetupError
 from scenarios.__main__ import PROJECT
 from tests.conftest import ROOT, until
 from workbench.answer import Table, stream
-from workbench.command import main
+from workbench.cli import main
 
 ROWS = 2000
 QUESTION = '''

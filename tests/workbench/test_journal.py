@@ -16,10 +16,10 @@ import pytest
 from cosim import SetupError
 from tests.conftest import ROOT
 from workbench import study
-from workbench.ask import answer
 from workbench.question import load
+from workbench.run import answer
 from workbench.runs import journal
-from workbench.runs.engine import Engine
+from workbench.runs.runner import Engine
 from workbench.runs.worker import Outcome
 
 SWEEP = """

@@ -21,8 +21,8 @@ import pytest
 import cosim
 from cosim.system import connect
 from scenarios.__main__ import PROJECT
-from scenarios.conveyor.resonance import SWEEP_ORBIT, SWEEP_POINTS, SWEEP_STEPS
-from scenarios.conveyor.response import simulate
+from scenarios.conveyor.features import simulate
+from scenarios.conveyor.questions.resonance import SWEEP_ORBIT, SWEEP_POINTS, SWEEP_STEPS
 from scenarios.fmu_files import FMUS
 from tests.conftest import ask
 from tests.workbench.browser import Browser
@@ -31,8 +31,8 @@ from tests.workbench.test_report import one, shown
 from workbench.answer import Answer
 from workbench.live.build import WORKER, script
 from workbench.options import add, made
+from workbench.page import html
 from workbench.question import load, names
-from workbench.report import html
 
 __all__ = ["shown"]
 LIVE: dict[str, Mapping[str, Any]] = {

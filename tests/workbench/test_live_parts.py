@@ -21,14 +21,15 @@ import cosim
 from cosim import Result, SetupError, System
 from scenarios.__main__ import PROJECT
 from scenarios.conveyor import live_theory
-from scenarios.conveyor.drive import conveyor_drive, linearised
-from scenarios.conveyor.theory import SETS
+from scenarios.conveyor.first_order import SETS
+from scenarios.conveyor.machine import conveyor_drive, linearised
 from scenarios.fmu_files import FMUS
-from scenarios.iron import iron_bounce
+from scenarios.iron.questions import iron_bounce
 from tests.conftest import ROOT, ask, fmus_of
 from tests.workbench.javascript import Evaluate, evaluator
 from workbench import live
 from workbench.answer import Findings
+from workbench.charts.motion import Shape, line
 from workbench.figure import Figure
 from workbench.live import (
     REVOLUTION,
@@ -49,7 +50,6 @@ from workbench.live.formula import FUNCTIONS, Formula
 from workbench.live.readers import READERS, Rows, revolution, since
 from workbench.options import made
 from workbench.question import load, names
-from workbench.report.motion import Shape, line
 
 #: bytes of the scripts of a page without plotly
 LARGEST_SCRIPT = 40_000

@@ -18,9 +18,9 @@ from cosim import SetupError, SimulationError
 from scenarios.__main__ import PROJECT
 from tests.conftest import ROOT, until
 from workbench import study
-from workbench.ask import answer
 from workbench.question import load
-from workbench.runs.engine import Engine
+from workbench.run import answer
+from workbench.runs.runner import Engine
 from workbench.runs.worker import Worker
 
 QUESTION = '''
@@ -199,7 +199,7 @@ def descriptors() -> list[int]:
 def test_without_a_process_the_error_is_one_line_and_nothing_is_left(tmp_path: Path) -> None:
     """A worker that cannot be started has nothing to end."""
     from tests.hosts import light
-    from workbench.runs.cargo import Call, sealed
+    from workbench.runs.transport import Call, sealed
 
     worker = Worker()
     assert worker.do(Call(sealed(light.modules, None)), None).status == "ok"

@@ -19,11 +19,11 @@ from cosim.commandline import exit_code
 from tests.conftest import ROOT, hear_ctrl_c, until
 from tests.hosts import light, plane
 from workbench import Bench
-from workbench.ask import answer
 from workbench.question import load
-from workbench.runs import identity, journal
-from workbench.runs.cargo import Call, Cargo, sealed
-from workbench.runs.engine import Engine
+from workbench.run import answer
+from workbench.runs import fingerprint, journal
+from workbench.runs.runner import Engine
+from workbench.runs.transport import Call, Cargo, sealed
 from workbench.runs.worker import Worker
 
 LONG = 100.0
@@ -78,7 +78,7 @@ def test_a_child_imports_what_its_call_needs(worker: Worker) -> None:
 CALL = """
 import sys
 from tests.hosts import light, plane
-from workbench.runs.cargo import Call, sealed
+from workbench.runs.transport import Call, sealed
 from workbench.runs.worker import Worker
 Worker().do(Call(sealed(plane.be, tuple(sys.argv[1:]))), None)
 """
@@ -205,7 +205,7 @@ SWEEP = """
 import sys
 from cosim.commandline import exit_code
 from tests.hosts import light, plane
-from workbench.runs.engine import Engine
+from workbench.runs.runner import Engine
 ledger = sys.argv[1]
 tasks = [("good", ledger), ("hang", ledger), ("hang", ledger)]
 sys.exit(exit_code(lambda: len(list(Engine(2).each(plane.be, tasks, "moods")))))
@@ -280,7 +280,7 @@ def test_rows_of_another_identity_are_refused_whatever_differs(tmp_path: Path) -
     who = {
         "file": {"grid": {"motor.T": [0.05, 0.06]}, "timeout": 3.0},
         "fmus": {"motor": "{12345678-1234-1234-1234-123456789abc}"},
-        **identity.computation("some", {}),
+        **fingerprint.computation("some", {}),
         "inputs": "f" * 16,
     }
     who = json.loads(json.dumps(who))
@@ -291,14 +291,14 @@ def test_rows_of_another_identity_are_refused_whatever_differs(tmp_path: Path) -
             opened(tmp_path, other)
         said = str(refusal.value)
         assert said.startswith(f"{tmp_path} contains the rows of other runs: {name} "), said
-        assert not identity.DIGEST.search(said.replace(str(tmp_path), ""))
+        assert not fingerprint.DIGEST.search(said.replace(str(tmp_path), ""))
     assert opened(tmp_path, who) == {}
 
 
 def test_code_that_computes_is_part_of_an_identity_and_code_that_shows_is_not(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    here = identity.code("cosim", "workbench", "scenarios")
+    here = fingerprint.code("cosim", "workbench", "scenarios")
     assert {
         "cosim/engine/loop.c",
         "workbench/runs/worker.py",
@@ -309,11 +309,11 @@ def test_code_that_computes_is_part_of_an_identity_and_code_that_shows_is_not(
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_text("1")
     monkeypatch.syspath_prepend(tmp_path)
-    before = identity.code("some")
+    before = fingerprint.code("some")
     assert set(before) == {"some/__init__.py", "some/b.c", "some/d/e.py"}
     for name in before:
         (tmp_path / name).write_text("2")
-        after = identity.code.__wrapped__("some")
+        after = fingerprint.code.__wrapped__("some")
         assert [key for key in before if before[key] != after[key]] == [name]
         (tmp_path / name).write_text("1")
 

@@ -14,10 +14,10 @@ from cosim import SetupError
 from cosim.master import stepping_order
 from cosim.system import Network, Port, Value
 
+from ..charts.model import SHOWN, Chart, Curve, Mark, Panel
+from ..charts.plotly import Words, figure
+from ..charts.svg import letter_sizes
 from ..options import Options, declared
-from ..report.chart import SHOWN, Chart, Curve, Mark, Panel
-from ..report.plot import Words, figure
-from ..report.svg import letter_sizes
 from . import drawing
 from .declare import (
     REVOLUTION,

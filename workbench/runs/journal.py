@@ -22,7 +22,7 @@ from cosim.errors import pluralize
 from ..figure import listed
 from . import codec
 from .codec import Records
-from .identity import differences
+from .fingerprint import differences
 from .worker import STATUSES, Outcome
 
 NAME = "journal.sqlite"

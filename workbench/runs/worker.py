@@ -27,7 +27,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from .. import THREADS
-from .cargo import Call
+from .transport import Call
 
 OK = "ok"
 STATUSES = (OK, "refused", "failed", "crashed", "timeout")

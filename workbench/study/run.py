@@ -16,16 +16,16 @@ from cosim.system import connect
 
 from .. import question
 from ..answer import Answer, write
-from ..ask import is_row, row
 from ..options import declared
-from ..runs.cargo import Cargo, digest
-from ..runs.engine import Engine
+from ..run import is_row, row
+from ..runs.fingerprint import computation
 from ..runs.folder import reservation
-from ..runs.identity import computation
 from ..runs.journal import opened
+from ..runs.runner import Engine
+from ..runs.transport import Cargo, digest
 from ..runs.worker import OK, Outcome
-from .outcome import conclude
-from .plan import Study, ends
+from .file import Study, ends
+from .report import conclude
 
 PRESENTATION = "figures"
 
