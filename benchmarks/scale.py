@@ -27,8 +27,8 @@ sys.path.insert(0, str(ROOT))
 
 from cosim import System, describe, run
 from cosim.engine import loop
-from cosim.engine.driver import RunSettings
-from cosim.master import setup_problems
+from cosim.engine.settings import RunSettings
+from cosim.requirements import setup_problems
 from cosim.system import connect
 
 FMUS, NATIVE = ROOT / "fmus", ROOT / "fmus" / "native"

@@ -8,7 +8,7 @@ import re
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import fields, replace
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory, TemporaryFile, mkdtemp
@@ -29,9 +29,9 @@ from .commandline import (
 )
 from .engine.algorithms import ALGORITHMS
 from .engine.control import Adaptive
-from .engine.driver import RunSettings
 from .engine.instance import quiet
 from .engine.recorder import Stream
+from .engine.settings import RunSettings
 from .errors import SetupError, pluralize
 from .formats.container import write_container
 from .formats.osp import FILE, read_osp, write_osp
@@ -43,8 +43,8 @@ from .judge.compare import SHARE, compare
 from .judge.crosscheck import crosscheck
 from .judge.crosscheck.report import writer
 from .judge.diagnose import diagnose
-from .master import setup_problems
 from .progress import bar
+from .requirements import setup_problems
 from .result import Interrupted, Result, SimulationError, require_names
 from .result import partial as partial_file
 from .scratch import scratch
@@ -130,8 +130,8 @@ def opened(options: argparse.Namespace, *, runnable: bool = True) -> Iterator[Ta
             values[name] = start_value(network, name, text)
         system = replace(system, start={**system.start, **values})
         network = connect(over_time(system, options), runnable=runnable)
-        for part, blemish in network.blemishes.items() if options.strict else ():
-            raise SetupError(f"part {part}: {blemish}")
+        for part, schema_warning in network.schema_warnings.items() if options.strict else ():
+            raise SetupError(f"part {part}: {schema_warning}")
         yield Task(network, package)
 
 
@@ -359,7 +359,11 @@ def settings(task: Task, options: argparse.Namespace) -> RunSettings:
     if options.step is not None and start < stop < start + options.step / LONGEST_STEP:
         span = f"the time from start to stop, {stop - start!r} s"
         raise SetupError(f"step = {options.step!r} s must be at most {span}")
-    own = {name: value for name, value in vars(options).items() if name in RunSettings._fields}
+    own = {
+        name: value
+        for name, value in vars(options).items()
+        if name in {f.name for f in fields(RunSettings)}
+    }
     own |= {"substeps": substeps(task, options, step)}
     return RunSettings(**own | {"start": start, "stop": stop, "step": step})
 
@@ -399,7 +403,7 @@ def simulate(options: argparse.Namespace) -> int:
     """cosim run."""
     with opened(options) as task:
         way = settings(task, options)
-        given: dict[str, Any] = {k: v for k, v in way._asdict().items() if v is not None}
+        given: dict[str, Any] = {k: v for k, v in vars(way).items() if v is not None}
         folders = new_folders(options)
         require_files(options, task.system)
         whole = options.out is not None and options.part is None and options.out.suffix == ".csv"

@@ -10,11 +10,10 @@ from typing import Any
 from fmpy import supported_platforms
 
 from .engine.algorithms import find_algorithm
-from .engine.driver import RunSettings
 from .engine.energy import find_bonds
-from .master import stepping_order
+from .engine.settings import RunSettings
 from .system import ANGLE, Connection, Network, Port, default_experiment, obstacles, unit_exponents
-from .system.graph import algebraic_loops, describe_loop
+from .system.graph import algebraic_loops, describe_loop, stepping_order
 
 ABILITIES = {
     "canGetAndSetFMUstate": "restores its state",
@@ -61,7 +60,7 @@ def info(network: Network) -> Iterator[str]:
     for title, lines in (
         ("wires", [_wire(wire, adds=first[wire.target] is not wire) for wire in network.wires]),
         ("start values", [f"{port} = {value!r}" for port, value in network.start]),
-        ("inputs over time", [f"{port}: {facts(p.told())}" for port, p in network.inputs]),
+        ("inputs over time", [f"{port}: {facts(p.provenance())}" for port, p in network.inputs]),
         ("power bonds", [bond.name for bond in find_bonds(network)]),
     ):
         if lines:
@@ -79,8 +78,8 @@ def _wire(wire: Connection, *, adds: bool = False) -> str:
 
 def notes(network: Network, settings: RunSettings) -> Iterator[str]:
     """What is worth knowing about a run of the system, whether it is possible or not."""
-    for name, blemish in network.blemishes.items():
-        yield f"{name}: {blemish}"
+    for name, schema_warning in network.schema_warnings.items():
+        yield f"{name}: {schema_warning}"
     for port, value in network.open:
         yield f"input {port} is open and keeps the start value of its FMU, {value!r}"
     yield f"order of steps: {', '.join(stepping_order(network, settings.order))}"

@@ -15,16 +15,15 @@ from fmpy.model_description import ModelDescription, ScalarVariable
 from numpy.typing import NDArray
 
 from ..engine.changes import discrete_changes
-from ..engine.driver import RunSettings
 from ..engine.fmi3 import Part3
 from ..engine.initialise import initialise
 from ..engine.instance import DISCARD, ERROR, OK, Instance, VariableBlock
 from ..engine.part import Part
+from ..engine.settings import RunSettings
 from ..errors import FmuError, SetupError
 from ..fmu.library import Library
-from ..master import stepping_order
 from ..system import Network, Port, is_continuous_input
-from ..system.graph import algebraic_loops, describe_loop
+from ..system.graph import algebraic_loops, describe_loop, stepping_order
 from ..system.inputs import Table
 
 Array = NDArray[np.float64]

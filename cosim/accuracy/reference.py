@@ -14,7 +14,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..engine.control import Adaptive
-from ..engine.driver import RowReader, RunSettings
+from ..engine.driver import RowReader
+from ..engine.settings import RunSettings
 from ..errors import FmuError, SetupError
 from ..master import versions
 from ..result import Result, SimulationError

@@ -18,7 +18,7 @@ from ..system import Value
 from ..system.arrays import WIDTHS, Element
 from .buffers import address
 from .instance import CELL, DISCARD, OK, WARNING, Instance, VariableBlock
-from .operations import ENTER, EXCHANGE3, STEP3, Layout, Operation
+from .operations import Code, Layout, Operation
 from .part import Part
 from .times import coincide
 
@@ -107,7 +107,7 @@ class VariableBlock3(VariableBlock):
         """None for texts, Float32, and what takes event mode."""
         layout = super().layout() if self._plain and not self.held else None
         if layout is not None:
-            layout.code, layout.values = EXCHANGE3, len(self.cells)
+            layout.code, layout.values = Code.EXCHANGE3, len(self.cells)
         return layout
 
 
@@ -205,7 +205,7 @@ class Part3(Part):
 
     def step_layout(self) -> Layout:
         return Layout(
-            STEP3,
+            Code.STEP3,
             function=ctypes.cast(self.library.fmi3DoStep, ctypes.c_void_p).value,
             component=self.component.value,
             cells=ctypes.addressof(self._answer),
@@ -481,7 +481,7 @@ class EventModeEntry(Operation):
             return None
         entry, size = ctypes.cast(self.part.taking, ctypes.c_void_p).value, ctypes.sizeof(cells)
         places = {"cells": address(cells), "source": address(self.block.entered)}
-        return Layout(ENTER, size, function=entry, **places)
+        return Layout(Code.ENTER, size, function=entry, **places)
 
     def answered(self, t: float, h: float, status: int) -> None:
         self.part.stepped(t, h, status)

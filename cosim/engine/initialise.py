@@ -12,23 +12,21 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import FmuError, SetupError
+from ..errors import FmuError
 from ..fmu.library import borrow
 from ..system import Network, Port, Value, declared_start, default_experiment, feedthrough
 from .buffers import Slot
 from .changes import continuous_profiles
-from .driver import RunSettings
 from .energy import BondSide, find_bonds, watts_per_product
 from .fmi3 import Part3
 from .hermite import SignalHistory
 from .links import CastLink, InputPolynomials, Link
+from .newton import solve_fixed_point
 from .part import Part
+from .settings import RunSettings
 from .sources import InputSource
 
 Vector = NDArray[np.float64]
-MOST_ITERATIONS = 20
-TOLERANCE = 1e-10
-SINGULAR = 1e8
 KINDS: dict[str, type[Part]] = {"2.0": Part, "3.0": Part3}
 
 
@@ -262,7 +260,9 @@ def settle(parts: Sequence[Part], t: float) -> None:
         if not changed:
             break
     else:
-        newton(response, response(), [name for block in real for name in block.names])
+        names = [name for block in real for name in block.names]
+        nominal = np.array([size for block in real for size in block.nominals()])
+        solve_fixed_point(response, response(), nominal, names)
     for block in shown:
         block(t)
 
@@ -275,28 +275,3 @@ def _listen(part: Part) -> bool:
         if block.real:
             block.cells[:] = [new if isfinite(new) else x for new, x in zip(block.cells, old)]
     return before != [list(block.cells) for block in part.inputs]
-
-
-def newton(response: Callable[[Vector], Vector], z: Vector, names: Sequence[str]) -> None:
-    """Find z = response(z) with finite differences; leaves the system at the solution.
-
-    Raises SetupError with the signals and residuals if there is no solution or no convergence.
-    """
-    residual = response(z) - z
-    for _ in range(MOST_ITERATIONS):
-        if (np.abs(residual) <= TOLERANCE * (1.0 + np.abs(z))).all():
-            return
-        jacobian = np.empty((len(z), len(z)))
-        for i in range(len(z)):
-            step = 1e-6 * (1.0 + abs(z[i]))
-            shifted = z.copy()
-            shifted[i] += step
-            jacobian[:, i] = (response(shifted) - shifted - residual) / step
-        if np.linalg.cond(jacobian) > SINGULAR:
-            break
-        z = z - np.linalg.solve(jacobian, residual)
-        residual = response(z) - z
-    worst = ", ".join(
-        f"{name} by {r:.2g}" for name, r in zip(names, residual) if abs(r) > TOLERANCE
-    )
-    raise SetupError(f"the start values of an algebraic loop were not found; still off: {worst}")

@@ -30,7 +30,7 @@ from ..errors import FmuError, NonFiniteValueError, SimulationTerminated, StepDi
 from ..fmu.library import Library
 from ..system import Value
 from .buffers import Slot, address
-from .operations import EXCHANGE, NOT_FINITE, Layout, Operation
+from .operations import NOT_FINITE, Code, Layout, Operation
 
 OK, WARNING, DISCARD, ERROR, FATAL = range(5)
 STATUS = ("OK", "Warning", "Discard", "Error", "Fatal", "Pending")
@@ -143,7 +143,7 @@ class VariableBlock(Operation):
         if self._text:
             return None
         return Layout(
-            EXCHANGE,
+            Code.EXCHANGE,
             len(self.references),
             len(self.cells) if self.reads and self.real else 0,
             function=ctypes.cast(self.function, ctypes.c_void_p).value,

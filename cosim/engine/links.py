@@ -11,7 +11,7 @@ from ..errors import FmuError
 from .buffers import Slot, working_slot
 from .hermite import Node, SignalHistory, polynomial_mean, polynomial_value
 from .instance import Instance, VariableBlock
-from .operations import ADD, COPY, SCALE, Layout, Operation
+from .operations import Code, Layout, Operation
 from .sources import InputSource
 
 
@@ -52,7 +52,7 @@ class Link(Operation):
         if kind is ctypes.c_char_p or kind is not self.source.kind:
             return None
         plain = (self.factor, self.offset) == (1.0, 0.0)
-        code = ADD if self.adds else COPY if plain else SCALE
+        code = Code.ADD if self.adds else Code.COPY if plain else Code.SCALE
         scale = {"factor": self.factor, "offset": self.offset}
         cells, source = self.target.address, self.source.address
         return Layout(code, ctypes.sizeof(kind), cells=cells, source=source, **scale)

@@ -13,7 +13,7 @@ from ..system import feedthrough
 from .energy import BondSide
 from .instance import OK, Instance, VariableBlock
 from .links import InputPolynomials, Link
-from .operations import STEP, Layout, Operation
+from .operations import Code, Layout, Operation
 from .sources import InputSource
 
 
@@ -90,7 +90,7 @@ class Part(Instance):
     def step_layout(self) -> Layout:
         """What loop.c does in place of `advance`."""
         function = ctypes.cast(self.library.fmi2DoStep, ctypes.c_void_p).value
-        return Layout(STEP, function=function, component=self.component.value)
+        return Layout(Code.STEP, function=function, component=self.component.value)
 
     def read_operations(self) -> Iterator[Operation]:
         """What is read of the part when all of a stage have stepped."""

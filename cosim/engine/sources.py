@@ -8,7 +8,7 @@ import math
 from ..errors import NonFiniteValueError
 from ..system.inputs import FunctionInput, Table
 from .buffers import Slot, address
-from .operations import FEED, NOT_FINITE, Layout, Operation
+from .operations import NOT_FINITE, Code, Layout, Operation
 
 
 class InputSource(Operation):
@@ -27,7 +27,7 @@ class InputSource(Operation):
 
     def layout(self) -> Layout:
         """The means stand in a list, which is laid out with the steps."""
-        return Layout(FEED, checked=1, cells=address(self.cell))
+        return Layout(Code.FEED, checked=1, cells=address(self.cell))
 
     def answered(self, t: float, h: float, status: int) -> None:
         value = self.cell[0]

@@ -13,21 +13,23 @@ import html
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
 from ..engine.changes import discrete_changes
 from ..engine.control import Adaptive
-from ..engine.driver import Driver, RowReader, RunSettings
+from ..engine.driver import Driver, RowReader
 from ..engine.initialise import initialise
 from ..engine.part import Part
 from ..engine.recorder import Recorder
+from ..engine.settings import RunSettings
 from ..engine.sources import InputSource
 from ..errors import FmuError, SetupError
-from ..master import setup_problems, stepping_order
+from ..requirements import setup_problems
 from ..system import Network, System, connect
+from ..system.graph import stepping_order
 from .linearize import linearize
 from .modes import SIGNIFICANT, Array, Fit, Mode, fit
 
@@ -203,10 +205,10 @@ class Bench:
         begin = settled + max(1, round(self.step / h))
         end = begin + count
 
-        recorder = Recorder([port.name for port in ports], {}, None, {})
+        recorder = Recorder([port.name for port in ports], {})
 
         def go(first: int, last: int) -> int:
-            plan = self.settings._replace(start=began + first * h, stop=began + last * h, step=h)
+            plan = replace(self.settings, start=began + first * h, stop=began + last * h, step=h)
             made = discrete_changes(self.network, named, plan.start, plan.stop)
             for _ in Driver(parts, plan, RowReader(parts, ports), recorder, made).steps():
                 pass
@@ -214,7 +216,7 @@ class Bench:
 
         began = self.settings.start
         with ExitStack() as stack:
-            whole = self.settings._replace(stop=began + end * h)
+            whole = replace(self.settings, stop=began + end * h)
             named = initialise(self.network, whole, self.sequence, stack)
             parts = [named[name] for name in self.sequence]
             if settled:

@@ -167,7 +167,7 @@ class Connection(NamedTuple):
 class Fmu(NamedTuple):
     """A model description, its variables by name, its units in SI base units by name.
 
-    `blemish` says what is wrong in it but does not affect a run, `obstacle` why it cannot run here, but
+    `schema_warning` says what is wrong in it but does not affect a run, `obstacle` why it cannot run here, but
     only be described. `terminals` are the variables of each
     terminal by member, `shapes` the dimensions of arrays, of which the elements are variables.
     """
@@ -175,7 +175,7 @@ class Fmu(NamedTuple):
     description: ModelDescription
     variables: dict[str, ScalarVariable]
     units: dict[str, Any]
-    blemish: str
+    schema_warning: str
     terminals: dict[str, dict[str, str]]
     shapes: dict[str, tuple[int, ...]]
     obstacle: str = ""
@@ -201,9 +201,9 @@ class Network:
         return {name: fmu.description for name, fmu in self.fmus.items()}
 
     @cached_property
-    def blemishes(self) -> dict[str, str]:
+    def schema_warnings(self) -> dict[str, str]:
         """By part, what is wrong in its model description but does not affect a run."""
-        return {name: fmu.blemish for name, fmu in self.fmus.items() if fmu.blemish}
+        return {name: fmu.schema_warning for name, fmu in self.fmus.items() if fmu.schema_warning}
 
     def sums(self) -> dict[str, list[Connection]]:
         """The wires of each input that has several, by its name."""
@@ -408,7 +408,7 @@ def _read(path: Path, _: tuple[int, int]) -> Fmu:
             f"is not a valid FMU: {XML} has a document type, which may define entities: remove it"
         )
     try:
-        description, blemish = _description(path)
+        description, schema_warning = _description(path)
     except Exception as error:
         raise SetupError(f"is not a valid FMU: modelDescription.xml: {_reason(error)}") from error
     if description.fmiVersion not in ("2.0", "3.0"):
@@ -430,7 +430,7 @@ def _read(path: Path, _: tuple[int, int]) -> Fmu:
     units = {unit.name: unit.baseUnit for unit in reversed(description.unitDefinitions)}
     terminals, wrong = _terminals(path) if TERMINALS in files else ({}, "")
     obstacle = _obstacle(path, files, description)
-    return Fmu(description, variables, units, blemish or wrong, terminals, shapes, obstacle)
+    return Fmu(description, variables, units, schema_warning or wrong, terminals, shapes, obstacle)
 
 
 def _obstacle(path: Path, files: Sequence[str], description: ModelDescription) -> str:

@@ -19,7 +19,7 @@ from cosim.engine.algorithms import (
 )
 from cosim.verification import checks
 from cosim.verification.ideal import Ideal, Scheme
-from cosim.verification.systems import BENCHMARKS, couple
+from cosim.verification.systems import BENCHMARKS, Unit, couple
 
 DRIVE = BENCHMARKS["drive"]
 
@@ -167,3 +167,33 @@ def test_outputs_that_show_the_end_of_a_step_keep_the_order_of_the_states() -> N
     assert REGISTRY["gauss-seidel"].first_order_outputs(context) == {"a.y", "b.y", "a.z"}
     moving = CouplingContext(["a", "b"], feedthroughs, input_degree=2, interpolates=True)
     assert strang.convergence_order(moving) == 3 and strang.first_order_outputs(moving) == set()
+
+
+@pytest.mark.parametrize("gain", [1.0, 1e6, 1e-9])
+def test_a_loop_of_different_units_is_as_harmless_as_one_of_equal_ones(
+    fmus: Path, gain: float
+) -> None:
+    """y_a = 1 + gain * y_b and y_b = 2 - y_a / (2 * gain) act on each other directly; their product is -1/2."""
+    units = {
+        "a": Unit([[0.0]], [[0.0]], [[1.0]], [1.0], ["b.1"], D=[[gain]]),
+        "b": Unit([[0.0]], [[0.0]], [[1.0]], [2.0], ["a.1"], D=[[-0.5 / gain]]),
+    }
+    result = run(
+        couple(units, fmus / "LinearSystem.fmu"),
+        stop=0.1,
+        step=0.1,
+        algorithm="iterated",
+        record=["a.z[1]", "b.z[1]"],
+    )
+    exact = (1.0 + 2.0 * gain) / 1.5
+    assert result["a.z[1]"] == pytest.approx(exact, rel=1e-9)
+    assert result["b.z[1]"] == pytest.approx(2.0 - exact / (2.0 * gain), rel=1e-9)
+
+
+def test_a_loop_without_a_solution_is_refused(fmus: Path) -> None:
+    units = {
+        "a": Unit([[0.0]], [[0.0]], [[1.0]], [1.0], ["b.1"], D=[[1e6]]),
+        "b": Unit([[0.0]], [[0.0]], [[1.0]], [2.0], ["a.1"], D=[[1e-6]]),
+    }
+    with pytest.raises(SetupError, match=r"start values of an algebraic loop.*still off: .* by "):
+        run(couple(units, fmus / "LinearSystem.fmu"), stop=0.1, step=0.1, algorithm="iterated")

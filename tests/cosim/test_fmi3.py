@@ -31,8 +31,8 @@ from cosim import (
     write_ssp,
 )  # fmt: skip
 from cosim.describe import info
-from cosim.engine.driver import RunSettings
 from cosim.engine.initialise import initialise
+from cosim.engine.settings import RunSettings
 from cosim.system import connect
 from tests.conftest import rewritten
 from tests.cosim import foreign

@@ -11,8 +11,8 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from cosim import SetupError
-from cosim.master import stepping_order
 from cosim.system import Network, Port, Value
+from cosim.system.graph import stepping_order
 
 from ..charts.model import SHOWN, Chart, Curve, Mark, Panel
 from ..charts.plotly import Words, figure
