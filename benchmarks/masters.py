@@ -66,7 +66,7 @@ SHOWN = 1e-3
 #: errors above this many ranges are called "grows": the run has nothing to do with the system any more
 LOST = 10.0
 #: how many times as long a second run is, whose longer time tells what the steps take without the set-up
-LONGER = 100
+LONGER = 20
 Array = NDArray[np.float64]
 
 
@@ -107,13 +107,8 @@ def cases(models: Path) -> dict[str, Case]:
             "conveyor with a stiff drive", System(conveyor, turn), 0.5, "motor.tau"
         ),
         "drive B": Case(
-            "conveyor with an induction motor and a finite rod",
-            System(
-                conveyor,
-                turn,
-                {"motor.characteristic": 1, "motor.T": 0.02, "conveyor.rod.finite": True,
-                 "conveyor.w": 60.0, "motor.tau": 30.0},
-            ),
+            "conveyor with a soft drive",
+            System(conveyor, turn, {"motor.A": 1440.0, "motor.B": 35.8, "motor.T": 0.02}),
             0.5,
             "motor.tau",
         ),
@@ -229,7 +224,10 @@ def ours(name: str, case: Case, step: float) -> tuple[Array, float]:
         return result, time.process_time() - began
 
     result, once = measured(case.stop)
-    _, longer = measured(LONGER * case.stop)
+    try:
+        _, longer = measured(LONGER * case.stop)
+    except SimulationError:  # a coupling that grows lets an FMU refuse its step in the end
+        longer = math.nan
     columns = [result[port] for port in ports]
     return np.column_stack([result["time"], *columns]), (longer - once) / (LONGER - 1)
 
