@@ -42,8 +42,8 @@ from cosim import (
     smallest,
     time_of_largest,
 )
+from cosim.analysis.coupling_theory import Ideal, Scheme
 from cosim.verification import systems as linear
-from cosim.verification.ideal import Ideal, Scheme
 from scenarios.conveyor import machine
 from scenarios.conveyor.first_order import SETS
 from scenarios.exciter.questions import sommerfeld as exciter

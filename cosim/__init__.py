@@ -4,7 +4,14 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from .accuracy.certify import Certified, Estimate, certify, estimate, summary
+from .accuracy.referee import RefereeReport, referee
 from .accuracy.reference import Judged, oracle, true_errors
+from .analysis.compare import Comparison, Deviation, compare
+from .analysis.crosscheck import crosscheck
+from .analysis.crosscheck.checks import Verdict
+from .analysis.crosscheck.report import Crosscheck
+from .analysis.damping import Diagnosis, diagnose
+from .analysis.linearize import Linear, linearize
 from .engine.algorithms import ALGORITHMS, CONVERGENCE_ORDERS
 from .engine.control import Adaptive
 from .engine.instance import quiet
@@ -14,12 +21,6 @@ from .formats.osp import read_osp, write_osp
 from .formats.ssp.read import Package, read_ssp
 from .formats.ssp.write import write_ssp
 from .isolated import run_isolated
-from .judge.compare import Comparison, Deviation, compare
-from .judge.crosscheck import crosscheck
-from .judge.crosscheck.checks import Verdict
-from .judge.crosscheck.report import Crosscheck
-from .judge.diagnose import Diagnosis, diagnose
-from .judge.linearize import Linear, linearize
 from .master import run, versions
 from .metrics import crossing, largest, mean, rms, smallest, time_of_largest, time_of_smallest
 from .result import Interrupted, Result, SimulationError
@@ -42,10 +43,10 @@ HOMES = {
 __all__ = [
     "ALGORITHMS", "CONVERGENCE_ORDERS", "Adaptive", "Advice", "Certified", "Comparison", "Crosscheck",
     "Deviation", "Diagnosis", "Estimate", "Experiment", "Identified", "Interrupted", "Interval",
-    "Judged", "Linear", "Package", "Result", "SetupError", "SimulationError", "System", "Table",
+    "Judged", "Linear", "Package", "RefereeReport", "Result", "SetupError", "SimulationError", "System", "Table",
     "Verdict", "Wire", "advise", "certify", "compare", "crosscheck", "crossing", "diagnose",
     "estimate", "identify", "largest", "linearize", "mean", "measured", "oracle", "quiet",
-    "read_osp", "read_ssp", "rms", "run", "run_isolated", "smallest", "summary",
+    "read_osp", "read_ssp", "referee", "rms", "run", "run_isolated", "smallest", "summary",
     "time_of_largest", "time_of_smallest", "true_errors", "versions", "write_container",
     "write_osp", "write_ssp",
 ]  # fmt: skip

@@ -14,7 +14,7 @@ from functools import partial
 from importlib import import_module
 from unittest.mock import patch
 
-import cosim.__main__
+from cosim.cli.main import parser
 from scenarios.__main__ import PROJECT
 from scenarios.fmu_files import CLONE as ROOT
 from workbench.cli import main
@@ -37,7 +37,7 @@ def commands() -> str:
     parts = [
         "# Commands\n\nThe help of every command. The options of a question are on its own page."
     ]
-    coupling = cosim.__main__.parser()
+    coupling = parser()
     for name in coupling._actions[-1].choices or ():
         said = help_of(partial(coupling.parse_args, [name, "--help"]))
         parts.append(section(f"cosim {name}", said))

@@ -11,19 +11,17 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import brentq
 
+from ..analysis.coupling_theory import Ideal, Matrix, Scheme, Unit
 from ..engine.algorithms import ALGORITHMS, CouplingContext, Feedthrough, find_algorithm
 from ..engine.control import Adaptive
 from ..master import run
 from ..result import Result
-from .ideal import Ideal, Scheme
 from .systems import (
     BENCHMARKS,
     DUAL_MASS,
     SPRING_AND_MASS,
     UNDAMPED,
     Benchmark,
-    Matrix,
-    Unit,
     couple,
     lagging_motor,
     states,

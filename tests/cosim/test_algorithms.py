@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from cosim import ALGORITHMS, CONVERGENCE_ORDERS, SetupError, System, diagnose, run, write_container
+from cosim.analysis.coupling_theory import Ideal, Scheme, Unit
 from cosim.engine.algorithms import (
     REGISTRY,
     Algorithm,
@@ -18,8 +19,7 @@ from cosim.engine.algorithms import (
     find_algorithm,
 )
 from cosim.verification import checks
-from cosim.verification.ideal import Ideal, Scheme
-from cosim.verification.systems import BENCHMARKS, Unit, couple
+from cosim.verification.systems import BENCHMARKS, couple
 
 DRIVE = BENCHMARKS["drive"]
 

@@ -19,12 +19,12 @@ import pytest
 import cosim.engine.driver
 import cosim.engine.initialise
 from cosim import ALGORITHMS, SetupError, System, run, verification
+from cosim.analysis.coupling_theory import Ideal, Scheme, Unit
 from cosim.engine.algorithms import REGISTRY
 from cosim.engine.energy import BondSide
 from cosim.verification import checks
 from cosim.verification.checks import HOLDING, MOTOR, SCHEMES, SUBSTEPS, Row, orders, simulate
-from cosim.verification.ideal import Ideal, Scheme
-from cosim.verification.systems import BENCHMARKS, SPRING_AND_MASS, Unit, couple, states
+from cosim.verification.systems import BENCHMARKS, SPRING_AND_MASS, couple, states
 
 ALL = SCHEMES | HOLDING | SUBSTEPS
 
@@ -55,10 +55,11 @@ def test_every_check_of_the_suite_passes(fmus: Path) -> None:
 
 
 def wrong_sign(patch: pytest.MonkeyPatch) -> None:
-    def connected(network: Any, parts: Any, start: float) -> None:
-        connect(network, parts, start)
+    def connected(network: Any, parts: Any, start: float) -> Any:
+        slots = connect(network, parts, start)
         for link in parts["load"].links:
             link.factor = -link.factor
+        return slots
 
     connect = cosim.engine.initialise._connect
     patch.setattr(cosim.engine.initialise, "_connect", connected)
