@@ -21,11 +21,11 @@ from cosim import System, largest
 from workbench import Chart, Context, Curve, Figure, Findings, Mark, Panel, Show, Table, option
 from workbench.answer import parameters
 from workbench.charts.model import SERIES
+from workbench.context import captured_warnings
 from workbench.figure import listed, refusals
 from workbench.limit import coupling
 from workbench.measure import Measured, Samples, harmonics, measured
 from workbench.periodic import NoOrbitError, Revolutions, periodic_orbit
-from workbench.run import captured_warnings
 
 from .. import machine as iron
 from .. import motion
