@@ -160,7 +160,7 @@ def sweep(_: int, fmus: Path) -> Callable[[], object]:
 def bare_slaves(steps: int, _: Path) -> Callable[[], object]:
     """The steps of the slaves in the Python FMUs without any FMI."""
     from fmukit.fmu.load import load
-    from fmukit.fmu.python.pack import collect
+    from fmukit.fmu.python.package import collect
 
     slaves = []
     for name in ("drive_motor", "crank_conveyor"):
@@ -236,7 +236,7 @@ def compiled(folder: Path) -> dict[str, Path]:
     """The program in limit.c, compiled for this processor and as portable as the FMUs are: there every
     operation is rounded, so that flavours and processors agree to the last bit.
     """
-    from fmukit.fmu.native.build import OPTIONS
+    from fmukit.fmu.native.package import OPTIONS
 
     portable = ["-target", f"{platform.machine()}-linux-gnu.2.17", *OPTIONS]
     ways = {"one program in C, by hand": ["-O2"], "  compiled as the FMUs are": portable}

@@ -64,7 +64,7 @@ class Model(Part):
         self.running = False
         self.next_time = math.inf
 
-    def unit(self, fmu: Library) -> tuple[Any, ctypes.PyDLL]:
+    def functions(self, fmu: Library) -> tuple[Any, ctypes.PyDLL]:
         model = fmu.model(self.name, self.description)
         return model, ctypes.PyDLL(None, handle=model.dll._handle)
 
@@ -314,7 +314,7 @@ class Whole:
             again = False
             for part, blocks in inputs:
                 before = [list(block.cells) for block in blocks]
-                part.bring()
+                part.apply_links()
                 fresh = [b for b, old in zip(blocks, before) if list(b.cells) != old]
                 for block in fresh:
                     block.move()
@@ -344,7 +344,7 @@ class Whole:
             if not np.isfinite(had).all():
                 raise Refused("the values of an algebraic loop are no longer finite")
             for part in self.parts:
-                part.bring()
+                part.apply_links()
             off = np.array([value for block in blocks for value in block.cells]) - had
             near = CLOSED * (1.0 + np.abs(had).max())
             step = np.linalg.solve(self.closure(self.blocks())[np.ix_(own, own)], off)

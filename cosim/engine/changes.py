@@ -33,13 +33,13 @@ def discrete_changes(
 ) -> list[Change]:
     """All other changes between start and stop [s], in their order."""
     moving = [port for port, _ in continuous_profiles(network)]
-    found = [
+    changes = [
         Change(time, parts[port.part], port.variable, profile.at(time))
         for port, profile in network.inputs
         if port not in moving
         for time in profile.jumps(start, stop)
     ]
-    return sorted(found, key=lambda change: change.time)
+    return sorted(changes, key=lambda change: change.time)
 
 
 def with_changes(

@@ -50,7 +50,7 @@ class Elements:
             if key in self._open:
                 raise SetupError(f"is not a valid FMU: {original.name} is its own derivative")
             self._open.add(key)
-            self._families[key] = self._made(original)
+            self._families[key] = self._scalars(original)
         return self._families[key]
 
     def all(self, originals: Iterable[Any]) -> tuple[Variable, ...]:
@@ -66,7 +66,7 @@ class Elements:
             for element in self._root.iterfind(interface)
         )
 
-    def _made(self, original: Any) -> Sequence[Variable]:
+    def _scalars(self, original: Any) -> Sequence[Variable]:
         """The elements, states before their derivatives."""
         states: Sequence[Variable | None] = (
             self.of(original.derivative) if original.derivative is not None else ()

@@ -104,14 +104,16 @@ def conversion_to(catalog: Catalog, port: Port, unit: str, purpose: str) -> tupl
     """
     if unit in ("", port.unit):
         return 1.0, 0.0
-    units = [known for d in catalog.descriptions.values() for known in d.unitDefinitions]
-    for display in (s for known in units if known.name == port.unit for s in known.displayUnits):
+    units = [defined for d in catalog.descriptions.values() for defined in d.unitDefinitions]
+    for display in (
+        s for defined in units if defined.name == port.unit for s in defined.displayUnits
+    ):
         if display.name == unit:
             return 1.0 / display.factor, -display.offset / display.factor
     common = multiples(port.unit)
     if unit in common:
         return common[unit], 0.0
-    source = next((known.baseUnit for known in units if known.name == unit), None)
+    source = next((defined.baseUnit for defined in units if defined.name == unit), None)
     target = catalog.base_unit(port)
     if source is None or target is None:
         raise SetupError(f"{port} cannot {purpose} in {unit}: no FMU here defines that unit")

@@ -34,7 +34,7 @@ TERMINALS = "terminalsAndIcons/terminalsAndIcons.xml"
 #: Bytes of a description. A convention: FMUs of hundreds of thousands of variables have a tenth of it.
 MOST_BYTES = 128 * 2**20
 #: FMUs whose descriptions are kept. A convention: more than a system of different machines has.
-MOST_KEPT = 64
+MOST_CACHED = 64
 WANTED = "this master runs co-simulation by FMI 2.0 and 3.0"
 #: What reading a description raises where it lacks something: errors of Python, not of the file.
 INTERNAL = (TypeError, AttributeError, LookupError, NameError, MemoryError, ArithmeticError)
@@ -81,7 +81,7 @@ def file_version(path: Path) -> tuple[int, int]:
     return file.st_mtime_ns, file.st_size
 
 
-@lru_cache(maxsize=MOST_KEPT)
+@lru_cache(maxsize=MOST_CACHED)
 def _read(path: Path, _: tuple[int, int]) -> Fmu:
     """An FMU, kept as long as its file has this version."""
     files = _files(path)
@@ -174,14 +174,14 @@ def _interface(original: Any, provides_derivatives: bool | None) -> Interface | 
     """An interface that an FMU offers; what it does not say of itself it cannot do."""
     if original is None:
         return None
-    said = {
+    stated = {
         name: getattr(original, name)
         for name in Interface.__dataclass_fields__
         if getattr(original, name, None) is not None
     }
     if provides_derivatives is not None:
-        said["providesDirectionalDerivative"] = provides_derivatives
-    return Interface(**said)
+        stated["providesDirectionalDerivative"] = provides_derivatives
+    return Interface(**stated)
 
 
 def _experiment(original: Any) -> Experiment:
@@ -202,8 +202,8 @@ def _unit(original: Any) -> Unit:
     base = original.baseUnit
     if base is not None:
         base = BaseUnit(**{name: getattr(base, name) for name in BaseUnit.__dataclass_fields__})
-    shown = tuple(DisplayUnit(d.name, d.factor, d.offset) for d in original.displayUnits)
-    return Unit(original.name, base, shown)
+    display_units = tuple(DisplayUnit(d.name, d.factor, d.offset) for d in original.displayUnits)
+    return Unit(original.name, base, display_units)
 
 
 def _obstacle(path: Path, files: Sequence[str], description: ModelDescription) -> str:
@@ -216,11 +216,11 @@ def _obstacle(path: Path, files: Sequence[str], description: ModelDescription) -
     binary = f"{folder}{interface.modelIdentifier}{fmpy.sharedLibraryExtension}"
     if binary in files:
         return ""
-    others = [name.removeprefix(folder) for name in files if re.fullmatch(f"{folder}[^/]+", name)]
-    if others:
-        return f"has no {binary}, the name that its modelIdentifier gives; {folder} has {', '.join(others)}"
-    there = ", ".join(fmpy.supported_platforms(str(path))) or "no platform"
-    return f"has no binary for this platform, {binary}; it is for {there}"
+    binaries = [name.removeprefix(folder) for name in files if re.fullmatch(f"{folder}[^/]+", name)]
+    if binaries:
+        return f"has no {binary}, the name that its modelIdentifier gives; {folder} has {', '.join(binaries)}"
+    platforms = ", ".join(fmpy.supported_platforms(str(path))) or "no platform"
+    return f"has no binary for this platform, {binary}; it is for {platforms}"
 
 
 class _Prologue(Exception):

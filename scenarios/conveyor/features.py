@@ -48,7 +48,7 @@ SMALLEST_HEIGHT = 1e-300
 PEAK_WIDTH = 0.25
 #: Largest half width over x, for overdamped drives.
 WIDEST_PEAK = 0.1
-TOO_FEW = "fewer than two speeds reached a steady state"
+NEED_TWO_SPEEDS = "fewer than two speeds reached a steady state"
 AT_EDGE = "the maximum lies at the edge of the swept range; extend the speeds"
 NOT_IN_RANGE = "the swept range does not contain it"
 PHASE_UNDEFINED = "the load ripple is almost zero {}, so its phase is undefined"
@@ -172,8 +172,8 @@ class ResponseLine:
         """How far the nodes around a peak reach: a share of the width of the resonance."""
         x = self.theory(LAG)
         x = math.sqrt(self.first * self.last) if math.isnan(x) else x
-        (machine, nu), (beside, nu_beside) = self.at(x), self.at(1.001 * x)
-        tuning = abs(math.log(beside.nu_res / machine.nu_res * nu / nu_beside)) / 0.001
+        (machine, nu), (neighbour, nu_neighbour) = self.at(x), self.at(1.001 * x)
+        tuning = abs(math.log(neighbour.nu_res / machine.nu_res * nu / nu_neighbour)) / 0.001
         return float(x * min(PEAK_WIDTH * machine.zeta / max(tuning, 1e-9), WIDEST_PEAK))
 
     def height(self, x: Any, inverse: Any) -> Any:
@@ -246,7 +246,7 @@ class ResponseLine:
         return sorted(passed, key=lambda feature: feature.near)
 
 
-Place = Measured | str
+Outcome = Measured | str
 
 
 class FeatureSearch:
@@ -257,7 +257,7 @@ class FeatureSearch:
     ) -> None:
         """Start from what the orbits of a sweep say; raises FeatureNotFoundError."""
         if len(sweep) < 2:
-            raise FeatureNotFoundError(TOO_FEW)
+            raise FeatureNotFoundError(NEED_TWO_SPEEDS)
         guess = line.expected(feature, sweep)
         self.line, self.feature, self.step_multiple = line, feature, step_multiple
         self.method: SecantSearch | PeakSearch = SecantSearch(guess.x, guess.slope)
@@ -291,7 +291,9 @@ class FeatureSearch:
         if problem := next((orbit.problem for orbit in orbits if orbit.problem), ""):
             raise FeatureNotFoundError(problem)
         feature, x = self.feature, np.array(self._x)
-        noise = max(feature.settling_error(one) / abs(feature.amplitude(one)) for one in orbits)
+        noise = max(
+            feature.settling_error(sample) / abs(feature.amplitude(sample)) for sample in orbits
+        )
         correction = self.line.correction(feature, x, orbits)
         if isinstance(self.method, PeakSearch):
             return self.method.update(correction.tolist(), noise)
@@ -306,12 +308,12 @@ class FeatureSearch:
 
 def search_together(
     searches: Sequence[FeatureSearch | str], runner: OrbitRunner
-) -> list[tuple[Place, Place]]:
+) -> list[tuple[Outcome, Outcome]]:
     """Return places and heights of searches whose orbits are run round by round, side by side.
 
     A search that fails, or a text in its place, gives the reason for both.
     """
-    results: dict[int, tuple[Place, Place]] = {}
+    results: dict[int, tuple[Outcome, Outcome]] = {}
     pending: dict[int, FeatureSearch] = {}
     for n, search in enumerate(searches):
         if isinstance(search, str):
@@ -373,7 +375,7 @@ def locate(
     return figures
 
 
-def converged(runs: Sequence[Place], order: float, unit: str, meaning: str) -> Figure:
+def converged(runs: Sequence[Outcome], order: float, unit: str, meaning: str) -> Figure:
     """Return where values at 1, 2, 4 times the step go that have errors of their own, or reasons."""
     if reasons := [run for run in runs if isinstance(run, str)]:
         return Figure.undetermined(unit, reasons[0], meaning)

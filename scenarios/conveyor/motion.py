@@ -42,19 +42,26 @@ def revolution(task: OrbitTask) -> tuple[list[Motion], list[Chart]]:
         return [], []
     t, phi = result["time"], result["conveyor.phi"]
     first = float(np.interp(phi[-1] - 2 * math.pi, phi, t))
-    late = t >= first
-    since = 1e3 * (t[late] - first)
+    in_revolution = t >= first
+    since = 1e3 * (t[in_revolution] - first)
     torque = {"motor.tau": ("motor", chart.TORQUE), "conveyor.tau_load": ("load", chart.THEORY)}
     panels = [
-        result_panel("torque", result, since, torque, rows=late),
-        result_panel("speed", result, since, {"conveyor.w": ("crank", chart.SPEED)}, rows=late),
+        result_panel("torque", result, since, torque, rows=in_revolution),
         result_panel(
-            "rod force", result, since, {"conveyor.f_rod": ("rod", chart.FORCE)}, "kN", late
+            "speed", result, since, {"conveyor.w": ("crank", chart.SPEED)}, rows=in_revolution
+        ),
+        result_panel(
+            "rod force",
+            result,
+            since,
+            {"conveyor.f_rod": ("rod", chart.FORCE)},
+            "kN",
+            in_revolution,
         ),
     ]
-    course = Chart(f"One revolution at {task.nu:g} rad/s", "time [ms]", panels)
+    waveforms = Chart(f"One revolution at {task.nu:g} rad/s", "time [ms]", panels)
     title = f"Crank conveyor at {task.nu:g} rad/s"
-    return [moving(title, {"": result}, first, float(t[-1]), 25.0)], [course]
+    return [moving(title, {"": result}, first, float(t[-1]), 25.0)], [waveforms]
 
 
 def moving(
@@ -89,7 +96,7 @@ def crank_conveyor(p: Parameters, at: Columns) -> list[Shape]:
     trough = line((x, 0), (x, height), (x + end, height), (x + end, -height), (x, -height), (x, 0))
     coil = motion.spring((x + end, 0.05 * l), (wall, 0.05 * l), 0.05 * l, 14)
     damper = motion.damper((x + end, -0.07 * l), (wall, -0.07 * l), 0.035 * l)
-    ways = motion.arrow(line((1.9 * l, 2.0 * height), (2.2 * l, 2.0 * height)), 0.05 * l)
+    arrows = motion.arrow(line((1.9 * l, 2.0 * height), (2.2 * l, 2.0 * height)), 0.05 * l)
     floor = -1.35 * height
     turns = motion.arrow(motion.arc(0.0, 0.0, 1.3 * r, -0.3 * math.pi, 0.2 * math.pi), 0.3 * r)
     return [
@@ -103,7 +110,7 @@ def crank_conveyor(p: Parameters, at: Columns) -> list[Shape]:
         Shape("rod", line(pin, (x, 0.0)), "gold", 4.0),
         Shape("crank", line((0.0, 0.0), pin), "red", 6.0),
         Shape("turns", turns, "red", 1.5),
-        Shape("moves", ways, "blue", 1.5),
+        Shape("moves", arrows, "blue", 1.5),
     ]
 
 

@@ -32,8 +32,7 @@ ALGORITHMS = ("jacobi", "gauss-seidel", "strang")
 RECORD = ("motor.tau", "conveyor.phi", "conveyor.w", "conveyor.f_rod")
 #: Communication steps of a run over the shortest one. Three runs give value, error and observed order.
 STEP_MULTIPLES = (1, 2, 4)
-#: Highest order fitted to a revolution. The ripple of a rod ten times its crank has none above it that
-#: exceeds the settling error.
+#: Highest order fitted to a revolution, where it has rows for them; a convention.
 HIGHEST_ORDER = 40
 #: Rows per revolution and fitted order, more than the two that an order needs.
 ROWS_PER_ORDER = 3
@@ -41,8 +40,8 @@ ROWS_PER_ORDER = 3
 FEWEST_STEPS = 18
 #: Rows beyond each end of a revolution on which its splines stand, since a peak may lie at an end.
 EDGE_ROWS = 8
-#: Sectors of a revolution in which the rod force has one largest value each way. Peaks of two harmonics are
-#: further apart.
+#: Sectors of a revolution, of each of which the largest rod forces are kept; a convention, finer than the peaks
+#: of the orders 1 to 7 are apart.
 SECTORS = 16
 #: Even crank angles at which an orbit keeps its rod force; as many as orders up to 31 need.
 WAVEFORM_ANGLES = 64

@@ -63,9 +63,9 @@ class Plane(NamedTuple):
 
     def at(self, x: Any, y: Any) -> tuple[Machine, Any]:
         """The machine at a point, or machines at arrays of points, and its mean speed [rad/s]."""
-        here = {self.x.name: x, self.y.name: y}
-        nu = here.pop(SPEED, self.speed)
-        return replace(self.machine, **{FIELDS[name]: v for name, v in here.items()}), nu
+        coordinates = {self.x.name: x, self.y.name: y}
+        nu = coordinates.pop(SPEED, self.speed)
+        return replace(self.machine, **{FIELDS[name]: v for name, v in coordinates.items()}), nu
 
     def nodes(self) -> list[tuple[float, float]]:
         """x and y of all points, row by row."""
@@ -87,7 +87,7 @@ class Sample(NamedTuple):
     there, of shape (samples,).
     """
 
-    place: dict[str, float]
+    position: dict[str, float]
     row: int
     x: Real
     expected: Real
@@ -132,9 +132,9 @@ class Built(NamedTuple):
         machines, nu, _ = self.at(row, x, (slice(None), None))
         ratio = np.interp(x, self.plane.x.along.values, self.ratio[row])
         expected = np.atleast_2d(np.abs(machines.torque_ripple(nu)) * ratio)
-        place = {self.plane.x.name: float(x[0])} if len(x) == 1 else {}
-        place[self.plane.y.name] = float(self.plane.y.along.values[row])
-        return Sample(place, row, x[expected.argmax(axis=1)], expected.max(axis=1))
+        position = {self.plane.x.name: float(x[0])} if len(x) == 1 else {}
+        position[self.plane.y.name] = float(self.plane.y.along.values[row])
+        return Sample(position, row, x[expected.argmax(axis=1)], expected.max(axis=1))
 
     def check(
         self, samples: Sequence[Sample], runs: int, limit: float, runner: OrbitRunner
@@ -199,20 +199,20 @@ def judged(sample: Sample, orbits: Sequence[Orbit], limit: float) -> dict[str, A
     """
     steady = np.array([not orbit.problem for orbit in orbits])
     expected = sample.expected[: len(orbits)][steady]
-    found = np.abs([orbit.torque for orbit in orbits])[steady]
-    hits, total = int((found > limit).sum()), len(found)
-    off = found / expected - 1.0
+    ripples = np.abs([orbit.torque for orbit in orbits])[steady]
+    hits, total = int((ripples > limit).sum()), len(ripples)
+    deviation = ripples / expected - 1.0
     return {
-        "place": sample.place,
+        "place": sample.position,
         "probability": sample.probability(limit),
         "brute_force": hits / total,
         "interval": interval(hits, total),
         "samples": total,
-        "judged_above": int(((found > limit) & (expected <= limit)).sum()),
-        "judged_below": int(((found <= limit) & (expected > limit)).sum()),
+        "judged_above": int(((ripples > limit) & (expected <= limit)).sum()),
+        "judged_below": int(((ripples <= limit) & (expected > limit)).sum()),
         "not_steady": len(orbits) - total,
-        "off_rms": float(np.sqrt(np.mean(off**2))),
-        "off_max": float(np.abs(off).max()),
+        "off_rms": float(np.sqrt(np.mean(deviation**2))),
+        "off_max": float(np.abs(deviation).max()),
     }
 
 
@@ -234,10 +234,10 @@ def axis(fmus: Mapping[str, Path], option: str, text: str, least: int) -> Axis:
     name, _, numbers = text.partition("=")
     if name == SPEED and option != "x":
         raise SetupError(f"--{option} {text}: the speed belongs on x")
-    words, unit = "Operating speed", "rad/s"
+    label, unit = "Operating speed", "rad/s"
     if name != SPEED:
         _, unit, meaning = part(fmus, name)
-        words = f"{meaning}\n{name}"
+        label = f"{meaning}\n{name}"
     log = numbers.endswith(":log")
     form = "NAME=FROM:TO:NUMBER or NAME=FROM:TO:NUMBER:log"
     low, high, number = read(option, text, numbers.removesuffix(":log"), form, float, float, int)
@@ -250,22 +250,22 @@ def axis(fmus: Mapping[str, Path], option: str, text: str, least: int) -> Axis:
         raise SetupError(f"--{option} {name} must rise: {low:g} .. {high:g} {unit} does not")
     at_least(f"--{option} number of values of {name}", number, least)
     values = np.geomspace(low, high, number) if log else np.linspace(low, high, number)
-    return Axis(name, Direction(words, unit, values, log))
+    return Axis(name, Direction(label, unit, values, log))
 
 
 def shares(
     fmus: Mapping[str, Path], option: str, texts: Sequence[str], default: Mapping[str, float]
 ) -> dict[str, float]:
     """Read NAME=PERCENT, several, over the defaults, as shares of 1; raises SetupError."""
-    found = dict(default)
+    ripples = dict(default)
     for text in texts:
         name, _, percent = text.partition("=")
         part(fmus, name)
         (value,) = read(option, text, percent, "NAME=PERCENT", float)
         if not 0.0 <= value < 100.0:
             raise SetupError(f"--{option} {name} = {value!r} % must be at least 0 and below 100")
-        found[name] = value / 100.0
-    return found
+        ripples[name] = value / 100.0
+    return ripples
 
 
 def span(option: str, text: str, within: Direction) -> tuple[float, float]:

@@ -93,8 +93,8 @@ def between(springs: Sequence[float], orbits: Sequence[Orbit]) -> float | str:
     """The spring with the least peak among some whose orbits are known [N/m], or why it is not determined."""
     if problem := next((orbit.problem for orbit in orbits if orbit.problem), ""):
         return problem
-    c, known = zip(*sorted(zip(springs, orbits), key=lambda pair: pair[0]))
-    optimum = least(CubicSpline(c, [orbit.waveform for orbit in known]), c[0], c[-1])
+    c, orbits_by_multiple = zip(*sorted(zip(springs, orbits), key=lambda pair: pair[0]))
+    optimum = least(CubicSpline(c, [orbit.waveform for orbit in orbits_by_multiple]), c[0], c[-1])
     return "it lies far from that of formula (17)" if math.isnan(optimum) else optimum
 
 
@@ -113,16 +113,19 @@ def unloading(runner: OrbitRunner, machine: Machine, nu: float) -> Figure:
     """
     meaning, springs = "spring with the smallest peak of the rod force", around(machine, nu)
     points = list(runner.orbits(unloading_points(machine, nu), "springs"))
-    known = [points[k : k + len(springs)] for k in range(0, len(points), len(springs))]
-    rough = [between(springs, one) for one in known]
-    if reasons := [c for c in rough if isinstance(c, str)]:
+    orbits_by_multiple = [points[k : k + len(springs)] for k in range(0, len(points), len(springs))]
+    first_optima = [between(springs, orbits_) for orbits_ in orbits_by_multiple]
+    if reasons := [c for c in first_optima if isinstance(c, str)]:
         return Figure.undetermined("N/m", reasons[0], meaning)
-    guesses = [c for c in rough if isinstance(c, float)]
+    guesses = [c for c in first_optima if isinstance(c, float)]
     more_points = [
         OperatingPoint(replace(machine, c=c), nu, k) for c, k in zip(guesses, STEP_MULTIPLES)
     ]
     more = runner.orbits(more_points, "springs")
-    fine = [between([*springs, c], [*one, x]) for c, one, x in zip(guesses, known, more)]
+    fine = [
+        between([*springs, c], [*orbits_, x])
+        for c, orbits_, x in zip(guesses, orbits_by_multiple, more)
+    ]
     runs = [
         c if isinstance(c, str) else Measured(c, abs(c - first) + CLOSE * c)
         for c, first in zip(fine, guesses)

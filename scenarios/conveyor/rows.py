@@ -36,7 +36,7 @@ OPERATING = {"A": 40.0, "B": 60.0}
 OVERDAMPED = math.sqrt(0.5)
 #: Relative error of the mean speed of an orbit, which settling leaves.
 MEAN_SPEED_ERROR = 2e-9
-NO_ERROR_KNOWN = "the coupling error is not known; take more steps per revolution"
+NO_COUPLING_ERROR = "the coupling error is not known; take more steps per revolution"
 UNITS = {
     "nu": "rad/s", "w2": "rad/s", "w2_error": "rad/s", "w2_phase": "deg", "tau2": "N.m",
     "tau2_error": "N.m", "tau2_phase": "deg", "w2_theory": "rad/s", "w2_phase_theory": "deg",
@@ -125,7 +125,7 @@ def rows_of(
     machines: Sequence[tuple[Machine, float]], runner: OrbitRunner, step_multiples: Sequence[int]
 ) -> Iterator[Row]:
     """Yield the rows of machines at mean speeds."""
-    points = [OperatingPoint(*one, k) for one in machines for k in step_multiples]
+    points = [OperatingPoint(*operating, k) for operating in machines for k in step_multiples]
     orbits = runner.orbits(points, "orbits")
     for machine, _ in machines:
         multiples = list(islice(orbits, len(step_multiples)))
@@ -172,7 +172,7 @@ def orbit_figure(value: float, error: float, unit: str, meaning: str, nu: float)
     """Return a figure of the orbit at nu, refused where that or the error is not known."""
     if math.isnan(error):
         reason = (
-            f"no steady orbit is found at {nu:g} rad/s" if math.isnan(value) else NO_ERROR_KNOWN
+            f"no steady orbit is found at {nu:g} rad/s" if math.isnan(value) else NO_COUPLING_ERROR
         )
         return Figure.undetermined(unit, reason, meaning)
     return Figure(value, unit, error, meaning)

@@ -83,7 +83,7 @@ class Options(workbench.Options):
     z: float = option(0.0, "of no effect")
     times: int = option(1, "slope in y")
     mood: str = option("good", "what becomes of the run", choices=MOODS)
-    places: tuple[str, ...] = option((), "of no effect")
+    points: tuple[str, ...] = option((), "of no effect")
     gate: str = option("", "from x = 6 on a run waits for this file to open")
     ledger: str = option("", "where each run leaves a line")
 

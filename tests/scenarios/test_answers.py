@@ -291,7 +291,7 @@ def test_warnings_of_fmus_are_told_once_after_the_answer(
     said, errors = capfd.readouterr()
     assert errors == ""
     assert said.splitlines()[-3] == f"Warning: {warning}"
-    assert said.startswith("The cam shoots up to")
+    assert said.startswith("The cam peaks at")
     assert json.loads((tmp_path / "iron_start.json").read_text())["warnings"] == [warning]
     assert "cam follower lifts off" in (tmp_path / "report.html").read_text()
     assert plain("orientation_time").warnings == []

@@ -52,7 +52,7 @@ def test_the_iron_of_the_examples_moves_as_the_fmu_does() -> None:
     off = []
     for step in (2e-3, 1e-3):
         found = run(system, stop=0.5, step=step)
-        mine = measured_iron.moved(IRON, found["time"])
+        mine = measured_iron.simulated(IRON, found["time"])
         off.append([abs(mine[k] - found[x]).max() for k, x in enumerate(measured_iron.STATES)])
     assert np.divide(*off) == pytest.approx(4.0, abs=0.2)
     assert max(off[1]) < 3e-3
@@ -109,7 +109,7 @@ def test_the_turn_of_the_iron_is_found_before_the_fit() -> None:
     o = iron_identify.Options(**given)
     system = iron_identify.guess(o, fmus_of(iron_identify), o.columns("iron.w")["iron.w"])
     at = measured_iron.FIRST + measured_iron.SAMPLE / 2
-    phi = measured_iron.moved(IRON, np.array([0.0, at]))[0, -1]
+    phi = measured_iron.simulated(IRON, np.array([0.0, at]))[0, -1]
     assert abs(system.start["iron.phi"] - phi) < 0.5  # type: ignore[operator]
 
 

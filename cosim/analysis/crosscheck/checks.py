@@ -109,6 +109,7 @@ class Subject:
         part = KINDS[self.description.fmiVersion](
             f"instance_{next(self._numbers)}", self.description, borrow(self.path, self.description)
         )
+        part.open()
         try:
             yield part
         finally:

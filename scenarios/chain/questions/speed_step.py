@@ -106,15 +106,15 @@ class Turn(NamedTuple):
 def solve(o: Options, context: Context) -> Findings:
     """One start."""
     drive = system(o, context.fmus)
-    result, found = context.certify(drive, partial(figures, o), o, None, "speed_step.csv")
+    result, peaks = context.certify(drive, partial(figures, o), o, None, "speed_step.csv")
     tables = {"speed_step.csv": Table.of(result)}
-    return Findings(found | frequencies(result), result, drive, result.provenance, tables=tables)
+    return Findings(peaks | frequencies(result), result, drive, result.provenance, tables=tables)
 
 
 def system(o: Options, fmus: Mapping[str, Path]) -> System:
     """The drive at rest, with the shaft in the middle of its play."""
-    own = {"controller.w_ref": o.ratio * o.speed, "gear.i": o.ratio}
-    return System(fmus, WIRES, {**MACHINE, **own, **o.start})
+    fixed = {"controller.w_ref": o.ratio * o.speed, "gear.i": o.ratio}
+    return System(fmus, WIRES, {**MACHINE, **fixed, **o.start})
 
 
 def figures(o: Options, r: Result) -> dict[str, Figure]:
@@ -205,13 +205,13 @@ def ripples(o: Options, r: Result) -> dict[str, Figure]:
     pace = measured(lambda t, phi, w: last_turn(t, phi, w, 0).mean, t, phi, w)
     size = measured(lambda t, phi, w: last_turn(t, phi, w, 0).ripple, t, phi, w)
     scale = last.order / TURN
-    found = {
+    peaks = {
         "mean": Measured(pace.value, pace.error + rests[0]),
         "ripple": Measured(size.value, size.error + rests[1]),
         "ripple_order": Measured(float(last.order), 0.0),
         "ripple_frequency": Measured(scale * pace.value, scale * (pace.error + rests[0])),
     }
-    figures = {name: found[name].figure(*meanings[name]) for name in found}
+    figures = {name: peaks[name].figure(*meanings[name]) for name in peaks}
     if last.ripple < LEAST_RIPPLE * last.mean:
         for name in ("ripple_order", "ripple_frequency"):
             figures[name] = Figure.undetermined(
@@ -236,9 +236,9 @@ def frequencies(r: Result) -> dict[str, Figure]:
     J_2 = load["rotor.J"] + (load["trough.m"] + load["load.m"]) * mean_square(load)
     free, held = math.sqrt(shaft["c"] * (1 / J_1 + 1 / J_2)), math.sqrt(shaft["c"] / J_2)
     meanings = {"free": "gearbox and load on the shaft", "held": "the load with the gearbox held"}
-    own, mean = "natural frequency of", "at the load's mean inertia over a turn"
+    fixed, mean = "natural frequency of", "at the load's mean inertia over a turn"
     return {
-        f"{word}_frequency": Figure(w / TURN, "Hz", 0.0, f"{own} {meanings[word]}, {mean}")
+        f"{word}_frequency": Figure(w / TURN, "Hz", 0.0, f"{fixed} {meanings[word]}, {mean}")
         for word, w in (("free", free), ("held", held))
     }
 
@@ -254,12 +254,12 @@ def mean_square(load: Mapping[str, float]) -> float:
 
 def verdict(o: Options, f: Mapping[str, Figure], r: Result) -> str:
     """How the load reaches its speed, what is left at the end, and what that takes."""
-    told = {name: figure.text() for name, figure in f.items()}
+    texts = {name: figure.text() for name, figure in f.items()}
     return (
-        f"{reaching(o, f)} {remaining(o, f)} The shaft carries up to {told['tau_max']}, and the motor "
-        f"draws up to {told['i_max']}. Gearbox and load oscillate on the shaft at "
-        f"{told['free_frequency']}. While the controller holds the gearbox, the load oscillates alone at "
-        f"{told['held_frequency']}."
+        f"{reaching(o, f)} {remaining(o, f)} The shaft carries up to {texts['tau_max']}, and the motor "
+        f"draws up to {texts['i_max']}. Gearbox and load oscillate on the shaft at "
+        f"{texts['free_frequency']}. While the controller holds the gearbox, the load oscillates alone at "
+        f"{texts['held_frequency']}."
     )
 
 

@@ -43,7 +43,10 @@ TABLE = "classical.csv"
 #: Whether a calculation has the inertia of the trough in its load.
 WITH_INERTIA = {"spring": False, "whole": True}
 LOAD_TEXTS = {"spring": "with the spring alone", "whole": "with spring and inertia"}
-LOOKS = {"spring": ("spring alone, after (26)", "purple"), "whole": ("spring and inertia", "black")}
+STYLES = {
+    "spring": ("spring alone, after (26)", "purple"),
+    "whole": ("spring and inertia", "black"),
+}
 UNKNOWN = "the coupling error of an orbit is not known; take more steps per revolution"
 TOO_COARSE = "the sweep has too few speeds near the speed where the error passes the tolerance"
 AT_TOLERANCE = (
@@ -76,21 +79,21 @@ QUANTITIES = {
 class Case(NamedTuple):
     """A calculation, by its load, and what it calculates."""
 
-    way: str
+    method: str
     load: str
 
     @property
     def key(self) -> str:
         """The end of the names of its figures."""
-        return f"{self.way}_{self.load}"
+        return f"{self.method}_{self.load}"
 
     def amplitude(self, machine: Machine, nu: Any) -> Any:
         """Return what the calculation says at nu [rad/s]."""
-        loads = classical(machine, nu, WITH_INERTIA[self.way])
+        loads = classical(machine, nu, WITH_INERTIA[self.method])
         return abs({"torque": loads.torque, "speed": loads.speed, "force": loads.force}[self.load])
 
 
-CASES = [Case(way, load) for way in WITH_INERTIA for load in QUANTITIES]
+CASES = [Case(method, load) for method in WITH_INERTIA for load in QUANTITIES]
 
 
 class ClassicalData(NamedTuple):
@@ -113,7 +116,7 @@ def solve(o: Options, context: Context) -> Findings:
     limits = limits_of(machine, sweep, o.tolerance, multiples)
     figures = {}
     for case in CASES:
-        what = f"{QUANTITIES[case.load].name} {LOAD_TEXTS[case.way]}"
+        what = f"{QUANTITIES[case.load].name} {LOAD_TEXTS[case.method]}"
         meaning = f"speed up to which the {what} is accurate enough"
         figures[f"limit_{case.key}"] = limits[case]._replace(meaning=meaning)
         errors = [deviation(case, machine, row) for row in sweep.rows]
@@ -250,7 +253,7 @@ def limits_of(
 
 def verdict(o: Options, f: Mapping[str, Figure], r: ClassicalData) -> str:
     """Up to which speed either calculation may be used, and how wrong it gets."""
-    lines = [" ".join(sentences(o, f, r, way)) for way in LOAD_TEXTS]
+    lines = [" ".join(sentences(o, f, r, method)) for method in LOAD_TEXTS]
     if f["share"].error is not None:
         lines.append(
             f"The spring alone no longer gives the torque ripple within {o.tolerance:g} % once the inertia force "
@@ -259,14 +262,14 @@ def verdict(o: Options, f: Mapping[str, Figure], r: ClassicalData) -> str:
     return "\n".join(lines)
 
 
-def sentences(o: Options, f: Mapping[str, Figure], r: ClassicalData, way: str) -> list[str]:
+def sentences(o: Options, f: Mapping[str, Figure], r: ClassicalData, method: str) -> list[str]:
     """What one of the calculations is good for, what for not, and what is not determined."""
     good: list[str] = []
     bad: list[str] = []
     errors: list[str] = []
     reasons: dict[str, list[str]] = {}
     for load, (_, name, *_) in QUANTITIES.items():
-        end, top = f[f"limit_{way}_{load}"], f[f"worst_{way}_{load}"]
+        end, top = f[f"limit_{method}_{load}"], f[f"worst_{method}_{load}"]
         if end.reason == NOWHERE:
             bad.append(f"the {name}")
         elif end.error is not None:
@@ -280,7 +283,7 @@ def sentences(o: Options, f: Mapping[str, Figure], r: ClassicalData, way: str) -
             errors.append(f"{top.brief()} for the {name}")
         elif end.error is not None or end.reason == NOWHERE:
             reasons.setdefault(top.reason, []).append(f"the largest error of the {name}")
-    subject, lines = f"{LOAD_TEXTS[way].capitalize()} as its load, the calculation", []
+    subject, lines = f"{LOAD_TEXTS[method].capitalize()} as its load, the calculation", []
     if good:
         lines.append(f"{subject} is within {o.tolerance:g} % for {listed(good)}.")
     if bad:
@@ -288,10 +291,12 @@ def sentences(o: Options, f: Mapping[str, Figure], r: ClassicalData, way: str) -
         lowest = f"already at {r.sweep.speeds[0]:g} rad/s, the lowest speed of the sweep"
         lines.append(f"{who} is off by more than {o.tolerance:g} % for {listed(bad)} {lowest}.")
     if errors:
-        who = "Its" if lines else f"{LOAD_TEXTS[way].capitalize()} as its load, the calculation's"
+        who = (
+            "Its" if lines else f"{LOAD_TEXTS[method].capitalize()} as its load, the calculation's"
+        )
         lines.append(f"{who} largest errors are {listed(errors)}.")
     for reason, names in reasons.items():
-        what = f"How far the calculation {LOAD_TEXTS[way]} can be trusted"
+        what = f"How far the calculation {LOAD_TEXTS[method]} can be trusted"
         lines.append(f"{what} is not determined for {listed(names)}: {reason}.")
     return lines
 
@@ -303,8 +308,8 @@ def show(o: Options, f: Mapping[str, Figure], r: ClassicalData) -> Show:
     loads = []
     for load, (column, name, unit, color) in QUANTITIES.items():
         curves = [
-            Curve(words, nu, Case(way, load).amplitude(machine, nu), shade, "theory")
-            for way, (words, shade) in LOOKS.items()
+            Curve(label, nu, Case(method, load).amplitude(machine, nu), shade, "theory")
+            for method, (label, shade) in STYLES.items()
         ]
         error = r.frame[f"{column}_error"].to_numpy()
         curves.append(
@@ -313,12 +318,12 @@ def show(o: Options, f: Mapping[str, Figure], r: ClassicalData) -> Show:
         loads.append(Panel(name, unit, curves, includes=(0.0,)))
     levels = [Mark(s * o.tolerance, f"{s * o.tolerance:+g} %") for s in (1, -1)]
     errors = []
-    for way, (words, _) in LOOKS.items():
+    for method, (label, _) in STYLES.items():
         curves = [
-            Curve(name, at, r.frame[f"{way}_{load}"].to_numpy(), color, "linked")
+            Curve(name, at, r.frame[f"{method}_{load}"].to_numpy(), color, "linked")
             for load, (_, name, _, color) in QUANTITIES.items()
         ]
-        errors.append(Panel(f"error, {words}", "%", curves, levels))
+        errors.append(Panel(f"error, {label}", "%", curves, levels))
     marks = [Mark(machine.nu_res, f"resonance {machine.nu_res:.4g} rad/s")]
     axis, second = "operating speed [rad/s]", SecondUnit("rpm", 30 / math.pi)
     good = f["limit_spring_torque"]

@@ -26,18 +26,19 @@ from workbench.periodic import TURN, NoOrbitError, Revolutions
 
 from .. import motion
 from ..features import converged
-from ..first_order import Machine, Means, drift, means, settling
+from ..first_order import Machine
 from ..machine import PARTS as DRIVE
 from ..machine import WIRES, conveyor_drive
 from ..options import LINEAR_MOTOR_STARTS, SweepOptions, linear_runner, speeds_of
 from ..orbits import EDGE_ROWS, OrbitRunner, OrbitTask, run_to_orbit
 from ..rows import SPEEDS
+from ..second_order import Means, drift, means, settling
 
 PARTS = DRIVE
-FIXED_STARTS = LINEAR_MOTOR_STARTS
 PARALLEL = True
+FIXED_STARTS = LINEAR_MOTOR_STARTS
 DECISIVE = ("torque", "supply_more")
-TABLE, COURSE = "mean_values.csv", "drift.csv"
+TABLE, STEP_TABLE = "mean_values.csv", "drift.csv"
 RECORD = ("motor.tau", "conveyor.phi", "conveyor.w", "conveyor.P_loss")
 MEANT = {
     "speed": ("rad/s", "mean speed over time"),
@@ -62,14 +63,14 @@ class Options(SweepOptions):
     )
 
 
-class Found(NamedTuple):
+class MeanData(NamedTuple):
     """The machine and how it is run, the operating speed [rad/s], rows of both tables."""
 
     machine: Machine
     runner: OrbitRunner
     operating: float
     rows: Any
-    course: Any
+    step_response: Any
 
 
 def solve(o: Options, context: Context) -> Findings:
@@ -83,23 +84,23 @@ def solve(o: Options, context: Context) -> Findings:
     wanted = sorted({*nus, operating})
     cases = [runner.task(machine, nu, k) for nu in wanted for k in multiples]
     orbits = context.each(balance, cases, "orbits")
-    rows = {nu: told(list(islice(orbits, len(multiples))), o.algorithm) for nu in wanted}
+    rows = {nu: mean_figures(list(islice(orbits, len(multiples))), o.algorithm) for nu in wanted}
     units = {"nu": "rad/s"}
     for name, (unit, _) in MEANT.items():
         units |= {name: unit, f"{name}_error": unit, f"{name}_theory": unit, f"{name}_plain": unit}
     table = Table.of_rows([row(machine, nu, rows[nu]) for nu in nus], units)
-    course, figures = drifts(machine, runner, multiples, operating)
+    step_response, figures = drifts(machine, runner, multiples, operating)
     torque = rows[operating]["torque"]
     for name in DRIFT:
         if torque.error is None:  # nothing that the mean speed could settle at
             figures[name] = Figure.undetermined("%", torque.reason, figures[name].meaning)
     return Findings(
         compared(machine, operating, rows[operating]) | figures,
-        Found(machine, runner, operating, table.frame, course.frame),
+        MeanData(machine, runner, operating, table.frame, step_response.frame),
         conveyor_drive(context.fmus, {**machine.start(operating), **o.start}),
         communication=f"{o.steps_per_rev} steps per revolution",
         algorithm=o.algorithm,
-        tables={TABLE: table, COURSE: course},
+        tables={TABLE: table, STEP_TABLE: step_response},
         facts={"operating_speed": operating},
         defaults={"speed": operating, "speeds": nus},
     )
@@ -118,9 +119,9 @@ def balance(task: OrbitTask) -> dict[str, Measured] | str:
 
 def revolution(turns: Revolutions, start: Mapping[str, Any], back: int) -> dict[str, Measured]:
     """The means of the last revolution, or of one so many before it."""
-    whole, r = turns.window(back), turns.result
-    rows = slice(max(0, whole.start - EDGE_ROWS), whole.stop + EDGE_ROWS)
-    t, tau, phi, w, lost = (r[name][rows] for name in ("time", *RECORD))
+    second_order, r = turns.window(back), turns.result
+    rows = slice(max(0, second_order.start - EDGE_ROWS), second_order.stop + EDGE_ROWS)
+    t, tau, phi, w, loss = (r[name][rows] for name in ("time", *RECORD))
     B, times = float(start["motor.B"]), turns.times[[-2 - back, -1 - back]]
 
     def over(x: Samples, ends: Any, y: Samples) -> Measured:
@@ -133,12 +134,12 @@ def revolution(turns: Revolutions, start: Mapping[str, Any], back: int) -> dict[
         "angle": over(phi, turns.ends[[-2 - back, -1 - back]], w),
         "torque": torque,
         "supply": Measured(field * torque.value, field * torque.error),
-        "trough": over(t, times, lost),
+        "trough": over(t, times, loss),
         "motor": over(t, times, tau**2 / B),
     }
 
 
-def told(runs: Sequence[dict[str, Measured] | str], algorithm: str) -> dict[str, Figure]:
+def mean_figures(runs: Sequence[dict[str, Measured] | str], algorithm: str) -> dict[str, Figure]:
     """The figures of orbits of one speed with N, N/2, N/4 steps."""
     return {
         name: converged(
@@ -163,30 +164,32 @@ def row(machine: Machine, nu: float, figures: Mapping[str, Figure]) -> list[floa
 def compared(machine: Machine, nu: float, figures: Mapping[str, Figure]) -> dict[str, Figure]:
     """The means at the operating speed, and how far they are from those without ripple."""
     plain: Means = means(machine, nu, False)
-    found = {name: figures[name] for name in ("speed", "angle", "torque")}
-    found["torque_plain"] = Figure(plain.torque, "N.m", 0.0, "mean torque by formula (24)")
+    all_figures = {name: figures[name] for name in ("speed", "angle", "torque")}
+    all_figures["torque_plain"] = Figure(plain.torque, "N.m", 0.0, "mean torque by formula (24)")
     torque = figures["torque"]
     above = "mean torque above that"
-    found["more"] = (
-        moved(torque, plain.torque, above, 100 / plain.torque, "%")
+    all_figures["more"] = (
+        excess(torque, plain.torque, above, 100 / plain.torque, "%")
         if plain.torque
         else Figure.undetermined("%", "without resistance that torque is 0", above)
     )
     for name in ("supply", "motor", "trough"):
         what = f"{MEANT[name][1]}, above that without ripple"
-        found[f"{name}_more"] = moved(figures[name], getattr(plain, name), what)
+        all_figures[f"{name}_more"] = excess(figures[name], getattr(plain, name), what)
     parts = [figures[name] for name in ("supply", "motor", "trough")]
     errors = [figure.error for figure in parts if figure.error is not None]
     gap = "power not accounted for"
-    found["missing"] = (
+    all_figures["missing"] = (
         Figure(parts[0].value - parts[1].value - parts[2].value, "W", sum(errors), gap)
         if len(errors) == len(parts)
         else Figure.undetermined("W", torque.reason, gap)
     )
-    return found
+    return all_figures
 
 
-def moved(figure: Figure, plain: float, meaning: str, scale: float = 1.0, unit: str = "") -> Figure:
+def excess(
+    figure: Figure, plain: float, meaning: str, scale: float = 1.0, unit: str = ""
+) -> Figure:
     """How far a figure is above a value, perhaps in another unit."""
     unit = unit or figure.unit
     if figure.error is None:
@@ -203,7 +206,7 @@ def drifts(
     how far it is from others is told in % of the way.
     """
     slow = (1.0 - SLOWER) * nu
-    W, M, way = machine.speed_ripple(slow), machine.torque_ripple(slow), nu - slow
+    W, M, step_size = machine.speed_ripple(slow), machine.torque_ripple(slow), nu - slow
     stop = drift_time(machine)
     longest = multiples[-1] * TURN / (nu * runner.steps_per_rev)
     count = multiples[-1] * math.ceil(stop / longest)
@@ -220,39 +223,41 @@ def drifts(
         systems.append(System(runner.context.fmus, WIRES, start))
     tasks = [(system, k * h, count // k) for k in multiples for system in systems]
     runs = runner.context.each(partial(speeds, runner.algorithm), tasks, "drift")
-    off: dict[str, list[Measured | str]] = {name: [] for name in DRIFT}
+    deviations: dict[str, list[Measured | str]] = {name: [] for name in DRIFT}
     for k in multiples:
         each = list(islice(runs, STARTS))
         t = np.linspace(0.0, count * h, count // k + 1)
         mean = np.mean(each, axis=0)
-        plain, whole = (nu - way * left for left in drift(machine, t))
-        for name, x in zip(off, (nu, plain, whole)):
-            share = (mean - x) / way
+        plain, second_order = (nu - step_size * left for left in drift(machine, t))
+        for name, x in zip(deviations, (nu, plain, second_order)):
+            share = (mean - x) / step_size
             above, below = largest(t, share), smallest(t, share)
             top = max(above, below, key=lambda it: abs(it.value))
             if name == "overshoot":  # none where the mean speed stays below that of the new supply
                 top = above._replace(value=max(above.value, 0.0))
-            off[name].append(Measured(100 * abs(top.value), 100 * top.error))
+            deviations[name].append(Measured(100 * abs(top.value), 100 * top.error))
         if k == 1:
-            cells = np.stack([t, mean, plain, whole, each[0]], axis=1)
+            cells = np.stack([t, mean, plain, second_order, each[0]], axis=1)
     meant = {
         "overshoot": "overshoot of the mean speed after a step of the supply",
         "off_16": "largest deviation of formula (16) from the mean speed in that step",
         "off_whole": "the same with the term that (16) neglects",
     }
     order = cosim.CONVERGENCE_ORDERS[runner.algorithm]
-    found = {name: converged(runs, order, "%", meant[name]) for name, runs in off.items()}
-    found["settling_16"] = Figure(
+    all_figures = {
+        name: converged(runs, order, "%", meant[name]) for name, runs in deviations.items()
+    }
+    all_figures["settling_16"] = Figure(
         machine.J / machine.slope, "s", 0.0, "time constant of settling by formula (16)"
     )
-    found["settling"] = Figure(
+    all_figures["settling"] = Figure(
         float(-1 / settling(machine).real.max()),
         "s",
         0.0,
         "the same with the term that (16) neglects",
     )
     units = dict.fromkeys(("time", "mean", "mean_16", "mean_whole", "w"), "rad/s") | {"time": "s"}
-    return Table.of_rows(cells.tolist(), units), found
+    return Table.of_rows(cells.tolist(), units), all_figures
 
 
 def drift_time(machine: Machine) -> float:
@@ -275,7 +280,7 @@ def speeds(algorithm: str, task: tuple[System, float, int]) -> Samples:
     return run["conveyor.w"]
 
 
-def verdict(o: Options, f: Mapping[str, Figure], r: Found) -> str:
+def verdict(o: Options, f: Mapping[str, Figure], r: MeanData) -> str:
     """What the ripple costs, where the power goes, and how accurate (16) is."""
     text = {name: figure.brief() for name, figure in f.items()}
     overshoot, plain = f["overshoot"], "without overshoot"
@@ -321,13 +326,13 @@ def changed(figure: Figure) -> str:
     return f"{figure._replace(value=abs(figure.value)).brief()} {word}"
 
 
-def show(o: Options, f: Mapping[str, Figure], r: Found) -> Show:
+def show(o: Options, f: Mapping[str, Figure], r: MeanData) -> Show:
     """Means over the speed beside theory, the drift of the mean, one revolution."""
-    charts = [over_speed(f, r), course(f, r)]
+    charts = [over_speed(f, r), step_response(f, r)]
     return Show(charts, *motion.revolution(r.runner.task(r.machine, r.operating)))
 
 
-def over_speed(f: Mapping[str, Figure], r: Found) -> Chart:
+def over_speed(f: Mapping[str, Figure], r: MeanData) -> Chart:
     """Mean torque, mean speeds from the nominal one, powers above those without ripple."""
     nu = np.linspace(r.rows["nu"].min(), r.rows["nu"].max(), 400)
     theory, plain = means(r.machine, nu), means(r.machine, nu, False)
@@ -382,19 +387,19 @@ def over_speed(f: Mapping[str, Figure], r: Found) -> Chart:
     )
 
 
-def course(f: Mapping[str, Figure], r: Found) -> Chart:
+def step_response(f: Mapping[str, Figure], r: MeanData) -> Chart:
     """The mean speed after a step of the supply, and what both equations make of it."""
-    t = 1e3 * r.course["time"]
+    t = 1e3 * r.step_response["time"]
     curves = [
-        Curve("one of the starts", t, r.course["w"], "sky"),
-        Curve(f"mean of {STARTS} starts", t, r.course["mean"], SPEED),
-        Curve("settling formula (16)", t, r.course["mean_16"], TORQUE, "theory"),
-        Curve("with the term it neglects", t, r.course["mean_whole"], "black", "theory"),
+        Curve("one of the starts", t, r.step_response["w"], "sky"),
+        Curve(f"mean of {STARTS} starts", t, r.step_response["mean"], SPEED),
+        Curve("settling formula (16)", t, r.step_response["mean_16"], TORQUE, "theory"),
+        Curve("with the term it neglects", t, r.step_response["mean_whole"], "black", "theory"),
     ]
-    off, whole = f["off_16"], f["off_whole"]
+    deviations, second_order = f["off_16"], f["off_whole"]
     title = f"Mean speed after the supply is raised for {r.operating:g} rad/s"
-    if off.error is not None and whole.error is not None:
-        title += f": the settling formula (16) is off by up to {off.brief()} of the step, "
-        title += f"with the term that it neglects by {whole.brief()}"
+    if deviations.error is not None and second_order.error is not None:
+        title += f": the settling formula (16) is off by up to {deviations.brief()} of the step, "
+        title += f"with the term that it neglects by {second_order.brief()}"
     level = Mark(r.operating, f"nominal {r.operating:g} rad/s")
     return Chart(title, "time [ms]", [Panel("crank speed", "rad/s", curves, [level])])

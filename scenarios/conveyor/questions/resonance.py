@@ -296,16 +296,16 @@ def side(f: Mapping[str, Figure], r: ResonanceData) -> str:
     """How far the resonance is from the operating speed, in words: in percent and, where the two speeds
     differ in the digits of a sentence, in rad/s, with the digits that are certain.
     """
-    away, resonance = f["nu_90_away"], f["nu_90"]
-    error = away.error or 0.0
-    if abs(away.value) <= error:
-        return f"which is {operating_speed(r)} within its error of {error:.1g} {away.unit}"
-    size = abs(away.value)
+    gap, resonance = f["nu_90_away"], f["nu_90"]
+    error = gap.error or 0.0
+    if abs(gap.value) <= error:
+        return f"which is {operating_speed(r)} within its error of {error:.1g} {gap.unit}"
+    size = abs(gap.value)
     share = concise(Figure(100.0 * size / r.speed, "%", 100.0 * error / r.speed), SHARE_DIGITS)
-    where = f"{'above' if away.value > 0.0 else 'below'} {operating_speed(r)}"
+    where = f"{'above' if gap.value > 0.0 else 'below'} {operating_speed(r)}"
     if f"{resonance.value:.{SENTENCE_DIGITS}g}" == f"{r.speed:.{SENTENCE_DIGITS}g}":
         return f"{share} {where}"
-    distant = concise(Figure(size, away.unit, error), SENTENCE_DIGITS)
+    distant = concise(Figure(size, gap.unit, error), SENTENCE_DIGITS)
     return f"{distant} {where}" if size > r.speed else f"{distant} ({share}) {where}"
 
 

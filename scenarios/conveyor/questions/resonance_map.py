@@ -69,7 +69,7 @@ NEARLY_ALL = f"in at least {1 - SURE:.0%} of the machines"
 TABLE, ROWS_TABLE = "resonance_map.csv", "resonance_map_rows.csv"
 VALUES = {"ripple": "N.m", "gain": "1", "lag": "deg", "settling": "1", "ripple_theory": "N.m"}
 RIDGES = ("lag_90", "lag_90_error", "formula", "peak", "peak_error", "peak_theory")
-DRAWN = (
+RIDGE_STYLES = (
     ("formula", "formula (22)", "grey", "theory"),
     ("lag_90", "90 deg lag", "sky", "points"),
     ("peak", "largest torque ripple", "red", "points"),
@@ -95,7 +95,9 @@ class Options(RippleOptions):
         + " (repeatable)",
     )
     samples: int = option(4096, "machines per point, a power of 2", least=2)
-    checks: int = option(8, "points to check by co-simulation, and half as many rows", least=0)
+    checks: int = option(
+        8, "number of map points verified by co-simulation; rows are half as many", least=0
+    )
     check_runs: int = option(128, "machines to co-simulate at each check", least=1)
     steps_per_rev: int = option(256, "communication steps per revolution", least=1)
 
@@ -120,10 +122,10 @@ class Map(NamedTuple):
     def ridges(self, along: str) -> list[Curve]:
         """The ridges of the rows that have them, their places on the axis "x" or "y" of a picture."""
         curves = []
-        for column, name, color, look in DRAWN:
-            there = self.rows[np.isfinite(self.rows[column])]
-            ends = there[column].to_numpy(), there[self.plane.y.name].to_numpy()
-            if len(there):
+        for column, name, color, look in RIDGE_STYLES:
+            present = self.rows[np.isfinite(self.rows[column])]
+            ends = present[column].to_numpy(), present[self.plane.y.name].to_numpy()
+            if len(present):
                 x, y = ends if along == "x" else ends[::-1]
                 curves.append(Curve(name, x, y, color, look))
         return curves
@@ -144,29 +146,29 @@ def solve(o: Options, context: Context) -> Findings:
         raise SetupError(f"samples = {o.samples} must be a power of 2, at least 2")
     if o.check_runs > o.samples:
         raise SetupError(f"check_runs = {o.check_runs} must be at most samples = {o.samples}")
-    beside = {key: value for key, value in o.start.items() if key not in FIELDS}
-    runner = OrbitRunner(context, beside, o.algorithm, o.steps_per_rev)
+    other_starts = {key: value for key, value in o.start.items() if key not in FIELDS}
+    runner = OrbitRunner(context, other_starts, o.algorithm, o.steps_per_rev)
     machine, nu, _ = max(plane.points(), key=lambda point: point.machine.nu_res / point.nu)
     runner.check(machine, nu, STEP_MULTIPLES[-1])
 
     points = swept(plane, runner, context.out and context.out / TABLE)
     rows, error = ridges(plane, runner), coupling_error(plane, runner)
-    found = Map(plane, runner, points, rows.assign(**dict.fromkeys(RANGES, math.nan)), within)
-    ratio = found.field("ripple") / found.field("ripple_theory")
+    map_ = Map(plane, runner, points, rows.assign(**dict.fromkeys(RANGES, math.nan)), within)
+    ratio = map_.field("ripple") / map_.field("ripple_theory")
     built = Built.within(plane, ratio, spread, o.samples)
     checks = built.check(
-        risk(found, built, o.checks, o.ripple_limit), o.check_runs, o.ripple_limit, runner
+        risk(map_, built, o.checks, o.ripple_limit), o.check_runs, o.ripple_limit, runner
     )
     y = {plane.y.name: plane.y.along.unit}
     return Findings(
         figures(points, rows, error) | judgement(checks, error),
-        found,
-        conveyor_drive(context.fmus, {**plane.machine.start(plane.speed), **beside}),
+        map_,
+        conveyor_drive(context.fmus, {**plane.machine.start(plane.speed), **other_starts}),
         communication=f"{o.steps_per_rev} steps per revolution",
         algorithm=o.algorithm,
         tables={
             TABLE: Table(points, plane.units | VALUES | {"probability": "1"}),
-            ROWS_TABLE: Table(found.rows, y | dict.fromkeys(RIDGES, plane.x.along.unit) | RANGES),
+            ROWS_TABLE: Table(map_.rows, y | dict.fromkeys(RIDGES, plane.x.along.unit) | RANGES),
         },
         facts={
             "range": within,
@@ -232,9 +234,9 @@ def swept(plane: Plane, runner: OrbitRunner, path: Path | None) -> DataFrame:
         raise SetupError("no orbit of the map is steady")
     for y, row in points.groupby(plane.y.name):
         if (unsteady := row["ripple"].isna().to_numpy()).any():
-            place = f"{plane.y.name} = {y:.3g} {plane.y.along.unit}, {plane.x.name}"
+            ridge_name = f"{plane.y.name} = {y:.3g} {plane.y.along.unit}, {plane.x.name}"
             logging.getLogger("cosim").warning(
-                f"No steady orbit at {place} of {stretches(plane.x.along, unsteady)}"
+                f"No steady orbit at {ridge_name} of {stretches(plane.x.along, unsteady)}"
             )
     return points
 
@@ -246,15 +248,17 @@ def ridges(plane: Plane, runner: OrbitRunner) -> DataFrame:
     x, levels, sought = plane.x.along, plane.y.along.values.tolist(), []
     orbits = runner.orbits(plane.points(), "map")
     for line in map(plane.line, levels):
-        known = [(at, orbit) for at, orbit in zip(x.values.tolist(), orbits) if not orbit.problem]
-        sought += [(line, feature, known) for feature in (LAG, TORQUE_PEAK)]
-    found = [
+        steady_orbits = [
+            (at, orbit) for at, orbit in zip(x.values.tolist(), orbits) if not orbit.problem
+        ]
+        sought += [(line, feature, steady_orbits) for feature in (LAG, TORQUE_PEAK)]
+    located = [
         (figure.value, math.nan if figure.error is None else figure.error, line.theory(feature))
         for (line, feature, _), (figure, _) in zip(
             sought, locate(sought, STEP_MULTIPLES, x.unit, runner)
         )
     ]
-    rows = [(level, *lag, *peak) for level, lag, peak in zip(levels, found[::2], found[1::2])]
+    rows = [(level, *lag, *peak) for level, lag, peak in zip(levels, located[::2], located[1::2])]
     return Table.of_rows(rows, dict.fromkeys([plane.y.name, *RIDGES], x.unit)).frame
 
 
@@ -279,7 +283,7 @@ def figures(points: DataFrame, rows: DataFrame, error: float) -> dict[str, Figur
     """The largest gain and torque ripple, and how far theory and the ridges are off."""
     over = "torque ripple by co-simulation over that of first-order theory"
     ratio = points["ripple"] / points["ripple_theory"]
-    found = {
+    all_figures = {
         name: Figure(float(value), unit, error * float(value), meaning)
         for name, value, unit, meaning in (
             ("gain_max", points["gain"].max(), "1",
@@ -289,7 +293,7 @@ def figures(points: DataFrame, rows: DataFrame, error: float) -> dict[str, Figur
             ("ratio_max", ratio.max(), "1", f"largest at a point: {over}"),
         )
     }  # fmt: skip
-    for place, other, what in (
+    for ridge_name, other, what in (
         ("lag_90", "formula", "deviation of the 90 deg lag from formula (22)"),
         ("peak", "formula", "deviation of the largest torque ripple from formula (22)"),
         (
@@ -298,40 +302,42 @@ def figures(points: DataFrame, rows: DataFrame, error: float) -> dict[str, Figur
             "deviation of the largest torque ripple from that of first-order theory",
         ),
     ):
-        off = 100 * abs(rows[place] / rows[other] - 1.0).dropna()
-        if len(off):
-            left = float((100 * rows[f"{place}_error"] / rows[other]).max())
-            rms = math.sqrt((off**2).mean())
-            what = f"{what}, {len(off)} of {len(rows)} rows"
-            name = f"{place}_off_{other}"
-            found[f"{name}_max"] = Figure(float(off.max()), "%", left, f"{what}, at most")
-            found[f"{name}_rms"] = Figure(rms, "%", left, f"{what}, rms")
-    return found
+        deviations = 100 * abs(rows[ridge_name] / rows[other] - 1.0).dropna()
+        if len(deviations):
+            left = float((100 * rows[f"{ridge_name}_error"] / rows[other]).max())
+            rms = math.sqrt((deviations**2).mean())
+            what = f"{what}, {len(deviations)} of {len(rows)} rows"
+            name = f"{ridge_name}_off_{other}"
+            all_figures[f"{name}_max"] = Figure(
+                float(deviations.max()), "%", left, f"{what}, at most"
+            )
+            all_figures[f"{name}_rms"] = Figure(rms, "%", left, f"{what}, rms")
+    return all_figures
 
 
 def judgement(checks: Sequence[Mapping[str, Any]], error: float) -> dict[str, Figure]:
     """How far probabilities may be off, by the machines that were co-simulated."""
-    wrong, off, beside = (
+    wrong, deviations, other_starts = (
         "co-simulated machines that theory judges differently",
         "deviation of the torque ripple of these machines from theory, rms",
         "probability from these machines minus that of the map, at most",
     )
     if not checks:
         return {"misjudged": Figure.undetermined("%", "no machine is co-simulated", wrong)}
-    told = Table.of_rows(
+    check_frame = Table.of_rows(
         [[*check.values()] for check in checks], dict.fromkeys(checks[0], "")
     ).frame
-    total = int(told["samples"].sum())
-    otherwise = int((told["judged_above"] + told["judged_below"]).sum())
+    total = int(check_frame["samples"].sum())
+    otherwise = int((check_frame["judged_above"] + check_frame["judged_below"]).sum())
     share, ends = otherwise / total, interval(otherwise, total)
-    rms = math.sqrt(np.average(told["off_rms"] ** 2, weights=told["samples"]))
+    rms = math.sqrt(np.average(check_frame["off_rms"] ** 2, weights=check_frame["samples"]))
     worst = max(checks, key=lambda check: abs(check["brute_force"] - check["probability"]))
     brute, chance = worst["brute_force"], worst["probability"]
     reach = max(abs(end - brute) for end in worst["interval"])
     return {
         "misjudged": Figure(100 * share, "%", 100 * max(abs(end - share) for end in ends), wrong),
-        "machines_off_rms": Figure(100 * rms, "%", 100 * error, off),
-        "probability_off_max": Figure(brute - chance, "1", reach, beside),
+        "machines_off_rms": Figure(100 * rms, "%", 100 * error, deviations),
+        "probability_off_max": Figure(brute - chance, "1", reach, other_starts),
     }
 
 
@@ -406,7 +412,7 @@ def maps(r: Map, limit: float) -> list[Field]:
     bounds = [Span(*r.within, "operating range", "green")] if r.within else []
     formula = [curve for curve in over if curve.look == "theory"]
     return [
-        Field("How much the drive magnifies the load's ripple", x, y,
+        Field("Gain: torque ripple over load ripple", x, y,
               "torque ripple over load ripple", r.field("gain"), over, True, line, bounds),
         Field(f"Machines within tolerance whose torque ripple is above {limit:g} N.m", x, y,
               "share of the machines", r.field("probability"), formula, levels=line, spans=bounds,

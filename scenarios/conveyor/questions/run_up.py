@@ -31,8 +31,8 @@ from ..rows import OVERDAMPED
 PARTS = DRIVE
 FIXED_STARTS = ("motor.characteristic",)
 MOTORS = {"linear": 0, "kloss": 1}
-WORDS = {"linear": "linear motor", "kloss": "induction motor"}
-SHOWN = {"linear": ("linear motor", "purple"), "kloss": ("induction motor (Kloss)", "gold")}
+MOTOR_NAMES = {"linear": "linear motor", "kloss": "induction motor"}
+STYLES = {"linear": ("linear motor", "purple"), "kloss": ("induction motor (Kloss)", "gold")}
 RECORD = (
     "motor.tau", "motor.tau_static", "motor.P", "conveyor.phi", "conveyor.w", "conveyor.x",
     "conveyor.tau_load", "conveyor.f_rod", "conveyor.P_loss",
@@ -60,7 +60,7 @@ def solve(o: Options, context: Context) -> Findings:
     """Both motors, one after the other, the linear one set for its mean speed: a run for each."""
     machine = followed(context.fmus, SETS[o.set], o.start)
     build_up = 1 / (4 * math.pi * machine.zeta)
-    found = {
+    all_figures = {
         "nu_res": Figure(machine.nu_res, "rad/s", 0.0, "resonance by formula (22)"),
         "zeta": Figure(machine.zeta, "1", 0.0, "damping ratio by formula"),
         "build_up": Figure(build_up, "1", 0.0, "revolutions in which a resonance builds up"),
@@ -70,11 +70,11 @@ def solve(o: Options, context: Context) -> Findings:
         rest = {"motor.tau": 0.0, "conveyor.w": 0.0, "motor.characteristic": characteristic}
         start = machine.start(o.speed) | rest | dict(o.start)
         systems[motor] = conveyor_drive(context.fmus, start)
-        tell = partial(figures, machine, WORDS[motor])
-        runs[motor], mine = context.certify(systems[motor], tell, o, RECORD, f"{motor}.csv")
-        found |= {f"{motor}_{name}": figure for name, figure in mine.items()}
+        figures_of = partial(figures, machine, MOTOR_NAMES[motor])
+        runs[motor], mine = context.certify(systems[motor], figures_of, o, RECORD, f"{motor}.csv")
+        all_figures |= {f"{motor}_{name}": figure for name, figure in mine.items()}
     return Findings(
-        found,
+        all_figures,
         runs,
         systems["linear"],
         runs["linear"].provenance,
@@ -89,7 +89,7 @@ def figures(machine: Machine, word: str, r: Result) -> dict[str, Figure]:
     t, w, second = r["time"], r["conveyor.w"], r.units["time"]
     meaning = f"time when the crank has passed the resonance, {word}"
     near = measured(partial(revolutions_near, machine.nu_res), t, w, r["conveyor.phi"])
-    found = {
+    all_figures = {
         "passing": Figure.undetermined(second, BELOW, meaning)
         if w[-1] < machine.nu_res
         else crossing(t, w, machine.nu_res, -1).figure(second, meaning),
@@ -97,13 +97,13 @@ def figures(machine: Machine, word: str, r: Result) -> dict[str, Figure]:
     }
     for name, (column, what) in LOADS.items():
         x, unit = r[column], r.units[column]
-        found[f"{name}_max"] = largest(t, np.abs(x)).figure(unit, f"largest {what}, {word}")
+        all_figures[f"{name}_max"] = largest(t, np.abs(x)).figure(unit, f"largest {what}, {word}")
         if name != "f_rod":
             end = since(t, x, END * t[-1])
             low, high = smallest(*end), largest(*end)
-            found[f"{name}_end_min"] = low.figure(unit, f"smallest {what} at the end, {word}")
-            found[f"{name}_end_max"] = high.figure(unit, f"largest {what} at the end, {word}")
-    return found
+            all_figures[f"{name}_end_min"] = low.figure(unit, f"smallest {what} at the end, {word}")
+            all_figures[f"{name}_end_max"] = high.figure(unit, f"largest {what} at the end, {word}")
+    return all_figures
 
 
 def revolutions_near(nu: float, t: Samples, w: Samples, phi: Samples) -> float:
@@ -127,11 +127,11 @@ def stalls(r: Result) -> bool:
 
 def verdict(o: Options, f: Mapping[str, Figure], r: Mapping[str, Result]) -> str:
     """Whether each motor passes the resonance, and how large torque and rod force get."""
-    place, lines = f["nu_res"].brief(), []
-    name = f"resonance at {place} by formula (22)"
+    speed_text, lines = f["nu_res"].brief(), []
+    name = f"resonance at {speed_text} by formula (22)"
     if f["zeta"].value > OVERDAMPED:
-        name = f"90 degree lag at {place} by formula (22), which is no resonance with this damping,"
-    for motor, word in WORDS.items():
+        name = f"90 degree lag at {speed_text} by formula (22), which is no resonance with this damping,"
+    for motor, word in MOTOR_NAMES.items():
         passing = f[f"{motor}_passing"]
         if passing.error is not None:
             answer = f"has passed the {name} after {passing.brief()}"
@@ -160,15 +160,15 @@ def show(o: Options, f: Mapping[str, Figure], r: Mapping[str, Result]) -> Show:
     def panel(quantity: str, column: str, unit: str = "", *levels: Mark) -> Panel:
         each = [
             result_panel(
-                quantity, result, result["time"], {column: SHOWN[motor]}, unit, levels=levels
+                quantity, result, result["time"], {column: STYLES[motor]}, unit, levels=levels
             )
             for motor, result in r.items()
         ]
-        return each[0]._replace(curves=[curve for one in each for curve in one.curves])
+        return each[0]._replace(curves=[curve for chart in each for curve in chart.curves])
 
     plane = []
     for motor, result in r.items():
-        (name, color), w = SHOWN[motor], result["conveyor.w"]
+        (name, color), w = STYLES[motor], result["conveyor.w"]
         order, static = np.argsort(w), result["motor.tau_static"]
         curves = [
             Curve("static characteristic", w[order], static[order], THEORY, "theory"),
@@ -183,7 +183,7 @@ def show(o: Options, f: Mapping[str, Figure], r: Mapping[str, Result]) -> Show:
     end = min(float(result["time"][-1]) for result in r.values())
     charts = [
         Chart("Run-up from rest", "time [s]", panels),
-        Chart("Torque over speed: the lag of the motor", "crank speed [rad/s]", plane),
+        Chart("Torque over speed", "crank speed [rad/s]", plane),
     ]
     return Show(charts, [moving("Both conveyors from rest", r, 0.0, end, 15.0)])
 
@@ -198,14 +198,14 @@ def live_part(o: Options, f: Mapping[str, Figure], r: Mapping[str, Result]) -> L
         LivePanel("rod force", {"conveyor.f_rod": FORCE}, "kN"),
     ]
     peaks = [
-        Number(f"{motor}_{name}_max", Reader("max", f"abs({column})", run=SHOWN[motor][0]))
+        Number(f"{motor}_{name}_max", Reader("max", f"abs({column})", run=STYLES[motor][0]))
         for motor in MOTORS
         for name, (column, _) in LOADS.items()
     ]
     ends = [
         Number(
             f"{motor}_w_end_{kind}",
-            Reader(kind, "conveyor.w", f"{END} * stop", run=SHOWN[motor][0]),
+            Reader(kind, "conveyor.w", f"{END} * stop", run=STYLES[motor][0]),
         )
         for motor in MOTORS
         for kind in ("min", "max")
@@ -221,7 +221,7 @@ def live_part(o: Options, f: Mapping[str, Figure], r: Mapping[str, Result]) -> L
         values=live_theory.values({}),
         start={"motor.A": live_theory.START["motor.A"]},
         runs=[
-            LiveRun(*SHOWN[motor], {"motor.characteristic": characteristic})
+            LiveRun(*STYLES[motor], {"motor.characteristic": characteristic})
             for motor, characteristic in MOTORS.items()
         ],
         numbers=[Number("nu_res", "nu_res"), *peaks, *ends],

@@ -26,12 +26,20 @@ STAGES = (
     (1.0, (35 / 384, 0.0, 500 / 1113, 125 / 192, -2187 / 6784, 11 / 84)),
 )
 DEFECT = (71 / 57600, 0.0, -71 / 16695, 71 / 1920, -17253 / 339200, 22 / 525, -1 / 40)
-SAFETY, SHRINK, GROW = 0.9, 0.2, 5.0
+#: Convention of step-size control (Hairer, Norsett, Wanner, Solving ODEs I, II.4): factor that keeps the next step from failing.
+SAFETY = 0.9
+#: Convention (same source): least factor between successive steps.
+SHRINK = 0.2
+#: Convention (same source): largest factor between successive steps.
+GROW = 5.0
+#: Smallest sub-step over the rest of the step: below it, rounding of the time (2.2e-16) would reach 1e-7 of a sub-step.
+SMALLEST_FRACTION = 1e-9
+#: Limit of the sub-steps in a step, so that a stiff component fails with a message instead of hanging.
 MOST_SUBSTEPS = 1_000_000
 
 
-class Walk(NamedTuple):
-    """On the way: at s with x and its slope; the size of the next sub-step and how many were tried."""
+class IntegratorState(NamedTuple):
+    """An integration under way: time s, state x and its slope, size of the next sub-step, sub-steps tried."""
 
     s: float
     x: Vector
@@ -43,44 +51,44 @@ class Walk(NamedTuple):
 def integrate(f: RightHandSide, x: Vector, h: float, tolerance: Vector) -> Vector:
     """Carry x from s = 0 to s = h; raises what `substep` raises."""
 
-    def body(at: Walk) -> tuple[bool, Walk]:
+    def body(at: IntegratorState) -> tuple[bool, IntegratorState]:
         _, _, at = substep(f, at, h, tolerance)
         return at.s >= h, at
 
-    return repeat(body, Walk(0.0, x, f(0.0, x), h, 0)).x
+    return repeat(body, IntegratorState(0.0, x, f(0.0, x), h, 0)).x
 
 
 def substep(
-    f: RightHandSide, at: Walk, stop: float, tolerance: Vector, longest: float = inf
-) -> tuple[bool, float, Walk]:
+    f: RightHandSide, at: IntegratorState, stop: float, tolerance: Vector, longest: float = inf
+) -> tuple[bool, float, IntegratorState]:
     """Try one sub-step towards `stop` whose error over the tolerance has a norm below 1.
 
-    Returns whether it succeeded, its size, and the walk to continue with. Raises ArithmeticError if no
+    Returns whether it succeeded, its size, and the integrator state to continue from. Raises ArithmeticError if no
     sub-step is small enough compared with the rest of the step, or after MOST_SUBSTEPS.
     """
     if at.tried >= MOST_SUBSTEPS:
         raise ArithmeticError(f"more than {MOST_SUBSTEPS} sub-steps up to {at.s!r} s of the step")
-    h, end = reach(at.s, at.size, stop)
+    h, end = clip_to_stop(at.s, at.size, stop)
     x, slope, error = attempted(
         lambda: attempt(f, at.s, at.x, at.slope, h, tolerance), (at.x, at.slope, inf)
     )
     tried = at.tried + 1
     if error <= 1.0 and end >= stop:
-        return True, h, Walk(end, x, slope, h, tried)
-    size = resized(h, error, longest)
+        return True, h, IntegratorState(end, x, slope, h, tried)
+    size = next_size(h, error, longest)
     if error <= 1.0:
-        return True, h, Walk(end, x, slope, size, tried)
-    if not h > 1e-9 * (stop - at.s):
+        return True, h, IntegratorState(end, x, slope, size, tried)
+    if not h > SMALLEST_FRACTION * (stop - at.s):
         raise ArithmeticError(f"no sub-step is small enough at {at.s!r} s of the step")
-    return False, h, Walk(at.s, at.x, at.slope, size, tried)
+    return False, h, IntegratorState(at.s, at.x, at.slope, size, tried)
 
 
-def reach(s: float, size: float, stop: float) -> tuple[float, float]:
+def clip_to_stop(s: float, size: float, stop: float) -> tuple[float, float]:
     """The size of a sub-step that ends at `stop` at the latest, and where it ends."""
     return (stop - s, stop) if s + size >= stop else (size, s + size)
 
 
-def resized(h: float, error: float, longest: float) -> float:
+def next_size(h: float, error: float, longest: float) -> float:
     """The size of the next sub-step, after one of size h with this squared error."""
     if not error < inf:
         return min(h * SHRINK, longest)
@@ -98,8 +106,8 @@ def attempt(
         slopes.append(f(s + h * node, new))
     error = 0.0
     for defect, allowed in zip(weighted(h, DEFECT, slopes), tolerance):
-        share = defect * (1.0 / allowed)
-        error += share * share
+        ratio = defect * (1.0 / allowed)
+        error += ratio * ratio
     return new, slopes[-1], error
 
 
@@ -107,6 +115,6 @@ def weighted(h: float, weights: Vector, slopes: Sequence[Vector]) -> Vector:
     """h times the weighted sum of slopes, the latest added last: the others need not wait for it."""
     used = [(h * weight, slope) for weight, slope in zip(weights, slopes) if weight]
     return [
-        reduce(add, [share * slope[place] for share, slope in used])
-        for place in range(len(slopes[0]))
+        reduce(add, [factor * slope[index] for factor, slope in used])
+        for index in range(len(slopes[0]))
     ]

@@ -14,22 +14,22 @@ from xml.etree import ElementTree
 
 import pythonfmu
 
-from ...declare.variables import Interface, class_name, component, title
-from ...write import entries
+from ...codegen import entries
+from ...declare.interface import Interface, class_name, component_name, title
 from .. import page, plot, reference, terminals
 from ..archive import KIT, LICENSE, digest_of, guid_of, write_archive
-from ..xml import PYTHON, to_xml
+from ..description.fmi2 import PYTHON, to_xml
 from . import instance
 from . import pythonfmu as wrapper
 
 BINARIES = Path(pythonfmu.__file__).parent / "resources" / "binaries"
-NEEDED = ("__init__.py", "si.py", "declare/*.py", "step/*.py")
+NEEDED = ("__init__.py", "si.py", "declare/*.py", "runtime/*.py")
 UNTRACED = """\
 from {kit} import model
-from {kit}.fmukit.declare.variables import Interface, complete
-from {kit}.fmukit.step import equations
+from {kit}.fmukit.declare.interface import Interface, complete_model
+from {kit}.fmukit.runtime import equations
 
-complete(model)
+complete_model(model)
 """
 
 
@@ -50,11 +50,11 @@ class Build(NamedTuple):
     @property
     def warnings(self) -> tuple[str, ...]:
         """Sentences about the model; none about one that cannot be traced."""
-        return () if hasattr(self.model, "PYTHON_ONLY") else entries.written(self.model).warnings
+        return () if hasattr(self.model, "PYTHON_ONLY") else entries.generate(self.model).warnings
 
     @property
     def module(self) -> str:
-        return f"{component(self.model)}_{self.digest[:12]}"
+        return f"{component_name(self.model)}_{self.digest[:12]}"
 
     @property
     def files(self) -> dict[str, bytes]:
@@ -69,14 +69,14 @@ class Build(NamedTuple):
             for file in sorted(file for pattern in NEEDED for file in KIT.glob(pattern)):
                 files[f"{kit}/fmukit/{file.relative_to(KIT).as_posix()}"] = file.read_bytes()
         else:
-            printed, functions = entries.written(self.model).python, "sys.modules[__name__]"
-        known = {"guid": self.guid} | reference.table(Interface(self.model))
-        rows = "".join(f"        {v!r},\n" for v in known.pop("variables"))
+            printed, functions = entries.generate(self.model).python, "sys.modules[__name__]"
+        table = {"guid": self.guid} | reference.table(Interface(self.model))
+        rows = "".join(f"        {v!r},\n" for v in table.pop("variables"))
         text = (
             f"{title(self.model) + ': slave, functions, and table of variables.'!r}\n\n"
             f"from __future__ import annotations\n\n{body_of(wrapper)}{body_of(instance)}{printed}"
             f"\n\nslave_class = type({self.name!r}, (Slave,), dict(\n    variables=(\n{rows}    ),\n"
-            + "".join(f"    {name}={value!r},\n" for name, value in known.items())
+            + "".join(f"    {name}={value!r},\n" for name, value in table.items())
             + f"    functions={functions},\n))\n"
         )
         stub = wrapper.STUB.format(module=self.module)

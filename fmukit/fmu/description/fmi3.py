@@ -13,7 +13,7 @@ STRUCTURE = {
 }
 
 
-def translated(old: Element) -> Element:
+def to_fmi3(old: Element) -> Element:
     """The description of a native FMU, with its event indicators as variables, and time."""
     root = Element("fmiModelDescription", old.attrib | {"fmiVersion": "3.0"})
     root.set("instantiationToken", root.attrib.pop("guid"))
@@ -29,14 +29,14 @@ def translated(old: Element) -> Element:
             first = len(part)
             variables = SubElement(root, part.tag)
             variables.extend(_variable(scalar) for scalar in part)
-            variables.extend(_more(first, indicators))
+            variables.extend(_indicators_and_time(first, indicators))
         elif part.tag == "ModelStructure":
             structure = SubElement(root, part.tag)
             for group in part:
                 for unknown in group:
                     SubElement(structure, STRUCTURE[group.tag], _unknown(unknown))
-            for place in range(indicators):
-                SubElement(structure, "EventIndicator", valueReference=str(first + place))
+            for index in range(indicators):
+                SubElement(structure, "EventIndicator", valueReference=str(first + index))
         else:
             root.append(part)
     return root
@@ -45,8 +45,8 @@ def translated(old: Element) -> Element:
 def _abilities(kind: Element, indicators: int) -> dict[str, str]:
     """What either kind of instance can do."""
     events = str(indicators > 0).lower()
-    kept = ("modelIdentifier", "needsExecutionTool", "canBeInstantiatedOnlyOncePerProcess")
-    same = {name: kind.attrib[name] for name in kept}
+    copied = ("modelIdentifier", "needsExecutionTool", "canBeInstantiatedOnlyOncePerProcess")
+    same = {name: kind.attrib[name] for name in copied}
     same |= dict.fromkeys(
         ("canGetAndSetFMUState", "canSerializeFMUState", "providesDirectionalDerivatives"), "true"
     )
@@ -64,22 +64,22 @@ def _abilities(kind: Element, indicators: int) -> dict[str, str]:
 
 def _variable(scalar: Element) -> Element:
     typed = scalar[0]
-    made = Element(TYPES.get(typed.tag, typed.tag), scalar.attrib | typed.attrib)
+    element = Element(TYPES.get(typed.tag, typed.tag), scalar.attrib | typed.attrib)
     moves = scalar.get("variability", "continuous") == "continuous"
     if typed.tag == "Real" and moves and scalar.get("causality") == "output":
-        made.set("intermediateUpdate", "true")
-    if "derivative" in made.attrib:
-        made.set("derivative", _reference(made.attrib["derivative"]))
-    return made
+        element.set("intermediateUpdate", "true")
+    if "derivative" in element.attrib:
+        element.set("derivative", _reference(element.attrib["derivative"]))
+    return element
 
 
-def _more(first: int, indicators: int) -> Iterator[Element]:
+def _indicators_and_time(first: int, indicators: int) -> Iterator[Element]:
     """The event indicators and time, which FMI 2.0 does not count as variables."""
-    for place in range(indicators):
+    for index in range(indicators):
         yield Element(
             "Float64",
-            name=f"event_indicator_{place + 1}",
-            valueReference=str(first + place),
+            name=f"event_indicator_{index + 1}",
+            valueReference=str(first + index),
             description="Event where it falls below zero",
             causality="local",
             variability="continuous",

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 if TYPE_CHECKING:
-    from .paths import Path
+    from .execute import Path
 
 COMPARISONS = ("<", "<=", ">", ">=", "==", "!=")
 FAILING = {
@@ -86,26 +86,26 @@ class Node:
         return operation("fabs", self)
 
     def __lt__(self, other: Any) -> Any:
-        return compared("<", self, other)
+        return comparison("<", self, other)
 
     def __le__(self, other: Any) -> Any:
-        return compared("<=", self, other)
+        return comparison("<=", self, other)
 
     def __gt__(self, other: Any) -> Any:
-        return compared(">", self, other)
+        return comparison(">", self, other)
 
     def __ge__(self, other: Any) -> Any:
-        return compared(">=", self, other)
+        return comparison(">=", self, other)
 
     def __eq__(self, other: object) -> Any:
-        return compared("==", self, other)
+        return comparison("==", self, other)
 
     def __ne__(self, other: object) -> Any:
-        return compared("!=", self, other)
+        return comparison("!=", self, other)
 
     def __bool__(self) -> bool:
         if self.op == "!=":
-            return not compared("==", *self.args)
+            return not comparison("==", *self.args)
         return PATHS[-1].decide(self) if self.op in COMPARISONS else bool(self != 0.0)
 
     def __hash__(self) -> int:
@@ -233,35 +233,35 @@ def symbol(op: str, *args: Any, kind: str = "Real", items: Sequence[int] = ()) -
     return unique((op, *args, kind, tuple(items)), args, kind, items)
 
 
-def computed(op: str, args: Sequence[Any]) -> Node:
+def operation_node(op: str, args: Sequence[Any]) -> Node:
     """The node of an operation, wherever it stands."""
     kind = "Integer" if op in ("floor", "ceil", "trunc") else "Real"
-    return unique((op, *map(key, args)), plain(args), "Boolean" if op in COMPARISONS else kind)
+    return unique((op, *map(key, args)), as_reals(args), "Boolean" if op in COMPARISONS else kind)
 
 
 def operation(op: str, *args: Any) -> Any:
     """The result of an operation that C knows by this name, computed here."""
     if not all(isinstance(arg, (int, float, Node)) for arg in args):
         return NotImplemented
-    return PATHS[-1].visit(computed(op, args))
+    return PATHS[-1].visit(operation_node(op, args))
 
 
-def plain(args: Sequence[Any]) -> list[Any]:
+def as_reals(args: Sequence[Any]) -> list[Any]:
     """Numbers as Reals."""
     return [arg if isinstance(arg, Node) else float(arg) for arg in args]
 
 
-def compared(op: str, left: Node, right: Any) -> Any:
+def comparison(op: str, left: Node, right: Any) -> Any:
     """A comparison, with its answer where the path knows it."""
     if not isinstance(right, (int, float, Node)):
         return NotImplemented
-    known = PATHS[-1].choices.get(left.number, left.items)
-    if known and not isinstance(right, Node) and op in ("==", "!="):
-        if right not in list(known):
+    possible = PATHS[-1].choices.get(left.number, left.items)
+    if possible and not isinstance(right, Node) and op in ("==", "!="):
+        if right not in list(possible):
             return op == "!="
-        if len(known) == 1:
+        if len(possible) == 1:
             return op == "=="
-    return computed(op, (left, right))
+    return operation_node(op, (left, right))
 
 
 def size(shape: Any) -> int:
@@ -269,13 +269,13 @@ def size(shape: Any) -> int:
     return 1 if shape == "number" else 0 if shape[0] == "static" else sum(map(size, shape[1]))
 
 
-def marked(text: str) -> Iterator[Node]:
+def nodes_in_text(text: str) -> Iterator[Node]:
     """The values that stand in a text."""
     for number in MARK.findall(text):
         yield NODES[int(number)]
 
 
-def used(node: Any) -> Iterator[Any]:
+def operands(node: Any) -> Iterator[Any]:
     """The values that a node is computed from."""
     if not isinstance(node, Node):
         return
@@ -292,66 +292,66 @@ def used(node: Any) -> Iterator[Any]:
         for arm in node.args[1:3]:
             yield from needed(arm._replace(values=[]))
     elif node.op == "note":
-        yield from marked(node.args[0])
+        yield from nodes_in_text(node.args[0])
     elif node.op not in ("symbol", "element", "variable", "phi"):
         yield from node.args
 
 
 def needed(tree: Tree) -> Iterator[Any]:
     """The values a tree needs: results, conditions, texts, and what may fail or acts."""
-    yield from (arg for node in tree.nodes if acts(node) for arg in used(node))
+    yield from (arg for node in tree.nodes if has_effect(node) for arg in operands(node))
     if isinstance(tree, Branch):
         yield from tree.condition.args
         yield from needed(tree.true)
         yield from needed(tree.false)
     else:
         yield from tree.values
-        yield from marked(tree.error or "")
+        yield from nodes_in_text(tree.error or "")
 
 
-def reach(
-    values: Iterable[Any], joins: dict[int, list[Node]], within: set[int] | None = None
+def ancestors(
+    values: Iterable[Any], joins: dict[int, list[Node]], inside: set[int] | None = None
 ) -> set[int]:
     """The numbers of all nodes that these values are computed from; `joins` from `joins_of`.
 
-    What is not `within` is not followed further.
+    What is not `inside` is not followed further.
     """
-    found: set[int] = set()
+    numbers: set[int] = set()
     waiting = list(values)
     while waiting:
         value = waiting.pop()
-        if isinstance(value, Node) and value.number not in found:
-            found.add(value.number)
-            if within is None or value.number in within or value.op in BETWEEN:
-                waiting += used(value)
+        if isinstance(value, Node) and value.number not in numbers:
+            numbers.add(value.number)
+            if inside is None or value.number in inside or value.op in BETWEEN:
+                waiting += operands(value)
             for join in joins.get(value.number, ()):
                 _, *arms, phis = join.args
-                place = next(n for n, phi in enumerate(phis) if phi is value)
-                waiting += [join, *(arm.values[place] for arm in arms)]
-    return found
+                index = next(n for n, phi in enumerate(phis) if phi is value)
+                waiting += [join, *(arm.values[index] for arm in arms)]
+    return numbers
 
 
-def everything(tree: Tree) -> set[int]:
+def all_nodes(tree: Tree) -> set[int]:
     """The numbers of all nodes of a tree."""
-    found = set()
+    numbers = set()
     for node in tree.nodes:
-        found.add(node.number)
-        for part in node.args[1:3] if node.op == "join" else ():
-            found |= everything(part)
+        numbers.add(node.number)
+        for arm in node.args[1:3] if node.op == "join" else ():
+            numbers |= all_nodes(arm)
         if node.op == "loop":
-            found |= everything(node.args[2])
+            numbers |= all_nodes(node.args[2])
     if isinstance(tree, Branch):
-        found |= everything(tree.true) | everything(tree.false)
-    return found
+        numbers |= all_nodes(tree.true) | all_nodes(tree.false)
+    return numbers
 
 
 def joins_of(tree: Tree) -> dict[int, list[Node]]:
     """The joins of a tree, by the numbers of the values that they hand on."""
-    found: dict[int, list[Node]] = {}
+    joins_by_phi: dict[int, list[Node]] = {}
     for join in joins_in(tree):
         for phi in join.args[3]:
-            found.setdefault(phi.number, []).append(join)
-    return found
+            joins_by_phi.setdefault(phi.number, []).append(join)
+    return joins_by_phi
 
 
 def joins_in(tree: Tree) -> Iterator[Node]:
@@ -367,14 +367,16 @@ def joins_in(tree: Tree) -> Iterator[Node]:
         yield from joins_in(tree.false)
 
 
-def acts(node: Node) -> bool:
+def has_effect(node: Node) -> bool:
     """Whether a node does something even where its value is not used."""
     if node.op == "join":
-        return any(arm.error is not None or any(map(acts, arm.nodes)) for arm in node.args[1:3])
-    return node.op in EFFECTS or failing(node)
+        return any(
+            arm.error is not None or any(map(has_effect, arm.nodes)) for arm in node.args[1:3]
+        )
+    return node.op in EFFECTS or may_fail(node)
 
 
-def failing(node: Node) -> bool:
+def may_fail(node: Node) -> bool:
     """Whether Python may raise here."""
     if node.op == "/":
         return isinstance(node.args[1], Node) or node.args[1] == 0.0

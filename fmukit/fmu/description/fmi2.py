@@ -7,10 +7,10 @@ from datetime import datetime, timezone
 from typing import NamedTuple
 from xml.etree.ElementTree import Element, SubElement
 
-from .. import VERSION
-from ..declare.record import Declaration
-from ..declare.variables import Interface, Variable, class_name, title
-from .load import about
+from ... import VERSION
+from ...declare.interface import Interface, Variable, class_name, title
+from ...declare.record import Declaration
+from ..load import project_metadata
 
 
 class Flavour(NamedTuple):
@@ -75,7 +75,7 @@ def to_xml(
         "modelName": class_name(model),
         "guid": guid,
         "description": title(model),
-        **about(model),
+        **project_metadata(model),
         "generationTool": flavour.tool,
         "variableNamingConvention": "structured",
     }
@@ -210,7 +210,7 @@ def _structure(root: Element, interface: Interface, exchange: bool) -> None:
     calculated = [(v, interface.feedthrough(v)) for v in interface.variables[interface.outputs]]
     exact = [v for v in interface.variables if v.initial == "exact"]
     unknowns = [*outputs, *calculated, *((v, inputs) for v in rates)]
-    for name, found in (
+    for name, entries in (
         ("Outputs", outputs + [(v, causes + states) for v, causes in calculated]),
         ("Derivatives", [(v, inputs + states) for v in rates]),
         (
@@ -218,8 +218,8 @@ def _structure(root: Element, interface: Interface, exchange: bool) -> None:
             [(v, exact + causes) for v, causes in unknowns if v.initial == "calculated"],
         ),
     ):
-        part = SubElement(structure, name) if found else structure
-        for variable, causes in found:
+        part = SubElement(structure, name) if entries else structure
+        for variable, causes in entries:
             indices = " ".join(str(index) for index in sorted(v.reference + 1 for v in causes))
             element = {"index": str(variable.reference + 1), "dependencies": indices}
             SubElement(part, "Unknown", element)

@@ -64,13 +64,13 @@ class Variable(NamedTuple):
 
 RECORDS = ("Parameters", "Inputs", "State", "Outputs")
 FUNCTIONS = {
-    "derivatives": "p, t, x, u", "outputs": "p, t, x, u", "guard": "p, t, x, u",
-    "jump": "p, t, x, u, which", "prepare": "p, x", "settle": "p, x",
+    "derivatives": "p, t, x, u", "outputs": "p, t, x, u", "event_indicators": "p, t, x, u",
+    "event_update": "p, t, x, u, which", "prepare": "p, x", "settle": "p, x",
 }  # fmt: skip
 """The arguments of a model's functions."""
 
 
-def complete(model: Any) -> None:
+def complete_model(model: Any) -> None:
     """Add the records that a model lacks, empty; raises TypeError for a missing part that it must have."""
     for name in RECORDS:
         if not hasattr(model, name):
@@ -88,12 +88,12 @@ def complete(model: Any) -> None:
         "derivatives": "write def derivatives(p, t, x, u), which returns the State of slopes",
         "outputs": "write def outputs(p, t, x, u), which returns the Outputs",
     }
-    if hasattr(model, "guard") or hasattr(model, "jump"):
-        needed["guard"] = (
-            "write def guard(p, t, x, u), which returns a tuple of values that stay above 0"
+    if hasattr(model, "event_indicators") or hasattr(model, "event_update"):
+        needed["event_indicators"] = (
+            "write def event_indicators(p, t, x, u), which returns a tuple of values that stay above 0"
         )
-        needed["jump"] = (
-            "write def jump(p, t, x, u, which), which returns the State after the event"
+        needed["event_update"] = (
+            "write def event_update(p, t, x, u, which), which returns the State after the event"
         )
     for name, form in needed.items():
         if not getattr(model, name, None):
@@ -103,20 +103,22 @@ def complete(model: Any) -> None:
         raise ValueError(
             f"EXPERIMENT has stop = {stop!r} s and step = {step!r} s: 0 < step <= stop must hold"
         )
-    for name, takes in FUNCTIONS.items():
+    for name, expected in FUNCTIONS.items():
         if hasattr(model, name):
-            _require_arguments(name, signature(getattr(model, name)), takes.split(", "))
+            _require_arguments(name, signature(getattr(model, name)), expected.split(", "))
 
 
-def _require_arguments(name: str, has: Signature, takes: list[str]) -> None:
-    given = list(has.parameters)
-    swapped = given[: len(takes)] != takes and sorted(given[: len(takes)]) == sorted(takes)
+def _require_arguments(name: str, actual: Signature, expected: list[str]) -> None:
+    names = list(actual.parameters)
+    swapped = names[: len(expected)] != expected and sorted(names[: len(expected)]) == sorted(
+        expected
+    )
     try:
-        has.bind(*takes)
+        actual.bind(*expected)
     except TypeError:
         swapped = True
     if swapped:
-        raise TypeError(f"{name} takes {', '.join(given)}: write def {name}({', '.join(takes)})")
+        raise TypeError(f"{name} takes {', '.join(names)}: write def {name}({', '.join(expected)})")
 
 
 class Interface:
@@ -142,8 +144,8 @@ class Interface:
     def _add(self, cls: Any, causality: str, initial: str) -> slice:
         first = len(self.variables)
         for name, declaration in declarations(cls):
-            given = "calculated" if declaration.follows else initial
-            self._append(name, causality, given, declaration)
+            start_kind = "calculated" if declaration.follows else initial
+            self._append(name, causality, start_kind, declaration)
         return slice(first, len(self.variables))
 
     def _append(self, name: str, causality: str, initial: str, declaration: Declaration) -> None:
@@ -160,13 +162,15 @@ class Interface:
         return [
             Variable(
                 f"der({state.name})",
-                self.derivatives.start + place,
+                self.derivatives.start + index,
                 "local",
                 "continuous",
                 "calculated",
-                Declaration(0.0, f"Derivative of {state.name}", quantity=rate(state.declaration)),
+                Declaration(
+                    0.0, f"Derivative of {state.name}", quantity=rate_quantity(state.declaration)
+                ),
             )
-            for place, state in enumerate(self.continuous)
+            for index, state in enumerate(self.continuous)
         ]
 
     def feedthrough(self, variable: Variable) -> list[Variable]:
@@ -175,12 +179,12 @@ class Interface:
         return [v for v in self.variables[self.inputs] if v.name in names]
 
 
-def rate(declaration: Declaration) -> Quantity | None:
+def rate_quantity(declaration: Declaration) -> Quantity | None:
     """The quantity of a derivative by time."""
     return per_second(declaration.quantity) if declaration.quantity else None
 
 
-def only_steps(model: ModuleType) -> str:
+def co_simulation_only_reason(model: ModuleType) -> str:
     """Why a model can only be stepped, not integrated by others; empty if it can be integrated."""
     declared = [d for _, d in declarations(model.State)]
     discrete = all(d.kind != "Real" or d.held for d in declared)
@@ -194,7 +198,7 @@ def title(model: ModuleType) -> str:
     return (model.__doc__ or "").strip().splitlines()[0].rstrip(".")
 
 
-def component(model: ModuleType) -> str:
+def component_name(model: ModuleType) -> str:
     """The name of a model: drive_motor for the file drive_motor.py or drive_motor/model.py."""
     parent, name = ("", *model.__name__.split("."))[-2:]
     return parent if name == "model" else name
@@ -202,4 +206,4 @@ def component(model: ModuleType) -> str:
 
 def class_name(model: ModuleType) -> str:
     """drive_motor -> DriveMotor, DC_motor -> DCMotor, the FMU's name."""
-    return "".join(word[:1].upper() + word[1:] for word in component(model).split("_"))
+    return "".join(word[:1].upper() + word[1:] for word in component_name(model).split("_"))

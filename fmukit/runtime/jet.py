@@ -94,10 +94,10 @@ def atan2(y: Number | float, x: Number) -> Number:
         return math.atan2(y, x)
     y = y if isinstance(y, Jet) else constant(y)
     square = x.value * x.value + y.value * y.value
-    turn = (x.value * y.first - y.value * x.first) / square
-    away = x.value * x.first + y.value * y.first
-    bent = x.value * y.second - y.value * x.second - 2.0 * (away * turn)
-    return Jet(math.atan2(y.value, x.value), turn, bent / square)
+    angular = (x.value * y.first - y.value * x.first) / square
+    radial = x.value * x.first + y.value * y.first
+    bent = x.value * y.second - y.value * x.second - 2.0 * (radial * angular)
+    return Jet(math.atan2(y.value, x.value), angular, bent / square)
 
 
 def constant(value: float) -> Jet:

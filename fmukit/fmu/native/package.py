@@ -16,12 +16,12 @@ from xml.etree.ElementTree import SubElement
 
 import fmpy
 
-from ...declare.variables import Interface, class_name, only_steps
-from ...write.entries import written
+from ...codegen.entries import generate
+from ...declare.interface import Interface, class_name, co_simulation_only_reason
 from .. import page, plot, reference, terminals
 from ..archive import LICENSE, digest_of, guid_of, write_archive
-from ..xml import NATIVE, to_xml
-from ..xml3 import translated
+from ..description.fmi2 import NATIVE, to_xml
+from ..description.fmi3 import to_fmi3
 
 RUNTIMES = sorted(Path(__file__).parent.glob("fmi*.c"))
 NAMES = ("fmi2FunctionTypes", "fmi2TypesPlatform", "fmi3FunctionTypes", "fmi3PlatformTypes")
@@ -34,7 +34,7 @@ TARGETS = {
     "aarch64-darwin/{}.dylib": "aarch64-macos",
 }
 PLATFORMS = {"linux64": "x86_64-linux", "win64": "x86_64-windows"}
-RECIPE = """\
+BUILD_DESCRIPTION = """\
 <?xml version="1.0" encoding="UTF-8"?>
 <fmiBuildDescription fmiVersion="3.0">
   <BuildConfiguration modelIdentifier="{0}">
@@ -46,15 +46,15 @@ OPTIONS = (
     "-std=c99", "-O2", "-ffp-contract=off", "-fno-math-errno", "-fno-slp-vectorize",
     "-fvisibility=hidden", "-s",
 )  # fmt: skip
-ALONE = ("-shared", "-fPIC", "-rtlib=none")
-WINDOWS = Path(__file__).with_name("windows.c")
+LIBRARY_FLAGS = ("-shared", "-fPIC", "-rtlib=none")
+WINDOWS_LAYER = Path(__file__).with_name("windows.c")
 UCRT = [
     f"-lapi-ms-win-crt-{part}-l1-1-0"
     for part in ("convert", "heap", "math", "private", "stdio", "string", "utility")
 ]
-FLAT = Path(__file__).with_name("wasm.c")
-MODULE = ("-mexec-model=reactor", "-Wl,--strip-all")
-EXTRA = "extra/org.webassembly.wasm32"
+WASM_LAYER = Path(__file__).with_name("wasm.c")
+WASM_FLAGS = ("-mexec-model=reactor", "-Wl,--strip-all")
+WASM_FOLDER = "extra/org.webassembly.wasm32"
 DEPENDENCIES = """\
 The binaries for linux64 and aarch64-linux (glibc 2.17 or newer), win64 and darwin64 (universal)
 need the C library and its mathematics, nothing else. They are built from sources/, which any C99
@@ -80,20 +80,22 @@ class NativeBuild(NamedTuple):
     @property
     def warnings(self) -> tuple[str, ...]:
         """Sentences about the model."""
-        return written(self.model).warnings
+        return generate(self.model).warnings
 
     @property
     def source(self) -> str:
         """Its C but for the guid."""
-        made = written(self.model)
+        generated = generate(self.model)
         if self.fmi == 2:
-            return made.c
-        return made.c.replace('#include "fmi2.c"', '#include "fmi3.c"') + made.reach
+            return generated.c
+        return (
+            generated.c.replace('#include "fmi2.c"', '#include "fmi3.c"') + generated.run_to_event
+        )
 
     @property
     def indicators(self) -> int | None:
         """The number of its event indicators; None if it is not for model exchange."""
-        return None if only_steps(self.model) else written(self.model).indicators
+        return None if co_simulation_only_reason(self.model) else generate(self.model).indicators
 
 
 def collect(model: ModuleType, fmi: int = 2) -> NativeBuild:
@@ -104,9 +106,9 @@ def collect(model: ModuleType, fmi: int = 2) -> NativeBuild:
 
 def sources_of(build: NativeBuild) -> dict[str, bytes]:
     """All that is compiled, by file name."""
-    own = build.source.replace('#define GUID ""', f'#define GUID "{build.guid}"')
-    files = {file.name: file.read_bytes() for file in needed(build.fmi)}
-    return {f"{build.name}.c": own.encode(), **files}
+    source = build.source.replace('#define GUID ""', f'#define GUID "{build.guid}"')
+    files = {file.name: file.read_bytes() for file in source_files(build.fmi)}
+    return {f"{build.name}.c": source.encode(), **files}
 
 
 def pack(build: NativeBuild, fmu: Path) -> None:
@@ -115,7 +117,9 @@ def pack(build: NativeBuild, fmu: Path) -> None:
     rows = reference.experiment(build.model)
     licence = f"{LICENSE.read_text()}\nThe FMI headers in sources/ carry their own licence.\n"
     libraries = binaries(build.name, sources, build.fmi)
-    recipe = {"sources/buildDescription.xml": RECIPE.format(build.name).encode()}
+    build_description = {
+        "sources/buildDescription.xml": BUILD_DESCRIPTION.format(build.name).encode()
+    }
     contents = {
         "modelDescription.xml": description(interface, build),
         "documentation/index.html": page.html(interface, plot.svg(interface, rows)).encode(),
@@ -125,17 +129,21 @@ def pack(build: NativeBuild, fmu: Path) -> None:
         **reference.entries(interface, rows),
         **terminals.entries(interface),
         **{f"binaries/{path}": content for path, content in libraries},
-        **(recipe if build.fmi == 3 else {f"{EXTRA}/{build.name}.wasm": module(build)}),
+        **(
+            build_description
+            if build.fmi == 3
+            else {f"{WASM_FOLDER}/{build.name}.wasm": wasm_module(build)}
+        ),
     }
     write_archive(contents, fmu)
 
 
-def needed(fmi: int) -> list[Path]:
+def source_files(fmi: int) -> list[Path]:
     """The files of ours and of the standard that go with the C of a component."""
     return [
         file
-        for file in (*RUNTIMES, *HEADERS, FLAT)
-        if (file != FLAT if fmi == 3 else "fmi3" not in file.name)
+        for file in (*RUNTIMES, *HEADERS, WASM_LAYER)
+        if (file != WASM_LAYER if fmi == 3 else "fmi3" not in file.name)
     ]
 
 
@@ -143,7 +151,7 @@ def description(interface: Interface, build: NativeBuild) -> bytes:
     """modelDescription.xml; of FMI 2.0 with the list of sources."""
     root = to_xml(interface, build.guid, NATIVE, build.indicators)
     if build.fmi == 3:
-        root = translated(root)
+        root = to_fmi3(root)
     kinds = [*root.iter("ModelExchange"), *root.iter("CoSimulation")]
     for kind in kinds if build.fmi == 2 else ():
         SubElement(SubElement(kind, "SourceFiles"), "File", name=f"{build.name}.c")
@@ -158,57 +166,61 @@ def binaries(name: str, sources: dict[str, bytes], fmi: int) -> Iterator[tuple[s
         folder = Path(temporary)
         for file, content in sources.items():
             (folder / file).write_bytes(content)
-        places = [path.format(name) for path in TARGETS]
-        made = pool.map(
-            lambda target, place: compile_for(target, place, name, folder), TARGETS.values(), places
+        paths = [path.format(name) for path in TARGETS]
+        outcomes = pool.map(
+            lambda target, platform_name: compile_for(target, platform_name, name, folder),
+            TARGETS.values(),
+            paths,
         )
-        libraries = dict(zip(places, made))
+        libraries = dict(zip(paths, outcomes))
     if fmi == 3:
         for path, code in libraries.items():
-            place, file = path.split("/")
-            yield f"{PLATFORMS.get(place, place)}/{file}", code
+            platform_name, file = path.split("/")
+            yield f"{PLATFORMS.get(platform_name, platform_name)}/{file}", code
         return
     yield from ((path, code) for path, code in libraries.items() if "darwin" not in path)
     slices = [code for path, code in libraries.items() if path.endswith(".dylib")]
     yield f"darwin64/{name}.dylib", universal(slices)
 
 
-def compile_for(target: str, place: str, name: str, folder: Path) -> bytes:
+def compile_for(target: str, path: str, name: str, folder: Path) -> bytes:
     """The shared library for one target of Zig."""
-    library = folder / place
+    library = folder / path
     library.parent.mkdir()
     if "windows" in target:
-        made = f"{name}.obj"
-        compiled(target, str(WINDOWS), made, folder, ["-c", "-I.", f'-DMODEL="{name}.c"'])
-        return compiled(
-            target, made, place, folder, ["-shared", "-nostdlib", "-Wl,--no-entry", *UCRT]
+        object_file = f"{name}.obj"
+        run_compiler(
+            target, str(WINDOWS_LAYER), object_file, folder, ["-c", "-I.", f'-DMODEL="{name}.c"']
         )
-    options = [*ALONE, "-lm"]
+        return run_compiler(
+            target, object_file, path, folder, ["-shared", "-nostdlib", "-Wl,--no-entry", *UCRT]
+        )
+    options = [*LIBRARY_FLAGS, "-lm"]
     options += (
         [f"-Wl,-install_name,@rpath/{library.name}"] if "macos" in target else ["-Wl,-z,defs"]
     )
-    return compiled(target, f"{name}.c", place, folder, options)
+    return run_compiler(target, f"{name}.c", path, folder, options)
 
 
 @cache
-def module(build: NativeBuild) -> bytes:
+def wasm_module(build: NativeBuild) -> bytes:
     """The module for WebAssembly, which needs no imports; `wasm.c` says what it exports."""
     with tempfile.TemporaryDirectory(prefix="wasm_") as temporary:
         folder = Path(temporary)
         for file, content in sources_of(build).items():
             (folder / file).write_bytes(content)
-        options = [*MODULE, f'-DMODEL="{build.name}.c"']
-        return compiled("wasm32-wasi", FLAT.name, f"{build.name}.wasm", folder, options)
+        options = [*WASM_FLAGS, f'-DMODEL="{build.name}.c"']
+        return run_compiler("wasm32-wasi", WASM_LAYER.name, f"{build.name}.wasm", folder, options)
 
 
-def compiled(target: str, source: str, place: str, folder: Path, options: list[str]) -> bytes:
+def run_compiler(target: str, source: str, output: str, folder: Path, options: list[str]) -> bytes:
     """What the compiler makes of a source in a folder; raises RuntimeError with its words."""
     command = [sys.executable, "-m", "ziglang", "cc", "-target", target, *OPTIONS, *options]
-    command += ["-o", place, source]
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
-    if done.returncode:
-        raise RuntimeError(f"{Path(place).stem} does not compile for {target}:\n{done.stderr}")
-    return (folder / place).read_bytes()
+    command += ["-o", output, source]
+    process = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    if process.returncode:
+        raise RuntimeError(f"{Path(output).stem} does not compile for {target}:\n{process.stderr}")
+    return (folder / output).read_bytes()
 
 
 def universal(slices: list[bytes]) -> bytes:

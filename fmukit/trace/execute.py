@@ -9,9 +9,10 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 from ..declare.record import Declaration
-from .joins import joined
-from .values import PATHS, Branch, Leaf, Node, Tree, Untraceable, symbol
+from .graph import PATHS, Branch, Leaf, Node, Tree, Untraceable, symbol
+from .merge import merge_arms
 
+#: Limit of the conditions on one path: tracing doubles with each, so that more can only be a loop that does not end.
 MOST_CONDITIONS = 100
 
 
@@ -39,8 +40,8 @@ class Path:
     """What is known on the way through a function: answers given, and nodes already computed."""
 
     def __init__(self, answers: tuple[bool, ...], outer: Path | None, token: tuple[Any, ...]):
-        self.answers, self.token, self.given, self.marks = answers, token, 0, 0
-        self.seen: set[int] = set(outer.seen) if outer else set()
+        self.answers, self.token, self.decided, self.marks = answers, token, 0, 0
+        self.visited: set[int] = set(outer.visited) if outer else set()
         self.facts: dict[int, bool] = dict(outer.facts) if outer else {}
         self.choices: dict[int, list[int]] = dict(outer.choices) if outer else {}
         self.nodes: list[Node] = []
@@ -48,24 +49,24 @@ class Path:
     def mark(self) -> tuple[Any, ...]:
         """A name for a place on this path, the same whenever it is run through."""
         self.marks += 1
-        return (*self.token, self.answers[: self.given], self.marks)
+        return (*self.token, self.answers[: self.decided], self.marks)
 
     def visit(self, node: Node) -> Node:
-        if node.number not in self.seen:
-            self.seen.add(node.number)
+        if node.number not in self.visited:
+            self.visited.add(node.number)
             self.nodes.append(node)
         return node
 
     def decide(self, condition: Node) -> bool:
         if condition.number not in self.facts:
-            if self.given == MOST_CONDITIONS:
+            if self.decided == MOST_CONDITIONS:
                 raise Untraceable(
                     "a loop whose end is known only at run time: write repeat(body, x)"
                 )
-            if self.given == len(self.answers):
+            if self.decided == len(self.answers):
                 raise Fork(condition)
-            self.learn(condition, self.answers[self.given])
-            self.given += 1
+            self.learn(condition, self.answers[self.decided])
+            self.decided += 1
             self.nodes = []
         return self.facts[condition.number]
 
@@ -73,8 +74,8 @@ class Path:
         self.facts[condition.number] = answer
         left, right = condition.args
         if condition.op == "==" and left.items and not isinstance(right, Node):
-            known = self.choices.get(left.number, left.items)
-            self.choices[left.number] = [item for item in known if (item == right) == answer]
+            possible = self.choices.get(left.number, left.items)
+            self.choices[left.number] = [item for item in possible if (item == right) == answer]
 
 
 def flatten(value: Any) -> tuple[Any, list[Any]]:
@@ -126,13 +127,13 @@ def kinds(shape: Any) -> Iterator[tuple[str, Sequence[int]]]:
 def symbols(shape: Any, name: Callable[[int], tuple[Any, ...]]) -> Any:
     """A value of this shape made of symbols, each named by its place."""
     numbers = (
-        symbol(*name(place), kind=kind, items=items)
-        for place, (kind, items) in enumerate(kinds(shape))
+        symbol(*name(index), kind=kind, items=items)
+        for index, (kind, items) in enumerate(kinds(shape))
     )
     return arranged(shape, iter(list(numbers)))
 
 
-def grow(run: Callable[[], Any], token: tuple[Any, ...], answers: tuple[bool, ...] = ()) -> Tree:
+def explore(run: Callable[[], Any], token: tuple[Any, ...], answers: tuple[bool, ...] = ()) -> Tree:
     """All paths through `run` that begin with these answers, joined where they do the same."""
     path = Path(answers, PATHS[-1] if PATHS else None, token)
     PATHS.append(path)
@@ -147,8 +148,8 @@ def grow(run: Callable[[], Any], token: tuple[Any, ...], answers: tuple[bool, ..
         condition = fork.condition
     finally:
         PATHS.pop()
-    true, false = (grow(run, token, (*answers, answer)) for answer in (True, False))
-    return joined(path.nodes, condition, true, false)
+    true, false = (explore(run, token, (*answers, answer)) for answer in (True, False))
+    return merge_arms(path.nodes, condition, true, false)
 
 
 def leaves(tree: Tree) -> Iterator[Leaf]:

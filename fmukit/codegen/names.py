@@ -4,19 +4,19 @@ from __future__ import annotations
 
 import re
 
-from ..trace.values import Node
+from ..trace.graph import Node
 
 
-def given(name: str) -> str:
+def printed_name(name: str) -> str:
     """The printed name of a parameter of a function, or of its tangents."""
     plain = re.sub(r"\W", lambda letter: f"_{ord(letter[0]):x}_", name.rstrip("'"), flags=re.ASCII)
     return f"{'d' if name.endswith(chr(39)) else 'p'}_{plain}"
 
 
-def parameter(node: Node) -> str | None:
+def parameter_name(node: Node) -> str | None:
     """A number that a function has been given, or carries through a loop; None for any other."""
     if node.op == "symbol":
-        return given(node.args[0])
+        return printed_name(node.args[0])
     if node.op == "element":
-        return f"{given(node.args[0])}[{node.args[1]}]"
+        return f"{printed_name(node.args[0])}[{node.args[1]}]"
     return f"v{node.args[0]}_{node.args[1]}" if node.op == "variable" else None

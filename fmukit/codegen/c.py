@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator
 from itertools import groupby
 from typing import Any
 
-from ..trace.values import (
+from ..trace.graph import (
     COMPARISONS,
     FAILING,
     MARK,
@@ -20,15 +20,15 @@ from ..trace.values import (
     Leaf,
     Node,
     Tree,
-    acts,
-    failing,
+    ancestors,
+    has_effect,
     joins_of,
-    marked,
+    may_fail,
     needed,
-    reach,
+    nodes_in_text,
     size,
 )
-from .names import given, parameter
+from .names import parameter_name, printed_name
 
 INFIX = {"+", "-", "*", *COMPARISONS}
 POINTERS = {
@@ -38,9 +38,12 @@ POINTERS = {
 OVERFLOWING = {"cosh", "sinh", "exp", "expm1"}
 NAMES = {
     "/": "quotient", "power": "power", "pow": "math_pow", "modulo": "modulo", "fmod": "math_fmod",
-    "floordiv": "floored", "floor": "whole", "ceil": "whole", "trunc": "whole",
+    "floordiv": "floor_quotient", "floor": "checked_integer", "ceil": "checked_integer", "trunc": "checked_integer",
 }  # fmt: skip
-SMALL, WIDTH = 60, 98
+#: Largest number of lines of a C function that is always inlined; a convention of this kit.
+MOST_INLINED_LINES = 60
+#: Width of the lines of definitions; a convention of this kit.
+WIDTH = 98
 PACKED = re.compile(
     r" *(const double (?=n)|double (?=v\w+ =)|(?=(j\d+|v\d+_\d+|result\[\d+\]) = ))"
 )
@@ -52,9 +55,9 @@ def declaration(function: Function) -> str:
     parameters = ["Context *c"]
     for name, shape in function.parameters.items():
         if shape == "number":
-            parameters.append(f"double {given(name)}")
+            parameters.append(f"double {printed_name(name)}")
         elif size(shape) or function.entry:
-            parameters.append(f"const double *{given(name)}")
+            parameters.append(f"const double *{printed_name(name)}")
     if has_array(function) or (function.entry and not is_static(function.shape)):
         parameters.append("double *result")
     returned = "double" if is_number(function) else "void"
@@ -79,19 +82,19 @@ def is_static(shape: Any) -> bool:
 def definition(function: Function) -> str:
     """The C function."""
     lines = list(Printer(function).lines())
-    kind = "INLINE" if len(lines) <= SMALL else "static inline"
+    kind = "INLINE" if len(lines) <= MOST_INLINED_LINES else "static inline"
     return "\n".join([f"{kind} {declaration(function)} {{", *packed(lines), "}\n"])
 
 
-def beginning(line: str) -> str | None:
+def statement_prefix(line: str) -> str | None:
     """What lines begin with that may be one statement; None for any other line."""
-    found = PACKED.match(line)
-    return found[0] if found else None
+    match = PACKED.match(line)
+    return match[0] if match else None
 
 
 def packed(lines: Iterable[str]) -> Iterator[str]:
     """Definitions that follow each other as one statement: each stays an expression of its own."""
-    for start, group in groupby(lines, beginning):
+    for start, group in groupby(lines, statement_prefix):
         if start is None:
             yield from group
             continue
@@ -112,16 +115,16 @@ def real(value: float) -> str:
     return f"({value!r})" if math.copysign(1.0, value) < 0 else repr(value)
 
 
-def in_place(group: list[Any]) -> Node | None:
+def contiguous_start(group: list[Any]) -> Node | None:
     """The first of numbers that already stand side by side: in a parameter, or in a result."""
     first = group[0] if group else None
     if not isinstance(first, Node) or first.op not in ("element", "result"):
         return None
-    base, place = first.args
-    row = [(first.op, (base, place + offset)) for offset in range(len(group))]
+    base, index = first.args
+    row = [(first.op, (base, index + offset)) for offset in range(len(group))]
     is_array = first.op == "element" or has_array(NODES[base].args[0])
-    found = [(getattr(v, "op", ""), getattr(v, "args", ())) for v in group]
-    return first if is_array and row == found else None
+    operands = [(getattr(v, "op", ""), getattr(v, "args", ())) for v in group]
+    return first if is_array and row == operands else None
 
 
 def wrapped(indent: str, text: str) -> Iterator[str]:
@@ -135,20 +138,20 @@ class Printer:
     def __init__(self, function: Function) -> None:
         self.function = function
         self.names: dict[int, str] = {}
-        self.used = reach(needed(function.tree), joins_of(function.tree))
+        self.used = ancestors(needed(function.tree), joins_of(function.tree))
 
     def lines(self) -> Iterator[str]:
         yield from self.tree(self.function.tree, 1, None)
 
     def nodes(self, nodes: list[Node], depth: int) -> Iterator[str]:
         for node in nodes:
-            if node.number in self.used or acts(node) or self.handed(node):
+            if node.number in self.used or has_effect(node) or self.used_phis(node):
                 yield from self.statement(node, depth)
 
-    def handed(self, node: Node) -> list[tuple[Node, int]]:
+    def used_phis(self, node: Node) -> list[tuple[Node, int]]:
         """The values that a join hands on to where they are used, with their places."""
         phis = node.args[3] if node.op == "join" else ()
-        return [(phi, place) for place, phi in enumerate(phis) if phi.number in self.used]
+        return [(phi, index) for index, phi in enumerate(phis) if phi.number in self.used]
 
     def tree(self, tree: Tree, depth: int, loop: Node | None) -> Iterator[str]:
         indent = "    " * depth
@@ -165,7 +168,7 @@ class Printer:
             yield f"{indent}fail({self.text(tree.error)});"
             yield f"{indent}{self.leave()}"
         elif loop is not None:
-            yield from self.turn(tree, loop, indent)
+            yield from self.loop_end(tree, loop, indent)
         else:
             yield from self.returned(tree, indent)
 
@@ -173,36 +176,38 @@ class Printer:
         if is_number(self.function):
             return "return NAN;"
         count = size(self.function.shape)
-        return f"spoil(result, {count}); return;" if count else "return;"
+        return f"fill_nan(result, {count}); return;" if count else "return;"
 
     def returned(self, leaf: Leaf, indent: str) -> Iterator[str]:
         if is_number(self.function):
             yield f"{indent}return {self.value(leaf.values[0])};"
             return
-        for place, value in enumerate(leaf.values):
-            yield f"{indent}result[{place}] = {self.value(value)};"
+        for index, value in enumerate(leaf.values):
+            yield f"{indent}result[{index}] = {self.value(value)};"
         if len(indent) > 4:
             yield f"{indent}return;"
 
-    def turn(self, leaf: Leaf, loop: Node, indent: str) -> Iterator[str]:
+    def loop_end(self, leaf: Leaf, loop: Node, indent: str) -> Iterator[str]:
         """The end of a loop's body: the next values of its variables."""
         number = loop.args[0]
         done, *values = leaf.values
         if isinstance(done, Node):
             yield f"{indent}const int done{number} = {self.value(done)};"
         new = {
-            f"v{number}_{place}": value
-            for place, value in enumerate(values)
+            f"v{number}_{index}": value
+            for index, value in enumerate(values)
             if not (
-                isinstance(value, Node) and value.op == "variable" and value.args == (number, place)
+                isinstance(value, Node) and value.op == "variable" and value.args == (number, index)
             )
         }
         for name, value in new.items():
             if isinstance(value, Node) and value.op == "variable" and value.args[0] == number:
                 yield f"{indent}const double next_{name} = {self.value(value)};"
         for name, value in new.items():
-            moved = isinstance(value, Node) and value.op == "variable" and value.args[0] == number
-            yield f"{indent}{name} = {f'next_{name}' if moved else self.value(value)};"
+            is_carried = (
+                isinstance(value, Node) and value.op == "variable" and value.args[0] == number
+            )
+            yield f"{indent}{name} = {f'next_{name}' if is_carried else self.value(value)};"
         if isinstance(done, Node):
             yield f"{indent}if (done{number}) break;"
         yield f"{indent}{'continue' if isinstance(done, Node) or not done else 'break'};"
@@ -210,17 +215,17 @@ class Printer:
     def join(self, node: Node, depth: int) -> Iterator[str]:
         """A condition, and what either arm hands on."""
         indent = "    " * depth
-        condition, handed = self.comparison(node.args[0]), self.handed(node)
+        condition, used_phis = self.comparison(node.args[0]), self.used_phis(node)
         true, false = node.args[1:3]
-        names = [self.name(phi, "j") for phi, _ in handed]
+        names = [self.name(phi, "j") for phi, _ in used_phis]
         if not true.nodes and not false.nodes and true.error is false.error is None:
-            for name, (_, place) in zip(names, handed):
-                yes, no = self.value(true.values[place]), self.value(false.values[place])
+            for name, (_, index) in zip(names, used_phis):
+                yes, no = self.value(true.values[index]), self.value(false.values[index])
                 yield f"{indent}const double {name} = {condition} ? {yes} : {no};"
             return
         if names:
             yield from wrapped(indent, f"double {', '.join(names)};")
-        arms = [list(self.arm(arm, names, handed, depth + 1)) for arm in (true, false)]
+        arms = [list(self.arm(arm, names, used_phis, depth + 1)) for arm in (true, false)]
         if not arms[0]:
             condition, arms = f"!({condition})", arms[::-1]
         yield f"{indent}if ({condition}) {{"
@@ -231,7 +236,7 @@ class Printer:
         yield f"{indent}}}"
 
     def arm(
-        self, arm: Leaf, names: list[str], handed: list[tuple[Node, int]], depth: int
+        self, arm: Leaf, names: list[str], used_phis: list[tuple[Node, int]], depth: int
     ) -> Iterator[str]:
         """One arm of a join."""
         indent = "    " * depth
@@ -240,8 +245,8 @@ class Printer:
             yield f"{indent}fail({self.text(arm.error)});"
             yield f"{indent}{self.leave()}"
             return
-        for name, (_, place) in zip(names, handed):
-            yield f"{indent}{name} = {self.value(arm.values[place])};"
+        for name, (_, index) in zip(names, used_phis):
+            yield f"{indent}{name} = {self.value(arm.values[index])};"
 
     def statement(self, node: Node, depth: int) -> Iterator[str]:
         indent = "    " * depth
@@ -251,8 +256,8 @@ class Printer:
             yield f"{indent}if (c->failed) {{ {self.leave()} }}"
         elif node.op == "loop":
             number, start, body = node.args
-            for place, value in enumerate(start):
-                yield f"{indent}double v{number}_{place} = {self.value(value)};"
+            for index, value in enumerate(start):
+                yield f"{indent}double v{number}_{index} = {self.value(value)};"
             yield f"{indent}for (;;) {{"
             yield f"{indent}    if (c->failed) {{ {self.leave()} }}"
             yield from self.tree(body, depth + 1, node)
@@ -287,24 +292,24 @@ class Printer:
 
     def array(self, group: list[Any]) -> str:
         """Numbers side by side: where they already are, or copied."""
-        first = in_place(group)
+        first = contiguous_start(group)
         if first is not None:
-            base, place = first.args
-            name = given(base) if first.op == "element" else self.names[base]
-            return f"{name} + {place}" if place else name
+            base, index = first.args
+            name = printed_name(base) if first.op == "element" else self.names[base]
+            return f"{name} + {index}" if index else name
         return f"(const double[]){{{', '.join(map(self.value, group))}}}"
 
     def value(self, value: Any) -> str:
         """A number where it is used."""
         if not isinstance(value, Node):
             return real(float(value))
-        given = parameter(value)
-        if given is not None:
-            return given
+        name = parameter_name(value)
+        if name is not None:
+            return name
         if value.op == "result":
-            call, place = value.args
+            call, index = value.args
             is_array = has_array(NODES[call].args[0])
-            return f"{self.names[call]}[{place}]" if is_array else self.names[call]
+            return f"{self.names[call]}[{index}]" if is_array else self.names[call]
         if value.op in COMPARISONS:
             return f"({self.comparison(value)})"
         return self.names[value.number]
@@ -316,11 +321,11 @@ class Printer:
     def expression(self, node: Node) -> str:
         """What a node computes."""
         if node.op == "forget failure":
-            return "forget(c)"
+            return "clear_failure(c)"
         values = [self.value(arg) for arg in node.args]
         if node.op == "select":
             return f"{values[0]} ? {values[2]} : {values[1]}"
-        if node.op in INFIX or (node.op == "/" and not failing(node)):
+        if node.op in INFIX or (node.op == "/" and not may_fail(node)):
             return f"{values[0]} {node.op} {values[1]}"
         if node.op == "neg":
             return f"-{values[0]}"
@@ -332,15 +337,15 @@ class Printer:
             return f"{check}(c, {values[0]}, {called})"
         if node.op == "copysign":
             return f"copysign({', '.join(values)})"
-        if NAMES.get(node.op) == "whole":
-            return f"whole(c, {values[0]}, {node.op}({values[0]}))"
+        if NAMES.get(node.op) == "checked_integer":
+            return f"checked_integer(c, {values[0]}, {node.op}({values[0]}))"
         if node.op == "fabs":
             return f"fabs({values[0]})"
         return f"{NAMES[node.op]}(c, {', '.join(values)})"
 
     def text(self, text: str) -> str:
         """A text as the arguments of the functions that print it."""
-        values = [self.value(node) for node in marked(text)]
+        values = [self.value(node) for node in nodes_in_text(text)]
         form = text.replace("%", "%%")
         form = MARK.sub(lambda m: CONVERSIONS.get(NODES[int(m[1])].kind, "%d"), form)
         return ", ".join(["c", json.dumps(form, ensure_ascii=False), *values])

@@ -7,8 +7,8 @@ from types import SimpleNamespace
 from typing import Any
 
 from ..declare import bounds
+from ..declare.interface import Interface
 from ..declare.record import fill
-from ..declare.variables import Interface
 from . import hybrid
 
 Numbers = Sequence[Any]
@@ -16,40 +16,50 @@ Note = Callable[[str], None]
 
 
 def functions(interface: Interface) -> SimpleNamespace:
-    """The functions that `write.entries` traces, with the arguments and results of those printed:
+    """The functions that `codegen.entries` traces, with the arguments and results of those printed:
     `v` are the values of all variables, records lie flat in tuples.
     """
     model = interface.model
     state, inputs, width = model.State._make, model.Inputs._make, len(model.Inputs._fields)
 
-    def given(v: Numbers) -> Any:
+    def parameters(v: Numbers) -> Any:
         return fill(model.Parameters, v[interface.parameters])
 
     def model_check(note: Note, v: Numbers) -> None:
-        for sentence in bounds.start_values(interface, given(v), v):
+        for sentence in bounds.check_start_values(interface, parameters(v), v):
             note(sentence)
 
     def model_initial(note: Note, v: Numbers, t: float, x: Numbers, u: Numbers) -> Numbers:
-        settled = hybrid.settle(model, given(v), state(x))
-        return *settled, *model.outputs(given(v), t, settled, inputs(u))
+        settled = hybrid.settle(model, parameters(v), state(x))
+        return *settled, *model.outputs(parameters(v), t, settled, inputs(u))
 
     def model_begin(note: Note, v: Numbers, t: float, x: Numbers, now: Numbers) -> Any:
-        return hybrid.sample(model, given(v), t, state(x), None, inputs(now), note)
+        return hybrid.sample(model, parameters(v), t, state(x), None, inputs(now), note)
 
-    def model_course(
+    def model_input_trajectory(
         note: Note, hold: int, before: Numbers, now: Numbers, past: float, h: float
     ) -> Numbers:
-        start, end, h, degree, _ = hybrid.course(hold, inputs(before), inputs(now), past, h)
+        start, end, h, degree, _ = hybrid.input_trajectory(
+            hold, inputs(before), inputs(now), past, h
+        )
         return *start, *end, h, degree
 
     def model_step(
-        note: Note, v: Numbers, t: float, x: Numbers, before: Numbers, now: Numbers, course: Numbers
+        note: Note,
+        v: Numbers,
+        t: float,
+        x: Numbers,
+        before: Numbers,
+        now: Numbers,
+        trajectory: Numbers,
     ) -> Any:
-        start, end = inputs(course[:width]), inputs(course[width : 2 * width])
-        line = hybrid.Course(start, end, course[-2])
-        return hybrid.step(model, given(v), t, state(x), inputs(before), inputs(now), line, note)
+        start, end = inputs(trajectory[:width]), inputs(trajectory[width : 2 * width])
+        followed = hybrid.InputTrajectory(start, end, trajectory[-2])
+        return hybrid.step(
+            model, parameters(v), t, state(x), inputs(before), inputs(now), followed, note
+        )
 
     def model_outputs(note: Note, v: Numbers, t: float, x: Numbers, u: Numbers) -> Any:
-        return model.outputs(given(v), t, state(x), inputs(u))
+        return model.outputs(parameters(v), t, state(x), inputs(u))
 
     return SimpleNamespace(**{name: f for name, f in locals().items() if name.startswith("model_")})

@@ -7,7 +7,7 @@ from collections import deque
 from collections.abc import Iterator
 from typing import Any
 
-from ..trace.values import (
+from ..trace.graph import (
     COMPARISONS,
     MARK,
     NODES,
@@ -17,15 +17,15 @@ from ..trace.values import (
     Node,
     Tree,
     Untraceable,
-    acts,
+    ancestors,
+    has_effect,
     joins_of,
-    marked,
     needed,
-    reach,
+    nodes_in_text,
     size,
 )
-from .c import has_array, in_place
-from .names import given, parameter
+from .c import contiguous_start, has_array
+from .names import parameter_name, printed_name
 
 HEAD = """
 from math import acos, acosh, asin, asinh, atan, atan2, atanh, ceil, copysign, cos, cosh, erf, erfc
@@ -35,9 +35,12 @@ from math import tan, tanh, trunc
 """
 INFIX = {"+", "-", "*", "/", "power", "modulo", "floordiv", *COMPARISONS}
 SIGNS = {"power": "**", "modulo": "%", "floordiv": "//", "fabs": "abs"}
-WHOLE = {"floor", "ceil", "trunc"}
+ROUNDING = {"floor", "ceil", "trunc"}
 NESTED = {"+", "-", "*", "neg"}
-SMALL, LONG = 8, 300
+#: Largest number of results of a call that become local variables; a convention of this kit.
+MOST_LOCAL_RESULTS = 8
+#: Limit of the length of an expression that stands where it is read; a convention of this kit.
+LONGEST_NESTED = 300
 
 
 def module(functions: list[Function], entries: tuple[str, ...]) -> str:
@@ -46,8 +49,8 @@ def module(functions: list[Function], entries: tuple[str, ...]) -> str:
     for function in reversed(functions):
         if function.name in wanted:
             wanted |= {node.args[0].name for node in calls(function.tree)}
-    kept = [function for function in functions if function.name in wanted]
-    return HEAD + "\n\n".join(definition(function) for function in kept)
+    needed_functions = [function for function in functions if function.name in wanted]
+    return HEAD + "\n\n".join(definition(function) for function in needed_functions)
 
 
 def calls(tree: Tree) -> Iterator[Node]:
@@ -64,8 +67,8 @@ def calls(tree: Tree) -> Iterator[Node]:
 
 
 def definition(function: Function) -> str:
-    kept = [n for n, shape in function.parameters.items() if size(shape) or function.entry]
-    parameters = map(given, kept)
+    names = [n for n, shape in function.parameters.items() if size(shape) or function.entry]
+    parameters = map(printed_name, names)
     head = f"def {function.name}({', '.join(['note', *parameters])}):"
     draft = Printer(function, frozenset())
     deque(draft.tree(function.tree, 1, None), maxlen=0)
@@ -85,25 +88,25 @@ class Printer:
         self.function, self.nested = function, nested
         self.names: dict[int, str] = {}
         self.trying = False
-        self.place = 0
-        self.places: dict[int, int] = {}
+        self.block = 0
+        self.block_of_node: dict[int, int] = {}
         self.readers: dict[int, list[int]] = {}
-        self.used = reach(needed(function.tree), joins_of(function.tree))
+        self.used = ancestors(needed(function.tree), joins_of(function.tree))
 
-    def nodes(self, nodes: list[Node], depth: int, place: int) -> Iterator[str]:
+    def nodes(self, nodes: list[Node], depth: int, block: int) -> Iterator[str]:
         for node in nodes:
-            self.place = self.places[node.number] = place
+            self.block = self.block_of_node[node.number] = block
             text = f"({self.expression(node)})" if node.number in self.nested else ""
-            if 0 < len(text) < LONG:
+            if 0 < len(text) < LONGEST_NESTED:
                 self.names[node.number] = text
-            elif node.number in self.used or acts(node) or self.handed(node):
+            elif node.number in self.used or has_effect(node) or self.used_phis(node):
                 yield from self.statement(node, depth)
-        self.place = place
+        self.block = block
 
-    def handed(self, node: Node) -> list[tuple[Node, int]]:
+    def used_phis(self, node: Node) -> list[tuple[Node, int]]:
         """The values that a join hands on to where they are used, with their places."""
         phis = node.args[3] if node.op == "join" else ()
-        return [(phi, place) for place, phi in enumerate(phis) if phi.number in self.used]
+        return [(phi, index) for index, phi in enumerate(phis) if phi.number in self.used]
 
     def tree(self, tree: Tree, depth: int, loop: Node | None) -> Iterator[str]:
         yield from self.nodes(tree.nodes, depth, id(tree))
@@ -120,7 +123,7 @@ class Printer:
         elif tree.error is not None:
             yield f"{indent}raise ValueError({self.text(tree.error)})"
         elif loop is not None:
-            yield from self.turn(tree, loop, indent)
+            yield from self.loop_end(tree, loop, indent)
         elif has_array(self.function) or not tree.values:
             yield f"{indent}return {self.array(tree.values)}"
         else:
@@ -130,14 +133,14 @@ class Printer:
         """The nodes, of those printed, that are only read once, and on the path that computes them."""
         return frozenset(
             number
-            for number, places in self.readers.items()
-            if NODES[number].op in NESTED and places == [self.places[number]]
+            for number, blocks in self.readers.items()
+            if NODES[number].op in NESTED and blocks == [self.block_of_node[number]]
         )
 
-    def turn(self, leaf: Leaf, loop: Node, indent: str) -> Iterator[str]:
+    def loop_end(self, leaf: Leaf, loop: Node, indent: str) -> Iterator[str]:
         """The end of a loop's body: the next values of its variables."""
         done, *values = leaf.values
-        old = [f"v{loop.args[0]}_{place}" for place in range(len(values))]
+        old = [f"v{loop.args[0]}_{index}" for index in range(len(values))]
         moves = {
             name: new for name, value in zip(old, values) if (new := self.value(value)) != name
         }
@@ -153,16 +156,16 @@ class Printer:
     def join(self, node: Node, depth: int) -> Iterator[str]:
         """A condition, and what either arm hands on."""
         indent = "    " * depth
-        condition, handed, here = self.value(node.args[0]), self.handed(node), self.place
+        condition, used_phis, block = self.value(node.args[0]), self.used_phis(node), self.block
         true, false = node.args[1:3]
-        names = [self.name(phi, "j") for phi, _ in handed]
+        names = [self.name(phi, "j") for phi, _ in used_phis]
         if not true.nodes and not false.nodes and true.error is false.error is None:
-            for name, (_, place) in zip(names, handed):
-                yes, no = self.value(true.values[place]), self.value(false.values[place])
+            for name, (_, index) in zip(names, used_phis):
+                yes, no = self.value(true.values[index]), self.value(false.values[index])
                 yield f"{indent}{name} = {yes} if {condition} else {no}"
             return
-        arms = [list(self.arm(arm, names, handed, depth + 1)) for arm in (true, false)]
-        self.place = here
+        arms = [list(self.arm(arm, names, used_phis, depth + 1)) for arm in (true, false)]
+        self.block = block
         if not arms[0]:
             condition, arms = f"not {condition}", arms[::-1]
         yield f"{indent}if {condition}:"
@@ -172,7 +175,7 @@ class Printer:
             yield from arms[1]
 
     def arm(
-        self, arm: Leaf, names: list[str], handed: list[tuple[Node, int]], depth: int
+        self, arm: Leaf, names: list[str], used_phis: list[tuple[Node, int]], depth: int
     ) -> Iterator[str]:
         """One arm of a join."""
         indent = "    " * depth
@@ -181,7 +184,7 @@ class Printer:
             yield f"{indent}raise ValueError({self.text(arm.error)})"
             return
         if names:
-            values = ", ".join(self.value(arm.values[place]) for _, place in handed)
+            values = ", ".join(self.value(arm.values[index]) for _, index in used_phis)
             yield f"{indent}{', '.join(names)} = {values}"
 
     def statement(self, node: Node, depth: int) -> Iterator[str]:
@@ -198,8 +201,8 @@ class Printer:
             yield f"{indent}{self.name(node)} = True"
         elif node.op == "loop":
             number, start, body = node.args
-            for place, value in enumerate(start):
-                yield f"{indent}v{number}_{place} = {self.value(value)}"
+            for index, value in enumerate(start):
+                yield f"{indent}v{number}_{index} = {self.value(value)}"
             yield f"{indent}while True:"
             yield from self.tree(body, depth + 1, node)
         elif node.op == "call":
@@ -219,40 +222,44 @@ class Printer:
         for shape, group in zip(shapes, groups, strict=True):
             arguments.append(self.value(group[0]) if shape == "number" else self.array(group))
         name, count = self.name(node), size(traced.shape)
-        parts = [f"{name}_{place}" for place in range(count)]
-        small = has_array(traced) and count <= SMALL
+        parts = [f"{name}_{index}" for index in range(count)]
+        small = has_array(traced) and count <= MOST_LOCAL_RESULTS
         target = f"{', '.join(parts)}, = {name}" if small else name
         return f"{target} = {traced.name}({', '.join(arguments)})"
 
     def array(self, group: list[Any]) -> str:
         """Numbers side by side: where they already are, or as a new tuple."""
-        first = in_place(group)
+        first = contiguous_start(group)
         if first is not None:
-            base, place = first.args
+            base, index = first.args
             if first.op == "result":
                 name, shape = self.names[base], NODES[base].args[0].shape
             else:
-                name, shape = given(base), self.function.parameters[base]
-            whole = shape is not None and size(shape) == len(group)
-            return name if whole else f"{name}[{place}:{place + len(group)}]"
+                name, shape = printed_name(base), self.function.parameters[base]
+            is_complete = shape is not None and size(shape) == len(group)
+            return name if is_complete else f"{name}[{index}:{index + len(group)}]"
         return f"({''.join(f'{self.value(value)}, ' for value in group)})"
 
     def value(self, value: Any) -> str:
         """A number where it is used."""
         if not isinstance(value, Node):
             return real(value)
-        given = parameter(value)
-        if given is not None:
-            return given
+        name = parameter_name(value)
+        if name is not None:
+            return name
         if value.op == "result":
-            call, place = value.args
+            call, index = value.args
             traced, name = NODES[call].args[0], self.names[call]
             if not has_array(traced):
                 return name
-            return f"{name}_{place}" if size(traced.shape) <= SMALL else f"{name}[{place}]"
+            return (
+                f"{name}_{index}"
+                if size(traced.shape) <= MOST_LOCAL_RESULTS
+                else f"{name}[{index}]"
+            )
         if value.op in COMPARISONS:
             return f"({self.expression(value)})"
-        self.readers.setdefault(value.number, []).append(self.place)
+        self.readers.setdefault(value.number, []).append(self.block)
         return self.names[value.number]
 
     def expression(self, node: Node) -> str:
@@ -265,7 +272,7 @@ class Printer:
             return f"{values[0]} {sign} {values[1]}"
         if node.op == "neg":
             return f"-{values[0]}"
-        if node.op in WHOLE:
+        if node.op in ROUNDING:
             return f"float({sign}({values[0]}))"
         return f"{sign}({', '.join(values)})"
 
@@ -273,7 +280,7 @@ class Printer:
         """A text with its values, as an f-string."""
         types = {"Real": "", "Boolean": "bool"}
         form = repr(text.replace("{", "{{").replace("}", "}}"))
-        values = iter(list(marked(text)))
+        values = iter(list(nodes_in_text(text)))
 
         def written(_: Any) -> str:
             node = next(values)

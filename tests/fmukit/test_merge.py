@@ -10,14 +10,14 @@ import fmpy
 import numpy as np
 import pytest
 
+from fmukit.codegen.c import definition
 from fmukit.fmu.load import load
 from fmukit.fmu.make import make_all
-from fmukit.fmu.native import build
+from fmukit.fmu.native import package
 from fmukit.fmu.reference import by_equations
 from fmukit.trace import tangents, tracer
-from fmukit.trace.paths import kinds
-from fmukit.trace.values import Leaf
-from fmukit.write.c import definition
+from fmukit.trace.execute import kinds
+from fmukit.trace.graph import Leaf
 from tests.hosts.host import Unit
 
 HEAD = '''"""Functions with branches"""
@@ -53,49 +53,49 @@ class Writer:
     """A function at random: assignments, branches in branches, early ends, calls of others; its names
     are those that the printers and the runtimes use."""
 
-    def __init__(self, rng: random.Random, name: str, others: list[str], forks: int) -> None:
-        self.rng, self.others, self.forks = rng, others, forks
+    def __init__(self, rng: random.Random, name: str, callees: list[str], forks: int) -> None:
+        self.rng, self.callees, self.forks = rng, callees, forks
         self.names = rng.sample(NAMES, len(NAMES))
-        self.own: set[str] = set()
+        self.locals: set[str] = set()
         parameters = [self.names.pop() for _ in range(2)]
         self.lines = [f"def {name}(p, {', '.join(parameters)}):"]
-        known = self.block([*parameters, "p.c"], 1, 3)
-        self.lines.append(f"    return {self.term(known)} + {self.term(known)}")
+        names_in_scope = self.block([*parameters, "p.c"], 1, 3)
+        self.lines.append(f"    return {self.term(names_in_scope)} + {self.term(names_in_scope)}")
 
-    def term(self, known: list[str]) -> str:
+    def term(self, names_in_scope: list[str]) -> str:
         form = self.rng.choice(TERMS if self.forks > 0 else TERMS[6:12])
         self.forks -= " if " in form or form[:2] in ("mi", "ma")
-        args = [self.rng.choice([*known, repr(self.rng.uniform(-2, 2))]) for _ in range(3)]
-        if self.others and self.rng.random() < 0.15:
-            return f"{self.rng.choice(self.others)}(p, {args[0]}, {args[1]})"
+        args = [self.rng.choice([*names_in_scope, repr(self.rng.uniform(-2, 2))]) for _ in range(3)]
+        if self.callees and self.rng.random() < 0.15:
+            return f"{self.rng.choice(self.callees)}(p, {args[0]}, {args[1]})"
         return f"({form.format(*args)})"
 
-    def block(self, known: list[str], depth: int, length: int) -> list[str]:
+    def block(self, names_in_scope: list[str], depth: int, length: int) -> list[str]:
         """Statements; the names that are known after them."""
         indent = "    " * depth
         for _ in range(self.rng.randint(1, length)):
             name = self.names.pop() if self.names else f"v{len(self.lines)}"
             if depth < 4 and self.forks > 0 and self.rng.random() < 0.6:
                 self.forks -= 1
-                either = [n for n in known if n in self.own][-2:]
-                self.lines.append(f"{indent}{name} = {self.term(known)}")
-                condition = f"{self.term(known)} < {self.term(known)}"
+                either = [n for n in names_in_scope if n in self.locals][-2:]
+                self.lines.append(f"{indent}{name} = {self.term(names_in_scope)}")
+                condition = f"{self.term(names_in_scope)} < {self.term(names_in_scope)}"
                 self.lines.append(f"{indent}if {condition}:")
                 for n, branch in enumerate(("if", "else")):
                     if n:
                         self.lines.append(f"{indent}{branch}:")
-                    inner = self.block(known, depth + 1, 2)
+                    inner = self.block(names_in_scope, depth + 1, 2)
                     for target in (name, *either):
                         self.lines.append(f"{indent}    {target} = {self.term(inner)}")
                 if self.forks > 0 and self.rng.random() < 0.2:
                     self.forks -= 1
-                    self.lines.append(f"{indent}if {self.term(known)} > 1.8:")
-                    self.lines.append(f"{indent}    return {self.term(known)}")
+                    self.lines.append(f"{indent}if {self.term(names_in_scope)} > 1.8:")
+                    self.lines.append(f"{indent}    return {self.term(names_in_scope)}")
             else:
-                self.lines.append(f"{indent}{name} = {self.term(known)}")
-            self.own.add(name)
-            known = [*known, name]
-        return known
+                self.lines.append(f"{indent}{name} = {self.term(names_in_scope)}")
+            self.locals.add(name)
+            names_in_scope = [*names_in_scope, name]
+        return names_in_scope
 
 
 def written(seed: int, count: int, forks: int) -> str:
@@ -118,7 +118,7 @@ def written(seed: int, count: int, forks: int) -> str:
 
 def without_derivatives(_: Any, traced: Any, moving: Any) -> Any:
     """What `tangents.derived` returns, with zeros: here nobody asks, and compilers take long over it."""
-    more = {f"{name}'": tangents.plain(traced.parameters[name]) for name in moving}
+    more = {f"{name}'": tangents.untyped_shape(traced.parameters[name]) for name in moving}
     zeros = tuple(0.0 for _ in kinds(traced.shape))
     return tracer.function(traced.name, lambda **_: zeros, traced.parameters | more)
 
@@ -126,9 +126,9 @@ def without_derivatives(_: Any, traced: Any, moving: Any) -> Any:
 @pytest.fixture
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     """Native FMUs of this platform alone, with the options of all, and without derivatives."""
-    here = {path: target for path, target in build.TARGETS.items() if fmpy.platform in path}
-    monkeypatch.setattr(build, "TARGETS", here)
-    monkeypatch.setattr(build, "module", lambda build: build.guid.encode())
+    targets = {path: target for path, target in package.TARGETS.items() if fmpy.platform in path}
+    monkeypatch.setattr(package, "TARGETS", targets)
+    monkeypatch.setattr(package, "wasm_module", lambda build: build.guid.encode())
     monkeypatch.setattr(tangents, "derived", without_derivatives)
 
 
@@ -139,22 +139,25 @@ def compared(seed: int, count: int, forks: int, folder: Path) -> None:
     assert make_all([path], "python", folder) == 0
     model = load(path)
     (folder / "native").mkdir()
-    build.pack(build.collect(model), folder / "native" / f"Random{seed}.fmu")
+    package.pack(package.collect(model), folder / "native" / f"Random{seed}.fmu")
     slave: Any = by_equations(model)(instance_name="unit")
     units = [Unit(folder / flavour / f"Random{seed}.fmu").start() for flavour in ("", "native")]
     slave.setup_experiment(0.0, None, None)
     slave.enter_initialization_mode()
     slave.exit_initialization_mode()
-    rng, found = random.Random(seed), []
+    rng, rows = random.Random(seed), []
     for n in range(60):
-        given = [rng.choice([rng.uniform(-3, 3), 0.0]) for _ in range(2)]
-        slave.set_real([2, 3], given)
+        slave_inputs = [rng.choice([rng.uniform(-3, 3), 0.0]) for _ in range(2)]
+        slave.set_real([2, 3], slave_inputs)
         slave.do_step(0.1 * n, 0.1)
         expected = slave.get_real(list(range(4, 5 + count)))
         for unit in units:
-            assert unit.set(note=given[0], result=given[1]).step(0.1 * n, 0.1).outputs() == expected
-        found.append(expected)
-    assert np.mean(np.ptp(np.array(found), axis=0) > 0) > 0.5
+            assert (
+                unit.set(note=slave_inputs[0], result=slave_inputs[1]).step(0.1 * n, 0.1).outputs()
+                == expected
+            )
+        rows.append(expected)
+    assert np.mean(np.ptp(np.array(rows), axis=0) > 0) > 0.5
 
 
 @pytest.mark.usefixtures("quick")
@@ -177,10 +180,10 @@ def test_what_follows_a_branch_is_written_once() -> None:
             x = x + 1.0 if x > y else x * y
         return x
 
-    made = tracer.function("f", run, {"x": "number", "y": "number"})
-    assert made is not None
-    assert isinstance(made.tree, Leaf)
-    assert len(definition(made).splitlines()) < 60
+    traced_function = tracer.function("f", run, {"x": "number", "y": "number"})
+    assert traced_function is not None
+    assert isinstance(traced_function.tree, Leaf)
+    assert len(definition(traced_function).splitlines()) < 60
 
 
 def test_a_branch_that_fails_keeps_its_place_among_what_may_fail() -> None:
@@ -190,6 +193,6 @@ def test_a_branch_that_fails_keeps_its_place_among_what_may_fail() -> None:
             raise ValueError(f"y = {y!r}")
         return a + 1.0 / y
 
-    made = tracer.function("f", run, {"x": "number", "y": "number"})
-    assert made is not None
-    assert [node.op for node in made.tree.nodes] == ["/", "join", "/", "+"]
+    traced_function = tracer.function("f", run, {"x": "number", "y": "number"})
+    assert traced_function is not None
+    assert [node.op for node in traced_function.tree.nodes] == ["/", "join", "/", "+"]
