@@ -79,9 +79,9 @@ def test_a_child_imports_what_its_call_needs(worker: Worker) -> None:
 CALL = """
 import sys
 from tests.hosts import light, plane
-from workbench.runs.transport import Call, sealed
+from workbench.runs.transport import Call, pickled_call
 from workbench.runs.worker import Worker
-Worker().do(Call(sealed(plane.be, tuple(sys.argv[1:]))), None)
+Worker().do(Call(pickled_call(plane.be, tuple(sys.argv[1:]))), None)
 """
 
 
@@ -136,7 +136,7 @@ def test_a_sweep_of_a_question_in_a_file_of_its_own_runs_in_processes(tmp_path: 
     path = tmp_path / "tabnanny.py"
     path.write_text(MINE)
     page = load_module(str(path))
-    context = Context({}, LocalRunner(2, page=str(path)))
+    context = Context({}, LocalRunner(2).prepared(str(path), []))
     points = [page.Point(1.0), page.Point(3.0)]
     assert list(context.each(page.double, points, "double")) == [(2.0,), (6.0,)]
 
@@ -236,7 +236,7 @@ import os, sys
 from pathlib import Path
 from workbench.runs import journal
 from workbench.runs.worker import Outcome
-with journal.opened(Path(sys.argv[1]), {"x": 1}) as kept:
+with journal.open_journal(Path(sys.argv[1]), {"x": 1}) as kept:
     for n in range(100):
         kept[n] = Outcome("ok", n)
     print("kept", flush=True)
