@@ -17,9 +17,9 @@ from cosim import Result, SetupError, SimulationError, System
 from cosim.progress import bar
 
 from .answer import Table
+from .coupling import with_coupling_errors
 from .figure import Figure
 from .files import stream
-from .limit import certified, converged
 from .options import Run
 from .runs.journal import Journal
 from .runs.local import LocalRunner
@@ -89,7 +89,9 @@ class Context:
             """Move the bar: the three runs take 1, 2 and 4 parts of 7."""
             progress_bar((steps - 1 + steps * progress) / 7)
 
-        samples, runs, missing = [], [], ""
+        figures_of_runs: list[Mapping[str, Figure]] = []
+        results: list[Result] = []
+        missing = ""
         with bar(csv.removesuffix(".csv") or "run", 0.0, o.stop) as progress_bar:
             for multiple in STEP_MULTIPLES:
                 try:
@@ -108,12 +110,12 @@ class Context:
                         raise
                     missing = TOO_LONG.format(o.step, multiple, multiple * o.step, error)
                 else:
-                    samples.append(figures(result))
-                    runs.append(result.data)
+                    figures_of_runs.insert(0, figures(result))
+                    results.insert(0, result)
         if missing:
             raise SimulationError(missing, result)
         with captured_warnings():
-            return result, converged(figures, result, certified(figures, result, samples), runs)
+            return result, with_coupling_errors(figures, results, figures_of_runs)
 
     def each(
         self,
