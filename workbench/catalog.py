@@ -97,13 +97,13 @@ def load_module(locator: str) -> ModuleType:
         with attribute_errors(module):
             spec.loader.exec_module(module)
     except BaseException:
-        forget(module)
+        unload(module)
         raise
     return module
 
 
-def forget(module: ModuleType) -> None:
-    """Forget a module that was loaded from a file, so that its name is free."""
+def unload(module: ModuleType) -> None:
+    """Unload a module that was loaded from a file, so that its name is free."""
     if is_from_file(module):
         _from_file.discard(module.__name__)
         sys.modules.pop(module.__name__, None)
@@ -145,6 +145,6 @@ def attribute_errors(page: ModuleType) -> Iterator[None]:
         if not frames_of_page and not files(page):
             raise
         line = f":{frames_of_page[-1].lineno}" if frames_of_page else ""
-        place = "" if frames_of_page else f", in {frames[-1].filename}:{frames[-1].lineno}"
+        location = "" if frames_of_page else f", in {frames[-1].filename}:{frames[-1].lineno}"
         what = f"{type(error).__name__}: {' '.join(str(error).split())}"
-        raise QuestionError(f"{page.__file__}{line}: {what}{place}") from error
+        raise QuestionError(f"{page.__file__}{line}: {what}{location}") from error

@@ -99,11 +99,11 @@ def check_figures(figures: Any, path: Path) -> None:
     if not isinstance(figures, Mapping):
         raise SetupError(f"{path}: figures must be a dict of workbench.Figure")
     for key, figure in figures.items():
-        place = f"{path}: figure {key!r}"
+        prefix = f"{path}: figure {key!r}"
         if not isinstance(figure, Figure):
-            raise SetupError(f"{place} must be a workbench.Figure(value, unit, error, meaning)")
+            raise SetupError(f"{prefix} must be a workbench.Figure(value, unit, error, meaning)")
         if problem := figure.problem():
-            raise SetupError(f"{place} {problem}")
+            raise SetupError(f"{prefix} {problem}")
 
 
 def refusals(figures: Mapping[str, Figure]) -> list[str]:
@@ -196,16 +196,16 @@ def rounded(value: float, error: float, digits: int = MOST_DIGITS) -> tuple[str,
     """
     if not math.isfinite(error):
         return f"{value:.6g}", "?"
-    place = math.floor(math.log10(error)) - 1
-    last = math.floor(math.log10(abs(value))) + 1 - digits if value else place
-    up = math.ceil(error / 10.0**place - 1e-9)
-    if last > place:
-        place, up = last, math.ceil(error / 10.0**last + 0.5)
+    digit = math.floor(math.log10(error)) - 1
+    last = math.floor(math.log10(abs(value))) + 1 - digits if value else digit
+    up = math.ceil(error / 10.0**digit - 1e-9)
+    if last > digit:
+        digit, up = last, math.ceil(error / 10.0**last + 0.5)
     if up >= 100:
-        place, up = place + 1, 10
-    if place > 0:
-        return f"{round(value / 10.0**place) * 10**place:.0f}", f"{up * 10**place:.0f}"
-    if place >= LEAST:
-        return f"{value:z.{-place}f}", f"{up * 10.0**place:.{-place}f}"
+        digit, up = digit + 1, 10
+    if digit > 0:
+        return f"{round(value / 10.0**digit) * 10**digit:.0f}", f"{up * 10**digit:.0f}"
+    if digit >= LEAST:
+        return f"{value:z.{-digit}f}", f"{up * 10.0**digit:.{-digit}f}"
     power = math.floor(math.log10(max(abs(value), error)))
-    return f"{value:.{power - place}e}", f"{up * 10.0**place:.1e}"
+    return f"{value:.{power - digit}e}", f"{up * 10.0**digit:.1e}"

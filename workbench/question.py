@@ -1,6 +1,6 @@
 """What a question is: one object with defaults, made from the simple module that its author writes.
 
-The module is the form for authors: a docstring, a class `Options`, and functions. `read` is the only place that
+The module is the form for authors: a docstring, a class `Options`, and functions. `read` is the only prefix that
 looks into it. Everything else works with a `Question`, all of whose attributes exist.
 """
 
@@ -116,7 +116,7 @@ def load(locator: str) -> Question:
     try:
         return read(module, locator)
     except SetupError:
-        catalog.forget(module)
+        catalog.unload(module)
         raise
 
 
@@ -128,15 +128,15 @@ def read(module: ModuleType, locator: str = "") -> Question:
     SetupError
         If it lacks what a question must have.
     """
-    place, content = locator or str(module.__file__), vars(module)
-    options = _read_options(content.get("Options"), place)
+    prefix, content = locator or str(module.__file__), vars(module)
+    options = _read_options(content.get("Options"), prefix)
     parts = content.get("PARTS", {})
     if not isinstance(parts, Mapping):
-        raise SetupError(f"{place}: PARTS must be a dict of FMUs by part")
-    solve = content.get("solve") or _read_simple_form(module, options, place).solve
+        raise SetupError(f"{prefix}: PARTS must be a dict of FMUs by part")
+    solve = content.get("solve") or _read_simple_form(module, options, prefix).solve
     title = (module.__doc__ or "").strip().partition("\n")[0]
     if not title:
-        raise SetupError(f"{place} must begin with its question as a docstring")
+        raise SetupError(f"{prefix} must begin with its question as a docstring")
     return Question(
         module=module,
         title=title,
@@ -152,31 +152,31 @@ def read(module: ModuleType, locator: str = "") -> Question:
     )
 
 
-def _read_options(options: Any, place: str) -> type[Options]:
+def _read_options(options: Any, prefix: str) -> type[Options]:
     """Return the class of options of a question, if it is one."""
     if not (isinstance(options, type) and issubclass(options, Options)):
-        raise SetupError(f"{place} must define a class Options(workbench.Options)")
+        raise SetupError(f"{prefix} must define a class Options(workbench.Options)")
     if any(isinstance(value, Field) for value in vars(options).values()):
         raise SetupError(
-            f"{place}: class Options must be decorated with @dataclass(frozen=True, kw_only=True)"
+            f"{prefix}: class Options must be decorated with @dataclass(frozen=True, kw_only=True)"
         )
     for name in declared(options):
         if name in RESERVED_OPTIONS:
             raise SetupError(
-                f"{place}: no option can be called {name!r}, since every question has one of that name"
+                f"{prefix}: no option can be called {name!r}, since every question has one of that name"
             )
     return options
 
 
-def _read_simple_form(module: ModuleType, options: type[Options], place: str) -> SimpleForm:
+def _read_simple_form(module: ModuleType, options: type[Options], prefix: str) -> SimpleForm:
     """Return the simple form of a question without `solve`."""
     content = vars(module)
     for name, arguments in (("system", "(o, fmus)"), ("figures", "(o, r)")):
         if name not in content:
-            raise SetupError(f"{place} must define {name}{arguments}, or solve(o, context)")
+            raise SetupError(f"{prefix} must define {name}{arguments}, or solve(o, context)")
     if not issubclass(options, Run) and "run" not in content and "step" not in declared(options):
         raise SetupError(
-            f"{place}: with system and figures, Options must derive from workbench.Run, or run(o) return "
+            f"{prefix}: with system and figures, Options must derive from workbench.Run, or run(o) return "
             "one"
         )
     functions = {

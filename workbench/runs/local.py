@@ -13,7 +13,7 @@ from ..options import at_least
 from .journal import Key
 from .runner import NO_SETUP, Outcomes, Runner, Setup
 from .transport import Call, pickled_call
-from .worker import OK, Outcome, Worker, await_one
+from .worker import OK, Outcome, Worker, wait_for_step
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ class LocalRunner(Runner):
             for worker in workers:
                 start_next(worker)
             while key_of:
-                await_one(list(key_of))
+                wait_for_step(list(key_of))
                 for worker in list(key_of):
                     if (outcome := worker.step()) is not None:
                         key = key_of.pop(worker)
