@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import re
+import subprocess
+import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -11,14 +15,16 @@ import pytest
 from cosim import Crosscheck, SetupError, crosscheck
 from cosim.analysis.crosscheck import checks
 from cosim.analysis.crosscheck.checks import CHECKS, FAILED, NOT_OFFERED, NOT_RUN, PASSED, Subject
+from cosim.analysis.crosscheck.report import COLORS, WRITERS
 from cosim.engine.instance import quiet
-from tests.conftest import described, rewritten
+from tests.conftest import ROOT, described, rewritten
 from tests.cosim.conftest import Said
 from tests.cosim.faulty import DEADLY, FAULTS, FAULTS3, pack
 from tests.cosim.foreign import pack as foreign
 from tests.cosim.third import pack as third
 from tests.fmukit.test_fmi3 import built
 
+SVG = "{http://www.w3.org/2000/svg}"
 QUICK = ("CrankConveyor", "GravityOrientator")
 
 
@@ -106,7 +112,7 @@ def test_the_command_survives_a_crash_and_writes_its_reports(tmp_path: Path, sai
         (["gone.fmu"], "there is no file"),
         (["sound.fmu", "--step", "0"], "step = 0.0 s must be a finite number above 0"),
         (["sound.fmu", "--timeout", "nan"], "timeout = nan s must be a finite number above 0"),
-        (["sound.fmu", "--out", "it.pdf"], "it.pdf must end in .txt or .xml or .html"),
+        (["sound.fmu", "--out", "it.pdf"], "it.pdf must end in .txt or .xml or .html or .svg"),
         (["other.fmu"], "offers model exchange only; this master runs co-simulation by FMI 2.0"),
     ],
 )
@@ -210,3 +216,27 @@ def test_what_does_not_repeat_is_reported_once(tmp_path: Path) -> None:
     found = verdicts(pack(tmp_path / "noisy.fmu", "not repeatable"))
     assert failed(found) == ["repetition"]
     assert "the other checks leave out y" in found["repetition"].said
+
+
+def test_a_badge_says_how_many_checks_failed(native: Path) -> None:
+    """Its numbers are those of the report, and its color that of the outcome."""
+    good = verdicts(native / "CrankConveyor.fmu", "description", "run")
+    bad = replace(good, verdicts=(good.verdicts[0]._replace(status=FAILED), good.verdicts[1]))
+    for report, outcome, status in ((good, "2 passed", PASSED), (bad, "1 failed", FAILED)):
+        texts = [e.text for e in ElementTree.fromstring(report.badge()).iter(f"{SVG}text")]
+        assert texts == [f"{report.standard} crosscheck", outcome]
+        assert COLORS[status] in report.badge()
+
+
+def test_the_action_for_others_is_valid_and_its_options_exist() -> None:
+    """It is a composite action by the schema of its host, and calls the command as it is."""
+    action = ROOT / "actions" / "crosscheck" / "action.yml"
+    program = Path(sys.executable).with_name("check-jsonschema")
+    schema = ["--builtin-schema", "vendor.github-actions", str(action)]
+    done = subprocess.run([program, *schema], check=False, capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr
+    call = action.read_text().rpartition('cosim" crosscheck ')[2]
+    for option in re.findall(r"--\w+", call):
+        assert option in {"--timeout", "--step", "--out"}
+    for suffix in re.findall(r"crosscheck(\.\w+)\"", call):
+        assert suffix in WRITERS

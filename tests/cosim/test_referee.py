@@ -17,7 +17,7 @@ import pytest
 from cosim import SetupError, System, oracle, referee, run, write_ssp
 from cosim.accuracy.referee.signals import Verdict
 from cosim.accuracy.referee.table import read_foreign
-from tests.cosim.conftest import Said
+from cosim.cli.main import main
 from tests.oracle import monolithic
 
 DRIVE_START = {
@@ -41,6 +41,12 @@ CHAIN_START = {
     "controller.T_i": 0.2, "controller.w_ref": 100.0, "gear.i": 5.0, "gear.w_a": 0.0, "shaft.b": 0.002,
     "shaft.twist": 0.0, "load.crank.r": 0.004, "load.w": 0.0,
 }  # fmt: skip
+
+
+def command_output(capsys: pytest.CaptureFixture[str], *arguments: object, code: int = 0) -> str:
+    """What a command prints that ends with this exit code."""
+    assert main([str(argument) for argument in arguments]) == code
+    return capsys.readouterr().out
 
 
 def drive(native: Path, **changes: Any) -> System:
@@ -99,7 +105,7 @@ class Mistake:
     system: Callable[[Path], System]
     result: Callable[[System], pd.DataFrame]
     kind: str
-    words: str
+    text: str
 
 
 def coupled(
@@ -194,7 +200,7 @@ def test_a_mistake_is_named(native: Path, name: str) -> None:
     assert report.verdict is Verdict.DIFFERS
     assert report.causes, report.text()
     cause = report.causes[0]
-    assert cause.kind == mistake.kind and mistake.words in cause.text, report.text()
+    assert cause.kind == mistake.kind and mistake.text in cause.text, report.text()
     assert cause.reduction >= 10.0
 
 
@@ -217,7 +223,9 @@ def test_an_independent_solution_agrees(native: Path, rows: int) -> None:
 
 @pytest.mark.parametrize("step", [5e-4, 1e-3, 2e-3])
 @pytest.mark.parametrize("algorithm", ["jacobi", "gauss-seidel", "strang"])
-def test_what_is_off_is_off_by_that_much(native: Path, algorithm: str, step: float) -> None:
+def test_deviations_are_those_from_an_independent_solution(
+    native: Path, algorithm: str, step: float
+) -> None:
     """The difference that is reported is that from the independent solution."""
     result = run(drive(native), stop=0.3, step=step, algorithm=algorithm)
     report = referee(drive(native), result)
@@ -340,18 +348,20 @@ def test_parts_without_model_exchange_are_judged_by_finer_runs(fmus: Path) -> No
     assert (report.verdict, report.causes[0].kind) == (Verdict.DIFFERS, "held inputs")
 
 
-def test_the_command_judges_files(native: Path, tmp_path: Path, said: Said) -> None:
+def test_the_command_judges_files(
+    native: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     system = drive(native)
     package, good, bad = tmp_path / "drive.ssp", tmp_path / "good.csv", tmp_path / "bad.csv"
     write_ssp(system, package, stop=0.2)
     independent(0.2, 201).to_csv(good, index=False)
     run(system, stop=0.2, step=1e-3, algorithm="jacobi").write(bad)
-    assert "good.csv agrees" in said("referee", package, "--result", good)
+    assert "good.csv agrees" in command_output(capsys, "referee", package, "--result", good)
     reports = [
         tmp_path / f"report{suffix}" for suffix in (".json", ".xml", ".html", ".png", ".txt")
     ]
     outputs = [text for path in reports for text in ("--out", path)]
-    text = said("referee", package, "--result", bad, *outputs, code=1)
+    text = command_output(capsys, "referee", package, "--result", bad, *outputs, code=1)
     assert "bad.csv differs" in text and "inputs that are one step old" in text
     content = json.loads(reports[0].read_text())
     assert content["verdict"] == "differs" and content["causes"][0]["kind"] == "held inputs"
@@ -364,8 +374,8 @@ def test_the_command_judges_files(native: Path, tmp_path: Path, said: Said) -> N
     assert text.strip() == reports[4].read_text().strip()
 
 
-def test_what_cannot_be_judged_is_refused_or_not_told(
-    native: Path, tmp_path: Path, said: Said
+def test_impossible_requests_are_refused(
+    native: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     system = drive(native)
     with pytest.raises(SetupError, match="no column of the system"):

@@ -40,14 +40,14 @@ def hosted(program: str, folder: Path, step: float) -> pd.DataFrame:
 
 @pytest.mark.parametrize("step", [2e-4, 1e-3, 4e-3])
 @pytest.mark.parametrize("program", ["libcosim_system.py", "ecos_system.py"])
-def test_masters_that_hold_inputs_are_found_out(native: Path, program: str, step: float) -> None:
+def test_masters_that_hold_inputs_are_named(native: Path, program: str, step: float) -> None:
     frame = hosted(program, native, step)
     report = referee(drive(native), frame)
     true = monolithic(DRIVE_START, STOP, frame["time"].to_numpy()).y[:3]
     for name, values in zip(STATES, true, strict=True):
-        off, signal = np.abs(frame[name] - values).max(), report[name]
-        assert signal.deviation == pytest.approx(off, rel=1e-3, abs=signal.error)
-        assert (signal.verdict is Verdict.DIFFERS) == (off > 0.01 * np.ptp(values))
+        distance, signal = np.abs(frame[name] - values).max(), report[name]
+        assert signal.deviation == pytest.approx(distance, rel=1e-3, abs=signal.error)
+        assert (signal.verdict is Verdict.DIFFERS) == (distance > 0.01 * np.ptp(values))
     assert report.verdict is Verdict.DIFFERS
     assert report.causes[0].kind == "held inputs" and f"{step:g} s" in report.causes[0].text
 

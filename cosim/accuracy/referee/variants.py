@@ -30,6 +30,8 @@ ROWS_PER_STEP = (2, 4, 5, 10)
 MOST_STEPS = 1_000_000
 #: Most parts whose stepping orders are all tried: 3! = 6 orders.
 MOST_ORDERED_PARTS = 3
+#: Shortest steps, in rows, whose rows may be a step early: a convention; of shorter ones a row shows no begin.
+EARLY_STEP = 0.5
 #: Longest time of the processor for a variant [s]: limits systems that a lost wire makes unstable.
 VARIANT_SECONDS = 0.5
 #: Longest real time of an integration of a variant [s], likewise.
@@ -61,16 +63,25 @@ class Variant:
 
 @dataclass(frozen=True)
 class Coupling:
-    """How a master steps: algorithm, communication step [s], stepping order."""
+    """How a master steps: algorithm, communication step [s], stepping order.
+
+    Rows of `early_parts` show the end of a step at the time of its begin, as some masters write them.
+    """
 
     algorithm: str
     step: float
     order: tuple[str, ...] | None = None
+    early_parts: tuple[str, ...] = ()
 
     def text(self) -> str:
         """The cause as a clause."""
         order = f", in the order {', '.join(self.order)}" if self.order else ""
-        return f"communication steps of {self.step:.4g} s: {HELD[self.algorithm]}{order}"
+        early = (
+            f"; rows of {', '.join(self.early_parts)} are a step too early"
+            if self.early_parts
+            else ""
+        )
+        return f"communication steps of {self.step:.4g} s: {HELD[self.algorithm]}{order}{early}"
 
     @property
     def kind(self) -> str:
@@ -104,11 +115,16 @@ class Reproduction:
 
     def distance(self, columns: Columns | None) -> float:
         """The distance of these columns from those of the table, each as a share of its range."""
+        return self.distance_of([signal.name for signal in self.signals], columns)
+
+    def distance_of(self, names: Sequence[str], columns: Columns | None) -> float:
+        """The same for some of the columns."""
         if columns is None:
             return math.inf
         squares = [
             (root_mean_square(signal.values - columns[signal.name]) / signal.scale) ** 2
             for signal in self.signals
+            if signal.name in names
         ]
         return math.sqrt(sum(squares) / len(squares))
 
@@ -136,8 +152,8 @@ class Reproduction:
         exact = self.cause(variant.kind, variant.text, columns)
         return cause if exact is None or exact.reduction < cause.reduction else exact
 
-    def coupled(self, system: System, coupling: Coupling) -> Columns | None:
-        """What a system does if a master steps it like this."""
+    def coupled(self, system: System, coupling: Coupling, delay: float = 0.0) -> Columns | None:
+        """What a system does if a master steps it like this, at times that are later by a delay [s]."""
         span = self.request.stop - self.request.start
         if (
             not self.can_run
@@ -147,7 +163,7 @@ class Reproduction:
             return None
         return reproduce(
             system,
-            self.request,
+            replace(self.request, times=self.request.times + delay),
             step=coupling.step,
             algorithm=coupling.algorithm,
             order=coupling.order,
@@ -203,10 +219,9 @@ def best_coupling(
     """The coupling of a system that comes closest to the table, and the cause it is if it is close enough."""
     best: tuple[float, Coupling, Columns] | None = None
     before = reproduction.distance(reproduction.reference)
-    for coupling in couplings(reproduction):
-        columns = reproduction.coupled(system, coupling)
+    for coupling, columns in _coupled_columns(reproduction, system):
         distance = reproduction.distance(columns)
-        if columns is not None and (best is None or distance < best[0]):
+        if best is None or distance < best[0]:
             best = distance, coupling, columns
             if before >= DECISIVE_REDUCTION * distance:
                 break
@@ -214,6 +229,33 @@ def best_coupling(
         return None, None
     _, coupling, columns = best
     return coupling, reproduction.cause(coupling.kind, coupling.text(), columns)
+
+
+def _coupled_columns(
+    reproduction: Reproduction, system: System
+) -> Iterator[tuple[Coupling, Columns]]:
+    """What each coupling makes of a system; at last those whose rows are a step early for some of the parts."""
+    shortest = reproduction.request.output_step() * EARLY_STEP
+    coarse: list[tuple[Coupling, Columns]] = []
+    for coupling in couplings(reproduction):
+        columns = reproduction.coupled(system, coupling)
+        if columns is not None:
+            yield coupling, columns
+            coarse += [(coupling, columns)] if coupling.step >= shortest else []
+    for coupling, columns in coarse:
+        later = reproduction.coupled(system, coupling, delay=coupling.step)
+        if later is None:
+            continue
+        early, mixed = [], dict(columns)
+        for part in system.parts:
+            names = [s.name for s in reproduction.signals if s.name.startswith(f"{part}.")]
+            if names and reproduction.distance_of(names, later) < reproduction.distance_of(
+                names, columns
+            ):
+                early.append(part)
+                mixed |= {name: later[name] for name in names}
+        if early:
+            yield replace(coupling, early_parts=tuple(early)), mixed
 
 
 def couplings(reproduction: Reproduction) -> Iterator[Coupling]:

@@ -25,6 +25,17 @@ td:nth-child(3) {{ white-space: nowrap; font-weight: bold }}
 {rows}
 </table></body></html>
 """
+#: Width of a letter of a badge [px]: derived from a sans-serif font of 11 px, whose letters are about 0.6 as wide.
+BADGE_LETTER = 6.6
+#: Space around the text of a field of a badge [px]: a convention.
+BADGE_MARGIN = 12.0
+BADGE = """<svg xmlns="http://www.w3.org/2000/svg" width="{width:.0f}" height="20" role="img" \
+aria-label="{left}: {right}"><title>{left}: {right}</title>
+<rect width="{begin:.0f}" height="20" fill="#424a53"/>
+<rect x="{begin:.0f}" width="{rest:.0f}" height="20" fill="{color}"/>
+<g fill="#fff" text-anchor="middle" font-family="Verdana,DejaVu Sans,sans-serif" font-size="11">
+<text x="{first:.0f}" y="14">{left}</text><text x="{second:.0f}" y="14">{right}</text></g></svg>
+"""
 
 
 @dataclass(frozen=True)
@@ -94,8 +105,20 @@ class Crosscheck:
         told = {"title": title, "summary": self.summary(), "how": html.escape(self.how)}
         return PAGE.format(**told, standard=self.standard, rows="\n".join(rows))
 
+    def badge(self) -> str:
+        """A badge as SVG: the standard, and how many checks passed or failed."""
+        failed = sum(verdict.status == FAILED for verdict in self.verdicts)
+        passed = sum(verdict.status == PASSED for verdict in self.verdicts)
+        outcome = f"{failed} failed" if failed else f"{passed} passed"
+        texts = (f"{self.standard} crosscheck", outcome)
+        left, right = (BADGE_MARGIN + BADGE_LETTER * len(text) for text in texts)
+        return BADGE.format(
+            left=texts[0], right=texts[1], color=COLORS[FAILED if failed else PASSED],
+            width=left + right, begin=left, rest=right, first=left / 2, second=left + right / 2,
+        )  # fmt: skip
+
     def write(self, path: Path | str) -> None:
-        """Write a .txt, JUnit's .xml or a page .html; raises SetupError for another suffix."""
+        """Write a .txt, JUnit's .xml, a page .html or a badge .svg; raises SetupError for another suffix."""
         path = Path(path)
         path.write_text(writer(path)(self), encoding="utf-8")
 
@@ -104,6 +127,7 @@ WRITERS: dict[str, Callable[[Crosscheck], str]] = {
     ".txt": lambda found: found.text() + "\n",
     ".xml": Crosscheck.junit,
     ".html": Crosscheck.html,
+    ".svg": Crosscheck.badge,
 }
 
 

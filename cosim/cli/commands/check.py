@@ -5,13 +5,19 @@ from __future__ import annotations
 import argparse
 
 from ... import describe
+from ...formats.ssp.standard import check_standard
 from ...requirements import setup_problems
 from ..command import Command
+from ..options import Parser
 from ..system_file import add_stepping_options, open_system
 
 
 def check_system(options: argparse.Namespace) -> int:
-    """Print notes and problems of a system; return 1 if it cannot run."""
+    """Print notes and problems of a system; return 1 if it cannot run, or breaks the standard that is asked for."""
+    if options.standard:
+        report = check_standard(options.file)
+        print(report.text())
+        return 0 if report.passed else 1
     with open_system(options) as file:
         settings = file.settings(options)
         problems = list(setup_problems(file.network, settings))
@@ -26,7 +32,14 @@ def check_system(options: argparse.Namespace) -> int:
     return 1 if problems else 0
 
 
+def add_options(parser: Parser) -> None:
+    """Add how the system is stepped, and the check of the standard in its place."""
+    add_stepping_options(parser)
+    text = "check the file against the SSP standard instead, clause by clause"
+    parser.add_argument("--standard", action="store_true", help=text)
+
+
 COMMAND = Command(
     "check", "check whether a system can run, without running it", check_system,
-    add_stepping_options, rank=2, is_timed=True,
+    add_options, rank=2, is_timed=True,
 )  # fmt: skip

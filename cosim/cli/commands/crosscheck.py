@@ -29,7 +29,7 @@ def add_options(parser: Parser) -> None:
     parser.path("fmu", "a co-simulation FMU of FMI 2.0 or 3.0", metavar="fmu")
     parser.time("--step", "communication step [s]; by default the one the FMU prefers")
     parser.time("--timeout", "longest time that a check may take [s]", 60.0)
-    text = "report file: .txt, .xml (JUnit) or .html"
+    text = "report file: .txt, .xml (JUnit), .html, or a badge .svg"
     parser.several("--out", text, metavar="FILE", type=Path)
 
 

@@ -24,12 +24,14 @@ NAMESPACES = {
     "ssc": f"{STANDARD}Common",
     "ssv": f"{STANDARD}ParameterValues",
     "ssm": f"{STANDARD}ParameterMapping",
+    "ssb": f"{STANDARD}SignalDictionary",
 }
 BOND = "{urn:cosim}Bond"
 SCHEMAS = {
     f"{{{NAMESPACES['ssd']}}}SystemStructureDescription": "SystemStructureDescription.xsd",
     f"{{{NAMESPACES['ssv']}}}ParameterSet": "SystemStructureParameterValues.xsd",
     f"{{{NAMESPACES['ssm']}}}ParameterMapping": "SystemStructureParameterMapping.xsd",
+    f"{{{NAMESPACES['ssb']}}}SignalDictionary": "SystemStructureSignalDictionary.xsd",
 }
 NAMELESS = ""
 FOREIGN = "SCHEMAV_CVC_COMPLEX_TYPE_3_2_1"
@@ -160,7 +162,7 @@ def validate(element: Element, tag: str, name: str) -> None:
                 name, kind.sourceline, kind.getparent().get("name"),
             )  # fmt: skip
             kind.set("name", NAMELESS)
-    schema = _schema(SCHEMAS[element.tag])
+    schema = load_schema(SCHEMAS[element.tag])
     while not schema.validate(element):
         if not _remove_foreign(element, schema.error_log, name):
             first = schema.error_log[0]
@@ -192,7 +194,8 @@ def _remove_foreign(element: Element, errors: Iterable[Any], name: str) -> bool:
 
 
 @cache
-def _schema(name: str) -> Any:
+def load_schema(name: str) -> Any:
+    """Return the XML schema of this file name."""
     return etree.XMLSchema(file=str(Path(fmpy.__file__).with_name("ssp") / "schema" / name))
 
 

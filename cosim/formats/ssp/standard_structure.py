@@ -1,0 +1,279 @@
+"""The clauses on systems: names, connectors, connections, components, parameters, dictionaries."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from urllib.parse import unquote, urlsplit
+
+from ...errors import SetupError
+from ...system import describe_fmu
+from .files import Element, children, plain
+from .standard_report import CLAUSES, Finding, Severity
+
+ELEMENTS = ("Component", "System", "SignalDictionaryReference")
+INWARD = ("structuralParameter", "parameter", "input", "inout")
+OUTWARD = ("calculatedParameter", "output", "local")
+#: Which kinds a connection may join: (owner, kind) of the source, (owner, kinds) of the sink. A clause of the standard.
+ALLOWED: dict[tuple[str, str], dict[str, tuple[str, ...]]] = {
+    ("system", "structuralParameter"): {"system": OUTWARD, "element": INWARD},
+    ("system", "parameter"): {"system": OUTWARD, "element": ("parameter", "input", "inout")},
+    ("system", "input"): {"system": ("output", "local"), "element": ("input", "inout")},
+    ("system", "inout"): {"element": ("input", "inout")},
+    ("element", "constant"): {"element": INWARD, "system": ("constant", *OUTWARD)},
+    ("element", "calculatedParameter"): {
+        "element": ("parameter", "input", "inout"),
+        "system": OUTWARD,
+    },
+    ("element", "output"): {"element": ("input", "inout"), "system": ("output", "local", "inout")},
+    ("element", "local"): {"element": ("input", "inout"), "system": ("output", "local")},
+    ("element", "inout"): {"element": ("input", "inout"), "system": ("output", "local", "inout")},
+}
+#: Kinds that stand for any kind: a clause of the standard for "unspecified"; acausal ones have no direction.
+WILD = ("unspecified", "acausal", None)
+CAUSALITIES = {
+    "input": ("input",), "output": ("output",), "parameter": ("parameter",),
+    "calculatedParameter": ("calculatedParameter",), "structuralParameter": ("structuralParameter",),
+    "local": ("local",),
+}  # fmt: skip
+FMU_TYPE = "application/x-fmu-sharedlibrary"
+
+
+@dataclass(frozen=True)
+class Structure:
+    """An open SSD: where its findings and its files are."""
+
+    file: str
+    folder: Path
+    version: str
+
+    def error(self, clause: str, element: Element, text: str) -> Finding:
+        """A clause that an element breaks."""
+        return Finding(CLAUSES[clause], Severity.ERROR, self.file, element.sourceline, text)
+
+    def missing(self, clause: str, element: Element, text: str) -> Finding:
+        """A file that an element names and that is not there."""
+        return Finding(CLAUSES[clause], Severity.MISSING, self.file, element.sourceline, text)
+
+
+def check_structure(root: Element, path: Path, root_folder: Path) -> Iterator[Finding]:
+    """The findings in a system structure description.
+
+    Parameters
+    ----------
+    root : Element
+        The description.
+    path, root_folder : Path
+        Its file and the folder of the package, beyond which no file of a package may be.
+    """
+    structure = Structure(path.name, path.parent, root.get("version") or "1.0")
+    for system in children(root, "ssd:System"):
+        yield from _check_element(structure, system)
+        yield from _check_system(structure, system, {})
+
+
+def _check_system(
+    structure: Structure, system: Element, outer: dict[str, set[str]]
+) -> Iterator[Finding]:
+    dictionaries = dict(outer)
+    for dictionary in children(system, "ssd:SignalDictionaries", "ssd:SignalDictionary"):
+        entries = {e.get("name") for e in dictionary.iter("{*}DictionaryEntry")}
+        if dictionary.get("source") is None or entries:
+            dictionaries[dictionary.get("name")] = entries
+        else:
+            dictionaries[dictionary.get("name")] = {"*"}
+    elements = [e for e in children(system, "ssd:Elements", "*") if plain(e.tag) in ELEMENTS]
+    names = [element.get("name") for element in elements]
+    for name, count in Counter(names).items():
+        if count > 1:
+            yield structure.error(
+                "name", system, f"{count} elements of a system are named {name!r}"
+            )
+    for element in elements:
+        if element.get("name") == "":
+            yield structure.error("name", element, "the name of an element must not be empty")
+        yield from _check_element(structure, element)
+        if plain(element.tag) == "Component":
+            yield from _check_component(structure, element)
+        elif plain(element.tag) == "System":
+            yield from _check_system(structure, element, dictionaries)
+        else:
+            yield from _check_reference(structure, element, dictionaries)
+    yield from _check_connections(structure, system, elements)
+    for geometry in children(system, "ssd:SystemGeometry"):
+        x1, y1, x2, y2 = (float(geometry.get(key) or "nan") for key in ("x1", "y1", "x2", "y2"))
+        if x1 >= x2 or y1 >= y2:
+            yield structure.error("geometry", geometry, "x1 must be below x2, and y1 below y2")
+
+
+def _check_element(structure: Structure, element: Element) -> Iterator[Finding]:
+    """What components and systems have in common: connectors and parameter bindings."""
+    names = [c.get("name") for c in children(element, "ssd:Connectors", "ssd:Connector")]
+    for name, count in Counter(names).items():
+        if count > 1:
+            text = f"{element.get('name')} has {count} connectors named {name!r}"
+            yield structure.error("connectors", element, text)
+    for binding in children(element, "ssd:ParameterBindings", "ssd:ParameterBinding"):
+        yield from _check_source(structure, binding, "bindings", "ParameterValues", element)
+        for mapping in children(binding, "ssd:ParameterMapping"):
+            yield from _check_source(structure, mapping, "mapping", None, element)
+            targets = Counter(entry.get("target") for entry in mapping.iter("{*}MappingEntry"))
+            for target, count in targets.items():
+                if count > 1:
+                    text = f"{count} parameters are mapped to {target!r}"
+                    yield structure.error("entries", mapping, text)
+        for values in binding.iter("{*}Parameters"):
+            parameters = Counter(p.get("name") for p in values.iterfind("{*}Parameter"))
+            for name, count in parameters.items():
+                if count > 1:
+                    text = f"the parameter {name!r} is in a parameter set {count} times"
+                    yield structure.error("parameters", values, text)
+
+
+def _check_source(
+    structure: Structure, element: Element, clause: str, inline: str | None, owner: Element
+) -> Iterator[Finding]:
+    """A binding or mapping has either a source, which is there, or its content inline."""
+    source = element.get("source")
+    content = (
+        children(element, f"ssd:{inline}") if inline else [e for e in element if _is_content(e)]
+    )
+    what = plain(element.tag)
+    if source is None and not content:
+        yield structure.error(
+            clause, element, f"{what} has neither a source nor its content inline"
+        )
+    if source and content:
+        yield structure.error(clause, element, f"{what} has both a source and its content inline")
+    is_local = source and element.get("sourceBase", "SSD") == "SSD" and _is_local(source)
+    if is_local and not (structure.folder / unquote(urlsplit(source).path)).is_file():
+        yield structure.missing(
+            clause, element, f"{owner.get('name')}: there is no file {source!r}"
+        )
+
+
+def _is_content(element: Element) -> bool:
+    return isinstance(element.tag, str) and plain(element.tag) not in ("Annotations", "MetaData")
+
+
+def _is_local(source: str) -> bool:
+    parts = urlsplit(source)
+    return not parts.scheme and not parts.netloc and bool(parts.path)
+
+
+def _check_component(structure: Structure, component: Element) -> Iterator[Finding]:
+    name, source = component.get("name"), component.get("source")
+    if source == "" and structure.version == "2.0":
+        yield structure.error("component", component, f"{name}: an empty source is not allowed")
+    if source and source.startswith("#"):
+        identifiers = component.xpath("//*[local-name()='System']/@id")
+        if unquote(source[1:]) not in identifiers:
+            text = f"{name}: no system of this file has the id {source[1:]!r}"
+            yield structure.error("component", component, text)
+    if source is None or not _is_local(source):
+        return
+    path = structure.folder / unquote(urlsplit(source).path)
+    if not path.exists():
+        yield structure.missing("component", component, f"{name}: there is no file {source!r}")
+    elif component.get("type", FMU_TYPE) == FMU_TYPE and path.is_file() and path.suffix == ".fmu":
+        yield from _check_fmu(structure, component, path)
+
+
+def _check_fmu(structure: Structure, component: Element, path: Path) -> Iterator[Finding]:
+    """The connectors of a component beside the variables of its FMU."""
+    name = str(component.get("name"))
+    try:
+        description = describe_fmu("fmu", path.absolute(), runnable=False)
+    except SetupError as error:
+        clause, text = CLAUSES["connectors"], f"{name}: its FMU is not read: {error}"
+        yield Finding(clause, Severity.UNCHECKED, structure.file, component.sourceline, text)
+        return
+    variables = {v.name: v for v in description.modelVariables}
+    arrays = {v.name.partition("[")[0] for v in description.modelVariables if "[" in v.name}
+    for connector in children(component, "ssd:Connectors", "ssd:Connector"):
+        variable, kind = connector.get("name"), connector.get("kind")
+        if variable not in variables:
+            if variable not in arrays:
+                text = f"{name}: the FMU has no variable {variable!r}"
+                yield structure.error("connectors", connector, text)
+            continue
+        causality = variables[variable].causality
+        if kind in CAUSALITIES and causality not in CAUSALITIES[kind]:
+            text = f"{name}.{variable} is of kind {kind}, and of causality {causality} in the FMU"
+            yield structure.error("connectors", connector, text)
+
+
+def _check_reference(
+    structure: Structure, element: Element, dictionaries: dict[str, set[str]]
+) -> Iterator[Finding]:
+    """A reference to a signal dictionary names one of an enclosing system, and entries of it."""
+    dictionary = element.get("dictionary")
+    if dictionary not in dictionaries:
+        text = f"no enclosing system has a signal dictionary {dictionary!r}"
+        yield structure.error("reference", element, text)
+        return
+    entries = dictionaries[dictionary]
+    for connector in children(element, "ssd:Connectors", "ssd:Connector"):
+        if "*" not in entries and connector.get("name") not in entries:
+            text = f"the dictionary {dictionary!r} has no entry {connector.get('name')!r}"
+            yield structure.error("reference", connector, text)
+
+
+def _check_connections(
+    structure: Structure, system: Element, elements: list[Element]
+) -> Iterator[Finding]:
+    """Both ends of each connection are there, may be joined, and no connector is driven twice."""
+    owners = {element.get("name"): element for element in elements}
+    dictionaries = {e.get("name") for e in elements if plain(e.tag) == ELEMENTS[2]}
+    driven: Counter[tuple[str, str]] = Counter()
+    for connection in children(system, "ssd:Connections", "ssd:Connection"):
+        ends = []
+        for end in ("start", "end"):
+            owner, name = connection.get(f"{end}Element") or None, connection.get(f"{end}Connector")
+            if owner is not None and owner not in owners:
+                text = f"the system has no element {owner!r}"
+                yield structure.error("connections", connection, text)
+                continue
+            declared = children(
+                owners[owner] if owner else system, "ssd:Connectors", "ssd:Connector"
+            )
+            kinds = [c.get("kind") for c in declared if c.get("name") == name]
+            if not kinds:
+                text = f"{owner or 'the system'} declares no connector {name!r}"
+                yield structure.error("connectors", connection, text)
+                continue
+            ends.append((owner or "", str(name), kinds[0]))
+        if len(ends) == 2 and not {ends[0][0], ends[1][0]} & dictionaries:
+            yield from _check_ends(structure, connection, ends, driven)
+    for (owner, name), count in driven.items():
+        if count > 1:
+            text = f"{owner}.{name} is driven by {count} connections".removeprefix(".")
+            yield structure.error("allowed", system, text)
+
+
+def _check_ends(
+    structure: Structure,
+    connection: Element,
+    ends: list[tuple[str, str, str | None]],
+    driven: Counter[tuple[str, str]],
+) -> Iterator[Finding]:
+    """The kinds of both ends, in either direction: start and end do not say from where data flows."""
+    if any(kind in WILD for _, _, kind in ends):
+        return
+    first, second = ends
+    forth, back = _is_allowed(first, second), _is_allowed(second, first)
+    if not forth and not back:
+        texts = [f"{kind} {owner}.{name}".replace(" .", " ") for owner, name, kind in ends]
+        yield structure.error(
+            "allowed", connection, f"{texts[0]} and {texts[1]} must not be connected"
+        )
+    elif forth != back:
+        sink = second if forth else first
+        driven[sink[0], sink[1]] += 1
+
+
+def _is_allowed(source: tuple[str, str, str | None], sink: tuple[str, str, str | None]) -> bool:
+    owners = ["element" if owner else "system" for owner, _, _ in (source, sink)]
+    return sink[2] in ALLOWED.get((owners[0], str(source[2])), {}).get(owners[1], ())
