@@ -22,8 +22,8 @@ from cosim.system import connect
 
 from . import live, question
 from .answer import Answer, Findings, Parameter, Show, Table, parameters, stream
+from .coupling import with_coupling_errors
 from .figure import Figure, drop_undetermined
-from .limit import certified, converged
 from .options import Options, Run, check_fixed_starts, declared, parse_options
 from .question import FLAVOURS, PYTHON, Project, QuestionError, attribute_errors, locator, name
 from .runs.codec import Records
@@ -76,7 +76,9 @@ class Context:
         def advance(cost: int, part: float) -> None:
             progress((cost - 1 + cost * part) / 7)
 
-        told, runs, missing = [], [], ""
+        figures_of_runs: list[Mapping[str, Figure]] = []
+        results: list[Result] = []
+        missing = ""
         with bar(csv.removesuffix(".csv") or "run", 0.0, o.stop) as progress:
             for coarser in (4, 2, 1):
                 try:
@@ -95,12 +97,12 @@ class Context:
                         raise
                     missing = TOO_LONG.format(o.step, coarser, coarser * o.step, error)
                 else:
-                    told.append(figures(result))
-                    runs.append(result.data)
+                    figures_of_runs.insert(0, figures(result))
+                    results.insert(0, result)
         if missing:
             raise SimulationError(missing, result)
         with captured_warnings():
-            return result, converged(figures, result, certified(figures, result, told), runs)
+            return result, with_coupling_errors(figures, results, figures_of_runs)
 
     def each(
         self,

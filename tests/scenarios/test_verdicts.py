@@ -15,6 +15,7 @@ import pytest
 from scipy.optimize import brentq
 
 from cosim import SetupError
+from cosim.accuracy.extrapolation import bound_coupling_error
 from scenarios.__main__ import PROJECT
 from scenarios.conveyor.first_order import SETS
 from scenarios.conveyor.orbits import STEP_MULTIPLES
@@ -27,7 +28,6 @@ from tests.scenarios.orbit_oracle import Drive, orbit
 from workbench.answer import Answer
 from workbench.cli import REFUSED, main
 from workbench.figure import ERROR_SCOPE, Figure
-from workbench.limit import coupling
 from workbench.run import is_refused
 
 SPEEDS = "34:46:7"
@@ -279,7 +279,7 @@ def test_the_largest_deviation_carries_the_coupling_error_of_its_own_point() -> 
     at = int(np.nanargmax(np.abs(ratio - 1.0)))
     points = [data.plane.points()[at]._replace(step_multiple=k) for k in STEP_MULTIPLES]
     runs = [largest_force_of(orbit) for orbit in data.runner.orbits(points, "test")]
-    own = 100 * ratio[at] * coupling(runs, ORDER) / runs[0]
+    own = 100 * ratio[at] * bound_coupling_error(runs, ORDER) / runs[0]
     assert own > 200 * coupling_error(data.plane, data.runner, largest_force_of, ORDER)
     assert figure.error is not None and figure.error >= 0.999 * own
 
