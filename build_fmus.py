@@ -15,7 +15,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from types import ModuleType
 
-from fmukit.declare.variables import Interface, class_name, component
+from fmukit.declare.interface import Interface, class_name, component_name
 from fmukit.fmu import page, plot, reference
 from fmukit.fmu.load import load
 from fmukit.fmu.make import FLAVOURS, make_all
@@ -54,16 +54,16 @@ def main() -> int:
         "--docs", action="store_true", help="also write their docs/machines and docs/papers.md"
     )
     options = parser.parse_args()
-    known = {plain(name): file for name, file in MACHINES.items()}
-    unknown = [name for name in options.component if plain(name) not in known]
+    files_by_name = {plain(name): file for name, file in MACHINES.items()}
+    unknown = [name for name in options.component if plain(name) not in files_by_name]
     if unknown:
         parser.error(f"unknown component {unknown[0]!r}; there are {', '.join(MACHINES)}")
     if options.docs and options.flavour == "wasm":
         parser.error(
             "--docs plots the results contained in an FMU: choose a flavour other than wasm"
         )
-    names = options.component or made(options.flavour)
-    models = [known[plain(name)] for name in names]
+    names = options.component or buildable(options.flavour)
+    models = [files_by_name[plain(name)] for name in names]
     if failed := make_all(models, options.flavour, options.into, options.force):
         return min(1, failed)
     fmu_files.record(names, options.into)
@@ -73,7 +73,7 @@ def main() -> int:
     return 0
 
 
-def made(flavour: str) -> list[str]:
+def buildable(flavour: str) -> list[str]:
     """The components that can be built in the flavour."""
     compiled = flavour in ("native", "wasm", "fmi3")
     return [
@@ -89,8 +89,8 @@ def write_pages(models: list[ModuleType], fmus: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     for model in models:
         interface = Interface(model)
-        rows = reference.carried(next(fmus.rglob(f"{class_name(model)}.fmu")))
-        picture = folder / f"{component(model)}.svg"
+        rows = reference.carried_rows(next(fmus.rglob(f"{class_name(model)}.fmu")))
+        picture = folder / f"{component_name(model)}.svg"
         picture.write_text(plot.svg(interface, rows), encoding="utf-8")
         text = page.github(interface, picture.name, folder)
         picture.with_suffix(".md").write_text(text, encoding="utf-8")
@@ -101,15 +101,15 @@ def write_papers() -> None:
     parts = [PAPERS]
     for name, file in MACHINES.items():
         notes = file.with_name("page.md")
-        said = notes.read_text(encoding="utf-8") if notes.is_file() else ""
-        section = said.partition(f"\n## {FORMULAS}\n")[2].partition("\n## ")[0].strip()
+        notes_text = notes.read_text(encoding="utf-8") if notes.is_file() else ""
+        section = notes_text.partition(f"\n## {FORMULAS}\n")[2].partition("\n## ")[0].strip()
         if section:
             machine = f"machines/{name}.md"
             linked = rf"\1[\2]({machine}#errata-of-the-paper)\3"
             section = re.sub(ERRATUM, linked, section, flags=re.MULTILINE)
             section = re.sub(HOME, r"[`\1\2`](../\1)", section)
             parts.append(f"## [{class_name(load(file))}]({machine})\n\n{section}")
-    text = page.written("\n\n".join(parts) + "\n")
+    text = page.for_github("\n\n".join(parts) + "\n")
     (ROOT / "docs" / "papers.md").write_text(text, encoding="utf-8")
 
 

@@ -145,14 +145,14 @@ def dop853(steps: int, _: Path) -> Callable[[], object]:
 
 def sweep(_: int, fmus: Path) -> Callable[[], object]:
     """The 31 speeds of set A by our master, Strang with 256 steps per revolution."""
-    from scenarios.conveyor.features import Setup, simulate
     from scenarios.conveyor.first_order import SETS
-    from scenarios.conveyor.questions.resonance import SPEEDS
-    from workbench import Bench
+    from scenarios.conveyor.orbits import OrbitRunner, simulate
+    from scenarios.conveyor.rows import SPEEDS
+    from workbench import Context
 
     parts = {"motor": fmus / "DriveMotor.fmu", "conveyor": fmus / "CrankConveyor.fmu"}
-    setup = Setup(Bench(parts), {}, "strang", 256)
-    cases = [setup.case(SETS["A"], float(nu)) for nu in SPEEDS["A"].split(",")]
+    runner = OrbitRunner(Context(parts), {}, "strang", 256)
+    cases = [runner.task(SETS["A"], float(nu)) for nu in SPEEDS["A"].split(",")]
     simulate(cases[0])
     return lambda: [simulate(case) for case in cases]
 
@@ -160,7 +160,7 @@ def sweep(_: int, fmus: Path) -> Callable[[], object]:
 def bare_slaves(steps: int, _: Path) -> Callable[[], object]:
     """The steps of the slaves in the Python FMUs without any FMI."""
     from fmukit.fmu.load import load
-    from fmukit.fmu.python.pack import collect
+    from fmukit.fmu.python.package import collect
 
     slaves = []
     for name in ("drive_motor", "crank_conveyor"):
@@ -236,7 +236,7 @@ def compiled(folder: Path) -> dict[str, Path]:
     """The program in limit.c, compiled for this processor and as portable as the FMUs are: there every
     operation is rounded, so that flavours and processors agree to the last bit.
     """
-    from fmukit.fmu.native.build import OPTIONS
+    from fmukit.fmu.native.package import OPTIONS
 
     portable = ["-target", f"{platform.machine()}-linux-gnu.2.17", *OPTIONS]
     ways = {"one program in C, by hand": ["-O2"], "  compiled as the FMUs are": portable}

@@ -26,7 +26,7 @@ from examples import measured_iron, measured_orientator
 from scenarios.__main__ import PROJECT
 from scenarios.iron import machine
 from scenarios.orientator.questions import orientator_limit
-from workbench.options import made
+from workbench.options import parse_options
 from workbench.question import find, load
 from workbench.run import answer
 
@@ -83,7 +83,7 @@ def trial(name: str, seed: int) -> dict[str, Any]:
     with TemporaryDirectory() as folder:
         path = Path(folder) / "record.csv"
         rows.to_csv(path, index=False)
-        o = made(page.Options, {**asked, "data": str(path), "starts": 6}, name)
+        o = parse_options(page.Options, {**asked, "data": str(path), "starts": 6}, name)
         found = answer(page, o, PROJECT.fmus(page, "native"))
     told: dict[str, Any] = {"seed": seed, "seconds": time.process_time() - began}
     told["verdict"] = found.verdict

@@ -19,8 +19,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from components.crank_conveyor import model as conveyor
 from fmukit.declare.record import start
-from fmukit.step import hybrid as motion
-from fmukit.step import ode
+from fmukit.runtime import hybrid as motion
+from fmukit.runtime import ode
 
 LENGTH = 1e-3
 SPAN = 0.5

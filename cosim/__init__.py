@@ -4,6 +4,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from .accuracy.certify import Certified, Estimate, certify, estimate, summary
+from .accuracy.referee import RefereeReport, referee
 from .accuracy.reference import Judged, oracle, true_errors
 from .analysis.compare import Comparison, Deviation, compare
 from .analysis.crosscheck import crosscheck
@@ -42,10 +43,10 @@ HOMES = {
 __all__ = [
     "ALGORITHMS", "CONVERGENCE_ORDERS", "Adaptive", "Advice", "Certified", "Comparison", "Crosscheck",
     "Deviation", "Diagnosis", "Estimate", "Experiment", "Identified", "Interrupted", "Interval",
-    "Judged", "Linear", "Package", "Result", "SetupError", "SimulationError", "System", "Table",
+    "Judged", "Linear", "Package", "RefereeReport", "Result", "SetupError", "SimulationError", "System", "Table",
     "Verdict", "Wire", "advise", "certify", "compare", "crosscheck", "crossing", "diagnose",
     "estimate", "identify", "largest", "linearize", "mean", "measured", "oracle", "quiet",
-    "read_osp", "read_ssp", "rms", "run", "run_isolated", "smallest", "summary",
+    "read_osp", "read_ssp", "referee", "rms", "run", "run_isolated", "smallest", "summary",
     "time_of_largest", "time_of_smallest", "true_errors", "versions", "write_container",
     "write_osp", "write_ssp",
 ]  # fmt: skip

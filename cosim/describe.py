@@ -12,7 +12,7 @@ from fmpy import supported_platforms
 from .engine.algorithms import find_algorithm
 from .engine.energy import find_bonds
 from .engine.settings import RunSettings
-from .system import ANGLE, Connection, Network, Port, default_experiment, obstacles, unit_exponents
+from .system import ANGLE, Connection, Network, Port, obstacles, unit_exponents
 from .system.graph import algebraic_loops, describe_loop, stepping_order
 
 ABILITIES = {
@@ -120,7 +120,7 @@ def notes(network: Network, settings: RunSettings) -> Iterator[str]:
 
 def preferred_steps(network: Network) -> dict[str, float]:
     """The communication step that each FMU prefers [s], as far as they say."""
-    steps = {name: default_experiment(d).step for name, d in network.descriptions.items()}
+    steps = {name: d.defaultExperiment.step for name, d in network.descriptions.items()}
     return {name: step for name, step in steps.items() if step is not None}
 
 

@@ -25,7 +25,7 @@ from .report import Outcome, PartIdentity, RunReport, RunSetup
 from .requirements import require_runnable
 from .result import Interrupted, Result, SimulationError
 from .signals import collect_interrupts
-from .system import Network, System, connect, default_experiment
+from .system import Network, System, connect
 from .system.graph import stepping_order
 
 
@@ -209,7 +209,7 @@ def _identity(part: Part, path: Path, tolerance: float | None) -> PartIdentity:
     """What a result says of a part, with every parameter's value."""
     description = part.description
     if tolerance is None:
-        tolerance = default_experiment(description).tolerance
+        tolerance = description.defaultExperiment.tolerance
     parameters = [v for v in description.modelVariables if v.causality == "parameter"]
     return PartIdentity(
         fmu=Path(path).name,

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 from .system import Value
@@ -67,7 +67,8 @@ class RunSetup:
 
     def to_json(self) -> dict[str, Any]:
         """Its entries of the JSON file."""
-        return asdict(self)
+        parts = {name: dict(vars(identity)) for name, identity in self.parts.items()}
+        return vars(self) | {"parts": parts}
 
 
 @dataclass(frozen=True)
@@ -123,9 +124,9 @@ class RunReport:
         """The entries of the JSON file."""
         return {
             **self.setup.to_json(),
-            **asdict(self.statistics),
-            **asdict(self.outcome),
-            "bonds": {bond: asdict(energy) for bond, energy in self.bonds.items()},
+            **vars(self.statistics),
+            **vars(self.outcome),
+            "bonds": {bond: dict(vars(energy)) for bond, energy in self.bonds.items()},
             "warnings": list(self.warnings),
             "wall_time": self.wall_time,
         }

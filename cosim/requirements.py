@@ -32,7 +32,7 @@ def setup_problems(network: Network, settings: RunSettings) -> Iterator[str]:
         yield str(error)
         return
     yield from _wrong_settings(network, settings)
-    yield from _instances_of_one_process(network)
+    yield from _single_instances(network)
     yield from _missing_for_algorithm(network, settings)
     if isinstance(settings.step, Adaptive):
         yield from _missing_for_control(network, settings.step)
@@ -68,12 +68,15 @@ def _wrong_settings(network: Network, settings: RunSettings) -> Iterator[str]:
             yield f"substeps of {name} = {count!r} must be at least 1 and below {MOST_SUBSTEPS}"
 
 
-def _instances_of_one_process(network: Network) -> Iterator[str]:
+def _single_instances(network: Network) -> Iterator[str]:
     """FMUs of several parts that allow one instance only."""
     by_guid: dict[str, str] = {}
     for name, description in network.descriptions.items():
         twin = by_guid.setdefault(description.guid, name)
-        if twin != name and description.coSimulation.canBeInstantiatedOnlyOncePerProcess:
+        if (
+            twin != name
+            and description.interface("coSimulation").canBeInstantiatedOnlyOncePerProcess
+        ):
             yield f"{name}: its FMU allows only one instance per process, and {twin} is another"
 
 

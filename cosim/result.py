@@ -25,7 +25,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Rows = NDArray[np.float64]
-SHOWN = 6
+#: Curves that a notebook shows unasked. A convention: more do not fit on a screen.
+MOST_CURVES = 6
 
 
 class Result:
@@ -49,8 +50,8 @@ class Result:
         self._load = load
 
     def __repr__(self) -> str:
-        shown = (f"{name} [{self.units.get(name, '')}]" for name in self.columns[1:])
-        return f"Result({self._span()}: {', '.join(shown)})"
+        columns = (f"{name} [{self.units.get(name, '')}]" for name in self.columns[1:])
+        return f"Result({self._span()}: {', '.join(columns)})"
 
     def _span(self) -> str:
         """How it ended, from when to when."""
@@ -60,18 +61,18 @@ class Result:
 
     def _repr_html_(self) -> str:
         """Status, warnings, the extremes of every column and, with matplotlib, the first SHOWN of them."""
-        told = "".join(f"<p>{html.escape(text)}</p>" for text in (self._span(), *self.warnings))
+        content = "".join(f"<p>{html.escape(text)}</p>" for text in (self._span(), *self.warnings))
         if len(self.columns) < 2 or not len(self.data):
-            return told
+            return content
         rows = self.frame.drop(columns="time")
         table = rows.agg(["min", "mean", "max"]).T.assign(last=rows.iloc[-1])
         table.insert(0, "unit", [self.units.get(x, "") for x in self.columns[1:]])
-        told += table.to_html(float_format="{:.6g}".format)
+        content += table.to_html(float_format="{:.6g}".format)
         if find_spec("matplotlib"):
-            self.plot(self.columns[1 : 1 + SHOWN], drawn := BytesIO())
-            picture = base64.b64encode(drawn.getvalue()).decode()
-            told += f'<img src="data:image/png;base64,{picture}" style="max-width: 100%">'
-        return told
+            self.plot(self.columns[1 : 1 + MOST_CURVES], buffer := BytesIO())
+            picture = base64.b64encode(buffer.getvalue()).decode()
+            content += f'<img src="data:image/png;base64,{picture}" style="max-width: 100%">'
+        return content
 
     @cached_property
     def data(self) -> Rows:
@@ -112,12 +113,12 @@ class Result:
         """
         path, frame, units = Path(path), self.frame, self.units
         if part is not None:
-            own = {name: name.removeprefix(f"{part}.") for name in self.columns[1:]}
-            own = {name: bare for name, bare in own.items() if name != bare}
-            if not own:
+            bare_names = {name: name.removeprefix(f"{part}.") for name in self.columns[1:]}
+            bare_names = {name: bare for name, bare in bare_names.items() if name != bare}
+            if not bare_names:
                 raise SetupError(f"no column of part {part!r}, only {', '.join(self.columns)}")
-            frame = frame[["time", *own]].rename(columns=own)
-            units = {"time": "s"} | {bare: units[name] for name, bare in own.items()}
+            frame = frame[["time", *bare_names]].rename(columns=bare_names)
+            units = {"time": "s"} | {bare: units[name] for name, bare in bare_names.items()}
         if path.suffix not in (".csv", ".parquet"):
             raise SetupError(f"{path} must end in .csv or .parquet")
         path.parent.mkdir(parents=True, exist_ok=True)

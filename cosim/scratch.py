@@ -68,7 +68,9 @@ def _remove_leftover(folder: Path) -> None:
         If the folder has no mark, or if its process lives and locks the folder.
     """
     status, mark = folder.lstat(), folder / MARK
-    if not _is_own(status, stat.S_ISDIR) or not _is_own(mark.lstat(), stat.S_ISREG):
+    if not _belongs_to_user(status, stat.S_ISDIR) or not _belongs_to_user(
+        mark.lstat(), stat.S_ISREG
+    ):
         return
     if sys.platform != "win32" and stat.S_IMODE(status.st_mode) != PRIVATE:
         return
@@ -81,7 +83,7 @@ def _remove_leftover(folder: Path) -> None:
         os.close(lock)
 
 
-def _is_own(status: os.stat_result, has_kind: Callable[[int], bool]) -> bool:
+def _belongs_to_user(status: os.stat_result, has_kind: Callable[[int], bool]) -> bool:
     """Whether a file is of the kind and belongs to this user; a link is of neither kind."""
     return has_kind(status.st_mode) and (sys.platform == "win32" or status.st_uid == os.geteuid())
 

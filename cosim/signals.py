@@ -42,6 +42,6 @@ def reinstall_handlers() -> None:
 @contextmanager
 def collect_interrupts() -> Iterator[list[int]]:
     """A list that fills with the signals that ask to stop, so that no FMU is left half-way."""
-    seen: list[int] = []
-    with handle_stop_signals(lambda number, _: seen.append(number)):
-        yield seen
+    received: list[int] = []
+    with handle_stop_signals(lambda number, _: received.append(number)):
+        yield received

@@ -1,8 +1,8 @@
 """Turn a page of equations into an FMU; independent of any particular machine."""
 
+from .declare.interface import Experiment, InputHold
 from .declare.record import array, discrete, fill, real, record, replace, start
-from .declare.variables import Experiment, InputHold
-from .step.flow import attempted, repeat
+from .runtime.flow import attempted, repeat
 
 VERSION = "1.0.0rc1"
 

@@ -149,7 +149,7 @@ def per_second(quantity: Quantity) -> Quantity:
     return Quantity(f"{quantity.name}Rate", unit, quantity.exponents | {"s": power})
 
 
-def known() -> str:
+def list_quantities() -> str:
     """The names of all quantities, and how to write another one."""
     names = ", ".join(name for name, it in globals().items() if get_origin(it) is Annotated)
     return f'{names}; or write Annotated[float, Quantity("Density", "kg/m3", {{"kg": 1, "m": -3}})]'
@@ -159,4 +159,4 @@ def __getattr__(name: str) -> NoReturn:
     """Raise ImportError for an unknown quantity, with the names of all that there are."""
     if name.startswith("_"):
         raise AttributeError(name)
-    raise ImportError(f"fmukit.si has no {name}: import one of {known()}")
+    raise ImportError(f"fmukit.si has no {name}: import one of {list_quantities()}")

@@ -80,7 +80,7 @@ def still(fmu: str, shapes: Callable[[Any, motion.Columns], list[Shape]], phi: f
 def lifting() -> Motion:
     """The iron drive while the iron goes up."""
     system, r = started("iron", "IronDrive", {"iron.phi": 1.0})
-    return posed(iron.drawn(r, system, np.array([0]))[0])
+    return posed(iron.draw_rows(r, system, np.array([0]))[0])
 
 
 def turning() -> Motion:
@@ -92,7 +92,7 @@ def turning() -> Motion:
     spans = {span.text: span for span in machine.stages(r)}
     now = (spans["turning"].first + spans["turning"].last) / 2
     picked = np.searchsorted(r["time"], [now, spans["joint"].first, r["time"][-1]])
-    shapes, _ = orientator.drawn(r, picked)
+    shapes, _ = orientator.draw_rows(r, picked)
     return posed(shapes, {1: "landing", 2: "oriented"})
 
 

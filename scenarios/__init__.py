@@ -61,5 +61,5 @@ def study(
     from workbench import study
 
     folder = None if out is None else Path(out)
-    asked = study.load(Path(file), PROJECT)
-    return study.run(asked, flavour=flavour, jobs=jobs, scheduler=scheduler, out=folder)
+    plan = study.load(Path(file), PROJECT)
+    return study.run(plan, flavour=flavour, jobs=jobs, scheduler=scheduler, out=folder)

@@ -35,7 +35,7 @@ def load_copy(model: ModuleType, functions: dict[str, Any]) -> ModuleType:
     return copy
 
 
-def drawn(model: ModuleType, draw: random.Random, spread: float, **given: Any) -> Any:
+def random_parameters(model: ModuleType, draw: random.Random, spread: float, **given: Any) -> Any:
     """Random parameters, off their start values by this share, that a component does not refuse."""
     while True:
         values = {

@@ -26,6 +26,8 @@ PAGES = sorted(
 )
 TEST_COMMAND = " pytest"
 SITE_COMMAND = ".venv/bin/uv run --no-dev --extra site python -m gallery"
+#: how the commands begin that measure instead of testing: minutes to hours, and apart from the tests
+BENCHMARK = ".venv/bin/python benchmarks/"
 SLOW = {
     "python3 -m venv .venv && .venv/bin/pip install -q uv && .venv/bin/uv sync -q --no-dev --extra "
     "native --extra page && .venv/bin/python build_fmus.py && .venv/bin/scenarios run resonance",
@@ -86,15 +88,6 @@ SLOW = {
     "--data examples/conveyor_record.csv --map time=t --map conveyor.w=n "
     "--map motor.tau=M*0.8:N.m --rated-torque 80 --known conveyor.trough.m=200+-5 "
     "--known conveyor.spring.c=720e3+-2%",
-    ".venv/bin/python benchmarks/coupling.py",
-    ".venv/bin/python benchmarks/identify.py",
-    ".venv/bin/python benchmarks/identify_machines.py",
-    ".venv/bin/python benchmarks/published.py",
-    ".venv/bin/python benchmarks/scale.py",
-    ".venv/bin/python benchmarks/resonance.py --number 110",
-    ".venv/bin/python benchmarks/stepping.py",
-    ".venv/bin/python benchmarks/studies.py",
-    ".venv/bin/python benchmarks/tolerance.py",
 }
 RARELY = ("docs/compare.md", "docs/identify.md", "docs/scenarios.md", "docs/studies.md")
 """Pages whose commands do what other tests try, too."""
@@ -143,6 +136,12 @@ def ended(line: str, command: str) -> str:
     return f"if {command}; then false; else [ $? -eq {status[1]} ]; fi" if status else line
 
 
+def not_run(command: str) -> bool:
+    """Whether a command is left to people: all tests, the site, and what measures for long."""
+    measures = command.startswith(BENCHMARK) and not command.endswith(" --help")
+    return TEST_COMMAND in command or command == SITE_COMMAND or measures
+
+
 def executable(block: Block, slow: bool) -> tuple[str, str, str] | None:
     """A block as tests/page.py takes it; None for what is not run."""
     language, _, target = block.info.partition(" ")
@@ -150,9 +149,7 @@ def executable(block: Block, slow: bool) -> tuple[str, str, str] | None:
         return None
     if language == "sh":
         kept = [
-            ""
-            if TEST_COMMAND in command or command == SITE_COMMAND or (command in SLOW and not slow)
-            else ended(line, command)
+            "" if not_run(command) or (command in SLOW and not slow) else ended(line, command)
             for line, command in zip(block.text.splitlines(), commands(block.text))
         ]
         return ("sh", block.place, "\n".join(kept) + "\n")
@@ -246,11 +243,16 @@ INLINE = sorted({span for page in PAGES for span in spans(page) if span.startswi
     [
         pytest.param(command, marks=[pytest.mark.slow] if command in SLOW else [])
         for command in INLINE
-        if TEST_COMMAND not in command and command != SITE_COMMAND
+        if not not_run(command)
     ],
 )
 def test_a_command_within_the_text_works(command: str, tree: Path) -> None:
     perform(tree, [("sh", "inline", command)])
+
+
+@pytest.mark.parametrize("command", [x for x in INLINE if x.startswith(BENCHMARK)])
+def test_a_benchmark_of_a_page_is_there(command: str) -> None:
+    assert (ROOT / command.removeprefix(".venv/bin/python ").split()[0]).is_file()
 
 
 def test_nothing_is_left_out() -> None:

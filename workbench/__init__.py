@@ -13,20 +13,20 @@ if TYPE_CHECKING:
     from .charts.model import Chart, Curve, Mark, Panel
     from .figure import Figure
     from .options import Options, Run, option
-    from .run import Bench
+    from .run import Context
 
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 for variable in THREADS:
     os.environ.setdefault(variable, "1")
 
 HOMES = {
-    "Answer": "answer", "Show": "answer", "Table": "answer", "Bench": "run", "Findings": "answer",
+    "Answer": "answer", "Show": "answer", "Table": "answer", "Context": "run", "Findings": "answer",
     "Figure": "figure", "Options": "options", "Run": "options", "option": "options",
     "Chart": "charts.model", "Curve": "charts.model", "Mark": "charts.model",
     "Panel": "charts.model",
 }  # fmt: skip
 __all__ = [
-    "Answer", "Bench", "Chart", "Curve", "Figure", "Findings", "Mark", "Options", "Panel", "Run",
+    "Answer", "Chart", "Context", "Curve", "Figure", "Findings", "Mark", "Options", "Panel", "Run",
     "Show", "Table", "option",
 ]  # fmt: skip
 

@@ -12,7 +12,7 @@ from cosim.cli.options import Parser, exit_code
 
 from . import question
 from .answer import finish
-from .options import add, declared, made, unknown
+from .options import add_arguments, declared, parse_options, unknown_option
 from .question import FLAVOURS, Project, QuestionError
 from .run import ask
 from .runs.folder import reservation
@@ -64,22 +64,22 @@ def run(words: Sequence[str], project: Project, program: str) -> int:
         formatter_class=RawDescriptionHelpFormatter,
         allow_abbrev=False,
     )
-    add(parser, page.Options)
+    add_arguments(parser, page.Options)
     _add_common(parser, "results/NAME, or NAME/SET")
     parser.add_argument("--animate", action="store_true", help="also write the motions as GIFs")
     found, rest = parser.parse_known_args(words[1:])
     if rest:
         flags = [x[2:] for x in parser._option_string_actions if x[:2] == "--" and x != "--help"]
-        raise unknown(rest[0].lstrip("-").partition("=")[0], flags, question.name(page))
+        raise unknown_option(rest[0].lstrip("-").partition("=")[0], flags, question.name(page))
     told = {name: value for name, value in vars(found).items() if value is not None}
     options = {name: told.pop(name) for name in (*declared(page.Options), "start") if name in told}
-    o = made(page.Options, options, question.name(page))
+    o = parse_options(page.Options, options, question.name(page))
     folder = Path("results") / question.name(page)
     told["out"] = told.get("out", folder / o.set if hasattr(o, "set") else folder)
     animate = told.pop("animate")
     with reservation(told["out"]):
         answer = ask(project, words[0], options, **told, program=program)
-        with question.blamed(page):
+        with question.attribute_errors(page):
             finish(answer, told["out"], animate)
     return REFUSED if answer.refused else 0
 

@@ -31,7 +31,7 @@ KNOWN = re.compile(
 
 
 @dataclass(frozen=True, kw_only=True)
-class Recorded(Options):
+class RecordOptions(Options):
     """The options of a record, and what is known of its machine beforehand."""
 
     data: str = option("", "CSV file of the record")
@@ -134,7 +134,7 @@ def prior(text: str) -> tuple[str, tuple[float, float]]:
     """ "conveyor.trough.m=200+-5" as name, value and standard deviation."""
     match = KNOWN.fullmatch(text.strip())
     try:
-        value, off = (float(match[key]) for key in ("value", "off")) if match else (0.0, 0.0)
+        value, off = (float(match[part]) for part in ("value", "off")) if match else (0.0, 0.0)
     except ValueError:
         match = None
     if match is None:
@@ -142,22 +142,22 @@ def prior(text: str) -> tuple[str, tuple[float, float]]:
     return match["name"], (value, abs(value) * off / 100 if match["share"] else off)
 
 
-def said(interval: Any, meaning: str = "") -> Figure:
+def figure_of(interval: Any, meaning: str = "") -> Figure:
     """An interval as a figure, refused where the record does not determine the value."""
     unit = interval.unit or "1"
     if not math.isfinite(interval.error) or interval.error > abs(interval.value) * 1e3 + 1e9:
-        return Figure.refused(unit, "the record does not determine it", meaning)
+        return Figure.undetermined(unit, "the record does not determine it", meaning)
     return Figure(interval.value, unit, interval.error, meaning)
 
 
-def key(name: str) -> str:
+def figure_name(name: str) -> str:
     """The name of a figure of a free value, "conveyor_trough_m"."""
     return re.sub(r"\W+", "_", name).strip("_").lower()
 
 
-def values(fit: Identified) -> dict[str, Figure]:
+def fitted_figures(fit: Identified) -> dict[str, Figure]:
     """All values that were free, by name."""
-    return {key(name): said(x, f"{name}, fitted") for name, x in fit.values.items()}
+    return {figure_name(name): figure_of(x, f"{name}, fitted") for name, x in fit.values.items()}
 
 
 def tables(fit: Identified, advice: Sequence[Advice], name: str, unit: str) -> dict[str, Table]:
@@ -195,7 +195,7 @@ def facts(fit: Identified, advice: Sequence[Advice], exact: Sequence[str]) -> di
     }
 
 
-def planned(
+def planned_experiments(
     starts: Mapping[str, Mapping[str, Value]],
     supply: str,
     stop: float,
@@ -214,7 +214,7 @@ def planned(
     return found
 
 
-def next_one(advice: Sequence[Advice], now: float, what: str, unit: str) -> str:
+def next_record(advice: Sequence[Advice], now: float, what: str, unit: str) -> str:
     """Which record to make next, in a sentence; those within SAME of the best are as good."""
     best = [x for x in advice if x.error <= (1 + SAME) * advice[0].error]
     error = max(x.error for x in best)
@@ -222,8 +222,8 @@ def next_one(advice: Sequence[Advice], now: float, what: str, unit: str) -> str:
         return f"No further record of these kinds would narrow the interval of {what} by much."
     *others, name = (x.name for x in best)
     names = f"{', '.join(others)} or {name}; each" if others else f"{name}: that"
-    said = f"Next, record {names} would narrow the interval of {what} to {error:.2g} {unit}"
-    return f"{said.rstrip()}."
+    sentence = f"Next, record {names} would narrow the interval of {what} to {error:.2g} {unit}"
+    return f"{sentence.rstrip()}."
 
 
 def charts(fit: Identified, drawn: Mapping[str, tuple[str, str]]) -> list[Chart]:

@@ -29,9 +29,11 @@ class Measured(NamedTuple):
     def figure(self, unit: str, meaning: str) -> Figure:
         """The value as a figure, which is refused for what does not or may not happen."""
         if self.error == math.inf:
-            return Figure.refused(unit, "the level is only just reached, or just missed", meaning)
+            return Figure.undetermined(
+                unit, "the level is only just reached, or just missed", meaning
+            )
         if math.isnan(self.value):
-            return Figure.refused(unit, "it does not happen during the run", meaning)
+            return Figure.undetermined(unit, "it does not happen during the run", meaning)
         return Figure(self.value, unit, self.error, meaning)
 
 
@@ -56,10 +58,12 @@ def measured(tell: Callable[..., float], *columns: Samples) -> Measured:
     return _away(value, others)
 
 
-def over_rows(tell: Callable[[Result], Mapping[str, Figure]], result: Result) -> dict[str, Figure]:
+def with_row_errors(
+    tell: Callable[[Result], Mapping[str, Figure]], result: Result
+) -> dict[str, Figure]:
     """The figures that `tell` returns for a result, by name, with the same error; refused ones stay so."""
     whole = tell(result)
-    others = [tell(of_rows(result, result.data[half])) for half in _halves(len(result.data))]
+    others = [tell(with_rows(result, result.data[half])) for half in _halves(len(result.data))]
     return {
         name: figure
         if figure.error is None
@@ -68,7 +72,7 @@ def over_rows(tell: Callable[[Result], Mapping[str, Figure]], result: Result) ->
     }
 
 
-def of_rows(result: Result, rows: Samples) -> Result:
+def with_rows(result: Result, rows: Samples) -> Result:
     """The result with these rows instead, of shape (n, columns)."""
     return Result(result.columns, result.units, result.provenance, lambda: rows)
 
@@ -116,7 +120,7 @@ def crossing(t: Samples, x: Samples, level: float, which: int = 0) -> Measured:
     The error is infinite where x turns so near to the level before that (after it for which < 0) that
     a small error of x decides which time it is.
     """
-    times = passes(t, x, level)
+    times = crossing_times(t, x, level)
     found, begin, end = Measured(math.nan, math.nan), t[0], t[-1]
     if -len(times) <= which < len(times):
         k = which % len(times)
@@ -132,7 +136,7 @@ def crossing(t: Samples, x: Samples, level: float, which: int = 0) -> Measured:
 def _crossing(t: Samples, x: Samples, level: float, times: Samples, k: int) -> Measured:
     """One of the times that `passes` tells, with the error that the rows' spacing leaves."""
     time = float(times[k])
-    others = [passes(t[half::2], x[half::2], level) for half in (0, 1)]
+    others = [crossing_times(t[half::2], x[half::2], level) for half in (0, 1)]
     away = max(abs(o - time).min() if len(o) else math.inf for o in others)
     gap = min(abs(np.delete(times, k) - time), default=math.inf)
     spacing = float(np.diff(t).max())
@@ -140,7 +144,7 @@ def _crossing(t: Samples, x: Samples, level: float, times: Samples, k: int) -> M
     return Measured(time, max(float(error), ROUNDING * abs(time)))
 
 
-def passes(t: Samples, x: Samples, level: float) -> Samples:
+def crossing_times(t: Samples, x: Samples, level: float) -> Samples:
     """The times alone, without those that SciPy finds by mistake where x hardly moves, from rest."""
     curve = metrics.spline(t, x)
     found = curve.solve(level, extrapolate=False)

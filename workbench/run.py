@@ -22,17 +22,17 @@ from cosim.system import connect
 
 from . import live, question
 from .answer import Answer, Findings, Parameter, Show, Table, parameters, stream
-from .figure import Figure, whole
+from .figure import Figure, drop_undetermined
 from .limit import certified, converged
-from .options import Options, Run, declared, made, refuse
-from .question import FLAVOURS, PYTHON, Project, QuestionError, blamed, name, where
+from .options import Options, Run, check_fixed_starts, declared, parse_options
+from .question import FLAVOURS, PYTHON, Project, QuestionError, attribute_errors, locator, name
 from .runs.codec import Records
 from .runs.fingerprint import SOURCES, computation
 from .runs.folder import reservation
-from .runs.journal import Journal, opened
-from .runs.runner import Engine
+from .runs.journal import Journal, open_journal
+from .runs.runner import Runner
 
-ALONE = Engine(jobs=1)
+IN_PROCESS = Runner(jobs=1)
 TOO_LONG = (
     "step = {:g} s is too long to determine errors: a run with {} times the step, {:g} s, fails: {}"
 )
@@ -42,13 +42,13 @@ Found = TypeVar("Found")
 
 
 @dataclass(frozen=True)
-class Bench:
-    """What a question works with: its FMUs by part, the engine of its runs, a folder for rows as they
+class Context:
+    """What a question works with: its FMUs by part, the runner of its runs, a folder for rows as they
     are computed, and the journal of its sweeps.
     """
 
     fmus: Mapping[str, Path]
-    engine: Engine = ALONE
+    runner: Runner = IN_PROCESS
     out: Path | None = None
     journal: Callable[[], Journal | None] = lambda: None
 
@@ -80,7 +80,7 @@ class Bench:
         with bar(csv.removesuffix(".csv") or "run", 0.0, o.stop) as progress:
             for coarser in (4, 2, 1):
                 try:
-                    with hearing() if coarser > 1 else nullcontext():
+                    with captured_warnings() if coarser > 1 else nullcontext():
                         result = cosim.run(
                             system,
                             stop=o.stop,
@@ -99,7 +99,7 @@ class Bench:
                     runs.append(result.data)
         if missing:
             raise SimulationError(missing, result)
-        with hearing():
+        with captured_warnings():
             return result, converged(figures, result, certified(figures, result, told), runs)
 
     def each(
@@ -109,17 +109,19 @@ class Bench:
         title: str,
         probes: bool = False,
     ) -> Iterator[Found]:
-        """function(case) for every case, in order, wherever the engine does its runs.
+        """function(case) for every case, in order, wherever the runner does its runs.
 
         Warnings become those of the question, except for `probes`, which look for what FMUs warn of.
         """
-        call = partial(_heard, function)
-        for found, warnings in self.engine.each(call, cases, title, self.journal()):
+        call = partial(_with_warnings, function)
+        for found, warnings in self.runner.each(call, cases, title, self.journal()):
             for warning in () if probes else warnings:
                 logging.getLogger("cosim").warning(warning)
             yield found
 
-    def kept(self, csv: str, units: Mapping[str, str], rows: Iterable[Sequence[Any]]) -> Table:
+    def record_rows(
+        self, csv: str, units: Mapping[str, str], rows: Iterable[Sequence[Any]]
+    ) -> Table:
         """The table of rows, which are kept in NAME.partial.csv as they are computed."""
 
         def passed() -> Iterator[Sequence[Any]]:
@@ -131,14 +133,14 @@ class Bench:
             return Table.of_rows(passed(), units)
 
 
-def _heard(function: Callable[[Case], Found], case: Case) -> tuple[Found, list[str]]:
+def _with_warnings(function: Callable[[Case], Found], case: Case) -> tuple[Found, list[str]]:
     """What a function makes of a case, and the warnings of its runs."""
-    with hearing() as heard:
+    with captured_warnings() as heard:
         return function(case), heard()
 
 
 @contextmanager
-def hearing() -> Iterator[Callable[[], list[str]]]:
+def captured_warnings() -> Iterator[Callable[[], list[str]]]:
     """Collect the warnings of the runs in this process, each once, and keep them from other handlers."""
     log, handler = logging.getLogger("cosim"), BufferingHandler(sys.maxsize)
     handler.setLevel(logging.WARNING)
@@ -177,10 +179,10 @@ def ask(
     one = jobs is None and scheduler is None and not spread
     return answer(
         page,
-        made(page.Options, options, name(page)),
+        parse_options(page.Options, options, name(page)),
         project.fmus(page, used),
         flavour=used,
-        engine=Engine(1 if one else jobs, scheduler, project.packages),
+        runner=Runner(1 if one else jobs, scheduler, project.packages),
         out=out,
         modules=project.modules(page),
         command=f"{program} run {text}" + f" --flavour {flavour}" * bool(flavour),
@@ -193,66 +195,71 @@ def answer(
     fmus: Mapping[str, Path],
     *,
     flavour: str = "",
-    engine: Engine = ALONE,
+    runner: Runner = IN_PROCESS,
     out: Path | None = None,
     modules: Mapping[str, Path] = MappingProxyType({}),
     command: str = "",
 ) -> Answer:
-    """The answer of a page to its options, with these FMUs by part; the engine does the sweeps.
+    """The answer of a page to its options, with these FMUs by part; the runner does the sweeps.
 
     Rows are kept in the folder `out` as they are computed. The page has a live part if there are
     modules of the FMUs by part; `command` is then the start of the command line that asks the same.
     Raises SetupError for what is refused, SimulationError for a run that fails, and QuestionError where
     the page's own code raises.
     """
-    own = getattr(page, "OWN", ())
-    refuse(o.start, own)
-    with reservation(out), ExitStack() as stack, hearing() as heard, blamed(page):
+    own = getattr(page, "FIXED_STARTS", ())
+    check_fixed_starts(o.start, own)
+    with (
+        reservation(out),
+        ExitStack() as stack,
+        captured_warnings() as heard,
+        attribute_errors(page),
+    ):
         files = [*fmus.values(), *question.files(page)]
-        engine = replace(engine, page=where(page), files=files)
+        runner = replace(runner, page=locator(page), files=files)
 
         @cache
         def journal() -> Journal | None:
             if out is None:
                 return None
-            packages = _packages(page, engine.packages)
+            packages = _packages(page, runner.packages)
             records = Records(frozenset({*SOURCES, *packages, page.__name__}))
             who = _identity(page, o, fmus, packages)
-            return stack.enter_context(opened(out, who, passing=True, records=records))
+            return stack.enter_context(open_journal(out, who, passing=True, records=records))
 
-        bench = Bench(fmus, engine, out, journal)
-        found = page.solve(o, bench) if hasattr(page, "solve") else _solve(page, o, bench)
+        context = Context(fmus, runner, out, journal)
+        found = page.solve(o, context) if hasattr(page, "solve") else _solve(page, o, context)
         if not isinstance(found, Findings):
             raise SetupError(f"{page.__file__}: solve must return workbench.Findings")
         _check(page, found.figures)
         verdict = page.verdict(o, found.figures, found.data) if hasattr(page, "verdict") else ""
-        verdict = whole(verdict, found.figures)
+        verdict = drop_undetermined(verdict, found.figures)
         system = found.system or System({})
         told = parameters(system, own) if system.parts else {}
         live_part = live.of(page, o, found, modules, command)
-    made = _provenance(system, found.algorithm, found.communication)
+    provenance = _provenance(system, found.algorithm, found.communication)
 
     def show() -> Show:
         if not hasattr(page, "show"):
             return Show()
-        with hearing(), blamed(page):
+        with captured_warnings(), attribute_errors(page):
             return Show(*page.show(o, found.figures, found.data))
 
     return Answer(
-        **vars(found) | {"provenance": {**(found.provenance or made), "flavour": flavour}},
+        **vars(found) | {"provenance": {**(found.provenance or provenance), "flavour": flavour}},
         scenario=name(page),
-        question=question.asked(page),
+        question=question.title(page),
         verdict=verdict,
-        options=said(o, found.defaults),
+        options=option_values(o, found.defaults),
         parameters=told,
         warnings=heard(),
         show=show,
         live=live_part,
-        refused=refused(page, found.figures),
+        refused=is_refused(page, found.figures),
     )
 
 
-def refused(page: ModuleType, figures: Mapping[str, Figure]) -> bool:
+def is_refused(page: ModuleType, figures: Mapping[str, Figure]) -> bool:
     """Whether an answer is refused: a figure that it hangs on is not determined.
 
     These are the figures that the page names in DECISIVE. Without that, an answer is refused if figures
@@ -280,8 +287,8 @@ def row(page: Path | str, fmus: Mapping[str, Path], case: Mapping[str, Any]) -> 
     start = {key: value for key, value in case.items() if "." in key}
     options = {key: value for key, value in case.items() if key not in start}
     try:
-        asked = question.loaded(str(page))
-        o = made(asked.Options, {**options, "start": start}, name(asked))
+        asked = question.load_cached(str(page))
+        o = parse_options(asked.Options, {**options, "start": start}, name(asked))
         found = answer(asked, o, fmus)
     except (SetupError, QuestionError) as error:
         text = str(error)
@@ -313,9 +320,9 @@ def is_row(answer: Any) -> bool:
         return False
 
 
-def _solve(page: ModuleType, o: Any, bench: Bench) -> Findings:
+def _solve(page: ModuleType, o: Any, context: Context) -> Findings:
     """The way of a page with a system and figures."""
-    system = page.system(o, bench.fmus)
+    system = page.system(o, context.fmus)
     table = f"{name(page)}.csv"
 
     def figures(result: Result) -> Mapping[str, Figure]:
@@ -324,7 +331,7 @@ def _solve(page: ModuleType, o: Any, bench: Bench) -> Findings:
         return found
 
     record = getattr(page, "RECORD", None)
-    result, certain = bench.certify(system, figures, o, record, table)
+    result, certain = context.certify(system, figures, o, record, table)
     tables = {table: Table.of(result)}
     return Findings(certain, result, system, result.provenance, tables=tables)
 
@@ -340,7 +347,9 @@ def _check(page: ModuleType, figures: Any) -> None:
         if not isinstance(figure.unit, str) or not figure.unit:
             raise SetupError(f'{where} has no unit; a dimensionless number has the unit "1"')
         if figure.error is None and not (figure.reason and math.isnan(figure.value)):
-            raise SetupError(f"{where} has no error; use Figure.refused(unit, reason) to say why")
+            raise SetupError(
+                f"{where} has no error; use Figure.undetermined(unit, reason) to say why"
+            )
         if figure.error is not None and not (figure.error >= 0.0 and math.isfinite(figure.value)):
             raise SetupError(
                 f"{where} = {figure.value!r} +- {figure.error!r} is not a valid figure"
@@ -352,9 +361,9 @@ def _identity(
 ) -> dict[str, Any]:
     """What the sweeps of a question depend on."""
     return {
-        "options": {key: repr(told.value) for key, told in said(o).items()},
+        "options": {key: repr(told.value) for key, told in option_values(o).items()},
         "start": dict(o.start),
-        **computation(where(page), fmus, *packages),
+        **computation(locator(page), fmus, *packages),
     }
 
 
@@ -363,7 +372,9 @@ def _packages(page: ModuleType, packages: Sequence[str]) -> Sequence[str]:
     return packages or ([] if question.files(page) else [page.__name__.partition(".")[0]])
 
 
-def said(o: Options, defaults: Mapping[str, Any] = MappingProxyType({})) -> dict[str, Parameter]:
+def option_values(
+    o: Options, defaults: Mapping[str, Any] = MappingProxyType({})
+) -> dict[str, Parameter]:
     """The options as they were taken, with the question's `defaults` for those left to it."""
     values = {
         key: getattr(o, key)

@@ -38,6 +38,7 @@ from collections.abc import Iterator
 from math import cos, sin, sqrt
 
 from fmukit import Experiment, discrete, real, record
+from fmukit.runtime import direction
 from fmukit.si import (
     Angle,
     AngularAcceleration,
@@ -53,7 +54,6 @@ from fmukit.si import (
     TranslationalStiffness,
     Velocity,
 )
-from fmukit.step import near
 
 EXPERIMENT = Experiment(stop=1.0, step=1e-3)
 FLANGES = {"flange": ("tau", "w", "phi")}
@@ -133,12 +133,12 @@ def check(p: Parameters) -> Iterator[str]:
         yield f"crank.r = {r!r} m is not small compared with rod.l = {l!r} m: set rod.finite = true"
 
 
-def prepare(p: Parameters, x: State) -> near.Direction:
+def prepare(p: Parameters, x: State) -> direction.Direction:
     """The direction of the crank, from which it turns only a little within a step."""
-    return near.Direction(x.phi, sin(x.phi), cos(x.phi))
+    return direction.Direction(x.phi, sin(x.phi), cos(x.phi))
 
 
-def trough(p: Parameters, crank: near.Direction) -> tuple[float, float, float, float]:
+def trough(p: Parameters, crank: direction.Direction) -> tuple[float, float, float, float]:
     """Trough position x, its derivatives x', x'' by the crank angle, and l/R of the rod."""
     r, l = p.crank.r, p.rod.l
     s, c = r * crank.sin, r * crank.cos
@@ -148,7 +148,7 @@ def trough(p: Parameters, crank: near.Direction) -> tuple[float, float, float, f
     return s + R - l, c * (1 + s / R), -s + (c * c - s * s) / R - (s * c) ** 2 / R**3, l / R
 
 
-def load(p: Parameters, x: State, crank: near.Direction) -> tuple[float, float]:
+def load(p: Parameters, x: State, crank: direction.Direction) -> tuple[float, float]:
     """Reduced inertia theta, and load torque M_c + theta' w^2 / 2."""
     m, c, d = p.trough.m, p.spring.c, p.trough.d
     position, dx, ddx, _ = trough(p, crank)
@@ -158,9 +158,9 @@ def load(p: Parameters, x: State, crank: near.Direction) -> tuple[float, float]:
 
 
 def derivatives(
-    p: Parameters, t: float, x: State, u: Inputs, crank: near.Direction | None = None
+    p: Parameters, t: float, x: State, u: Inputs, crank: direction.Direction | None = None
 ) -> State:
-    theta, tau_load = load(p, x, near.turned(crank, x.phi) if crank else prepare(p, x))
+    theta, tau_load = load(p, x, direction.rotated(crank, x.phi) if crank else prepare(p, x))
     return State(phi=x.w, w=(u.tau - tau_load) / theta)
 
 

@@ -16,6 +16,7 @@ from enum import IntEnum
 from math import atan2, pi, tan
 
 from fmukit import Experiment, discrete, real, record, replace, start
+from fmukit.runtime.jet import Jet, acos, cos, sin, sqrt
 from fmukit.si import (
     Acceleration,
     Angle,
@@ -31,9 +32,9 @@ from fmukit.si import (
     TranslationalStiffness,
     Velocity,
 )
-from fmukit.step.jet import Jet, acos, cos, sin, sqrt
 
 EXPERIMENT = Experiment(stop=0.3, step=1e-3)
+#: Longest sub-step in s: the shortest stage of the default machine, turning, lasts 69 of them (t_turning = 0.0344 s).
 LONGEST_STEP = 5e-4
 
 
@@ -349,14 +350,14 @@ def joint(p: Parameters, x: State, w: float) -> Rates:
     Q = Q_1 + m * p.g * at.y.first + F_2 * at.x.first - F_f * at.path
     Q += fx * at.x.first + fy * at.y.first + turn * at.phi2.first
     c1, s1 = cos(x.phi1), sin(x.phi1)
-    beside, below = at.x.value - l1 * c1, at.y.value - l1 * s1
+    across, below = at.x.value - l1 * c1, at.y.value - l1 * s1
 
     def rates(M: float) -> tuple[float, ...]:
         """Rates with the moment M of friction in the corner; the last is the push of arm and hook."""
         a1 = (Q - M * (at.phi2.first - 1) - at.half_dJ * x.w1 * x.w1) / at.J
         a2, ax, ay = (q.first * a1 + q.second * x.w1 * x.w1 for q in (at.phi2, at.x, at.y))
         right, down = F_2 + fx - m * ax, m * (ay - p.g) + F_f - fy
-        moment = J_2 * a2 + M - turn + beside * down + below * right
+        moment = J_2 * a2 + M - turn + across * down + below * right
         moment += (bottom(p) + p.cup.d / 2 - at.x.value) * F_f
         N_K = -moment * at.phi2.first / (l1 * s1)
         return a1, a2, ax, ay, N_K, (N_K - right) * (s1 - c1) - down * (c1 + s1)
@@ -455,10 +456,10 @@ def derivatives(p: Parameters, t: float, x: State, u: Inputs) -> State:
 
 def exact(p: Parameters, x: State, u0: Inputs, u1: Inputs, h: float) -> State | None:
     """Nothing moves while no product is under way."""
-    return None if under_way(x) else x
+    return None if is_moving(x) else x
 
 
-def under_way(x: State) -> bool:
+def is_moving(x: State) -> bool:
     """Whether a product moves, or is held in the chute."""
     return x.stage in MECHANICS
 
@@ -609,15 +610,15 @@ EVENTS: dict[int, tuple[tuple[Guard, Consequence], ...]] = {
 }
 
 
-def guard(p: Parameters, t: float, x: State, u: Inputs) -> tuple[float, ...]:
+def event_indicators(p: Parameters, t: float, x: State, u: Inputs) -> tuple[float, ...]:
     return tuple([falls(p, x, u.w) for falls, _ in EVENTS.get(x.stage, ())])
 
 
-def jump(p: Parameters, t: float, x: State, u: Inputs, which: int) -> State:
+def event_update(p: Parameters, t: float, x: State, u: Inputs, which: int) -> State:
     x = settle(p, x)
     *events, (_, last) = EVENTS[x.stage]
-    for place, (_, consequence) in enumerate(events):
-        if which == place:
+    for index, (_, consequence) in enumerate(events):
+        if which == index:
             return consequence(p, t, x)
     return last(p, t, x)
 

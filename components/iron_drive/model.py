@@ -21,6 +21,7 @@ from math import atan, pi, radians
 from typing import Any
 
 from fmukit import Experiment, discrete, real, record, repeat, replace
+from fmukit.runtime.jet import Jet, acos, atan2, constant, cos, sin, sqrt
 from fmukit.si import (
     Acceleration,
     Angle,
@@ -39,10 +40,10 @@ from fmukit.si import (
     TranslationalStiffness,
     Velocity,
 )
-from fmukit.step.jet import Jet, acos, atan2, constant, cos, sin, sqrt
 
 EXPERIMENT = Experiment(stop=1.0, step=1e-3)
 FLANGES = {"flange": ("tau", "w")}
+#: Longest sub-step in s: at 10 rad/s the cam turns by 1/175 of its rise (100 degrees) in it.
 LONGEST_STEP = 1e-3
 TAU = ("tau",)
 
@@ -359,7 +360,7 @@ Dynamics = namedtuple("Dynamics", "eps K H_tt W")
 Forces = namedtuple("Forces", "T_iron T_hang T_span M_rocker N")
 
 
-def law(f: float, width: float) -> Jet:
+def rise_profile(f: float, width: float) -> Jet:
     """s along the angle f of a slope of this width; s', s'' and s''' vanish at both ends."""
     x = f / width
     square, both = x * x, x * (1 - x)
@@ -373,11 +374,11 @@ def cam(p: Parameters, phi: float) -> tuple[int, bool, Jet]:
     c = p.cam
     f = phi % (2 * pi)
     if f < c.rise:
-        return 1, False, c.R_b + c.h * law(f, c.rise)
+        return 1, False, c.R_b + c.h * rise_profile(f, c.rise)
     if f < c.rise + c.top:
         return 0, True, constant(c.R_b + c.h)
     if f < c.rise + c.top + c.ret:
-        return -1, False, c.R_b + c.h - c.h * law(f - c.rise - c.top, c.ret)
+        return -1, False, c.R_b + c.h - c.h * rise_profile(f - c.rise - c.top, c.ret)
     return 0, False, constant(c.R_b)
 
 
@@ -395,10 +396,10 @@ def contact(p: Parameters) -> tuple[float, float]:
 
 def run(p: Parameters, x: Any, y: Any) -> tuple[Any, Any, Any, Any]:
     """Length n and angle beta of the run from x, y, angle gamma on the sprocket, hanging length H."""
-    above, beside = contact(p)
+    above, tangent_radius = contact(p)
     X, Y = p.sprocket.C + x, p.sprocket.A + above - y
-    n = sqrt(X * X + Y * Y - beside * beside)
-    beta = pi - atan2(Y, X) - atan2(beside, n)
+    n = sqrt(X * X + Y * Y - tangent_radius * tangent_radius)
+    beta = pi - atan2(Y, X) - atan2(tangent_radius, n)
     gamma = pi / 2 + 0 * beta if p.wrap == Wrap.top else 3 * pi / 2 - beta
     return n, beta, gamma, p.chain.l - (n - p.link.l) - p.sprocket.R * gamma
 
@@ -454,15 +455,15 @@ def placed(p: Parameters, phi: float, gap: float, H_b: float) -> Position:
     )  # fmt: skip
 
 
-def seen(p: Parameters, x: State, at: Position, M: float) -> tuple[Position, float, float]:
+def along_iron(p: Parameters, x: State, at: Position, M: float) -> tuple[Position, float, float]:
     """Position, speed and torque along the angle that the iron follows, in flight the rocker's."""
     if not x.flying:
         return at, x.w_cam, M
-    rocker = at._replace(
+    along_rocker = at._replace(
         slope=-1, touch=0.0, alpha=Jet(at.alpha.value, 1.0, 0.0),
         H=Jet(at.H.value, at.H_a, at.H_aa), J=at.J_a, J_1=at.J_aa, Pi_1=at.Pi_a, D=at.D_a,
     )  # fmt: skip
-    return rocker, at.alpha.first * x.w_cam - x.w_gap, 0 * M
+    return along_rocker, at.alpha.first * x.w_cam - x.w_gap, 0 * M
 
 
 def friction(p: Parameters, at: Position, direction: float) -> float:
@@ -545,25 +546,27 @@ def instant(
 ) -> tuple[Position, Position, float, float, Dynamics]:
     """Position along the cam; position, speed and torque as the iron sees them, and its dynamics."""
     at = placed(p, x.phi, x.gap, H_b)
-    own, w, M = seen(p, x, at, p.reducer.i_g * u.tau)
-    return at, own, w, M, dynamics(p, own, w, x.direction, M)
+    iron_position, w, M = along_iron(p, x, at, p.reducer.i_g * u.tau)
+    return at, iron_position, w, M, dynamics(p, iron_position, w, x.direction, M)
 
 
 def derivatives(p: Parameters, t: float, x: State, u: Inputs, H_b: float | None = None) -> State:
-    at, own, w, _, d = instant(p, x, u, lowest(p) if H_b is None else H_b)
+    at, iron_position, w, _, d = instant(p, x, u, lowest(p) if H_b is None else H_b)
     eps = acceleration(p, x, d, p.reducer.i_g * u.tau)
-    turned = own.alpha.first * d.eps + own.alpha.second * w * w
-    apart = at.alpha.first * eps + at.alpha.second * x.w_cam * x.w_cam - turned
-    rate = own.alpha.first * w
+    rocker_acceleration = iron_position.alpha.first * d.eps + iron_position.alpha.second * w * w
+    gap_acceleration = (
+        at.alpha.first * eps + at.alpha.second * x.w_cam * x.w_cam - rocker_acceleration
+    )
+    rate = iron_position.alpha.first * w
     heat = p.joints.cam * x.w_cam * x.w_cam + at.D_a * rate * rate
-    loss = -d.K * d.W * own.H.first * w
+    loss = -d.K * d.W * iron_position.H.first * w
     return replace(
-        x, phi=x.w_cam, w_cam=eps, E_friction=loss, gap=x.w_gap, w_gap=apart, E_joints=heat,
+        x, phi=x.w_cam, w_cam=eps, E_friction=loss, gap=x.w_gap, w_gap=gap_acceleration, E_joints=heat,
         t_flight=1.0 if x.flying else 0.0,
     )  # fmt: skip
 
 
-def lost(p: Parameters, x: State, at: Position, W: float, f: Forces) -> str:
+def invalid_reason(p: Parameters, x: State, at: Position, W: float, f: Forces) -> str:
     """A message on what has lost its load or its place; empty if nothing has."""
     where = f"at phi = {x.phi!r} rad, omega = {x.w_cam!r} rad/s"
     if f.N < 0.0 and not p.follower.lifts:
@@ -579,10 +582,10 @@ def lost(p: Parameters, x: State, at: Position, W: float, f: Forces) -> str:
     return f"chain slack {where}: {slack}" if slack else ""
 
 
-def judged(p: Parameters, x: State, u: Inputs) -> State:
+def with_validity(p: Parameters, x: State, u: Inputs) -> State:
     """The state with `valid` set from the forces; raises ValueError if the run is to stop."""
-    _, own, w, _, d = instant(p, x, u, lowest(p))
-    reason = lost(p, x, own, d.W, forces(p, own, w, d))
+    _, iron_position, w, _, d = instant(p, x, u, lowest(p))
+    reason = invalid_reason(p, x, iron_position, d.W, forces(p, iron_position, w, d))
     if reason and p.on_invalid == OnInvalid.stop:
         raise ValueError(reason)
     return replace(x, valid=not reason)
@@ -591,7 +594,7 @@ def judged(p: Parameters, x: State, u: Inputs) -> State:
 def directed(p: Parameters, x: State, u: Inputs) -> State:
     """The state with the direction in which the cam, in flight the rocker, moves or starts."""
     at = placed(p, x.phi, x.gap, lowest(p))
-    return replace(x, direction=sense(p, *seen(p, x, at, p.reducer.i_g * u.tau)))
+    return replace(x, direction=sense(p, *along_iron(p, x, at, p.reducer.i_g * u.tau)))
 
 
 def sample(p: Parameters, t: float, x: State, before: Inputs | None, now: Inputs) -> State:
@@ -604,29 +607,29 @@ def sample(p: Parameters, t: float, x: State, before: Inputs | None, now: Inputs
                 "only with follower.lifts, and cannot move into the cam"
             )
         x = replace(x, flying=flying)
-        return judged(p, directed(p, x, now), now)
+        return with_validity(p, directed(p, x, now), now)
     return directed(p, x, now) if x.w_cam == 0.0 else x
 
 
-def guard(p: Parameters, t: float, x: State, u: Inputs) -> tuple[float, float, float]:
+def event_indicators(p: Parameters, t: float, x: State, u: Inputs) -> tuple[float, float, float]:
     """Below zero where what drives the iron leaves its direction or its rest; where the model loses
     or regains validity; where the follower leaves or meets the cam."""
-    _, own, w, M, d = instant(p, x, u, lowest(p))
-    f = forces(p, own, w, d)
-    forwards, backwards = thresholds(p, own, M)
+    _, iron_position, w, M, d = instant(p, x, u, lowest(p))
+    f = forces(p, iron_position, w, d)
+    forwards, backwards = thresholds(p, iron_position, M)
     held = x.direction * w if x.direction else min(-forwards, backwards)
     margin = min(f.T_span, f.T_iron, d.W)
-    apart, margin = (
-        (x.gap if x.flying else f.N, min(margin, own.H.value, own.H_a))
+    separation, margin = (
+        (x.gap if x.flying else f.N, min(margin, iron_position.H.value, iron_position.H_a))
         if p.follower.lifts
         else (1.0, min(margin, f.N))
     )
-    return held, margin if x.valid else -margin, apart
+    return held, margin if x.valid else -margin, separation
 
 
-def jump(p: Parameters, t: float, x: State, u: Inputs, which: int) -> State:
+def event_update(p: Parameters, t: float, x: State, u: Inputs, which: int) -> State:
     if which == 1:
-        return judged(p, x, u)
+        return with_validity(p, x, u)
     if which == 2:
         return directed(p, landed(p, x) if x.flying else replace(x, flying=True), u)
     return directed(p, stopped(p, x), u)
@@ -645,22 +648,22 @@ def landed(p: Parameters, x: State) -> State:
     The impulse acts on the rocker against alpha and, times alpha', on the cam's shaft. The friction of
     the guide takes its share, with K_down until the iron stands still and with K_up from then on.
     """
-    at, J_c, K, meets = position(p, x.phi), shaft(p), p.friction, x.w_gap
+    at, J_c, K, approach = position(p, x.phi), shaft(p), p.friction, x.w_gap
     a_1, arm, load = at.alpha.first, lever(p, at.alpha), p.iron.m * at.H_a * at.H_a
     down, up = at.J_a + K.K_down * load, at.J_a + K.K_up * load
     yields_down, yields_up = a_1 * a_1 / J_c + 1 / down, a_1 * a_1 / J_c + 1 / up
 
-    first = a_1 * x.w_cam - meets
+    first = a_1 * x.w_cam - approach
     until_it_stands = max(first, 0 * first) * down
-    part = min(-meets / yields_down, until_it_stands)
-    meeting = part - (meets + part * yields_down) / yields_up
-    whole = meeting * (1 + p.follower.e)
-    P_down = min(whole, until_it_stands)
-    parts = meets + P_down * yields_down + (whole - P_down) * yields_up
-    leaves = parts * arm >= p.follower.v
-    P = whole if leaves else meeting
-    P_down, parts = min(P, until_it_stands), parts if leaves else 0 * parts
-    between, P_up = meets + P_down * yields_down, P - P_down
+    first_impulse = min(-approach / yields_down, until_it_stands)
+    stopping_impulse = first_impulse - (approach + first_impulse * yields_down) / yields_up
+    total_impulse = stopping_impulse * (1 + p.follower.e)
+    P_down = min(total_impulse, until_it_stands)
+    parting = approach + P_down * yields_down + (total_impulse - P_down) * yields_up
+    leaves = parting * arm >= p.follower.v
+    P = total_impulse if leaves else stopping_impulse
+    P_down, parting = min(P, until_it_stands), parting if leaves else 0 * parting
+    between, P_up = approach + P_down * yields_down, P - P_down
     stands = first - P_down / down
     last = stands - P_up / up
     rubbed = K.K_up * (last * last - stands * stands) - K.K_down * (first * first - stands * stands)
@@ -668,50 +671,50 @@ def landed(p: Parameters, x: State) -> State:
         x,
         w_cam=x.w_cam + a_1 * P / J_c,
         gap=0 * x.gap,
-        w_gap=parts,
+        w_gap=parting,
         flying=leaves,
         landings=x.landings + 1,
-        v_landing=-meets * arm,
+        v_landing=-approach * arm,
         S_landing=P / arm,
-        E_landing=x.E_landing - (P_down * (meets + between) + P_up * (between + parts)) / 2,
+        E_landing=x.E_landing - (P_down * (approach + between) + P_up * (between + parting)) / 2,
         E_friction=x.E_friction + load * rubbed / 2,
     )
 
 
 def notes(p: Parameters, t: float, old: State, new: State, u: Inputs) -> Iterator[str]:
     if old.valid and not new.valid:
-        _, own, w, _, d = instant(p, new, u, lowest(p))
-        reason = lost(p, new, own, d.W, forces(p, own, w, d))
+        _, iron_position, w, _, d = instant(p, new, u, lowest(p))
+        reason = invalid_reason(p, new, iron_position, d.W, forces(p, iron_position, w, d))
         yield f"{reason}, t = {t!r} s; the results are not valid until all is loaded again"
 
 
 def outputs(p: Parameters, t: float, x: State, u: Inputs) -> Outputs:
     i_g, tau, H_b = p.reducer.i_g, p.reducer.i_g * u.tau, lowest(p)
     on, at = placed(p, x.phi, 0 * x.gap, H_b), placed(p, x.phi, x.gap, H_b)
-    own, w, M = seen(p, x, at, tau)
+    iron_position, w, M = along_iron(p, x, at, tau)
     forward = x.direction if w == 0 else 1 if w > 0 else -1
-    d = dynamics(p, own, w, forward, M)
-    up = own.slope * forward
+    d = dynamics(p, iron_position, w, forward, M)
+    up = iron_position.slope * forward
     moving = Motion.up if up > 0 else Motion.down if up < 0 else Motion.stuck
     eps = acceleration(p, x, d, tau)
     across, along = slip(p, on.alpha)
     K = friction(p, on, x.direction if x.w_cam == 0 else 1 if x.w_cam > 0 else -1)
     H, m = on.H, p.iron.m
-    alone = shaft(p) * x.w_cam * x.w_cam / 2 if x.flying else 0 * on.J * w * w
+    shaft_energy = shaft(p) * x.w_cam * x.w_cam / 2 if x.flying else 0 * on.J * w * w
     return Outputs(
         w=i_g * x.w_cam,
         alpha=at.alpha.value,
         beta=at.beta.value,
         H=at.H.value,
         lift=at.lift,
-        v=-own.H.first * w,
+        v=-iron_position.H.first * w,
         a=-d.H_tt,
         tau_cam=tau - i_g * i_g * p.reducer.J * eps,
-        **forces(p, own, w, d)._asdict(),
+        **forces(p, iron_position, w, d)._asdict(),
         pressure=atan(along / across),
-        E_kin=own.J * w * w / 2 + alone,
+        E_kin=iron_position.J * w * w / 2 + shaft_energy,
         E_pot=at.Pi + p.g * p.cam.m * p.cam.r * sin(x.phi + p.cam.gamma),
-        motion=moving if own.slope else Motion.dwell,
+        motion=moving if iron_position.slope else Motion.dwell,
         top_dwell=at.top,
         alpha_1=on.alpha.first,
         alpha_2=on.alpha.second,

@@ -90,8 +90,8 @@ def derivatives(p: Parameters, t: float, x: State, u: Inputs) -> State:
 
 def exact(p: Parameters, x: State, u0: Inputs, u1: Inputs, h: float) -> State:
     """Exact update for inputs that change linearly from u0 to u1."""
-    known = x.x + u0.u + u1.u + x.x
-    return fill(State, [fsum(map(mul, row, known)) for row in propagator(p.A, p.B, h)])
+    operands = x.x + u0.u + u1.u + x.x
+    return fill(State, [fsum(map(mul, row, operands)) for row in propagator(p.A, p.B, h)])
 
 
 def outputs(p: Parameters, t: float, x: State, u: Inputs) -> Outputs:
@@ -124,15 +124,15 @@ def propagator(A: Matrix, B: Matrix, h: float) -> Matrix:
 def exponentials(M: Digits, doublings: int) -> tuple[Digits, Digits, Digits]:
     """exp(M), phi_1(M) and phi_2(M): the series at M / 2^doublings, then doubled that often."""
     M = scaled(M, HALF**doublings)
-    one = [[Decimal(i == j) for j in range(len(M))] for i in range(len(M))]
-    term = phi_2 = scaled(one, HALF)
+    identity = [[Decimal(i == j) for j in range(len(M))] for i in range(len(M))]
+    term = phi_2 = scaled(identity, HALF)
     for k in count(3):
         term = scaled(product(term, M), 1 / Decimal(k))
         before, phi_2 = phi_2, added(phi_2, term)
         if phi_2 == before:
             break
-    phi_1 = added(one, product(M, phi_2))
-    E = added(one, product(M, phi_1))
+    phi_1 = added(identity, product(M, phi_2))
+    E = added(identity, product(M, phi_1))
     for _ in range(doublings):
         phi_2 = scaled(added(product(phi_1, phi_1), scaled(phi_2, 2)), HALF * HALF)
         phi_1 = scaled(added(phi_1, product(E, phi_1)), HALF)

@@ -44,6 +44,8 @@ from collections.abc import Iterator
 from math import cos, sin, sqrt
 
 from fmukit import Experiment, discrete, real, record
+from fmukit.runtime import direction
+from fmukit.runtime.jet import Jet
 from fmukit.si import (
     Angle,
     AngularAcceleration,
@@ -59,8 +61,6 @@ from fmukit.si import (
     TranslationalStiffness,
     Velocity,
 )
-from fmukit.step import near
-from fmukit.step.jet import Jet
 
 EXPERIMENT = Experiment(stop=1.0, step=1e-3)
 FLANGES = {"flange": ("tau", "w", "phi")}
@@ -147,12 +147,12 @@ def check(p: Parameters) -> Iterator[str]:
     yield from ()
 
 
-def prepare(p: Parameters, x: State) -> near.Direction:
+def prepare(p: Parameters, x: State) -> direction.Direction:
     """The direction of the crank, from which it turns only a little within a step."""
-    return near.Direction(x.phi, sin(x.phi), cos(x.phi))
+    return direction.Direction(x.phi, sin(x.phi), cos(x.phi))
 
 
-def position(p: Parameters, crank: near.Direction) -> Jet:
+def position(p: Parameters, crank: direction.Direction) -> Jet:
     """The position of the trough over the crank angle; another mechanism has another function."""
     across, up = p.crank.r * crank.sin, p.crank.r * crank.cos
     x = Jet(across, up, -across)
@@ -175,9 +175,9 @@ def reduced(p: Parameters, x: Jet, w: float) -> tuple[float, float]:
 
 
 def derivatives(
-    p: Parameters, t: float, x: State, u: Inputs, crank: near.Direction | None = None
+    p: Parameters, t: float, x: State, u: Inputs, crank: direction.Direction | None = None
 ) -> State:
-    at = position(p, near.turned(crank, x.phi) if crank else prepare(p, x))
+    at = position(p, direction.rotated(crank, x.phi) if crank else prepare(p, x))
     theta, tau_load = reduced(p, at, x.w)
     return State(phi=x.w, w=(u.tau - tau_load) / theta)
 

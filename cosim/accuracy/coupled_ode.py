@@ -11,7 +11,6 @@ from itertools import chain
 from typing import Any, NamedTuple, cast
 
 import numpy as np
-from fmpy.model_description import ModelDescription, ScalarVariable
 from numpy.typing import NDArray
 
 from ..engine.changes import discrete_changes
@@ -23,6 +22,7 @@ from ..engine.settings import RunSettings
 from ..errors import FmuError, SetupError
 from ..fmu.library import Library
 from ..system import Network, Port, is_continuous_input
+from ..system.description import ModelDescription, Variable
 from ..system.graph import algebraic_loops, describe_loop, stepping_order
 from ..system.inputs import Table
 
@@ -55,14 +55,16 @@ class Model(Part):
 
     def __init__(self, name: str, description: ModelDescription, *more: Any) -> None:
         super().__init__(name, description, *more)
-        self.rates: list[ScalarVariable] = [u.variable for u in description.derivatives]
-        self.states: list[ScalarVariable] = [rate.derivative for rate in self.rates]
+        self.rates: list[Variable] = [u.variable for u in description.derivatives]
+        self.states: list[Variable] = [
+            rate.derivative for rate in self.rates if rate.derivative is not None
+        ]
         numbers = (len(self.states), len(self.states), description.numberOfEventIndicators)
         self.x, self.dx, self.z = ((ctypes.c_double * (n or 0))() for n in numbers)
         self.running = False
         self.next_time = math.inf
 
-    def unit(self, fmu: Library) -> tuple[Any, ctypes.PyDLL]:
+    def functions(self, fmu: Library) -> tuple[Any, ctypes.PyDLL]:
         model = fmu.model(self.name, self.description)
         return model, ctypes.PyDLL(None, handle=model.dll._handle)
 
@@ -93,12 +95,12 @@ class Model(Part):
         """Hand over the states."""
         self.array("SetContinuousStates", self.x)
 
-    def inputs_that_move(self) -> list[ScalarVariable]:
+    def inputs_that_move(self) -> list[Variable]:
         """The Real inputs; by FMI 3.0 those that are continuous."""
         variables = self.description.modelVariables
         return [v for v in variables if is_continuous_input(Port(self.name, v))]
 
-    def real_outputs(self) -> list[ScalarVariable]:
+    def real_outputs(self) -> list[Variable]:
         variables = self.description.modelVariables
         return [v for v in variables if v.causality == "output" and v.type == "Real"]
 
@@ -106,14 +108,14 @@ class Model(Part):
         """Derivatives of rates and outputs by the states and by the inputs that move."""
         unknown = [*self.rates, *self.real_outputs()]
         inputs = self.inputs_that_move()
-        nudges: list[tuple[ScalarVariable, Any, int, Callable[[], None]]]
+        nudges: list[tuple[Variable, Any, int, Callable[[], None]]]
         nudges = [(v, self.x, i, self.put) for i, v in enumerate(self.states)]
         for block in self.blocks("Set", inputs):
             block.cells[:] = list(self.values(block.variables).values())
             places = {v.name: i for i, v in enumerate(block.variables)}
             nudges += [(v, block.cells, places[v.name], block.move) for v in inputs]
         self.array("GetContinuousStates", self.x)
-        offers = self.description.modelExchange.providesDirectionalDerivative
+        offers = self.description.interface("modelExchange").providesDirectionalDerivative
         columns: list[Any] = []
         for variable, cells, i, move in nudges if unknown else ():
             if offers:
@@ -228,7 +230,7 @@ class Whole:
         """Notify the parts that a step of the integrator is complete; returns whether one wants an event."""
         wants = False
         for part in self.parts:
-            if part.description.modelExchange.needsCompletedIntegratorStep:
+            if part.description.interface("modelExchange").needsCompletedIntegratorStep:
                 event, end = part.call("completedIntegratorStep")
                 self._require_going(part, end)
                 wants = wants or event
@@ -312,7 +314,7 @@ class Whole:
             again = False
             for part, blocks in inputs:
                 before = [list(block.cells) for block in blocks]
-                part.bring()
+                part.apply_links()
                 fresh = [b for b, old in zip(blocks, before) if list(b.cells) != old]
                 for block in fresh:
                     block.move()
@@ -342,7 +344,7 @@ class Whole:
             if not np.isfinite(had).all():
                 raise Refused("the values of an algebraic loop are no longer finite")
             for part in self.parts:
-                part.bring()
+                part.apply_links()
             off = np.array([value for block in blocks for value in block.cells]) - had
             near = CLOSED * (1.0 + np.abs(had).max())
             step = np.linalg.solve(self.closure(self.blocks())[np.ix_(own, own)], off)

@@ -27,7 +27,6 @@ from ..system import (
     Value,
     connect,
     conversion_to,
-    default_experiment,
     describe_fmu,
     part_name,
 )
@@ -149,7 +148,7 @@ def read_package(path: Path, folder: Path) -> Package:
     if path.suffix == ".fmu":
         system = single_fmu_system(path)
         ((name, fmu),) = system.parts.items()
-        experiment = default_experiment(describe_fmu(name, fmu, runnable=False))
+        experiment = describe_fmu(name, fmu, runnable=False).defaultExperiment
         return Package(system, experiment.start, experiment.stop)
     if path.suffix == ".xml" or (path / FILE).is_file():
         return read_osp(path)

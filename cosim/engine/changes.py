@@ -7,9 +7,8 @@ from bisect import bisect_left, bisect_right
 from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
-from fmpy.model_description import ScalarVariable
-
 from ..system import Network, Port, Value, is_continuous_input
+from ..system.description import Variable
 from ..system.inputs import FunctionInput, Table
 from .part import Part
 from .times import coincide
@@ -20,7 +19,7 @@ class Change(NamedTuple):
 
     time: float
     part: Part
-    variable: ScalarVariable
+    variable: Variable
     value: Value
 
 
@@ -34,13 +33,13 @@ def discrete_changes(
 ) -> list[Change]:
     """All other changes between start and stop [s], in their order."""
     moving = [port for port, _ in continuous_profiles(network)]
-    found = [
+    changes = [
         Change(time, parts[port.part], port.variable, profile.at(time))
         for port, profile in network.inputs
         if port not in moving
         for time in profile.jumps(start, stop)
     ]
-    return sorted(found, key=lambda change: change.time)
+    return sorted(changes, key=lambda change: change.time)
 
 
 def with_changes(

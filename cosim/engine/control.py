@@ -9,14 +9,28 @@ from dataclasses import dataclass, field
 from ..errors import FmuError, NonFiniteValueError, SetupError, StepDiscarded
 from .part import Part
 from .schedule import Advance
-from .snapshot import Snapshot, forget_after
+from .snapshot import Snapshot, drop_nodes_after
 from .times import coincide
 
+#: Share of the size that the error allows. A convention: Hairer, Norsett and Wanner, Solving Ordinary
+#: Differential Equations I, section II.4, use 0.8 to 0.9.
 SAFETY = 0.9
+#: The first step over the run. A convention: short enough that a wrong guess costs a few rejected steps.
 FIRST = 1e-4
-SHRINK, GROW = 0.2, 3.0
+#: The least factor from one step to the next. A convention: the same section uses 0.2 to 0.5.
+SHRINK = 0.2
+#: The largest factor from one step to the next. A convention: the same section uses 1.5 to 5.
+GROW = 3.0
+#: Share of the permitted error up to which a step counts. Derived: errors of a run add up, and steps that
+#: use a little more are made up for by SAFETY, which lets the others use less.
 ACCEPT = 1.2
+#: The shortest step over the run, below which the tolerance cannot be met. A convention: a run of 1e9 steps
+#: does not end.
 LEAST = 1e-9
+#: Exponents of the errors of this step and of the one before, over the order. A convention: PI control
+#: after Gustafsson, ACM Trans. Math. Softw. 17 (1991), whose pair is 0.7 and 0.4.
+THIS_ERROR = 0.7
+PREVIOUS_ERROR = 0.3
 
 
 @dataclass(frozen=True)
@@ -39,10 +53,10 @@ class Adaptive:
 
     def check(self) -> None:
         """Raise SetupError for a setting out of range."""
-        given = {"tolerance": self.tolerance, "longest": self.longest}
-        given |= {f"absolute tolerance of {name}": a for name, a in self.absolute.items()}
-        given |= {} if self.first is None else {"first": self.first}
-        for name, value in given.items():
+        limits = {"tolerance": self.tolerance, "longest": self.longest}
+        limits |= {f"absolute tolerance of {name}": a for name, a in self.absolute.items()}
+        limits |= {} if self.first is None else {"first": self.first}
+        for name, value in limits.items():
             if not value > 0.0:
                 raise SetupError(f"{name} = {value!r} must be above 0")
         if self.control not in (None, "doubling", "energy"):
@@ -82,8 +96,8 @@ class ErrorScale:
         the error of its own instant, which the next step does not inherit.
         """
         allowed = (
-            self.tolerance * size if given is None else given
-            for size, given in zip(self.largest, self.absolute)
+            self.tolerance * size if absolute is None else absolute
+            for size, absolute in zip(self.largest, self.absolute)
         )
         times = (1.0 if instant else steps for instant in self.instant)
         return max((abs(e) / a * n for e, a, n in zip(errors, allowed, times)), default=0.0)
@@ -111,22 +125,23 @@ class Controller:
 
         A step ends at the next of the times, or half-way there where it would leave a crumb.
         """
-        stop, places = self.times[-1], iter(self.times)
+        stop, ends = self.times[-1], iter(self.times)
         end = self.t
         while self.t < stop:
             if end <= self.t or coincide(end, self.t):
-                later = (time for time in places if time > self.t and not coincide(time, self.t))
+                later = (time for time in ends if time > self.t and not coincide(time, self.t))
                 end = next(later, stop)
             rest = end - self.t
-            whole = self.h >= rest * (1 - 1e-9)
-            self.h = rest if whole else min(self.h, rest / 2)
+            is_last = self.h >= rest * (1 - 1e-9)
+            self.h = rest if is_last else min(self.h, rest / 2)
             self.end = end if coincide(self.t + self.h, end) else self.t + self.h
             yield self.t, self.h
 
     def accept(self, used: float) -> float:
         """Go on from a step that used this share of what it may; its end [s]."""
         used = max(used, 1e-12)
-        factor = SAFETY * used ** (-0.7 / self.order) * self.before ** (0.3 / self.order)
+        factor = SAFETY * used ** (-THIS_ERROR / self.order)
+        factor *= self.before ** (PREVIOUS_ERROR / self.order)
         self.before = used
         self.t = self.end
         self.h = min(self.settings.longest, self.h * float(min(GROW, max(SHRINK, factor))))
@@ -149,7 +164,7 @@ def doubling(parts: Sequence[Part], advance: Advance, control: Controller) -> It
         reason = ""
         try:
             advance(t, h)
-            whole = scale.values()
+            full = scale.values()
             snapshot.restore()
             advance(t, h / 2)
             advance(t + h / 2, h / 2)
@@ -158,7 +173,7 @@ def doubling(parts: Sequence[Part], advance: Advance, control: Controller) -> It
             control.h = min(h / 2, max(0.0, reached - t)) or h / 2
             reason = f"{failure}; "
         else:
-            errors = [a - b for a, b in zip(scale.values(), whole)]
+            errors = [a - b for a, b in zip(scale.values(), full)]
             used = scale.share(errors, control.span / h)
             if used <= ACCEPT:
                 scale.accept()
@@ -169,7 +184,7 @@ def doubling(parts: Sequence[Part], advance: Advance, control: Controller) -> It
         if control.h < LEAST * control.span:
             raise FmuError(f"{reason}the tolerance requires steps below {control.h:.2g} s")
         snapshot.restore()
-        forget_after(parts, t)
+        drop_nodes_after(parts, t)
 
 
 def by_energy(parts: Sequence[Part], advance: Advance, control: Controller) -> Iterator[float]:
@@ -186,8 +201,8 @@ def by_energy(parts: Sequence[Part], advance: Advance, control: Controller) -> I
     for t, h in control.steps():
         before = [[end.energy for end in pair] for pair in sides]
         advance(t, h)
-        given = [[end.energy - e for end, e in zip(p, b)] for p, b in zip(sides, before)]
-        largest = max([largest, *(abs(e) / h for pair in given for e in pair)])
-        made = max(abs(first - second) for first, second in given) / h
+        energies = [[end.energy - e for end, e in zip(p, b)] for p, b in zip(sides, before)]
+        largest = max([largest, *(abs(e) / h for pair in energies for e in pair)])
+        created = max(abs(first - second) for first, second in energies) / h
         allowed = control.settings.tolerance * largest
-        yield control.accept(made / allowed if largest else 0.0)
+        yield control.accept(created / allowed if largest else 0.0)

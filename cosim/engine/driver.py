@@ -7,27 +7,30 @@ from bisect import bisect_left
 from collections.abc import Callable, Iterator, Sequence
 from itertools import chain
 
-from fmpy.model_description import ScalarVariable
-
 from ..errors import EventReached, FmuError, StepDiscarded
 from ..report import Statistics
 from ..system import STATE, VARIABLE_STEP, Port, parts_without
+from ..system.description import Variable
 from .algorithms import find_algorithm
 from .buffers import Slot
 from .changes import Change, with_changes
 from .control import Adaptive, Controller, by_energy, doubling
 from .iteration import Iteration
-from .loop import Loop, can_compile
+from .loop import Loop, lay_out
 from .part import Part
 from .recorder import IntermediateValues, OutputGrid, Recorder
 from .schedule import Advance, coupling_context, explicit, schedule
 from .settings import RunSettings
-from .snapshot import Snapshot, forget_after
+from .snapshot import Snapshot, drop_nodes_after
 from .times import coincide
 
+#: Steps between two saved states. A convention: taken again, they cost less than a saved state in each step.
 CHECKPOINT = 1000
+#: The shortest piece of a step that parts discard, over the step. Derived: twenty halvings.
 SHORTEST = 2.0**-20
+#: Seconds between two looks at signals and progress. A convention: people notice a tenth of a second.
 PATIENCE = 0.05
+#: Rows that the compiled loop gives at once. A convention: a page or two of memory for each column.
 MOST_ROWS = 1 << 12
 
 
@@ -38,7 +41,7 @@ class RowReader:
         slots: dict[str, Slot] = {}
         for block in (block for part in parts for block in part.outputs):
             slots |= block.slots()
-        unread: dict[str, dict[str, ScalarVariable]] = {part.name: {} for part in parts}
+        unread: dict[str, dict[str, Variable]] = {part.name: {} for part in parts}
         for port in ports:
             if port.name not in slots:
                 unread[port.part][port.name] = port.variable
@@ -88,7 +91,7 @@ class Driver:
             algorithm.first_order_outputs(context),
         )
         self._instant = {each.output for each in context.feedthroughs if each.is_wired}
-        self._late = [name for name in recorder.columns if name in behind]
+        self._first_order = [name for name in recorder.columns if name in behind]
         every = plan.every()
         if plan.output_step is not None and self.row.discrete:
             every = None
@@ -98,10 +101,10 @@ class Driver:
         self.control = "fixed"
         self.loop = "Python"
         descriptions = {part.name: part.description for part in parts}
-        lost = parts_without(descriptions, STATE)
+        without_state = parts_without(descriptions, STATE)
         if isinstance(plan.step, Adaptive):
-            self.control = plan.step.control or ("energy" if lost else "doubling")
-        elif not lost and not parts_without(descriptions, VARIABLE_STEP):
+            self.control = plan.step.control or ("energy" if without_state else "doubling")
+        elif not without_state and not parts_without(descriptions, VARIABLE_STEP):
             self._checkpoint = (0, Snapshot(parts))
         back = self._checkpoint is not None or self.control == "doubling"
         for part in parts:
@@ -109,10 +112,11 @@ class Driver:
             part.stops = back and part.shows_events()
         if isinstance(plan.step, Adaptive) or steps is None or every is None:
             return
-        if not can_compile([*(timed.operation for timed in steps), *row.extra]):
+        program = lay_out(steps, row.extra)
+        if program is None:
             return
         try:
-            self._loop = Loop(steps, row.extra, row.columns, every)
+            self._loop = Loop(program, row.columns, every)
             self.loop = "compiled"
         except OSError as error:
             self.loop = f"Python, since the compiled loop is missing: {error}"
@@ -123,7 +127,10 @@ class Driver:
         if self._every is None:
             assert self.plan.output_step is not None
             grid = OutputGrid(
-                self.recorder.add, self.plan.output_step, self.row.discrete, self._seen()
+                self.recorder.add,
+                self.plan.output_step,
+                self.row.discrete,
+                self._intermediate_values(),
             )
         add = self.recorder.add if grid is None else grid.take
         try:
@@ -148,10 +155,14 @@ class Driver:
             self.recorder.add(self.row(time))
             self.t = time
 
-    def _seen(self) -> list[IntermediateValues]:
+    def _intermediate_values(self) -> list[IntermediateValues]:
         """What parts show of columns within their steps."""
         columns = {f: k for k, f in enumerate(self.row.names, 1)}
-        return [(p.seen, [columns[name] for name in p.watched]) for p in self.parts if p.watched]
+        return [
+            (p.intermediate_values, [columns[name] for name in p.watched])
+            for p in self.parts
+            if p.watched
+        ]
 
     def _adaptive(
         self, settings: Adaptive, add: Callable[[Sequence[float]], None]
@@ -194,15 +205,15 @@ class Driver:
                 else:
                     chunk = max(chunk // 2, 1)
             else:
-                last_one = n == count - 1
-                h = step if not last_one or self.t + step == stop else stop - self.t
+                is_last = n == count - 1
+                h = step if not is_last or self.t + step == stop else stop - self.t
                 try:
                     self._advance(self.t, h)
                 except StepDiscarded as failure:
                     self._redo(failure, step)
                     self._advance(self.t, h)
-                end = stop if last_one else start + (n + 1) * step
-                row = self.row(end) if last_one or (n + 1) % every == 0 else None
+                end = stop if is_last else start + (n + 1) * step
+                row = self.row(end) if is_last or (n + 1) % every == 0 else None
                 self.accepted, self.t = n + 1, end
                 if row is not None:
                     add(row)
@@ -231,7 +242,7 @@ class Driver:
         self.loop = f"Python, since {'steps end at events' if met else 'a part discards steps'}"
         snapshot.restore()
         t = self.plan.start + before * step
-        forget_after(self.parts, t)
+        drop_nodes_after(self.parts, t)
         self._advance = self._careful(self._advance, snapshot)
         for n in range(before, self.accepted):
             self._advance(self.plan.start + n * step, step)
@@ -248,7 +259,7 @@ class Driver:
                 except StepDiscarded as discarded:
                     self.discarded += 1
                     snapshot.restore()
-                    forget_after(self.parts, t)
+                    drop_nodes_after(self.parts, t)
                     reached = discarded.reached - t
                     most = 1.0 if isinstance(discarded, EventReached) else 0.9
                     size = reached if SHORTEST * h < reached < most * size else size / 2
@@ -269,7 +280,7 @@ class Driver:
         return Statistics(
             control=self.control,
             convergence_order=self._order,
-            first_order=self._late,
+            first_order=self._first_order,
             steps=self.accepted,
             rejected=self.controller.rejected if self.controller else 0,
             discarded=self.discarded,

@@ -15,7 +15,10 @@ from .buffers import Slot, address
 from .operations import Code, Layout, Operation
 
 ENERGY, EXCHANGED, BEFORE = range(3)
+#: The powers of the base units in a W, without angles.
 POWER = (1, 2, -3, 0, 0, 0, 0)
+#: The relative difference of two factors that mean the same power. A convention: unit files give six digits.
+SAME_POWER = 1e-6
 #: Share of the energy carried above which what the coupling made is worth a warning. A convention: the
 #: share of error that engineers accept of an energy balance.
 NOTICEABLE = 0.05
@@ -27,12 +30,12 @@ NEGLIGIBLE = 0.005
 class Bond(NamedTuple):
     """Two wires between two parts, there and back, whose signals multiply to a power."""
 
-    there: Connection
+    forth: Connection
     back: Connection
 
     @property
     def name(self) -> str:
-        return f"{self.there.source.name} * {self.back.source.name}"
+        return f"{self.forth.source.name} * {self.back.source.name}"
 
 
 class BondSide(Operation):
@@ -94,13 +97,13 @@ def find_bonds(network: Network) -> list[Bond]:
 
 def _pairs(wires: Sequence[Connection]) -> Iterator[Bond]:
     """Every two wires there and back between two parts, in their order."""
-    ways = defaultdict(list)
+    by_direction = defaultdict(list)
     for n, wire in enumerate(wires):
-        ways[wire.source.part, wire.target.part].append((n, wire))
-    for n, there in enumerate(wires):
-        for k, back in ways.get((there.target.part, there.source.part), ()):
-            if k > n and there.source.part != there.target.part:
-                yield Bond(there, back)
+        by_direction[wire.source.part, wire.target.part].append((n, wire))
+    for n, forth in enumerate(wires):
+        for k, back in by_direction.get((forth.target.part, forth.source.part), ()):
+            if k > n and forth.source.part != forth.target.part:
+                yield Bond(forth, back)
 
 
 def declared_bond(network: Network, text: str) -> Bond:
@@ -109,24 +112,24 @@ def declared_bond(network: Network, text: str) -> Bond:
     if len(factors) != 2:
         raise SetupError(f"bond {text!r} must read 'part.output * part.output'")
     wires = [wire for wire in network.wires if wire.source in factors]
-    found = [bond for bond in _pairs(wires) if {w.source for w in bond} == {*factors}]
-    if len(found) != 1 or any(wire.source.type != "Real" for wire in found[0]):
+    matches = [bond for bond in _pairs(wires) if {w.source for w in bond} == {*factors}]
+    if len(matches) != 1 or any(wire.source.type != "Real" for wire in matches[0]):
         raise SetupError(f"bond {text!r} must name two Real outputs, wired there and back once")
-    if summed := network.sums().keys() & {wire.target.name for wire in found[0]}:
+    if summed := network.sums().keys() & {wire.target.name for wire in matches[0]}:
         raise SetupError(f"bond {text!r} ends at {min(summed)}, which is a sum of wires")
-    return Bond(*sorted(found[0], key=lambda wire: factors.index(wire.source)))
+    return Bond(*sorted(matches[0], key=lambda wire: factors.index(wire.source)))
 
 
-def _is_power(network: Network, there: Connection, back: Connection) -> bool:
-    units = [network.base_unit(wire.source) for wire in (there, back)]
-    if None in units:
+def _is_power(network: Network, forth: Connection, back: Connection) -> bool:
+    first, second = (network.base_unit(wire.source) for wire in (forth, back))
+    if first is None or second is None:
         return False
-    given, taken = (
+    first_scale, second_scale = (
         into.factor * watts_per_product(network, out.source, into.target)
-        for out, into in ((there, back), (back, there))
+        for out, into in ((forth, back), (back, forth))
     )
-    powers = tuple(map(sum, zip(*map(unit_exponents, units))))[:-1]
-    return powers == POWER and math.isclose(given, taken, rel_tol=1e-6)
+    powers = tuple(map(sum, zip(unit_exponents(first), unit_exponents(second))))[:-1]
+    return powers == POWER and math.isclose(first_scale, second_scale, rel_tol=SAME_POWER)
 
 
 def watts_per_product(network: Network, output: Port, entry: Port) -> float:
@@ -144,8 +147,8 @@ def energy_balance(sides: Iterable[BondSide]) -> dict[str, BondEnergy]:
     for bond, pair in pairs.items():
         first, second = sorted(pair, key=lambda side: side.side)
         exchanged = max(first.totals[EXCHANGED], second.totals[EXCHANGED])
-        given, taken = first.energy, second.energy
-        balance[bond] = BondEnergy(given, taken, given - taken, exchanged)
+        output, intake = first.energy, second.energy
+        balance[bond] = BondEnergy(output, intake, output - intake, exchanged)
     return balance
 
 

@@ -6,32 +6,33 @@ import ctypes
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
-from functools import partial
-from itertools import chain, groupby
+from itertools import chain
 from typing import Any
-
-from fmpy.model_description import ModelDescription
 
 from ..errors import EventReached, FmuError, StepDiscarded
 from ..fmu.library import Library
 from ..system import Value
-from ..system.arrays import WIDTHS, Element
+from ..system.description import ModelDescription, Variable
+from .blocks3 import VariableBlock3
 from .buffers import address
-from .instance import CELL, DISCARD, OK, WARNING, Instance, VariableBlock
+from .clocks import IntervalClock, is_reached
+from .instance import DISCARD, OK, Instance, VariableBlock
 from .operations import Code, Layout, Operation
 from .part import Part
 from .times import coincide
 
-UNCHANGED, CHANGED = 1, 2
-RAISED, MOST_AT_ONCE = -1, 100
-NEAR, PAST = 1e-6, 1e-9
-NATIVE: dict[str, Any] = {name: getattr(ctypes, f"c_{name.lower()}") for name in WIDTHS} | {
-    "Float32": ctypes.c_float,
-    "Float64": ctypes.c_double,
-    "Enumeration": ctypes.c_int64,
-    "Boolean": ctypes.c_bool,
-    "String": ctypes.c_char_p,
-}
+#: Whether an FMU knows the interval of a clock, or has changed it: fmi3IntervalQualifier, a convention of FMI 3.0.
+UNCHANGED = 1
+CHANGED = 2
+#: The status of a function of ours that raised, for loop.c. A convention: FMI has none below 0.
+RAISED = -1
+#: Events at one time after which a part makes no progress. A convention: cascades of a few are real.
+MOST_AT_ONCE = 100
+#: Share of a step at its ends within which an event belongs to the end. Derived: FMUs locate events to about that.
+NEAR = 1e-6
+#: Share of a step by which the others stop past an event, so that they are on its far side. Derived: far
+#: below NEAR, far above rounding.
+PAST = 1e-9
 FINISH = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_double, ctypes.c_double, ctypes.c_int)
 
 
@@ -44,100 +45,6 @@ class Answer(ctypes.Structure):
         ("reached", ctypes.c_double),
         *((name, ctypes.c_bool) for name in ("event", "ended", "early")),
     ]
-
-
-class VariableBlock3(VariableBlock):
-    """Variables of one type of FMI 2.0 with all elements of their arrays; Float32 are Reals too.
-
-    Inputs that an FMU takes only in event mode, not before a step, are `held`; `entered` are the values
-    that it took last.
-    """
-
-    def __init__(
-        self, part: Part3, action: str, variables: Sequence[Element], orders: Sequence[int] = ()
-    ) -> None:
-        families = {id(v.family): v.family for v in variables}.values()
-        self.part: Part3 = part
-        self.variables = sorted((v for f in families for v in f), key=lambda v: v.native)
-        kind = self.variables[0].type
-        self.reads, self._text = action == "Get", kind == "String"
-        self.held = not self.reads and part.events and self.variables[0].variability != "continuous"
-        self.real = kind == "Real" and not self.held
-        self.names = [f"{part.name}.{v.name}" for v in self.variables]
-        native = CELL["Real"] if kind == "Real" else NATIVE[self.variables[0].native]
-        self.cells, self.entered = ((native * len(self.names))() for _ in range(2))
-        self._pieces: list[tuple[Callable[[], int], Any, Any]] = []
-        first = 0
-        groups: Iterable[tuple[str, Iterable[Element]]]
-        groups = groupby(self.variables, lambda v: v.native)
-        groups = [("OutputDerivatives", self.variables)] if orders else groups
-        for name, members in groups:
-            group = list(members)
-            n = len(group)
-            own = (native * n).from_buffer(self.cells, first * ctypes.sizeof(native))
-            buffer = (ctypes.c_float * n)() if name == "Float32" else own
-            references = dict.fromkeys((id(v.family), v.valueReference) for v in group)
-            self.references = (ctypes.c_uint * len(references))(*(r for _, r in references))
-            places = [self.references, ctypes.c_size_t(len(references))]
-            if orders:
-                places.append((ctypes.c_int32 * len(references))(*[orders[0]] * len(references)))
-            self.call = f"{action}{'Int64' if name == 'Enumeration' else name}"
-            self.function = getattr(part.library, f"fmi3{self.call}")
-            call = partial(self.function, part.component, *places, buffer, ctypes.c_size_t(n))
-            self._pieces.append((call, buffer, own))
-            first += n
-        self._plain = len(self._pieces) == 1 and self._pieces[0][1] is self._pieces[0][2]
-        self._call = self._pieces[0][0] if self._plain else self._piecewise
-
-    def _piecewise(self) -> int:
-        """All pieces, those of Float32 by way of their own buffer; the worst status."""
-        worst = OK
-        for call, buffer, own in self._pieces:
-            if not self.reads and buffer is not own:
-                buffer[:] = own[:]
-            status = call()
-            if not OK <= status <= WARNING:
-                return status
-            worst = max(worst, status)
-            if self.reads and buffer is not own:
-                own[:] = buffer[:]
-        return worst
-
-    def layout(self) -> Layout | None:
-        """None for texts, Float32, and what takes event mode."""
-        layout = super().layout() if self._plain and not self.held else None
-        if layout is not None:
-            layout.code, layout.values = Code.EXCHANGE3, len(self.cells)
-        return layout
-
-
-def _reached(time: float, t: float) -> bool:
-    """Whether a time [s] is not after t, but for rounding."""
-    return time <= t or (time < math.inf and coincide(time, t))
-
-
-class IntervalClock:
-    """A clock with an interval, and the time at which it ticks next [s]."""
-
-    def __init__(self, variable: Element, begin: float, interval: float) -> None:
-        self.variable, self.interval = variable, interval
-        self.kind = variable.intervalVariability
-        self.begin, self.count = begin, 0
-
-    @property
-    def due(self) -> float:
-        return self.begin + self.count * self.interval if self.count else self.begin
-
-    def tick(self) -> None:
-        """Go on to the next tick; a countdown waits for a new interval."""
-        if self.kind == "countdown":
-            self.begin = math.inf
-        else:
-            self.count += 1
-
-    def restart(self, t: float, interval: float) -> None:
-        """Tick an interval [s] after the time t [s], and from there on."""
-        self.begin, self.interval, self.count = t, interval, 1
 
 
 class Part3(Part):
@@ -154,51 +61,58 @@ class Part3(Part):
     )
 
     def __init__(
-        self, name: str, description: ModelDescription, fmu: Library, within: Sequence[Element] = ()
+        self,
+        name: str,
+        description: ModelDescription,
+        fmu: Library,
+        within: Sequence[Variable] = (),
     ) -> None:
-        can = getattr(description, self.SIDE)
-        self.events = self.SIDE == "modelExchange" or bool(can.hasEventMode)
-        shown = within if within and can.providesIntermediateUpdate else ()
-        self.within = [v for v in shown if v.intermediateUpdate and v.type == "Real"]
+        super().__init__(name, description, fmu)
+        interface = description.interface(self.SIDE)
+        self.has_event_mode = self.SIDE == "modelExchange" or interface.hasEventMode
+        shows = interface.providesIntermediateUpdate
+        self.within = [v for v in within if shows and v.intermediateUpdate and v.type == "Real"]
         self.clocks: list[IntervalClock] = []
         self.due = ctypes.c_double(math.inf)
-        self._kept: dict[int, Any] = {}
+        self._saved: dict[int, Any] = {}
         self._answer = Answer()
         self._raised: Exception | None = None
         self._finish = FINISH(  # for loop.c: the events of a step, or all of one that must stop
             lambda t, h, stepped: self._status(lambda: self.advance(t, h, stepped=bool(stepped)))
         )
         self.taking = FINISH(lambda t, _, __: self._status(lambda: self.enter(t)))  # changed inputs
-        super().__init__(name, description, fmu)
+
+    def open(self) -> None:
+        super().open()
         if self.within:
-            self._glass = VariableBlock3(self, "Get", self.within)
-            self._looked = [self._glass.variables.index(v) for v in self.within]
-            self.watched = [f"{name}.{v.name}" for v in self.within]
+            self._observer = VariableBlock3(self, "Get", self.within)
+            self._observed = [self._observer.variables.index(v) for v in self.within]
+            self.watched = [f"{self.name}.{v.name}" for v in self.within]
 
     def instantiate(self, number: int) -> None:
         def log(_: Any, status: int, __: Any, text: bytes | None) -> None:
-            self.hear(status, (text or b"").decode("utf-8", "replace"))
+            self.on_log(status, (text or b"").decode("utf-8", "replace"))
 
         options: dict[str, Any] = {"loggingOn": True, "logMessage": log}
         if self.SIDE == "coSimulation":
-            early = bool(self.description.coSimulation.mightReturnEarlyFromDoStep)
-            options |= {"eventModeUsed": self.events, "earlyReturnAllowed": early}
+            early = bool(self.description.interface("coSimulation").mightReturnEarlyFromDoStep)
+            options |= {"eventModeUsed": self.has_event_mode, "earlyReturnAllowed": early}
         if self.within:
             references = dict.fromkeys(v.valueReference for v in self.within)
-            options["intermediateUpdate"] = self._look
+            options["intermediateUpdate"] = self._on_intermediate_update
             options["requiredIntermediateVariables"] = list(references)
         self.slave.instantiate(**options)
 
     def step_call(self) -> Callable[[], int]:
         a = self._answer
         fields = [getattr(Answer, name) for name in ("event", "ended", "early", "reached")]
-        places = [ctypes.byref(a, field.offset) for field in fields]
+        results = [ctypes.byref(a, field.offset) for field in fields]
         function = self.fmu.free.fmi3DoStep
 
         def call() -> int:
             forward = ctypes.c_bool(self.forward.value)
             times = self.begin_of_step, self.size_of_step
-            status: int = function(self.component, *times, forward, *places)
+            status: int = function(self.component, *times, forward, *results)
             return status
 
         return call
@@ -213,16 +127,16 @@ class Part3(Part):
             source=ctypes.cast(self._finish, ctypes.c_void_p).value,
         )
 
-    def blocks(self, action: str, variables: Sequence[Element]) -> list[VariableBlock]:
+    def blocks(self, action: str, variables: Sequence[Variable]) -> list[VariableBlock]:
         """One Block per type, or two where event mode takes a share of the inputs."""
-        held = self.events and action == "Set"
-        kinds: dict[Any, list[Element]] = {}
+        held = self.has_event_mode and action == "Set"
+        kinds: dict[Any, list[Variable]] = {}
         for v in variables:
             name = "Real" if v.type == "Real" else v.native
             kinds.setdefault((name, held and v.variability != "continuous"), []).append(v)
         return [VariableBlock3(self, action, some) for some in kinds.values()]
 
-    def set(self, variable: Element, value: Value) -> None:
+    def set(self, variable: Variable, value: Value) -> None:
         """Set one variable, in event mode if steps have begun."""
         if variable.type == "Binary":
             texts = self._binaries(variable)
@@ -231,32 +145,32 @@ class Part3(Part):
             return
         block = VariableBlock3(self, "Set", [variable])
         if len(block.cells) > 1:
-            own = VariableBlock3(self, "Get", [variable])
-            own.move()
-            block.cells[:] = own.cells
-        place = block.variables.index(variable)
-        block.put(place, value)
+            present = VariableBlock3(self, "Get", [variable])
+            present.move()
+            block.cells[:] = present.cells
+        index = block.variables.index(variable)
+        block.put(index, value)
         if block.held and self._initialised:
             self._event(self._now, [block])
         else:
             block.move()
         for other in self.inputs:  # which hand the whole array over once more
-            if block.names[place] in other.names:
-                other.put(other.names.index(block.names[place]), value)
-        self._keep()
+            if block.names[index] in other.names:
+                other.put(other.names.index(block.names[index]), value)
+        self._mark_entered()
 
-    def values(self, variables: Sequence[Element]) -> dict[str, Value]:
+    def values(self, variables: Sequence[Variable]) -> dict[str, Value]:
         """The values of variables, Binary ones as hexadecimal digits."""
-        found = super().values([v for v in variables if v.type not in ("Binary", "Clock")])
+        values = super().values([v for v in variables if v.type not in ("Binary", "Clock")])
         for v in variables:
             if v.type == "Binary":
-                found[v.name] = self._binaries(v)[v.family.index(v)].hex()
-        return {v.name: found[v.name] for v in variables if v.name in found}
+                values[v.name] = self._binaries(v)[v.family.index(v)].hex()
+        return {v.name: values[v.name] for v in variables if v.name in values}
 
-    def _binaries(self, variable: Element) -> list[bytes]:
+    def _binaries(self, variable: Variable) -> list[bytes]:
         """All elements of a Binary."""
-        found = self.call("getBinary", [variable.valueReference], len(variable.family))
-        return [each or b"" for each in found]
+        elements = self.call("getBinary", [variable.valueReference], len(variable.family))
+        return [element or b"" for element in elements]
 
     def set_up(self, tolerance: float | None, start: float, stop: float | None) -> None:
         self._now = start
@@ -269,28 +183,28 @@ class Part3(Part):
             if v.type == "Clock" and v.causality == "input":
                 self.clocks.append(self._ticking(v))
         super().begin()
-        self._keep()
-        if self.events:
+        self._mark_entered()
+        if self.has_event_mode:
             self._update(self._now)
             self.call("enterStepMode")
             self._happen(self._now, event=False)
 
-    def _ticking(self, clock: Element) -> IntervalClock:
+    def _ticking(self, clock: Variable) -> IntervalClock:
         """A clock as it starts, with the interval of the description or what the FMU says."""
         counts = clock.intervalVariability == "countdown"
-        interval, known = clock.interval, UNCHANGED
+        interval, qualifier = clock.interval, UNCHANGED
         if interval is None or counts:
-            interval, known = self._interval(clock)
-        if not known:
+            interval, qualifier = self._interval(clock)
+        if not qualifier:
             raise FmuError(f"{self.name}.{clock.name}: the interval of the clock is not known")
-        made = IntervalClock(clock, math.inf if counts else self._now + clock.shift, interval)
-        if counts and known == CHANGED:
-            made.restart(self._now, interval)
-        return made
+        ticking = IntervalClock(clock, math.inf if counts else self._now + clock.shift, interval)
+        if counts and qualifier == CHANGED:
+            ticking.restart(self._now, interval)
+        return ticking
 
     def shows_events(self) -> bool:
-        shown = (v for block in self.outputs for v in block.variables)
-        return self.events and any(v.variability != "continuous" for v in shown)
+        outputs = (v for block in self.outputs for v in block.variables)
+        return self.has_event_mode and any(v.variability != "continuous" for v in outputs)
 
     def step_operations(self) -> Iterator[Operation]:
         held = self._held()
@@ -301,13 +215,13 @@ class Part3(Part):
 
     def advance(self, t: float, h: float, *, stepped: bool = False) -> None:
         begin, end, at_once = t, t + h, 0
-        while self.seen and self.seen[-1][0] > t:
-            self.seen.pop()
-        if not stepped and _reached(self.due.value, t):
+        while self.intermediate_values and self.intermediate_values[-1][0] > t:
+            self.intermediate_values.pop()
+        if not stepped and is_reached(self.due.value, t):
             self._happen(t, event=False)
         while True:
             due = self.due.value
-            size = h if _reached(end, due) else due - t
+            size = h if is_reached(end, due) else due - t
             if size < h:
                 self._require_stop(due, begin, end)
             if not stepped:
@@ -315,17 +229,17 @@ class Part3(Part):
                 status = self.do_step()
                 if status != OK:
                     self.stepped(t, size, status)
-            stepped, told = False, self._answer
-            reached = min(told.reached if told.early else t + size, end)
-            at_once = at_once + 1 if _reached(reached, t) else 0
-            if told.ended:
+            stepped, answer = False, self._answer
+            reached = min(answer.reached if answer.early else t + size, end)
+            at_once = at_once + 1 if is_reached(reached, t) else 0
+            if answer.ended:
                 raise self.ended(reached)
-            if told.event:
+            if answer.event:
                 self._require_stop(reached, begin, end, PAST)
             if at_once > MOST_AT_ONCE:
                 raise FmuError(f"{self.name}: its steps make no progress from t = {t!r} s")
             self._now = t = end if coincide(reached, end) else reached
-            self._happen(t, event=told.event)
+            self._happen(t, event=answer.event)
             if t == end:
                 return
             h = end - t
@@ -351,29 +265,29 @@ class Part3(Part):
         super().save(state)
         clocks = [vars(clock).copy() for clock in self.clocks]
         entered = [list(block.entered) for block in self._held()]
-        self._kept[id(state)] = (self.due.value, self._now), entered, clocks
+        self._saved[id(state)] = (self.due.value, self._now), entered, clocks
 
     def restore(self, state: ctypes.c_void_p) -> None:
         super().restore(state)
-        (self.due.value, self._now), entered, clocks = self._kept[id(state)]
+        (self.due.value, self._now), entered, clocks = self._saved[id(state)]
         for block, cells in zip(self._held(), entered):
             block.entered[:] = cells
-        for clock, kept in zip(self.clocks, clocks):
-            vars(clock).update(kept)
+        for clock, saved in zip(self.clocks, clocks):
+            vars(clock).update(saved)
 
     def carried(self, state: ctypes.c_void_p, other: Instance) -> tuple[ctypes.c_void_p, int]:
         copy, size = super().carried(state, other)
         assert isinstance(other, Part3)
-        other._kept[id(copy)] = self._kept[id(state)]
+        other._saved[id(copy)] = self._saved[id(state)]
         return copy, size
 
-    def slopes(self, unknown: Sequence[Element], known: Element) -> list[float]:
+    def slopes(self, unknown: Sequence[Variable], by: Variable) -> list[float]:
         families = list({id(v.family): v.family for v in unknown}.values())
         references = [family[0].valueReference for family in families]
-        seed, count = [float(v is known) for v in known.family], sum(map(len, families))
-        given = references, [known.valueReference], seed, count
-        found = self.call("getDirectionalDerivative", *given)
-        by_element = dict(zip(map(id, chain.from_iterable(families)), found))
+        seed, count = [float(v is by) for v in by.family], sum(map(len, families))
+        arguments = references, [by.valueReference], seed, count
+        derivatives = self.call("getDirectionalDerivative", *arguments)
+        by_element = dict(zip(map(id, chain.from_iterable(families)), derivatives))
         return [by_element[id(v)] for v in unknown]
 
     def enter(self, t: float) -> None:
@@ -381,9 +295,9 @@ class Part3(Part):
         held = self._held()
         if any(list(block.cells) != list(block.entered) for block in held):
             self._event(t, held)
-            self._keep()
+            self._mark_entered()
 
-    def _keep(self) -> None:
+    def _mark_entered(self) -> None:
         for block in self._held():
             block.entered[:] = list(block.cells)
 
@@ -393,14 +307,14 @@ class Part3(Part):
     def _happen(self, t: float, *, event: bool) -> None:
         """Event mode at time t [s], if an event is due there, until none is; the clocks tick."""
         for _ in range(MOST_AT_ONCE):
-            if not event and not _reached(self.due.value, t):
+            if not event and not is_reached(self.due.value, t):
                 return
-            clocks = [c for c in self.clocks if _reached(c.due, t)]
+            clocks = [c for c in self.clocks if is_reached(c.due, t)]
             for clock in clocks:
                 clock.tick()
-            self._see(t)
+            self._observe(t)
             self._event(t, clocks=[c.variable.valueReference for c in clocks])
-            self._see(t)
+            self._observe(t)
             event = False
         raise FmuError(f"{self.name}: events follow each other without end at t = {t!r} s")
 
@@ -434,27 +348,27 @@ class Part3(Part):
         event = time if timed else math.inf
         self.due.value = min([event, *(clock.due for clock in self.clocks)])
 
-    def _interval(self, clock: Element) -> tuple[float, int]:
+    def _interval(self, clock: Variable) -> tuple[float, int]:
         """The interval of a clock [s], and whether the FMU knows it (1) or has changed it (2)."""
         interval, qualifier = (ctypes.c_double * 1)(), (ctypes.c_int * 1)()
         reference = (ctypes.c_uint * 1)(clock.valueReference)
         self.call("getIntervalDecimal", reference, interval, qualifier)
         return interval[0], qualifier[0]
 
-    def _look(
+    def _on_intermediate_update(
         self, _: Any, t: float, __: bool, may: bool, ___: bool, ____: bool, *early: Any
     ) -> None:
         """What the FMU calls within a step, when values may be got."""
         early[0][0] = False
         if may:
             with suppress(FmuError):
-                self._see(t)
+                self._observe(t)
 
-    def _see(self, t: float) -> None:
+    def _observe(self, t: float) -> None:
         """Keep what is watched as it stands at time t [s]."""
         if self.watched:
-            self._glass.move()
-            self.seen.append((t, [self._glass.cells[k] for k in self._looked]))
+            self._observer.move()
+            self.intermediate_values.append((t, [self._observer.cells[k] for k in self._observed]))
 
     def _status(self, act: Callable[[], None]) -> int:
         try:
@@ -480,8 +394,8 @@ class EventModeEntry(Operation):
         if cells._type_ is ctypes.c_char_p:
             return None
         entry, size = ctypes.cast(self.part.taking, ctypes.c_void_p).value, ctypes.sizeof(cells)
-        places = {"cells": address(cells), "source": address(self.block.entered)}
-        return Layout(Code.ENTER, size, function=entry, **places)
+        source = address(self.block.entered)
+        return Layout(Code.ENTER, size, function=entry, cells=address(cells), source=source)
 
     def answered(self, t: float, h: float, status: int) -> None:
         self.part.stepped(t, h, status)

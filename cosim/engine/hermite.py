@@ -35,7 +35,7 @@ class SignalHistory:
         earlier = [n for n in self.nodes if n.time < node.time and not coincide(n.time, node.time)]
         self.nodes = [*earlier, node, *later][-self.degree - 4 :]
 
-    def forget_after(self, time: float) -> None:
+    def drop_after(self, time: float) -> None:
         """Drop the nodes after a time."""
         self.nodes = [n for n in self.nodes if n.time < time or coincide(n.time, time)]
 

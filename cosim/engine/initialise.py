@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ..errors import FmuError
 from ..fmu.library import borrow
-from ..system import Network, Port, Value, declared_start, default_experiment, feedthrough
+from ..system import Network, Port, Value, declared_start, feedthrough
 from .buffers import Slot
 from .changes import continuous_profiles
 from .energy import BondSide, find_bonds, watts_per_product
@@ -45,8 +45,8 @@ def initialise(
     Raises FmuError where an FMU refuses, SetupError where the start values have no solution.
     """
     start, parts = settings.start, dict[str, Part]()
-    given = {port.name: (port, value) for port, value in network.start}
-    given |= {port.name: (port, profile.at(start)) for port, profile in network.inputs}
+    starts = {port.name: (port, value) for port, value in network.start}
+    starts |= {port.name: (port, profile.at(start)) for port, profile in network.inputs}
 
     def instance(name: str) -> Part:
         """The part, instantiated and with its start values."""
@@ -57,9 +57,10 @@ def initialise(
             raise FmuError(f"{name}: {error}") from error
         watched = [port.variable for port in within if port.part == name]
         part = kinds[description.fmiVersion](name, description, fmu, watched)
+        part.open()
         stack.callback(part.close)
         part.substeps = settings.substeps.get(name, 1)
-        for port, value in given.values():
+        for port, value in starts.values():
             if port.part == name:
                 part.set(port.variable, value)
         return part
@@ -68,17 +69,17 @@ def initialise(
         parts[name] = instance(name)
     for name in parts:
         parts[name] = _set_up(parts[name], settings, partial(instance, name))
-    for port, value in given.values():
+    for port, value in starts.values():
         if port.variable.causality == "input" or _keeps(port):
             parts[port.part].set(port.variable, value)
-    _connect(network, parts, start)
+    slots = _connect(network, parts, start)
     settle([parts[name] for name in sequence], start)
     for part in parts.values():
         part.begin()
-    _warn_of_lost(given.values(), parts)
+    _warn_of_other_starts(starts.values(), parts)
     if settings.input_order:
         _interpolate_inputs(parts, settings.input_order)
-    _open_bonds(network, parts)
+    _open_bonds(network, parts, slots)
     for part in parts.values():
         for operation in part.read_operations():
             operation(start, 0.0)
@@ -95,7 +96,7 @@ def _set_up(part: Part, settings: RunSettings, again: Callable[[], Part]) -> Par
     """
     tolerance = settings.tolerance
     if tolerance is None and part.SIDE == "coSimulation":
-        tolerance = default_experiment(part.description).tolerance
+        tolerance = part.description.defaultExperiment.tolerance
     stop = settings.stop if settings.stop_time_defined else None
     part.limit(settings.stop)
     try:
@@ -121,28 +122,29 @@ def _keeps(port: Port) -> bool:
     return bool(port.variable.causality == "parameter" or port.variable.initial == "exact")
 
 
-def _warn_of_lost(given: Iterable[tuple[Port, Value]], parts: Mapping[str, Part]) -> None:
+def _warn_of_other_starts(starts: Iterable[tuple[Port, Value]], parts: Mapping[str, Part]) -> None:
     """Let the parts warn of what was given a start value and is to keep it, but has another."""
-    kept: dict[str, list[tuple[Port, Value]]] = {}
-    for port, value in given:
+    by_part: dict[str, list[tuple[Port, Value]]] = {}
+    for port, value in starts:
         if port.variable.causality != "input" and _keeps(port):
-            kept.setdefault(port.part, []).append((port, value))
-    for name, own in kept.items():
-        now = parts[name].values([port.variable for port, _ in own])
-        for port, value in own:
+            by_part.setdefault(port.part, []).append((port, value))
+    for name, fixed in by_part.items():
+        now = parts[name].values([port.variable for port, _ in fixed])
+        for port, value in fixed:
             has = now[port.variable.name]
             real = port.type == "Real" and isclose(float(value), float(has), rel_tol=1e-9)
             if has != value and not real:
                 parts[name].warn(f"{port} = {value!r} was given, but the FMU starts with {has!r}")
 
 
-def _connect(network: Network, parts: Mapping[str, Part], start: float) -> None:
+def _connect(network: Network, parts: Mapping[str, Part], start: float) -> dict[str, Slot]:
     """Give every part the buffers of its wired variables, and let every input follow its source.
 
-    Inputs begin at their declared start, those of an array at what they are given.
+    Inputs begin at their declared start, those of an array at what they are given. Returns the slots of
+    the wired variables by name.
     """
     sources, driven = monitored_outputs(network), continuous_profiles(network)
-    given = {port.name: value for port, value in network.start}
+    starts = {port.name: value for port, value in network.start}
     targets: dict[str, list[Port]] = {name: [] for name in parts}
     for entry in dict.fromkeys(wire.target for wire in network.wires):
         targets[entry.part].append(entry)
@@ -155,20 +157,21 @@ def _connect(network: Network, parts: Mapping[str, Part], start: float) -> None:
             if block.real:
                 block.cells[:] = [float(v.start or 0.0) for v in block.variables]
             for i, v in enumerate(block.variables):
-                if len(getattr(v, "family", ())) > 1:
-                    block.put(i, given.get(block.names[i], declared_start(v)))
-    slots, begun = _slots(parts), set[str]()
+                if len(v.family) > 1:
+                    block.put(i, starts.get(block.names[i], declared_start(v)))
+    slots, driven_names = _slots(parts), set[str]()
     for wire in network.wires:
         target, source = slots[wire.target.name], slots[wire.source.name]
         kind = Link if target.kind is source.kind else CastLink
         link = kind(target, source, wire.factor, wire.offset)
-        link.adds = target.name in begun
-        begun.add(target.name)
+        link.adds = target.name in driven_names
+        driven_names.add(target.name)
         parts[wire.target.part].links.append(link)
     for port, profile in driven:
         source_over_time = InputSource(port.name, profile, start)
         parts[port.part].feeds.append(source_over_time)
         parts[port.part].links.append(Link(slots[port.name], source_over_time.slot))
+    return slots
 
 
 def monitored_outputs(network: Network) -> dict[str, list[Port]]:
@@ -220,12 +223,11 @@ def _interpolate_inputs(parts: Mapping[str, Part], degree: int) -> None:
             link.follow(signals[link.source.name])
 
 
-def _open_bonds(network: Network, parts: Mapping[str, Part]) -> None:
+def _open_bonds(network: Network, parts: Mapping[str, Part], slots: Mapping[str, Slot]) -> None:
     """Give every part its sides of the power bonds; where inputs follow polynomials, their links know it."""
-    slots = _slots(parts)
     links = {link.target.name: link for part in parts.values() for link in part.links}
     for bond in find_bonds(network):
-        for side, (out, into) in enumerate([(bond.there, bond.back), (bond.back, bond.there)]):
+        for side, (out, into) in enumerate([(bond.forth, bond.back), (bond.back, bond.forth)]):
             link = links[into.target.name]
             scale = watts_per_product(network, out.source, into.target)
             output = slots[out.source.name]
@@ -236,8 +238,8 @@ def _open_bonds(network: Network, parts: Mapping[str, Part]) -> None:
 def settle(parts: Sequence[Part], t: float) -> None:
     """Propagate start values in initialisation mode; solve what feeds back on itself by Newton."""
     real = [block for part in parts for block in part.inputs if block.real]
-    shown = [block for part in parts for block in part.outputs]
-    for block in shown:
+    outputs = [block for part in parts for block in part.outputs]
+    for block in outputs:
         block.move()
 
     def response(z: Vector | None = None) -> Vector:
@@ -249,7 +251,7 @@ def settle(parts: Sequence[Part], t: float) -> None:
             for part in parts:
                 part.exchange()
             for part in parts:
-                part.bring()
+                part.apply_links()
         return np.array([x for block in real for x in block.cells])
 
     for _ in range(2 + sum(len(block.cells) for part in parts for block in part.inputs)):
@@ -263,14 +265,14 @@ def settle(parts: Sequence[Part], t: float) -> None:
         names = [name for block in real for name in block.names]
         nominal = np.array([size for block in real for size in block.nominals()])
         solve_fixed_point(response, response(), nominal, names)
-    for block in shown:
+    for block in outputs:
         block(t)
 
 
 def _listen(part: Part) -> bool:
     """Bring the values of the wires as far as they are finite; whether any has changed."""
     before = [list(block.cells) for block in part.inputs]
-    part.bring()
+    part.apply_links()
     for block, old in zip(part.inputs, before):
         if block.real:
             block.cells[:] = [new if isfinite(new) else x for new, x in zip(block.cells, old)]

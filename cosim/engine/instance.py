@@ -24,17 +24,25 @@ from fmpy.fmi2 import (
     fmi2CallbackLoggerTYPE,
 )
 from fmpy.logging import addLoggerProxy
-from fmpy.model_description import ModelDescription, ScalarVariable
 
 from ..errors import FmuError, NonFiniteValueError, SimulationTerminated, StepDiscarded
 from ..fmu.library import Library
 from ..system import Value
+from ..system.description import ModelDescription, Variable
 from .buffers import Slot, address
 from .operations import NOT_FINITE, Code, Layout, Operation
 
-OK, WARNING, DISCARD, ERROR, FATAL = range(5)
+#: Statuses, a convention of FMI.
+OK = 0
+WARNING = 1
+DISCARD = 2
+ERROR = 3
+FATAL = 4
 STATUS = ("OK", "Warning", "Discard", "Error", "Fatal", "Pending")
-LAST_SUCCESSFUL_TIME, TERMINATED = 2, 3
+#: Kinds of fmi2StatusKind, a convention of FMI 2.0.
+LAST_SUCCESSFUL_TIME = 2
+TERMINATED = 3
+#: Sentences that a part may add to a result. A convention: more are the same fault again.
 MOST_WARNINGS = 100
 CELL: dict[str, Any] = {"Real": ctypes.c_double, "String": ctypes.c_char_p}
 CELL |= dict.fromkeys(("Integer", "Enumeration", "Boolean"), ctypes.c_int)
@@ -62,7 +70,7 @@ def _message(environment: int | None, _: bytes, status: int, __: bytes, message:
     """Hand a log message to the part of that number."""
     part = INSTANCES.get(environment or 0)
     if part is not None:
-        part.hear(status, (message or b"").decode("utf-8", "replace"))
+        part.on_log(status, (message or b"").decode("utf-8", "replace"))
 
 
 FUNCTIONS = (
@@ -95,7 +103,7 @@ class VariableBlock(Operation):
         self,
         part: Instance,
         action: str,
-        variables: Sequence[ScalarVariable],
+        variables: Sequence[Variable],
         orders: Sequence[int] = (),
     ) -> None:
         kind = variables[0].type
@@ -109,9 +117,11 @@ class VariableBlock(Operation):
             self.call += "OutputDerivatives" if self.reads else "InputDerivatives"
         self.references = (ctypes.c_uint * count)(*(v.valueReference for v in variables))
         self.function = getattr(part.library, f"fmi2{self.call}")
-        places = [self.references, ctypes.c_size_t(count)]
-        places += [(ctypes.c_int * count)(*orders)] if orders else []
-        self._call: Callable[[], int] = partial(self.function, part.component, *places, self.cells)
+        arguments = [self.references, ctypes.c_size_t(count)]
+        arguments += [(ctypes.c_int * count)(*orders)] if orders else []
+        self._call: Callable[[], int] = partial(
+            self.function, part.component, *arguments, self.cells
+        )
 
     def __call__(self, t: float, h: float = 0.0) -> None:
         self.move()
@@ -180,26 +190,30 @@ class Instance:
         self._states: list[ctypes.c_void_p] = []
         self._worst = 0
         self._initialised = self.closed = False
-        number = next(NUMBERS)
-        INSTANCES[number] = self
-        self.slave, self.library = self.unit(fmu)
-        try:
-            self.instantiate(number)
-        except Exception as error:
-            fmu.forget()
-            fmu.release()
-            tool = getattr(description, self.SIDE).needsExecutionTool
-            raise FmuError(
-                f"{name}: instantiate failed: {self.reason()}"
-                + (f"; it needs {description.generationTool or 'its tool'} to run" if tool else "")
-            ) from error
-        self.component = ctypes.c_void_p(self.slave.component)
+        self.has_event_mode = False
         self.begin_of_step, self.size_of_step = ctypes.c_double(), ctypes.c_double()
         self._stop = self.nearly = math.inf
         self.forward = ctypes.c_int()
+
+    def open(self) -> None:
+        """Make the instance, once, before all other calls; raises FmuError."""
+        fmu, description, number = self.fmu, self.description, next(NUMBERS)
+        INSTANCES[number] = self
+        self.slave, self.library = self.functions(fmu)
+        try:
+            self.instantiate(number)
+        except Exception as error:
+            fmu.unload()
+            fmu.release()
+            tool = description.interface(self.SIDE).needsExecutionTool
+            raise FmuError(
+                f"{self.name}: instantiate failed: {self.reason()}"
+                + (f"; it needs {description.generationTool or 'its tool'} to run" if tool else "")
+            ) from error
+        self.component = ctypes.c_void_p(self.slave.component)
         self.do_step = self.step_call()
 
-    def unit(self, fmu: Library) -> tuple[Any, ctypes.PyDLL]:
+    def functions(self, fmu: Library) -> tuple[Any, ctypes.PyDLL]:
         """What makes the instance and calls it, and the functions of its library."""
         return fmu.slave(self.name), fmu.functions
 
@@ -212,7 +226,7 @@ class Instance:
         times = (self.begin_of_step, self.size_of_step)
         return partial(self.fmu.free.fmi2DoStep, self.component, *times, self.forward)
 
-    def hear(self, status: int, message: str) -> None:
+    def on_log(self, status: int, message: str) -> None:
         """Keep the last line of a log message, without the name that FMUs may put before it."""
         for line in message.strip().splitlines()[-1:]:
             text = re.sub(rf"(^|; )({re.escape(self.name)}: )+", r"\1", line)
@@ -241,9 +255,9 @@ class Instance:
 
     def failure(self, call: str, status: int) -> FmuError:
         """The error for a call that returned this status."""
-        known = OK < status < len(STATUS)
+        is_status = OK < status < len(STATUS)
         self._remember(status if status in (DISCARD, FATAL) else ERROR)
-        answer = STATUS[status] if known else f"the unknown status {status}"
+        answer = STATUS[status] if is_status else f"the unknown status {status}"
         return FmuError(f"{self.name}: {call} returned {answer}: {self.reason()}")
 
     def _remember(self, status: int) -> None:
@@ -260,18 +274,18 @@ class Instance:
             self._remember(error.status)
             raise FmuError(f"{self.name}: {function}: {self.reason()}") from error
 
-    def set(self, variable: ScalarVariable, value: Value) -> None:
+    def set(self, variable: Variable, value: Value) -> None:
         """Set one variable."""
         kind = CALL.get(variable.type, variable.type)
         self.call(f"set{kind}", [variable.valueReference], [value])
 
-    def values(self, variables: Sequence[ScalarVariable]) -> dict[str, Value]:
+    def values(self, variables: Sequence[Variable]) -> dict[str, Value]:
         """The values of variables, by their names and in their order."""
-        found: dict[str, Any] = {}
+        by_name: dict[str, Any] = {}
         for block in self.blocks("Get", variables):
             block.move()
-            found |= zip(block.names, block.cells)
-        values = [found[f"{self.name}.{v.name}"] for v in variables]
+            by_name |= zip(block.names, block.cells)
+        values = [by_name[f"{self.name}.{v.name}"] for v in variables]
         texts = (x.decode("utf-8", "replace") if isinstance(x, bytes) else x for x in values)
         return dict(zip((v.name for v in variables), texts))
 
@@ -280,7 +294,7 @@ class Instance:
         self.call("exitInitializationMode")
         self._initialised = True
 
-    def blocks(self, action: str, variables: Sequence[ScalarVariable]) -> list[VariableBlock]:
+    def blocks(self, action: str, variables: Sequence[Variable]) -> list[VariableBlock]:
         """One Block per type, in the order of the variables."""
         kinds = dict.fromkeys(v.type for v in variables)
         return [
@@ -301,11 +315,10 @@ class Instance:
         self._initialised = False
         self.call("reset")
 
-    def slopes(self, unknown: Sequence[Any], known: Any) -> list[float]:
+    def slopes(self, unknown: Sequence[Variable], by: Variable) -> list[float]:
         """The directional derivatives of variables by one, as the FMU has them."""
         references = [v.valueReference for v in unknown]
-        told = self.call("getDirectionalDerivative", references, [known.valueReference], [1.0])
-        return list(told)
+        return list(self.call("getDirectionalDerivative", references, [by.valueReference], [1.0]))
 
     def rest(self, t: float, h: float) -> float:
         """The step h from t [s], or what is left to the stop time where it differs by rounding."""
@@ -330,21 +343,21 @@ class Instance:
 
     def ended(self, reached: float) -> SimulationTerminated:
         """The end of the simulation that the FMU asks for at a time [s], with its reason if it gives any."""
-        said = self._complaint or (self.log[-1] if self.log else "")
+        message = self._complaint or (self.log[-1] if self.log else "")
         return SimulationTerminated(
             f"{self.name} ended the simulation at t = {reached!r} s"
-            + (f": {said}" if said else ""),
+            + (f": {message}" if message else ""),
             reached,
         )
 
     def stopped(self) -> tuple[int, float, bool]:
         """Of a discarded step: the status of the answer, the time reached [s], whether that is the end."""
         time, ended = ctypes.c_double(math.nan), ctypes.c_int()
-        asked = self.component, ctypes.c_int(LAST_SUCCESSFUL_TIME), ctypes.byref(time)
-        status = self.library.fmi2GetRealStatus(*asked)
-        asked = self.component, ctypes.c_int(TERMINATED), ctypes.byref(ended)
-        told = self.library.fmi2GetBooleanStatus(*asked)
-        return status, time.value, told in (OK, WARNING) and bool(ended.value)
+        kind = ctypes.c_int(LAST_SUCCESSFUL_TIME)
+        status = self.library.fmi2GetRealStatus(self.component, kind, ctypes.byref(time))
+        kind = ctypes.c_int(TERMINATED)
+        answer = self.library.fmi2GetBooleanStatus(self.component, kind, ctypes.byref(ended))
+        return status, time.value, answer in (OK, WARNING) and bool(ended.value)
 
     def state(self) -> ctypes.c_void_p:
         """A place for a state of the FMU, freed with it."""

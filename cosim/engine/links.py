@@ -97,7 +97,7 @@ class InputPolynomials(Operation):
         links: Sequence[Link],
         outputs: VariableBlock | None,
     ) -> None:
-        ability = part.description.coSimulation
+        ability = part.description.interface("coSimulation")
         self.degree, self.capable = degree, bool(ability.canInterpolateInputs)
         self.links = sorted(links, key=lambda link: link.target.element)
         by_input = groupby(self.links, lambda link: link.target.element)
@@ -130,11 +130,11 @@ class InputPolynomials(Operation):
             assert self._outputs is not None
             signal.add(Node(t, self._outputs.cells[k], rates.cells[k] if rates else None))
 
-    def bring(self, t: float, h: float, *, first: bool) -> None:
+    def hand_over(self, t: float, h: float, *, first: bool) -> None:
         """Hand over inputs for a step from t by h [s], the first of its turn or not."""
-        for k, (link, *others) in enumerate(self._by_input):
+        for k, (link, *further) in enumerate(self._by_input):
             taylor = link.taylor(t, h)
-            for other in others:
+            for other in further:
                 taylor = [a + b for a, b in zip_longest(taylor, other.taylor(t, h), fillvalue=0.0)]
             if self._derivatives is not None:
                 begin, link.last.cells[0] = taylor[0], polynomial_value(taylor, h)

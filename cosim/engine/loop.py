@@ -9,13 +9,13 @@ import sys
 from array import array
 from collections.abc import Sequence
 from functools import cache
-from typing import Any
+from typing import Any, NamedTuple
 
 from ..errors import FmuError
 from .buffers import Slot, address
 from .compiler import OPTIONS, SOURCE, compile_loop, file_name
 from .instance import WARNING, VariableBlock
-from .operations import Layout, Operation
+from .operations import Layout
 from .part import StepOperation
 from .schedule import TimedOperation
 from .sources import InputSource
@@ -35,21 +35,21 @@ def library() -> Any:
 
     Raises OSError with the reason if there is none.
     """
-    found = _library()
-    if isinstance(found, OSError):
-        raise found
-    return found
+    loop = _library()
+    if isinstance(loop, OSError):
+        raise loop
+    return loop
 
 
 @cache
 def _library() -> Any:
     """The same, or the reason: what cannot be made is tried once."""
-    here = file_name(sys.platform, platform.machine())
-    path = SOURCE.parent / "compiled" / here
+    name = file_name(sys.platform, platform.machine())
+    path = SOURCE.parent / "compiled" / name
     try:
         if not path.exists():
-            made_of = hashlib.sha256(f"{SOURCE.read_text()}{OPTIONS}".encode()).hexdigest()[:16]
-            path = SOURCE.parent / "__pycache__" / f"{made_of}-{here}"
+            digest = hashlib.sha256(f"{SOURCE.read_text()}{OPTIONS}".encode()).hexdigest()[:16]
+            path = SOURCE.parent / "__pycache__" / f"{digest}-{name}"
             if not path.exists() or not path.stat().st_size:
                 compile_loop(path)
         loop = ctypes.CDLL(str(path))
@@ -59,31 +59,49 @@ def _library() -> Any:
     return loop
 
 
-class Loop:
-    """Fixed steps of a program, a row after every `every`-th step.
+class Program(NamedTuple):
+    """Operations laid out for loop.c; those from `row_begin` on are done before a row."""
 
-    `extra` are the blocks to get before a row, `columns` what a row holds after the time. Raises
-    OSError with the reason if there is no compiled loop; `possible` tells which programs it can run.
+    operations: list[TimedOperation]
+    layouts: list[Layout]
+    row_begin: int
+
+
+def lay_out(steps: Sequence[TimedOperation], extra: Sequence[VariableBlock]) -> Program | None:
+    """The program of these steps and of blocks to get before a row; None if an operation needs Python."""
+    operations = [*steps, *(TimedOperation(block, 1.0, 0.0) for block in extra)]
+    layouts = []
+    for operation, at, size in operations:
+        layout = operation.layout()
+        if layout is None:
+            return None
+        layout.at, layout.size = at, size
+        layouts.append(layout)
+    return Program(operations, layouts, len(steps))
+
+
+class Loop:
+    """Fixed steps of a program, a row of `columns` after the time and after every `every`-th step.
+
+    Raises OSError with the reason if there is no compiled loop.
     """
 
-    def __init__(
-        self,
-        program: Sequence[TimedOperation],
-        extra: Sequence[VariableBlock],
-        columns: Sequence[Slot],
-        every: int,
-    ) -> None:
+    def __init__(self, program: Program, columns: Sequence[Slot], every: int) -> None:
         self._advance = library().advance
-        self._operations = [*program, *(TimedOperation(block, 1.0, 0.0) for block in extra)]
-        self._layouts = (Layout * len(self._operations))(*map(_layout, self._operations))
+        self._operations = program.operations
+        self._layouts = (Layout * len(program.layouts))(*program.layouts)
         self._warned = (ctypes.c_longlong * len(self._operations))()
         self._feeds = [
-            k for k, timed in enumerate(program) if isinstance(timed.operation, InputSource)
+            k
+            for k, timed in enumerate(program.operations)
+            if isinstance(timed.operation, InputSource)
         ]
         self._parts = [
-            timed.operation.part for timed in program if isinstance(timed.operation, StepOperation)
+            timed.operation.part
+            for timed in program.operations
+            if isinstance(timed.operation, StepOperation)
         ]
-        self._row_begin = len(program)
+        self._row_begin = program.row_begin
         cells = (Column(slot.address, ord(slot.kind._type_)) for slot in columns)
         self._columns = (Column * len(columns))(*cells)
         self._width = len(columns) + 1
@@ -98,14 +116,14 @@ class Loop:
         that ended it there.
         """
         rows = array("d", [0.0]) * (self._width * ((last - first) // self._every + 1))
-        kept = []
+        laid_out = []
         for k in self._feeds:
             feed, at, size = self._operations[k]
             assert isinstance(feed, InputSource)
             times = (start + n * h + at * h for n in range(first, last))
             means = [feed.profile.mean(t, size * h) for t in times]
-            kept.append((ctypes.c_double * len(means))(*means))
-            self._layouts[k].source = address(kept[-1])
+            laid_out.append((ctypes.c_double * len(means))(*means))
+            self._layouts[k].source = address(laid_out[-1])
         report = (ctypes.c_longlong * 3)()
         count = self._advance(
             self._layouts, self._warned, len(self._layouts), self._row_begin,
@@ -126,16 +144,3 @@ class Loop:
             failure = error
         del rows[count * self._width :]
         return rows, done, failure
-
-
-def can_compile(operations: Sequence[Operation]) -> bool:
-    """Whether all operations can do without Python."""
-    return all(operation.layout() is not None for operation in operations)
-
-
-def _layout(timed: TimedOperation) -> Layout:
-    operation, at, size = timed
-    layout = operation.layout()
-    assert layout is not None
-    layout.at, layout.size = at, size
-    return layout

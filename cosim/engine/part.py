@@ -6,10 +6,9 @@ import ctypes
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from fmpy.model_description import ModelDescription
-
 from ..fmu.library import Library
 from ..system import feedthrough
+from ..system.description import ModelDescription
 from .energy import BondSide
 from .instance import OK, Instance, VariableBlock
 from .links import InputPolynomials, Link
@@ -22,7 +21,7 @@ class Part(Instance):
 
     `substeps` is the number of sub-steps that it takes in a step; `within` are the variables to show
     within a step if it can. If it `stops`, it refuses steps across its events, and the system steps to
-    them. `seen` gives times [s] within its steps and the values of the variables in `watched` there.
+    them. `intermediate_values` gives times [s] within its steps and the values of the variables in `watched` there.
     """
 
     def __init__(
@@ -39,7 +38,7 @@ class Part(Instance):
         self.do_steps = 0
         self.stops = False
         self.watched: Sequence[str] = ()
-        self.seen: list[tuple[float, list[float]]] = []
+        self.intermediate_values: list[tuple[float, list[float]]] = []
 
     def shows_events(self) -> bool:
         """Whether a wire carries what its events alone change, and a step can end there."""
@@ -61,7 +60,7 @@ class Part(Instance):
         }
         return {output: drivers for output, drivers in acting.items() if drivers}
 
-    def bring(self) -> None:
+    def apply_links(self) -> None:
         """Bring the values of the wires into the buffers."""
         for link in self.links:
             link(0.0, 0.0)
@@ -111,7 +110,7 @@ class StepOperation(Operation):
         for k in range(part.substeps):
             begin = t + k * size
             if part.curves is not None:
-                part.curves.bring(begin, size, first=k == 0)
+                part.curves.hand_over(begin, size, first=k == 0)
             if begin + size >= part.nearly:
                 size = part.rest(begin, size)
             part.do_steps += 1

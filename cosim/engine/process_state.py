@@ -14,6 +14,7 @@ from ..errors import FmuError
 from ..fmu.library import LOCK
 from ..signals import reinstall_handlers
 
+#: Seconds between two looks at what FMUs may have changed. A convention: a look takes some 10 us.
 BETWEEN = 0.1
 #: A convention of IEEE 754: the smallest number above 0, which is subnormal.
 SUBNORMAL = 5e-324

@@ -22,7 +22,9 @@ from ..report import RunReport, RunSetup
 from ..result import Result, Rows, open_unlinked, partial, read_rows, require_names, write_json
 from .times import coincide
 
+#: Rows that wait in memory before they are written. A convention: a page or two of memory for each column.
 CHUNK = 4096
+#: Seconds that rows wait at most. A convention: who reads the file along notices no delay.
 LONGEST = 0.1
 
 
@@ -185,10 +187,10 @@ class OutputGrid:
         add: Callable[[Sequence[float]], None],
         spacing: float,
         discrete: Sequence[int],
-        seen: Sequence[IntermediateValues] = (),
+        observations: Sequence[IntermediateValues] = (),
     ) -> None:
         self._add, self._spacing, self._discrete = add, spacing, list(discrete)
-        self._seen = seen
+        self._observations = observations
         self._window: list[Rows] = []
         self._start = self._last = 0.0
         self._next = 0
@@ -239,12 +241,14 @@ class OutputGrid:
 
     def _interpolated(self, t: float, before: Rows, after: Rows) -> Rows:
         row = _cubic(t, self._window)
-        for seen, columns in self._seen:
-            del seen[: sum(time < self._window[0][0] for time, _ in seen)]
-            within = [[time, *values] for time, values in seen if before[0] < time <= after[0]]
+        for observations, columns in self._observations:
+            del observations[: sum(time < self._window[0][0] for time, _ in observations)]
+            within = [
+                [time, *values] for time, values in observations if before[0] < time <= after[0]
+            ]
             if within:
-                own = [0, *columns]
-                nodes = np.array([before[own], *within, after[own]])
+                selected = [0, *columns]
+                nodes = np.array([before[selected], *within, after[selected]])
                 cuts = [k for k in range(1, len(nodes)) if coincide(nodes[k - 1, 0], nodes[k, 0])]
                 piece = next(p for p in np.split(nodes, cuts) if p[-1, 0] >= t)
                 k = min(max(int(np.searchsorted(piece[:, 0], t)) - 2, 0), max(len(piece) - 4, 0))

@@ -39,8 +39,8 @@ class Snapshot:
             end.totals[:] = booked
 
 
-def forget_after(parts: Sequence[Part], t: float) -> None:
+def drop_nodes_after(parts: Sequence[Part], t: float) -> None:
     """Drop what moving inputs know of their sources after the time t [s]."""
     for part in parts:
         for signal in part.curves.signals if part.curves else ():
-            signal.forget_after(t)
+            signal.drop_after(t)

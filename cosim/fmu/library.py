@@ -16,12 +16,13 @@ from zipfile import ZipFile
 import fmpy
 from fmpy.fmi2 import FMU2Model, FMU2Slave
 from fmpy.fmi3 import FMU3Model, FMU3Slave
-from fmpy.model_description import ModelDescription
 
 from ..errors import FmuError
 from ..scratch import scratch
-from ..system import version
+from ..system import file_version
+from ..system.description import ModelDescription
 
+#: FMUs that stay loaded when nothing uses them. A convention: more than a system of different machines has.
 MOST_LOADED = 32
 KINDS: dict[str, Any] = {"2.0": (FMU2Slave, FMU2Model), "3.0": (FMU3Slave, FMU3Model)}
 
@@ -37,8 +38,8 @@ class Library:
     """
 
     def __init__(self, path: Path, description: ModelDescription) -> None:
-        self.path, self.version = path, version(path)
-        interface = description.coSimulation or description.modelExchange
+        self.path, self.version = path, file_version(path)
+        interface = description.interface()
         self.once = bool(interface.canBeInstantiatedOnlyOncePerProcess)
         self.users = 0
         self.abandoned = False
@@ -73,10 +74,10 @@ class Library:
         with LOCK:
             self.users -= 1
             if self.once:
-                self.forget()
+                self.unload()
             self._go_if_unused()
 
-    def forget(self) -> None:
+    def unload(self) -> None:
         """Let the next user load the FMU anew."""
         with LOCK:
             if LOADED.get(self.path) is self:
@@ -86,7 +87,7 @@ class Library:
     def abandon(self) -> None:
         """After fmi2Fatal: call nothing in the library any more, not even to unload it."""
         self.abandoned = True
-        self.forget()
+        self.unload()
 
     def _go_if_unused(self) -> None:
         if not self.users and LOADED.get(self.path) is not self:
@@ -111,21 +112,21 @@ def borrow(path: Path, description: ModelDescription) -> Library:
     path = path.absolute()
     with LOCK:
         library = LOADED.get(path)
-        if library is None or library.version != version(path) or not library.folder.is_dir():
+        if library is None or library.version != file_version(path) or not library.folder.is_dir():
             if library is not None:
-                library.forget()
+                library.unload()
             library = Library(path, description)
         library.users += 1
         LOADED.pop(path, None)
         LOADED[path] = library
         for other in list(LOADED.values())[:-MOST_LOADED]:
-            other.forget()
+            other.unload()
     return library
 
 
 def unpack(path: Path, folder: Path) -> None:
     """Unpack of an FMU what this platform runs: not its documentation, sources, other binaries."""
-    here = {fmpy.platform, fmpy.platform_tuple}
+    platforms = {fmpy.platform, fmpy.platform_tuple}
     try:
         with ZipFile(path) as archive:
             size = sum(entry.file_size for entry in archive.infolist())
@@ -133,7 +134,7 @@ def unpack(path: Path, folder: Path) -> None:
                 raise FmuError(f"{path} would be far larger unpacked than it is packed")
             for name in archive.namelist():
                 top, _, rest = name.partition("/")
-                runs = top == "binaries" and rest.split("/")[0] in here
+                runs = top == "binaries" and rest.split("/")[0] in platforms
                 if top == "resources" or not rest or runs:
                     archive.extract(name, folder)
     except FmuError:
@@ -144,11 +145,11 @@ def unpack(path: Path, folder: Path) -> None:
 
 def _loaded(kind: Any, folder: Path, guid: str, interface: Any) -> Any:
     """The binary of one of an FMU's interfaces."""
-    here = Path.cwd()
+    platforms = Path.cwd()
     try:
-        place = {"unzipDirectory": str(folder), "modelIdentifier": interface.modelIdentifier}
-        return kind(guid=guid, instanceName=None, **place)
+        location = {"unzipDirectory": str(folder), "modelIdentifier": interface.modelIdentifier}
+        return kind(guid=guid, instanceName=None, **location)
     except Exception as error:
         raise FmuError(str(error)) from error
     finally:
-        os.chdir(here)
+        os.chdir(platforms)

@@ -6,7 +6,8 @@ from collections import Counter, defaultdict
 from collections.abc import Sequence
 from heapq import heappop, heappush
 
-from .network import Connection, Network, feedthrough
+from .description import feedthrough
+from .network import Connection, Network
 
 
 def stepping_order(network: Network, order: Sequence[str] | None) -> list[str]:
@@ -63,18 +64,18 @@ def strongly_connected(leads: Sequence[Sequence[int]]) -> list[list[int]]:
     first one left the nodes.
     """
     left: list[int] = []
-    seen: set[int] = set()
+    visited: set[int] = set()
     for root in range(len(leads)):
-        path = [] if root in seen else [(root, iter(leads[root]))]
-        seen.add(root)
+        path = [] if root in visited else [(root, iter(leads[root]))]
+        visited.add(root)
         while path:
             node, ahead = path[-1]
-            fresh = next((k for k in ahead if k not in seen), None)
+            fresh = next((k for k in ahead if k not in visited), None)
             if fresh is None:
                 left.append(node)
                 path.pop()
             else:
-                seen.add(fresh)
+                visited.add(fresh)
                 path.append((fresh, iter(leads[fresh])))
     back = defaultdict(list)
     for node, ends in enumerate(leads):
@@ -85,8 +86,8 @@ def strongly_connected(leads: Sequence[Sequence[int]]) -> list[list[int]]:
         nodes, ring = [left.pop()], []
         while nodes:
             node = nodes.pop()
-            if node in seen:
-                seen.remove(node)
+            if node in visited:
+                visited.remove(node)
                 ring.append(node)
                 nodes += back[node]
         rings += [ring] if ring else []

@@ -107,11 +107,11 @@ class Table:
         wanted = Reading.read(column, names, str(path))
         if time not in (None, "", "s"):
             raise SetupError(f"{path}: time must be in s, not {time}")
-        place = names.index(wanted.name)
+        index = names.index(wanted.name)
         pairs = []
         for line, row in enumerate(rows, 2):
             try:
-                value = _cell(row[place + 1].strip(), held)
+                value = _cell(row[index + 1].strip(), held)
                 if (wanted.factor, wanted.offset) != (1.0, 0.0):
                     value = wanted.factor * float(value) + wanted.offset
                 pairs.append((float(row[0]), value))
@@ -119,10 +119,10 @@ class Table:
                 raise SetupError(
                     f"{path}, line {line}: time and {wanted.name} must be numbers"
                 ) from None
-        own = wanted.unit or heads[place][1] or ""
+        declared = wanted.unit or heads[index][1] or ""
         source = f"{Path(path).name}, column {wanted.name}"
         times, values = zip(*pairs) if pairs else ((), ())
-        return cls(times, values, unit=own if unit is None else unit, held=held, source=source)
+        return cls(times, values, unit=declared if unit is None else unit, held=held, source=source)
 
     def after(self, value: Any) -> Table:
         """The table with a value that holds before its first row."""

@@ -7,27 +7,27 @@ from enum import IntEnum
 from math import isfinite
 from typing import Any
 
+from .interface import Interface, Variable
 from .record import Value
-from .variables import Interface, Variable
 
 
-def number(value: Value, unit: str) -> str:
+def format_value(value: Value, unit: str) -> str:
     """A value with its unit for messages; a ratio has no unit."""
     plain = value.value if isinstance(value, IntEnum) else value
     return repr(plain) if unit in ("", "1") else f"{plain!r} {unit}"
 
 
-def finite(variable: Variable, value: Value) -> None:
+def require_finite(variable: Variable, value: Value) -> None:
     """Raise ValueError for NaN and infinity."""
     if variable.kind == "Real" and not isfinite(value):  # type: ignore[arg-type]
         raise ValueError(
-            f"{variable.name} = {number(value, variable.unit)} must be a finite number"
+            f"{variable.name} = {format_value(value, variable.unit)} must be a finite number"
         )
 
 
-def within(variable: Variable, value: Value) -> None:
+def require_bounds(variable: Variable, value: Value) -> None:
     """Raise ValueError for a value outside its declared bounds or enumeration."""
-    finite(variable, value)
+    require_finite(variable, value)
     d = variable.declaration
     if d.items is not None:
         if all(value != item for item in d.items):
@@ -37,15 +37,17 @@ def within(variable: Variable, value: Value) -> None:
     if d.positive and value <= 0.0:  # type: ignore[operator]
         limit = "> 0"
     elif d.min is not None and not d.positive and value < d.min:  # type: ignore[operator]
-        limit = f"at least {number(d.min, variable.unit)}"
+        limit = f"at least {format_value(d.min, variable.unit)}"
     elif d.max is not None and value > d.max:  # type: ignore[operator]
-        limit = f"at most {number(d.max, variable.unit)}"
+        limit = f"at most {format_value(d.max, variable.unit)}"
     else:
         return
-    raise ValueError(f"{variable.name} = {number(value, variable.unit)} must be {limit}")
+    raise ValueError(f"{variable.name} = {format_value(value, variable.unit)} must be {limit}")
 
 
-def start_values(interface: Interface, parameters: Any, values: Sequence[Value]) -> Iterator[str]:
+def check_start_values(
+    interface: Interface, parameters: Any, values: Sequence[Value]
+) -> Iterator[str]:
     """Check all that may be set before the start; yield warnings, raise ValueError.
 
     `parameters` is the record passed to the component's own `check(p)`, which yields a sentence for
@@ -53,6 +55,6 @@ def start_values(interface: Interface, parameters: Any, values: Sequence[Value])
     """
     for variable in interface.variables:
         if variable.settable_before_start:
-            within(variable, values[variable.reference])
+            require_bounds(variable, values[variable.reference])
     if hasattr(interface.model, "check"):
         yield from interface.model.check(parameters)

@@ -114,7 +114,7 @@ def record(cls: type[R]) -> type[R]:
     """
     fields: dict[str, Any] = {}
     body: dict[str, Any] = {"__slots__": (), "__doc__": cls.__doc__, "__module__": cls.__module__}
-    body["__getattr__"] = _missing
+    body["__getattr__"] = _raise_missing_field
     annotations = _annotations(cls)
     body |= {
         name: value
@@ -133,13 +133,13 @@ def record(cls: type[R]) -> type[R]:
         if quantity is not None:
             _require_exponents(f"{cls.__name__}.{name}", quantity)
         if isinstance(declared, list):
-            body[name] = _whole(len(fields), declared)
+            body[name] = _array_view(len(fields), declared)
         for index, element in _elements(declared):
             fields[name + index] = element._replace(quantity=quantity)
     names = [name.translate(IDENTIFIER) for name in fields]
-    made = type(cls.__name__, (namedtuple(cls.__name__, names),), body)
-    made._declared = fields  # type: ignore[attr-defined]
-    return cast(type[R], made)
+    record_type = type(cls.__name__, (namedtuple(cls.__name__, names),), body)
+    record_type._declared = fields  # type: ignore[attr-defined]
+    return cast(type[R], record_type)
 
 
 def _annotations(cls: Any) -> dict[str, Any]:
@@ -147,26 +147,26 @@ def _annotations(cls: Any) -> dict[str, Any]:
     try:
         return get_type_hints(cls, include_extras=True)
     except NameError as error:
-        known = f"from fmukit.si import one of {si.known()}"
-        raise TypeError(f"{error.name} in class {cls.__name__} is not a type: {known}") from None
+        choices = f"from fmukit.si import one of {si.list_quantities()}"
+        raise TypeError(f"{error.name} in class {cls.__name__} is not a type: {choices}") from None
 
 
 def _declared(cls: Any, name: str) -> Any:
     """What a class says of a field; raises TypeError where it is not a declaration."""
     value = getattr(cls, name, None)
-    place = value
-    while isinstance(place, list) and place:
-        place = place[0]
-    if not isinstance(place, Declaration):
-        given = f"{value!r}" if isinstance(value, int | float) else "0.0"
-        how = "discrete" if isinstance(value, bool | int | str) else "real"
+    innermost = value
+    while isinstance(innermost, list) and innermost:
+        innermost = innermost[0]
+    if not isinstance(innermost, Declaration):
+        example = f"{value!r}" if isinstance(value, int | float) else "0.0"
+        function_name = "discrete" if isinstance(value, bool | int | str) else "real"
         raise TypeError(
-            f'{cls.__name__}.{name} has no declaration: write {name}: ... = {how}({given}, "Meaning")'
+            f'{cls.__name__}.{name} has no declaration: write {name}: ... = {function_name}({example}, "Meaning")'
         )
     return value
 
 
-def _missing(self: Any, name: str) -> Any:
+def _raise_missing_field(self: Any, name: str) -> Any:
     raise AttributeError(f"{type(self).__name__} has no {name}: it has {', '.join(self._fields)}")
 
 
@@ -197,7 +197,7 @@ def _elements(declared: Any, *index: str) -> Iterator[tuple[str, Declaration]]:
         yield "", declared
 
 
-def _whole(first: int, declared: list[Any]) -> property:
+def _array_view(first: int, declared: list[Any]) -> property:
     """The view of an array whose elements begin at `first`: a tuple, of rows for a matrix."""
     if isinstance(declared[0], Declaration):
         return property(itemgetter(slice(first, first + len(declared))))
@@ -221,13 +221,13 @@ def fill(cls: type[R], values: Sequence[Value]) -> R:
 
 
 @cache
-def _flat(cls: Any) -> bool:
+def _is_flat(cls: Any) -> bool:
     """Whether no record is within this one."""
     return all(isinstance(field, Declaration) for field in cls._declared.values())
 
 
 def _fill(cls: Any, values: Iterator[Value]) -> Any:
-    if _flat(cls):
+    if _is_flat(cls):
         return cls._make(islice(values, len(cls._fields)))
     return cls._make(
         next(values) if isinstance(field, Declaration) else _fill(field, values)
@@ -245,8 +245,8 @@ def replace(record: R, **changes: Value) -> R:
 
 def start(cls: Any, **changes: Value) -> Any:
     """The record of the start values, with some changed: `start(Parameters, **{"crank.r": 0.02})`."""
-    known = dict(declarations(cls))
-    unknown = changes.keys() - known.keys()
+    fields = dict(declarations(cls))
+    unknown = changes.keys() - fields.keys()
     if unknown:
         raise KeyError(f"{cls.__name__} has no {', '.join(sorted(unknown))}")
-    return fill(cls, [changes.get(name, field.start) for name, field in known.items()])
+    return fill(cls, [changes.get(name, field.start) for name, field in fields.items()])

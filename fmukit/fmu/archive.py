@@ -9,9 +9,9 @@ from pathlib import Path
 
 from fmpy.model_description import read_model_description
 
-from ..declare.variables import Interface
+from ..declare.interface import Interface
 from . import page, terminals
-from .load import about
+from .load import project_metadata
 
 EPOCH = (1980, 1, 1, 0, 0, 0)
 KIT = Path(__file__).resolve().parents[1]
@@ -24,9 +24,9 @@ def digest_of(interface: Interface, flavour: str, makers: Iterable[Path]) -> str
     """
     source = Path(interface.model.__file__ or "")
     kit = (file for pattern in ("*.py", "*.c") for file in KIT.rglob(pattern))
-    said = (flavour, page.html(interface), repr(terminals.entries(interface)),
-            repr(about(interface.model)), os.environ.get("SOURCE_DATE_EPOCH", ""))  # fmt: skip
-    digest = hashlib.sha256("\0".join(said).encode())
+    hash_parts = (flavour, page.html(interface), repr(terminals.entries(interface)),
+            repr(project_metadata(interface.model)), os.environ.get("SOURCE_DATE_EPOCH", ""))  # fmt: skip
+    digest = hashlib.sha256("\0".join(hash_parts).encode())
     for file in (source, LICENSE, *sorted(kit), *makers):
         digest.update(hashlib.sha256(file.read_bytes()).digest())
     return digest.hexdigest()

@@ -11,34 +11,34 @@ from types import ModuleType
 
 import tomllib
 
-from ..declare.variables import complete
+from ..declare.interface import complete_model
 
 
-class Refused(Exception):
+class ModelError(Exception):
     """Why a model cannot become an FMU, in one line with the place in its file."""
 
 
 def load(path: Path) -> ModuleType:
     """The module of this file, which nothing else can import; a record that it lacks is empty.
 
-    Raises Refused.
+    Raises ModelError.
     """
     name = f"{path.resolve().parent.name}.model" if path.stem == "model" else path.stem
     spec = importlib.util.spec_from_file_location(name, path)
     if spec is None or spec.loader is None or not path.exists():
-        raise Refused(f"{path} is not a Python file")
+        raise ModelError(f"{path} is not a Python file")
     module = importlib.util.module_from_spec(spec)
-    before = sys.modules.get(name)
+    previous = sys.modules.get(name)
     sys.modules[name] = module
     try:
-        with refusing(path):
+        with as_model_error(path):
             spec.loader.exec_module(module)
-            complete(module)
+            complete_model(module)
             require_imports(path)
     finally:
         del sys.modules[name]
-        if before is not None:
-            sys.modules[name] = before
+        if previous is not None:
+            sys.modules[name] = previous
     return module
 
 
@@ -53,8 +53,8 @@ def require_imports(path: Path) -> None:
             names = ["." * node.level + (node.module or "")]
         for name in names:
             package = name.partition(".")[0]
-            whole = isinstance(node, ast.Import) and package == "fmukit"
-            if whole or package not in {"fmukit", *sys.stdlib_module_names}:
+            imports_package = isinstance(node, ast.Import) and package == "fmukit"
+            if imports_package or package not in {"fmukit", *sys.stdlib_module_names}:
                 raise SyntaxError(
                     f"{name or '.'} cannot go into the FMU: a model is one file that uses only "
                     "the standard library and 'from fmukit import ...'",
@@ -63,42 +63,48 @@ def require_imports(path: Path) -> None:
 
 
 @contextmanager
-def refusing(path: Path) -> Iterator[None]:
-    """Turn what a model raises into Refused, with the line of its file."""
+def as_model_error(path: Path) -> Iterator[None]:
+    """Turn what a model raises into ModelError, with the line of its file."""
     try:
         yield
-    except Refused:
+    except ModelError:
         raise
     except SyntaxError as error:
-        raise Refused(f"{path}:{error.lineno}: {error.msg}") from error
+        raise ModelError(f"{path}:{error.lineno}: {error.msg}") from error
     except Exception as error:
         frames = traceback.extract_tb(error.__traceback__)
-        own = [f for f in frames if f.filename == str(path.absolute())]
-        place = f"{path}:{own[-1].lineno}" if own else str(path)
-        where = f" in {own[-1].name}:" if own and own[-1].name != "<module>" else ""
-        told = str(error).replace("'Node'", "a number").replace(".__new__()", "(...)")
-        raise Refused(
-            f"{place}:{where} {' '.join(told.split()) or type(error).__name__}"
+        model_frames = [f for f in frames if f.filename == str(path.absolute())]
+        location = f"{path}:{model_frames[-1].lineno}" if model_frames else str(path)
+        function_name = (
+            f" in {model_frames[-1].name}:"
+            if model_frames and model_frames[-1].name != "<module>"
+            else ""
+        )
+        message = str(error).replace("'Node'", "a number").replace(".__new__()", "(...)")
+        raise ModelError(
+            f"{location}:{function_name} {' '.join(message.split()) or type(error).__name__}"
         ) from error
 
 
-def beside(model: ModuleType, name: str) -> Path | None:
+def neighbour_file(model: ModuleType, name: str) -> Path | None:
     """The file of this name beside a model.py, if there is one."""
     file = Path(model.__file__ or "")
-    found = file.with_name(name)
-    return found if file.stem == "model" and found.exists() else None
+    path = file.with_name(name)
+    return path if file.stem == "model" and path.exists() else None
 
 
-def about(model: ModuleType) -> dict[str, str]:
+def project_metadata(model: ModuleType) -> dict[str, str]:
     """Author, licence and version of the project that a model is part of, by its pyproject.toml."""
     for folder in Path(model.__file__ or "").resolve().parents:
         if (folder / "pyproject.toml").exists():
             text = (folder / "pyproject.toml").read_text(encoding="utf-8")
             project = tomllib.loads(text).get("project", {})
-            said = {
+            metadata = {
                 "author": ", ".join(author["name"] for author in project.get("authors", ())),
                 "version": project.get("version", ""),
                 "license": project.get("license", ""),
             }
-            return {name: value for name, value in said.items() if value and isinstance(value, str)}
+            return {
+                name: value for name, value in metadata.items() if value and isinstance(value, str)
+            }
     return {}

@@ -13,9 +13,9 @@ from pathlib import Path
 import markdown
 from latex2mathml.converter import convert
 
-from ..declare.variables import Interface, Variable, class_name, title
-from .load import beside
-from .xml import start_text
+from ..declare.interface import Interface, Variable, class_name, title
+from .description.fmi2 import start_text
+from .load import neighbour_file
 
 EXTERNAL_DEPENDENCIES = """\
 linux64 or win64, and CPython 3.10 or newer with its standard library; nothing else.
@@ -93,7 +93,7 @@ def table(interface: Interface) -> str:
 
 def text(interface: Interface, drawing: str, plot: str) -> str:
     """The page in Markdown with $ formulas and these pictures."""
-    model, notes = interface.model, beside(interface.model, "page.md")
+    model, notes = interface.model, neighbour_file(interface.model, "page.md")
     stop, step = model.EXPERIMENT
     sections = [
         f"# {class_name(model)}",
@@ -112,30 +112,30 @@ def text(interface: Interface, drawing: str, plot: str) -> str:
 
 def github(interface: Interface, plot: str, folder: Path) -> str:
     """The page as GitHub shows it from this folder."""
-    picture = beside(interface.model, "drawing.svg")
-    place = os.path.relpath(picture, folder) if picture else ""
-    drawing = f"![Drawing: {title(interface.model)}]({Path(place).as_posix()})" if picture else ""
-    return written(
+    picture = neighbour_file(interface.model, "drawing.svg")
+    path = os.path.relpath(picture, folder) if picture else ""
+    drawing = f"![Drawing: {title(interface.model)}]({Path(path).as_posix()})" if picture else ""
+    return for_github(
         text(interface, drawing, f"![Outputs over time in the default experiment]({plot})")
     )
 
 
-def written(page: str) -> str:
+def for_github(page: str) -> str:
     """The page for the documentation, with its formulas protected from Markdown."""
 
-    def keep(match: re.Match[str]) -> str:
+    def protect(match: re.Match[str]) -> str:
         return f"```math\n{match[1].strip()}\n```" if match[1] else f"$`{match[2]}`$"
 
-    return f"<!-- Written by build_fmus.py --docs -->\n\n{FORMULA.sub(keep, page)}"
+    return f"<!-- Written by build_fmus.py --docs -->\n\n{FORMULA.sub(protect, page)}"
 
 
 def html(interface: Interface, plot: str = "") -> str:
     """The page as one file that needs no network, with formulas as MathML and pictures as SVG."""
-    picture = beside(interface.model, "drawing.svg")
+    picture = neighbour_file(interface.model, "drawing.svg")
     drawing = picture.read_text(encoding="utf-8") if picture else ""
     body = prose(text(interface, "DRAWING", "PLOT"))
-    for place, svg in (("DRAWING", drawing), ("PLOT", plot)):
-        body = body.replace(f"<p>{place}</p>", svg)
+    for marker, svg in (("DRAWING", drawing), ("PLOT", plot)):
+        body = body.replace(f"<p>{marker}</p>", svg)
     return (
         '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width">'
@@ -148,13 +148,13 @@ def prose(text: str) -> str:
     """Convert Markdown with $$ equations $$ and $ symbols $ to HTML with MathML."""
     formulas: list[str] = []
 
-    def keep(match: re.Match[str]) -> str:
+    def protect(match: re.Match[str]) -> str:
         block = match[1] is not None
         formula = convert(match[1] or match[2], display="block" if block else "inline")
         formulas.append(f'<div class="formula">{formula}</div>' if block else formula)
         return f"FORMULA{len(formulas) - 1}END"
 
-    page = markdown.markdown(FORMULA.sub(keep, text), extensions=["tables"])
+    page = markdown.markdown(FORMULA.sub(protect, text), extensions=["tables"])
     return re.sub(
         r"<p>FORMULA(\d+)END</p>|FORMULA(\d+)END",
         lambda match: formulas[int(match[1] or match[2])],

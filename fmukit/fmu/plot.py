@@ -6,10 +6,19 @@ from html import escape
 from itertools import groupby
 from operator import itemgetter
 
-from ..declare.variables import Interface
+from ..declare.interface import Interface
 from .reference import Rows, outputs
 
-COLUMNS, WIDTH, HEIGHT, ACROSS, DOWN = 3, 190, 60, 60, 36
+#: Panels in a row; like all sizes below, in SVG units, a convention of this kit.
+COLUMNS = 3
+#: Width of a panel.
+WIDTH = 190
+#: Height of a panel.
+HEIGHT = 60
+#: Space to the left of a panel, for its scale.
+ACROSS = 60
+#: Space above a panel, for its name.
+DOWN = 36
 
 
 def svg(interface: Interface, rows: Rows) -> str:
@@ -52,5 +61,5 @@ def thinned(dots: Sequence[tuple[int, int]]) -> Iterable[tuple[int, int]]:
     for _, group in groupby(dots, key=itemgetter(0)):
         column = list(group)
         heights = [down for _, down in column]
-        kept = {0, heights.index(min(heights)), heights.index(max(heights)), len(column) - 1}
-        yield from dict.fromkeys(column[n] for n in sorted(kept))
+        indices = {0, heights.index(min(heights)), heights.index(max(heights)), len(column) - 1}
+        yield from dict.fromkeys(column[n] for n in sorted(indices))

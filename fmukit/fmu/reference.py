@@ -8,8 +8,8 @@ from types import ModuleType
 from typing import Any
 from zipfile import ZipFile
 
-from ..declare.variables import Interface, Variable, class_name, complete
-from ..step import equations
+from ..declare.interface import Interface, Variable, class_name, complete_model
+from ..runtime import equations
 from .python import instance
 
 Rows = list[list[float | int]]
@@ -50,7 +50,7 @@ def entries(interface: Interface, rows: Rows) -> dict[str, bytes]:
     }
 
 
-def carried(fmu: Path) -> Rows:
+def carried_rows(fmu: Path) -> Rows:
     """The rows that an FMU carries: time and outputs."""
     with ZipFile(fmu) as archive:
         (name,) = [n for n in archive.namelist() if n.endswith("_ref.csv")]
@@ -70,7 +70,7 @@ def table(interface: Interface) -> dict[str, Any]:
         unit = "" if v.unit in ("", "1") else f" {v.unit}"
         start = v.declaration.start if v.kind != "Integer" else int(v.declaration.start)
         settable, calculated = v.settable_before_start, v.initial == "calculated"
-        known = (
+        fields = (
             v.name,
             unit,
             v.declaration.kind,
@@ -80,14 +80,14 @@ def table(interface: Interface) -> dict[str, Any]:
             calculated,
             start,
         )
-        rows.append(instance.Variable(*known))
-    places = ("inputs", "states", "outputs", "input_hold")
-    return {"variables": tuple(rows)} | {name: getattr(interface, name) for name in places}
+        rows.append(instance.Variable(*fields))
+    ranges = ("inputs", "states", "outputs", "input_hold")
+    return {"variables": tuple(rows)} | {name: getattr(interface, name) for name in ranges}
 
 
 def by_equations(model: ModuleType, guid: str = "") -> type[instance.Slave]:
     """The slave that calls the functions of a model as they stand."""
-    complete(model)
+    complete_model(model)
     interface = Interface(model)
     body = table(interface) | {"guid": guid, "functions": equations.functions(interface)}
     return type(class_name(model), (instance.Slave,), body)
@@ -105,13 +105,13 @@ def experiment(model: ModuleType) -> Rows:
     slave.setup_experiment(0.0, stop, None)
     slave.enter_initialization_mode()
     slave.exit_initialization_mode()
-    found = []
+    rows = []
     for n in range(round(stop / step) + 1):
         if n:
             slave.do_step((n - 1) * step, step)
         values: dict[int, float | int] = {}
         for kind, vrs in references.items():
-            got = getattr(slave, f"get_{kind.lower()}")(vrs) if vrs else []
-            values |= {vr: int(x) if kind == "Boolean" else x for vr, x in zip(vrs, got)}
-        found.append([n * step, *(values[vr] for vr in sorted(values))])
-    return found
+            values_of_kind = getattr(slave, f"get_{kind.lower()}")(vrs) if vrs else []
+            values |= {vr: int(x) if kind == "Boolean" else x for vr, x in zip(vrs, values_of_kind)}
+        rows.append([n * step, *(values[vr] for vr in sorted(values))])
+    return rows

@@ -9,10 +9,11 @@ import re
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
-from ..declare.variables import Interface
-from .load import beside
+from ..declare.interface import Interface
+from .load import neighbour_file
 
 FOLDER = "terminalsAndIcons"
+#: Width of the icon in pixels; a convention of this kit.
 WIDTH = 256
 MEMBERS = {"tau": "N.m", "w": "rad/s", "phi": "rad"}
 
@@ -41,35 +42,35 @@ def entries(interface: Interface) -> dict[str, bytes]:
                 variableKind="signal",
             )
     ElementTree.indent(root)
-    found = {"terminalsAndIcons.xml": ElementTree.tostring(root, "UTF-8", xml_declaration=True)}
+    files = {"terminalsAndIcons.xml": ElementTree.tostring(root, "UTF-8", xml_declaration=True)}
     if icon:
-        found |= {"icon.svg": icon[0].encode(), "icon.png": png(icon[0])}
-    return {f"{FOLDER}/{name}": content for name, content in found.items()}
+        files |= {"icon.svg": icon[0].encode(), "icon.png": png(icon[0])}
+    return {f"{FOLDER}/{name}": content for name, content in files.items()}
 
 
 def flanges(interface: Interface) -> dict[str, dict[str, str]]:
     """The variables of each shaft end by member; raises ValueError for one that is no shaft end."""
-    found = {}
+    terminals = {}
     for name, variables in getattr(interface.model, "FLANGES", {}).items():
-        here = f"FLANGES[{name!r}]"
+        context = f"FLANGES[{name!r}]"
         if len(variables) not in (2, 3):
-            raise ValueError(f"{here} must name torque, speed and, if there is one, the angle")
+            raise ValueError(f"{context} must name torque, speed and, if there is one, the angle")
         for (member, unit), variable in zip(MEMBERS.items(), variables):
             port = interface.by_name.get(variable)
             if port is None or port.causality not in ("input", "output"):
-                raise ValueError(f"{here}: {variable!r} is neither an input nor an output")
+                raise ValueError(f"{context}: {variable!r} is neither an input nor an output")
             if port.unit != unit:
-                raise ValueError(f"{here}: {variable} [{port.unit}] cannot be {member} [{unit}]")
+                raise ValueError(f"{context}: {variable} [{port.unit}] cannot be {member} [{unit}]")
         torque, speed = (interface.by_name[variable].causality for variable in variables[:2])
         if torque == speed:
-            raise ValueError(f"{here}: one of torque and speed must be an input, one an output")
-        found[name] = dict(zip(MEMBERS, variables))
-    return found
+            raise ValueError(f"{context}: one of torque and speed must be an input, one an output")
+        terminals[name] = dict(zip(MEMBERS, variables))
+    return terminals
 
 
 def drawing(interface: Interface) -> tuple[str, float, float] | None:
     """The drawing beside a model without its letters, and its width and height."""
-    path = beside(interface.model, "drawing.svg")
+    path = neighbour_file(interface.model, "drawing.svg")
     if path is None:
         return None
     text = re.sub(r"<text\b.*?</text>\n?", "", path.read_text(encoding="utf-8"), flags=re.DOTALL)

@@ -14,7 +14,7 @@ from fmpy.fmi3 import FMU3Slave
 from fmpy.model_description import ModelDescription, ScalarVariable, read_model_description
 from fmpy.validation import validate_fmu
 
-from .reference import carried
+from .reference import carried_rows
 
 DISPLAY_FACTORS = {
     ("rad", "deg"): 180 / math.pi,
@@ -32,9 +32,9 @@ DOCUMENTS = ("index.html", "externalDependencies.txt", "licenses/license.txt")
 
 def problems(fmu: Path) -> list[str]:
     """All that is wrong with an FMU; empty if it is valid."""
-    found: list[str] = validate_fmu(str(fmu))
-    if found:
-        return found
+    errors: list[str] = validate_fmu(str(fmu))
+    if errors:
+        return errors
     description = read_model_description(str(fmu))
     return [*_files(fmu, description), *_description(description)]
 
@@ -48,7 +48,7 @@ def differences(fmu: Path) -> Iterator[str]:
     if platform not in supported_platforms(str(fmu)):
         return
     outputs = [v for v in description.modelVariables if v.causality == "output"]
-    for expected, played in zip(carried(fmu), play(fmu, description, outputs), strict=True):
+    for expected, played in zip(carried_rows(fmu), play(fmu, description, outputs), strict=True):
         for variable, value, wanted in zip(outputs, played[1:], expected[1:]):
             if value != wanted:
                 yield (

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from .paths import kinds
-from .values import COMPARISONS, Branch, Function, Leaf, Node, Tree, key
+from .execute import kinds
+from .graph import COMPARISONS, Branch, Function, Leaf, Node, Tree, key
 
 #: Arguments of a function: the name of the parameter and the place of a number in it.
 Arguments = frozenset[tuple[str, int]]
@@ -36,8 +36,8 @@ class Dependencies:
 
     def __init__(self, functions: dict[str, list[Arguments]] | None = None) -> None:
         self.functions: dict[str, list[Arguments]] = {} if functions is None else functions
-        self.known: dict[int, Arguments] = {}
-        self.calls: dict[int, list[Arguments]] = {}
+        self.arguments_by_node: dict[int, Arguments] = {}
+        self.arguments_by_call: dict[int, list[Arguments]] = {}
 
     def along(self, tree: Tree) -> list[Result] | None:
         """The results at the end of a tree; None where all its paths fail."""
@@ -45,9 +45,9 @@ class Dependencies:
             if node.op == "join":
                 self.join(node)
             elif node.op == "call":
-                self.calls[node.number] = self.call(node)
+                self.arguments_by_call[node.number] = self.call(node)
             else:
-                self.known[node.number] = self.of_all(node.args)
+                self.arguments_by_node[node.number] = self.of_all(node.args)
         if isinstance(tree, Branch):
             true, false = self.along(tree.true), self.along(tree.false)
             return self.either(tree.condition, true, false)
@@ -78,7 +78,7 @@ class Dependencies:
         condition, *arms, phis = node.args
         ends = [self.along(arm) for arm in arms]
         for phi, result in zip(phis, self.either(condition, *ends) or []):
-            self.known[phi.number] = result.arguments
+            self.arguments_by_node[phi.number] = result.arguments
 
     def call(self, node: Node) -> list[Arguments]:
         function, groups = node.args
@@ -86,13 +86,13 @@ class Dependencies:
             inner = Dependencies(self.functions).along(function.tree) or []
             self.functions[function.name] = [result.arguments for result in inner]
         names = [name for name, shape in function.parameters.items() if list(kinds(shape))]
-        given = {
-            (name, place): self.of(value)
+        arguments_of_parameter = {
+            (name, index): self.of(value)
             for name, group in zip(names, groups, strict=True)
-            for place, value in enumerate(group)
+            for index, value in enumerate(group)
         }
         return [
-            NOTHING.union(*(given[argument] for argument in arguments))
+            NOTHING.union(*(arguments_of_parameter[argument] for argument in arguments))
             for arguments in self.functions[function.name]
         ]
 
@@ -106,11 +106,11 @@ class Dependencies:
         if value.op == "symbol":
             return frozenset({(value.args[0], 0)})
         if value.op == "element":
-            name, place = value.args
-            return frozenset({(name, place)})
+            name, index = value.args
+            return frozenset({(name, index)})
         if value.op == "result":
-            call, place = value.args
-            return self.calls[call][int(place)]
-        if value.op in COMPARISONS and value.number not in self.known:
+            call, index = value.args
+            return self.arguments_by_call[call][int(index)]
+        if value.op in COMPARISONS and value.number not in self.arguments_by_node:
             return self.of_all(value.args)
-        return self.known[value.number]
+        return self.arguments_by_node[value.number]

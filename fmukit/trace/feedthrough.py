@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from ..declare.variables import Interface, Variable
+from ..declare.interface import Interface, Variable
 from .dependencies import arguments_of
-from .values import Function
+from .graph import Function
 
 
 def require(interface: Interface, outputs: Function) -> None:
@@ -14,41 +14,47 @@ def require(interface: Interface, outputs: Function) -> None:
 
     `outputs` is the traced function of the outputs; its parameter `u` has the inputs in their order.
     """
-    for output, inputs in acting(interface, outputs):
+    for output, inputs in inputs_by_output(interface, outputs):
         declared = output.declaration.feedthrough
         missing = [name for name in inputs if name not in declared]
         if missing:
             raise TypeError(
                 f"{output.name} of Outputs depends on {' and '.join(missing)} without delay: "
-                f"write {line(output, (*declared, *missing))}"
+                f"write {declaration_line(output, (*declared, *missing))}"
             )
 
 
-def superfluous(interface: Interface, outputs: Function) -> Iterator[str]:
+def superfluous_declarations(interface: Interface, outputs: Function) -> Iterator[str]:
     """A sentence for each output that declares an input which does not act on it at once."""
-    for output, inputs in acting(interface, outputs):
+    for output, inputs in inputs_by_output(interface, outputs):
         declared = output.declaration.feedthrough
         idle = [name for name in declared if name not in inputs]
         if idle:
             rest = tuple(name for name in declared if name in inputs)
             yield (
                 f"{output.name} of Outputs declares feedthrough of {' and '.join(idle)}, which its "
-                f"equation does not use: write {line(output, rest)}"
+                f"equation does not use: write {declaration_line(output, rest)}"
             )
 
 
-def acting(interface: Interface, outputs: Function) -> Iterator[tuple[Variable, list[str]]]:
+def inputs_by_output(
+    interface: Interface, outputs: Function
+) -> Iterator[tuple[Variable, list[str]]]:
     """Each calculated output with the names of the inputs that act on it at once."""
     inputs = interface.variables[interface.inputs]
-    places = arguments_of(outputs)
-    for output, arguments in zip(interface.variables[interface.outputs], places, strict=True):
-        yield output, [v.name for place, v in enumerate(inputs) if ("u", place) in arguments]
+    arguments_by_output = arguments_of(outputs)
+    for output, arguments in zip(
+        interface.variables[interface.outputs], arguments_by_output, strict=True
+    ):
+        yield output, [v.name for index, v in enumerate(inputs) if ("u", index) in arguments]
 
 
-def line(output: Variable, feedthrough: tuple[str, ...]) -> str:
+def declaration_line(output: Variable, feedthrough: tuple[str, ...]) -> str:
     """The declaration of an output with this feedthrough, as its class has it."""
-    own, _, index = output.name.partition("[")
-    how = "array" if index else "real" if output.declaration.kind == "Real" else "discrete"
+    base_name, _, index = output.name.partition("[")
+    function_name = (
+        "array" if index else "real" if output.declaration.kind == "Real" else "discrete"
+    )
     inputs = "".join(f'"{name}", ' for name in feedthrough)
     end = f", feedthrough=({inputs.strip()})" if feedthrough else ""
-    return f'{own}: ... = {how}(..., "..."{end})'
+    return f'{base_name}: ... = {function_name}(..., "..."{end})'

@@ -7,10 +7,8 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
-from .joins import join
-from .paths import grow, kinds
-from .tracer import Tracer, called, function, logarithm
-from .values import (
+from .execute import explore, kinds
+from .graph import (
     COMPARISONS,
     NODES,
     PATHS,
@@ -23,6 +21,8 @@ from .values import (
     operation,
     symbol,
 )
+from .merge import join
+from .tracer import Tracer, call_results, function, logarithm
 
 
 def forward(
@@ -30,11 +30,13 @@ def forward(
 ) -> list[Any]:
     """Tangents of the results for given tangents of the arguments."""
     names = [name for name, shape in traced.parameters.items() if list(kinds(shape))]
-    given = {n: group for n, group in zip(names, tangents, strict=True) if any(map(changes, group))}
-    if not given:
+    moving = {
+        n: group for n, group in zip(names, tangents, strict=True) if any(map(changes, group))
+    }
+    if not moving:
         return [0.0 for _ in kinds(traced.shape)]
-    made = derived(tracer, traced, tuple(given))
-    return called(made, [*map(tuple, groups), *map(tuple, given.values())])
+    derivative = derived(tracer, traced, tuple(moving))
+    return call_results(derivative, [*map(tuple, groups), *map(tuple, moving.values())])
 
 
 def changes(tangent: Any) -> bool:
@@ -45,20 +47,20 @@ def derived(tracer: Tracer, traced: Function, moving: tuple[str, ...]) -> Functi
     """The function of the arguments, and of tangents of the moving ones, that gives tangents."""
     identity = (derived, traced.name, moving)
     if identity not in tracer.functions:
-        shapes = {tangent_of(name): plain(traced.parameters[name]) for name in moving}
+        shapes = {tangent_of(name): untyped_shape(traced.parameters[name]) for name in moving}
         tracer.functions[identity] = None
-        made = function(
+        derivative = function(
             f"d_{traced.name}_{len(tracer.functions)}",
             lambda **_: Tangents(tracer, {*shapes}).along(traced.tree),
             traced.parameters | shapes,
         )
-        if made is None:
+        if derivative is None:
             raise Untraceable(f"the derivative of {traced.name}")
         del tracer.functions[identity]
-        tracer.functions[identity] = made
-    found = tracer.functions[identity]
-    assert found is not None
-    return found
+        tracer.functions[identity] = derivative
+    derivative_function = tracer.functions[identity]
+    assert derivative_function is not None
+    return derivative_function
 
 
 def tangent_of(name: str) -> str:
@@ -66,7 +68,7 @@ def tangent_of(name: str) -> str:
     return f"{name}'"
 
 
-def plain(shape: Any) -> Any:
+def untyped_shape(shape: Any) -> Any:
     """As many numbers, without their types."""
     if shape == "number":
         return shape
@@ -77,10 +79,10 @@ class Tangents:
     """The tangents of the nodes on a path through a tree."""
 
     def __init__(
-        self, tracer: Tracer, moving: set[str], known: Mapping[int, Any] | None = None
+        self, tracer: Tracer, moving: set[str], tangents_by_node: Mapping[int, Any] | None = None
     ) -> None:
         self.tracer, self.moving = tracer, moving
-        self.known: dict[int, Any] = dict(known or {})
+        self.tangents_by_node: dict[int, Any] = dict(tangents_by_node or {})
 
     def along(self, tree: Tree) -> list[Any]:
         for node in tree.nodes:
@@ -88,7 +90,7 @@ class Tangents:
                 self.join(node)
                 continue
             PATHS[-1].visit(node)
-            self.known[node.number] = self.rule(node)
+            self.tangents_by_node[node.number] = self.rule(node)
         if isinstance(tree, Branch):
             return self.along(tree.true if tree.condition else tree.false)
         if tree.error is not None:
@@ -101,28 +103,32 @@ class Tangents:
         mark = PATHS[-1].mark()
 
         def both(arm: Leaf) -> Any:
-            inner = Tangents(self.tracer, self.moving, self.known)
+            inner = Tangents(self.tracer, self.moving, self.tangents_by_node)
             return [*arm.values, *inner.along(arm)]
 
         joins = self.tracer.joins
         if mark not in joins:
-            ways = [grow(partial(both, arm), (*mark, place)) for place, arm in enumerate(arms)]
-            joins[mark] = join(condition, ways, (*phis, *(symbol("phi", len(NODES)) for _ in phis)))
+            arms_with_tangents = [
+                explore(partial(both, arm), (*mark, index)) for index, arm in enumerate(arms)
+            ]
+            joins[mark] = join(
+                condition, arms_with_tangents, (*phis, *(symbol("phi", len(NODES)) for _ in phis))
+            )
         PATHS[-1].visit(joins[mark])
-        handed = joins[mark].args[3][len(phis) :]
-        self.known |= {phi.number: tangent for phi, tangent in zip(phis, handed)}
+        new_phis = joins[mark].args[3][len(phis) :]
+        self.tangents_by_node |= {phi.number: tangent for phi, tangent in zip(phis, new_phis)}
 
     def of(self, value: Any) -> Any:
         if not isinstance(value, Node) or value.op in COMPARISONS:
             return 0.0
         if value.op in ("symbol", "element"):
-            name, *place = value.args
+            name, *index = value.args
             tangent = tangent_of(name)
-            return symbol(value.op, tangent, *place) if tangent in self.moving else 0.0
+            return symbol(value.op, tangent, *index) if tangent in self.moving else 0.0
         if value.op == "result":
-            call, place = value.args
-            return self.known[NODES[call].number][place]
-        return self.known[value.number]
+            call, index = value.args
+            return self.tangents_by_node[NODES[call].number][index]
+        return self.tangents_by_node[value.number]
 
     def rule(self, node: Node) -> Any:
         if node.op == "call":
@@ -166,8 +172,8 @@ def of_base(base: float) -> Callable[..., Any]:
     return lambda n, a, da: da / (a * math.log(base))
 
 
-def remainder(da: Any, db: Any, *whole: Any) -> Any:
-    return plus(da, -times(operation(*whole), db)) if changes(db) else da
+def remainder(da: Any, db: Any, *rounded_quotient: Any) -> Any:
+    return plus(da, -times(operation(*rounded_quotient), db)) if changes(db) else da
 
 
 def flat(n: Node, *_: Any) -> float:

@@ -14,9 +14,9 @@ from contextlib import contextmanager
 from types import BuiltinFunctionType, FunctionType, ModuleType, SimpleNamespace
 from typing import Any
 
-from ..step import flow
-from .paths import arranged, flatten, grow, has_static, kinds, leaves, symbols
-from .values import (
+from ..runtime import flow
+from .execute import arranged, explore, flatten, has_static, kinds, leaves, symbols
+from .graph import (
     NODES,
     PATHS,
     TABLE,
@@ -25,43 +25,48 @@ from .values import (
     Node,
     Tree,
     Untraceable,
+    as_reals,
     key,
     kind_of,
     operation,
-    plain,
     size,
     symbol,
     unique,
 )
 
-SHORT = 40
+#: Largest number of operations of a function that is inlined; a convention of this kit, all compilers inline such.
+MOST_INLINED_OPERATIONS = 40
 
 
 def function(
     name: str, run: Callable[..., Any], shapes: dict[str, Any], types: Sequence[str] = ()
 ) -> Function | None:
     """Trace `run` with symbols of these shapes; None where its paths return unlike things."""
-    known = list(zip(shapes.items(), types or ["Real"] * len(shapes)))
+    typed_shapes = list(zip(shapes.items(), types or ["Real"] * len(shapes)))
 
     def call() -> Any:
-        return run(**{name: parameter_of(name, shape, kind) for (name, shape), kind in known})
+        return run(
+            **{name: parameter_of(name, shape, kind) for (name, shape), kind in typed_shapes}
+        )
 
     paths, PATHS[:] = PATHS[:], []
     try:
-        tree = grow(call, (name,))
+        tree = explore(call, (name,))
     finally:
         PATHS[:] = paths
-    found = {leaf.shape for leaf in leaves(tree) if leaf.error is None}
-    alike = {unified(shape) for shape in found}
-    if len(alike) != 1 or (has_static(*alike) and alike != {flatten(None)[0]}):
+    shapes_of_results = {leaf.shape for leaf in leaves(tree) if leaf.error is None}
+    unified_shapes = {unified(shape) for shape in shapes_of_results}
+    if len(unified_shapes) != 1 or (
+        has_static(*unified_shapes) and unified_shapes != {flatten(None)[0]}
+    ):
         return None
-    return Function(name, shapes, tree, next(iter(found)))
+    return Function(name, shapes, tree, next(iter(shapes_of_results)))
 
 
 def parameter_of(name: str, shape: Any, kind: str) -> Any:
     if shape == "number":
         return symbol("symbol", name, kind=kind)
-    return symbols(shape, lambda place: ("element", name, place))
+    return symbols(shape, lambda index: ("element", name, index))
 
 
 def unified(shape: Any) -> Any:
@@ -98,42 +103,42 @@ class Tracer:
     @contextmanager
     def patched(self) -> Iterator[None]:
         """Replace mathematics, loops and boundaries of model and kit by what records them."""
-        kept = []
+        saved = []
         for module in (self.model, *self.kit):
             for name, value in list(vars(module).items()):
                 new = self.replacement(module, name, value)
                 if new is not None:
-                    kept.append((module, name, value))
+                    saved.append((module, name, value))
                     setattr(module, name, new)
         try:
             yield
         finally:
-            for module, name, value in kept:
+            for module, name, value in saved:
                 setattr(module, name, value)
 
     def replacement(self, module: ModuleType, name: str, value: Any) -> Any:
         if isinstance(value, FunctionType | BuiltinFunctionType | ModuleType) and value in REPLACED:
             return REPLACED[value]
         value = getattr(value, "__wrapped__", value)
-        own = isinstance(value, FunctionType) and value.__module__ == module.__name__
-        wanted = not inspect.isgeneratorfunction(value)
+        belongs_to_module = isinstance(value, FunctionType) and value.__module__ == module.__name__
+        is_boundary = not inspect.isgeneratorfunction(value)
         if module is not self.model:
-            wanted = name in self.kit[module]
-        return self.boundary(value) if own and wanted else None
+            is_boundary = name in self.kit[module]
+        return self.boundary(value) if belongs_to_module and is_boundary else None
 
     def boundary(self, original: Callable[..., Any]) -> Callable[..., Any]:
         """A function that is called, not followed, where it returns numbers."""
         signature = inspect.signature(original)
 
-        def call(*given: Any, **named: Any) -> Any:
-            bound = signature.bind(*given, **named)
+        def call(*args: Any, **keywords: Any) -> Any:
+            bound = signature.bind(*args, **keywords)
             bound.apply_defaults()
-            args = bound.args
-            flat = [flatten(arg) for arg in args]
-            if bound.kwargs or not any(n for _, n in flat):
-                return original(*given, **named)
-            shapes = {name: unified(shape) for name, (shape, _) in zip(bound.arguments, flat)}
-            types = tuple(map(kind_of, args))
+            arguments = bound.args
+            flattened = [flatten(arg) for arg in arguments]
+            if bound.kwargs or not any(n for _, n in flattened):
+                return original(*args, **keywords)
+            shapes = {name: unified(shape) for name, (shape, _) in zip(bound.arguments, flattened)}
+            types = tuple(map(kind_of, arguments))
             identity = (original, tuple(shapes.items()), types)
             if identity not in self.functions:
                 name = f"{original.__name__}_{len(self.functions)}"
@@ -143,9 +148,9 @@ class Tracer:
                 self.functions[identity] = None if traced and is_short(traced) else traced
             traced = self.functions[identity]
             if traced is None:
-                return original(*args)
-            numbers = [tuple(numbers) for _, numbers in flat if numbers]
-            result = called(traced, numbers)
+                return original(*arguments)
+            numbers = [tuple(numbers) for _, numbers in flattened if numbers]
+            result = call_results(traced, numbers)
             return arranged(traced.shape, iter(result))
 
         return call
@@ -154,18 +159,18 @@ class Tracer:
 def is_short(traced: Function) -> bool:
     """Whether a function is better followed than called: one path, and a short one."""
     nodes = traced.tree.nodes
-    one_path = isinstance(traced.tree, Leaf) and not {"join", "loop"} & {n.op for n in nodes}
-    return one_path and len(nodes) <= SHORT and size(traced.shape) > 0
+    is_straight = isinstance(traced.tree, Leaf) and not {"join", "loop"} & {n.op for n in nodes}
+    return is_straight and len(nodes) <= MOST_INLINED_OPERATIONS and size(traced.shape) > 0
 
 
-def called(traced: Function, numbers: list[tuple[Any, ...]]) -> list[Any]:
+def call_results(traced: Function, numbers: list[tuple[Any, ...]]) -> list[Any]:
     """The numbers that a call of this function returns; one without any is called each time."""
     identity: tuple[Any, ...] = ("call", traced.name, *(tuple(map(key, g)) for g in numbers))
     identity += () if size(traced.shape) else (PATHS[-1].mark(),)
-    call = PATHS[-1].visit(unique(identity, (traced, [plain(group) for group in numbers])))
+    call = PATHS[-1].visit(unique(identity, (traced, [as_reals(group) for group in numbers])))
     return [
-        symbol("result", call.number, place, kind=kind, items=items)
-        for place, (kind, items) in enumerate(kinds(traced.shape))
+        symbol("result", call.number, index, kind=kind, items=items)
+        for index, (kind, items) in enumerate(kinds(traced.shape))
     ]
 
 
@@ -210,10 +215,12 @@ def attempted(run: Callable[[], Any], otherwise: Any) -> Any:
     except (ArithmeticError, ValueError):
         return otherwise
     failed = effect("forget failure")
-    _, others = flatten(otherwise)
+    _, alternatives = flatten(otherwise)
     chosen = [
-        operation("select", failed, number, other) if key(number) != key(other) else number
-        for number, other in zip(numbers, others, strict=True)
+        operation("select", failed, number, alternative)
+        if key(number) != key(alternative)
+        else number
+        for number, alternative in zip(numbers, alternatives, strict=True)
     ]
     return arranged(shape, iter(chosen))
 
@@ -223,11 +230,11 @@ def repeat(body: Callable[[Any], tuple[bool, Any]], carry: Any) -> Any:
     mark = PATHS[-1].mark()
     shape, start = flatten(carry)
     number = LOOPS.setdefault(mark, len(LOOPS))
-    state = symbols(shape, lambda place: ("variable", number, place))
+    state = symbols(shape, lambda index: ("variable", number, index))
     if mark not in BODIES:
-        BODIES[mark] = grow(lambda: finished(*body(state)), (*mark, "body"))
+        BODIES[mark] = explore(lambda: finished(*body(state)), (*mark, "body"))
     identity = ("loop", number, *map(key, start))
-    PATHS[-1].visit(unique(identity, (number, plain(start), BODIES[mark])))
+    PATHS[-1].visit(unique(identity, (number, as_reals(start), BODIES[mark])))
     return state
 
 

@@ -11,12 +11,12 @@ import numpy as np
 from workbench import Chart
 from workbench.charts import model as chart
 from workbench.charts import motion
-from workbench.charts.model import recorded
+from workbench.charts.model import result_panel
 from workbench.charts.motion import Columns, Motion, Shape, line
 from workbench.live import Caption, Coordinate, LiveMotion
-from workbench.periodic import NotSteady
+from workbench.periodic import NoOrbitError
 
-from .features import Case, orbit
+from .orbits import OrbitTask, run_to_orbit
 
 if TYPE_CHECKING:
     from cosim import Result
@@ -34,25 +34,34 @@ CAPTIONS = (
 NOTE = f"Relative to the rod, crank and stroke are drawn {ENLARGED:g} times too long."
 
 
-def revolution(case: Case) -> tuple[list[Motion], list[Chart]]:
-    """The motion and the course of a revolution on the orbit of a case; none where there is no orbit."""
+def revolution(task: OrbitTask) -> tuple[list[Motion], list[Chart]]:
+    """The motion and the course of a revolution on the orbit of a task; none where there is no orbit."""
     try:
-        result = orbit(case, RECORD).result
-    except NotSteady:
+        result = run_to_orbit(task, RECORD).result
+    except NoOrbitError:
         return [], []
     t, phi = result["time"], result["conveyor.phi"]
     first = float(np.interp(phi[-1] - 2 * math.pi, phi, t))
-    late = t >= first
-    since = 1e3 * (t[late] - first)
+    in_revolution = t >= first
+    since = 1e3 * (t[in_revolution] - first)
     torque = {"motor.tau": ("motor", chart.TORQUE), "conveyor.tau_load": ("load", chart.THEORY)}
     panels = [
-        recorded("torque", result, since, torque, rows=late),
-        recorded("speed", result, since, {"conveyor.w": ("crank", chart.SPEED)}, rows=late),
-        recorded("rod force", result, since, {"conveyor.f_rod": ("rod", chart.FORCE)}, "kN", late),
+        result_panel("torque", result, since, torque, rows=in_revolution),
+        result_panel(
+            "speed", result, since, {"conveyor.w": ("crank", chart.SPEED)}, rows=in_revolution
+        ),
+        result_panel(
+            "rod force",
+            result,
+            since,
+            {"conveyor.f_rod": ("rod", chart.FORCE)},
+            "kN",
+            in_revolution,
+        ),
     ]
-    course = Chart(f"One revolution at {case.nu:g} rad/s", "time [ms]", panels)
-    title = f"Crank conveyor at {case.nu:g} rad/s"
-    return [moving(title, {"": result}, first, float(t[-1]), 25.0)], [course]
+    waveforms = Chart(f"One revolution at {task.nu:g} rad/s", "time [ms]", panels)
+    title = f"Crank conveyor at {task.nu:g} rad/s"
+    return [moving(title, {"": result}, first, float(t[-1]), 25.0)], [waveforms]
 
 
 def moving(
@@ -67,7 +76,7 @@ def moving(
     for k, (name, result) in enumerate(runs.items()):
         p = result.provenance["parts"]["conveyor"]["parameters"]
         at = motion.columns(result, "conveyor", ("phi", "x", "w"), picked)
-        shapes += motion.moved(crank_conveyor(p, at), 0.0, -0.8 * k * p["rod.l"])
+        shapes += motion.shifted(crank_conveyor(p, at), 0.0, -0.8 * k * p["rod.l"])
         label = f"{name} ".lstrip()
         captions = [
             f"{before}{label}{w:.1f} rad/s, {1e3 * x:+.2f} mm, {tau:.0f} N.m; "
@@ -87,7 +96,7 @@ def crank_conveyor(p: Parameters, at: Columns) -> list[Shape]:
     trough = line((x, 0), (x, height), (x + end, height), (x + end, -height), (x, -height), (x, 0))
     coil = motion.spring((x + end, 0.05 * l), (wall, 0.05 * l), 0.05 * l, 14)
     damper = motion.damper((x + end, -0.07 * l), (wall, -0.07 * l), 0.035 * l)
-    ways = motion.arrow(line((1.9 * l, 2.0 * height), (2.2 * l, 2.0 * height)), 0.05 * l)
+    arrows = motion.arrow(line((1.9 * l, 2.0 * height), (2.2 * l, 2.0 * height)), 0.05 * l)
     floor = -1.35 * height
     turns = motion.arrow(motion.arc(0.0, 0.0, 1.3 * r, -0.3 * math.pi, 0.2 * math.pi), 0.3 * r)
     return [
@@ -101,7 +110,7 @@ def crank_conveyor(p: Parameters, at: Columns) -> list[Shape]:
         Shape("rod", line(pin, (x, 0.0)), "gold", 4.0),
         Shape("crank", line((0.0, 0.0), pin), "red", 6.0),
         Shape("turns", turns, "red", 1.5),
-        Shape("moves", ways, "blue", 1.5),
+        Shape("moves", arrows, "blue", 1.5),
     ]
 
 

@@ -8,7 +8,7 @@ built machines; co-simulation judges some of them again.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from itertools import islice
 from pathlib import Path
@@ -18,18 +18,27 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import binomtest, qmc
 
-from cosim import SetupError
+from cosim import CONVERGENCE_ORDERS, SetupError
 from workbench.answer import Parameter, parameters
 from workbench.charts.model import Direction
+from workbench.limit import coupling
 from workbench.options import at_least
 
-from .features import Line, Point, Setup, Spot
+from .features import ResponseLine
 from .first_order import FIELDS, Machine
 from .machine import conveyor_drive
+from .orbits import STEP_MULTIPLES, OperatingPoint, Orbit, OrbitRunner, torque_amplitude
 
 Real = NDArray[np.float64]
 SPEED = "speed"
-SEED, CONFIDENCE, EDGE = 1, 0.95, (0.05, 0.95)
+#: Seed of the scrambled Sobol points, a convention: the same machines in every run.
+SEED = 1
+#: Level of the interval of a counted share, a convention.
+CONFIDENCE = 0.95
+#: Probabilities between which the outcome at a point is open.
+OPEN = (0.05, 0.95)
+#: Points along either axis at which the coupling error of a map is sampled.
+GRID = 5
 
 
 class Axis(NamedTuple):
@@ -54,23 +63,23 @@ class Plane(NamedTuple):
 
     def at(self, x: Any, y: Any) -> tuple[Machine, Any]:
         """The machine at a point, or machines at arrays of points, and its mean speed [rad/s]."""
-        here = {self.x.name: x, self.y.name: y}
-        nu = here.pop(SPEED, self.speed)
-        return replace(self.machine, **{FIELDS[name]: v for name, v in here.items()}), nu
+        coordinates = {self.x.name: x, self.y.name: y}
+        nu = coordinates.pop(SPEED, self.speed)
+        return replace(self.machine, **{FIELDS[name]: v for name, v in coordinates.items()}), nu
 
     def nodes(self) -> list[tuple[float, float]]:
         """x and y of all points, row by row."""
         x, y = self.x.along.values.tolist(), self.y.along.values.tolist()
         return [(one, level) for level in y for one in x]
 
-    def spots(self) -> list[Spot]:
+    def points(self) -> list[OperatingPoint]:
         """The machines of these and their mean speeds."""
-        return [(*self.at(*node), 1) for node in self.nodes()]
+        return [OperatingPoint(*self.at(*node)) for node in self.nodes()]
 
-    def line(self, y: float) -> Line:
+    def line(self, y: float) -> ResponseLine:
         """The machines of equal y."""
         first, last = self.x.along.values[[0, -1]].tolist()
-        return Line(lambda x: self.at(x, y), first, last)
+        return ResponseLine(lambda x: self.at(x, y), first, last)
 
 
 class Sample(NamedTuple):
@@ -78,7 +87,7 @@ class Sample(NamedTuple):
     there, of shape (samples,).
     """
 
-    place: dict[str, float]
+    position: dict[str, float]
     row: int
     x: Real
     expected: Real
@@ -111,61 +120,99 @@ class Built(NamedTuple):
         factors = {name: 1.0 + share * (2.0 * x - 1.0) for (name, share), x in spread}
         return cls(plane, ratio, factors)
 
-    def at(self, row: int, x: Any, number: Any) -> Spot:
+    def at(self, row: int, x: Any, number: Any) -> OperatingPoint:
         """One of the machines at a point and its mean speed, or several at an array of x."""
         machine, nu = self.plane.at(x, float(self.plane.y.along.values[row]))
         parts = {FIELDS[name]: factor[number] for name, factor in self.factors.items()}
         changed: dict[str, Any] = {name: getattr(machine, name) * x for name, x in parts.items()}
-        return replace(machine, **changed), nu, 1
+        return OperatingPoint(replace(machine, **changed), nu)
 
     def sample(self, row: int, x: Real) -> Sample:
         """All machines of a row, each at its worst x."""
         machines, nu, _ = self.at(row, x, (slice(None), None))
         ratio = np.interp(x, self.plane.x.along.values, self.ratio[row])
         expected = np.atleast_2d(np.abs(machines.torque_ripple(nu)) * ratio)
-        place = {self.plane.x.name: float(x[0])} if len(x) == 1 else {}
-        place[self.plane.y.name] = float(self.plane.y.along.values[row])
-        return Sample(place, row, x[expected.argmax(axis=1)], expected.max(axis=1))
+        position = {self.plane.x.name: float(x[0])} if len(x) == 1 else {}
+        position[self.plane.y.name] = float(self.plane.y.along.values[row])
+        return Sample(position, row, x[expected.argmax(axis=1)], expected.max(axis=1))
 
     def check(
-        self, samples: Sequence[Sample], runs: int, limit: float, setup: Setup
+        self, samples: Sequence[Sample], runs: int, limit: float, runner: OrbitRunner
     ) -> list[dict[str, Any]]:
         """Co-simulate the first machines of each sample."""
-        spots = [self.at(one.row, float(one.x[k]), k) for one in samples for k in range(runs)]
-        orbits = setup.orbits(spots, "check of the probability")
+        points = [self.at(one.row, float(one.x[k]), k) for one in samples for k in range(runs)]
+        orbits = runner.orbits(points, "check of the probability")
         groups = [(sample, list(islice(orbits, runs))) for sample in samples]
         steady = [group for group in groups if any(not orbit.problem for orbit in group[1])]
         return [judged(sample, group, limit) for sample, group in steady]
 
 
+def coupling_error(
+    plane: Plane,
+    runner: OrbitRunner,
+    quantity: Callable[[Orbit], float] = torque_amplitude,
+    order: float | None = None,
+) -> float:
+    """Return the largest relative coupling error of a quantity of orbits, by runs with longer steps.
+
+    The runs are spread over the plane, GRID by GRID. The error vanishes with the order of the
+    algorithm, unless another one is given.
+
+    Raises
+    ------
+    SetupError
+        If none of these orbits is steady with all step multiples.
+    """
+    x, y = (
+        sorted({round(k) for k in np.linspace(0, len(axis.along.values) - 1, GRID).tolist()})
+        for axis in (plane.x, plane.y)
+    )
+    every, width = plane.points(), len(plane.x.along.values)
+    points = [
+        every[n * width + k]._replace(step_multiple=multiple)
+        for n in y
+        for k in x
+        for multiple in STEP_MULTIPLES
+    ]
+    values = [quantity(orbit) for orbit in runner.orbits(points, "coupling error")]
+    runs = np.array(values).reshape(-1, len(STEP_MULTIPLES))
+    runs = runs[np.isfinite(runs).all(axis=1)]
+    if not len(runs):
+        raise SetupError(
+            "no orbit is steady with a quarter of the steps per revolution: take more steps"
+        )
+    order = order or CONVERGENCE_ORDERS[runner.algorithm]
+    return float(max(coupling(run, order) / run[0] for run in runs.tolist()))
+
+
 def on_edge(probabilities: Any, count: int) -> list[int]:
     """Numbers of places where the outcome is open, spread over them all."""
-    open_ = np.flatnonzero((probabilities > EDGE[0]) & (probabilities < EDGE[1]))
+    open_ = np.flatnonzero((probabilities > OPEN[0]) & (probabilities < OPEN[1]))
     chosen = np.linspace(0, len(open_) - 1, min(count, len(open_))).round().astype(int)
     return sorted({int(open_[k]) for k in chosen})
 
 
-def judged(sample: Sample, orbits: Sequence[Point], limit: float) -> dict[str, Any]:
+def judged(sample: Sample, orbits: Sequence[Orbit], limit: float) -> dict[str, Any]:
     """What co-simulation makes of the first machines of a sample; those without an orbit are left out.
 
     By brute force the probability lies in the interval with CONFIDENCE.
     """
     steady = np.array([not orbit.problem for orbit in orbits])
     expected = sample.expected[: len(orbits)][steady]
-    found = np.abs([orbit.torque for orbit in orbits])[steady]
-    hits, total = int((found > limit).sum()), len(found)
-    off = found / expected - 1.0
+    ripples = np.abs([orbit.torque for orbit in orbits])[steady]
+    hits, total = int((ripples > limit).sum()), len(ripples)
+    deviation = ripples / expected - 1.0
     return {
-        "place": sample.place,
+        "place": sample.position,
         "probability": sample.probability(limit),
         "brute_force": hits / total,
         "interval": interval(hits, total),
         "samples": total,
-        "judged_above": int(((found > limit) & (expected <= limit)).sum()),
-        "judged_below": int(((found <= limit) & (expected > limit)).sum()),
+        "judged_above": int(((ripples > limit) & (expected <= limit)).sum()),
+        "judged_below": int(((ripples <= limit) & (expected > limit)).sum()),
         "not_steady": len(orbits) - total,
-        "off_rms": float(np.sqrt(np.mean(off**2))),
-        "off_max": float(np.abs(off).max()),
+        "off_rms": float(np.sqrt(np.mean(deviation**2))),
+        "off_max": float(np.abs(deviation).max()),
     }
 
 
@@ -187,10 +234,10 @@ def axis(fmus: Mapping[str, Path], option: str, text: str, least: int) -> Axis:
     name, _, numbers = text.partition("=")
     if name == SPEED and option != "x":
         raise SetupError(f"--{option} {text}: the speed belongs on x")
-    words, unit = "Operating speed", "rad/s"
+    label, unit = "Operating speed", "rad/s"
     if name != SPEED:
         _, unit, meaning = part(fmus, name)
-        words = f"{meaning}\n{name}"
+        label = f"{meaning}\n{name}"
     log = numbers.endswith(":log")
     form = "NAME=FROM:TO:NUMBER or NAME=FROM:TO:NUMBER:log"
     low, high, number = read(option, text, numbers.removesuffix(":log"), form, float, float, int)
@@ -203,22 +250,22 @@ def axis(fmus: Mapping[str, Path], option: str, text: str, least: int) -> Axis:
         raise SetupError(f"--{option} {name} must rise: {low:g} .. {high:g} {unit} does not")
     at_least(f"--{option} number of values of {name}", number, least)
     values = np.geomspace(low, high, number) if log else np.linspace(low, high, number)
-    return Axis(name, Direction(words, unit, values, log))
+    return Axis(name, Direction(label, unit, values, log))
 
 
 def shares(
     fmus: Mapping[str, Path], option: str, texts: Sequence[str], default: Mapping[str, float]
 ) -> dict[str, float]:
     """Read NAME=PERCENT, several, over the defaults, as shares of 1; raises SetupError."""
-    found = dict(default)
+    ripples = dict(default)
     for text in texts:
         name, _, percent = text.partition("=")
         part(fmus, name)
         (value,) = read(option, text, percent, "NAME=PERCENT", float)
         if not 0.0 <= value < 100.0:
             raise SetupError(f"--{option} {name} = {value!r} % must be at least 0 and below 100")
-        found[name] = value / 100.0
-    return found
+        ripples[name] = value / 100.0
+    return ripples
 
 
 def span(option: str, text: str, within: Direction) -> tuple[float, float]:

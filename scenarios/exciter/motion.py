@@ -21,7 +21,7 @@ def exciter(p: Mapping[str, Any], at: Columns) -> list[Shape]:
     half, wall, floor = 1.8 * r, -5.0 * r, -2.2 * r
     body = line((x - half, -half), (x + half, -half), (x + half, half), (x - half, half))
     turns = motion.arrow(motion.arc(0.0, 0.0, 2.4 * r, 0.35 * math.pi, 0.65 * math.pi), 0.4 * r)
-    ways = motion.arrow(line((2.4 * r, 0.0), (3.4 * r, 0.0)), 0.3 * r)
+    arrows = motion.arrow(line((2.4 * r, 0.0), (3.4 * r, 0.0)), 0.3 * r)
     damper = motion.damper((wall, -r), (x - half, -r), 0.35 * r)
     mass = (x + r * np.cos(phi), r * np.sin(phi))
     return [
@@ -32,7 +32,7 @@ def exciter(p: Mapping[str, Any], at: Columns) -> list[Shape]:
         Shape("body", body, "blue", 4.0, closed=True, label=2),
         Shape("arm", line((x, 0.0), mass), "red", 4.0),
         Shape("turns", turns, "red", 1.5),
-        Shape("moves", ways, "blue", 1.5),
+        Shape("moves", arrows, "blue", 1.5),
         Shape("mass", line(mass, mass), "red", 12.0),
     ]
 
@@ -43,12 +43,14 @@ def starts(title: str, runs: Mapping[str, Result]) -> Motion:
     picked = motion.rows(results[0]["time"], 0.0, float(results[0]["time"][-1]), 480)
     for k, r in enumerate(results):
         p = r.provenance["parts"]["exciter"]["parameters"]
-        drawn = exciter(p, motion.columns(r, "exciter", ("phi", "x"), picked))
-        shapes += motion.moved(drawn, 0.0, -5.0 * k * p["rotor.r"])
+        drawing = exciter(p, motion.columns(r, "exciter", ("phi", "x"), picked))
+        shapes += motion.shifted(drawing, 0.0, -5.0 * k * p["rotor.r"])
     t = results[0]["time"][picked]
     speeds = zip(*(r["exciter.w"][picked] for r in results))
-    told = ["; ".join(f"{n} {w:.1f} rad/s" for n, w in zip(runs, row)) for row in speeds]
-    return Motion(title, t, 4.0, [f"{x:.2f} s: {text}" for x, text in zip(t, told)], shapes, NOTE)
+    speed_texts = ["; ".join(f"{n} {w:.1f} rad/s" for n, w in zip(runs, row)) for row in speeds]
+    return Motion(
+        title, t, 4.0, [f"{x:.2f} s: {text}" for x, text in zip(t, speed_texts)], shapes, NOTE
+    )
 
 
 def live_motion(title: str, parameters: Mapping[str, Any]) -> LiveMotion:

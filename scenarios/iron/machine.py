@@ -37,10 +37,10 @@ def imposed(system: System, speed: float, rotor: float = FLYWHEEL) -> System:
     rad/s2, so that forces and cam torque are the kinetostatic ones. A stiff motor would need
     communication steps below 0.1 us to stay stable.
     """
-    others = tuple(f"{part}." for part in system.parts if part != "iron")
-    start = {x: value for x, value in system.start.items() if not x.startswith(others)}
-    own = dict(zip(IMPOSED, (0.0, 0.0, speed, rotor)))
-    return System({"iron": system.parts["iron"]}, start={"iron.on_invalid": 1, **start, **own})
+    other_parts = tuple(f"{part}." for part in system.parts if part != "iron")
+    start = {x: value for x, value in system.start.items() if not x.startswith(other_parts)}
+    fixed = dict(zip(IMPOSED, (0.0, 0.0, speed, rotor)))
+    return System({"iron": system.parts["iron"]}, start={"iron.on_invalid": 1, **start, **fixed})
 
 
 def turn(system: System, speed: float, samples: int = 1440, rotor: float = FLYWHEEL) -> Result:
@@ -71,7 +71,7 @@ def limits(system: System) -> dict[str, Figure]:
     phi = slow["iron.phi"]
     spans = phases(slow.provenance["parts"]["iron"]["parameters"])
     clear = np.min([abs(phi - math.radians(x.last)) for x in spans], axis=0) > EDGE
-    angle, found = np.degrees(phi[clear]), {}
+    angle, all_figures = np.degrees(phi[clear]), {}
     for name, (force, event, _) in LETS_GO.items():
         f_2 = (fast[force] - slow[force])[clear] / 3.0
         f_0 = slow[force][clear] - f_2
@@ -87,9 +87,9 @@ def limits(system: System) -> dict[str, Figure]:
                 )
             w = top.value**-0.5
             limit = limit._replace(value=w, error=w * top.error / (2 * top.value))
-            found[f"{name}_limit_angle"] = top.at.figure("deg", at)
-        found[f"{name}_limit"] = limit
-    return found
+            all_figures[f"{name}_limit_angle"] = top.at.figure("deg", at)
+        all_figures[f"{name}_limit"] = limit
+    return all_figures
 
 
 def first(f: Mapping[str, Figure]) -> tuple[Figure, str]:

@@ -17,10 +17,10 @@ from workbench.live import Caption, Coordinate, LiveMotion
 
 from .machine import turn
 
-Places = NDArray[np.complex128]
+Positions = NDArray[np.complex128]
 AXIS = math.radians(-35.0)
 ROLLER = 0.012
-SEEN = ("phi", "alpha", "beta", "H", "lift", "motion")
+COLUMNS = ("phi", "alpha", "beta", "H", "lift", "motion")
 ANGLES = ("phi", "alpha", "beta")
 #: points of the chain on its sprocket
 ARC = 16
@@ -36,15 +36,15 @@ CAPTIONS = (
 def motion(title: str, result: Result, system: System, last: float, slow: float) -> Motion:
     """The mechanism up to a time [s] of a run."""
     picked = draw.rows(result["time"], 0.0, last)
-    shapes, captions = drawn(result, system, picked)
+    shapes, captions = draw_rows(result, system, picked)
     return Motion(title, result["time"][picked], slow, captions, shapes, NOTE)
 
 
-def drawn(
+def draw_rows(
     result: Result, system: System, picked: NDArray[np.int64]
 ) -> tuple[list[Shape], list[str]]:
     """The lines at some rows, and what is to be said of each: time, cam, phase and lift."""
-    at = draw.columns(result, "iron", SEEN, picked)
+    at = draw.columns(result, "iron", COLUMNS, picked)
     p = result.provenance["parts"]["iron"]["parameters"]
     since = result["time"][picked] - result["time"][picked[0]]
     captions = [
@@ -54,11 +54,11 @@ def drawn(
     return iron_drive(p, at, cam(p, system)), captions
 
 
-def iron_drive(p: Mapping[str, Any], at: draw.Columns, cam: Places) -> list[Shape]:
+def iron_drive(p: Mapping[str, Any], at: draw.Columns, cam: Positions) -> list[Shape]:
     """Cam, rocker with its roller, link, chain over its sprocket, iron in its guide above the product."""
     C, A, R = p["sprocket.C"], p["sprocket.A"], p["sprocket.R"]
     phi, alpha, beta, H = (at[name] for name in ("phi", "alpha", "beta", "H"))
-    hub, roller = _places(p, alpha)
+    hub, roller = _centres(p, alpha)
     body = line(*(hub + np.outer(cam, np.exp(1j * phi))))
     D = p["rocker.l_K"] * np.exp(1j * alpha)
     joint = D + p["link.l"] * np.exp(1j * beta)
@@ -96,12 +96,12 @@ def iron_drive(p: Mapping[str, Any], at: draw.Columns, cam: Places) -> list[Shap
     ]  # fmt: skip
 
 
-def cam(p: Mapping[str, Any], system: System) -> Places:
+def cam(p: Mapping[str, Any], system: System) -> Positions:
     """The working profile at phi = 0, seen from its axis, from a turn: the path of the roller's
     centre, nearer by the roller's radius."""
-    one = turn(system, 1.0, 180)
-    hub, roller = _places(p, one["iron.alpha"][:-1])
-    path = (roller - hub) * np.exp(-1j * one["iron.phi"][:-1])
+    slow_turn = turn(system, 1.0, 180)
+    hub, roller = _centres(p, slow_turn["iron.alpha"][:-1])
+    path = (roller - hub) * np.exp(-1j * slow_turn["iron.phi"][:-1])
     along = np.roll(path, -1) - np.roll(path, 1)
     normal = 1j * along / abs(along)
     return np.asarray(path - ROLLER * np.sign((normal * path.conj()).real) * normal)
@@ -144,7 +144,7 @@ def _range(angle: Any) -> tuple[float, float]:
     return low, min(float(angle.max()), low + 2 * math.pi)
 
 
-def _places(p: Mapping[str, Any], alpha: Any) -> tuple[Any, Any]:
+def _centres(p: Mapping[str, Any], alpha: Any) -> tuple[Any, Any]:
     """The cam's axis, and the roller's centre, shape (frames,)."""
     roller = p["rocker.l"] * np.exp(1j * (AXIS - p["rocker.alpha0"] + alpha))
     return p["rocker.L"] * np.exp(1j * AXIS), roller

@@ -64,8 +64,8 @@ class Machine:
             "cup.d", "cup.h", "cup.l", "cup.m", "cup.J", "catcher.l", "catcher.h", "catcher.m",
             "catcher.J", "catcher.phi", "spring.c", "chute.R", "chute.H", "chute.mu", "g",
         )  # fmt: skip
-        told = parameters(system)
-        return cls(*(float(told[f"orientator.{name}"].value) for name in names))
+        parameter_values = parameters(system)
+        return cls(*(float(parameter_values[f"orientator.{name}"].value) for name in names))
 
     @property
     def r(self) -> float:
@@ -95,7 +95,7 @@ class Machine:
         return self.m1 * arm, self.m2 * (self.R - self.r)
 
     @property
-    def begun(self) -> tuple[float, float, float]:
+    def pose(self) -> tuple[float, float, float]:
         """Angles of catcher and cup and height of its centre where turning begins."""
         phi1, phi2 = self.flush, self.flush + UP
         return phi1, phi2, float(self.hook(phi1, phi2)["yc"])
@@ -145,8 +145,8 @@ class Machine:
         *_, y, J = self.hinge(self.phi10)
         landed = (self.m2 * y) ** 2 * self.H / J
         high = self.energy(self.phi10, UP, self.l1 * math.sin(self.phi10) - self.l2)
-        phi1, phi2, _ = self.begun
-        k, low = self.hook(phi1, phi2), self.energy(*self.begun)
+        phi1, phi2, _ = self.pose
+        k, low = self.hook(phi1, phi2), self.energy(*self.pose)
         a = landed * self.g + high[0] - low[0]
         b = -landed * self.mu * (self.R - self.r) + high[1] - low[1]
         u, x, y, J = self.hinge(phi1)
@@ -194,7 +194,7 @@ class Machine:
         phi1, phi2, k = at(end * x)
         p, c2, m, half = slope + bend * end * x, np.cos(phi2), self.m2, self.l1 / 2
         F_1, F_2 = self.forces
-        gained = share * np.array(energy) + self.energy(*self.begun)
+        gained = share * np.array(energy) + self.energy(*self.pose)
         mass = (k["M11"] * p + 2 * k["M12"]) * p + k["M22"]
         square = 2 * (gained[:, None] - self.energy(phi1, phi2, k["yc"])) / mass
 
@@ -226,8 +226,8 @@ class Machine:
         on = np.flatnonzero(self.hook(self.phi10, angles)["x1"] > self.h)
         if not len(on):
             return math.nan, 0
-        away = float(angles[on[0]]) - self.flush - UP
-        straight = (self.phi10 - self.flush) / away
+        distance = float(angles[on[0]]) - self.flush - UP
+        straight = (self.phi10 - self.flush) / distance
         if back := self.path(straight, 0.0):
             still, turns = back.left @ HELD
             if back.stops >= -still / turns > 0.0:
@@ -238,7 +238,7 @@ class Machine:
             path = self.path(slope, bend)
             return float(np.array([1.0, path.stops]) @ path.left @ FREE) if path else math.nan
 
-        bends = np.linspace(3 * (straight - slope) / away, 0.05, 30)
+        bends = np.linspace(3 * (straight - slope) / distance, 0.05, 30)
         values = np.array([left(bend) for bend in bends])
         change = np.flatnonzero(values[:-1] * values[1:] <= 0.0)
         if not len(change):

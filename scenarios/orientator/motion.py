@@ -15,7 +15,7 @@ from workbench.live import Caption, Coordinate, LiveMotion
 
 from .machine import STAGES
 
-SEEN = ("phi1", "phi2", "xc", "yc", "stage")
+COLUMNS = ("phi1", "phi2", "xc", "yc", "stage")
 
 
 def motion(
@@ -24,21 +24,23 @@ def motion(
     """Catcher and cup of several runs of the same step side by side, up to a time [s]."""
     t = next(iter(runs.values()))["time"]
     picked = draw.rows(t, 0.0, last)
-    shapes, told = [], []
+    shapes, stage_texts = [], []
     for k, (name, result) in enumerate(runs.items()):
-        more, stages = drawn(result, picked)
-        shapes += draw.moved(more, 0.3 * k, 0.0)
-        told.append([f"{name} {stage}".strip() for stage in stages])
-    captions = [f"{now:.3f} s: {'; '.join(said)}" for now, *said in zip(t[picked], *told)]
+        more, stages = draw_rows(result, picked)
+        shapes += draw.shifted(more, 0.3 * k, 0.0)
+        stage_texts.append([f"{name} {stage}".strip() for stage in stages])
+    captions = [
+        f"{now:.3f} s: {'; '.join(row_texts)}" for now, *row_texts in zip(t[picked], *stage_texts)
+    ]
     still = {int(np.searchsorted(t[picked], span.first)): span.text for span in ghosts}
     if ghosts:
         still[len(picked) - 1] = stages[-1]
     return Motion(title, t[picked], 20.0, captions, shapes, ghosts=still)
 
 
-def drawn(result: Result, picked: NDArray[np.int64]) -> tuple[list[Shape], list[str]]:
+def draw_rows(result: Result, picked: NDArray[np.int64]) -> tuple[list[Shape], list[str]]:
     """Wall, catcher and cup at some rows, and the stage of each; places are x - i y."""
-    at = draw.columns(result, "orientator", SEEN, picked)
+    at = draw.columns(result, "orientator", COLUMNS, picked)
     p = result.provenance["parts"]["orientator"]["parameters"]
     return orientator(p, at), [STAGES[int(x)] for x in at["stage"]]
 

@@ -26,7 +26,7 @@ TIGHT = {"method": "DOP853", "rtol": 1e-12, "atol": 1e-13}
 
 def numbers(p: Any) -> dict[str, float]:
     """The parameters by dotted name."""
-    found: dict[str, float] = {}
+    solution: dict[str, float] = {}
 
     def walk(record: Any, prefix: str) -> None:
         for name in record._fields:
@@ -34,11 +34,11 @@ def numbers(p: Any) -> dict[str, float]:
             if hasattr(value, "_fields"):
                 walk(value, f"{prefix}{name}.")
             else:
-                found[prefix + name] = value
+                solution[prefix + name] = value
 
     walk(p, "")
-    assert found.keys() == dict(declarations(iron.Parameters)).keys()
-    return found
+    assert solution.keys() == dict(declarations(iron.Parameters)).keys()
+    return solution
 
 
 class Geometry(NamedTuple):
@@ -77,13 +77,13 @@ def transfer(wrap: int) -> Any:
     function of phi and the dimensions, in mpmath's numbers."""
     g = geometry(wrap)
     a_1, a_2 = (sp.diff(g.of_phi, g.phi, k) for k in (1, 2))
-    found = [a_1, a_2]
+    solution = [a_1, a_2]
     for f in (g.beta, g.H):
         f_1, f_2 = (sp.diff(f, g.alpha, k) for k in (1, 2))
-        found += [f_1 * a_1, f_2 * a_1**2 + f_1 * a_2]
+        solution += [f_1 * a_1, f_2 * a_1**2 + f_1 * a_2]
     arguments = [g.phi, *SYMBOL.values()]
     angle = sp.lambdify(arguments, g.of_phi, "mpmath")
-    rest = sp.lambdify([g.alpha, *arguments], found, "mpmath", cse=True)
+    rest = sp.lambdify([g.alpha, *arguments], solution, "mpmath", cse=True)
     return lambda *values: rest(angle(*values), *values)
 
 
@@ -187,9 +187,9 @@ class Reference:
         together.terminal = reverses.terminal = True  # type: ignore[attr-defined]
         t, y, ends = 0.0, np.array([phi, w, alpha, a_1 * w - w_gap]), [together, reverses]
         while True:
-            found = solve_ivp(slope, (t, 1.0), y, events=ends, rtol=1e-10, atol=1e-13)
-            t, y = float(found.t[-1]), found.y[:, -1]
-            if len(found.t_events[0]):
+            solution = solve_ivp(slope, (t, 1.0), y, events=ends, rtol=1e-10, atol=1e-13)
+            t, y = float(solution.t[-1]), solution.y[:, -1]
+            if len(solution.t_events[0]):
                 return float(y[1]), float(y[3])
             y[3], ends = -ROUNDING, [together]
 
@@ -226,9 +226,9 @@ class Reference:
             return a_1 * w - v
 
         meeting = brentq(parting, 0.0, 1e3, xtol=1e-14, rtol=1e-14)
-        whole, arm = (1 + self.q["follower.e"]) * meeting, self.arm(y[0], cell)
-        leaves = parting(whole) * arm >= self.q["follower.v"]
-        P = whole if leaves else meeting
+        total_impulse, arm = (1 + self.q["follower.e"]) * meeting, self.arm(y[0], cell)
+        leaves = parting(total_impulse) * arm >= self.q["follower.v"]
+        P = total_impulse if leaves else meeting
         new = np.array(y)
         new[1], new[3] = after(P)
         stand = min(max(v, 0.0), v) if v > 0 else v
@@ -245,7 +245,7 @@ class Reference:
         t, flying, y = 0.0, False, np.array([phi, w, alpha, a_1 * w, self.tau, 0.0, 0.0, 0.0])
         lifted: list[float] = []
         landed: list[tuple[float, float, float, float]] = []
-        lost = 0.0
+        energy_loss = 0.0
         while t < stop:
             first = 2 * pi * (y[0] // (2 * pi))
             edge = first + [*self.ends, 2 * pi][cell]
@@ -264,36 +264,36 @@ class Reference:
             events = [passed, touch, turns]
             for event, sense in zip(events, (-1, -1, 0)):
                 event.terminal, event.direction = True, sense  # type: ignore[attr-defined]
-            found = solve_ivp(
+            solution = solve_ivp(
                 lambda t, y, c=cell, f=flying: self.slope(y, c, f), (t, stop), y, events=events,
                 max_step=2e-3, **TIGHT,
             )  # fmt: skip
-            t, y = float(found.t[-1]), found.y[:, -1]
-            if found.status != 1:
+            t, y = float(solution.t[-1]), solution.y[:, -1]
+            if solution.status != 1:
                 break
-            if len(found.t_events[0]):
+            if len(solution.t_events[0]):
                 y[0] = edge
                 cell = (cell + 1) % 4
                 if cell == 0:
                     y[0] = first + 2 * pi
-            elif len(found.t_events[1]) and flying:
+            elif len(solution.t_events[1]) and flying:
                 before, rubbed = self.energy(y), y[5]
                 speed = (y[3] - self.cam(y[0], cell)[1] * y[1]) * self.arm(y[0], cell)
                 y[2] = self.cam(y[0], cell)[0]
                 y, flying, impulse = self.impact(y, cell)
                 loss = before - self.energy(y) - (y[5] - rubbed)
-                lost += loss
+                energy_loss += loss
                 landed.append((t, speed, impulse, loss))
-            elif len(found.t_events[1]):
+            elif len(solution.t_events[1]):
                 flying = True
                 lifted.append(t)
             if not flying:
                 y[2], a_1, _ = self.cam(y[0], cell)
                 y[3] = a_1 * y[1]
-            elif len(found.t_events[2]):
-                y[3] = np.copysign(ROUNDING, -found.y[3, -2])
+            elif len(solution.t_events[2]):
+                y[3] = np.copysign(ROUNDING, -solution.y[3, -2])
         gap = self.cam(y[0], cell)[0] - y[2] if flying else 0.0
         names = ("phi", "w_cam", "alpha", "v", "tau", "E_friction", "work", "t_flight")
         return dict(zip(names, map(float, y))) | {
-            "gap": gap, "E_landing": lost, "lifted": lifted, "landed": landed, "t": t,
+            "gap": gap, "E_landing": energy_loss, "lifted": lifted, "landed": landed, "t": t,
         }  # fmt: skip

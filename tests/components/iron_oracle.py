@@ -14,7 +14,7 @@ from mpmath import mpf
 from components.drive_motor import model as drive_motor
 from components.iron_drive import model as iron
 from fmukit.declare.record import real, record, start
-from fmukit.step import hybrid as motion
+from fmukit.runtime import hybrid as motion
 
 TABLES = """
 deg R alpha beta H H_1 H_2
@@ -114,20 +114,20 @@ def by_material_points(p: Any, phi: float, w: float, eps: float, K: float) -> di
 
     ((angle,), (a_1,), (a_2,)) = jet(alpha, mpf(phi))
     _, _, n, theta, H = path(angle)
-    arc, whole = z.R * (mpmath.pi - theta), p.chain.l + mpf(p.link.l)
+    arc, total_length = z.R * (mpmath.pi - theta), p.chain.l + mpf(p.link.l)
     nodes = [((1 + mpf(x)) / 2, mpf(y) / 2) for x, y in zip(*np.polynomial.legendre.leggauss(10))]
     swing = mpmath.sqrt(mpf(p.link.J) / p.link.m)
     masses = [("run", mpf(p.link.l) / 2 + side * swing, mpf(p.link.m) / 2) for side in (-1, 1)]
     for kind, begin, end in (
-        ("run", p.link.l, n), ("arc", n, n + arc), ("hang", n + arc, whole),
+        ("run", p.link.l, n), ("arc", n, n + arc), ("hang", n + arc, total_length),
     ):  # fmt: skip
         span = end - begin
         masses += [(kind, begin + span * x, p.chain.rho * span * y) for x, y in nodes]
-    masses += [("hang", whole, mpf(p.iron.m))]
+    masses += [("hang", total_length, mpf(p.iron.m))]
     masses += [("spring", x, s.m * y) for x, y in nodes]
     m = np.array([mass for _, _, mass in masses])
 
-    def places(alpha: Any) -> list[Any]:
+    def coordinates(alpha: Any) -> list[Any]:
         end, along, n, theta, H = path(alpha)
         arc = z.R * (mpmath.pi - theta)
         where = {
@@ -138,7 +138,7 @@ def by_material_points(p: Any, phi: float, w: float, eps: float, K: float) -> di
         }
         return [*(where[kind](q) for kind, q, _ in masses), H, arg(along)]
 
-    (*_, beta), (*ra, H_a, _), (*raa, H_aa, _) = jet(places, angle)
+    (*_, beta), (*ra, H_a, _), (*raa, H_aa, _) = jet(coordinates, angle)
     ra, raa = np.array(ra), np.array(raa)
     H_1, H_2 = H_a * a_1, H_aa * a_1**2 + H_a * a_2
     H_b = path(alpha(mpf(-pi / 3))[0])[-1]
@@ -205,14 +205,14 @@ class OneSystem:
             turn = drive_motor.derivatives(q, t, drive_motor.State(x.tau), drive_motor.Inputs(w))
             return State(*iron.derivatives(p, t, *parts(x)), turn.tau, x.tau * w)
 
-        def jump(_: Any, t: float, x: Any, u: Any, which: int) -> Any:
-            return x._replace(**iron.jump(p, t, *parts(x), which)._asdict())
+        def event_update(_: Any, t: float, x: Any, u: Any, which: int) -> Any:
+            return x._replace(**iron.event_update(p, t, *parts(x), which)._asdict())
 
         self.model: Any = SimpleNamespace(
             State=State,
             derivatives=derivatives,
-            guard=lambda _, t, x, u: iron.guard(p, t, *parts(x)),
-            jump=jump,
+            event_indicators=lambda _, t, x, u: iron.event_indicators(p, t, *parts(x)),
+            event_update=event_update,
             LONGEST_STEP=iron.LONGEST_STEP,
         )
         x = start(State, **state)
@@ -221,7 +221,7 @@ class OneSystem:
 
     def to(self, t: float) -> Any:
         """The state at the time t."""
-        still = motion.Course(Nothing(), Nothing(), t - self.t)
+        still = motion.InputTrajectory(Nothing(), Nothing(), t - self.t)
         self.x = motion.advance(self.model, None, self.t, self.x, still)
         self.t = t
         return self.x
@@ -239,7 +239,7 @@ class OneSystem:
 
     def events(self, stop: float) -> list[tuple[float, Any]]:
         """Times and states of the events up to `stop`."""
-        still = motion.Course(Nothing(), Nothing(), stop - self.t)
+        still = motion.InputTrajectory(Nothing(), Nothing(), stop - self.t)
         return [
             (self.t + s, x) for s, _, x in motion.events(self.model, None, self.t, self.x, still)
         ]

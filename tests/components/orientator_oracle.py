@@ -28,14 +28,14 @@ def until(
     """The first of some functions that passes zero in a sense, when, and the state there."""
     for function, sense in ends:
         function.terminal, function.direction = True, sense  # type: ignore[attr-defined]
-    found = solve_ivp(
+    solution = solve_ivp(
         rates, (begin, begin + 5.0), state, "DOP853", events=[function for function, _ in ends],
         rtol=1e-13, atol=1e-15, max_step=2e-3,
     )  # fmt: skip
-    if found.status != 1:
+    if solution.status != 1:
         raise Jam("never")
-    which = next(k for k, times in enumerate(found.t_events) if len(times))
-    return which, float(found.t_events[which][0]), found.y_events[which][0]
+    which = next(k for k, times in enumerate(solution.t_events) if len(times))
+    return which, float(solution.t_events[which][0]), solution.y_events[which][0]
 
 
 def passage(v: Mapping[str, float], w: Callable[[float], float]) -> dict[str, float]:
@@ -165,8 +165,8 @@ def passage(v: Mapping[str, float], w: Callable[[float], float]) -> dict[str, fl
             w2 = (J2 * w2 + m2 * e * sin(p2) * vx) / (J2 + m2 * (e * sin(p2)) ** 2)
         on_wall = not on_wall
     times = {"falling": landed, "joint": hooked - landed, "turning": left - hooked}
-    found = {f"t_{name}": float(time) for name, time in (times | {"released": t - left}).items()}
-    return found | {
+    solution = {f"t_{name}": float(time) for name, time in (times | {"released": t - left}).items()}
+    return solution | {
         "orientation_time": t,
         "corner_impulse": float(S_y),
         "wall_impulse": float(S_k),

@@ -22,7 +22,7 @@ from components.slotted_link import model as slotted_link
 from components.speed_controller import model as speed_controller
 from components.unbalance_exciter import model as unbalance_exciter
 from fmukit.declare.record import Declaration, declarations, fill
-from fmukit.step import jet
+from fmukit.runtime import jet
 from tests.oracle import load_copy
 
 UNITS = pint.UnitRegistry()
@@ -72,11 +72,11 @@ def unit(declaration: Declaration) -> Any:
     return UNITS.parse_units("" if text == "1" else text)
 
 
-def quantities(cls: Any, value: float, given: dict[str, Any]) -> Any:
+def quantities(cls: Any, value: float, overrides: dict[str, Any]) -> Any:
     """A record whose reals are quantities near their start values, or as given."""
     values = []
     for name, d in declarations(cls):
-        number = given.get(name, (d.start or value) if d.kind == "Real" else d.start)
+        number = overrides.get(name, (d.start or value) if d.kind == "Real" else d.start)
         values.append(number if unit(d) is None else UNITS.Quantity(number, unit(d)))
     return fill(cls, values)
 
@@ -98,6 +98,6 @@ def test_every_equation_has_its_unit(
             if d.kind == "Real" and not d.held:
                 assert UNITS.Quantity(value).check(unit(d) / per), name
     if model is gravity_orientator or state.get("flying"):
-        ends = copy.jump(p, 0.0 * UNITS.s, x, u, 2 if model is iron_drive else 0)
+        ends = copy.event_update(p, 0.0 * UNITS.s, x, u, 2 if model is iron_drive else 0)
         for (name, d), value in zip(declarations(model.State), ends):
             assert not isinstance(value, pint.Quantity) or value.check(unit(d)), name

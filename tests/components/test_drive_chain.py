@@ -37,31 +37,38 @@ LOADS = {
 @pytest.mark.parametrize("name", LOADS)
 def test_the_coupled_chain_converges_to_one_system(name: str, fmus: Path) -> None:
     """From rest to the set speed, of order 1 and 2 as feedthrough has it; no wire carries a sign."""
-    load, own, shaft = LOADS[name]
-    chain = CHAIN | {"link": ("ShaftLink", link, shaft), "load": (name, load, own)}
-    parts = {word: part(model, **own) for word, (_, model, own) in chain.items()}
+    load, load_starts, shaft = LOADS[name]
+    chain = CHAIN | {"link": ("ShaftLink", link, shaft), "load": (name, load, load_starts)}
+    parts = {word: part(model, **load_starts) for word, (_, model, load_starts) in chain.items()}
     system = System(
         {word: fmus / "native" / f"{fmu}.fmu" for word, (fmu, _, _) in chain.items()},
         WIRES,
-        {f"{word}.{n}": value for word, (_, _, own) in chain.items() for n, value in own.items()},
+        {
+            f"{word}.{n}": value
+            for word, (_, _, load_starts) in chain.items()
+            for n, value in load_starts.items()
+        },
     )
 
     def feed(x: dict[str, Any]) -> list[Any]:
         w = x["gear"].w_a
-        asked, ends = controller.Inputs(100.0, w), link.Inputs(w / 5.0, x["load"].w)
-        v = 2.5 * controller.outputs(parts["controller"].p, 0.0, x["controller"], asked).tau
+        controller_inputs, ends = controller.Inputs(100.0, w), link.Inputs(w / 5.0, x["load"].w)
+        v = (
+            2.5
+            * controller.outputs(parts["controller"].p, 0.0, x["controller"], controller_inputs).tau
+        )
         T = link.outputs(parts["link"].p, 0.0, x["link"], ends).tau_b
         gear = gearbox.Inputs(0.2 * x["motor"].i, -T)
-        return [motor.Inputs(v, w), asked, gear, ends, load.Inputs(T)]
+        return [motor.Inputs(v, w), controller_inputs, gear, ends, load.Inputs(T)]
 
     t = np.linspace(0.0, 1.0, 101)
     wanted = joined(parts, feed, t, rtol=1e-10, atol=1e-11, max_step=2e-3)["load"].w
     assert wanted[-1] > 15.0
     for order, last in ((0, 3e-3), (1, 1e-4)):
-        found = [
+        speeds = [
             run(system, stop=1.0, step=step, output_step=0.01, input_order=order)["load.w"]
             for step in (1e-3, 5e-4, 2.5e-4)
         ]
-        errors = [np.abs(w - wanted).max() / wanted.max() for w in found]
+        errors = [np.abs(w - wanted).max() / wanted.max() for w in speeds]
         assert errors[-1] < last
         assert all(fine < (0.55, 0.3)[order] * coarse for coarse, fine in pairwise(errors))

@@ -23,8 +23,8 @@ from components.shaft_link import model as link
 from components.speed_controller import model as controller
 from components.unbalance_exciter import model as exciter
 from fmukit.declare.record import start
-from fmukit.step import hybrid as motion
-from fmukit.step import ode
+from fmukit.runtime import hybrid as motion
+from fmukit.runtime import ode
 from tests.oracle import TIGHT, Part, joined, part, symbolic
 
 
@@ -33,9 +33,9 @@ def rotor(J: float, w: float = 0.0) -> Part:
     return part(gearbox, i=1.0, eta=1.0, J=J, w_a=w)
 
 
-def differs(found: Any, wanted: Any) -> float:
+def differs(actual: Any, wanted: Any) -> float:
     """The largest difference over the largest value."""
-    return float(np.abs(found - np.asarray(wanted)).max() / np.abs(wanted).max())
+    return float(np.abs(actual - np.asarray(wanted)).max() / np.abs(wanted).max())
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
@@ -48,18 +48,18 @@ def test_motor_on_an_inertia_runs_up_as_the_closed_solution(
     R, L, k = parts["motor"].p
     root = cmath.sqrt((R / L) ** 2 - 4 * k**2 / (J * L))
     assert (root.imag > 0.0) == swings
-    one, two = (-R / L + root) / 2, (-R / L - root) / 2
-    a, b = np.exp(one * t), np.exp(two * t)
-    w = 48.0 / k * (1 + (two * a - one * b) / (one - two)).real
-    i = 48.0 * J / k**2 * (one * two * (a - b) / (one - two)).real
+    root_1, root_2 = (-R / L + root) / 2, (-R / L - root) / 2
+    a, b = np.exp(root_1 * t), np.exp(root_2 * t)
+    w = 48.0 / k * (1 + (root_2 * a - root_1 * b) / (root_1 - root_2)).real
+    i = 48.0 * J / k**2 * (root_1 * root_2 * (a - b) / (root_1 - root_2)).real
 
     def feed(x: dict[str, Any]) -> list[Any]:
         inputs = motor.Inputs(48.0, sign * x["rotor"].w_a)
         return [inputs, gearbox.Inputs(k * x["motor"].i, 0.0)]
 
-    found = joined(parts, feed, t)
-    off = max(differs(found["motor"].i, i), differs(found["rotor"].w_a, w))
-    assert (off < 1e-9) == (sign > 0.0)
+    actual = joined(parts, feed, t)
+    error = max(differs(actual["motor"].i, i), differs(actual["rotor"].w_a, w))
+    assert (error < 1e-9) == (sign > 0.0)
 
 
 @pytest.mark.parametrize("h", [1e-5, 3e-3, 0.1])
@@ -68,9 +68,9 @@ def test_motor_steps_exactly_and_its_power_balance_closes(h: float) -> None:
     p = start(motor.Parameters)
     for v0, v1, w0, w1, i in np.random.default_rng(1).uniform(-100, 100, (10, 5)):
         u0, u1, x = motor.Inputs(v0, w0), motor.Inputs(v1, w1), motor.State(i)
-        course = motion.Course(u0, u1, h)
+        trajectory = motion.InputTrajectory(u0, u1, h)
 
-        def slope(t: float, y: Any, line: Any = course) -> Any:
+        def slope(t: float, y: Any, line: Any = trajectory) -> Any:
             return motor.derivatives(p, t, motor.State(*y), line.at(t))
 
         wanted = solve_ivp(slope, (0.0, h), x, **(TIGHT | {"atol": 1e-11})).y[0, -1]
@@ -127,12 +127,12 @@ def test_gearbox_keeps_ratio_efficiency_and_balance_in_both_directions(i: float)
         u = gearbox.Inputs(draw.uniform(-9, 9), draw.uniform(-50, 50))
         y = gearbox.outputs(p, 0.0, x, u)
         assert (y.w_b, y.phi_b) == (x.w_a / i, x.phi_a / i)
-        beside = [gearbox.outputs(p, 0.0, x._replace(w_a=x.w_a + d), u).E_kin for d in (1, -1)]
-        stored = (beside[0] - beside[1]) / 2 * y.a_a
+        energy_pair = [gearbox.outputs(p, 0.0, x._replace(w_a=x.w_a + d), u).E_kin for d in (1, -1)]
+        stored = (energy_pair[0] - energy_pair[1]) / 2 * y.a_a
         from_a, to_b = u.tau_a * x.w_a - stored, -u.tau_b * y.w_b
-        given, taken = (from_a, to_b) if to_b > 0 else (-to_b, -from_a)
-        assert taken == pytest.approx(p.eta * given, rel=1e-9)
-        assert y.P_loss == pytest.approx(given - taken, rel=1e-9)
+        args, taken = (from_a, to_b) if to_b > 0 else (-to_b, -from_a)
+        assert taken == pytest.approx(p.eta * args, rel=1e-9)
+        assert y.P_loss == pytest.approx(args - taken, rel=1e-9)
         assert y.P_loss > 0.0
 
 
@@ -140,25 +140,25 @@ def test_gearbox_reverses_without_chatter_and_closes_its_energy() -> None:
     """Two straight lines of the speed through standstill under load, at few calls of the equations."""
     calls, it, t = [], part(gearbox, w_0=1e-4), np.linspace(0.0, 2.0, 401)
 
-    def counted(*given: Any) -> Any:
-        calls.append(given)
-        return gearbox.derivatives(*given)
+    def counted(*args: Any) -> Any:
+        calls.append(args)
+        return gearbox.derivatives(*args)
 
     model: Any = SimpleNamespace(State=gearbox.State, derivatives=counted)
-    states, course = [it.x], motion.Course(it.u, it.u, t[1])
+    states, trajectory = [it.x], motion.InputTrajectory(it.u, it.u, t[1])
     for now in t[:-1]:
-        states.append(motion.advance(model, it.p, now, states[-1], course))
+        states.append(motion.advance(model, it.p, now, states[-1], trajectory))
     phi, w = np.array(states).T
     forward, back = (2.0 - 3.0 / 0.9) / it.p.J, (2.0 - 3.0 * 0.9) / it.p.J
     turn = -100.0 / forward
     wanted = np.where(t < turn, 100.0 + forward * t, back * (t - turn))
     assert np.abs(w - wanted).max() < 1e-4
     assert len(calls) < 10_000
-    there, again = 100.0 * turn / 2, -w[-1] * (2.0 - turn) / 2
-    lost = 3.0 * (there * (1 / 0.9 - 1) + again * (1 - 0.9))
+    forward_turn, again = 100.0 * turn / 2, -w[-1] * (2.0 - turn) / 2
+    energy_loss = 3.0 * (forward_turn * (1 / 0.9 - 1) + again * (1 - 0.9))
     work, stored = (2.0 - 3.0) * phi[-1], it.p.J * (w[-1] ** 2 - 100.0**2) / 2
-    assert work == pytest.approx(stored + lost, rel=1e-5)
-    assert work != pytest.approx(stored - lost, rel=0.1)
+    assert work == pytest.approx(stored + energy_loss, rel=1e-5)
+    assert work != pytest.approx(stored - energy_loss, rel=0.1)
 
 
 def test_a_gearbox_without_a_ratio_is_refused_and_one_that_locks_is_warned_of() -> None:
@@ -175,8 +175,8 @@ def two_rotors(it: Part, times: Any, w: float = 3.0, sign: float = 1.0) -> Any:
         y = link.outputs(it.p, 0.0, x["it"], u)
         return [u, gearbox.Inputs(y.tau_a, 0.0), gearbox.Inputs(sign * y.tau_b, 0.0)]
 
-    found = joined({"it": it, "a": rotor(0.1, w), "b": rotor(0.4)}, feed, times, max_step=1e-3)
-    return found["it"].twist, found["a"].w_a, found["b"].w_a
+    actual = joined({"it": it, "a": rotor(0.1, w), "b": rotor(0.4)}, feed, times, max_step=1e-3)
+    return actual["it"].twist, actual["a"].w_a, actual["b"].w_a
 
 
 def test_two_inertias_swing_and_decay_as_the_closed_solution() -> None:
@@ -195,9 +195,11 @@ def test_shaft_flies_through_its_play_and_rebounds_as_the_closed_solution() -> N
     flight, contact = 0.02 / v, math.pi / w
     t = np.linspace(0.0, 1.999 * (flight + contact), 801)
     since = t % (flight + contact)
-    way = np.where(since < flight, v * since - 0.01, 0.01 + v / w * np.sin(w * (since - flight)))
-    found, w_a, w_b = two_rotors(it, t, v)
-    assert differs(found, np.where(t < flight + contact, way, -way)) < 1e-6
+    expected_twist = np.where(
+        since < flight, v * since - 0.01, 0.01 + v / w * np.sin(w * (since - flight))
+    )
+    actual, w_a, w_b = two_rotors(it, t, v)
+    assert differs(actual, np.where(t < flight + contact, expected_twist, -expected_twist)) < 1e-6
     assert 0.1 * w_a + 0.4 * w_b == pytest.approx(np.full(801, 0.3))
 
 
@@ -226,35 +228,37 @@ def test_exciter_obeys_lagrange_and_balances_its_power() -> None:
     model, t = symbolic(exciter), sympy.Symbol("t")
     names = "J m r d_r M c d tau phi w x v"
     J, m, r, d_r, M, c, d, tau, phi, w, x, v = symbols = sympy.symbols(names, real=True)
-    angle, place = (sympy.Function(name)(t) for name in ("phi", "x"))
-    mass = sympy.Matrix([place + r * sympy.cos(angle), r * sympy.sin(angle)]).diff(t)
-    spin, speed = angle.diff(t), place.diff(t)
+    angle, position = (sympy.Function(name)(t) for name in ("phi", "x"))
+    mass = sympy.Matrix([position + r * sympy.cos(angle), r * sympy.sin(angle)]).diff(t)
+    spin, speed = angle.diff(t), position.diff(t)
     kinetic = (M * speed**2 + J * spin**2 + m * mass.dot(mass)) / 2
-    lagrangian = kinetic - c * place**2 / 2
+    lagrangian = kinetic - c * position**2 / 2
     p = model.Parameters(model.Rotor(J, m, r, d_r), model.Mount(M, c, d))
     state, u = model.State(phi, w, x, v), model.Inputs(tau)
     rates, y = model.derivatives(p, t, state, u), model.outputs(p, t, state, u)
-    now = [(spin, w), (speed, v), (angle, phi), (place, x)]
+    now = [(spin, w), (speed, v), (angle, phi), (position, x)]
 
-    def left(r_told: Any) -> list[Any]:
+    def left(radius_value: Any) -> list[Any]:
         """What is left of Lagrange's equations with the accelerations of a model for this radius."""
-        a, a_x = (rate.subs(r, r_told) for rate in (rates.w, rates.v))
+        a, a_x = (rate.subs(r, radius_value) for rate in (rates.w, rates.v))
         return [
             (lagrangian.diff(rate).diff(t) - lagrangian.diff(q) - outer).subs(
-                [(angle.diff(t, 2), a), (place.diff(t, 2), a_x), *now]
+                [(angle.diff(t, 2), a), (position.diff(t, 2), a_x), *now]
             )
-            for q, rate, outer in ((angle, spin, tau - d_r * spin), (place, speed, -d * speed))
+            for q, rate, outer in ((angle, spin, tau - d_r * spin), (position, speed, -d * speed))
         ]
 
     flow = sum((y.E_kin + y.E_pot).diff(q) * rate for q, rate in zip(state, rates))
-    moved = (M * speed + m * mass[0]).diff(t)
-    moved = moved.subs([(angle.diff(t, 2), rates.w), (place.diff(t, 2), rates.v), *now])
-    balances = [flow + y.P_loss - tau * w, kinetic.subs(now) - y.E_kin, moved + y.f]
-    told = sympy.lambdify(symbols, [*left(r), *balances, *left(-r)])
+    momentum_rate = (M * speed + m * mass[0]).diff(t)
+    momentum_rate = momentum_rate.subs(
+        [(angle.diff(t, 2), rates.w), (position.diff(t, 2), rates.v), *now]
+    )
+    balances = [flow + y.P_loss - tau * w, kinetic.subs(now) - y.E_kin, momentum_rate + y.f]
+    balance_values = sympy.lambdify(symbols, [*left(r), *balances, *left(-r)])
     draw = random.Random(4)
     for _ in range(50):
         at = [draw.uniform(0.5, 2.0) for _ in range(8)] + [draw.uniform(-9, 9) for _ in range(4)]
-        *nothing, wrong, wrong_x = told(*at)
+        *nothing, wrong, wrong_x = balance_values(*at)
         assert nothing == pytest.approx([0.0] * 5, abs=1e-8)
         assert max(abs(wrong), abs(wrong_x)) > 1e-2
 
@@ -263,11 +267,11 @@ def test_exciter_left_alone_keeps_its_energy_and_converges() -> None:
     """With fixed steps of the integrator: of order 5."""
     values = {"rotor.d": 0.0, "mount.d": 0.0, "tau": 0.0, "phi": 0.3, "w": 60.0, "x": 2e-3}
     it, errors = part(exciter, **values), []
-    found = joined({"it": it}, lambda x: [it.u], np.linspace(0.0, 5.0, 251))["it"]
-    told = [exciter.outputs(it.p, 0.0, exciter.State(*y), it.u) for y in zip(*found)]
-    stored = np.array([y.E_kin + y.E_pot for y in told])
+    actual = joined({"it": it}, lambda x: [it.u], np.linspace(0.0, 5.0, 251))["it"]
+    balance_values = [exciter.outputs(it.p, 0.0, exciter.State(*y), it.u) for y in zip(*actual)]
+    stored = np.array([y.E_kin + y.E_pot for y in balance_values])
     assert stored == pytest.approx(np.full(251, stored[0]), rel=1e-9)
-    assert np.ptp([y.E_pot for y in told]) > 1e-3 * stored[0]
+    assert np.ptp([y.E_pot for y in balance_values]) > 1e-3 * stored[0]
 
     def slope(t: float, x: Any) -> Any:
         return exciter.derivatives(it.p, t, exciter.State(*x), it.u)
@@ -276,7 +280,7 @@ def test_exciter_left_alone_keeps_its_energy_and_converges() -> None:
         x: Any = it.x
         for _ in range(steps):
             x = ode.attempt(slope, 0.0, x, slope(0.0, x), 0.2 / steps, [1.0] * 4)[0]
-        errors.append(abs(x[2] - found.x[10]))
+        errors.append(abs(x[2] - actual.x[10]))
     assert [math.log2(a / b) for a, b in pairwise(errors)] == pytest.approx([5.0] * 2, abs=0.1)
 
 
@@ -287,9 +291,9 @@ def test_mount_shakes_as_the_formula_for_a_small_unbalance(w: float) -> None:
     answer = 0.01 * 0.05 * w**2 / complex(50000.0 - 19.51 * w**2, 200.0 * w)
     it = part(exciter, **values, w=w, x=answer.real, v=(1j * w * answer).real)
     t = np.linspace(0.0, 4.0, 4001)
-    found = joined({"it": it}, lambda x: [it.u], t)["it"]
+    actual = joined({"it": it}, lambda x: [it.u], t)["it"]
     for sign in (1, -1):
         wanted = (answer * np.exp(1j * sign * w * t)).real
-        assert (differs(found.x, wanted) < 1e-6) == (sign > 0)
-    force = [exciter.outputs(it.p, 0.0, exciter.State(*y), it.u).f for y in zip(*found)]
+        assert (differs(actual.x, wanted) < 1e-6) == (sign > 0)
+    force = [exciter.outputs(it.p, 0.0, exciter.State(*y), it.u).f for y in zip(*actual)]
     assert max(force) == pytest.approx(abs(answer * complex(50000.0, 200.0 * w)), rel=1e-3)

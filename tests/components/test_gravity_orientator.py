@@ -20,10 +20,10 @@ import sympy
 from components.gravity_orientator import model
 from components.gravity_orientator.model import Reason, Stage
 from fmukit.declare.record import start
-from fmukit.step import hybrid as motion
+from fmukit.runtime import hybrid as motion
 from tests.hosts.fmus import resident
 from tests.hosts.host import MESSAGES, Unit
-from tests.oracle import drawn
+from tests.oracle import random_parameters
 
 FMU = "GravityOrientator.fmu"
 RPM = pi / 30
@@ -71,15 +71,17 @@ INSTANTS = {
 def passage(n: Any, mu: Any, h: float = 1e-3, component: Any = model) -> Any:
     """Parameters, end and events (t, before, after) of a product; n rpm, or the speed at a step."""
     p = start(model.Parameters, **{"chute.mu": mu}) if isinstance(mu, float) else mu
-    x, before, seen = motion.settle(component, p, start(model.State)), None, []
+    x, before, recorded = motion.settle(component, p, start(model.State)), None, []
     for k in range(math.ceil(3.0 / h)):
         u = model.Inputs(RPM * (n(k * h) if callable(n) else n), True)
         x, before = motion.sample(component, p, k * h, x, before, u), u
         if x.stage in MOVING:
-            for s, old, new in motion.events(component, p, k * h, x, motion.Course(u, u, h)):
-                seen += [(k * h + s, old, new)] if new is not old else []
+            for s, old, new in motion.events(
+                component, p, k * h, x, motion.InputTrajectory(u, u, h)
+            ):
+                recorded += [(k * h + s, old, new)] if new is not old else []
             x = motion.settle(component, p, new)
-    return p, x, seen
+    return p, x, recorded
 
 
 def machine(fmus: Path, n: float, mu: float, h: float, stop: float = 1.0, **values: Any) -> Unit:
@@ -108,14 +110,16 @@ def test_orientation_takes_the_reference_time_at_every_communication_step(
     n: int, column: int, fmus: Path
 ) -> None:
     mu = (0.2, 0.35, 0.5)[column]
-    seen = []
+    recorded = []
     for folder, h in ((fmus / "native", 1e-4), (fmus, 1e-3), (fmus, 2e-2)):
         unit = machine(folder, n, mu, h)
-        seen.append(read(unit, *ROUTE, *model.State._fields[:8], "S_x", "S_y", "S_k", "P_B", "P_K"))
-    assert seen[0][4] == pytest.approx(ORIENTATION_TIMES[n][column], abs=1e-10)
-    assert seen[0][:4] == pytest.approx(DURATIONS.get((mu, n), seen[0][:4]), abs=1e-10)
-    for other in seen[1:]:
-        assert other == pytest.approx(seen[0], rel=1e-10, abs=1e-11)
+        recorded.append(
+            read(unit, *ROUTE, *model.State._fields[:8], "S_x", "S_y", "S_k", "P_B", "P_K")
+        )
+    assert recorded[0][4] == pytest.approx(ORIENTATION_TIMES[n][column], abs=1e-10)
+    assert recorded[0][:4] == pytest.approx(DURATIONS.get((mu, n), recorded[0][:4]), abs=1e-10)
+    for other in recorded[1:]:
+        assert other == pytest.approx(recorded[0], rel=1e-10, abs=1e-11)
 
 
 def test_states_energies_and_impulses_are_the_reference_ones(fmus: Path) -> None:
@@ -128,16 +132,16 @@ def test_states_energies_and_impulses_are_the_reference_ones(fmus: Path) -> None
     for state, kinetic in zip(states, ENERGIES):
         assert model.outputs(p, 0.0, state, u).E_kin == pytest.approx(kinetic, rel=5e-9)
     unit = machine(fmus, 40, 0.35, 2e-2)
-    found = read(unit, "S_x", "S_y", "S_k", "P_B", "P_K")
-    assert found == pytest.approx(IMPULSES, rel=1e-8)
+    actual = read(unit, "S_x", "S_y", "S_k", "P_B", "P_K")
+    assert actual == pytest.approx(IMPULSES, rel=1e-8)
     assert read(unit, *model.State._fields[:8]) == pytest.approx(INSTANTS["oriented"], rel=5e-10)
 
 
 def test_without_speed_the_product_flies_from_its_release_and_falls_as_in_the_formula() -> None:
-    (*_, (released, _, new), (lost, old, flying), (t, before, _)) = passage(0, 0.35)[2]
-    assert released == lost == pytest.approx(0.1834961, abs=5e-8)
+    (*_, (released, _, new), (leaving, old, flying), (t, before, _)) = passage(0, 0.35)[2]
+    assert released == leaving == pytest.approx(0.1834961, abs=5e-8)
     assert (old.contact, flying.contact, numbers(flying)) == (True, False, numbers(new))
-    assert before.vyc == pytest.approx(flying.vyc + 9.81 * (t - lost), abs=1e-12)
+    assert before.vyc == pytest.approx(flying.vyc + 9.81 * (t - leaving), abs=1e-12)
     assert passage(0, 0.35)[2][0][0] == pytest.approx(math.sqrt(2 * 0.04 / 9.81), abs=1e-14)
 
 
@@ -206,23 +210,29 @@ def residuals(p: Any, old: Any, new: Any) -> list[float]:
     centre, v = complex(old.xc, old.yc), complex(new.vxc, new.vyc)
     push, kicked = m * (v - complex(old.vxc, old.vyc)), (h - l2) * axis
     turn, slides = J2 * (new.w2 - old.w2), (v + 1j * new.w2 * kicked).real
-    place, on_catcher, on_wall = centre, 0.0, 0.0
+    location, on_catcher, on_wall = centre, 0.0, 0.0
     match old.stage, new.stage:
         case Stage.falling, _:
-            place, on_catcher, on_wall = l1 * arm, complex(new.S_x, new.S_y), new.S_k
-            apart = v + 1j * new.w2 * (place - centre) - 1j * new.w1 * place
-            along = [apart.real, apart.imag, slides]
+            location, on_catcher, on_wall = l1 * arm, complex(new.S_x, new.S_y), new.S_k
+            relative_velocity = v + 1j * new.w2 * (location - centre) - 1j * new.w1 * location
+            along = [relative_velocity.real, relative_velocity.imag, slides]
         case Stage.joint, _:
-            place, on_catcher, on_wall = (l1 - 1j * h1) * arm, new.P_B * 1j * axis, new.P_K
-            apart = v + 1j * new.w2 * (place - centre) - 1j * new.w1 * place
-            along = [(apart / (1j * axis)).real, slides]
+            location, on_catcher, on_wall = (l1 - 1j * h1) * arm, new.P_B * 1j * axis, new.P_K
+            relative_velocity = v + 1j * new.w2 * (location - centre) - 1j * new.w1 * location
+            along = [(relative_velocity / (1j * axis)).real, slides]
         case Stage.released, Stage.released if new.contact and not old.contact:
             on_wall, along = -push.real, [slides]
         case _:
             return [push.real, push.imag, turn, new.w1]
     push += on_catcher + on_wall
-    turn += cross(place - centre, on_catcher) + cross(kicked, on_wall)
-    return [push.real, push.imag, turn, J1 * (new.w1 - old.w1) - cross(place, on_catcher), *along]
+    turn += cross(location - centre, on_catcher) + cross(kicked, on_wall)
+    return [
+        push.real,
+        push.imag,
+        turn,
+        J1 * (new.w1 - old.w1) - cross(location, on_catcher),
+        *along,
+    ]
 
 
 def cross(arm: complex, force: complex) -> float:
@@ -230,14 +240,14 @@ def cross(arm: complex, force: complex) -> float:
 
 
 def test_momentum_is_balanced_at_every_impact() -> None:
-    seen = []
+    recorded = []
     for n, mu in PASSAGES[:-1]:
         p, _, events = passage(n, mu)
         for _, old, new in events:
             if new.w1 != old.w1 or new.w2 != old.w2:
                 assert max(map(abs, residuals(p, old, new))) < 1e-13
-                seen.append(old.stage)
-    assert {Stage.falling, Stage.joint, Stage.released} == set(seen)
+                recorded.append(old.stage)
+    assert {Stage.falling, Stage.joint, Stage.released} == set(recorded)
 
 
 @functools.cache
@@ -282,15 +292,15 @@ def lagrange() -> Any:
     friction = -sympy.Matrix([point.diff(x) for x in q])
 
     along, across = sympy.sqrt(2 * (J2 - J_a / 2) / m2), sympy.sqrt(J_a / m2)
-    places = [along * a, -along * a, across * n, -across * n]
-    pushes = [-2 * m2 / 4 * -w * (C + x).diff(t)[0] for x in places]
-    moments = [push * x.dot(a) for push, x in zip(pushes, places)]
+    points = [along * a, -along * a, across * n, -across * n]
+    pushes = [-2 * m2 / 4 * -w * (C + x).diff(t)[0] for x in points]
+    moments = [push * x.dot(a) for push, x in zip(pushes, points)]
     at_end = (sum(moments) + l2 * sum(pushes)) / h
     sides = sympy.zeros(4, 1)
-    for push, spot in ((at_end, C + e * a), (sum(pushes) - at_end, C - l2 * a)):
-        v = spot.diff(t)
+    for push, location in ((at_end, C + e * a), (sum(pushes) - at_end, C - l2 * a)):
+        v = location.diff(t)
         heading = v / sympy.sqrt(v.dot(v) + creep**2)
-        sides -= mu_s * sympy.Abs(push) * spot.jacobian(q).T * heading
+        sides -= mu_s * sympy.Abs(push) * location.jacobian(q).T * heading
 
     slip = sum((((B - C).dot(a)).diff(x) * x.diff(t) for x in q), 0)
     rubbed = slip / sympy.sqrt(slip**2 + creep**2) * sympy.Matrix([slip.diff(x) for x in rates])
@@ -323,8 +333,8 @@ def accelerations(p: Any, x: Any, w: float) -> list[float]:
     with mpmath.workdps(30):
         values = [*p.cup, *p.catcher, p.spring.c, *p.chute, *p.neglected, p.g, w]
         positions = [x.phi1, x.phi2, x.xc, x.yc, x.w1, x.w2, x.vxc, x.vyc]
-        known = map(mpmath.mpf, [*values, *positions])
-        mass, load, friction, slope, bend, sides, catcher, touches = lagrange()[x.stage](*known)
+        arguments = map(mpmath.mpf, [*values, *positions])
+        mass, load, friction, slope, bend, sides, catcher, touches = lagrange()[x.stage](*arguments)
         friction, push = p.chute.mu * friction, slope.T
         load = load + sides
         if x.stage == Stage.released:
@@ -344,15 +354,15 @@ def solve(mass: Any, push: Any, slope: Any, load: Any, bend: Any) -> Any:
     return mpmath.lu_solve(system, mpmath.matrix([*load, *(-bend)]))
 
 
-ROUGH = {"mu_side": 0.4, "mu_catcher": 0.3, "rim": 2e-3, "creep": 0.05, "anchored": True}
-WHOLE = {f"neglected.{name}": value for name, value in ROUGH.items()}
+FRICTIONAL = {"mu_side": 0.4, "mu_catcher": 0.3, "rim": 2e-3, "creep": 0.05, "anchored": True}
+ALL_NEGLECTED = {f"neglected.{name}": value for name, value in FRICTIONAL.items()}
 
 
-def products(stage: Stage, count: int, **given: Any) -> Any:
+def products(stage: Stage, count: int, **options: Any) -> Any:
     """Random machines with a product in this stage."""
     draw = random.Random(int(stage))
     for _ in range(count):
-        p = drawn(model, draw, 0.15, **given)
+        p = random_parameters(model, draw, 0.15, **options)
         phi1 = draw.uniform(p.catcher.phi, model.flush(p))
         phi2 = draw.uniform(5.6, 6.4) if stage == Stage.turning else draw.uniform(6.3, 7.8)
         x = start(model.State, stage=int(stage), phi1=phi1, w1=draw.uniform(-5, 5), phi2=phi2,
@@ -360,9 +370,9 @@ def products(stage: Stage, count: int, **given: Any) -> Any:
         yield p, model.settle(p, x), draw.uniform(0, 9)
 
 
-def differences(component: Any, stage: Stage, **given: Any) -> Any:
+def differences(component: Any, stage: Stage, **options: Any) -> Any:
     """Per random state, how far a component is from Lagrange's equations, over the largest."""
-    for p, x, w in products(stage, 50, **given):
+    for p, x, w in products(stage, 50, **options):
         a1, a2, ax, ay, N_K, N_B = component.MECHANICS[stage](p, x, w)
         derived = accelerations(p, x, w)
         turned, pushed = [a1 - derived[0], a2 - derived[1]], [ax - derived[2], ay - derived[3]]
@@ -372,10 +382,12 @@ def differences(component: Any, stage: Stage, **given: Any) -> Any:
         yield max(abs(z) / scale for part, scale in parts for z in part)
 
 
-@pytest.mark.parametrize("given", [{}, WHOLE], ids=["as in the paper", "what it neglects"])
+@pytest.mark.parametrize(
+    "options", [{}, ALL_NEGLECTED], ids=["as in the paper", "what it neglects"]
+)
 @pytest.mark.parametrize("stage", [Stage.joint, Stage.turning, Stage.released])
-def test_accelerations_and_reactions_follow_from_lagrange(stage: Stage, given: Any) -> None:
-    assert max(differences(model, stage, **given)) < 1e-12
+def test_accelerations_and_reactions_follow_from_lagrange(stage: Stage, options: Any) -> None:
+    assert max(differences(model, stage, **options)) < 1e-12
 
 
 SLIPS = {
@@ -392,7 +404,7 @@ SLIPS = {
 @pytest.mark.parametrize("slip", SLIPS)
 def test_a_wrong_sign_in_what_the_paper_neglects_is_not_lagranges(slip: str) -> None:
     stage, swap = SLIPS[slip]
-    assert sorted(differences(variant(swap), stage, **WHOLE))[40] > 1e-5
+    assert sorted(differences(variant(swap), stage, **ALL_NEGLECTED))[40] > 1e-5
 
 
 def test_velocities_are_the_transfer_functions_times_the_speeds_of_catcher_and_cup() -> None:
@@ -400,10 +412,10 @@ def test_velocities_are_the_transfer_functions_times_the_speeds_of_catcher_and_c
         for p, x, w in products(stage, 20):
             y = model.outputs(p, 0.0, x, model.Inputs(w, True))
             v_K = x.vyc + (p.cup.h - p.cup.l) * cos(x.phi2) * x.w2
-            for found, by_1, by_2 in (
+            for actual, by_1, by_2 in (
                 (x.vxc, y.u_xc1, y.u_xc2), (x.vyc, y.u_yc1, y.u_yc2), (v_K, y.u_yK1, y.u_yK2)
             ):  # fmt: skip
-                assert by_1 * x.w1 + by_2 * x.w2 == pytest.approx(found, rel=1e-12, abs=1e-15)
+                assert by_1 * x.w1 + by_2 * x.w2 == pytest.approx(actual, rel=1e-12, abs=1e-15)
             ahead = model.settle(p, x._replace(phi1=x.phi1 + 1e-6))
             back = model.settle(p, x._replace(phi1=x.phi1 - 1e-6))
             slope = [(a - b) / 2e-6 for a, b in zip(ahead[:6], back[:6])]
@@ -417,10 +429,10 @@ def variant(*swaps: tuple[str, str]) -> Any:
     for old, new in swaps:
         assert text.count(old) == 1, old
         text = text.replace(old, new)
-    made = types.ModuleType(model.__name__)
-    made.__package__ = model.__package__
-    exec(text, made.__dict__)  # noqa: S102
-    return made
+    module = types.ModuleType(model.__name__)
+    module.__package__ = model.__package__
+    exec(text, module.__dict__)  # noqa: S102
+    return module
 
 
 SPRING, LYING = "spring * cos(phi1)", "new = settle(p, over(x, t, Stage.turning, w1=w1, w2=w2))"
@@ -441,7 +453,7 @@ MISPRINTS = {
         [(SPRING, "spring * cos(phi10)")]),
     "6: F_1 at the end of the arm": (Stage.joint, {(0.35, 40): 0.262616, (0.5, 60): 0.378404},
         [("half * (F_1", "half * (2 * F_1")]),
-    "10: speeds carried over the hook": (None, {(0.35, 40): 0.274044, (0.5, 60): 0.421317},
+    "10: speeds carried_rows over the hook": (None, {(0.35, 40): 0.274044, (0.5, 60): 0.421317},
         [(LYING, LYING.replace("w1=w1, w2=w2", "w1=x.w1, w2=x.w2"))]),
     "11: a wall that pulls": (None, {(0.35, 0): 0.236794},
         [("return pressure(p, x, w)", "return 1.0")]),
@@ -500,8 +512,8 @@ def test_the_landing_solves_its_seven_equations_and_equation_6_as_printed_does_n
 def test_orientation_fails_above_the_limit_of_the_speed(
     mu: float, limit: float, reason: int
 ) -> None:
-    for off in (1.0, 2e-5):
-        below, above = (passage(limit + sign * off, mu)[1] for sign in (-1, 1))
+    for offset in (1.0, 2e-5):
+        below, above = (passage(limit + sign * offset, mu)[1] for sign in (-1, 1))
         assert (below.stage, below.oriented, below.jammed) == (Stage.oriented, 1, 0)
         assert (above.stage, above.reason, above.jammed) == (Stage.jammed, reason, 1)
 
@@ -571,7 +583,7 @@ def test_every_step_of_a_passage_can_be_redone_to_the_bit(
     h: float, serialised: bool, fmus: Path
 ) -> None:
     unit, other = Unit(fmus / FMU).start(release=False), Unit(fmus / FMU)
-    saved, seen, stages = [], [], set()
+    saved, recorded, stages = [], [], set()
 
     def advance(some: Unit, k: int) -> list[Any]:
         return some.set(w=RPM * (35 + k % 2), release=k > 0).step(k * h, h).outputs()
@@ -579,7 +591,7 @@ def test_every_step_of_a_passage_can_be_redone_to_the_bit(
     for k in range(math.ceil(0.29 / h)):
         saved.append(unit.fmi.getFMUstate())
         stages.add((unit.get("stage"), unit.get("contact")))
-        seen.append(advance(unit, k))
+        recorded.append(advance(unit, k))
     assert {*zip((6, 0, 1, 2, 3), itertools.repeat(1)), (3, 0)} <= stages
     for k in random.Random(1).sample(range(len(saved)), len(saved)):
         state, redone = saved[k], unit
@@ -587,7 +599,7 @@ def test_every_step_of_a_passage_can_be_redone_to_the_bit(
             content = unit.fmi.serializeFMUstate(state)
             state, redone = other.fmi.deSerializeFMUstate(content), other
         redone.fmi.setFMUstate(state)
-        assert advance(redone, k) == seen[k]
+        assert advance(redone, k) == recorded[k]
 
 
 def test_a_product_waits_for_an_edge_and_an_early_one_is_counted(fmus: Path) -> None:
@@ -663,11 +675,11 @@ def test_products_in_a_row_neither_drift_nor_grow(count: int, fmus: Path) -> Non
             unit.set(w=RPM * n, release=True).step(h * next(now), h)
             if unit.get("stage") in (Stage.oriented, Stage.jammed):
                 break
-        found = read(unit, *ROUTE, "reason")
-        assert found == pytest.approx(first.setdefault(mean, found), abs=1e-10)
+        actual = read(unit, *ROUTE, "reason")
+        assert actual == pytest.approx(first.setdefault(mean, actual), abs=1e-10)
         unit.set(release=False).step(h * next(now), h)
         memory.append(resident())
-        reasons.append(found[-1])
+        reasons.append(actual[-1])
     oriented = reasons.count(0)
     assert 0 < oriented < count
     assert read(unit, "oriented", "jammed", "missed") == [oriented, count - oriented, 0]

@@ -17,10 +17,10 @@ import pytest
 from components.iron_drive import model as iron
 from cosim import System, run
 from fmukit.declare.record import declarations, replace, start
-from fmukit.step import hybrid as motion
+from fmukit.runtime import hybrid as motion
 from tests.components.iron_oracle import OneSystem, by_material_points, tables
 from tests.hosts.host import MESSAGES, Unit
-from tests.oracle import drawn
+from tests.oracle import random_parameters
 
 NOMINAL = 4 * pi / 3
 MOTOR = {"A": 4.0, "B": 0.025, "T": 0.012}
@@ -98,7 +98,7 @@ def states(wrap: iron.Wrap, count: int) -> Iterator[Any]:
     draw = random.Random(2)
     for _ in range(count):
         side = draw.choice(list(iron.Side))
-        p = drawn(iron, draw, 0.1, wrap=wrap, **{"spring.side": side})
+        p = random_parameters(iron, draw, 0.1, wrap=wrap, **{"spring.side": side})
         yield p, draw.uniform(-9, 9), draw.uniform(-9, 9), draw.uniform(-9, 9)
 
 
@@ -199,7 +199,7 @@ def test_stall_and_stick_as_one_system() -> None:
     assert (end.phi, end.E_friction) == (x.phi, x.E_friction)
     assert end.tau == pytest.approx(0.10, rel=1e-12)
     at = iron.position(p, radians(50))
-    for limit, K, factor, moved in (
+    for limit, K, factor, turned_angle in (
         (0.155304038, p.friction.K_down, 0.999, -8.42e-6),
         (0.181371849, p.friction.K_up, 1.001, 9.80e-6),
         (0.155304038, p.friction.K_down, 1.001, 0.0),
@@ -208,7 +208,7 @@ def test_stall_and_stick_as_one_system() -> None:
         assert (at.Pi_1 - K * at.W_0 * at.H.first) / 36 == pytest.approx(limit, abs=1e-9)
         motor = {"A": limit * factor, "B": 0.025, "T": 0.012}
         line = OneSystem(p, motor, phi=radians(50), tau=limit * factor)
-        assert line.to(0.05).phi - radians(50) == pytest.approx(moved, rel=2e-3, abs=1e-300)
+        assert line.to(0.05).phi - radians(50) == pytest.approx(turned_angle, rel=2e-3, abs=1e-300)
 
 
 @pytest.mark.slow
@@ -236,7 +236,7 @@ def coast(p: Any, w: float, stop: float) -> Any:
     """The state of a drive with a heavy rotor that turns at this speed, without torque."""
     u = iron.Inputs(0.0)
     x = iron.sample(p, 0.0, replace(start(iron.State), w_cam=w), None, u)
-    return motion.advance(iron, p, 0.0, x, motion.Course(u, u, stop))
+    return motion.advance(iron, p, 0.0, x, motion.InputTrajectory(u, u, stop))
 
 
 @pytest.mark.parametrize(
@@ -270,14 +270,14 @@ def test_the_communication_step_does_not_matter(
 ) -> None:
     ends = []
     for folder, h in ((fmus / "native", 1e-4), (fmus, 1e-3), (fmus, 7e-3)):
-        unit, seen = (
+        unit, recorded = (
             Unit(folder / "IronDrive.fmu").start(on_invalid=1, tau=tau, phi=phi, w_cam=w),
             [],
         )
         for n in range(round(0.7 / h)):
-            seen.append(unit.get("direction"))
+            recorded.append(unit.get("direction"))
             unit.step(n * h, h)
-        assert [direction for direction, _ in itertools.groupby(seen)] == directions
+        assert [direction for direction, _ in itertools.groupby(recorded)] == directions
         ends.append([unit.get(name) for name in ("phi", "w_cam", "E_friction")])
     assert ends[1] == pytest.approx(ends[0], abs=1e-9)
     assert ends[2] == pytest.approx(ends[0], abs=1e-9)
@@ -368,13 +368,13 @@ def test_bad_input_is_refused_and_the_process_lives_on(fmus: Path) -> None:
 
 
 def test_every_bound_of_the_specification_is_declared() -> None:
-    known = {name: d for name, d in declarations(iron.Parameters) if d.kind == "Real"}
+    declared_reals = {name: d for name, d in declarations(iron.Parameters) if d.kind == "Real"}
     free = {"cam.gamma", "rocker.gamma", "rocker.alpha0", "spring.e_0"}
     free |= {"friction.K_down", "friction.K_up"}
     zero = {"cam.h", "cam.top", "cam.r", "rocker.r", "spring.c", "spring.m", "follower.e"}
     zero |= {f"joints.{joint}" for joint in ("cam", "rocker", "link", "sprocket")}
-    assert {name for name, d in known.items() if d.min is None} == free
-    assert {name for name, d in known.items() if d.min == 0.0 and not d.positive} == zero
+    assert {name for name, d in declared_reals.items() if d.min is None} == free
+    assert {name for name, d in declared_reals.items() if d.min == 0.0 and not d.positive} == zero
 
 
 def test_a_geometric_refusal_names_the_cam_angle() -> None:
@@ -413,8 +413,8 @@ def test_where_the_follower_lifts_off_the_fmu_stops_or_warns_once_per_episode(fm
     edges = [a and not b for a, b in itertools.pairwise(valid)]
     assert sum(edges) == len([m for m in MESSAGES if "cam follower lifts off at phi" in m]) == 2
     assert valid[-1]
-    lost = Unit(fmus / "IronDrive.fmu").start(on_invalid=1, phi=3.1853, w_cam=9.0)
-    assert not lost.get("valid")
+    reason_for = Unit(fmus / "IronDrive.fmu").start(on_invalid=1, phi=3.1853, w_cam=9.0)
+    assert not reason_for.get("valid")
 
 
 def test_slack_of_the_chain_is_named() -> None:
@@ -423,14 +423,14 @@ def test_slack_of_the_chain_is_named() -> None:
     d = iron.dynamics(p, at, 4.0, 1, 6.0)
     pulls = {"W": d.W} | iron.forces(p, at, 4.0, d)._asdict()
 
-    def lost(**changed: float) -> str:
+    def reason_for(**changed: float) -> str:
         W, *forces = (pulls | changed).values()
-        return iron.lost(p, x, at, W, iron.Forces(*forces))
+        return iron.invalid_reason(p, x, at, W, iron.Forces(*forces))
 
-    assert lost() == ""
+    assert reason_for() == ""
     for name in ("T_span", "T_iron", "W"):
         expected = f"chain slack at phi = 0.8 rad, omega = 4.0 rad/s: {name} = -2.0 N"
-        assert lost(**{name: -2.0}) == expected
+        assert reason_for(**{name: -2.0}) == expected
 
 
 def test_the_state_is_consistent_when_initialisation_ends(fmus: Path) -> None:

@@ -15,11 +15,11 @@ import sympy as sp
 from components.iron_drive import model as iron
 from cosim import System, run
 from fmukit.declare.record import start
-from fmukit.step import hybrid
+from fmukit.runtime import hybrid
 from tests.components.iron_flight import DIMENSIONS, Reference, numbers, transfer
 from tests.components.test_iron_drive import MOTOR
 from tests.hosts.host import Unit
-from tests.oracle import drawn
+from tests.oracle import random_parameters
 
 FLIES: dict[str, Any] = {"follower.lifts": True}
 RUBS = {"joints.cam": 0.05, "joints.rocker": 0.1, "joints.link": 0.02, "joints.sprocket": 0.01}
@@ -31,7 +31,10 @@ TRANSFER = ("alpha_1", "alpha_2", "beta_1", "beta_2", "H_1", "H_2")
 @pytest.mark.parametrize("wrap", iron.Wrap)
 def test_transfer_functions_are_the_derivatives_of_the_papers_positions(wrap: iron.Wrap) -> None:
     draw = random.Random(3)
-    for p in [start(iron.Parameters, wrap=wrap), *(drawn(iron, draw, 0.1, wrap=wrap),) * 3]:
+    for p in [
+        start(iron.Parameters, wrap=wrap),
+        *(random_parameters(iron, draw, 0.1, wrap=wrap),) * 3,
+    ]:
         phi = draw.uniform(0.05, 0.95) * p.cam.rise
         wanted = map(float, transfer(wrap)(phi, *(numbers(p)[name] for name in DIMENSIONS)))
         y = iron.outputs(p, 0.0, start(iron.State, phi=phi, w_cam=1.0), iron.Inputs(0.1))
@@ -101,8 +104,10 @@ def test_energy_of_a_bouncing_drive_is_the_work_of_its_torque(fmus: Path) -> Non
     """Stored, rubbed off in guide and joints, and lost at landings."""
     for values, tau, phi, w, _, _ in CASES.values():
         inputs = {"tau": tau, "phi": phi, "w_cam": w} | FLIES | values
-        given = {f"iron.{name}": value for name, value in inputs.items()}
-        r = run(System({"iron": fmus / "native" / "IronDrive.fmu"}, [], given), stop=1.0, step=1e-3)
+        options = {f"iron.{name}": value for name, value in inputs.items()}
+        r = run(
+            System({"iron": fmus / "native" / "IronDrive.fmu"}, [], options), stop=1.0, step=1e-3
+        )
         energy = sum(r[f"iron.{name}"] for name in STORED)
         work = 36 * tau * (r["iron.phi"] - phi)
         assert r["iron.landings"][-1] >= 3
@@ -119,22 +124,22 @@ def test_an_impact_is_the_closed_solution_of_two_bodies() -> None:
     """Momentum along the transfer function, relative speed, loss; at a guide without friction."""
     w, v, w_1, v_1, P, a, J, I, e = sp.symbols("w v w_1 v_1 P a J I e")
     equations = [J * (w_1 - w) - a * P, I * (v_1 - v) + P, a * w_1 - v_1 + e * (a * w - v)]
-    found = sp.solve(equations, [w_1, v_1, P])
-    closed = sp.lambdify([w, v, a, J, I, e], [found[x] for x in (w_1, v_1, P)])
+    actual = sp.solve(equations, [w_1, v_1, P])
+    closed = sp.lambdify([w, v, a, J, I, e], [actual[x] for x in (w_1, v_1, P)])
     draw = random.Random(5)
     for _ in range(30):
         rest = {"friction.K_up": 0.0, "friction.K_down": 0.0, "reducer.J": draw.uniform(0, 1e-3)}
         p = start(iron.Parameters, **FLIES, **rest, **{"follower.e": draw.uniform(0.05, 1.0)})
         x, y, at = met(p, draw.uniform(-9, 9), draw.uniform(-9, 9), -draw.uniform(0.1, 9.0))
         a_1, J_c = at.alpha.first, iron.shaft(p)
-        meets, parts = (a_1 * s.w_cam - s.w_gap for s in (x, y))
-        wanted = closed(x.w_cam, meets, a_1, J_c, at.J_a, p.follower.e)
+        approach_rate, parts = (a_1 * s.w_cam - s.w_gap for s in (x, y))
+        wanted = closed(x.w_cam, approach_rate, a_1, J_c, at.J_a, p.follower.e)
         arm = iron.lever(p, at.alpha)
         assert [y.w_cam, parts, y.S_landing * arm] == pytest.approx(wanted, rel=1e-12)
         reduced = 1 / (a_1**2 / J_c + 1 / at.J_a)
         loss = (1 - p.follower.e**2) / 2 * reduced * x.w_gap**2
         before, after = (J_c * s.w_cam**2 / 2 for s in (x, y))
-        kinetic = before - after + at.J_a * (meets**2 - parts**2) / 2
+        kinetic = before - after + at.J_a * (approach_rate**2 - parts**2) / 2
         assert y.E_landing == pytest.approx(loss, rel=1e-12)
         assert kinetic == pytest.approx(loss, rel=1e-9)
         assert (y.E_friction, y.gap, y.flying) == (0.0, 0.0, True)
@@ -197,14 +202,14 @@ def test_bounces_on_a_cam_at_rest_end_as_a_ball_does() -> None:
     u, gap = iron.Inputs(0.0), 1e-6
     x = iron.sample(p, 0.0, start(iron.State, phi=5.0, gap=gap), None, u)
     fall = -iron.derivatives(p, 0.0, x, u).w_gap
-    course = hybrid.Course(u, u, 2e-3)
-    events = hybrid.events(iron, p, 0.0, x, course)
-    seen = [(t, old, new) for t, old, new in events if new.landings > old.landings]
+    trajectory = hybrid.InputTrajectory(u, u, 2e-3)
+    events = hybrid.events(iron, p, 0.0, x, trajectory)
+    recorded = [(t, old, new) for t, old, new in events if new.landings > old.landings]
     first, v = math.sqrt(2 * gap / fall), math.sqrt(2 * gap * fall)
-    times, bounces = [t for t, _, _ in seen], [-old.w_gap for _, old, _ in seen]
+    times, bounces = [t for t, _, _ in recorded], [-old.w_gap for _, old, _ in recorded]
     assert bounces[:6] == pytest.approx([v * 0.25**k for k in range(6)], rel=1e-5)
     assert times[-1] == pytest.approx(first + 2 * v / fall / 3, rel=1e-5)
-    end = seen[-1][2]
+    end = recorded[-1][2]
     assert not end.flying and (end.gap, end.w_gap) == (0.0, 0.0)
     J = iron.position(p, 5.0).J_a
     assert end.E_landing == pytest.approx(J * v * v / 2, rel=1e-5)
@@ -217,8 +222,8 @@ def test_where_nothing_lifts_the_option_changes_no_bit(fmus: Path) -> None:
         for lifts in (False, True):
             parts = {"motor": fmus / "DriveMotor.fmu", "iron": fmus / "native" / "IronDrive.fmu"}
             wires = ["motor.tau -> iron.tau", "iron.w -> motor.w"]
-            given = values | {"motor.T": 0.012, "motor.tau": 0.0, "iron.follower.lifts": lifts}
-            rows.append(run(System(parts, wires, given), stop=1.5, step=5e-3).data)
+            options = values | {"motor.T": 0.012, "motor.tau": 0.0, "iron.follower.lifts": lifts}
+            rows.append(run(System(parts, wires, options), stop=1.5, step=5e-3).data)
         assert np.array_equal(*rows)
 
 
@@ -239,10 +244,10 @@ def test_a_motor_drives_a_bouncing_follower_as_one_system(fmus: Path) -> None:
     motor = MOTOR | {"A": 8.0}
     p = start(iron.Parameters, **FLIES)
     end = Reference(p, 0.0, motor).run(0.0, 8.0, 0.6)
-    given = {f"motor.{name}": value for name, value in motor.items()}
-    given |= {"iron.phi": 0.0, "iron.w_cam": 8.0, "motor.tau": 0.0, "iron.follower.lifts": True}
+    options = {f"motor.{name}": value for name, value in motor.items()}
+    options |= {"iron.phi": 0.0, "iron.w_cam": 8.0, "motor.tau": 0.0, "iron.follower.lifts": True}
     parts = {"motor": fmus / "native/DriveMotor.fmu", "iron": fmus / "native/IronDrive.fmu"}
-    system = System(parts, ["motor.tau -> iron.tau", "iron.w -> motor.w"], given)
+    system = System(parts, ["motor.tau -> iron.tau", "iron.w -> motor.w"], options)
     fine, coarse = (run(system, stop=0.6, step=h, algorithm="strang") for h in (1e-4, 2e-4))
     assert fine["iron.landings"][-1] == len(end["landed"]) >= 2
     for name in ("phi", "w_cam", "E_landing", "E_friction", "t_flight"):
@@ -253,9 +258,9 @@ def test_a_motor_drives_a_bouncing_follower_as_one_system(fmus: Path) -> None:
 def test_the_chain_stays_taut_above_the_speed_of_lift_off(fmus: Path) -> None:
     """Held to the cam, the run of the chain would go slack at 8.54 rad/s, the iron at 9.11 rad/s."""
     for w in (8.6, 9.4, 12.0):
-        given = {"w_cam": w, "tau": 0.0, "reducer.J": 1e3, "phi": 0.0} | FLIES
-        given = {f"iron.{name}": value for name, value in given.items()}
-        system = System({"iron": fmus / "native" / "IronDrive.fmu"}, [], given)
+        options = {"w_cam": w, "tau": 0.0, "reducer.J": 1e3, "phi": 0.0} | FLIES
+        options = {f"iron.{name}": value for name, value in options.items()}
+        system = System({"iron": fmus / "native" / "IronDrive.fmu"}, [], options)
         r = run(system, stop=2 * pi / w, step=1e-3)
         assert r["iron.landings"][-1] > 0
         assert min(r["iron.T_span"].min(), r["iron.T_iron"].min()) > 5.0

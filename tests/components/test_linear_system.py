@@ -15,10 +15,10 @@ import pytest
 from scipy.linalg import expm
 
 from components.linear_system import model as linear
+from fmukit.declare.interface import InputHold
 from fmukit.declare.record import array, declarations, fill, real, record, replace, start
-from fmukit.declare.variables import InputHold
+from fmukit.runtime import hybrid as motion
 from fmukit.si import Ratio
-from fmukit.step import hybrid as motion
 from tests.hosts.host import Unit
 
 FMU = "LinearSystem.fmu"
@@ -29,8 +29,8 @@ ZERO = {name: 0.0 for name, _ in declarations(linear.Parameters)} | {"x[1]": 0.0
 
 def entries(name: str, matrix: Any) -> dict[str, float]:
     """Start values M[1,1], M[1,2] of a matrix, v[1], v[2] of a vector."""
-    places = np.ndenumerate(np.array(matrix, dtype=float))
-    return {f"{name}[{','.join(str(i + 1) for i in place)}]": value for place, value in places}
+    indices = np.ndenumerate(np.array(matrix, dtype=float))
+    return {f"{name}[{','.join(str(i + 1) for i in index)}]": value for index, value in indices}
 
 
 def system(**arrays: Any) -> dict[str, float]:
@@ -111,7 +111,7 @@ def test_steps_are_exact_for_every_course_of_the_inputs(hold: InputHold, h: floa
         A = draw.normal(size=(4, 4)) - 2.5 * np.eye(4)
         p, x, before = records(system(A=A, B=draw.normal(size=(4, 4)), x=draw.normal(size=4)))
         now = fill(linear.Inputs, draw.normal(size=4).tolist())
-        inputs = motion.course(hold, before, now, 0.7 * h, h)
+        inputs = motion.input_trajectory(hold, before, now, 0.7 * h, h)
         got = motion.advance(linear, p, 0.0, x, inputs)
         want = augmented(p, x, inputs.start, inputs.end, h)
         assert got == pytest.approx(want, rel=1e-12, abs=1e-12 * np.linalg.norm(want))
@@ -119,10 +119,10 @@ def test_steps_are_exact_for_every_course_of_the_inputs(hold: InputHold, h: floa
 
 def test_the_error_does_not_pile_up_over_many_short_steps() -> None:
     p, x, u = records(system(A=[[0, 1], [-100, -2]], x=[1, 0]))
-    whole, h = linear.exact(p, x, u, u, 0.1), 0.1 / 100_000
+    exact_system, h = linear.exact(p, x, u, u, 0.1), 0.1 / 100_000
     for _ in range(100_000):
         x = linear.exact(p, x, u, u, h)
-    assert x == near(whole, 1e-13)
+    assert x == near(exact_system, 1e-13)
 
 
 def test_rates_and_outputs_are_the_products() -> None:
@@ -133,7 +133,7 @@ def test_rates_and_outputs_are_the_products() -> None:
     assert linear.derivatives(p, 0.0, x, u) == near(A @ x + B @ u, 1e-13)
 
 
-WHOLE = {
+ENTRIES = {
     "dual mass": (
         {"A": [[0, 1, 0, 0], [-20, -0.7, 10, 0.5], [0, 0, 0, 1], [10, 0.5, -30, -0.8]],
          "x": [0, 0, 0.5, 0]}, 10.0,
@@ -149,9 +149,9 @@ WHOLE = {
 
 
 @pytest.mark.parametrize("count", [1, 1000])
-@pytest.mark.parametrize("name", WHOLE)
+@pytest.mark.parametrize("name", ENTRIES)
 def test_whole_systems_end_where_they_must(name: str, count: int, fmus: Path) -> None:
-    arrays, stop, expected = WHOLE[name]
+    arrays, stop, expected = ENTRIES[name]
     unit, h = Unit(fmus / FMU).start(**system(**arrays)), stop / count
     for n in range(count):
         unit.step(n * h, h)
@@ -172,7 +172,7 @@ def test_the_fmu_equals_the_equations_to_the_bit(hold: InputHold, fmus: Path) ->
     for h in (1e-6, 0.01, 0.01, 0.3, 10.0):
         u = [rng.uniform(-1, 1) for _ in range(4)]
         now = fill(linear.Inputs, u)
-        inputs = motion.course(hold, before, now, past, h)
+        inputs = motion.input_trajectory(hold, before, now, past, h)
         x = motion.advance(linear, p, t, x, inputs)
         unit.set(**entries("u", u)).step(t, h)
         assert unit.outputs() == [*x, *linear.outputs(p, t + h, x, inputs.end)]

@@ -18,9 +18,9 @@ from scipy.interpolate import CubicSpline
 from components.crank_conveyor import model as crank_conveyor
 from components.drive_motor import model as drive_motor
 from fmukit.declare.record import start
-from fmukit.step import hybrid as motion
-from fmukit.step import near as turn
-from fmukit.step import ode
+from fmukit.runtime import direction as turn
+from fmukit.runtime import hybrid as motion
+from fmukit.runtime import ode
 from scenarios.conveyor.first_order import SETS
 from tests.oracle import monolithic, revolution_samples, symbolic
 from workbench.measure import last_revolutions, order
@@ -151,7 +151,7 @@ def test_conveyor_keeps_its_energy_when_left_alone(finite: bool) -> None:
     while x.phi < 0.3 + 200 * math.pi:
         y = crank_conveyor.outputs(p, 0.0, x, u)
         stored.append(y.E_kin + y.E_pot)
-        x = motion.advance(crank_conveyor, p, 0.0, x, motion.Course(u, u, 0.05))
+        x = motion.advance(crank_conveyor, p, 0.0, x, motion.InputTrajectory(u, u, 0.05))
     assert stored[-1] == pytest.approx(stored[0], rel=1e-9)
 
 
@@ -191,7 +191,9 @@ def test_kloss_characteristic_has_its_breakdown_torque_at_the_breakdown_slip() -
 def test_kloss_motor_follows_the_lag_equation() -> None:
     p = start(drive_motor.Parameters, characteristic=drive_motor.Characteristic.kloss)
     u0, u1, h = drive_motor.Inputs(20.0), drive_motor.Inputs(62.0), 0.2
-    got = motion.advance(drive_motor, p, 0.0, drive_motor.State(5.0), motion.Course(u0, u1, h))
+    got = motion.advance(
+        drive_motor, p, 0.0, drive_motor.State(5.0), motion.InputTrajectory(u0, u1, h)
+    )
 
     def slope(t: float, y: Any) -> Any:
         u = drive_motor.Inputs(20.0 + 42.0 * t / h)
@@ -252,9 +254,9 @@ def orbit(request: pytest.FixtureRequest) -> Any:
 
 def test_one_system_meets_the_reference_orbit(orbit: Any) -> None:
     machine, nu, t, (phi, w, tau, _, _), want = orbit
-    late = last_revolutions(phi, 4)
-    speed, torque = (order(phi[late], x[late], 2) for x in (w, tau))
-    speed_4 = order(phi[late], w[late], 4)
+    lagged = last_revolutions(phi, 4)
+    speed, torque = (order(phi[lagged], x[lagged], 2) for x in (w, tau))
+    speed_4 = order(phi[lagged], w[lagged], 4)
     assert abs(speed) == pytest.approx(want[0], rel=2e-7)
     assert math.degrees(cmath.phase(speed)) == pytest.approx(want[1], abs=1e-5)
     assert abs(torque) == pytest.approx(want[2], rel=2e-7)
@@ -281,14 +283,14 @@ def test_time_mean_of_the_torque_lies_on_the_motor_line(orbit: Any) -> None:
     assert mean == pytest.approx(want[6], abs=2e-5)
 
 
-@pytest.mark.parametrize(("name", "nu", "off"), [("A", 40.0, 168.7), ("B", 30.0, 140.2)])
-def test_phase_of_formula_26_as_printed_is_wrong(name: str, nu: float, off: float) -> None:
+@pytest.mark.parametrize(("name", "nu", "error"), [("A", 40.0, 168.7), ("B", 30.0, 140.2)])
+def test_phase_of_formula_26_as_printed_is_wrong(name: str, nu: float, error: float) -> None:
     machine = SETS[name]
     printed = math.degrees(cmath.phase(machine.load_ripple(nu)) + math.atan(2 * machine.T * nu))
     torque = REFERENCE[name, int(nu)][3]
     corrected = math.degrees(cmath.phase(machine.torque_ripple(nu)))
     assert abs(corrected - torque) < 0.11
-    assert (printed - torque) % 360.0 == pytest.approx(off, abs=0.2)
+    assert (printed - torque) % 360.0 == pytest.approx(error, abs=0.2)
 
 
 def test_ripple_of_formulas_10_17_and_26_as_printed_is_wrong() -> None:
@@ -327,9 +329,9 @@ def test_speed_equation_16_as_printed_settles_fifty_times_too_fast() -> None:
         for w in (0.0, 1e-3)
     )
     orbit, kicked = (CubicSpline(y[0], y[2])(phi) for y in runs)
-    off = np.abs(kicked - orbit)
-    tops = np.flatnonzero((off[1:-1] > off[:-2]) & (off[1:-1] > off[2:])) + 1
-    settling = -1 / (nu * np.polyfit(phi[tops], np.log(off[tops]), 1)[0])
+    error = np.abs(kicked - orbit)
+    tops = np.flatnonzero((error[1:-1] > error[:-2]) & (error[1:-1] > error[2:])) + 1
+    settling = -1 / (nu * np.polyfit(phi[tops], np.log(error[tops]), 1)[0])
     assert settling == pytest.approx(2 * m.theta0 * m.T / m.J, rel=0.02)
     assert settling == pytest.approx(0.12195, rel=0.02)
     assert m.J / m.slope == pytest.approx(2.56e-3, rel=2e-3)
@@ -349,8 +351,8 @@ def test_finite_rod_adds_the_odd_orders() -> None:
     for nu, k, want in ((26.67, 3, 0.0537), (80.0, 1, 0.0875)):
         t = revolution_samples(nu, 40, 128)
         y = monolithic(machine.start(nu) | {"conveyor.rod.finite": True}, t[-1], t_eval=t).y
-        late = last_revolutions(y[0], 4)
-        assert abs(order(y[0][late], y[1][late], k)) == pytest.approx(want, abs=6e-5)
+        lagged = last_revolutions(y[0], 4)
+        assert abs(order(y[0][lagged], y[1][lagged], k)) == pytest.approx(want, abs=6e-5)
 
 
 def test_a_turned_direction_is_that_of_the_angle() -> None:
@@ -359,12 +361,12 @@ def test_a_turned_direction_is_that_of_the_angle() -> None:
     for _ in range(20_000):
         start_angle = draw.uniform(-1000.0, 1000.0)
         near = turn.Direction(start_angle, math.sin(start_angle), math.cos(start_angle))
-        angle = start_angle + draw.uniform(-1.5, 1.5) * turn.NEAR
-        got = turn.turned(near, angle)
+        angle = start_angle + draw.uniform(-1.5, 1.5) * turn.SERIES_LIMIT
+        got = turn.rotated(near, angle)
         assert got.angle == angle
         assert abs(got.sin - math.sin(angle)) < 3e-15
         assert abs(got.cos - math.cos(angle)) < 3e-15
-        assert turn.turned(near, start_angle) == near
+        assert turn.rotated(near, start_angle) == near
 
 
 @pytest.mark.parametrize("finite", [False, True])
@@ -376,7 +378,7 @@ def test_a_step_does_not_depend_on_the_direction_prepared_for_it(finite: bool, w
         State=crank_conveyor.State, derivatives=crank_conveyor.derivatives
     )
     ends = [
-        motion.advance(model, p, 0.0, x, motion.Course(u, u, 1e-3))
+        motion.advance(model, p, 0.0, x, motion.InputTrajectory(u, u, 1e-3))
         for model in (crank_conveyor, unprepared)
     ]
     assert ends[0] == pytest.approx(ends[1], rel=1e-13)

@@ -47,22 +47,22 @@ def geometry(swings: bool, angle: Any, r: Any, l: Any) -> Any:
 @EACH
 def test_link_obeys_lagrange_with_a_load_that_depends_on_the_acceleration(swings: bool) -> None:
     """The load's force -m_L x.. does its work along the trough's position; it is no part of T."""
-    t, place = sympy.Symbol("t"), sympy.Function("phi")(sympy.Symbol("t"))
+    t, position = sympy.Symbol("t"), sympy.Function("phi")(sympy.Symbol("t"))
     J, r, l, m, d, c, m_L, tau, phi, w = symbols = sympy.symbols(NAMES, real=True)
     a = sympy.Symbol("a")
-    x, spin = geometry(swings, place, r, l), place.diff(t)
+    x, spin = geometry(swings, position, r, l), position.diff(t)
     v = x.diff(t)
     lagrangian = (J * spin**2 + m * v**2 - c * x**2) / 2
 
     def balance(sense: int) -> Any:
-        load = -(d * v + sense * m_L * v.diff(t)) * x.diff(place)
-        whole = lagrangian.diff(spin).diff(t) - lagrangian.diff(place) - load - tau
-        whole = whole.subs([(place.diff(t, 2), a), (spin, w), (place, phi)])
-        return -whole.subs(a, 0) / whole.diff(a)
+        load = -(d * v + sense * m_L * v.diff(t)) * x.diff(position)
+        equation = lagrangian.diff(spin).diff(t) - lagrangian.diff(position) - load - tau
+        equation = equation.subs([(position.diff(t, 2), a), (spin, w), (position, phi)])
+        return -equation.subs(a, 0) / equation.diff(a)
 
-    told = sympy.lambdify(symbols, [balance(1), balance(-1), x.subs(place, phi)])
+    output_rows = sympy.lambdify(symbols, [balance(1), balance(-1), x.subs(position, phi)])
     for numbers, p, state, u in points(swings):
-        wanted, wrong, at = told(*numbers)
+        wanted, wrong, at = output_rows(*numbers)
         y = link.outputs(p, 0.0, state, u)
         assert link.derivatives(p, 0.0, state, u) == (state.w, y.a)
         assert (y.a, y.x) == pytest.approx((wanted, at), rel=1e-9, abs=1e-9)
@@ -103,21 +103,21 @@ def test_power_of_the_link_balances_and_alone_it_keeps_its_energy(swings: bool) 
     ] == pytest.approx([0.0] * 20, abs=1e-7)
     values = {"trough.d": 0.0, "load.m": 30.0, "tau": 0.0, "w": 90.0, "phi": 0.3}
     it = part(link, **values, **{"link.swings": swings})
-    told = [
+    output_rows = [
         link.outputs(it.p, 0.0, link.State(*state), it.u)
         for state in zip(*joined({"it": it}, lambda x: [it.u], np.linspace(0.0, 1.0, 101))["it"])
     ]
-    stored = [y.E_kin + y.E_pot for y in told]
+    stored = [y.E_kin + y.E_pot for y in output_rows]
     assert stored == pytest.approx([stored[0]] * 101, rel=1e-9)
-    assert np.ptp([y.E_kin for y in told]) > 0.01 * stored[0]
+    assert np.ptp([y.E_kin for y in output_rows]) > 0.01 * stored[0]
 
 
 def coupled(fmus: Path, conveyor: str, **values: Any) -> Any:
     """Motor and machine over four revolutions: crank angle, speed, torque."""
     parts = {"motor": fmus / "DriveMotor.fmu", "conveyor": fmus / f"{conveyor}.fmu"}
     wires = ["motor.tau -> conveyor.tau", "conveyor.w -> motor.w"]
-    given = {f"conveyor.{name}": value for name, value in values.items()}
-    r = run(System(parts, wires, given), stop=0.6, step=1e-3, algorithm="strang")
+    options = {f"conveyor.{name}": value for name, value in values.items()}
+    r = run(System(parts, wires, options), stop=0.6, step=1e-3, algorithm="strang")
     return np.stack([r[f"conveyor.{name}"] for name in ("phi", "w", "x", "v", "tau_load", "E_kin")])
 
 
@@ -150,12 +150,12 @@ def test_a_swinging_link_with_a_far_pivot_becomes_a_yoke_as_its_distance_grows()
     """In proportion to r/l; and a pin that would pass below the pivot is refused."""
     x, u = link.State(0.7, 40.0), link.Inputs(30.0)
     yoke = link.outputs(start(link.Parameters), 0.0, x, u)
-    off = []
+    error = []
     for l in (10.0, 100.0, 1000.0):
         p = start(link.Parameters, **{"link.swings": True, "link.l": l})
-        off.append(link.outputs(p, 0.0, x, u).f_pin / yoke.f_pin - 1.0)
-    assert off[1] / off[0] == pytest.approx(0.1, rel=0.01)
-    assert off[2] / off[1] == pytest.approx(0.1, rel=0.001)
+        error.append(link.outputs(p, 0.0, x, u).f_pin / yoke.f_pin - 1.0)
+    assert error[1] / error[0] == pytest.approx(0.1, rel=0.01)
+    assert error[2] / error[1] == pytest.approx(0.1, rel=0.001)
     short = start(link.Parameters, **{"link.swings": True, "link.l": 0.01})
     with pytest.raises(ValueError, match=r"crank.r = 0.01 m must be below link.l = 0.01 m"):
         list(link.check(short))

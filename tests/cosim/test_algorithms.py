@@ -197,3 +197,12 @@ def test_a_loop_without_a_solution_is_refused(fmus: Path) -> None:
     }
     with pytest.raises(SetupError, match=r"start values of an algebraic loop.*still off: .* by "):
         run(couple(units, fmus / "LinearSystem.fmu"), stop=0.1, step=0.1, algorithm="iterated")
+
+
+def test_the_page_of_the_master_lists_the_registry() -> None:
+    page = (Path(__file__).resolve().parents[2] / "docs" / "master.md").read_text(encoding="utf-8")
+    rows = [line for line in page.splitlines() if line.startswith("| `")]
+    assert rows == [
+        f"| `{name}` | {algorithm.summary} | {algorithm.held_order} |"
+        for name, algorithm in REGISTRY.items()
+    ]

@@ -55,10 +55,11 @@ def test_every_check_of_the_suite_passes(fmus: Path) -> None:
 
 
 def wrong_sign(patch: pytest.MonkeyPatch) -> None:
-    def connected(network: Any, parts: Any, start: float) -> None:
-        connect(network, parts, start)
+    def connected(network: Any, parts: Any, start: float) -> Any:
+        slots = connect(network, parts, start)
         for link in parts["load"].links:
             link.factor = -link.factor
+        return slots
 
     connect = cosim.engine.initialise._connect
     patch.setattr(cosim.engine.initialise, "_connect", connected)

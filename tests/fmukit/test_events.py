@@ -11,8 +11,8 @@ from typing import Any
 import pytest
 
 from fmukit.declare.record import discrete, real, record, start
+from fmukit.runtime import hybrid as motion
 from fmukit.si import Length, Velocity
-from fmukit.step import hybrid as motion
 
 
 class Stage(IntEnum):
@@ -30,7 +30,7 @@ class Parameters:
 @record
 class Inputs:
     push: Length = real(0.0, "Acceleration along the table")
-    kick: bool = discrete(False, "Start from rest")
+    impulse: bool = discrete(False, "Start from rest")
 
 
 @record
@@ -49,18 +49,18 @@ def derivatives(p: Any, t: float, x: Any, u: Any) -> Any:
     return State(x.v, 0.0 if falling else u.push, x.w, -10.0 if falling else 0.0, 0, 0.0, 0)
 
 
-def guard(p: Any, t: float, x: Any, u: Any) -> tuple[float, ...]:
+def event_indicators(p: Any, t: float, x: Any, u: Any) -> tuple[float, ...]:
     return (1.0 - x.x,) if x.stage == Stage.slide else (x.y if x.w < 0.0 else 1.0,)
 
 
-def jump(p: Any, t: float, x: Any, u: Any, which: int) -> Any:
+def event_update(p: Any, t: float, x: Any, u: Any, which: int) -> Any:
     if x.stage == Stage.slide:
         return x._replace(stage=Stage.fall, left=t)
     return x._replace(w=-p.rebound * x.w, bounces=x.bounces + 1)
 
 
 def sample(p: Any, t: float, x: Any, before: Any, now: Any) -> Any:
-    edge = now.kick and not (before is not None and before.kick)
+    edge = now.impulse and not (before is not None and before.impulse)
     return x._replace(v=x.v + 0.5) if edge else x
 
 
@@ -70,24 +70,29 @@ def notes(p: Any, t: float, old: Any, new: Any, u: Any) -> Iterator[str]:
 
 
 MODEL: Any = SimpleNamespace(
-    State=State, derivatives=derivatives, guard=guard, jump=jump, sample=sample, notes=notes
+    State=State,
+    derivatives=derivatives,
+    event_indicators=event_indicators,
+    event_update=event_update,
+    sample=sample,
+    notes=notes,
 )
 
 
 @pytest.mark.parametrize("h", [1e-3, 0.07, 5.0])
 def test_events_are_located_whatever_the_step(h: float) -> None:
     p, u, x = start(Parameters), Inputs(0.3, False), start(State)
-    said: list[str] = []
+    sentences: list[str] = []
     steps = math.ceil(4.4 / h - 1e-9)
     for n in range(steps):
         size = min(h, 4.4 - n * h)
-        x = motion.advance(MODEL, p, n * h, x, motion.Course(u, u, size), said.append)
+        x = motion.advance(MODEL, p, n * h, x, motion.InputTrajectory(u, u, size), sentences.append)
     edge = math.sqrt(2 / 0.3)
     assert x.left == pytest.approx(edge, abs=1e-13)
     ground, fall = edge + math.sqrt(0.4), math.sqrt(0.4)
     bounces = [ground + 2 * fall * (1 - 0.5**k) for k in range(1, 30)]
     done = 1 + sum(time < 4.4 for time in bounces)
-    assert (x.bounces, said) == (done, [f"bounce {k}" for k in range(1, done + 1)])
+    assert (x.bounces, sentences) == (done, [f"bounce {k}" for k in range(1, done + 1)])
     since, speed = 4.4 - ([ground, *bounces][done - 1]), 10 * fall * 0.5**done
     assert x.y == pytest.approx(speed * since - 5 * since**2, abs=1e-11)
     assert x.x == pytest.approx(1.0 + math.sqrt(2 * 0.3) * (4.4 - edge), abs=1e-11)
@@ -101,20 +106,20 @@ def test_chatter_is_an_error_and_no_endless_loop() -> None:
             Parameters(0.5),
             0.0,
             x,
-            motion.Course(Inputs(0.0, False), Inputs(0.0, False), 9.0),
+            motion.InputTrajectory(Inputs(0.0, False), Inputs(0.0, False), 9.0),
         )
 
 
 def test_a_rising_edge_is_sampled_once() -> None:
-    p, x, off, on = start(Parameters), start(State), Inputs(0.0, False), Inputs(0.0, True)
-    for before, now, v in ((None, on, 0.5), (on, on, 0.5), (on, off, 0.5), (off, on, 1.0)):
+    p, x, error, on = start(Parameters), start(State), Inputs(0.0, False), Inputs(0.0, True)
+    for before, now, v in ((None, on, 0.5), (on, on, 0.5), (on, error, 0.5), (error, on, 1.0)):
         x = motion.sample(MODEL, p, 0.0, x, before, now)
         assert x.v == v
 
 
 def test_only_reals_run_on_the_line_between_inputs() -> None:
     before, now = Inputs(1.0, False), Inputs(3.0, True)
-    assert motion.course(2, before, now, 0.1, 0.5).at(0.25) == Inputs(2.0, True)
-    assert motion.course(1, before, now, 0.5, 0.25).end == Inputs(4.0, True)
-    assert motion.course(1, before, now, 0.0, 0.25).end == now
-    assert motion.course(0, before, now, 0.5, 0.25).start == now
+    assert motion.input_trajectory(2, before, now, 0.1, 0.5).at(0.25) == Inputs(2.0, True)
+    assert motion.input_trajectory(1, before, now, 0.5, 0.25).end == Inputs(4.0, True)
+    assert motion.input_trajectory(1, before, now, 0.0, 0.25).end == now
+    assert motion.input_trajectory(0, before, now, 0.5, 0.25).start == now

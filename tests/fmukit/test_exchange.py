@@ -18,10 +18,10 @@ from fmpy import simulate_fmu
 from fmpy.fmi1 import FMICallException
 from fmpy.fmi2 import FMU2Model, FMU2Slave, fmi2Discard
 
+from fmukit.declare.interface import co_simulation_only_reason, component_name
 from fmukit.declare.record import declarations, discrete, record
 from fmukit.declare.record import start as begin
-from fmukit.declare.variables import component, only_steps
-from fmukit.step import hybrid
+from fmukit.runtime import hybrid
 from tests.conftest import ROOT
 from tests.fmukit.test_native import MODELS, NAMES, each
 from tests.hosts.host import Unit, unpacked
@@ -44,15 +44,15 @@ EXPERIMENTS: list[tuple[str, dict[str, Any], float]] = [
 def integrated(fmu: Path, start: dict[str, Any], stop: float, kind: str, step: float) -> Any:
     """The outputs at every communication point, and the times of the events of model exchange."""
     outputs = [v.name for v in unpacked(str(fmu))[0].modelVariables if v.causality == "output"]
-    found = simulate_fmu(
+    actual = simulate_fmu(
         str(fmu), fmi_type=kind, stop_time=stop, output_interval=step, relative_tolerance=1e-13,
         start_values=start, output=outputs, record_events=True,
     )  # fmt: skip
-    time = found["time"]
+    time = actual["time"]
     events = [before for before, after in pairwise(time) if before == after]
     last = np.append(time[1:] != time[:-1], True)
     regular = last & np.isclose(time / step, np.round(time / step), rtol=0.0, atol=1e-9)
-    return found[regular], events
+    return actual[regular], events
 
 
 def events_of(name: str, start: dict[str, Any], stop: float, step: float) -> list[float]:
@@ -63,14 +63,14 @@ def events_of(name: str, start: dict[str, Any], stop: float, step: float) -> lis
         for cls in (model.Parameters, model.State, model.Inputs)
     )
     x = hybrid.sample(model, p, 0.0, hybrid.settle(model, p, x), None, u)
-    found = []
+    actual = []
     for n in range(round(stop / step)):
         *events, (_, x, _) = hybrid.events(
-            model, p, n * step, x, hybrid.course(0, u, u, step, step)
+            model, p, n * step, x, hybrid.input_trajectory(0, u, u, step, step)
         )
-        found += [n * step + s for s, *_ in events]
+        actual += [n * step + s for s, *_ in events]
         x = hybrid.settle(model, p, x)
-    return found
+    return actual
 
 
 @pytest.mark.parametrize("case", EXPERIMENTS, ids=lambda c: f"{c[0]}-{c[1]}-{c[2]}")
@@ -80,7 +80,7 @@ def test_cvode_and_our_steps_agree(folder: str, case: Any, fmus: Path) -> None:
     name, start, stop = case
     fmu, step = fmus / folder / f"{name}.fmu", MODELS[name].EXPERIMENT.step
     if folder == "fmi3":
-        build = [sys.executable, "build_fmus.py", component(MODELS[name]), "--flavour", folder]
+        build = [sys.executable, "build_fmus.py", component_name(MODELS[name]), "--flavour", folder]
         subprocess.run(build, cwd=ROOT, check=True, capture_output=True)
     ours, _ = integrated(fmu, start, stop, "CoSimulation", step)
     theirs, events = integrated(fmu, start, stop, "ModelExchange", step)
@@ -94,23 +94,23 @@ def test_cvode_and_our_steps_agree(folder: str, case: Any, fmus: Path) -> None:
             continue
         scale = max(np.max(np.abs(a)), float(variable.nominal or 0.0)) or 1.0
         assert np.max(np.abs(a - b)) <= 1e-8 * scale, variable.name
-    if hasattr(MODELS[name], "guard"):
+    if hasattr(MODELS[name], "event_indicators"):
         expected = events_of(name, start, stop, step)
         assert events == pytest.approx(expected, rel=0.0, abs=1e-9)
 
 
 def test_the_experiments_contain_stick_reversal_lift_off_impacts_and_flight(fmus: Path) -> None:
-    seen: dict[str, set[Any]] = {}
+    observed: dict[str, set[Any]] = {}
     for name, start, stop in EXPERIMENTS:
-        if hasattr(MODELS[name], "guard"):
+        if hasattr(MODELS[name], "event_indicators"):
             fmu = fmus / "native" / f"{name}.fmu"
             rows, _ = integrated(fmu, start, stop, "ModelExchange", MODELS[name].EXPERIMENT.step)
             for variable in rows.dtype.names[1:]:
-                seen.setdefault(f"{name}.{variable}", set()).update(rows[variable].tolist())
-    assert seen["IronDrive.direction"] == {-1, 0, 1}
-    assert seen["IronDrive.valid"] == {False, True}
-    assert seen["GravityOrientator.stage"] >= {0, 1, 2, 3, 4, 5}
-    assert seen["GravityOrientator.contact"] == {False, True}
+                observed.setdefault(f"{name}.{variable}", set()).update(rows[variable].tolist())
+    assert observed["IronDrive.direction"] == {-1, 0, 1}
+    assert observed["IronDrive.valid"] == {False, True}
+    assert observed["GravityOrientator.stage"] >= {0, 1, 2, 3, 4, 5}
+    assert observed["GravityOrientator.contact"] == {False, True}
 
 
 def test_an_input_event_drops_a_product(fmus: Path) -> None:
@@ -195,31 +195,31 @@ def test_jacobians_match_differences(name: str, fmus: Path) -> None:
     unknown = [model.variables[n].valueReference for n in outputs]
     unknown = [u.variable.valueReference for u in model.description.derivatives] + unknown
     inputs = [n for n, v in model.variables.items() if v.causality == "input" and v.type == "Real"]
-    found = 0
-    for known in model.states + inputs:
-        value = model.get(known)
+    actual = 0
+    for knowns in model.states + inputs:
+        value = model.get(knowns)
         exact = np.array(
             model.fmi.getDirectionalDerivative(
-                unknown, [model.variables[known].valueReference], [1.0]
+                unknown, [model.variables[knowns].valueReference], [1.0]
             )
         )
         differences = []
         for step in (1e-3 * (abs(value) or 1.0), 5e-4 * (abs(value) or 1.0)):
             sides = []
             for sign in (1, -1):
-                if known in inputs:
-                    model.set(**{known: value + sign * step})
+                if knowns in inputs:
+                    model.set(**{knowns: value + sign * step})
                     sides.append(model.at(x))
-                    model.set(**{known: value})
+                    model.set(**{knowns: value})
                 else:
-                    sides.append(model.at([x_k + sign * step * (n == known)
+                    sides.append(model.at([x_k + sign * step * (n == knowns)
                                            for n, x_k in zip(model.states, x)]))  # fmt: skip
             differences.append((sides[0] - sides[1]) / (2 * step))
         estimate = (4 * differences[1] - differences[0]) / 3
         noise = 1e-12 * (1.0 + np.abs(model.at(x))) / step
-        assert np.all(np.abs(exact - estimate) <= 1e-6 * np.abs(estimate) + noise), known
-        found += np.count_nonzero(exact)
-    assert found > model.nx
+        assert np.all(np.abs(exact - estimate) <= 1e-6 * np.abs(estimate) + noise), knowns
+        actual += np.count_nonzero(exact)
+    assert actual > model.nx
 
 
 @each
@@ -316,14 +316,16 @@ REFUSED: tuple[tuple[str, Callable[[Model], Any], str], ...] = (
 )  # fmt: skip
 
 
-@pytest.mark.parametrize(("mode", "call", "said"), REFUSED, ids=[said[:40] for *_, said in REFUSED])
+@pytest.mark.parametrize(
+    ("mode", "call", "message"), REFUSED, ids=[message[:40] for *_, message in REFUSED]
+)
 def test_calls_out_of_order_are_refused_and_survived(
-    mode: str, call: Callable[[Model], Any], said: str, fmus: Path
+    mode: str, call: Callable[[Model], Any], message: str, fmus: Path
 ) -> None:
     model = Model(fmus / "native" / "CrankConveyor.fmu")
     if mode == "time":
         model.integrate()
-    assert f"unit: {said}" in model.refusal(call)  # type: ignore[arg-type]
+    assert f"unit: {message}" in model.refusal(call)  # type: ignore[arg-type]
     assert math.isnan(model.get("w"))
     model.fmi.reset()
     model.start()
@@ -337,8 +339,10 @@ def test_the_two_kinds_of_instance_refuse_each_other(fmus: Path) -> None:
     assert "is of an instance for co-simulation, but this one is for model exchange" in (
         model.refusal(lambda m: m.fmi.setFMUstate(state))
     )
-    said = slave.refusal(lambda s: lent(s, FMU2Model.getContinuousStates)(pointer(np.zeros(3)), 3))
-    assert "getContinuousStates is for model exchange, but this instance is for co-sim" in said
+    message = slave.refusal(
+        lambda s: lent(s, FMU2Model.getContinuousStates)(pointer(np.zeros(3)), 3)
+    )
+    assert "getContinuousStates is for model exchange, but this instance is for co-sim" in message
 
 
 def test_what_an_integrator_tries_is_discarded_where_it_has_no_value(fmus: Path) -> None:
@@ -370,8 +374,9 @@ def test_what_changes_at_communication_points_alone_stays_co_simulation() -> Non
     clock = record(type("State", (), {"__annotations__": {"n": int}, "n": discrete(0, "Count")}))
     model: Any = SimpleNamespace(State=clock, sample=lambda p, t, x, before, now: x)
     assert (
-        only_steps(model) == "it has no continuous state and changes only at communication points"
+        co_simulation_only_reason(model)
+        == "it has no continuous state and changes only at communication points"
     )
     model = SimpleNamespace(State=MODELS["IronDrive"].State, CO_SIMULATION_ONLY="its step is exact")
-    assert only_steps(model) == "its step is exact"
-    assert not any(map(only_steps, MODELS.values()))
+    assert co_simulation_only_reason(model) == "its step is exact"
+    assert not any(map(co_simulation_only_reason, MODELS.values()))

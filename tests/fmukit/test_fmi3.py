@@ -16,7 +16,7 @@ from fmpy import extract, fmi3, read_model_description, simulate_fmu
 from fmpy.fmi1 import FMICallException
 from fmpy.validation import validate_fmu
 
-from fmukit.declare.variables import component
+from fmukit.declare.interface import component_name
 from fmukit.fmu.validate import problems
 from tests.conftest import ROOT, TRIED
 from tests.fmukit.test_exchange import EXPERIMENTS, STUCK, events_of
@@ -26,18 +26,18 @@ from tests.hosts.host import Unit
 sampled = pytest.mark.parametrize(
     "name",
     [
-        n if component(MODELS[n]) in TRIED else pytest.param(n, marks=pytest.mark.slow)
+        n if component_name(MODELS[n]) in TRIED else pytest.param(n, marks=pytest.mark.slow)
         for n in NAMES
     ],
 )
-SAID: list[str] = []
+MESSAGES: list[str] = []
 FOLDERS: list[Any] = []
 
 
 @functools.cache
 def built(name: str) -> Path:
     """The FMU of this machine, made if it is not up to date."""
-    command = [sys.executable, "build_fmus.py", component(MODELS[name]), "--flavour", "fmi3"]
+    command = [sys.executable, "build_fmus.py", component_name(MODELS[name]), "--flavour", "fmi3"]
     subprocess.run(command, cwd=ROOT, check=True, capture_output=True)
     return ROOT / "fmus" / "fmi3" / f"{name}.fmu"
 
@@ -58,8 +58,8 @@ class Unit3:
             guid=self.description.guid, unzipDirectory=folder, modelIdentifier=name,
             instanceName="unit",
         )  # fmt: skip
-        SAID.clear()
-        log = lambda environment, status, category, text: SAID.append(text.decode())
+        MESSAGES.clear()
+        log = lambda environment, status, category, text: MESSAGES.append(text.decode())
         self.fmi.instantiate(logMessage=log, **options)
 
     def _access(self, verb: str, name: str) -> tuple[Callable[..., Any], list[int]]:
@@ -177,19 +177,19 @@ def test_a_step_ends_at_its_first_event_where_the_importer_allows_it(
 ) -> None:
     unit = Unit3(name, eventModeUsed=True, earlyReturnAllowed=True).start(**start)
     unit.update()
-    found, t, h = [], 0.0, 0.05
+    actual, t, h = [], 0.0, 0.05
     for n in range(1, round(stop / h) + 1):
         while t < n * h:
             event, terminate, early, t_new = unit.fmi.doStep(t, n * h - t)
             assert event == early == (t_new < n * h) and not terminate
             t = t_new
             if event:
-                found.append(t)
+                actual.append(t)
                 unit.fmi.enterEventMode()
                 unit.update()
     expected = events_of(name, start, stop, h)
-    assert found == pytest.approx(expected, rel=0.0, abs=1e-11)
-    assert found
+    assert actual == pytest.approx(expected, rel=0.0, abs=1e-11)
+    assert actual
     plain = Unit(fmus / "native" / f"{name}.fmu").start(**start)
     for n in range(round(stop / h)):
         plain.step(n * h, h)
@@ -210,11 +210,11 @@ def test_new_inputs_act_in_event_mode() -> None:
 
 @pytest.mark.parametrize("events", [False, True])
 def test_an_importer_sees_within_a_step_what_shorter_steps_reach(events: bool) -> None:
-    seen: list[tuple[float, float]] = []
+    observed: list[tuple[float, float]] = []
 
     def look(_: Any, time: float, settable: bool, gettable: bool, done: bool, *rest: Any) -> None:
         assert (settable, gettable, done) == (False, True, True)
-        seen.append((time, unit.get("w_cam")))
+        observed.append((time, unit.get("w_cam")))
 
     start = {"phi": 0.6, "w_cam": 2.0}
     options = {"eventModeUsed": events, "earlyReturnAllowed": events}
@@ -222,8 +222,8 @@ def test_an_importer_sees_within_a_step_what_shorter_steps_reach(events: bool) -
     if events:
         unit.update()
     unit.fmi.doStep(0.0, 0.04)
-    assert [t for t, _ in seen] == pytest.approx([0.005 * n for n in range(1, 8)], rel=1e-12)
-    for time, w in seen:
+    assert [t for t, _ in observed] == pytest.approx([0.005 * n for n in range(1, 8)], rel=1e-12)
+    for time, w in observed:
         shorter = Unit3("IronDrive").start(**start)
         shorter.fmi.doStep(0.0, time)
         assert w == pytest.approx(shorter.get("w_cam"), rel=1e-10)
@@ -254,14 +254,14 @@ def test_what_is_not_in_order_is_refused_with_the_reason() -> None:
             call()
         assert raised.value.status == fmi3.fmi3Error
         unit.fmi.reset()
-        return SAID[-1]
+        return MESSAGES[-1]
 
     unit = Unit3("DriveMotor").start()
     assert "made without event mode" in refusal(unit, unit.fmi.enterEventMode)
     unit.start()
     assert "A is of type Float64, not Int32" in refusal(unit, lambda: unit.fmi.getInt32([1]))
-    said = refusal(unit, lambda: unit.set(**{"der(tau)": 1.0}))
-    assert "unit: der(tau) = 1.0 N.m/s cannot be set: continuous local, before init" in said
+    message = refusal(unit, lambda: unit.set(**{"der(tau)": 1.0}))
+    assert "unit: der(tau) = 1.0 N.m/s cannot be set: continuous local, before init" in message
     assert "time can only be set by setTime" in refusal(unit, lambda: unit.set(time=1.0))
     unit.start()
     assert "communication step = 0.0 s must be a finite number above 0" in refusal(
@@ -272,7 +272,7 @@ def test_what_is_not_in_order_is_refused_with_the_reason() -> None:
     def meddle(*_: Any) -> None:
         with pytest.raises(FMICallException):
             meddled.set(w=1.0)
-        refused.append(SAID[-1])
+        refused.append(MESSAGES[-1])
 
     meddled = Unit3("DriveMotor", intermediateUpdate=meddle).start()
     meddled.fmi.doStep(0.0, 0.01)
@@ -280,7 +280,7 @@ def test_what_is_not_in_order_is_refused_with_the_reason() -> None:
     assert meddled.get("w") == 40.0
     with pytest.raises(Exception, match="Failed to instantiate"):
         Unit3("DriveMotor", fmi3.FMU3ScheduledExecution)
-    assert "not for scheduled execution" in SAID[-1]
+    assert "not for scheduled execution" in MESSAGES[-1]
 
 
 def test_states_are_kept_and_jacobians_are_those_of_fmi_2(fmus: Path) -> None:
@@ -298,7 +298,7 @@ def test_states_are_kept_and_jacobians_are_those_of_fmi_2(fmus: Path) -> None:
         for v in old.variables.values()
         if v.causality == "output" and v.type == "Real"
     ]
-    known = [old.variables["tau"].valueReference]
-    assert list(unit.fmi.getDirectionalDerivative(unknowns, known, [1.0])) == list(
-        old.fmi.getDirectionalDerivative(unknowns, known, [1.0])
+    knowns = [old.variables["tau"].valueReference]
+    assert list(unit.fmi.getDirectionalDerivative(unknowns, knowns, [1.0])) == list(
+        old.fmi.getDirectionalDerivative(unknowns, knowns, [1.0])
     )

@@ -25,16 +25,16 @@ from lxml import html
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
-from build_fmus import made
+from build_fmus import buildable
 from components import MACHINES
 from components.crank_conveyor import model as crank_conveyor
 from fmukit import VERSION
+from fmukit.declare.interface import InputHold, Interface, Variable, class_name, component_name
 from fmukit.declare.record import Declaration, declarations, fill, start
-from fmukit.declare.variables import InputHold, Interface, Variable, class_name, component
-from fmukit.fmu.load import beside
-from fmukit.fmu.native import build as compiled
+from fmukit.fmu.load import neighbour_file
+from fmukit.fmu.native import package as compiled
 from fmukit.fmu.plot import HEIGHT, WIDTH
-from fmukit.fmu.python import pack as python
+from fmukit.fmu.python import package as python
 from fmukit.fmu.validate import problems
 from tests.conftest import ROOT, described, rewritten
 from tests.hosts import fmus as hosts
@@ -145,7 +145,7 @@ def test_our_own_checks_find_what_no_public_checker_reports(
 ) -> None:
     spoilt = rewritten(fmus / fmu, tmp_path / fmu, described((old, new)))
     assert validate_fmu(str(spoilt)) == []
-    assert any(problem in found for found in problems(spoilt))
+    assert any(problem in actual for actual in problems(spoilt))
 
 
 @each_fmu
@@ -167,16 +167,18 @@ def test_every_variable_is_in_the_fmu_as_declared(model: Any, fmu: Path) -> None
 @each_fmu
 def test_every_real_has_a_unit_and_angles_are_shown_in_deg_and_rpm(model: Any, fmu: Path) -> None:
     units = {u.get("name"): u for u in xml(fmu).findall("UnitDefinitions/Unit")}
-    shown = {"rad": ["deg", 180 / math.pi], "rad/s": ["rpm", 30 / math.pi]}
+    display_unit = {"rad": ["deg", 180 / math.pi], "rad/s": ["rpm", 30 / math.pi]}
     for variable, _, typed in variables(model, fmu):
         if typed.tag == "Real":
             base, *displays = units[typed.attrib["unit"]]
             exponents = {name: int(power) for name, power in base.attrib.items()}
             assert exponents == variable.declaration.quantity.exponents
             assert (exponents == {}) == (typed.attrib["unit"] == "1")
-            found = [[d.get("name"), float(d.attrib["factor"])] for d in displays]
-            assert found == [shown[name] for name in shown if name == typed.get("unit")]
-            assert typed.get("displayUnit") == (found[0][0] if found else None)
+            actual = [[d.get("name"), float(d.attrib["factor"])] for d in displays]
+            assert actual == [
+                display_unit[name] for name in display_unit if name == typed.get("unit")
+            ]
+            assert typed.get("displayUnit") == (actual[0][0] if actual else None)
 
 
 @each_fmu
@@ -274,9 +276,9 @@ def test_another_build_is_the_same_to_the_byte(fmus: Path, tmp_path: Path) -> No
         tmp_path,
     )
     build(ROOT, "drive_motor", "--flavour", "native", "--into", tmp_path)
-    made = [*tmp_path.rglob("*.fmu")]
-    assert len(made) == 4
-    for path in made:
+    written_page = [*tmp_path.rglob("*.fmu")]
+    assert len(written_page) == 4
+    for path in written_page:
         assert path.read_bytes() == (fmus / path.relative_to(tmp_path)).read_bytes()
 
 
@@ -290,37 +292,37 @@ def test_a_build_skips_what_is_up_to_date_and_makes_what_is_not(tree: Path) -> N
 
 
 def test_an_unknown_component_is_named_and_ends_with_code_2() -> None:
-    said = build(ROOT, "drive_mottor", code=2)
-    assert "unknown component 'drive_mottor'; there are DC_motor, crank_conveyor" in said
+    message = build(ROOT, "drive_mottor", code=2)
+    assert "unknown component 'drive_mottor'; there are DC_motor, crank_conveyor" in message
 
 
 def test_an_invalid_fmu_is_not_kept_and_ends_with_code_1(tree: Path) -> None:
     source = tree / "components" / "crank_conveyor" / "model.py"
     change(source, 'way up", nominal=1.0', 'way up", nominal=0.0')
-    said = build(tree, "crank_conveyor", "drive_motor", "--flavour", "python", code=1)
-    assert "CrankConveyor.fmu is not valid and was not kept:\n  nominal of phi is 0" in said
+    message = build(tree, "crank_conveyor", "drive_motor", "--flavour", "python", code=1)
+    assert "CrankConveyor.fmu is not valid and was not kept:\n  nominal of phi is 0" in message
     assert [file.name for file in (tree / "fmus").iterdir()] == [MOTOR]
 
 
 def test_what_the_compiler_refuses_is_said_and_not_kept(tree: Path) -> None:
     runtime = tree / "fmukit" / "fmu" / "native" / "fmi2_context.c"
     change(runtime, "static void fail(", "static wrong fail(")
-    said = build(tree, "drive_motor", "--flavour", "native", code=1)
-    assert "native/DriveMotor.fmu cannot be built: DriveMotor does not compile for" in said
+    message = build(tree, "drive_motor", "--flavour", "native", code=1)
+    assert "native/DriveMotor.fmu cannot be built: DriveMotor does not compile for" in message
     assert not list(tree.rglob("*.fmu"))
 
 
 def test_a_component_without_native_flavour_is_named_with_the_reason() -> None:
-    said = build(ROOT, "linear_system", "--flavour", "native", code=1)
-    assert "linear_system has no native flavour: its matrix exp" in said
+    message = build(ROOT, "linear_system", "--flavour", "native", code=1)
+    assert "linear_system has no native flavour: its matrix exp" in message
     assert "linear_system" in MACHINES
 
 
 @pytest.mark.parametrize("flavour", ["native", "wasm", "fmi3"])
 def test_all_components_are_those_that_have_the_flavour(flavour: str) -> None:
     """So that the build of all ends well, and a name that was given does not."""
-    assert set(MACHINES) - set(made(flavour)) == {"linear_system"}
-    assert set(made("all")) == set(made("python")) == set(MACHINES)
+    assert set(MACHINES) - set(buildable(flavour)) == {"linear_system"}
+    assert set(buildable("all")) == set(buildable("python")) == set(MACHINES)
 
 
 def test_two_versions_in_one_process_compute_their_own_numbers(fmus: Path, tree: Path) -> None:
@@ -337,14 +339,14 @@ def test_the_pages_of_the_machines_are_up_to_date(tree: Path, fmus: Path) -> Non
     shutil.copytree(fmus, tree / "fmus")
     shutil.copy(ROOT / "pyproject.toml", tree)
     assert " built " not in build(tree, "--docs")
-    made, kept = (
+    written_page, stored_page = (
         {file.name: file.read_text() for file in (folder / "docs" / "machines").iterdir()}
         for folder in (tree, ROOT)
     )
-    assert set(made) == {f"{name}.{end}" for name in MACHINES for end in ("md", "svg")}
-    assert made == kept
-    made_papers, kept_papers = ((x / "docs" / "papers.md").read_text() for x in (tree, ROOT))
-    assert made_papers == kept_papers
+    assert set(written_page) == {f"{name}.{end}" for name in MACHINES for end in ("md", "svg")}
+    assert written_page == stored_page
+    written_papers, stored_papers = ((x / "docs" / "papers.md").read_text() for x in (tree, ROOT))
+    assert written_papers == stored_papers
 
 
 @each_fmu
@@ -366,7 +368,7 @@ def test_the_page_in_the_fmu_needs_no_network_and_is_complete(model: Any, fmu: P
 @each_fmu
 def test_the_page_in_the_fmu_is_the_one_of_the_documentation(model: Any, fmu: Path) -> None:
     """Its headings, its numbers and its pictures, among them the default experiment."""
-    name = component(model)
+    name = component_name(model)
     page = html.fromstring(content(fmu, "documentation/index.html"))
     written = (ROOT / "docs" / "machines" / f"{name}.md").read_text()
     headings = re.findall(r"^#+ (.*)$", written, re.MULTILINE)
@@ -374,11 +376,11 @@ def test_the_page_in_the_fmu_is_the_one_of_the_documentation(model: Any, fmu: Pa
     assert {"Default experiment", "Variables"} <= {*headings}
     cells = [cell.text_content() for cell in page.iter("td") if not cell.findall(".//math")]
     assert len(cells) > 50
-    assert ("Validation" in headings) == (beside(model, "page.md") is not None)
+    assert ("Validation" in headings) == (neighbour_file(model, "page.md") is not None)
     for cell in cells:
         assert cell in written.replace("`", "").replace("*", "")
     plot = (ROOT / "docs" / "machines" / f"{name}.svg").read_text()
-    drawing = beside(model, "drawing.svg")
+    drawing = neighbour_file(model, "drawing.svg")
     text = content(fmu, "documentation/index.html")
     assert plot in text
     assert text.count("<svg") == 1 + bool(drawing)
@@ -392,21 +394,25 @@ def test_the_plot_of_the_default_experiment_shows_its_numbers(model: Any, fmus: 
         (name,) = [n for n in archive.namelist() if n.endswith("_ref.csv")]
         header, *lines = archive.read(name).decode().splitlines()
     columns = np.array([[float(x) for x in line.split(",")] for line in lines]).T[1:]
-    root = ElementTree.parse(ROOT / "docs" / "machines" / f"{component(model)}.svg").getroot()
-    found = [text.text for text in root.iter("{http://www.w3.org/2000/svg}text")][:-1]
+    root = ElementTree.parse(ROOT / "docs" / "machines" / f"{component_name(model)}.svg").getroot()
+    actual = [text.text for text in root.iter("{http://www.w3.org/2000/svg}text")][:-1]
     wanted = []
     for variable, column in zip(header.split(",")[1:], columns):
         unit = Interface(model).by_name[variable].unit
         limits = dict.fromkeys(f"{x:.4g}" for x in (column.max(), column.min()))
         wanted += [f"{variable} [{unit}]" if unit else variable, *limits]
-    assert found == wanted
+    assert actual == wanted
     for line, column in zip(root.iter("{http://www.w3.org/2000/svg}polyline"), columns):
         dots = np.array([dot.split(",") for dot in line.attrib["points"].split()], float)
-        shown = np.interp(np.linspace(0, 1, 20), (dots[:, 0] - dots[0, 0]) / WIDTH, dots[:, 1])
+        display_unit = np.interp(
+            np.linspace(0, 1, 20), (dots[:, 0] - dots[0, 0]) / WIDTH, dots[:, 1]
+        )
         if np.ptp(column) > 0 and np.abs(np.diff(column)).max() < 0.02 * np.ptp(column):
             true = np.interp(np.linspace(0, 1, 20), np.linspace(0, 1, len(column)), column)
-            drawn = column.max() - (shown - dots[:, 1].min()) / HEIGHT * np.ptp(column)
-            assert drawn == pytest.approx(true, abs=0.06 * np.ptp(column))
+            random_values = column.max() - (display_unit - dots[:, 1].min()) / HEIGHT * np.ptp(
+                column
+            )
+            assert random_values == pytest.approx(true, abs=0.06 * np.ptp(column))
 
 
 @each_model

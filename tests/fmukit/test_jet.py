@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 import sympy
 
-from fmukit.step import jet
-from fmukit.step.jet import Jet
+from fmukit.runtime import jet
+from fmukit.runtime.jet import Jet
 
 FORMULAS: dict[str, Any] = {
     "products": lambda x, f: 3 * x * x - x * 2 + (1 - x) * (x + 0.5) - x**3,
@@ -24,7 +24,7 @@ def test_jets_have_the_derivatives_of_a_formula(name: str) -> None:
     x, t = sympy.symbols("x t")
     formula, draw = FORMULAS[name], random.Random(1)
     along = formula(x, sympy)
-    whole = along.subs(x, sympy.sin(t) + t / 5)
+    composed = along.subs(x, sympy.sin(t) + t / 5)
     for _ in range(20):
         at = draw.uniform(-1.0, 1.0)
         got = formula(Jet(at, 1.0, 0.0), jet)
@@ -33,7 +33,7 @@ def test_jets_have_the_derivatives_of_a_formula(name: str) -> None:
         assert formula(at, jet) == pytest.approx(got.value, rel=1e-14)
         inner = jet.sin(Jet(at, 1.0, 0.0)) + Jet(at, 1.0, 0.0) / 5
         chained = formula(Jet(inner.value, 1.0, 0.0), jet).along(inner)
-        wanted = [float(whole.diff(t, n).subs(t, at)) for n in range(3)]
+        wanted = [float(composed.diff(t, n).subs(t, at)) for n in range(3)]
         assert chained == pytest.approx(wanted, rel=1e-12, abs=1e-12)
         assert formula(inner, jet) == pytest.approx(wanted, rel=1e-12, abs=1e-12)
 

@@ -22,9 +22,9 @@ import pytest
 from fmpy.fmi1 import FMICallException
 
 from components import MACHINES
-from fmukit.declare.variables import Interface, class_name
+from fmukit.declare.interface import Interface, class_name
 from fmukit.fmu import make
-from fmukit.fmu.native import build
+from fmukit.fmu.native import package
 from fmukit.fmu.reference import by_equations
 from fmukit.trace import tracer as trace
 from tests.conftest import ROOT
@@ -40,14 +40,14 @@ NAMES = [name for name, model in MODELS.items() if not hasattr(model, "PYTHON_ON
 each = pytest.mark.parametrize("name", NAMES)
 
 
-def few(*names: str) -> Any:
+def only_for(*names: str) -> Any:
     """These machines, and the others in the slow tests: for what only the shared runtime decides."""
     slow = pytest.mark.slow
     every = [n if n in names else pytest.param(n, marks=slow) for n in NAMES]
     return pytest.mark.parametrize("name", every)
 
 
-sampled = few("CrankConveyor", "GravityOrientator")
+sampled = only_for("CrankConveyor", "GravityOrientator")
 
 
 def wave(**amplitudes: tuple[float, float, float]) -> Callable[[float], dict[str, Any]]:
@@ -103,7 +103,7 @@ SCENARIOS = [
 def test_an_fmu_carries_its_module_for_webassembly(name: str, fmus: Path) -> None:
     module = (fmus / "wasm" / f"{name}.wasm").read_bytes()
     with zipfile.ZipFile(fmus / "native" / f"{name}.fmu") as archive:
-        assert archive.read(f"{build.EXTRA}/{name}.wasm") == module
+        assert archive.read(f"{package.WASM_FOLDER}/{name}.wasm") == module
         guid = ElementTree.fromstring(archive.read("modelDescription.xml")).get("guid")
     assert module[:4] == b"\0asm"
     assert guid is not None and guid.encode() in module
@@ -125,12 +125,12 @@ def test_builds_that_end_at_once_keep_a_whole_module(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     content = b"x" * 200_000
-    monkeypatch.setattr(make.native, "module", lambda _: content)
-    unit = build.collect(MODELS["DriveMotor"])
+    monkeypatch.setattr(make.native, "wasm_module", lambda _: content)
+    unit = package.collect(MODELS["DriveMotor"])
     path = tmp_path / "wasm" / "DriveMotor.wasm"
 
     def keep(_: int) -> int:
-        make.module_kept(unit, path, force=True)
+        make.build_module_if_outdated(unit, path, force=True)
         return len(path.read_bytes())
 
     with ThreadPoolExecutor(4) as pool:
@@ -147,27 +147,27 @@ def rows(fmu: Path, start: dict[str, Any], inputs: Any, h: float, steps: int) ->
 def equations(name: str, start: dict[str, Any], inputs: Any, h: float, steps: int) -> Any:
     """All outputs after every step, from the functions of the component as they are written."""
     slave = by_equations(MODELS[name])(instance_name=name)
-    known = Interface(MODELS[name]).by_name
+    variables_by_name = Interface(MODELS[name]).by_name
 
     def put(values: dict[str, Any]) -> None:
         for variable, value in values.items():
-            kind = known[variable].kind.lower()
-            getattr(slave, f"set_{kind}")([known[variable].reference], [value])
+            kind = variables_by_name[variable].kind.lower()
+            getattr(slave, f"set_{kind}")([variables_by_name[variable].reference], [value])
 
     def outputs() -> list[Any]:
-        found = [v for v in known.values() if v.causality == "output"]
-        return [getattr(slave, f"get_{v.kind.lower()}")([v.reference])[0] for v in found]
+        actual = [v for v in variables_by_name.values() if v.causality == "output"]
+        return [getattr(slave, f"get_{v.kind.lower()}")([v.reference])[0] for v in actual]
 
     slave.setup_experiment(0.0, None, None)
     put(start | inputs(0.0))
     slave.enter_initialization_mode()
     slave.exit_initialization_mode()
-    found = []
+    actual = []
     for n in range(steps):
         put(inputs(n * h))
         slave.do_step(n * h, h)
-        found.append(outputs())
-    return found
+        actual.append(outputs())
+    return actual
 
 
 @pytest.mark.parametrize(
@@ -190,21 +190,21 @@ def test_equations_and_both_flavours_agree_to_the_last_bit(case: Any, fmus: Path
 
 
 def test_the_scenarios_contain_stick_reversal_impacts_flight_and_jams(fmus: Path) -> None:
-    seen: dict[str, set[Any]] = {}
+    observed: dict[str, set[Any]] = {}
     for name, *scenario in SCENARIOS:
         fmu = fmus / "native" / f"{name}.fmu"
         names = [v.name for v in Unit(fmu).variables.values() if v.causality == "output"]
         for row in rows(fmu, *scenario):  # type: ignore[arg-type]
             for variable, value in zip(names, row):
                 if isinstance(value, int):
-                    seen.setdefault(f"{name}.{variable}", set()).add(value)
-    assert seen["IronDrive.direction"] == {-1, 0, 1}
-    assert seen["IronDrive.motion"] == {0, 1, 2, 3}
-    assert seen["IronDrive.valid"] == {0, 1}
-    assert seen["GravityOrientator.stage"] >= {0, 1, 2, 3, 4, 5}
-    assert seen["GravityOrientator.contact"] == {0, 1}
-    assert len(seen["GravityOrientator.reason"]) >= 4
-    assert max(seen["GravityOrientator.missed"]) > 0
+                    observed.setdefault(f"{name}.{variable}", set()).add(value)
+    assert observed["IronDrive.direction"] == {-1, 0, 1}
+    assert observed["IronDrive.motion"] == {0, 1, 2, 3}
+    assert observed["IronDrive.valid"] == {0, 1}
+    assert observed["GravityOrientator.stage"] >= {0, 1, 2, 3, 4, 5}
+    assert observed["GravityOrientator.contact"] == {0, 1}
+    assert len(observed["GravityOrientator.reason"]) >= 4
+    assert max(observed["GravityOrientator.missed"]) > 0
 
 
 @each
@@ -213,8 +213,8 @@ def test_descriptions_differ_only_in_what_native_ones_can_do(name: str, fmus: Pa
         ElementTree.fromstring(zipfile.ZipFile(fmu).read("modelDescription.xml"))
         for fmu in (fmus / f"{name}.fmu", fmus / "native" / f"{name}.fmu")
     )
-    told = [native.find("CoSimulation"), python.find("CoSimulation")]
-    changed = {k: v for k, v in told[0].items() if told[1].get(k) != v}  # type: ignore[union-attr]
+    elements = [native.find("CoSimulation"), python.find("CoSimulation")]
+    changed = {k: v for k, v in elements[0].items() if elements[1].get(k) != v}  # type: ignore[union-attr]
     assert changed == {
         "needsExecutionTool": "false",
         "canInterpolateInputs": "true",
@@ -229,13 +229,16 @@ def test_descriptions_differ_only_in_what_native_ones_can_do(name: str, fmus: Pa
         "generationTool",
     }
     assert python.find("ModelExchange") is None
-    told = [native.find("ModelExchange"), native.find("CoSimulation")]
-    assert set(told[0].items()) - set(told[1].items()) == {  # type: ignore[union-attr]
-        ("completedIntegratorStepNotNeeded", str(not hasattr(MODELS[name], "guard")).lower())
+    elements = [native.find("ModelExchange"), native.find("CoSimulation")]
+    assert set(elements[0].items()) - set(elements[1].items()) == {  # type: ignore[union-attr]
+        (
+            "completedIntegratorStepNotNeeded",
+            str(not hasattr(MODELS[name], "event_indicators")).lower(),
+        )
     }
     for part in ("UnitDefinitions", "TypeDefinitions", "ModelVariables", "InitialUnknowns"):
         ours, theirs = (
-            [[(e.tag, e.attrib) for e in found.iter()][1:] for found in root.iter(part)]
+            [[(e.tag, e.attrib) for e in actual.iter()][1:] for actual in root.iter(part)]
             for root in (python, native)
         )
         for mine, more_of_them in zip(ours, theirs, strict=True):
@@ -247,7 +250,7 @@ def test_descriptions_differ_only_in_what_native_ones_can_do(name: str, fmus: Pa
 def test_a_state_read_alone_before_the_start_is_what_the_others_make_of_it(
     flavour: str, fmus: Path
 ) -> None:
-    seen = []
+    observed = []
     for first in ("yc", "N_K"):
         unit = Unit(fmus / flavour / "GravityOrientator.fmu")
         unit.fmi.setupExperiment()
@@ -255,15 +258,17 @@ def test_a_state_read_alone_before_the_start_is_what_the_others_make_of_it(
         assert unit.get("yc") == 9.0
         unit.fmi.enterInitializationMode()
         unit.get(first)
-        seen.append(unit.get("yc"))
-    assert seen[0] == seen[1] != 9.0
+        observed.append(unit.get("yc"))
+    assert observed[0] == observed[1] != 9.0
 
 
-def derivative(unit: Unit, unknown: list[str], known: str) -> list[float]:
+def derivative(unit: Unit, unknown: list[str], variable_name: str) -> list[float]:
     """fmi2GetDirectionalDerivative of some outputs by one variable."""
     refs = [unit.variables[n].valueReference for n in unknown]
     return list(
-        unit.fmi.getDirectionalDerivative(refs, [unit.variables[known].valueReference], [1.0])
+        unit.fmi.getDirectionalDerivative(
+            refs, [unit.variables[variable_name].valueReference], [1.0]
+        )
     )
 
 
@@ -303,27 +308,31 @@ def test_directional_derivatives_at_the_start_match_finite_differences(
     unit.fmi.enterInitializationMode()
     outputs = reals(unit, "output")
     state = unit.fmi.getFMUstate()
-    found = 0
-    for known in [n for n in reals(unit, "parameter", "input", "output") if settable(unit, n)]:
+    actual = 0
+    for variable_name in [
+        n for n in reals(unit, "parameter", "input", "output") if settable(unit, n)
+    ]:
         unit.fmi.setFMUstate(state)
-        exact = derivative(unit, outputs, known)
-        value = unit.get(known)
+        exact = derivative(unit, outputs, variable_name)
+        value = unit.get(variable_name)
         steps = [1e-3 * (abs(value) or 1.0), 5e-4 * (abs(value) or 1.0)]
         differences = []
         for step in steps:
             sides = []
             for sign in (1, -1):
                 unit.fmi.setFMUstate(state)
-                unit.set(**{known: value + sign * step})
+                unit.set(**{variable_name: value + sign * step})
                 unit.get(first_calculated(unit))
                 sides.append([unit.get(n) for n in outputs])
             differences.append((np.array(sides[0]) - np.array(sides[1])) / (2 * step))
         estimate = (4 * differences[1] - differences[0]) / 3
         scale = np.maximum(np.abs(estimate), 1e-6 * np.max(np.abs(estimate)))
         error = np.abs(exact - estimate)
-        assert np.all(error <= 1e-6 * np.maximum(scale, noise(unit, outputs, steps[1]))), known
-        found += np.count_nonzero(exact)
-    assert found > len(outputs)
+        assert np.all(error <= 1e-6 * np.maximum(scale, noise(unit, outputs, steps[1]))), (
+            variable_name
+        )
+        actual += np.count_nonzero(exact)
+    assert actual > len(outputs)
 
 
 def settable(unit: Unit, name: str) -> bool:
@@ -347,15 +356,15 @@ def test_directional_derivatives_after_a_step_are_by_inputs(name: str, fmus: Pat
     )
     outputs = reals(unit, "output")
     saved = unit.fmi.getFMUstate()
-    for known in reals(unit, "input"):
-        value, h = unit.get(known), 1e-12
+    for variable_name in reals(unit, "input"):
+        value, h = unit.get(variable_name), 1e-12
         sides = []
         for sign in (1, -1):
             unit.fmi.setFMUstate(saved)
-            unit.set(**{known: value + sign * 1e-3}).step(0.0, h)
+            unit.set(**{variable_name: value + sign * 1e-3}).step(0.0, h)
             sides.append(np.array([unit.get(n) for n in outputs]))
         unit.fmi.setFMUstate(saved)
-        exact = derivative(unit.step(0.0, h), outputs, known)
+        exact = derivative(unit.step(0.0, h), outputs, variable_name)
         assert np.any(exact)
         assert exact == pytest.approx((sides[0] - sides[1]) / 2e-3, rel=1e-6, abs=1e-5)
     with pytest.raises(FMICallException):
@@ -367,15 +376,15 @@ def test_directional_derivatives_after_a_step_are_by_inputs(name: str, fmus: Pat
 def test_output_derivatives_are_the_slopes_of_the_outputs(name: str, fmus: Path) -> None:
     """Central differences over two steps of an input that runs on a line."""
     unit = Unit(fmus / "native" / f"{name}.fmu")
-    known, *_ = reals(unit, "input")
+    variable_name, *_ = reals(unit, "input")
     unit.start(**({"phi": 0.6, "w_cam": 2.0} if name == "IronDrive" else {}))
     outputs = [n for n in reals(unit, "output") if not n.startswith(("t_", "S_", "P_B", "P_K"))]
     references = [unit.variables[n].valueReference for n in outputs]
-    value, h = unit.get(known), 2e-5
+    value, h = unit.get(variable_name), 2e-5
     rows = []
     for n in range(41):
-        rate(unit, known, 3.0)
-        unit.set(**{known: value + 3.0 * n * h}).step(n * h, h)
+        rate(unit, variable_name, 3.0)
+        unit.set(**{variable_name: value + 3.0 * n * h}).step(n * h, h)
         rows.append([unit.get(o) for o in outputs])
         if n == 39:
             orders = [1] * len(references)
@@ -390,8 +399,8 @@ def test_an_output_derivative_without_a_finite_value_is_an_error(fmus: Path) -> 
     """The torque itself stays finite: 1e308 N.m within the lag of 0.0625 s."""
     unit = Unit(fmus / "native" / "DriveMotor.fmu").start(A=1e308).step(0.0, 1e-3)
     tau = [unit.variables["tau"].valueReference]
-    said = unit.refusal(lambda u: u.fmi.getRealOutputDerivatives(tau, [1]))
-    assert "the derivative of tau = inf must be a finite number" in said
+    message = unit.refusal(lambda u: u.fmi.getRealOutputDerivatives(tau, [1]))
+    assert "the derivative of tau = inf must be a finite number" in message
 
 
 def rate(unit: Unit, name: str, value: float) -> None:
@@ -400,13 +409,13 @@ def rate(unit: Unit, name: str, value: float) -> None:
 
 
 def test_derivatives_of_other_orders_and_of_other_variables_are_refused(fmus: Path) -> None:
-    for name, value, said in (
+    for name, value, message in (
         ("tau", 1.0, "the derivative of tau cannot be set: continuous output, after init"),
         ("w", math.nan, "the derivative of w = nan must be a finite number"),
     ):
         unit = Unit(fmus / "native" / "DriveMotor.fmu", "unit 7").start()
         refusal = unit.refusal(lambda u, name=name, value=value: rate(u, name, value))
-        assert f"unit 7: {said}" in refusal
+        assert f"unit 7: {message}" in refusal
 
 
 def test_the_binary_needs_only_the_c_library_of_2012(fmus: Path, tmp_path: Path) -> None:
@@ -415,12 +424,14 @@ def test_the_binary_needs_only_the_c_library_of_2012(fmus: Path, tmp_path: Path)
     for name in NAMES:
         folder = Path(fmpy.extract(fmus / "native" / f"{name}.fmu", tmp_path / name))
         library = folder / "binaries" / "linux64" / f"{name}.so"
-        said = subprocess.run(
+        message = subprocess.run(
             ["readelf", "-dV", library], check=True, capture_output=True, text=True
         ).stdout
-        needed = {line.split("[")[1].strip("]") for line in said.splitlines() if "(NEEDED)" in line}
+        needed = {
+            line.split("[")[1].strip("]") for line in message.splitlines() if "(NEEDED)" in line
+        }
         assert needed <= {"libc.so.6", "libm.so.6"}
-        versions = {word.strip("(),") for word in said.split() if word.startswith("GLIBC_2")}
+        versions = {word.strip("(),") for word in message.split() if word.startswith("GLIBC_2")}
         assert max(tuple(map(int, v[6:].split("."))) for v in versions) <= (2, 17)
 
 
@@ -447,15 +458,15 @@ def unpacked(fmu: Path, folder: Path) -> tuple[Path, list[str]]:
         description.numberOfContinuousStates,
         description.numberOfEventIndicators,
     )
-    known = [description.guid, *map(str, counts)]
-    return Path(fmpy.extract(fmu, folder)), known
+    host_arguments = [description.guid, *map(str, counts)]
+    return Path(fmpy.extract(fmu, folder)), host_arguments
 
 
 WINE = next(filter(None, map(shutil.which, ("wine64", "wine", "/usr/lib/wine/wine64"))), None)
 ARM = Path("/usr/aarch64-linux-gnu")
-HERE = "x86_64-linux-gnu"
+HOST_TARGET = "x86_64-linux-gnu"
 PLATFORMS: dict[str, tuple[str, list[Any]]] = {
-    HERE: ("linux64/{}.so", []),
+    HOST_TARGET: ("linux64/{}.so", []),
     "x86_64-windows-gnu": ("win64/{}.dll", [WINE]),
     "aarch64-linux-gnu.2.17": (
         "aarch64-linux/{}.so",
@@ -475,12 +486,14 @@ def elsewhere(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., str]:
     def compiled(source: str, target: str) -> Path:
         program, base = folder / f"{source}.{target}.exe", ["-O2", f"-I{HEADERS}", f"-I{HOSTS}"]
         if "windows" not in target:
-            build.compiled(target, str(HOSTS / source), str(program), folder, base)
+            package.run_compiler(target, str(HOSTS / source), str(program), folder, base)
             return program
-        options, made = ["-c", *base, f'-DMODEL="{source}"'], f"{source}.obj"
-        build.compiled(target, str(HOSTS / "windows.c"), made, folder, options)
-        options = ["-nostdlib", *build.UCRT, "-lapi-ms-win-crt-runtime-l1-1-0", "-lkernel32"]
-        build.compiled(target, made, program.name, folder, [*options, "-Wl,-e,mainCRTStartup"])
+        options, traced = ["-c", *base, f'-DMODEL="{source}"'], f"{source}.obj"
+        package.run_compiler(target, str(HOSTS / "windows.c"), traced, folder, options)
+        options = ["-nostdlib", *package.UCRT, "-lapi-ms-win-crt-runtime-l1-1-0", "-lkernel32"]
+        package.run_compiler(
+            target, traced, program.name, folder, [*options, "-Wl,-e,mainCRTStartup"]
+        )
         return program
 
     def run(source: str, target: str, library: Path, *arguments: object) -> str:
@@ -497,7 +510,7 @@ def elsewhere(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., str]:
 
 
 @pytest.mark.parametrize("target", EMULATED)
-@few("CrankConveyor", "DCMotor")
+@only_for("CrankConveyor", "DCMotor")
 def test_every_call_is_survived_elsewhere(
     name: str, target: str, elsewhere: Callable[..., str], fmus: Path, tmp_path: Path
 ) -> None:
@@ -509,19 +522,19 @@ def test_every_call_is_survived(
     name: str, elsewhere: Callable[..., str], fmus: Path, tmp_path: Path
 ) -> None:
     """Without any Python, from a path that pythonfmu could not stand."""
-    every_call(name, HERE, elsewhere, fmus, tmp_path)
+    every_call(name, HOST_TARGET, elsewhere, fmus, tmp_path)
 
 
 def every_call(
     name: str, target: str, elsewhere: Callable[..., str], fmus: Path, folder: Path
 ) -> None:
-    folder, known = unpacked(fmus / "native" / f"{name}.fmu", folder / "a 100%s #1 + ærø")
+    folder, host_arguments = unpacked(fmus / "native" / f"{name}.fmu", folder / "a 100%s #1 + ærø")
     library = folder / "binaries" / PLATFORMS[target][0].format(name)
-    elsewhere("every_call.c", target, library, *known, 20)
+    elsewhere("every_call.c", target, library, *host_arguments, 20)
 
 
 @pytest.mark.parametrize("target", EMULATED)
-@few("CrankConveyor", "GravityOrientator", "IronDrive")
+@only_for("CrankConveyor", "GravityOrientator", "IronDrive")
 def test_numbers_are_the_same_on_other_platforms(
     name: str, target: str, elsewhere: Callable[..., str], fmus: Path, tmp_path: Path
 ) -> None:
@@ -534,41 +547,44 @@ def test_numbers_are_the_same_on_other_platforms(
 
     def rows(target: str) -> np.ndarray:
         library = folder / "binaries" / PLATFORMS[target][0].format(name)
-        said = elsewhere("rows.c", target, library, guid, round(stop / h), h, *outputs)
-        return np.array([line.split() for line in said.splitlines()], float)
+        message = elsewhere("rows.c", target, library, guid, round(stop / h), h, *outputs)
+        return np.array([line.split() for line in message.splitlines()], float)
 
-    here, there = rows(HERE), rows(target)
-    assert len(here) == round(stop / h) + 1
+    host_rows, target_rows = rows(HOST_TARGET), rows(target)
+    assert len(host_rows) == round(stop / h) + 1
     if "linux" in target:
-        assert np.array_equal(there, here)
-    assert np.all(np.abs(there - here) <= 1e-11 * np.ptp(here, axis=0) + 1e-300)
+        assert np.array_equal(target_rows, host_rows)
+    assert np.all(np.abs(target_rows - host_rows) <= 1e-11 * np.ptp(host_rows, axis=0) + 1e-300)
 
 
-@few("CrankConveyor", "DriveMotor")
+@only_for("CrankConveyor", "DriveMotor")
 def test_valgrind_finds_nothing(name: str, fmus: Path, tmp_path: Path) -> None:
     if shutil.which("valgrind") is None or shutil.which("gcc") is None:
         pytest.skip("there is no valgrind or no gcc")
-    folder, known = unpacked(fmus / "native" / f"{name}.fmu", tmp_path)
+    folder, host_arguments = unpacked(fmus / "native" / f"{name}.fmu", tmp_path)
     program, library = tmp_path / "host", folder / "binaries" / "linux64" / f"{name}.so"
     compile_c(HOSTS / "every_call.c", program, "-ldl")
     valgrind = ["valgrind", "-q", "--leak-check=full", "--error-exitcode=9"]
     done = subprocess.run(
-        [*valgrind, program, library, *known, "2"], check=False, capture_output=True, text=True
+        [*valgrind, program, library, *host_arguments, "2"],
+        check=False,
+        capture_output=True,
+        text=True,
     )
     assert (done.returncode, done.stderr) == (0, "")
 
 
-@few("CrankConveyor")
+@only_for("CrankConveyor")
 def test_sanitizers_find_nothing(name: str, fmus: Path, tmp_path: Path) -> None:
     if shutil.which("gcc") is None:
         pytest.skip("there is no gcc")
-    folder, known = unpacked(fmus / "native" / f"{name}.fmu", tmp_path)
+    folder, host_arguments = unpacked(fmus / "native" / f"{name}.fmu", tmp_path)
     sanitize = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
     program, library = tmp_path / "host", tmp_path / f"{name}.so"
     compile_c(HOSTS / "every_call.c", program, *sanitize, "-ldl")
     compile_c(folder / "sources" / f"{name}.c", library, *sanitize, "-fPIC", "-shared", "-lm")
     done = subprocess.run(
-        [program, library, *known, "5"], check=False, capture_output=True, text=True
+        [program, library, *host_arguments, "5"], check=False, capture_output=True, text=True
     )
     assert (done.returncode, done.stderr) == (0, "")
 
@@ -617,9 +633,9 @@ def test_traced_conditions_are_followed_once_for_each_answer() -> None:
             return x + 1.0
         return -x if x > 1.0 else abs(x)
 
-    made = trace.function("f", run, {"x": "number"})
-    assert made is not None
-    (outer,) = [node for node in made.tree.nodes if node.op == "join"]
+    traced = trace.function("f", run, {"x": "number"})
+    assert traced is not None
+    (outer,) = [node for node in traced.tree.nodes if node.op == "join"]
     assert [[node.op for node in arm.nodes] for arm in outer.args[1:3]] == [["join"], ["fabs"]]
 
 
@@ -628,7 +644,7 @@ def test_traced_conditions_are_followed_once_for_each_answer() -> None:
 )
 def test_both_flavours_say_the_same_of_what_happens(name: str, fmus: Path) -> None:
     """Warnings with the values of the event, and the reason of a failure, digit by digit."""
-    said = []
+    message = []
     for folder in (fmus, fmus / "native"):
         cases = [case for case in SCENARIOS if case[0] == name and case[3] == 1e-3][::2]
         MESSAGES.clear()
@@ -638,8 +654,8 @@ def test_both_flavours_say_the_same_of_what_happens(name: str, fmus: Path) -> No
         unit = Unit(folder / f"{name}.fmu").start()
         key = "tau" if name == "IronDrive" else "w"
         unit.refusal(lambda u, key=key: u.set(**{key: 1e200}).step(0.0, 1e-3))  # type: ignore[misc]
-        said.append(
+        message.append(
             [re.sub(r"(?s).*?(unit: )", r"\1", text, count=1) for text in warnings + MESSAGES]
         )
-    assert len(said[0]) > 3
-    assert said[0] == said[1]
+    assert len(message[0]) > 3
+    assert message[0] == message[1]

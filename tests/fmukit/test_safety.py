@@ -15,14 +15,14 @@ MOTOR, CONVEYOR = "DriveMotor.fmu", "CrankConveyor.fmu"
 
 @pytest.mark.parametrize("unit", safety.MISUSE)
 def test_a_misuse_is_refused_and_harms_nobody(unit: str, both: Path, fmus: Path) -> None:
-    found = safety.misuse(both / f"{unit}.fmu")
-    assert len(found) == len(safety.MISUSE[unit])
-    for reason, (refusal, plausible, *rest) in found.items():
+    refusals = safety.misuse(both / f"{unit}.fmu")
+    assert len(refusals) == len(safety.MISUSE[unit])
+    for reason, (refusal, plausible, *rest) in refusals.items():
         assert "unit 7: " in refusal
         assert reason in refusal
         assert plausible == []
-        recovered, alive, paths = rest
-        assert (recovered, alive, paths) == (1, int(both == fmus), 0), reason
+        recovered, living, paths = rest
+        assert (recovered, living, paths) == (1, int(both == fmus), 0), reason
 
 
 def test_what_is_unusual_only_warns_and_a_percent_sign_harms_no_logger(both: Path) -> None:
@@ -57,9 +57,9 @@ def test_a_thousand_states_live_at_once(both: Path) -> None:
     "damage", ["another build", "one bit", "cut", "nothing", "binary", "deep", "forged"]
 )
 def test_a_damaged_state_is_refused_and_rollback_leads_out(damage: str, both: Path) -> None:
-    refusal, seen, same = safety.foreign_state(both / MOTOR, both / CONVEYOR, damage)
+    refusal, observed, same = safety.foreign_state(both / MOTOR, both / CONVEYOR, damage)
     assert "unit 7: FMU state is damaged or not of this build {" in refusal
-    assert all(map(math.isnan, seen))
+    assert all(map(math.isnan, observed))
     assert same
 
 

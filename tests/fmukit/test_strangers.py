@@ -16,12 +16,12 @@ import pytest
 from fmpy.validation import validate_fmu
 from scipy.integrate import solve_ivp
 
+from fmukit.codegen.entries import generate
+from fmukit.declare.interface import Interface, class_name
 from fmukit.declare.record import declarations
-from fmukit.declare.variables import Interface, class_name
 from fmukit.fmu.load import load
 from fmukit.fmu.make import make_all
 from fmukit.fmu.reference import by_equations
-from fmukit.write.entries import written
 from tests.conftest import ROOT
 from tests.fmukit.test_exchange import Model
 from tests.hosts.host import Unit
@@ -42,8 +42,8 @@ def fmukit(*arguments: Any) -> str:
 def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """FMUs of the models, made in a folder of their own."""
     folder = tmp_path_factory.mktemp("strangers")
-    said = fmukit("build", *MODELS, "--flavour", "both", "--out", folder)
-    assert said.count("built and valid") == 2 * len(MODELS)
+    message = fmukit("build", *MODELS, "--flavour", "both", "--out", folder)
+    assert message.count("built and valid") == 2 * len(MODELS)
     return folder
 
 
@@ -51,10 +51,10 @@ def run(fmu: Path, model: ModuleType, **start: float) -> np.ndarray:
     """Time and outputs of the default experiment in an FMU."""
     stop, h = model.EXPERIMENT
     unit = Unit(fmu).start(**start)
-    found = [[0.0, *unit.outputs()]]
+    actual = [[0.0, *unit.outputs()]]
     for n in range(round(stop / h)):
-        found.append([(n + 1) * h, *unit.step(n * h, h).outputs()])
-    return np.array(found)
+        actual.append([(n + 1) * h, *unit.step(n * h, h).outputs()])
+    return np.array(actual)
 
 
 def from_equations(model: ModuleType) -> np.ndarray:
@@ -65,11 +65,11 @@ def from_equations(model: ModuleType) -> np.ndarray:
     slave.setup_experiment(0.0, None, None)
     slave.enter_initialization_mode()
     slave.exit_initialization_mode()
-    found = [[0.0, *slave.get_real(outputs)]]
+    actual = [[0.0, *slave.get_real(outputs)]]
     for n in range(round(stop / h)):
         slave.do_step(n * h, h)
-        found.append([(n + 1) * h, *slave.get_real(outputs)])
-    return np.array(found)
+        actual.append([(n + 1) * h, *slave.get_real(outputs)])
+    return np.array(actual)
 
 
 @pytest.mark.parametrize("path", MODELS, ids=lambda path: path.stem)
@@ -164,7 +164,7 @@ class Outputs:
 def outputs(p, t, x, u):
     return Outputs(y={})
 """
-JUMP = "def jump(p, t, x, u, which):\n    return State(x=1.0)\n"
+JUMP = "def event_update(p, t, x, u, which):\n    return State(x=1.0)\n"
 
 
 WINDING = f"""{HEAD}
@@ -210,12 +210,12 @@ def test_feedthrough_is_what_the_equations_use(tmp_path: Path) -> None:
     path.write_text(WINDING)
     model = load(path)
     declared = {name: d.feedthrough for name, d in declarations(model.Outputs)}
-    assert written(model).warnings == ()
+    assert generate(model).warnings == ()
     acts: dict[str, set[str]] = {name: set() for name in declared}
     for values in product((0.0, 0.5, 2.0, 4.0), repeat=3):
         before = model.outputs(None, 0.0, model.State(2.0), model.Inputs(*values))
-        for place, name in enumerate(("a", "b", "c")):
-            u = model.Inputs(*values)._replace(**{name: values[place] + 1.0})
+        for index, name in enumerate(("a", "b", "c")):
+            u = model.Inputs(*values)._replace(**{name: values[index] + 1.0})
             after = model.outputs(None, 0.0, model.State(2.0), u)
             for output, old, new in zip(declared, before, after):
                 acts[output] |= {name} if old != new else set()
@@ -229,7 +229,7 @@ def test_feedthrough_is_what_the_equations_use(tmp_path: Path) -> None:
             path.write_text(changed)
             refusal = f"^{name} of Outputs depends on {dropped} without delay"
             with pytest.raises(TypeError, match=refusal):
-                written(load(path))
+                generate(load(path))
 
 
 def test_a_declared_input_that_does_not_act_is_named(
@@ -238,8 +238,8 @@ def test_a_declared_input_that_does_not_act_is_named(
     model = tmp_path / "thing.py"
     model.write_text(HEAD + INPUT + STILL + OUTPUT.format(', feedthrough=("r", "s")', "u.s * x.x"))
     assert make_all([model], "python", tmp_path) == 0
-    said = capsys.readouterr().err
-    assert said == (
+    message = capsys.readouterr().err
+    assert message == (
         "Thing.fmu: warning: y of Outputs declares feedthrough of r, which its equation does not use: "
         'write y: ... = real(..., "...", feedthrough=("s",))\n'
     )
@@ -248,15 +248,15 @@ def test_a_declared_input_that_does_not_act_is_named(
 def test_an_event_indicator_without_a_finite_value_is_an_error(tmp_path: Path) -> None:
     """It was handed to the integrator with status OK."""
     path = tmp_path / "tall.py"
-    guard = "def guard(p, t, x, u):\n    return (x.x * p.n0,)\n"
+    guard = "def event_indicators(p, t, x, u):\n    return (x.x * p.n0,)\n"
     path.write_text(HEAD + STILL + guard + JUMP)
     assert make_all([path], "native", tmp_path) == 0
     fmu = tmp_path / "native" / "Tall.fmu"
     model = Model(fmu)
     assert model.all("EventIndicators", 1) == [6.0]
     model = Model(fmu, n0=1e308, x=2.0)
-    said = model.refusal(lambda m: m.all("EventIndicators", 1))  # type: ignore[attr-defined]
-    assert "event indicator 1 = inf must be a finite number" in said
+    message = model.refusal(lambda m: m.all("EventIndicators", 1))  # type: ignore[attr-defined]
+    assert "event indicator 1 = inf must be a finite number" in message
 
 
 def test_names_of_a_model_are_not_those_of_the_printers(tmp_path: Path) -> None:
@@ -329,7 +329,7 @@ def test_all_functions_of_math_that_c_has_give_the_same_bits(tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         (HEAD.replace('"""Thing"""\n', "") + BODY, "thing.py: the docstring is missing: write"),
         (HEAD + BODY.replace('real(2.0, "State")', "2.0"),
@@ -371,12 +371,12 @@ def test_all_functions_of_math_that_c_has_give_the_same_bits(tmp_path: Path) -> 
          "thing.py: derivatives returns a number: write return State(...)"),
         (HEAD + BODY.replace("State(x=rate(x.x, p.n0))", "x.x, 1.0"),
          "thing.py: derivatives returns a tuple: write return State(...)"),
-        (HEAD + STILL + "def guard(p, t, x, u):\n    return x.x\n" + JUMP,
-         "thing.py: guard returns a number: write return (..., ...)"),
-        (HEAD + BODY + "def guard(p, t, x, u):\n    return (x.x,)\n", "thing.py: jump is missing: write"),
-        (HEAD + BODY + JUMP, "thing.py: guard is missing: write def guard(p, t, x, u)"),
-        (HEAD + STILL + "def guard(p, t, x, u):\n    return (x.x,)\n" + JUMP.replace("State(x=1.0)", "(1.0,)"),
-         "thing.py: jump returns a tuple: write return State(...)"),
+        (HEAD + STILL + "def event_indicators(p, t, x, u):\n    return x.x\n" + JUMP,
+         "thing.py: event_indicators returns a number: write return (..., ...)"),
+        (HEAD + BODY + "def event_indicators(p, t, x, u):\n    return (x.x,)\n", "thing.py: event_update is missing: write"),
+        (HEAD + BODY + JUMP, "thing.py: event_indicators is missing: write def event_indicators(p, t, x, u)"),
+        (HEAD + STILL + "def event_indicators(p, t, x, u):\n    return (x.x,)\n" + JUMP.replace("State(x=1.0)", "(1.0,)"),
+         "thing.py: event_update returns a tuple: write return State(...)"),
         (HEAD + BODY.replace("(p, t, x, u)", "(p, x, t, u)"),
          "thing.py: derivatives takes p, x, t, u: write def derivatives(p, t, x, u)"),
         (HEAD + BODY.replace("(p, t, x, u)", "(p, t, x)"),
@@ -421,7 +421,7 @@ def test_all_functions_of_math_that_c_has_give_the_same_bits(tmp_path: Path) -> 
 )  # fmt: skip
 def test_first_mistakes_get_one_line_with_the_place_and_what_to_write(
     text: str,
-    said: str,
+    message: str,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
@@ -429,7 +429,7 @@ def test_first_mistakes_get_one_line_with_the_place_and_what_to_write(
     monkeypatch.chdir(tmp_path)
     Path("thing.py").write_text(text)
     assert make_all([Path("thing.py")], "both", tmp_path) == 1
-    found = capsys.readouterr().err
-    assert len(found.splitlines()) == 1
-    assert said in found
+    actual = capsys.readouterr().err
+    assert len(actual.splitlines()) == 1
+    assert message in actual
     assert not list(tmp_path.rglob("*.fmu"))

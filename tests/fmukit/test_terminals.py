@@ -13,7 +13,7 @@ from lxml import etree
 from PIL import Image
 
 from components.gearbox import model as gearbox
-from fmukit.declare.variables import Interface
+from fmukit.declare.interface import Interface
 from fmukit.fmu.terminals import flanges
 
 SCHEMA = Path(fmpy.__file__).parent / "schema" / "fmi3" / "fmi3TerminalsAndIcons.xsd"
@@ -21,7 +21,7 @@ SCHEMA = Path(fmpy.__file__).parent / "schema" / "fmi3" / "fmi3TerminalsAndIcons
 
 def test_every_fmu_has_a_valid_folder_with_its_icon(both: Path) -> None:
     schema = etree.XMLSchema(etree.parse(str(SCHEMA)))
-    found = {}
+    terminals_by_fmu = {}
     for fmu in both.glob("*.fmu"):
         with ZipFile(fmu) as archive:
             root = etree.fromstring(archive.read("terminalsAndIcons/terminalsAndIcons.xml"))
@@ -32,10 +32,13 @@ def test_every_fmu_has_a_valid_folder_with_its_icon(both: Path) -> None:
         assert icon.size == (256, pytest.approx(256 * shape, abs=1.0))
         shades = icon.convert("L").getcolors()
         assert shades and len(shades) > 8
-        found[fmu.stem] = {terminal.get("name") for terminal in root.iter("Terminal")}
-    assert found["Gearbox"] == found["ShaftLink"] == {"flange_a", "flange_b"}
-    assert found["GravityOrientator"] == set()
-    assert all(found[name] == {"flange"} for name in ("DriveMotor", "CrankConveyor", "IronDrive"))
+        terminals_by_fmu[fmu.stem] = {terminal.get("name") for terminal in root.iter("Terminal")}
+    assert terminals_by_fmu["Gearbox"] == terminals_by_fmu["ShaftLink"] == {"flange_a", "flange_b"}
+    assert terminals_by_fmu["GravityOrientator"] == set()
+    assert all(
+        terminals_by_fmu[name] == {"flange"}
+        for name in ("DriveMotor", "CrankConveyor", "IronDrive")
+    )
 
 
 def changed(ends: dict[str, tuple[str, ...]]) -> ModuleType:

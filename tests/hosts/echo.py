@@ -30,8 +30,8 @@ class Echo(Fmi2Slave):
         self.register_variable(
             Real("g", causality=Fmi2Causality.local, variability=Fmi2Variability.constant)
         )
-        made = {"causality": Fmi2Causality.calculatedParameter}
-        self.register_variable(Real("twice", variability=Fmi2Variability.fixed, **made))
+        attributes = {"causality": Fmi2Causality.calculatedParameter}
+        self.register_variable(Real("twice", variability=Fmi2Variability.fixed, **attributes))
         self.register_variable(Real("u", causality=Fmi2Causality.input))
         self.register_variable(Real("y", causality=Fmi2Causality.output))
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from tests.hosts.host import Unit, apart
+from tests.hosts.host import Unit, in_subprocess
 
 
 def resident() -> int:
@@ -14,7 +14,7 @@ def resident() -> int:
     return int(Path("/proc/self/statm").read_text().split()[1]) * resource.getpagesize()
 
 
-@apart
+@in_subprocess
 def lives(fmu: str) -> list[float]:
     """Bytes that each of 500 instances leaves behind, and entries that all leave on sys.path."""
     paths = len(sys.path)
@@ -27,7 +27,7 @@ def lives(fmu: str) -> list[float]:
     return [(resident() - before) / 500, len(sys.path) - paths]
 
 
-@apart
+@in_subprocess
 def crowd(fmu: str, name: str, values: list[float]) -> list[list[float]]:
     """Outputs of instances that live at once, each with its own value of one input."""
     units = [Unit(fmu).start(**{name: value}) for value in values]
@@ -37,7 +37,7 @@ def crowd(fmu: str, name: str, values: list[float]) -> list[list[float]]:
     return [unit.outputs() for unit in units]
 
 
-@apart
+@in_subprocess
 def versions(fmus: list[str]) -> list[float]:
     """Torque of several builds side by side, in a host that has modules of the same names."""
     for name in ("components", "drive_motor", "fmu", "fmukit", "fmukit.fmu"):
@@ -49,7 +49,7 @@ def versions(fmus: list[str]) -> list[float]:
     return [unit.get("tau") for unit in units]
 
 
-@apart
+@in_subprocess
 def default_experiment(fmu: str) -> dict[str, Any]:
     """The end of fmpy's own run of the default experiment."""
     from fmpy import simulate_fmu

@@ -20,7 +20,7 @@ MESSAGES: list[str] = []
 FOLDERS: list[Any] = []
 
 
-def apart(function: Callable[..., Any]) -> Callable[..., Any]:
+def in_subprocess(function: Callable[..., Any]) -> Callable[..., Any]:
     """Run a function in a process of its own and return what it returns; a crash is a failure."""
 
     @functools.wraps(function)

@@ -16,12 +16,12 @@ log_output_level(CosimLogLevel.ERROR)
 task = json.loads(sys.argv[1])
 step = round(task["step"] * 1e9)
 slaves, references = {}, {}
-if given := sys.argv[2:]:
-    folder = Path(given[0]).is_dir()
+if arguments := sys.argv[2:]:
+    folder = Path(arguments[0]).is_dir()
     execution = (
-        CosimExecution.from_osp_config_file(given[0])
+        CosimExecution.from_osp_config_file(arguments[0])
         if folder
-        else CosimExecution.from_ssp_file(given[0], step)
+        else CosimExecution.from_ssp_file(arguments[0], step)
     )
     slaves = {name: execution.slave_index_from_instance_name(name) for name in task["parts"]}
 else:
@@ -39,11 +39,11 @@ def port(name: str) -> tuple[int, int]:
     return slaves[part], references[name]
 
 
-for name, value in () if given else task["start"].items():
+for name, value in () if arguments else task["start"].items():
     kind = "boolean" if isinstance(value, bool) else "real"
     if not getattr(execution, f"{kind}_initial_value")(*port(name), value):
         sys.exit(f"{name} is not set")
-for source, target in () if given else task["wires"]:
+for source, target in () if arguments else task["wires"]:
     if execution.connect_real_variables(*port(source), *port(target)):
         sys.exit(f"{target} is not connected")
 observer = CosimObserver.create_last_value()

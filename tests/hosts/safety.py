@@ -16,7 +16,7 @@ from typing import Any
 
 from fmpy.fmi1 import FMICallException
 
-from tests.hosts.host import MESSAGES, Unit, apart
+from tests.hosts.host import MESSAGES, Unit, in_subprocess
 
 MISUSE = {
     "DriveMotor": {
@@ -91,7 +91,7 @@ CARELESS: list[list[Any]] = [
 ]
 
 
-@apart
+@in_subprocess
 def misuse(fmu: str) -> dict[str, list[Any]]:
     """What follows every misuse of an FMU, by its reason."""
     return {reason: misused(fmu, act) for reason, act in MISUSE[Path(fmu).stem].items()}
@@ -112,9 +112,9 @@ def misused(fmu: str, act: Callable[[Unit], Any]) -> list[Any]:
         unit.refusal(act)
         unit.fmi.freeInstance()
     recovered.add(str(Unit(fmu).start().step(0.0, 0.1).outputs()))
-    alive = living(fmu) - before
+    living_count = living(fmu) - before
     Unit(fmu).refusal(act)
-    return [*refusals, plausible, len(recovered), alive, len(sys.path) - paths]
+    return [*refusals, plausible, len(recovered), living_count, len(sys.path) - paths]
 
 
 def living(fmu: str) -> int:
@@ -123,7 +123,7 @@ def living(fmu: str) -> int:
     return sum(type(thing).__name__ == name for thing in gc.get_objects())
 
 
-@apart
+@in_subprocess
 def unusual(fmu: str) -> list[Any]:
     """The log, the outputs and the refusal of a conveyor with a long crank and a nasty name."""
     unit = Unit(fmu, "100%s%n%d").start(**{"crank.r": 0.15, "rod.l": 0.4}).step(0.0, 1e-3)
@@ -133,14 +133,14 @@ def unusual(fmu: str) -> list[Any]:
 def run(unit: Unit, begin: int, end: int) -> list[float]:
     """Steps of unequal length with unequal inputs; all outputs after each."""
     (name,) = (name for name, v in unit.variables.items() if v.causality == "input")
-    seen = []
+    observed = []
     for n in range(begin, end):
         unit.set(**{name: 30.0 + 10.0 * math.sin(n * n)})
-        seen += unit.step((2**n - 1) * 2.0**-14, 2.0 ** (n - 14)).outputs()
-    return seen
+        observed += unit.step((2**n - 1) * 2.0**-14, 2.0 ** (n - 14)).outputs()
+    return observed
 
 
-@apart
+@in_subprocess
 def redone(fmu: str, hold: int, serialised: bool) -> list[list[float]]:
     """One passage four times: undisturbed, after saving, after rollback, in another instance."""
     undisturbed = Unit(fmu).start(input_hold=hold)
@@ -160,7 +160,7 @@ def redone(fmu: str, hold: int, serialised: bool) -> list[list[float]]:
     return passages
 
 
-@apart
+@in_subprocess
 def many_states(fmu: str) -> bool:
     """Whether a thousand saved states come back in any order, twice."""
     unit = Unit(fmu).start()
@@ -177,7 +177,7 @@ def many_states(fmu: str) -> bool:
     return exact
 
 
-@apart
+@in_subprocess
 def foreign_state(fmu: str, other: str, damage: str) -> list[Any]:
     """Why a state is refused, what is read then, and whether rollback leads out of the failure."""
     unit, foreign = Unit(fmu, "unit 7").start().step(0.0, 0.5), Unit(other).start()
@@ -197,27 +197,27 @@ def foreign_state(fmu: str, other: str, damage: str) -> list[Any]:
     unit.fmi.serializeFMUstate(state)
     before = unit.outputs()
     refusal = unit.refusal(lambda u: u.fmi.setFMUstate(state))
-    seen = unit.outputs()
+    observed = unit.outputs()
     unit.fmi.setFMUstate(good)
     same = unit.outputs() == before
     unit.step(0.5, 0.5).fmi.freeFMUstate(state)
     unit.fmi.freeInstance()
-    return [refusal, seen, same]
+    return [refusal, observed, same]
 
 
-@apart
+@in_subprocess
 def crafted_states(fmu: str) -> list[int]:
     """Which doubles of a serialised state may be NaN, where the checksum is right."""
     unit = Unit(fmu).start().step(0.0, 0.5)
     content = unit.fmi.serializeFMUstate(unit.fmi.getFMUstate())
     first, last = content.index(b"\0") + 1, len(content) - 4
     accepted = []
-    for place in range(first, last, 8):
-        body = content[:place] + struct.pack("<d", math.nan) + content[place + 8 : last]
+    for offset in range(first, last, 8):
+        body = content[:offset] + struct.pack("<d", math.nan) + content[offset + 8 : last]
         state = unit.fmi.deSerializeFMUstate(body + struct.pack("<I", zlib.crc32(body)))
         try:
             unit.fmi.setFMUstate(state)
-            accepted.append((place - first) // 8)
+            accepted.append((offset - first) // 8)
         except FMICallException:
             pass
         unit.fmi.freeFMUstate(state)
@@ -237,7 +237,7 @@ def thread_states() -> int:
     return count
 
 
-@apart
+@in_subprocess
 def on_foreign_threads(fmu: str, masters: int, steps: int) -> list[Any]:
     """Torque after the steps of C++ masters, each with threads of its own, and Python's threads."""
     from libcosimpy.CosimExecution import CosimExecution
@@ -246,7 +246,7 @@ def on_foreign_threads(fmu: str, masters: int, steps: int) -> list[Any]:
     from libcosimpy.CosimSlave import CosimLocalSlave
 
     log_output_level(CosimLogLevel.FATAL)
-    kept = []
+    pairs = []
     for _ in range(masters):
         master = CosimExecution.from_step_size(step_size=1e6)
         index = master.add_local_slave(CosimLocalSlave(fmu_path=fmu, instance_name="motor"))
@@ -254,11 +254,11 @@ def on_foreign_threads(fmu: str, masters: int, steps: int) -> list[Any]:
         master.add_observer(observer)
         master.real_initial_value(slave_index=index, variable_reference=8, value=39.0)
         master.step(step_count=steps)
-        kept.append((master, observer))
-    return [[o.last_real_values(0, [9])[0] for _, o in kept], thread_states()]
+        pairs.append((master, observer))
+    return [[o.last_real_values(0, [9])[0] for _, o in pairs], thread_states()]
 
 
-@apart
+@in_subprocess
 def on_python_threads(fmu: str) -> list[Any]:
     """Torque of one motor that every step is another thread's, and the threads left."""
     unit = Unit(fmu).start(w=39.0)
@@ -269,7 +269,7 @@ def on_python_threads(fmu: str) -> list[Any]:
     return [unit.get("tau"), thread_states()]
 
 
-@apart
+@in_subprocess
 def interrupted(fmu: str) -> list[Any]:
     """What is logged when Ctrl-C arrives during a step of an hour, and a step after it."""
     unit = Unit(fmu, "unit 7").start()

@@ -176,14 +176,14 @@ def test_libcosim_runs_types_and_wires(fmus: Path, echo: Path, kind: str, tmp_pa
         },
     )
     record = ["line.motor.tau", "line.conveyor.w", "line.conveyor.x", "echo.y"]
-    place = tmp_path / f"system.{kind}"
+    system_path = tmp_path / f"system.{kind}"
     if kind == "ssp":
-        write_ssp(system, place)
+        write_ssp(system, system_path)
     else:
-        write_osp(system, place, step=STEP)
+        write_osp(system, system_path, step=STEP)
     parts = {name: str(fmu).removesuffix(".fmu") for name, fmu in system.parts.items()}
     task = Case(parts, [], {}, record).task(fmus)
-    done = finish(sys.executable, HOSTS / "libcosim_system.py", task, place)
+    done = finish(sys.executable, HOSTS / "libcosim_system.py", task, system_path)
     _, *values = np.transpose(json.loads(done.stdout))
     result = run(system, stop=STEPS * STEP, step=STEP, algorithm="jacobi", record=record)
     ours = [result[name][1:] for name in record]
@@ -325,10 +325,10 @@ def c_program(fmu: Path, folder: Path, status: int) -> list[Any]:
     program = compiled("host.c", folder.parent)
     description = fmpy.read_model_description(fmu)
     reference = {v.name: v.valueReference for v in description.modelVariables}
-    given = [text for name, value in START.items() for text in (reference[name], value)]
+    start_arguments = [text for name, value in START.items() for text in (reference[name], value)]
     library = Path(fmpy.extract(fmu, folder)) / "binaries" / "linux64" / "CrankConveyor.so"
     resources = (folder / "resources").as_uri()
-    return [program, library, resources, description.guid, *given, reference["w"], status]
+    return [program, library, resources, description.guid, *start_arguments, reference["w"], status]
 
 
 def test_c_program_without_python_agrees_with_our_master_to_the_bit(

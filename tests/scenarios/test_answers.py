@@ -291,7 +291,7 @@ def test_warnings_of_fmus_are_told_once_after_the_answer(
     said, errors = capfd.readouterr()
     assert errors == ""
     assert said.splitlines()[-3] == f"Warning: {warning}"
-    assert said.startswith("The cam shoots up to")
+    assert said.startswith("The cam peaks at")
     assert json.loads((tmp_path / "iron_start.json").read_text())["warnings"] == [warning]
     assert "cam follower lifts off" in (tmp_path / "report.html").read_text()
     assert plain("orientation_time").warnings == []
@@ -322,7 +322,7 @@ def test_jams_and_stalls_are_named_in_a_sentence() -> None:
 @pytest.mark.parametrize("name", QUESTIONS)
 def test_a_start_value_that_no_fmu_has_is_named(name: str, tmp_path: Path) -> None:
     part = CHANGED[name][0].split(".")[0]
-    own = getattr(load(find(PROJECT.home, name)), "OWN", ())
+    own = getattr(load(find(PROJECT.home, name)), "FIXED_STARTS", ())
     refused = [(f"{x}=1", f"start value {x}: this question sets it itself") for x in own]
     for wrong, message in (
         (f"{part}.nonsense=1", f"{part} has no variable 'nonsense'"),

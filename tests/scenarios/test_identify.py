@@ -21,7 +21,7 @@ from workbench.answer import Answer
 from workbench.fitting import prior
 from workbench.run import row
 
-TRUTH = measured_conveyor.seen()
+TRUTH = measured_conveyor.equivalent_drive()
 MACHINE = Machine(
     B=TRUTH["motor.B"], T=TRUTH["motor.T"], theta1=0.52, m=196.0, r=0.01, c=7.1e5, d=4300.0
 )
@@ -43,12 +43,12 @@ def test_the_record_of_the_conveyor_has_counts_of_an_encoder_and_a_belt_that_cre
     rows = measured_conveyor.record()
     counts = rows["n [rpm]"] / 60 * measured_conveyor.SAMPLE * measured_conveyor.COUNTS
     assert np.abs(counts - counts.round()).max() < 0.01
-    _, w, M = measured_conveyor.moved(
+    _, w, M = measured_conveyor.simulated(
         measured_conveyor.TRUTH, np.array([0.0, 1.2]), measured_conveyor.CREEP
     )
-    _, plain, other = measured_conveyor.moved(TRUTH, np.array([0.0, 1.2]))
+    _, plain, other = measured_conveyor.simulated(TRUTH, np.array([0.0, 1.2]))
     assert abs(w[1] - plain[1]) < 1e-3 * w[1] and abs(M[1] - other[1]) < 0.5
-    _, stiff, _ = measured_conveyor.moved(measured_conveyor.TRUTH, np.array([0.0, 1.2]))
+    _, stiff, _ = measured_conveyor.simulated(measured_conveyor.TRUTH, np.array([0.0, 1.2]))
     assert abs(stiff[1] - w[1]) > 5 * abs(w[1] - plain[1])
 
 

@@ -22,7 +22,7 @@ from scenarios.iron.questions import iron_kinematics
 from tests.components.iron_flight import DIMENSIONS, Reference, numbers, transfer
 from tests.components.iron_oracle import by_material_points, tables
 from tests.conftest import QUICK, ask
-from tests.oracle import drawn
+from tests.oracle import random_parameters
 
 GIVEN = {
     name: attrgetter(name)
@@ -100,7 +100,7 @@ def test_iron_cycle_tells_what_material_points_bear(seed: int) -> None:
     speed at which a force vanishes first, from points of mass that know no equation of the FMU.
     """
     draw = random.Random(seed)
-    p = drawn(iron, draw, 0.1, **{"reducer.J": 2e-4, "on_invalid": iron.OnInvalid.warn})
+    p = random_parameters(iron, draw, 0.1, **{"reducer.J": 2e-4, "on_invalid": iron.OnInvalid.warn})
     speed = draw.uniform(2.0, 7.0)
     given = {f"iron.{name}": getter(p) for name, getter in GIVEN.items()}
     told = ask("iron_cycle", speed=speed, samples=720, start=given).figures

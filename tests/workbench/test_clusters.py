@@ -25,7 +25,7 @@ from tests.conftest import ROOT, ask, until
 from workbench import study
 from workbench.cli import main
 from workbench.runs.journal import NAME, Journal
-from workbench.runs.runner import Engine
+from workbench.runs.runner import Runner
 
 PLANE = """
 scenario = "plane.py"
@@ -50,7 +50,7 @@ seed = 1
 speed = { from = "10rpm", to = "70rpm" }
 "orientator.chute.mu" = { nominal = 0.35, normal = "10 %" }
 """
-OWN = """
+FIXED_STARTS = """
 'What does the motor give in the end?'
 import os
 import cosim, workbench
@@ -60,12 +60,12 @@ class Options(workbench.Options): pass
 def end(case):
     result = cosim.run(cosim.System(*case), stop=0.01, step=1e-3, record=["motor.tau"])
     return result["motor.tau"][-1], {{os.getpid(), __file__, case[0]["motor"]}}
-def solve(o, bench):
-    cases = [(bench.fmus, [], {{"motor.w": w}}) for w in (10.0, 20.0, 30.0)]
-    found = list(bench.each(end, cases, "motor"))
-    here = {{os.getpid(), __file__, bench.fmus["motor"]}}
+def solve(o, context):
+    cases = [(context.fmus, [], {{"motor.w": w}}) for w in (10.0, 20.0, 30.0)]
+    found = list(context.each(end, cases, "motor"))
+    here = {{os.getpid(), __file__, context.fmus["motor"]}}
     for tau, there in found:
-        assert there == here if bench.engine.jobs == 1 else not there & here
+        assert there == here if context.runner.jobs == 1 else not there & here
     units = {{"tau": "N.m"}}
     return Findings({{}}, tables={{"mine.csv": Table.of_rows([[tau] for tau, _ in found], units)}})
 """
@@ -285,7 +285,7 @@ def test_a_sweep_on_a_cluster_finds_what_it_finds_here(
     """A question of the project, and one of one's own, on workers that have neither file nor FMU."""
     address, home, _ = elsewhere
     mine = tmp_path / "mine.py"
-    mine.write_text(OWN.format(ROOT / "fmus" / "native" / "DriveMotor.fmu"))
+    mine.write_text(FIXED_STARTS.format(ROOT / "fmus" / "native" / "DriveMotor.fmu"))
     for question, words in (
         ("orientation_time", "--speeds 40rpm,80rpm --frictions 0.35 --flavour native"),
         (str(mine), ""),
@@ -301,8 +301,8 @@ def test_a_sweep_on_a_cluster_finds_what_it_finds_here(
 
 
 def test_a_scheduler_with_tls_needs_certificates_and_the_message_says_where() -> None:
-    engine = Engine(scheduler="tls://127.0.0.1:1")
+    runner = Runner(scheduler="tls://127.0.0.1:1")
     with pytest.raises(
         SetupError, match=r"'tls://127.0.0.1:1' needs the certificates .*CLIENT__KEY"
     ):
-        list(engine.outcomes(abs, {0: -1.0}, "numbers"))
+        list(runner.outcomes(abs, {0: -1.0}, "numbers"))

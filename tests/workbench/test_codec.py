@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from workbench import Figure
@@ -53,6 +53,8 @@ VALUES = st.recursive(
 )
 
 
+# drawing takes longer on a busy machine, which says nothing about the values
+@settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(VALUES)
 def test_plain_values_are_the_same_to_the_last_bit(value: Any) -> None:
     again = loads(dumps(value))
@@ -80,7 +82,7 @@ def test_arrays_numbers_and_records_are_the_same_to_the_last_bit() -> None:
             )
     records = [
         Point(1.0, complex(-0.0, math.inf), (0.1, math.nan)),
-        (Machine(0.3, ("a", "!b")), Figure.refused("N", "it jams")),
+        (Machine(0.3, ("a", "!b")), Figure.undetermined("N", "it jams")),
         {"up": Measured(math.nan, math.inf), "!down": [Measured(1.0, 5e-324)]},
     ]
     for record in records:

@@ -38,7 +38,7 @@ from workbench.charts import model as pictures
 from workbench.charts import mpl, plotly
 from workbench.charts.gif import gif
 from workbench.charts.layout import across, decades
-from workbench.charts.model import Chart, Curve, Field, Lanes, Mark, Panel, Second, Span
+from workbench.charts.model import Chart, Curve, Field, Lanes, Mark, Panel, SecondUnit, Span
 from workbench.charts.motion import Motion, Shape
 from workbench.figure import Figure
 from workbench.page import html
@@ -119,7 +119,7 @@ def sample_chart() -> Chart:
             Lanes({"stage": [Span(1.0, 9.0, "falling"), Span(9.0, 9.2, "turning", "red")]}),
         ],
         [Mark(3.0, "peak"), Mark(3.1, "crossing")], [Span(2.0, 4.0, "avoid", "red")],
-        Second("rpm", 30 / math.pi),
+        SecondUnit("rpm", 30 / math.pi),
     )  # fmt: skip
 
 
@@ -153,7 +153,7 @@ def test_marks_spans_and_lanes_have_their_words_and_legends_only_what_is_outside
     wide, data = drawn["wide"], drawn["data"]
     words = {text["text"] for text in (*wide["annotations"], *data) if text.get("text")}
     assert words == {"peak", "crossing", "avoid", "falling"}
-    legend = plotly.listed(data)
+    legend = plotly.legend_names(data)
     assert "turning" in legend and "falling" not in legend and "force" not in legend
     shapes = {(s["yref"], s["x0"], s["x1"]) for s in wide["shapes"]}
     rows = [f"y{k} domain" for k in range(1, 6)]
@@ -178,7 +178,7 @@ def test_the_image_is_what_the_words_of_plotly_say() -> None:
         filled = sum("fill" in trace for trace in own)
         assert len(axis.patches) == filled + len(tops) + len(words["wide"]["shapes"]) / 5
         legend = axis.get_legend().get_texts() if axis.get_legend() else []
-        assert [text.get_text() for text in legend] == plotly.listed(own)
+        assert [text.get_text() for text in legend] == plotly.legend_names(own)
     placed = {(t.get_text(), t.xy[0], round(t.xyann[1] / 14)) for t in axes[0].texts}
     assert placed == {("avoid", 3.0, 0), ("peak", 3.0, 1), ("crossing", 3.1, 1)}
     assert [a.get_xlabel() for a in axes[-1].child_axes] == ["[rpm]"]
@@ -291,7 +291,7 @@ def test_every_curve_is_the_column_that_it_claims_to_be(where: str) -> None:
         assert panels
         for chart, panel in panels:
             unit = table.units[column]
-            scale = 1.0 if panel.unit == unit else pictures.SHOWN[unit, panel.unit]
+            scale = 1.0 if panel.unit == unit else pictures.DISPLAY_FACTORS[unit, panel.unit]
             (value,) = (np.asarray(c.y) for c in panel.curves if c.name == curve)
             assert np.isin(value, scale * table.frame[column].to_numpy()).all()
             y = curves(chart)[panel.label, curve]
@@ -327,8 +327,8 @@ def test_the_resonance_answers_its_question_in_the_title() -> None:
         "nu_res": Figure(40.0, "rad/s", 0.0),
         "zeta": Figure(0.1, "1", 0.0),
         "nu_90": Figure(40.0034, "rad/s", 0.0012),
-        "nu_peak_tau": Figure.refused("rad/s", "no peak"),
-        "nu_peak_w": Figure.refused("rad/s", "no peak"),
+        "nu_peak_tau": Figure.undetermined("rad/s", "no peak"),
+        "nu_peak_w": Figure.undetermined("rad/s", "no peak"),
     }
     charts = []
     for speed, lag in ((40.0, 90.0), (57.0, 160.0)):
@@ -371,11 +371,11 @@ def sample(tmp_path_factory: pytest.TempPathFactory) -> Path:
         Panel("way", "m", [Curve("way", x, x**2, "blue")], [Mark(50.0, "half")]),
     ]  # fmt: skip
     middle = [Mark(5.0, "middle")]
-    chart = Chart("Force & way", "time [s]", panels, middle, second=Second("ms", 1e3))
+    chart = Chart("Force & way", "time [s]", panels, middle, second=SecondUnit("ms", 1e3))
     figures: dict[str, Any] = {
         "told": Figure(2.0, "N", 0.01, "a force"),
         "formula": Figure(1.25, "1", 0.0),
-        "lost": Figure.refused("m", "the runs contradict each other"),
+        "lost": Figure.undetermined("m", "the runs contradict each other"),
     }
     made_up = Answer(
         scenario="sample",

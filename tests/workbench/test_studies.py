@@ -31,7 +31,7 @@ from scenarios.__main__ import PROJECT
 from tests.conftest import ROOT, fmus_of, hear_ctrl_c, until
 from workbench import run, study
 from workbench.cli import main
-from workbench.question import ALONE, find, load
+from workbench.question import NO_PROJECT, find, load
 from workbench.runs import fingerprint
 from workbench.runs.journal import NAME
 from workbench.study import sensitivity
@@ -284,7 +284,7 @@ def test_a_study_without_any_answer_says_so_by_its_exit_code(
     write: Write, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     text = "scenario = 'plane.py'\n[fixed]\nmood = 'refuse'\n[grid]\nx = [1.0]"
-    assert main(["study", str(write(text)), "--out", str(tmp_path / "out")], ALONE, "x") == 1
+    assert main(["study", str(write(text)), "--out", str(tmp_path / "out")], NO_PROJECT, "x") == 1
     assert "Run 0: refused: this point is refused" in capsys.readouterr().out
 
 
@@ -293,7 +293,7 @@ def test_the_table_tells_inputs_figures_errors_and_units(
 ) -> None:
     out = tmp_path / "out"
     path = write(GRID.replace("from = 0.0", "from = -1.0"))
-    assert main(["study", str(path), "--out", str(out)], ALONE, "x") == 0
+    assert main(["study", str(path), "--out", str(out)], NO_PROJECT, "x") == 0
     said = capsys.readouterr().out
     rows = table(out)
     assert list(rows[0]) == [

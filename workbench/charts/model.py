@@ -26,7 +26,7 @@ SCALES = {
     "size": ("#0b0724", "#3b0f70", "#8c2981", "#de4968", "#fe9f6d", "#fcfdbf"),
     "risk": ("#ffffff", "#fde3b0", "#f9b36b", "#ea7a3f", "#c23b2c", "#7f1128"),
 }
-SHOWN = {
+DISPLAY_FACTORS = {
     ("m", "mm"): 1e3, ("s", "ms"): 1e3, ("N", "kN"): 1e-3, ("J", "mJ"): 1e3,
     ("rad", "deg"): 180 / math.pi, ("rad/s", "rpm"): 30 / math.pi,
 }  # fmt: skip
@@ -120,7 +120,7 @@ class Lanes(NamedTuple):
         return [(k, bar) for k, row in enumerate(self.rows.values()) for bar in row]
 
 
-class Second(NamedTuple):
+class SecondUnit(NamedTuple):
     """A second unit of the x axis, whose numbers are larger by a factor."""
 
     unit: str
@@ -135,7 +135,7 @@ class Chart(NamedTuple):
     panels: Sequence[Panel | Lanes]
     marks: Sequence[Mark] = ()
     spans: Sequence[Span] = ()
-    second: Second | None = None
+    second: SecondUnit | None = None
     log: bool = False
 
 
@@ -183,7 +183,7 @@ class Field(NamedTuple):
 Picture = Chart | Field
 
 
-def recorded(
+def result_panel(
     quantity: str,
     result: Result,
     x: Samples,
@@ -200,7 +200,7 @@ def recorded(
     """
     own = {column: result.units[column] for column in curves}
     unit = unit or next(iter(own.values()))
-    scale = {column: 1.0 if u == unit else SHOWN[u, unit] for column, u in own.items()}
+    scale = {column: 1.0 if u == unit else DISPLAY_FACTORS[u, unit] for column, u in own.items()}
     drawn = []
     for column, told in curves.items():
         name, color, *look = (quantity, told) if isinstance(told, str) else told

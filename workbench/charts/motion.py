@@ -145,6 +145,6 @@ def damper(first: Place, last: Place, size: float) -> Samples:
     )  # fmt: skip
 
 
-def moved(shapes: Sequence[Shape], x: float, y: float) -> list[Shape]:
+def shifted(shapes: Sequence[Shape], x: float, y: float) -> list[Shape]:
     """The same elsewhere."""
     return [shape._replace(points=shape.points + np.array([x, y])) for shape in shapes]

@@ -13,7 +13,7 @@ import numpy as np
 
 from .model import COLORS, Picture
 from .motion import Motion
-from .plotly import BELOW, INCH, SCREENS, SECOND, Words, columns, figure, listed
+from .plotly import BELOW, INCH, SCREENS, SECOND, Words, columns, figure, legend_names
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -93,7 +93,7 @@ def _picture(place: Any, data: Sequence[Words], laid: Words) -> None:
                          edgecolor=shape["line"]["color"], **_look(shape["line"]))  # fmt: skip
         up = (laid[f"legend{k + 1}"]["y"] - row["domain"][1]) * (laid["height"] - BELOW) / INCH
         above = axes.transAxes + ScaledTranslation(0.0, up, place.dpi_scale_trans)
-        if names := listed(traces):
+        if names := legend_names(traces):
             beside = min(columns(names, SCREENS["paper"]), len(names))
             axes.legend(loc="upper left", bbox_to_anchor=(0, 1), bbox_transform=above,
                         borderaxespad=0.0, ncols=beside)  # fmt: skip

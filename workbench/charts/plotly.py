@@ -67,7 +67,7 @@ def _layout(picture: Picture, x: Axis, rows: Sequence[Row], letters: int, most: 
     second, plane = getattr(picture, "second", None), isinstance(picture, Field)
     mark, edge = {"dash": "dot", "width": 1.6}, {"width": 2.5 if plane else 0.6}
     spans = [*picture.spans, *(Span(mark.at, mark.at, mark.text) for mark in picture.marks)]
-    words, names = flags(spans, x, letters), [listed(row.traces) for row in rows]
+    words, names = flags(spans, x, letters), [legend_names(row.traces) for row in rows]
     above = [GAP + LINE * math.ceil(len(each) / columns(each, letters)) for each in names]
     above[0] += LINE * max((lane + 1 for _, _, lane, _ in words), default=0)
     heights, below = [row.height for row in rows], (SECOND if second else 0) / INCH
@@ -122,7 +122,7 @@ def _layout(picture: Picture, x: Axis, rows: Sequence[Row], letters: int, most: 
     return drawn
 
 
-def told(picture: Picture, drawn: Words) -> str:
+def alt_text(picture: Picture, drawn: Words) -> str:
     """The picture in words, for those who do not see it."""
     laid, parts = drawn["wide"], []
     for trace in (trace for trace in drawn["data"] if trace.get("hoverinfo") != "skip"):
@@ -137,7 +137,7 @@ def told(picture: Picture, drawn: Words) -> str:
     return f"{picture.title}, over {laid['xaxis']['title']['text']}: {'; '.join(parts)}."
 
 
-def listed(traces: Sequence[Words]) -> list[str]:
+def legend_names(traces: Sequence[Words]) -> list[str]:
     """The names in a legend."""
     return [trace["name"] for trace in traces if trace.get("showlegend")]
 
@@ -185,7 +185,7 @@ def _panel(panel: Panel, x: Axis, high: float) -> Row:
     for level, dash in zip(panel.levels, cycle(("dot", "dashdot"))):
         line = _line(level.text, np.array(x.ends), np.full(2, level.at), "grey", dash=dash)
         traces.append(line | {"hoverinfo": "skip"})
-    if len(listed(traces)) == 1:
+    if len(legend_names(traces)) == 1:
         traces = [trace | {"showlegend": False} for trace in traces]
     return Row(upwards(panel, covered), [hover | trace for trace in traces], high)
 

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..charts.motion import Motion
-from ..charts.plotly import MOST, Words, figure, told
+from ..charts.plotly import MOST, Words, alt_text, figure
 from ..charts.svg import svg
 from ..figure import ERROR_SCOPE, Figure
 from .script import compact
@@ -48,7 +48,9 @@ def report(answer: Answer, path: Path) -> None:
         answer=answer,
         scope=ERROR_SCOPE,
         mark=mark,
-        charts=[{"title": x.title, "words": told(x, drawn)} for x, drawn in zip(pictures, charts)],
+        charts=[
+            {"title": x.title, "words": alt_text(x, drawn)} for x, drawn in zip(pictures, charts)
+        ],
         motions=show.motions,
         figures=[_figure(name, x) for name, x in answer.figures.items()],
         tables={name: limited(x, len(answer.tables)) for name, x in answer.tables.items()},

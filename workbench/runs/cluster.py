@@ -19,9 +19,9 @@ from cosim import SetupError
 
 from .fingerprint import differences, facts
 from .journal import Key
-from .runner import Broken, Engine, Outcomes
-from .transport import Call, Cargo, sealed
-from .worker import LOST, Outcome, Worker
+from .runner import Outcomes, RunFailed, Runner
+from .transport import Bundle, Call, pickled_call
+from .worker import MAX_DEATHS, Outcome, Worker
 
 CONNECT = 10.0
 WORKERS = 30.0
@@ -34,20 +34,20 @@ _idle: SimpleQueue[Worker] = SimpleQueue()
 class Shipped(NamedTuple):
     """What all runs need: files, how the calls are to be opened, and what workers must be."""
 
-    cargo: Cargo
-    engine: Engine
+    cargo: Bundle
+    runner: Runner
     facts: Mapping[str, Any]
 
 
 def outcomes(
-    engine: Engine, function: Callable[[Any], Any], tasks: Mapping[Key, Any], timeout: float | None
+    runner: Runner, function: Callable[[Any], Any], tasks: Mapping[Key, Any], timeout: float | None
 ) -> Outcomes:
-    """Key and outcome of function(task) for each task as they are done on the engine's cluster.
+    """Key and outcome of function(task) for each task as they are done on the runner's cluster.
 
     Raises SetupError for a scheduler that cannot be reached, has no workers, or workers whose code or
     versions are not those of this process, and SimulationError if all workers are gone for a minute.
     """
-    scheduler = str(engine.scheduler)
+    scheduler = str(runner.scheduler)
     try:
         from distributed import Client, KilledWorker, Security
     except ImportError:
@@ -61,19 +61,19 @@ def outcomes(
         client = Client(scheduler, timeout=CONNECT, set_as_default=False)
     except (OSError, ValueError) as error:
         raise SetupError(f"no Dask scheduler answers at {scheduler}: {error}") from None
-    needed = Shipped(Cargo.of(engine.files), engine, facts(*engine.packages))
+    needed = Shipped(Bundle.of(runner.files), runner, facts(*runner.packages))
     lost: Counter[Key] = Counter()
     submitted: dict[Any, Key] = {}
     done: SimpleQueue[Any] = SimpleQueue()
     with client:
-        _check(client, engine)
+        _check(client, runner)
         shipped = client.submit(_ship, needed, pure=False)
 
         def submit(key: Key) -> None:
             nonlocal shipped
             if shipped.status == "error":
                 shipped = client.submit(_ship, needed, pure=False)
-            call = sealed(function, tasks[key], engine.files)
+            call = pickled_call(function, tasks[key], runner.files)
             future = client.submit(_run, call, shipped, timeout, pure=False)
             submitted[future] = key
             future.add_done_callback(done.put)
@@ -99,7 +99,7 @@ def outcomes(
                 except KilledWorker as killed:
                     key = submitted[future]
                     lost[key] += 1
-                    if lost[key] < LOST:
+                    if lost[key] < MAX_DEATHS:
                         del submitted[future]
                         submit(key)
                         continue
@@ -113,14 +113,14 @@ def outcomes(
                 client.run(_release, on_error="ignore")
 
 
-def _check(client: Any, engine: Engine) -> None:
+def _check(client: Any, runner: Runner) -> None:
     """Refuse workers that would compute something else; one without our code would die of a run."""
     try:
         client.wait_for_workers(1, timeout=WORKERS)
     except TimeoutError:
-        raise SetupError(f"the scheduler at {engine.scheduler} has no workers") from None
-    here = facts(*engine.packages)
-    for worker, there in client.run(facts, *engine.packages, on_error="return").items():
+        raise SetupError(f"the scheduler at {runner.scheduler} has no workers") from None
+    here = facts(*runner.packages)
+    for worker, there in client.run(facts, *runner.packages, on_error="return").items():
         if isinstance(there, BaseException):
             raise SetupError(
                 f"worker {worker} cannot do runs: {there}; start it in the project's folder"
@@ -140,7 +140,7 @@ def _seen(client: Any, scheduler: str, before: float) -> float:
             return time.monotonic()
     if time.monotonic() < before + GRACE:
         return before
-    raise Broken(
+    raise RunFailed(
         f"the scheduler at {scheduler} has had no workers for {GRACE:g} s; what was computed is kept, "
         "and the same command continues"
     )
@@ -151,15 +151,15 @@ def _ship(shipped: Shipped) -> Shipped:
     return shipped
 
 
-def _run(sealed: bytes, shipped: Shipped, timeout: float | None) -> Outcome:
+def _run(pickled_call: bytes, shipped: Shipped, timeout: float | None) -> Outcome:
     """What becomes of a call, on a worker; raises SetupError on one whose code is another."""
     from distributed import get_worker
 
-    worker, engine = get_worker(), shipped.engine
-    _same(worker.address, facts(*engine.packages), shipped.facts)
+    worker, runner = get_worker(), shipped.runner
+    _same(worker.address, facts(*runner.packages), shipped.facts)
     folder = shipped.cargo.unpacked(Path(worker.local_directory) / "runs")
-    own = folder / Path(engine.page).name
-    call = Call(sealed, str(own) if own.is_file() else engine.page, folder)
+    own = folder / Path(runner.page).name
+    call = Call(pickled_call, str(own) if own.is_file() else runner.page, folder)
     multiprocessing.current_process().daemon = False  # a nanny's worker may have no children else
     try:
         child = _idle.get_nowait()

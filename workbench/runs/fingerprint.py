@@ -23,7 +23,7 @@ PRESENTATION = (
     "*/show.py",
     "*/mechanism.py",
 )
-SHOWN = 4
+MAX_DIFFERENCES = 4
 DIGEST = re.compile(r"\{?[0-9a-f-]{16,}\}?")
 
 
@@ -69,8 +69,8 @@ def code(*packages: str) -> dict[str, str]:
 def differences(before: Mapping[str, Any], now: Mapping[str, Any]) -> str:
     """What is not the same, key by key, in one line; of hashes only that they are not."""
     found = list(_differences(before, now, ()))
-    more = f" and {len(found) - SHOWN} more" if len(found) > SHOWN else ""
-    return "; ".join(found[:SHOWN]) + more
+    more = f" and {len(found) - MAX_DIFFERENCES} more" if len(found) > MAX_DIFFERENCES else ""
+    return "; ".join(found[:MAX_DIFFERENCES]) + more
 
 
 def _differences(before: Any, now: Any, keys: Sequence[str]) -> Iterator[str]:

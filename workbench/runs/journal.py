@@ -130,7 +130,7 @@ def _any(_outcome: Outcome) -> bool:
 
 
 @contextmanager
-def opened(
+def open_journal(
     folder: Path,
     identity: Mapping[str, Any],
     *,

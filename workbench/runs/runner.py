@@ -24,7 +24,7 @@ from cosim.signals import handle_stop_signals
 
 from ..options import at_least
 from .journal import Journal, Key
-from .transport import Call, sealed
+from .transport import Call, pickled_call
 from .worker import MACHINE, OK, Outcome, Worker, await_one
 
 ADDRESS = re.compile(r"(\w+://)?\S+:\d+")
@@ -33,7 +33,7 @@ Answer = TypeVar("Answer")
 Outcomes = Generator[tuple[Key, Outcome]]
 
 
-class Broken(SimulationError):
+class RunFailed(SimulationError):
     """A task that did not come to its end."""
 
     def __init__(self, message: str) -> None:
@@ -41,7 +41,7 @@ class Broken(SimulationError):
 
 
 @dataclass(frozen=True)
-class Engine:
+class Runner:
     """Who does runs: so many processes of this machine, all cores for None, or the workers of a Dask
     scheduler, "tcp://host:8786", whose code of `packages` must be that of this process.
 
@@ -119,12 +119,12 @@ class Engine:
             return
         for path in self.files:
             if not path.exists():
-                raise Broken(
+                raise RunFailed(
                     f"{title}: run {key}: {path} is gone; what was computed is in the study's journal, "
                     "and the same command continues once the file is back"
                 )
         if outcome.status == MACHINE:
-            raise Broken(
+            raise RunFailed(
                 f"{title}: run {key}: {outcome.message}; this is a fault of the machine, so the run "
                 "does not count; once it is mended, the same command continues"
             )
@@ -144,7 +144,7 @@ class Engine:
         """
         keys: Sequence[Key] = range(len(tasks))
         if journal is not None:
-            calls = (sealed(function, task, self.files) for task in tasks)
+            calls = (pickled_call(function, task, self.files) for task in tasks)
             keys = [hashlib.sha256(call).hexdigest() for call in calls]
         named, found = dict(zip(keys, tasks)), {}
         with closing(self.outcomes(function, named, title, journal, failures=False)) as done:
@@ -168,7 +168,7 @@ class Engine:
         def give(worker: Worker) -> None:
             for key, task in islice(waiting, 1):
                 busy[worker] = key
-                worker.give(Call(sealed(function, task), self.page), timeout)
+                worker.give(Call(pickled_call(function, task), self.page), timeout)
 
         try:
             for worker in workers:
@@ -198,7 +198,7 @@ def _broken(place: str, task: object, outcome: Outcome) -> Exception:
     if isinstance(task, tuple) and hasattr(task, "_asdict"):
         name = ", ".join(f"{key} = {reprlib.repr(x)}" for key, x in task._asdict().items())
     trace = f"\n{outcome.trace}" if outcome.status == "failed" and outcome.trace else ""
-    return Broken(f"{place} ({name}): {outcome.message}{trace}")
+    return RunFailed(f"{place} ({name}): {outcome.message}{trace}")
 
 
 def _progress() -> Progress:

@@ -33,7 +33,7 @@ class _Opener(pickle.Unpickler):
         return self.folder / name
 
 
-def sealed(function: Function, task: Any, files: Sequence[Path] = ()) -> bytes:
+def pickled_call(function: Function, task: Any, files: Sequence[Path] = ()) -> bytes:
     """function(task), pickled; the paths of these files may lead elsewhere where it is opened."""
     content = io.BytesIO()
     sealer = _Sealer(content)
@@ -52,23 +52,23 @@ class Call(NamedTuple):
     def opened(self) -> tuple[Function, Any]:
         """The function and its task."""
         if self.page:
-            from ..question import loaded
+            from ..question import load_cached
 
-            loaded(self.page)
+            load_cached(self.page)
         opener = _Opener(io.BytesIO(self.content))
         opener.folder = self.folder
         function, task = opener.load()
         return function, task
 
 
-class Cargo(NamedTuple):
+class Bundle(NamedTuple):
     """Files by name, and a name for all their contents."""
 
     files: Mapping[str, bytes]
     name: str
 
     @classmethod
-    def of(cls, paths: Sequence[Path]) -> Cargo:
+    def of(cls, paths: Sequence[Path]) -> Bundle:
         """What these files hold; raises SetupError for two of one name."""
         files: dict[str, bytes] = {}
         for path in dict.fromkeys(paths):

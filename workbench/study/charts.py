@@ -11,7 +11,7 @@ import pandas as pd
 from ..charts.model import SERIES, Chart, Curve, Direction, Field, Panel, Picture
 from .file import Study
 
-MOST, ERROR = 6, "_error"
+MAX_CHARTS, ERROR = 6, "_error"
 KINDS = {"S1": "S1, alone", "ST": "ST, with all interactions"}
 Units = Mapping[str, str]
 
@@ -20,7 +20,7 @@ def overview(
     study: Study, table: pd.DataFrame, figures: Sequence[str], units: Units
 ) -> list[Picture]:
     """Figures over one input, maps over two, or every figure over every input; none without numbers."""
-    drawn = [name for name in figures if table[name].notna().any()][:MOST]
+    drawn = [name for name in figures if table[name].notna().any()][:MAX_CHARTS]
     grid = [name for name in study.grid if pd.api.types.is_numeric_dtype(table[name])]
     if not drawn:
         return []
@@ -103,7 +103,7 @@ def sensitivity(study: Study, found: pd.DataFrame, units: Units) -> list[Picture
     """
     over = next(iter(study.grid)) if len(study.grid) == 1 else ""
     panels = []
-    for name, own in list(found.groupby("figure", sort=False))[:MOST]:
+    for name, own in list(found.groupby("figure", sort=False))[:MAX_CHARTS]:
         if over:
             kind = own["kind"].iloc[-1]
             inputs = own[own["kind"] == kind].groupby("input", sort=False)

@@ -21,8 +21,8 @@ from cosim import SetupError
 from cosim.units import QUANTITY
 
 from .. import question
-from ..options import KINDS, Option, declared, shown, unknown
-from ..question import ALONE, Project
+from ..options import KINDS, Option, declared, quoted, unknown_option
+from ..question import NO_PROJECT, Project
 
 Value = float | int | str | bool
 Samples = NDArray[np.float64]
@@ -125,7 +125,7 @@ class Study:
         return [{**self.fixed, **dict(zip(self.varied, run))} for run in self.runs()]
 
 
-def load(path: Path, project: Project = ALONE) -> Study:
+def load(path: Path, project: Project = NO_PROJECT) -> Study:
     """Read and check a study file, for a question of the project or in a file next to it.
 
     Raises SetupError with file, key, value and what was expected.
@@ -146,7 +146,7 @@ def _study(path: Path, content: Spec, project: Project) -> Study:
     _known("", content, KEYS)
     scenario, figures = content.get("scenario"), content.get("figures", [])
     if not isinstance(scenario, str):
-        raise SetupError(f"scenario = {shown(scenario)} must be the name of a question")
+        raise SetupError(f"scenario = {quoted(scenario)} must be the name of a question")
     try:
         where = question.find(project.home, scenario, path.parent)
     except SetupError as error:
@@ -154,9 +154,9 @@ def _study(path: Path, content: Spec, project: Project) -> Study:
     tables = {key: content.get(key, {}) for key in KEYS[3:]}
     for key, table in tables.items():
         if not isinstance(table, dict):
-            raise SetupError(f"{key} = {shown(table)} must be a table [{key}]")
+            raise SetupError(f"{key} = {quoted(table)} must be a table [{key}]")
     if not isinstance(figures, list) or not all(isinstance(name, str) for name in figures):
-        raise SetupError(f"figures = {shown(figures)} must be a list of names")
+        raise SetupError(f"figures = {quoted(figures)} must be a list of names")
     _once("figures", figures)
     page = question.load(where)
     readers: dict[str, Callable[[Option, Any, str], Any]] = {
@@ -192,7 +192,7 @@ class _StartValue(Option):
     def read(self, given: Any, key: str = "") -> Any:
         """The value itself."""
         if not isinstance(given, float | int | str | bool):
-            raise SetupError(f"{key} = {shown(given)} must be a start value")
+            raise SetupError(f"{key} = {quoted(given)} must be a start value")
         if isinstance(given, float) and not isfinite(given):
             raise SetupError(f"{key} = {given} must be finite")
         return given
@@ -208,12 +208,12 @@ def _input(page: ModuleType, table: str, name: str, spec: object) -> Option:
         if isinstance(spec, dict) and not {"from", "nominal"} & set(spec):
             form = f'"{name}.{next(iter(spec), "…")}" = …'
             raise SetupError(f"{key}: write a start value in quotes, {form}")
-        raise unknown(name, known, f"{key}: {who}")
+        raise unknown_option(name, known, f"{key}: {who}")
     parts = question.parts(page)
     if part not in parts:
         there = f"part {part!r}, only {', '.join(parts)}" if parts else "start values"
         raise SetupError(f"{key}: {who} has no {there}")
-    if name in getattr(page, "OWN", ()):
+    if name in getattr(page, "FIXED_STARTS", ()):
         raise SetupError(f"{key}: {who} sets it itself")
     return _StartValue(name, float)
 
@@ -228,7 +228,7 @@ def _values(option: Option, spec: Any, key: str) -> list[Value]:
         if option.kind is int:
             spec = [int(x) if x.is_integer() else x for x in spec]
     if not isinstance(spec, list):
-        raise SetupError(f"{key} = {shown(spec)} must be {RANGE}")
+        raise SetupError(f"{key} = {quoted(spec)} must be {RANGE}")
     values = [option.read(x, key) for x in spec]
     if not values:
         raise SetupError(f"{key} = [] must contain at least one value")
@@ -240,7 +240,7 @@ def _once(key: str, values: Sequence[Value]) -> None:
     """Refuse a value that a list names twice."""
     for x, times in Counter(values).items():
         if times > 1:
-            raise SetupError(f"{key} contains {shown(x)} twice")
+            raise SetupError(f"{key} contains {quoted(x)} twice")
 
 
 def _tolerance(option: Option, spec: Any, key: str) -> Any:
@@ -267,7 +267,7 @@ def _distribution(option: Option, spec: Any, key: str) -> Any:
         low, high, log = _ends(option, spec, key)
         return stats.loguniform(low, high) if log else stats.uniform(low, high - low)
     if form not in (["nominal", "uniform"], ["nominal", "normal"], ["nominal", "normal", "within"]):
-        raise SetupError(f"{key} = {shown(spec)} must be {TOLERANCES}")
+        raise SetupError(f"{key} = {quoted(spec)} must be {TOLERANCES}")
     nominal = _free(option).read(spec["nominal"], f"{key}.nominal")
     width, *within = (_width(option, spec[name], nominal, f"{key}.{name}") for name in form[1:])
     if "uniform" in form:
@@ -290,7 +290,7 @@ def _ends(option: Option, spec: Spec, key: str) -> tuple[float, float, bool]:
         raise SetupError(f"{key}.to = {high:g} must be above from = {low:g}")
     log = SPACING.read(spec.get("spacing"), f"{key}.spacing") == "log"
     if log and not low > 0.0:
-        raise SetupError(f"{key}.from = {shown(spec['from'])} must be above 0 with spacing 'log'")
+        raise SetupError(f"{key}.from = {quoted(spec['from'])} must be above 0 with spacing 'log'")
     return low, high, log
 
 
@@ -304,7 +304,7 @@ def _width(option: Option, given: object, nominal: float, key: str) -> float:
         width = _free(option).read(given, key)
     if not width > 0.0:
         of_zero = " (the nominal value is 0)" if width == 0.0 == nominal else ""
-        raise SetupError(f"{key} = {shown(given)} must be {WIDTH}{of_zero}")
+        raise SetupError(f"{key} = {quoted(given)} must be {WIDTH}{of_zero}")
     return width
 
 

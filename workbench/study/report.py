@@ -28,7 +28,7 @@ from .sensitivity import analyse
 SENTENCES, SPOKEN = 3, 8
 NUMBER = re.compile(r"(?<![\w.])\d+(?:\.\d+(?:e[-+]?\d+)?|e[-+]?\d+)(?!\w)")
 
-OWN = ("run", "status", "warnings", "message")
+RESERVED_COLUMNS = ("run", "status", "warnings", "message")
 NOTHING: Mapping[str, Any] = {"figures": {}, "warnings": []}
 
 
@@ -136,7 +136,7 @@ def _remarks(outcomes: Sequence[Outcome]) -> list[str]:
     seen: dict[str, dict[int, str]] = {}
     for number, outcome in enumerate(outcomes):
         failed = [f"{outcome.status}: {outcome.message}"] * (outcome.status != OK)
-        warned = (f"warning: {text}" for text in found(outcome)["warnings"])
+        warned = (f"warning: {text}" for text in row_of(outcome)["warnings"])
         for text in (*failed, *warned, *refusals(outcome)):
             seen.setdefault(NUMBER.sub("#", text), {}).setdefault(number, text)
     lines = []
@@ -149,14 +149,14 @@ def _remarks(outcomes: Sequence[Outcome]) -> list[str]:
     return lines[:SPOKEN] + more
 
 
-def found(outcome: Outcome) -> Mapping[str, Any]:
+def row_of(outcome: Outcome) -> Mapping[str, Any]:
     """What `row` made of a run; nothing of one that failed."""
     return outcome.answer or NOTHING
 
 
 def refusals(outcome: Outcome) -> list[str]:
     """The figures that a run did not determine, and why."""
-    figures = found(outcome)["figures"].items()
+    figures = row_of(outcome)["figures"].items()
     return [f"{name} not determined: {reason}" for name, (*_, reason) in figures if reason]
 
 
@@ -171,9 +171,9 @@ def frame(
     """
     names: dict[str, str] = {}
     units = dict(units)
-    rows = [found(outcome)["figures"] for outcome in outcomes]
+    rows = [row_of(outcome)["figures"] for outcome in outcomes]
     for figure, (_, unit, error, _) in (item for row in rows for item in row.items()):
-        taken = figure in study.varied or figure in OWN
+        taken = figure in study.varied or figure in RESERVED_COLUMNS
         name = names.setdefault(figure, f"answer.{figure}" if taken else figure)
         if units.setdefault(name, unit) != unit:
             raise SetupError(f"figure {figure!r} is in {units[name]} and in {unit}")
@@ -192,6 +192,6 @@ def frame(
                 [error for _, _, error, _ in cells], dtype=float
             )
     columns["status"] = [outcome.status for outcome in outcomes]
-    columns["warnings"] = ["; ".join(found(outcome)["warnings"]) for outcome in outcomes]
+    columns["warnings"] = ["; ".join(row_of(outcome)["warnings"]) for outcome in outcomes]
     columns["message"] = [x.message or "; ".join(refusals(x)) for x in outcomes]
     return Table(pd.DataFrame(columns), units), names

@@ -17,7 +17,6 @@ from mmap import PAGESIZE
 from pathlib import Path
 from typing import NamedTuple, TypeVar
 
-from fmpy.model_description import ModelDescription, ScalarVariable
 from fmpy.validation import validate_fmu
 
 from ...engine.initialise import KINDS
@@ -29,12 +28,12 @@ from ...system import (
     Port,
     Value,
     declared_start,
-    default_experiment,
     describe_fmu,
     enumeration,
     is_continuous_input,
     require_cosimulation,
 )
+from ...system.description import ModelDescription, Variable
 from .process import forked
 
 STEPS, LONG = 60, 10_000
@@ -88,14 +87,14 @@ class Subject:
         self.description: ModelDescription = describe_fmu("fmu", path)
         require_cosimulation({"fmu": self.description}, {"fmu": path})
         self.third = self.description.fmiVersion == "3.0"
-        self.can = self.description.coSimulation
+        self.can = self.description.interface("coSimulation")
         variables = self.description.modelVariables
         self.inputs = [v for v in variables if is_continuous_input(Port("fmu", v))]
         self.shown = [
             v for v in variables if v.causality in ("output", "local") and v.type != "Clock"
         ]
         self.outputs = [v for v in self.shown if v.causality == "output"]
-        experiment = default_experiment(self.description)
+        experiment = self.description.defaultExperiment
         self.start = experiment.start or 0.0
         self.stop = self.start + 1.0 if experiment.stop is None else experiment.stop
         self.h = step or experiment.step or abs(self.stop - self.start) / 100 or 0.01
@@ -110,6 +109,7 @@ class Subject:
         part = KINDS[self.description.fmiVersion](
             f"instance_{next(self._numbers)}", self.description, borrow(self.path, self.description)
         )
+        part.open()
         try:
             yield part
         finally:
@@ -140,7 +140,7 @@ class Subject:
         part.set_up(self.tolerance, self.start, None)
 
     @staticmethod
-    def size(v: ScalarVariable) -> float:
+    def size(v: Variable) -> float:
         """What is much for a variable."""
         return abs(float(declared_start(v) or 0.0)) or abs(float(v.nominal or 0.0)) or 1.0
 
@@ -245,7 +245,7 @@ class Subject:
         if not getattr(self.can, ability):
             raise NotOffered(f"{RENAMED.get(ability, ability) if self.third else ability} is false")
 
-    def known(self, v: ScalarVariable) -> bool:
+    def known(self, v: Variable) -> bool:
         """Whether a variable may be set while initialising."""
         exact: bool = v.initial == "exact" and v.variability != "constant"
         return exact or v.causality == "input"
@@ -289,24 +289,24 @@ def differ(a: Value, b: Value) -> bool:
     return a != b and (a == a or b == b)  # noqa: PLR0124
 
 
-def smooth(v: ScalarVariable) -> bool:
+def smooth(v: Variable) -> bool:
     """Whether it is a Real whose digits are enough for differences."""
-    return bool(v.type == "Real" and getattr(v, "native", "") != "Float32")
+    return bool(v.type == "Real" and v.native != "Float32")
 
 
-def reals(part: Part, variables: Sequence[ScalarVariable]) -> dict[str, float]:
+def reals(part: Part, variables: Sequence[Variable]) -> dict[str, float]:
     """The values of Real variables."""
     return {name: float(value) for name, value in part.values(variables).items()}
 
 
-def bounded(v: ScalarVariable, value: float) -> float:
+def bounded(v: Variable, value: float) -> float:
     """The nearest value that a variable may have."""
     low = -math.inf if v.min is None else float(v.min)
     high = math.inf if v.max is None else float(v.max)
     return min(max(value, low), high)
 
 
-def nudged(v: ScalarVariable, share: float = NUDGE) -> Value | None:
+def nudged(v: Variable, share: float = NUDGE) -> Value | None:
     """Another value that a variable may have, near its start; None for a text, or where there is none."""
     own = declared_start(v)
     if v.type == "Boolean":
@@ -417,7 +417,7 @@ def resets(s: Subject) -> str:
     values = {v: nudged(v) for v in others if v.type == "Real" and v.variability != "constant"}
     for given in ({v: x for v, x in values.items() if x is not None}, {}):
 
-        def work(given: dict[ScalarVariable, Value] = given) -> list[Row] | None:
+        def work(given: dict[Variable, Value] = given) -> list[Row] | None:
             with s.instance() as part:
                 try:
                     for v, value in given.items():
@@ -580,7 +580,7 @@ def unknowns(s: Subject) -> str:
     known = [v for v in s.description.modelVariables if s.known(v)]
     shown = [u.variable for u in entries]
 
-    def found(v: ScalarVariable | None = None, value: Value = 0) -> dict[str, Value]:
+    def found(v: Variable | None = None, value: Value = 0) -> dict[str, Value]:
         def work() -> dict[str, Value]:
             with s.instance() as part:
                 s.enter(part)
@@ -616,8 +616,8 @@ class Slope(NamedTuple):
     """
 
     when: str
-    unknown: ScalarVariable
-    known: ScalarVariable
+    unknown: Variable
+    known: Variable
     stated: float
     low: float
     high: float
@@ -675,7 +675,7 @@ def _initial_slopes(s: Subject) -> Iterator[Slope]:
 
 
 def _sides(
-    real: Sequence[ScalarVariable],
+    real: Sequence[Variable],
     middle: dict[str, float],
     ends: Sequence[dict[str, float]],
     away: Sequence[float],
@@ -693,7 +693,7 @@ def _later_slopes(s: Subject) -> Iterator[Slope]:
         for j, v in enumerate(s.inputs[:MOST_INPUTS]):
             near, far = (s.slopes(n, u, j, s.h / d, 1e-3) for d in (1024, 64))
 
-            def work(n: int = n, u: list[float] = u, v: ScalarVariable = v) -> list[float]:
+            def work(n: int = n, u: list[float] = u, v: Variable = v) -> list[float]:
                 with s.running(n) as part:
                     s.steer(part, u)
                     part.advance(s.start + n * s.h, s.h / 1024)

@@ -15,10 +15,10 @@
 #include "fmi2FunctionTypes.h"
 
 /* A length for arrays that may have no elements, which C does not allow. */
-#define SOME(n) ((n) + !(n))
+#define AT_LEAST_ONE(n) ((n) + !(n))
 
-/* Numbers of a course of the inputs: start, end, length, degree, bends. */
-#define COURSE (2 * INPUTS + 2 + (HIGHEST_DEGREE - 1) * INPUTS)
+/* Numbers of an input trajectory: start, end, duration, degree, coefficients. */
+#define TRAJECTORY_SIZE (2 * INPUTS + 2 + (HIGHEST_DEGREE - 1) * INPUTS)
 
 #ifdef FMI3 /* which is built of these functions: fmi3.c */
 #define API(name) name
@@ -43,14 +43,14 @@
 
 #ifdef __GNUC__
 #define INLINE static inline __attribute__((always_inline))
-#define APART __attribute__((noinline)) /* so that the short way beside it needs no registers */
-#define SELDOM __attribute__((cold, noinline))
-#define RARE(condition) __builtin_expect(condition, 0)
+#define NOINLINE __attribute__((noinline)) /* so that the short way beside it needs no registers */
+#define COLD __attribute__((cold, noinline))
+#define UNLIKELY(condition) __builtin_expect(condition, 0)
 #else
 #define INLINE static inline
-#define APART
-#define SELDOM
-#define RARE(condition) (condition)
+#define NOINLINE
+#define COLD
+#define UNLIKELY(condition) (condition)
 #endif
 
 #ifndef FMI3
@@ -59,7 +59,7 @@ enum { FORMATS = 1, EVENTS_IN_STEPS = 0 };
 #define RATES "getDerivatives"
 #endif
 
-enum { TEXT = 4096, ROOM = 64, NUMBER = 32 };
+enum { TEXT_SIZE = 4096, NOTE_RESERVE = 64, NUMBER_SIZE = 32 };
 enum { COSIMULATION, EXCHANGE, EITHER };
 enum { INSTANTIATED, INITIALIZING, STEPPING, AT_EVENT, INTEGRATING, TERMINATED, FAILED };
 
@@ -76,7 +76,7 @@ typedef struct {
 } Variable;
 
 typedef struct {
-    int place; /* among the states */
+    int index; /* among the states */
     double nominal;
 } Continuous;
 
@@ -86,13 +86,13 @@ typedef struct {
     int failed, discarded, dropped;
     const char *why; /* the reason, where it is one without numbers */
     size_t reason_length, notes_length;
-    char reason[TEXT], notes[TEXT];
+    char reason[TEXT_SIZE], notes[TEXT_SIZE];
 } Context;
 
 /* Everything that evolves. */
 typedef struct {
-    double values[VARIABLES], before[SOME(INPUTS)], end[SOME(INPUTS)], slopes[SOME(INPUTS)];
-    double rates[HIGHEST_DEGREE][SOME(INPUTS)];
+    double values[VARIABLES], before[AT_LEAST_ONE(INPUTS)], end[AT_LEAST_ONE(INPUTS)], slopes[AT_LEAST_ONE(INPUTS)];
+    double rates[HIGHEST_DEGREE][AT_LEAST_ONE(INPUTS)];
     double time, past, stale, phase, driven, kind, events;
 } State;
 
@@ -115,11 +115,11 @@ typedef struct {
 } Instance;
 
 static const Variable variables[VARIABLES];
-static const Continuous continuous[SOME(DERIVATIVES)];
+static const Continuous continuous[AT_LEAST_ONE(DERIVATIVES)];
 static void model_check(Context *c, const double *p);
 static void model_begin(Context *c, const double *p, double t, const double *x, const double *now,
                         double *result);
-static void model_course(Context *c, double hold, const double *before, const double *now,
+static void model_input_trajectory(Context *c, double hold, const double *before, const double *now,
                          double past, double h, double *result);
 static void model_step(Context *c, const double *p, double t, const double *x,
                        const double *before, const double *now, const double *inputs,
@@ -133,7 +133,7 @@ static void model_directional(Context *c, const double *p, double t, const doubl
                               const double *d_u, double *result);
 static void model_derivatives(Context *c, const double *p, double t, const double *x,
                               const double *u, double *result);
-static void model_guards(Context *c, const double *p, double t, const double *x, const double *u,
+static void model_event_indicators(Context *c, const double *p, double t, const double *x, const double *u,
                          double *result);
 static void model_event(Context *c, const double *p, double t, const double *x,
                         const double *before, const double *now, double which, double *result);
@@ -147,12 +147,12 @@ INLINE int is_finite(double value) { return fabs(value) <= DBL_MAX; }
 #include "fmi2_instance.c"
 
 /* Get and set values of any kind; a Boolean and an Integer are stored alike. */
-APART static fmi2Status get(Instance *i, const char *kind, const fmi2ValueReference vr[],
+NOINLINE static fmi2Status get(Instance *i, const char *kind, const fmi2ValueReference vr[],
                             size_t n, void *values) {
     fmi2Real *reals = values;
     fmi2Integer *integers = values;
     if (!i) return fmi2Error;
-    if (!prepared(i, kind, vr, n)) return finish(i);
+    if (!require_type_and_refresh(i, kind, vr, n)) return finish(i);
     for (size_t k = 0; k < n; k++) {
         if (*kind == 'R')
             reals[k] = i->state.values[vr[k]];
@@ -162,7 +162,7 @@ APART static fmi2Status get(Instance *i, const char *kind, const fmi2ValueRefere
     return finish(i);
 }
 
-APART static fmi2Status set(Instance *i, const char *kind, const fmi2ValueReference vr[],
+NOINLINE static fmi2Status set(Instance *i, const char *kind, const fmi2ValueReference vr[],
                             size_t n, const void *values) {
     const fmi2Real *reals = values;
     const fmi2Integer *integers = values;
@@ -181,7 +181,7 @@ APART static fmi2Status set(Instance *i, const char *kind, const fmi2ValueRefere
                                   size_t n, fmi2##Kind value[]) {                              \
         Instance *i = component;                                                               \
         size_t k = 0;                                                                          \
-        for (; i && k < n && at_hand(&i->state, #Kind, vr[k]); k++)                            \
+        for (; i && k < n && is_up_to_date(&i->state, #Kind, vr[k]); k++)                            \
             value[k] = (fmi2##Kind)i->state.values[vr[k]];                                     \
         return i && k == n ? fmi2OK : get(i, #Kind, vr, n, value);                             \
     }
@@ -191,7 +191,7 @@ APART static fmi2Status set(Instance *i, const char *kind, const fmi2ValueRefere
                                   size_t n, const fmi2##Kind value[]) {                        \
         Instance *i = component;                                                               \
         size_t k = 0;                                                                          \
-        for (; i && k < n && expected(&i->state, #Kind, vr[k], stored); k++)                   \
+        for (; i && k < n && is_plain_input(&i->state, #Kind, vr[k], stored); k++)                   \
             i->state.values[vr[k]] = stored;                                                   \
         return i && k == n ? fmi2OK : set(i, #Kind, vr, n, value);                             \
     }
@@ -209,7 +209,7 @@ EXPORT fmi2Status API(fmi2GetString)(fmi2Component component, const fmi2ValueRef
     Instance *i = component;
     (void)value;
     if (!i) return fmi2Error;
-    prepared(i, "String", vr, n);
+    require_type_and_refresh(i, "String", vr, n);
     return finish(i);
 }
 
@@ -240,34 +240,34 @@ EXPORT fmi2Status API(fmi2SetDebugLogging)(fmi2Component component, fmi2Boolean 
 EXPORT fmi2Component API(fmi2Instantiate)(fmi2String name, fmi2Type type, fmi2String guid,
                                    fmi2String resources, const fmi2CallbackFunctions *functions,
                                    fmi2Boolean visible, fmi2Boolean logging) {
-    char text[TEXT];
+    char text[TEXT_SIZE];
     size_t length = 0;
-    const char *known = name ? name : "";
+    const char *instance_name = name ? name : "";
     Instance *i;
     (void)resources, (void)visible;
     if (!functions || !functions->allocateMemory || !functions->freeMemory) return NULL;
-    if (!*known)
-        put(text, &length, "an instance must have a name");
+    if (!*instance_name)
+        append_text(text, &length, "an instance must have a name");
     else if (type != fmi2CoSimulation && !MODEL_EXCHANGE)
-        put(text, &length, IDENTIFIER " is for co-simulation, not for model exchange");
+        append_text(text, &length, IDENTIFIER " is for co-simulation, not for model exchange");
     else if (!guid || strcmp(guid, GUID)) {
-        put(text, &length, "guid ");
-        put(text, &length, guid ? guid : "");
-        put(text, &length, " is not that of this build, " GUID);
-    } else if (!(i = functions->allocateMemory(1, sizeof *i + strlen(known) + 1))) {
-        put(text, &length, "no memory for an instance");
+        append_text(text, &length, "guid ");
+        append_text(text, &length, guid ? guid : "");
+        append_text(text, &length, " is not that of this build, " GUID);
+    } else if (!(i = functions->allocateMemory(1, sizeof *i + strlen(instance_name) + 1))) {
+        append_text(text, &length, "no memory for an instance");
     } else {
-        strcpy(i->name, known);
+        strcpy(i->name, instance_name);
         i->logger = functions->logger;
         i->allocate = functions->allocateMemory;
         i->release = functions->freeMemory;
         i->environment = functions->componentEnvironment;
         i->logging = logging;
         i->kind = type == fmi2CoSimulation ? COSIMULATION : EXCHANGE;
-        restart(i);
+        reset_instance(i);
         return i;
     }
-    tell(functions->logger, functions->componentEnvironment, known, fmi2Error, "logStatusError",
+    log_message(functions->logger, functions->componentEnvironment, instance_name, fmi2Error, "logStatusError",
          text);
     return NULL;
 }
@@ -303,9 +303,9 @@ EXPORT fmi2Status API(fmi2EnterInitializationMode)(fmi2Component component) {
 EXPORT fmi2Status API(fmi2ExitInitializationMode)(fmi2Component component) {
     Instance *i = component;
     State *s;
-    double *x, *now, result[SOME(STATES)];
+    double *x, *now, result[AT_LEAST_ONE(STATES)];
     if (!i) return fmi2Error;
-    s = &i->state, x = part(i, FIRST_STATE), now = part(i, FIRST_INPUT);
+    s = &i->state, x = values_from(i, FIRST_STATE), now = values_from(i, FIRST_INPUT);
     if (allowed(i, "exitInitializationMode", EITHER, INITIALIZING, INITIALIZING)) refresh(i);
     if (!i->context.failed) {
         model_check(&i->context, s->values);
@@ -330,22 +330,22 @@ EXPORT fmi2Status API(fmi2Terminate)(fmi2Component component) {
 EXPORT fmi2Status API(fmi2Reset)(fmi2Component component) {
     Instance *i = component;
     if (!i) return fmi2Error;
-    restart(i);
+    reset_instance(i);
     return fmi2OK;
 }
 
-/* The inputs over the next step as fmukit/step/hybrid.py describes them, and their slopes at its end. The
+/* The inputs over the next step as fmukit/runtime/hybrid.py describes them, and their slopes at its end. The
    polynomial of the derivatives given, a_n s^n, is the line between its ends and s (s - h) times
    the sum of a_n h^(n-2-j) s^j over n >= 2 and j <= n - 2. */
-static void course(Instance *i, double h, double *inputs, double *slopes) {
+static void input_trajectory(Instance *i, double h, double *inputs, double *slopes) {
     State *s = &i->state;
-    double *now = part(i, FIRST_INPUT), *bends = inputs + 2 * INPUTS + 2;
+    double *now = values_from(i, FIRST_INPUT), *coefficients = inputs + 2 * INPUTS + 2;
     if (s->driven == 0.0) {
-        model_course(&i->context, s->values[INPUT_HOLD], s->before, now, s->past, h, inputs);
+        model_input_trajectory(&i->context, s->values[INPUT_HOLD], s->before, now, s->past, h, inputs);
         for (int k = 0; k < INPUTS; k++) slopes[k] = (inputs[INPUTS + k] - inputs[k]) / h;
         return;
     }
-    memset(inputs, 0, COURSE * sizeof *inputs);
+    memset(inputs, 0, TRAJECTORY_SIZE * sizeof *inputs);
     for (int k = 0; k < INPUTS; k++) {
         double a[HIGHEST_DEGREE + 1] = {now[k]}, factorial = 1.0;
         inputs[k] = inputs[INPUTS + k] = now[k];
@@ -357,15 +357,15 @@ static void course(Instance *i, double h, double *inputs, double *slopes) {
         }
         for (int j = 0; j <= (int)s->driven - 2; j++)
             for (int n = j + 2; n <= (int)s->driven; n++)
-                bends[j * INPUTS + k] += a[n] * pow(h, n - 2 - j);
+                coefficients[j * INPUTS + k] += a[n] * pow(h, n - 2 - j);
     }
     inputs[2 * INPUTS] = h;
     inputs[2 * INPUTS + 1] = s->driven;
 }
 
 /* Say in the reason of a failure when and where it was. */
-SELDOM static void explain(Instance *i, const char *what, double t) {
-    char reason[TEXT];
+COLD static void add_context_to_reason(Instance *i, const char *what, double t) {
+    char reason[TEXT_SIZE];
     strcpy(reason, i->context.why ? i->context.why : i->context.reason);
     i->context.reason_length = 0;
     i->context.why = NULL;
@@ -378,7 +378,7 @@ SELDOM static void explain(Instance *i, const char *what, double t) {
 }
 
 /* Whether a step of h from t is in order. */
-static int ready(Instance *i, double t, double h) {
+static int may_step(Instance *i, double t, double h) {
     const double time = i->state.time;
     if (!allowed(i, "doStep", COSIMULATION, STEPPING, STEPPING)) return 0;
     if (!(h > 0.0 && h <= DBL_MAX))
@@ -392,16 +392,16 @@ EXPORT fmi2Status API(fmi2DoStep)(fmi2Component component, fmi2Real t, fmi2Real 
     Instance *i = component;
     Context *c;
     State *s;
-    double *x, *now, inputs[COURSE], slopes[SOME(INPUTS)], result[SOME(STATES)];
+    double *x, *now, inputs[TRAJECTORY_SIZE], slopes[AT_LEAST_ONE(INPUTS)], result[AT_LEAST_ONE(STATES)];
     (void)final;
     if (!i) return fmi2Error;
-    c = &i->context, s = &i->state, x = part(i, FIRST_STATE), now = part(i, FIRST_INPUT);
-    if (!ready(i, t, h)) return finish(i);
-    course(i, h, inputs, slopes);
+    c = &i->context, s = &i->state, x = values_from(i, FIRST_STATE), now = values_from(i, FIRST_INPUT);
+    if (!may_step(i, t, h)) return finish(i);
+    input_trajectory(i, h, inputs, slopes);
     model_step(c, s->values, t, x, s->before, now, inputs, result);
     for (int k = 0; k < STATES; k++) check_finite(c, &variables[FIRST_STATE + k], result[k]);
     if (c->failed) {
-        explain(i, "step from", t);
+        add_context_to_reason(i, "step from", t);
         return finish(i);
     }
     memcpy(s->slopes, slopes, INPUTS * sizeof *slopes);
@@ -412,7 +412,7 @@ EXPORT fmi2Status API(fmi2DoStep)(fmi2Component component, fmi2Real t, fmi2Real 
     return finish(i);
 }
 
-static int of_order(Context *c, const fmi2Integer order[], size_t n, int highest) {
+static int require_order(Context *c, const fmi2Integer order[], size_t n, int highest) {
     for (size_t k = 0; k < n; k++)
         if (order[k] < 1 || order[k] > highest)
             fail(c, "derivatives are of order 1 to %d, not %d", (double)highest, (double)order[k]);
@@ -428,8 +428,8 @@ EXPORT fmi2Status API(fmi2SetRealInputDerivatives)(fmi2Component component,
     if (!i) return fmi2Error;
     s = &i->state;
     if (i->kind == EXCHANGE)
-        refuse(i, "setRealInputDerivatives", COSIMULATION, INSTANTIATED, STEPPING);
-    if (!of_order(&i->context, order, n, HIGHEST_DEGREE)) return finish(i);
+        refuse_call(i, "setRealInputDerivatives", COSIMULATION, INSTANTIATED, STEPPING);
+    if (!require_order(&i->context, order, n, HIGHEST_DEGREE)) return finish(i);
     for (size_t k = 0; k < n; k++) {
         const Variable *v = variable(&i->context, "Real", vr[k]);
         if (!v) return finish(i);
@@ -452,15 +452,15 @@ EXPORT fmi2Status API(fmi2GetRealOutputDerivatives)(fmi2Component component,
                                              const fmi2Integer order[], fmi2Real value[]) {
     Instance *i = component;
     State *s;
-    double d[VARIABLES] = {0}, dx[SOME(DERIVATIVES)], result[SOME(VARIABLES - FIRST_STATE)];
+    double d[VARIABLES] = {0}, dx[AT_LEAST_ONE(DERIVATIVES)], result[AT_LEAST_ONE(VARIABLES - FIRST_STATE)];
     if (!i) return fmi2Error;
     s = &i->state;
     if (!allowed(i, "getRealOutputDerivatives", COSIMULATION, STEPPING, STEPPING) ||
-        !of_order(&i->context, order, n, 1))
+        !require_order(&i->context, order, n, 1))
         return finish(i);
-    model_derivatives(&i->context, s->values, s->time, part(i, FIRST_STATE), s->end, dx);
-    for (int k = 0; k < DERIVATIVES; k++) d[FIRST_STATE + continuous[k].place] = dx[k];
-    model_tangents(&i->context, s->values, s->time, part(i, FIRST_STATE), s->end, d, 1.0,
+    model_derivatives(&i->context, s->values, s->time, values_from(i, FIRST_STATE), s->end, dx);
+    for (int k = 0; k < DERIVATIVES; k++) d[FIRST_STATE + continuous[k].index] = dx[k];
+    model_tangents(&i->context, s->values, s->time, values_from(i, FIRST_STATE), s->end, d, 1.0,
                    d + FIRST_STATE, s->slopes, result);
     for (size_t k = 0; k < n && !i->context.failed; k++) {
         const Variable *v = variable(&i->context, "Real", vr[k]);
@@ -474,32 +474,32 @@ EXPORT fmi2Status API(fmi2GetRealOutputDerivatives)(fmi2Component component,
 
 EXPORT fmi2Status API(fmi2GetDirectionalDerivative)(fmi2Component component,
                                              const fmi2ValueReference unknown[], size_t n_unknown,
-                                             const fmi2ValueReference known[], size_t n_known,
+                                             const fmi2ValueReference knowns[], size_t n_known,
                                              const fmi2Real d_known[], fmi2Real d_unknown[]) {
     Instance *i = component;
     Context *c;
     State *s;
-    double d[VARIABLES] = {0}, result[SOME(VARIABLES - FIRST_STATE)];
+    double d[VARIABLES] = {0}, result[AT_LEAST_ONE(VARIABLES - FIRST_STATE)];
     if (!i) return fmi2Error;
     c = &i->context, s = &i->state;
     if (!allowed(i, "getDirectionalDerivative", EITHER, INITIALIZING, INTEGRATING))
         return finish(i);
-    settled(i);
+    refresh_initial(i);
     for (size_t k = 0; k < n_known && !c->failed; k++) {
-        const Variable *v = variable(c, "Real", known[k]);
+        const Variable *v = variable(c, "Real", knowns[k]);
         if (v && !(s->phase == INITIALIZING ? v->settable_before_start
-                   : is_input(known[k]) || (i->kind == EXCHANGE && is_integrated(known[k]))))
+                   : is_input(knowns[k]) || (i->kind == EXCHANGE && is_integrated(knowns[k]))))
             fail(c, "there is no derivative by %s %s", v->name, PHASES[(int)s->phase]);
         else if (v)
-            d[known[k]] += d_known[k];
+            d[knowns[k]] += d_known[k];
     }
     if (!c->failed && (i->kind == COSIMULATION || s->phase == INITIALIZING))
-        model_directional(c, s->values, s->time, part(i, FIRST_STATE), s->end, d, 0.0,
+        model_directional(c, s->values, s->time, values_from(i, FIRST_STATE), s->end, d, 0.0,
                           d + FIRST_STATE, d + FIRST_INPUT, result);
     else if (!c->failed)
-        model_tangents(c, s->values, s->time, part(i, FIRST_STATE), present(i), d, 0.0,
+        model_tangents(c, s->values, s->time, values_from(i, FIRST_STATE), current_inputs(i), d, 0.0,
                        d + FIRST_STATE, d + FIRST_INPUT, result);
-    evaluated(i);
+    mark_discardable(i);
     for (size_t k = 0; k < n_unknown && !c->failed; k++) {
         const Variable *v = variable(c, "Real", unknown[k]);
         if (v && unknown[k] < FIRST_STATE)
@@ -520,27 +520,27 @@ EXPORT fmi2Status API(fmi2EnterEventMode)(fmi2Component component) {
     return finish(i);
 }
 
-/* What new inputs bring about, or the first guard that has fallen. */
+/* Apply new inputs, or the event of the first indicator that is negative. */
 static void update(Instance *i, fmi2EventInfo *info) {
     Context *c = &i->context;
     State *s = &i->state;
-    double *x = part(i, FIRST_STATE), *now = part(i, FIRST_INPUT), result[SOME(STATES)];
+    double *x = values_from(i, FIRST_STATE), *now = values_from(i, FIRST_INPUT), result[AT_LEAST_ONE(STATES)];
     const int is_new = memcmp(s->before, now, INPUTS * sizeof *now) != 0;
-    const int which = is_new ? -1 : fallen(i);
+    const int which = is_new ? -1 : triggered_indicator(i);
     if (!c->failed && (is_new || which >= 0)) {
         if (++s->events > MOST_EVENTS)
             fail(c, "more than %d events, the last at %r s", (double)MOST_EVENTS, s->time);
         model_event(c, s->values, s->time, x, s->before, now, which, result);
         for (int k = 0; k < STATES; k++) check_finite(c, &variables[FIRST_STATE + k], result[k]);
         for (int k = 0; k < DERIVATIVES && !c->failed; k++)
-            if (result[continuous[k].place] != x[continuous[k].place])
+            if (result[continuous[k].index] != x[continuous[k].index])
                 info->valuesOfContinuousStatesChanged = fmi2True;
         if (!c->failed) memcpy(x, result, STATES * sizeof *x);
         memcpy(s->before, now, INPUTS * sizeof *now);
         s->stale = 1.0;
-        info->newDiscreteStatesNeeded = fallen(i) >= 0;
+        info->newDiscreteStatesNeeded = triggered_indicator(i) >= 0;
     }
-    if (c->failed) explain(i, "event at", s->time);
+    if (c->failed) add_context_to_reason(i, "event at", s->time);
 }
 
 EXPORT fmi2Status API(fmi2NewDiscreteStates)(fmi2Component component, fmi2EventInfo *info) {
@@ -559,7 +559,7 @@ EXPORT fmi2Status API(fmi2EnterContinuousTimeMode)(fmi2Component component) {
     return finish(i);
 }
 
-/* A guard that is below zero is an event that the importer has not seen. */
+/* A negative indicator is an event that the importer has missed. */
 EXPORT fmi2Status API(fmi2CompletedIntegratorStep)(fmi2Component component, fmi2Boolean final,
                                             fmi2Boolean *event, fmi2Boolean *terminate) {
     Instance *i = component;
@@ -567,7 +567,7 @@ EXPORT fmi2Status API(fmi2CompletedIntegratorStep)(fmi2Component component, fmi2
     if (!i || !event || !terminate) return fmi2Error;
     *event = *terminate = fmi2False;
     if (allowed(i, "completedIntegratorStep", EXCHANGE, INTEGRATING, INTEGRATING))
-        *event = fallen(i) >= 0;
+        *event = triggered_indicator(i) >= 0;
     return finish(i);
 }
 
@@ -576,12 +576,12 @@ EXPORT fmi2Status API(fmi2SetTime)(fmi2Component component, fmi2Real time) {
     if (!i) return fmi2Error;
     if (!allowed(i, "setTime", EXCHANGE, AT_EVENT, INTEGRATING)) return finish(i);
     if (!is_finite(time)) fail(&i->context, "time = %r s must be a finite number", time);
-    evaluated(i);
+    mark_discardable(i);
     if (!i->context.failed) i->state.time = time, i->state.stale = 1.0;
     return finish(i);
 }
 
-static int of_length(Instance *i, const char *call, size_t n, size_t count) {
+static int require_length(Instance *i, const char *call, size_t n, size_t count) {
     if (n != count)
         fail(&i->context, "%s takes all %d values at once, not %d", call, (double)count, (double)n);
     return !i->context.failed;
@@ -592,13 +592,13 @@ EXPORT fmi2Status API(fmi2SetContinuousStates)(fmi2Component component, const fm
     Instance *i = component;
     if (!i) return fmi2Error;
     if (!allowed(i, "setContinuousStates", EXCHANGE, AT_EVENT, INTEGRATING) ||
-        !of_length(i, "setContinuousStates", n, DERIVATIVES))
+        !require_length(i, "setContinuousStates", n, DERIVATIVES))
         return finish(i);
     for (size_t k = 0; k < n; k++)
-        check_finite(&i->context, &variables[FIRST_STATE + continuous[k].place], x[k]);
-    evaluated(i);
+        check_finite(&i->context, &variables[FIRST_STATE + continuous[k].index], x[k]);
+    mark_discardable(i);
     for (size_t k = 0; k < n && !i->context.failed; k++)
-        part(i, FIRST_STATE)[continuous[k].place] = x[k];
+        values_from(i, FIRST_STATE)[continuous[k].index] = x[k];
     i->state.stale = 1.0;
     return finish(i);
 }
@@ -608,29 +608,29 @@ EXPORT fmi2Status API(fmi2SetContinuousStates)(fmi2Component component, const fm
     EXPORT fmi2Status API(fmi2Get##Name)(fmi2Component component, fmi2Real value[], size_t n) { \
         Instance *i = component;                                                               \
         if (!i) return fmi2Error;                                                              \
-        if (allowed(i, name, EXCHANGE, first, TERMINATED) && of_length(i, name, n, count))     \
+        if (allowed(i, name, EXCHANGE, first, TERMINATED) && require_length(i, name, n, count))     \
             what;                                                                              \
         return finish(i);                                                                      \
     }
 
-/* An importer looks for a change of sign, and a guard at zero has not fallen. */
-static void indicate(Instance *i, double *value) {
-    guards(i, value);
+/* An importer looks for a change of sign; an indicator at zero has not triggered. */
+static void get_event_indicators(Instance *i, double *value) {
+    event_indicators(i, value);
     for (int k = 0; k < INDICATORS; k++)
         if (value[k] == 0.0) value[k] = DBL_MIN;
 }
 
 static void continuous_states(Instance *i, double *value) {
-    settled(i);
-    for (int k = 0; k < DERIVATIVES; k++) value[k] = part(i, FIRST_STATE)[continuous[k].place];
+    refresh_initial(i);
+    for (int k = 0; k < DERIVATIVES; k++) value[k] = values_from(i, FIRST_STATE)[continuous[k].index];
 }
 
 static void nominals(double *value) {
     for (int k = 0; k < DERIVATIVES; k++) value[k] = continuous[k].nominal;
 }
 
-GET_ALL(Derivatives, RATES, DERIVATIVES, INITIALIZING, derive(i, value))
-GET_ALL(EventIndicators, "getEventIndicators", INDICATORS, INITIALIZING, indicate(i, value))
+GET_ALL(Derivatives, RATES, DERIVATIVES, INITIALIZING, compute_derivatives(i, value))
+GET_ALL(EventIndicators, "getEventIndicators", INDICATORS, INITIALIZING, get_event_indicators(i, value))
 GET_ALL(ContinuousStates, "getContinuousStates", DERIVATIVES, INITIALIZING, continuous_states(i, value))
 GET_ALL(NominalsOfContinuousStates, "getNominalsOfContinuousStates", DERIVATIVES, INSTANTIATED, nominals(value))
 
@@ -641,7 +641,7 @@ GET_ALL(NominalsOfContinuousStates, "getNominalsOfContinuousStates", DERIVATIVES
 EXPORT fmi2Status API(fmi2CancelStep)(fmi2Component component) {
     Instance *i = component;
     if (!i) return fmi2Error;
-    tell(i->logger, i->environment, i->name, fmi2Error, "logStatusError",
+    log_message(i->logger, i->environment, i->name, fmi2Error, "logStatusError",
          "cancelStep is not allowed: no step is under way");
     return fmi2Error;
 }

@@ -11,34 +11,34 @@ static unsigned long checksum(const unsigned char *bytes, size_t n) {
     return sum ^ 0xFFFFFFFFul;
 }
 
-static int among(double value, double least, double most) {
+static int is_integer_between(double value, double least, double most) {
     return value >= least && value <= most && value == floor(value);
 }
 
 /* Whether a variable can have this value. */
-static int can_be(const Variable *v, double value) {
+static int is_possible_value(const Variable *v, double value) {
     const double least = *v->kind == 'B' || *v->kind == 'E' ? 0.0 : -v->most;
     return value >= least && value <= v->most && (*v->kind == 'R' || value == floor(value));
 }
 
 /* Whether an instance can have this state: who knows the checksum can write any bytes. */
-static int possible(const State *s) {
-    if (!among(s->phase, INSTANTIATED, FAILED) || !among(s->driven, 0.0, HIGHEST_DEGREE)) return 0;
-    if (!among(s->kind, COSIMULATION, MODEL_EXCHANGE) || !among(s->events, 0.0, MOST_EVENTS)) return 0;
+static int is_possible_state(const State *s) {
+    if (!is_integer_between(s->phase, INSTANTIATED, FAILED) || !is_integer_between(s->driven, 0.0, HIGHEST_DEGREE)) return 0;
+    if (!is_integer_between(s->kind, COSIMULATION, MODEL_EXCHANGE) || !is_integer_between(s->events, 0.0, MOST_EVENTS)) return 0;
     if (kind_of((int)s->phase) != EITHER && kind_of((int)s->phase) != s->kind) return 0;
-    if (!is_finite(s->time) || !is_finite(s->past) || !among(s->stale, 0.0, 1.0)) return 0;
+    if (!is_finite(s->time) || !is_finite(s->past) || !is_integer_between(s->stale, 0.0, 1.0)) return 0;
     for (int k = 0; k < VARIABLES; k++)
-        if (!can_be(&variables[k], s->values[k])) return 0;
+        if (!is_possible_value(&variables[k], s->values[k])) return 0;
     for (int k = 0; k < INPUTS; k++) {
         const Variable *v = &variables[FIRST_INPUT + k];
-        if (!can_be(v, s->before[k]) || !can_be(v, s->end[k]) || !is_finite(s->slopes[k])) return 0;
+        if (!is_possible_value(v, s->before[k]) || !is_possible_value(v, s->end[k]) || !is_finite(s->slopes[k])) return 0;
         for (int order = 0; order < HIGHEST_DEGREE; order++)
             if (!is_finite(s->rates[order][k])) return 0;
     }
     return 1;
 }
 
-static Saved *saved(Instance *i, size_t more) {
+static Saved *allocate_state(Instance *i, size_t more) {
     Saved *state = i->allocate(1, sizeof *state + more);
     if (!state) fail(&i->context, "no memory for an FMU state");
     return state;
@@ -46,28 +46,28 @@ static Saved *saved(Instance *i, size_t more) {
 
 EXPORT fmi2Status API(fmi2GetFMUstate)(fmi2Component component, fmi2FMUstate *state) {
     Instance *i = component;
-    Saved *kept;
+    Saved *saved_state;
     if (!i || !state) return fmi2Error;
-    kept = *state ? *state : saved(i, 0);
-    if (!kept) return finish(i);
-    kept->sound = 1;
-    kept->state = i->state;
-    *state = kept;
+    saved_state = *state ? *state : allocate_state(i, 0);
+    if (!saved_state) return finish(i);
+    saved_state->sound = 1;
+    saved_state->state = i->state;
+    *state = saved_state;
     return fmi2OK;
 }
 
 EXPORT fmi2Status API(fmi2SetFMUstate)(fmi2Component component, fmi2FMUstate state) {
     Instance *i = component;
-    Saved *kept = state;
+    Saved *saved_state = state;
     if (!i) return fmi2Error;
-    if (kept && kept->sound && kept->state.kind != i->kind)
+    if (saved_state && saved_state->sound && saved_state->state.kind != i->kind)
         fail(&i->context, "FMU state is of an instance for %s, but this one is for %s",
-             KINDS[(int)kept->state.kind], KINDS[i->kind]);
-    else if (kept && kept->sound)
-        i->state = kept->state;
+             KINDS[(int)saved_state->state.kind], KINDS[i->kind]);
+    else if (saved_state && saved_state->sound)
+        i->state = saved_state->state;
     else
         fail(&i->context, "FMU state is damaged or not of this build " GUID ": %d bytes",
-             kept ? (double)kept->size : 0.0);
+             saved_state ? (double)saved_state->size : 0.0);
     return finish(i);
 }
 
@@ -80,28 +80,28 @@ EXPORT fmi2Status API(fmi2FreeFMUstate)(fmi2Component component, fmi2FMUstate *s
 
 EXPORT fmi2Status API(fmi2SerializedFMUstateSize)(fmi2Component component, fmi2FMUstate state,
                                            size_t *size) {
-    Saved *kept = state;
-    if (!component || !kept) return fmi2Error;
-    *size = kept->sound ? BYTES : kept->size;
+    Saved *saved_state = state;
+    if (!component || !saved_state) return fmi2Error;
+    *size = saved_state->sound ? BYTES : saved_state->size;
     return fmi2OK;
 }
 
 EXPORT fmi2Status API(fmi2SerializeFMUstate)(fmi2Component component, fmi2FMUstate state, fmi2Byte bytes[],
                                       size_t size) {
     Instance *i = component;
-    Saved *kept = state;
+    Saved *saved_state = state;
     unsigned char *at = (unsigned char *)bytes;
-    if (!i || !kept) return fmi2Error;
-    if (size < (kept->sound ? BYTES : kept->size)) {
+    if (!i || !saved_state) return fmi2Error;
+    if (size < (saved_state->sound ? BYTES : saved_state->size)) {
         fail(&i->context, "%d bytes are too few for an FMU state", (double)size);
-    } else if (kept->sound) {
+    } else if (saved_state->sound) {
         unsigned long sum;
         memcpy(at, GUID, sizeof GUID);
-        memcpy(at + sizeof GUID, &kept->state, sizeof kept->state);
+        memcpy(at + sizeof GUID, &saved_state->state, sizeof saved_state->state);
         sum = checksum(at, BYTES - 4);
         for (int k = 0; k < 4; k++) at[BYTES - 4 + k] = (unsigned char)(sum >> 8 * k);
     } else {
-        memcpy(at, kept->bytes, kept->size);
+        memcpy(at, saved_state->bytes, saved_state->size);
     }
     return finish(i);
 }
@@ -110,21 +110,21 @@ EXPORT fmi2Status API(fmi2DeSerializeFMUstate)(fmi2Component component, const fm
                                         size_t size, fmi2FMUstate *state) {
     Instance *i = component;
     const unsigned char *at = (const unsigned char *)bytes;
-    Saved *kept;
+    Saved *saved_state;
     if (!i || !state) return fmi2Error;
     if (*state) i->release(*state), *state = NULL;
-    if (!(kept = saved(i, size))) return finish(i);
-    kept->sound = 0;
-    kept->size = size;
-    if (size) memcpy(kept->bytes, bytes, size);
+    if (!(saved_state = allocate_state(i, size))) return finish(i);
+    saved_state->sound = 0;
+    saved_state->size = size;
+    if (size) memcpy(saved_state->bytes, bytes, size);
     if (size == BYTES && !memcmp(at, GUID, sizeof GUID)) {
         unsigned long sum = checksum(at, BYTES - 4);
-        kept->sound = 1;
+        saved_state->sound = 1;
         for (int k = 0; k < 4; k++)
-            if (at[BYTES - 4 + k] != (unsigned char)(sum >> 8 * k)) kept->sound = 0;
-        memcpy(&kept->state, at + sizeof GUID, sizeof kept->state);
-        kept->sound = kept->sound && possible(&kept->state);
+            if (at[BYTES - 4 + k] != (unsigned char)(sum >> 8 * k)) saved_state->sound = 0;
+        memcpy(&saved_state->state, at + sizeof GUID, sizeof saved_state->state);
+        saved_state->sound = saved_state->sound && is_possible_state(&saved_state->state);
     }
-    *state = kept;
+    *state = saved_state;
     return fmi2OK;
 }

@@ -19,40 +19,40 @@ enum { FORMATS = 0, EVENTS_IN_STEPS = 1 };
 #define EXPORT3 __attribute__((visibility("default")))
 #endif
 
-enum { FIRST_INDICATOR = VARIABLES, TIME = VARIABLES + INDICATORS, PARTS = 8 };
+enum { FIRST_INDICATOR = VARIABLES, TIME = VARIABLES + INDICATORS, INTERMEDIATE_POINTS = 8 };
 
 typedef struct {
     Instance *core;
     fmi3LogMessageCallback log;
-    fmi3IntermediateUpdateCallback look;
+    fmi3IntermediateUpdateCallback on_intermediate_update;
     fmi3InstanceEnvironment environment;
-    int has_events, returns_early, looking;
-} Unit;
+    int has_events, returns_early, in_intermediate_update;
+} Fmi3Instance;
 
-/* From the state x at t to the first event, or to the end of the inputs' course: its time since t,
-   which guard has fallen there or -1, and the state. */
+/* From the state x at t to the first event, or to the end of the input trajectory: its time since t,
+   the index of the triggered indicator or -1, and the state. */
 #if INDICATORS
-static void model_reach(Context *c, const double *p, double t, const double *x,
+static void model_run_to_event(Context *c, const double *p, double t, const double *x,
                         const double *inputs, double *result);
 #endif
 
-static void pass_on(fmi2ComponentEnvironment environment, fmi2String name, fmi2Status status,
+static void forward_message(fmi2ComponentEnvironment environment, fmi2String name, fmi2Status status,
                     fmi2String category, fmi2String message, ...) {
-    Unit *u = environment;
+    Fmi3Instance *u = environment;
     (void)name;
-    if (u->log && !u->looking)
+    if (u->log && !u->in_intermediate_update)
         u->log(u->environment, (fmi3Status)status, category, message);
 }
 
-static Unit *instantiate(fmi3String name, fmi3String token, fmi2Type type, fmi3Boolean logging,
+static Fmi3Instance *instantiate(fmi3String name, fmi3String token, fmi2Type type, fmi3Boolean logging,
                          fmi3InstanceEnvironment environment, fmi3LogMessageCallback log) {
-    const fmi2CallbackFunctions callbacks = {pass_on, calloc, free, NULL, NULL};
-    fmi2CallbackFunctions own = callbacks;
-    Unit *u = calloc(1, sizeof *u);
+    const fmi2CallbackFunctions callbacks = {forward_message, calloc, free, NULL, NULL};
+    fmi2CallbackFunctions with_instance = callbacks;
+    Fmi3Instance *u = calloc(1, sizeof *u);
     if (!u) return NULL;
-    own.componentEnvironment = u;
+    with_instance.componentEnvironment = u;
     u->log = log, u->environment = environment;
-    if (!(u->core = fmi2Instantiate(name, type, token, NULL, &own, fmi2False, logging)))
+    if (!(u->core = fmi2Instantiate(name, type, token, NULL, &with_instance, fmi2False, logging)))
         free(u), u = NULL;
     return u;
 }
@@ -68,10 +68,10 @@ EXPORT3 fmi3Instance fmi3InstantiateCoSimulation(
     fmi3String name, fmi3String token, fmi3String resources, fmi3Boolean visible,
     fmi3Boolean logging, fmi3Boolean has_events, fmi3Boolean returns_early,
     const fmi3ValueReference within[], size_t n, fmi3InstanceEnvironment environment,
-    fmi3LogMessageCallback log, fmi3IntermediateUpdateCallback look) {
-    Unit *u = instantiate(name, token, fmi2CoSimulation, logging, environment, log);
+    fmi3LogMessageCallback log, fmi3IntermediateUpdateCallback on_intermediate_update) {
+    Fmi3Instance *u = instantiate(name, token, fmi2CoSimulation, logging, environment, log);
     (void)resources, (void)visible, (void)within, (void)n;
-    if (u) u->look = look, u->has_events = has_events, u->returns_early = returns_early;
+    if (u) u->on_intermediate_update = on_intermediate_update, u->has_events = has_events, u->returns_early = returns_early;
     return u;
 }
 
@@ -89,7 +89,7 @@ EXPORT3 fmi3Instance fmi3InstantiateScheduledExecution(
 }
 
 EXPORT3 void fmi3FreeInstance(fmi3Instance instance) {
-    Unit *u = instance;
+    Fmi3Instance *u = instance;
     if (!u) return;
     fmi2FreeInstance(u->core);
     free(u);
@@ -97,22 +97,22 @@ EXPORT3 void fmi3FreeInstance(fmi3Instance instance) {
 
 EXPORT3 const char *fmi3GetVersion(void) { return "3.0"; }
 
-/* While the importer looks into a step, it may only get values. */
-static fmi3Status forbidden(Unit *u, const char *call) {
-    char text[TEXT];
+/* Within an intermediate update, the importer may only get values. */
+static fmi3Status refuse_within_step(Fmi3Instance *u, const char *call) {
+    char text[TEXT_SIZE];
     size_t length = 0;
-    put(text, &length, u->core->name);
-    put(text, &length, ": "), put(text, &length, call);
-    put(text, &length, " is not allowed within a step");
+    append_text(text, &length, u->core->name);
+    append_text(text, &length, ": "), append_text(text, &length, call);
+    append_text(text, &length, " is not allowed within a step");
     if (u->log) u->log(u->environment, fmi3Error, "logStatusError", text);
     return fmi3Error;
 }
 
 #define FORWARD(Name, call, parameters, action)                                                 \
     EXPORT3 fmi3Status fmi3##Name parameters {                                                   \
-        Unit *u = instance;                                                                     \
+        Fmi3Instance *u = instance;                                                                     \
         if (!u) return fmi3Error;                                                               \
-        if (u->looking) return forbidden(u, call);                                             \
+        if (u->in_intermediate_update) return refuse_within_step(u, call);                                             \
         return (fmi3Status)(action);                                                            \
     }
 
@@ -153,7 +153,7 @@ FORWARD(DeserializeFMUState, "deserializeFMUState",
         (fmi3Instance instance, const fmi3Byte bytes[], size_t size, fmi3FMUState *state),
         fmi2DeSerializeFMUstate(u->core, (const fmi2Byte *)bytes, size, state))
 
-static fmi2Status begin(Unit *u, int tolerance_given, double tolerance, double start, int stop_given,
+static fmi2Status enter_initialization(Fmi3Instance *u, int tolerance_given, double tolerance, double start, int stop_given,
                         double stop) {
     fmi2Status status =
         fmi2SetupExperiment(u->core, tolerance_given, tolerance, start, stop_given, stop);
@@ -163,19 +163,19 @@ static fmi2Status begin(Unit *u, int tolerance_given, double tolerance, double s
 FORWARD(EnterInitializationMode, "enterInitializationMode",
         (fmi3Instance instance, fmi3Boolean tolerance_given, fmi3Float64 tolerance,
          fmi3Float64 start, fmi3Boolean stop_given, fmi3Float64 stop),
-        begin(u, tolerance_given, tolerance, start, stop_given, stop))
+        enter_initialization(u, tolerance_given, tolerance, start, stop_given, stop))
 
-static fmi2Status initialised(Unit *u) {
+static fmi2Status exit_initialization(Fmi3Instance *u) {
     fmi2Status status = fmi2ExitInitializationMode(u->core);
     if (status <= fmi2Warning && u->has_events) u->core->state.phase = AT_EVENT;
     return status;
 }
 
-FORWARD(ExitInitializationMode, "exitInitializationMode", (fmi3Instance instance), initialised(u))
+FORWARD(ExitInitializationMode, "exitInitializationMode", (fmi3Instance instance), exit_initialization(u))
 
 /* Event mode, of co-simulation too if the importer has asked for it. */
 
-static fmi2Status enter_events(Unit *u) {
+static fmi2Status enter_event_mode(Fmi3Instance *u) {
     Instance *i = u->core;
     if (i->kind == EXCHANGE) return fmi2EnterEventMode(i);
     if (!u->has_events)
@@ -185,28 +185,28 @@ static fmi2Status enter_events(Unit *u) {
     return finish(i);
 }
 
-FORWARD(EnterEventMode, "enterEventMode", (fmi3Instance instance), enter_events(u))
+FORWARD(EnterEventMode, "enterEventMode", (fmi3Instance instance), enter_event_mode(u))
 
-static fmi2Status enter_steps(Instance *i) {
+static fmi2Status enter_step_mode(Instance *i) {
     if (allowed(i, "enterStepMode", COSIMULATION, AT_EVENT, AT_EVENT)) {
-        memcpy(i->state.end, part(i, FIRST_INPUT), INPUTS * sizeof(double));
+        memcpy(i->state.end, values_from(i, FIRST_INPUT), INPUTS * sizeof(double));
         i->state.phase = STEPPING;
     }
     return finish(i);
 }
 
-FORWARD(EnterStepMode, "enterStepMode", (fmi3Instance instance), enter_steps(u->core))
+FORWARD(EnterStepMode, "enterStepMode", (fmi3Instance instance), enter_step_mode(u->core))
 
 EXPORT3 fmi3Status fmi3UpdateDiscreteStates(fmi3Instance instance, fmi3Boolean *needed,
                                             fmi3Boolean *terminate, fmi3Boolean *nominals_changed,
                                             fmi3Boolean *values_changed, fmi3Boolean *time_defined,
                                             fmi3Float64 *time) {
-    Unit *u = instance;
+    Fmi3Instance *u = instance;
     fmi2EventInfo info = {0};
     fmi2Status status;
     if (!u || !needed || !terminate || !nominals_changed || !values_changed || !time_defined || !time)
         return fmi3Error;
-    if (u->looking) return forbidden(u, UPDATE);
+    if (u->in_intermediate_update) return refuse_within_step(u, UPDATE);
     status = fmi2NewDiscreteStates(u->core, &info);
     *needed = info.newDiscreteStatesNeeded, *values_changed = info.valuesOfContinuousStatesChanged;
     *terminate = *nominals_changed = *time_defined = false;
@@ -216,12 +216,12 @@ EXPORT3 fmi3Status fmi3UpdateDiscreteStates(fmi3Instance instance, fmi3Boolean *
 
 EXPORT3 fmi3Status fmi3CompletedIntegratorStep(fmi3Instance instance, fmi3Boolean final,
                                                fmi3Boolean *event, fmi3Boolean *terminate) {
-    Unit *u = instance;
-    fmi2Boolean asked = fmi2False, ended = fmi2False;
+    Fmi3Instance *u = instance;
+    fmi2Boolean event_needed = fmi2False, ended = fmi2False;
     fmi2Status status;
     if (!u || !event || !terminate) return fmi3Error;
-    status = fmi2CompletedIntegratorStep(u->core, final, &asked, &ended);
-    *event = asked, *terminate = ended;
+    status = fmi2CompletedIntegratorStep(u->core, final, &event_needed, &ended);
+    *event = event_needed, *terminate = ended;
     return (fmi3Status)status;
 }
 
@@ -229,25 +229,25 @@ EXPORT3 fmi3Status fmi3CompletedIntegratorStep(fmi3Instance instance, fmi3Boolea
 
 #if INDICATORS
 /* A step to its end or to its first event, which is left to event mode. */
-static fmi2Status reach(Instance *i, double t, double h, double *end, int *which) {
+static fmi2Status run_to_event(Instance *i, double t, double h, double *end, int *which) {
     Context *c = &i->context;
     State *s = &i->state;
-    double inputs[COURSE], slopes[SOME(INPUTS)], result[2 + STATES], share;
-    double *x = part(i, FIRST_STATE), *now = part(i, FIRST_INPUT);
-    if (!ready(i, t, h)) return finish(i);
-    course(i, h, inputs, slopes);
-    model_reach(c, s->values, t, x, inputs, result);
+    double inputs[TRAJECTORY_SIZE], slopes[AT_LEAST_ONE(INPUTS)], result[2 + STATES], fraction;
+    double *x = values_from(i, FIRST_STATE), *now = values_from(i, FIRST_INPUT);
+    if (!may_step(i, t, h)) return finish(i);
+    input_trajectory(i, h, inputs, slopes);
+    model_run_to_event(c, s->values, t, x, inputs, result);
     for (int k = 0; k < STATES; k++) check_finite(c, &variables[FIRST_STATE + k], result[2 + k]);
     if (c->failed) {
-        explain(i, "step from", t);
+        add_context_to_reason(i, "step from", t);
         return finish(i);
     }
     *which = (int)result[1];
     *end = *which < 0 ? t + h : t + result[0];
-    share = *which < 0 ? 1.0 : result[0] / h;
+    fraction = *which < 0 ? 1.0 : result[0] / h;
     for (int k = 0; k < INPUTS; k++) {
         const double from = inputs[k], to = inputs[INPUTS + k];
-        s->end[k] = share == 1.0 || from == to ? to : from + (to - from) * share;
+        s->end[k] = fraction == 1.0 || from == to ? to : from + (to - from) * fraction;
     }
     memcpy(s->slopes, slopes, INPUTS * sizeof *slopes);
     memcpy(x, result + 2, STATES * sizeof *x);
@@ -257,18 +257,18 @@ static fmi2Status reach(Instance *i, double t, double h, double *end, int *which
 }
 #endif
 
-/* Show the importer what a step of h passes through; whether it wants to stop, and where. */
-static int shown(Unit *u, double t, double h, double *end) {
+/* Run the intermediate updates of a step of h; whether the importer returns early, and where. */
+static int run_intermediate_updates(Fmi3Instance *u, double t, double h, double *end) {
     Instance *i = u->core;
     const State before = i->state;
-    for (int k = 1; k < PARTS; k++) {
-        const double at = t + h * k / PARTS;
+    for (int k = 1; k < INTERMEDIATE_POINTS; k++) {
+        const double at = t + h * k / INTERMEDIATE_POINTS;
         fmi3Boolean wanted = false;
         fmi3Float64 time = at;
-        u->looking = 1;
-        if (fmi2DoStep(i, t, h * k / PARTS, fmi2True) <= fmi2Warning)
-            u->look(u->environment, at, false, true, true, u->returns_early, &wanted, &time);
-        u->looking = 0;
+        u->in_intermediate_update = 1;
+        if (fmi2DoStep(i, t, h * k / INTERMEDIATE_POINTS, fmi2True) <= fmi2Warning)
+            u->on_intermediate_update(u->environment, at, false, true, true, u->returns_early, &wanted, &time);
+        u->in_intermediate_update = 0;
         if (wanted && u->returns_early && i->state.phase == STEPPING) {
             *end = at;
             return 1;
@@ -281,7 +281,7 @@ static int shown(Unit *u, double t, double h, double *end) {
 EXPORT3 fmi3Status fmi3DoStep(fmi3Instance instance, fmi3Float64 t, fmi3Float64 h,
                               fmi3Boolean final, fmi3Boolean *event, fmi3Boolean *terminate,
                               fmi3Boolean *early, fmi3Float64 *last) {
-    Unit *u = instance;
+    Fmi3Instance *u = instance;
     fmi2Status status = fmi2OK;
     double end = t + h;
     int which = -1;
@@ -289,15 +289,15 @@ EXPORT3 fmi3Status fmi3DoStep(fmi3Instance instance, fmi3Float64 t, fmi3Float64 
     if (!u || !event || !terminate || !early || !last) return fmi3Error;
     *event = *terminate = *early = false;
     *last = u->core->state.time;
-    if (u->looking) return forbidden(u, "doStep");
+    if (u->in_intermediate_update) return refuse_within_step(u, "doStep");
 #if INDICATORS
     if (u->has_events && u->returns_early) {
         const State before = u->core->state;
-        status = reach(u->core, t, h, &end, &which);
-        if (status <= fmi2Warning && u->look && end > t) {
+        status = run_to_event(u->core, t, h, &end, &which);
+        if (status <= fmi2Warning && u->on_intermediate_update && end > t) {
             const State after = u->core->state;
             u->core->state = before;
-            if (shown(u, t, end - t, &end))
+            if (run_intermediate_updates(u, t, end - t, &end))
                 which = -1;
             else
                 u->core->state = after;
@@ -308,7 +308,7 @@ EXPORT3 fmi3Status fmi3DoStep(fmi3Instance instance, fmi3Float64 t, fmi3Float64 
         return (fmi3Status)status;
     }
 #endif
-    if (u->look && ready(u->core, t, h) && shown(u, t, h, &end))
+    if (u->on_intermediate_update && may_step(u->core, t, h) && run_intermediate_updates(u, t, h, &end))
         *early = true;
     else
         status = fmi2DoStep(u->core, t, h, fmi2True);
@@ -337,13 +337,13 @@ static int is_typed(Instance *i, const char *type, const fmi3ValueReference vr[]
 }
 
 static fmi2Status get_real(Instance *i, fmi3ValueReference reference, double *value) {
-    double z[SOME(INDICATORS)];
+    double z[AT_LEAST_ONE(INDICATORS)];
     if (reference < VARIABLES) return fmi2GetReal(i, &reference, 1, value);
     if (reference == TIME) {
         *value = i->state.time;
         return fmi2OK;
     }
-    indicate(i, z);
+    get_event_indicators(i, z);
     *value = z[reference - FIRST_INDICATOR];
     return finish(i);
 }
@@ -355,15 +355,15 @@ static fmi2Status set_real(Instance *i, fmi3ValueReference reference, double val
     return finish(i);
 }
 
-#define VALUES(Type, type, held, get, set)                                                      \
+#define VALUES(Type, type, stored_type, get, set)                                                      \
     EXPORT3 fmi3Status fmi3Get##Type(fmi3Instance instance, const fmi3ValueReference vr[],       \
                                      size_t n, fmi3##Type values[], size_t count) {             \
-        Unit *u = instance;                                                                     \
+        Fmi3Instance *u = instance;                                                                     \
         fmi2Status status = fmi2OK;                                                             \
         if (!u) return fmi3Error;                                                               \
         if (!is_typed(u->core, type, vr, n, count)) return (fmi3Status)finish(u->core);         \
         for (size_t k = 0; k < n && status <= fmi2Warning; k++) {                               \
-            held value = 0;                                                                     \
+            stored_type value = 0;                                                                     \
             status = get(u->core, vr[k], &value);                                               \
             values[k] = (fmi3##Type)value;                                                      \
         }                                                                                       \
@@ -371,10 +371,10 @@ static fmi2Status set_real(Instance *i, fmi3ValueReference reference, double val
     }                                                                                           \
     EXPORT3 fmi3Status fmi3Set##Type(fmi3Instance instance, const fmi3ValueReference vr[],       \
                                      size_t n, const fmi3##Type values[], size_t count) {       \
-        Unit *u = instance;                                                                     \
+        Fmi3Instance *u = instance;                                                                     \
         fmi2Status status = fmi2OK;                                                             \
         if (!u) return fmi3Error;                                                               \
-        if (u->looking) return forbidden(u, "set" #Type);                                       \
+        if (u->in_intermediate_update) return refuse_within_step(u, "set" #Type);                                       \
         if (!is_typed(u->core, type, vr, n, count)) return (fmi3Status)finish(u->core);         \
         for (size_t k = 0; k < n && status <= fmi2Warning; k++)                                 \
             status = set(u->core, vr[k], values[k]);                                            \
@@ -406,46 +406,46 @@ VALUES(Int64, "Int64", fmi2Integer, get_integer, set_integer)
 VALUES(Boolean, "Boolean", fmi2Boolean, get_boolean, set_boolean)
 
 /* There are no variables of other types. */
-#define ABSENT(Name, type, ...)                                                                 \
+#define NO_VARIABLES(Name, type, ...)                                                                 \
     EXPORT3 fmi3Status fmi3##Name(fmi3Instance instance, const fmi3ValueReference vr[], size_t n, \
                                   __VA_ARGS__) {                                                \
-        Unit *u = instance;                                                                     \
+        Fmi3Instance *u = instance;                                                                     \
         if (!u) return fmi3Error;                                                               \
         is_typed(u->core, type, vr, n, n);                                                      \
         return (fmi3Status)finish(u->core);                                                     \
     }
-#define ABSENT_TYPE(Type)                                                                       \
-    ABSENT(Get##Type, #Type, fmi3##Type values[], size_t count)                                 \
-    ABSENT(Set##Type, #Type, const fmi3##Type values[], size_t count)
+#define NO_VARIABLES_OF_TYPE(Type)                                                                       \
+    NO_VARIABLES(Get##Type, #Type, fmi3##Type values[], size_t count)                                 \
+    NO_VARIABLES(Set##Type, #Type, const fmi3##Type values[], size_t count)
 
-ABSENT_TYPE(Float32)
-ABSENT_TYPE(Int8)
-ABSENT_TYPE(UInt8)
-ABSENT_TYPE(Int16)
-ABSENT_TYPE(UInt16)
-ABSENT_TYPE(UInt32)
-ABSENT_TYPE(UInt64)
-ABSENT_TYPE(String)
-ABSENT(GetBinary, "Binary", size_t sizes[], fmi3Binary values[], size_t count)
-ABSENT(SetBinary, "Binary", const size_t sizes[], const fmi3Binary values[], size_t count)
-ABSENT(GetClock, "Clock", fmi3Clock values[])
-ABSENT(SetClock, "Clock", const fmi3Clock values[])
-ABSENT(GetIntervalDecimal, "Clock", fmi3Float64 intervals[], fmi3IntervalQualifier qualifiers[])
-ABSENT(GetIntervalFraction, "Clock", fmi3UInt64 counters[], fmi3UInt64 resolutions[],
+NO_VARIABLES_OF_TYPE(Float32)
+NO_VARIABLES_OF_TYPE(Int8)
+NO_VARIABLES_OF_TYPE(UInt8)
+NO_VARIABLES_OF_TYPE(Int16)
+NO_VARIABLES_OF_TYPE(UInt16)
+NO_VARIABLES_OF_TYPE(UInt32)
+NO_VARIABLES_OF_TYPE(UInt64)
+NO_VARIABLES_OF_TYPE(String)
+NO_VARIABLES(GetBinary, "Binary", size_t sizes[], fmi3Binary values[], size_t count)
+NO_VARIABLES(SetBinary, "Binary", const size_t sizes[], const fmi3Binary values[], size_t count)
+NO_VARIABLES(GetClock, "Clock", fmi3Clock values[])
+NO_VARIABLES(SetClock, "Clock", const fmi3Clock values[])
+NO_VARIABLES(GetIntervalDecimal, "Clock", fmi3Float64 intervals[], fmi3IntervalQualifier qualifiers[])
+NO_VARIABLES(GetIntervalFraction, "Clock", fmi3UInt64 counters[], fmi3UInt64 resolutions[],
        fmi3IntervalQualifier qualifiers[])
-ABSENT(GetShiftDecimal, "Clock", fmi3Float64 shifts[])
-ABSENT(GetShiftFraction, "Clock", fmi3UInt64 counters[], fmi3UInt64 resolutions[])
-ABSENT(SetIntervalDecimal, "Clock", const fmi3Float64 intervals[])
-ABSENT(SetIntervalFraction, "Clock", const fmi3UInt64 counters[], const fmi3UInt64 resolutions[])
-ABSENT(SetShiftDecimal, "Clock", const fmi3Float64 shifts[])
-ABSENT(SetShiftFraction, "Clock", const fmi3UInt64 counters[], const fmi3UInt64 resolutions[])
+NO_VARIABLES(GetShiftDecimal, "Clock", fmi3Float64 shifts[])
+NO_VARIABLES(GetShiftFraction, "Clock", fmi3UInt64 counters[], fmi3UInt64 resolutions[])
+NO_VARIABLES(SetIntervalDecimal, "Clock", const fmi3Float64 intervals[])
+NO_VARIABLES(SetIntervalFraction, "Clock", const fmi3UInt64 counters[], const fmi3UInt64 resolutions[])
+NO_VARIABLES(SetShiftDecimal, "Clock", const fmi3Float64 shifts[])
+NO_VARIABLES(SetShiftFraction, "Clock", const fmi3UInt64 counters[], const fmi3UInt64 resolutions[])
 
 /* Derivatives. */
 
 EXPORT3 fmi3Status fmi3GetOutputDerivatives(fmi3Instance instance, const fmi3ValueReference vr[],
                                             size_t n, const fmi3Int32 orders[],
                                             fmi3Float64 values[], size_t count) {
-    Unit *u = instance;
+    Fmi3Instance *u = instance;
     if (!u) return fmi3Error;
     if (!is_typed(u->core, "Float64", vr, n, count)) return (fmi3Status)finish(u->core);
     return (fmi3Status)fmi2GetRealOutputDerivatives(u->core, vr, n, (const fmi2Integer *)orders,
@@ -456,7 +456,7 @@ EXPORT3 fmi3Status fmi3GetDirectionalDerivative(
     fmi3Instance instance, const fmi3ValueReference unknowns[], size_t n_unknowns,
     const fmi3ValueReference knowns[], size_t n_knowns, const fmi3Float64 seed[], size_t n_seed,
     fmi3Float64 sensitivity[], size_t n_sensitivity) {
-    Unit *u = instance;
+    Fmi3Instance *u = instance;
     if (!u) return fmi3Error;
     if (!is_typed(u->core, "Float64", unknowns, n_unknowns, n_sensitivity) ||
         !is_typed(u->core, "Float64", knowns, n_knowns, n_seed))
@@ -467,39 +467,39 @@ EXPORT3 fmi3Status fmi3GetDirectionalDerivative(
 
 /* What the description says that there is not. */
 
-static fmi3Status unable(fmi3Instance instance, const char *call) {
-    Unit *u = instance;
+static fmi3Status report_missing(fmi3Instance instance, const char *call) {
+    Fmi3Instance *u = instance;
     if (!u) return fmi3Error;
     if (u->log) u->log(u->environment, fmi3Error, "logStatusError", call);
     return fmi3Error;
 }
 
-#define UNABLE(Name, ...)                                                                       \
-    EXPORT3 fmi3Status fmi3##Name(__VA_ARGS__) { return unable(instance, #Name " is not provided"); }
+#define NOT_PROVIDED(Name, ...)                                                                       \
+    EXPORT3 fmi3Status fmi3##Name(__VA_ARGS__) { return report_missing(instance, #Name " is not provided"); }
 
-UNABLE(GetAdjointDerivative, fmi3Instance instance, const fmi3ValueReference unknowns[],
+NOT_PROVIDED(GetAdjointDerivative, fmi3Instance instance, const fmi3ValueReference unknowns[],
        size_t n_unknowns, const fmi3ValueReference knowns[], size_t n_knowns,
        const fmi3Float64 seed[], size_t n_seed, fmi3Float64 sensitivity[], size_t n_sensitivity)
-UNABLE(GetNumberOfVariableDependencies, fmi3Instance instance, fmi3ValueReference reference,
+NOT_PROVIDED(GetNumberOfVariableDependencies, fmi3Instance instance, fmi3ValueReference reference,
        size_t *count)
-UNABLE(GetVariableDependencies, fmi3Instance instance, fmi3ValueReference dependent,
+NOT_PROVIDED(GetVariableDependencies, fmi3Instance instance, fmi3ValueReference dependent,
        size_t dependents[], fmi3ValueReference independents[], size_t elements[],
        fmi3DependencyKind kinds[], size_t count)
-UNABLE(EnterConfigurationMode, fmi3Instance instance)
-UNABLE(ExitConfigurationMode, fmi3Instance instance)
-UNABLE(EvaluateDiscreteStates, fmi3Instance instance)
-UNABLE(ActivateModelPartition, fmi3Instance instance, fmi3ValueReference clock, fmi3Float64 time)
+NOT_PROVIDED(EnterConfigurationMode, fmi3Instance instance)
+NOT_PROVIDED(ExitConfigurationMode, fmi3Instance instance)
+NOT_PROVIDED(EvaluateDiscreteStates, fmi3Instance instance)
+NOT_PROVIDED(ActivateModelPartition, fmi3Instance instance, fmi3ValueReference clock, fmi3Float64 time)
 
-static fmi3Status number(fmi3Instance instance, size_t *count, size_t value) {
+static fmi3Status store_count(fmi3Instance instance, size_t *count, size_t value) {
     if (!instance || !count) return fmi3Error;
     *count = value;
     return fmi3OK;
 }
 
 EXPORT3 fmi3Status fmi3GetNumberOfEventIndicators(fmi3Instance instance, size_t *count) {
-    return number(instance, count, INDICATORS);
+    return store_count(instance, count, INDICATORS);
 }
 
 EXPORT3 fmi3Status fmi3GetNumberOfContinuousStates(fmi3Instance instance, size_t *count) {
-    return number(instance, count, DERIVATIVES);
+    return store_count(instance, count, DERIVATIVES);
 }

@@ -8,23 +8,23 @@
 
 #define FLAT(name) __attribute__((export_name(#name)))
 
-static char said[2 * TEXT];
+static char message_buffer[2 * TEXT_SIZE];
 
-static void hear(fmi2ComponentEnvironment environment, fmi2String name, fmi2Status status,
+static void collect_message(fmi2ComponentEnvironment environment, fmi2String name, fmi2Status status,
                  fmi2String category, fmi2String form, ...) {
-    size_t length = strlen(said);
+    size_t length = strlen(message_buffer);
     va_list values;
     (void)environment, (void)name, (void)status, (void)category;
-    if (length > sizeof said - TEXT) return;
+    if (length > sizeof message_buffer - TEXT_SIZE) return;
     va_start(values, form);
-    if (length) said[length++] = '\n';
-    vsnprintf(said + length, sizeof said - length, form, values);
+    if (length) message_buffer[length++] = '\n';
+    vsnprintf(message_buffer + length, sizeof message_buffer - length, form, values);
     va_end(values);
 }
 
-static const fmi2CallbackFunctions callbacks = {hear, calloc, free, NULL, NULL};
+static const fmi2CallbackFunctions callbacks = {collect_message, calloc, free, NULL, NULL};
 
-FLAT(text) char *flat_text(void) { return said; }
+FLAT(text) char *flat_text(void) { return message_buffer; }
 
 FLAT(create) fmi2Component flat_create(void) {
     return flat_fmi2Instantiate("i", fmi2CoSimulation, GUID, "", &callbacks, fmi2False, fmi2True);
@@ -32,26 +32,26 @@ FLAT(create) fmi2Component flat_create(void) {
 
 FLAT(find) int flat_find(void) {
     int k = VARIABLES - 1;
-    while (k >= 0 && strcmp(variables[k].name, said)) k--;
-    said[0] = '\0';
+    while (k >= 0 && strcmp(variables[k].name, message_buffer)) k--;
+    message_buffer[0] = '\0';
     return k;
 }
 
 FLAT(set) fmi2Status flat_set(fmi2Component i, fmi2ValueReference k, double value) {
-    const fmi2Integer number = (fmi2Integer)value;
-    if (is_of(&variables[k], "Real")) return flat_fmi2SetReal(i, &k, 1, &value);
-    if (is_of(&variables[k], "Boolean")) return flat_fmi2SetBoolean(i, &k, 1, &number);
-    return flat_fmi2SetInteger(i, &k, 1, &number);
+    const fmi2Integer store_count = (fmi2Integer)value;
+    if (has_type(&variables[k], "Real")) return flat_fmi2SetReal(i, &k, 1, &value);
+    if (has_type(&variables[k], "Boolean")) return flat_fmi2SetBoolean(i, &k, 1, &store_count);
+    return flat_fmi2SetInteger(i, &k, 1, &store_count);
 }
 
 FLAT(get) double flat_get(fmi2Component i, fmi2ValueReference k) {
     double value = NAN;
-    fmi2Integer number;
-    if (is_of(&variables[k], "Real")) return flat_fmi2GetReal(i, &k, 1, &value), value;
-    if (is_of(&variables[k], "Boolean") ? flat_fmi2GetBoolean(i, &k, 1, &number)
-                                        : flat_fmi2GetInteger(i, &k, 1, &number))
+    fmi2Integer store_count;
+    if (has_type(&variables[k], "Real")) return flat_fmi2GetReal(i, &k, 1, &value), value;
+    if (has_type(&variables[k], "Boolean") ? flat_fmi2GetBoolean(i, &k, 1, &store_count)
+                                        : flat_fmi2GetInteger(i, &k, 1, &store_count))
         return NAN;
-    return number;
+    return store_count;
 }
 
 FLAT(enter) fmi2Status flat_enter(fmi2Component i) { return flat_fmi2EnterInitializationMode(i); }

@@ -1,7 +1,7 @@
 """An FMI slave in Python: a table of variables, and one list of values that is also its whole state.
 
 It computes with the `functions` of a model over plain numbers: those printed for its FMU, or those of
-`step.equations`.
+`runtime.equations`.
 """
 
 from __future__ import annotations
@@ -44,14 +44,14 @@ class Variable(NamedTuple):
         """The FMI type that gets and sets it."""
         return "Integer" if self.kind == "Enumeration" else self.kind
 
-    def said(self, value: Any) -> str:
+    def format_value(self, value: Any) -> str:
         """Name, value and unit: phi = 0.1 rad."""
         return f"{self.name} = {value!r}{self.unit}"
 
     def require_finite(self, value: Any) -> None:
         """Raise ValueError for NaN and infinity."""
         if self.kind == "Real" and not math.isfinite(value):
-            raise ValueError(f"{self.said(value)} must be a finite number")
+            raise ValueError(f"{self.format_value(value)} must be a finite number")
 
 
 def getter(kind: str) -> Callable[[Slave, list[int]], list[Any]]:
@@ -107,16 +107,18 @@ class Slave(Fmi2Slave):
             kind: tuple(of_kind & phase for phase in phases)
             for kind, of_kind in cls.references.items()
         }
-        given = cls.references["Real"].difference(everything[cls.states], everything[cls.outputs])
-        held = given | {i for i in cls.references["Real"] if not cls.variables[i].calculated}
-        cls.held_reals = tuple(given if phase == INITIALIZING else held for phase in range(5))
+        assigned = cls.references["Real"].difference(
+            everything[cls.states], everything[cls.outputs]
+        )
+        held = assigned | {i for i in cls.references["Real"] if not cls.variables[i].calculated}
+        cls.held_reals = tuple(assigned if phase == INITIALIZING else held for phase in range(5))
 
     references: ClassVar[dict[str, frozenset[int]]]
     settable: ClassVar[dict[str, tuple[frozenset[int], ...]]]
     held_reals: ClassVar[tuple[frozenset[int], ...]]
 
-    def __init__(self, **given: Any) -> None:
-        super().__init__(**given)
+    def __init__(self, **arguments: Any) -> None:
+        super().__init__(**arguments)
         count, width = len(self.variables), self.inputs.stop - self.inputs.start
         self.values: list[Any] = [v.start for v in self.variables]
         self.values += 2 * self.values[self.inputs]
@@ -127,9 +129,9 @@ class Slave(Fmi2Slave):
 
     def fail(self, error: BaseException) -> NoReturn:
         """End in FAILED, outputs NaN, and raise what the wrapper can report."""
-        for place, v in enumerate(self.variables):
+        for index, v in enumerate(self.variables):
             if v.causality == "output" and v.kind == "Real":
-                self.values[place] = math.nan
+                self.values[index] = math.nan
         self.values[self.stale] = False
         self.values[self.phase] = FAILED
         super().fail(error)
@@ -172,20 +174,20 @@ class Slave(Fmi2Slave):
             raise ValueError(f"communication point = {t!r} s must be {v[self.time]!r} s, no jump")
 
         x, before, now = v[self.states], v[self.before], v[self.inputs]
-        course = self.functions.model_course(
+        trajectory = self.functions.model_input_trajectory(
             self.warn, v[self.input_hold], before, now, v[self.past], h
         )
         try:
             self.store(
                 self.states,
-                self.functions.model_step(self.warn, v, t, x, before, now, course),
+                self.functions.model_step(self.warn, v, t, x, before, now, trajectory),
             )
         except (ArithmeticError, ValueError) as error:
-            known = zip(self.variables[self.inputs] + self.variables[self.states], [*now, *x])
-            said = ", ".join(variable.said(value) for variable, value in known)
-            raise ArithmeticError(f"step from t = {t!r} s: {error}; {said}") from None
+            operands = zip(self.variables[self.inputs] + self.variables[self.states], [*now, *x])
+            format_value = ", ".join(variable.format_value(value) for variable, value in operands)
+            raise ArithmeticError(f"step from t = {t!r} s: {error}; {format_value}") from None
 
-        v[self.before], v[self.end] = now, course[len(now) : 2 * len(now)]
+        v[self.before], v[self.end] = now, trajectory[len(now) : 2 * len(now)]
         v[self.time], v[self.past], v[self.stale] = t + h, h, True
         return True
 
@@ -210,10 +212,10 @@ class Slave(Fmi2Slave):
         if v[self.phase] == INITIALIZING:
             call.model_check(lambda _: None, v)
             v[self.end] = v[self.inputs]
-            found = call.model_initial(self.warn, v, v[self.time], v[self.states], v[self.end])
+            results = call.model_initial(self.warn, v, v[self.time], v[self.states], v[self.end])
             width = self.states.stop - self.states.start
-            self.store(self.states, found[:width])
-            self.store(self.outputs, found[width:])
+            self.store(self.states, results[:width])
+            self.store(self.outputs, results[width:])
         else:
             x, u = v[self.states], v[self.end]
             self.store(self.outputs, call.model_outputs(self.warn, v, v[self.time], x, u))
@@ -261,7 +263,7 @@ class Slave(Fmi2Slave):
         variable = self.variable(kind, reference)
         variable.require_finite(value)
         raise ValueError(
-            f"{variable.said(value)} cannot be set: "
+            f"{variable.format_value(value)} cannot be set: "
             f"{variable.variability} {variable.causality}, {PHASES[self.values[self.phase]]}"
         )
 

@@ -20,6 +20,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple, NoReturn, TypeVar
 
+#: A convention of FMI 2.0: the number of fmi2Warning.
 WARNING = 1
 #: A convention of all FMUs made by this kit: the attribute of `sys` that names the interpreter's first wrapper.
 FIRST_WRAPPER = "pythonfmu_first_wrapper"

@@ -15,9 +15,9 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from cosim import Result, System
-from workbench import Bench, Chart, Figure, Findings, Mark, Run, Show, Table, option
+from workbench import Chart, Context, Figure, Findings, Mark, Run, Show, Table, option
 from workbench.charts import motion
-from workbench.charts.model import FORCE, LIFT, SPEED, THEORY, TORQUE, recorded
+from workbench.charts.model import FORCE, LIFT, SPEED, THEORY, TORQUE, result_panel
 from workbench.charts.motion import Motion, Shape, line
 from workbench.live import (
     Caption,
@@ -57,7 +57,7 @@ WIRES = (
     "load.w -> shaft.w_b",
     "shaft.tau_b -> load.tau",
 )
-OWN = ("controller.w_ref", "gear.i")
+FIXED_STARTS = ("controller.w_ref", "gear.i")
 MACHINE = {
     "controller.T_i": 0.2,
     "gear.w_a": 0.0,
@@ -103,18 +103,18 @@ class Turn(NamedTuple):
     order: int
 
 
-def solve(o: Options, bench: Bench) -> Findings:
+def solve(o: Options, context: Context) -> Findings:
     """One start."""
-    drive = system(o, bench.fmus)
-    result, found = bench.certify(drive, partial(figures, o), o, None, "speed_step.csv")
+    drive = system(o, context.fmus)
+    result, peaks = context.certify(drive, partial(figures, o), o, None, "speed_step.csv")
     tables = {"speed_step.csv": Table.of(result)}
-    return Findings(found | frequencies(result), result, drive, result.provenance, tables=tables)
+    return Findings(peaks | frequencies(result), result, drive, result.provenance, tables=tables)
 
 
 def system(o: Options, fmus: Mapping[str, Path]) -> System:
     """The drive at rest, with the shaft in the middle of its play."""
-    own = {"controller.w_ref": o.ratio * o.speed, "gear.i": o.ratio}
-    return System(fmus, WIRES, {**MACHINE, **own, **o.start})
+    fixed = {"controller.w_ref": o.ratio * o.speed, "gear.i": o.ratio}
+    return System(fmus, WIRES, {**MACHINE, **fixed, **o.start})
 
 
 def figures(o: Options, r: Result) -> dict[str, Figure]:
@@ -151,15 +151,15 @@ def means(o: Options, r: Result) -> dict[str, Figure]:
     if phi[-1] - phi[0] <= TURN:
         why = f"the load does not make a whole turn up to {o.stop:g} s"
         return {
-            "mean_max": Figure.refused(rad, why, meaning),
-            "mean_max_time": Figure.refused("s", why, ending),
+            "mean_max": Figure.undetermined(rad, why, meaning),
+            "mean_max_time": Figure.undetermined("s", why, ending),
         }
     later = phi >= phi[0] + TURN
     mean = TURN / (t[later] - CubicSpline(phi, t)(phi[later] - TURN))
     peak = largest(t[later], mean)
     at = peak.at.figure("s", ending)
     if peak.value <= (1.0 + LEAST_OVERSHOOT) * o.speed:
-        at = Figure.refused("s", "the mean does not overshoot", ending)
+        at = Figure.undetermined("s", "the mean does not overshoot", ending)
     return {"mean_max": peak.figure(rad, meaning), "mean_max_time": at}
 
 
@@ -190,27 +190,31 @@ def ripples(o: Options, r: Result) -> dict[str, Figure]:
     why = f"the motion is not steady at {o.stop:g} s"
     if phi[-1] - phi[0] <= 3 * TURN:
         why = f"the load turns less than three times up to {o.stop:g} s"
-        return {name: Figure.refused(unit, why, text) for name, (unit, text) in meanings.items()}
+        return {
+            name: Figure.undetermined(unit, why, text) for name, (unit, text) in meanings.items()
+        }
     last, before, first = (last_turn(t, phi, w, back) for back in (0, 1, 2))
     rests = [
         rest(last.mean, before.mean, first.mean),
         rest(last.ripple, before.ripple, first.ripple),
     ]
     if max(rests) > STEADY * o.speed:
-        return {name: Figure.refused(unit, why, text) for name, (unit, text) in meanings.items()}
+        return {
+            name: Figure.undetermined(unit, why, text) for name, (unit, text) in meanings.items()
+        }
     pace = measured(lambda t, phi, w: last_turn(t, phi, w, 0).mean, t, phi, w)
     size = measured(lambda t, phi, w: last_turn(t, phi, w, 0).ripple, t, phi, w)
     scale = last.order / TURN
-    found = {
+    peaks = {
         "mean": Measured(pace.value, pace.error + rests[0]),
         "ripple": Measured(size.value, size.error + rests[1]),
         "ripple_order": Measured(float(last.order), 0.0),
         "ripple_frequency": Measured(scale * pace.value, scale * (pace.error + rests[0])),
     }
-    figures = {name: found[name].figure(*meanings[name]) for name in found}
+    figures = {name: peaks[name].figure(*meanings[name]) for name in peaks}
     if last.ripple < LEAST_RIPPLE * last.mean:
         for name in ("ripple_order", "ripple_frequency"):
-            figures[name] = Figure.refused(
+            figures[name] = Figure.undetermined(
                 meanings[name][0], "there is no ripple", meanings[name][1]
             )
     return figures
@@ -232,9 +236,9 @@ def frequencies(r: Result) -> dict[str, Figure]:
     J_2 = load["rotor.J"] + (load["trough.m"] + load["load.m"]) * mean_square(load)
     free, held = math.sqrt(shaft["c"] * (1 / J_1 + 1 / J_2)), math.sqrt(shaft["c"] / J_2)
     meanings = {"free": "gearbox and load on the shaft", "held": "the load with the gearbox held"}
-    own, mean = "natural frequency of", "at the load's mean inertia over a turn"
+    fixed, mean = "natural frequency of", "at the load's mean inertia over a turn"
     return {
-        f"{word}_frequency": Figure(w / TURN, "Hz", 0.0, f"{own} {meanings[word]}, {mean}")
+        f"{word}_frequency": Figure(w / TURN, "Hz", 0.0, f"{fixed} {meanings[word]}, {mean}")
         for word, w in (("free", free), ("held", held))
     }
 
@@ -250,12 +254,12 @@ def mean_square(load: Mapping[str, float]) -> float:
 
 def verdict(o: Options, f: Mapping[str, Figure], r: Result) -> str:
     """How the load reaches its speed, what is left at the end, and what that takes."""
-    told = {name: figure.text() for name, figure in f.items()}
+    texts = {name: figure.text() for name, figure in f.items()}
     return (
-        f"{reaching(o, f)} {remaining(o, f)} The shaft carries up to {told['tau_max']}, and the motor "
-        f"draws up to {told['i_max']}. Gearbox and load oscillate on the shaft at "
-        f"{told['free_frequency']}. While the controller holds the gearbox, the load oscillates alone at "
-        f"{told['held_frequency']}."
+        f"{reaching(o, f)} {remaining(o, f)} The shaft carries up to {texts['tau_max']}, and the motor "
+        f"draws up to {texts['i_max']}. Gearbox and load oscillate on the shaft at "
+        f"{texts['free_frequency']}. While the controller holds the gearbox, the load oscillates alone at "
+        f"{texts['held_frequency']}."
     )
 
 
@@ -307,7 +311,7 @@ def remaining(o: Options, f: Mapping[str, Figure]) -> str:
 
 def show(o: Options, f: Mapping[str, Figure], r: Result) -> Show:
     """Speeds, torques and current over time, and both ends of the shaft in motion."""
-    panel = partial(recorded, result=r, x=r["time"])
+    panel = partial(result_panel, result=r, x=r["time"])
     speeds = {"gear.w_b": ("gearbox", SPEED), "load.w": ("load", LIFT)}
     torques = {"controller.tau": ("requested", THEORY, "theory"), "motor.tau": ("motor", TORQUE)}
     wanted = [Mark(o.speed, "set speed")]

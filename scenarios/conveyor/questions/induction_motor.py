@@ -8,7 +8,6 @@ compared with that of a linear motor of this slope, over the load and over the b
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from itertools import islice
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -16,26 +15,33 @@ import numpy as np
 from scipy.optimize import brentq
 
 import workbench
-from cosim import CONVERGENCE_ORDERS, SetupError
+from cosim import SetupError
 from cosim.system import Value
-from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, Table, option
+from workbench import Chart, Context, Curve, Figure, Findings, Mark, Panel, Show, Table, option
 from workbench.charts.model import LIFT, THEORY
 from workbench.figure import SHARE_DIGITS, concise
 
-from .. import features, motion
-from ..features import COARSER, LAG, Line, Lost, Setup
+from .. import motion
+from ..features import LAG, FeatureNotFoundError, ResponseLine, locate
 from ..first_order import SETS, Machine, flux_lag
 from ..machine import KLOSS, conveyor_drive, followed, linearised
 from ..machine import PARTS as DRIVE
-from . import resonance
-from .resonance import OVERDAMPED
+from ..orbits import ALGORITHMS, STEP_MULTIPLES, OrbitRunner
+from ..rows import OVERDAMPED, rows_of
 
 PARTS = DRIVE
 PARALLEL = True
 DECISIVE = ("nu_kloss",)
-OWN = ("motor.characteristic", "motor.A", "motor.B", "motor.tau", "conveyor.phi", "conveyor.w")
+FIXED_STARTS = (
+    "motor.characteristic",
+    "motor.A",
+    "motor.B",
+    "motor.tau",
+    "conveyor.phi",
+    "conveyor.w",
+)
 TABLE, SWEEP = "induction_motor.csv", "induction_motor_speeds.csv"
-RANGE, KNOWN = (0.6, 1.4), 5
+RANGE, GUIDE_SPEEDS = (0.6, 1.4), 5
 MOTORS = {"linear": ("linear motor", "purple"), "kloss": ("full characteristic", "gold")}
 COLUMNS = {
     "resistance": "N.s/m", "breakdown_slip": "1", "load": "N.m", "slip": "1", "slope": "N.m.s/rad",
@@ -56,7 +62,7 @@ class Options(workbench.Options):
         "0.08,0.1,0.13,0.16,0.22,0.35", "breakdown slips", "1", above=0.0
     )
     steps_per_rev: int = option(512, "communication steps per revolution", least=1)
-    algorithm: str = option("strang", "coupling algorithm", choices=features.ALGORITHMS)
+    algorithm: str = option("strang", "coupling algorithm", choices=ALGORITHMS)
 
 
 class Motor(NamedTuple):
@@ -86,10 +92,10 @@ class Motor(NamedTuple):
         return replace(self.machine, B=2 * self.tau_b / self.breakdown)
 
     @property
-    def line(self) -> Line:
+    def line(self) -> ResponseLine:
         """The machine with the slope at its slip, over speeds around the resonance without slip."""
         first, last = (share * float(self.stiff.nu_res) for share in RANGE)
-        return Line(lambda nu: (linearised(self.machine, self.start, nu), nu), first, last)
+        return ResponseLine(lambda nu: (linearised(self.machine, self.start, nu), nu), first, last)
 
     def slip(self, nu: Any) -> Any:
         """The slip at the load of nu [rad/s], in shares of the breakdown slip."""
@@ -100,13 +106,13 @@ class Motor(NamedTuple):
     def nu_res(self) -> float:
         """The speed [rad/s] where (22) holds with the slope at the slip; raises SetupError for none."""
         try:
-            return self.line.expected(LAG)
-        except Lost as reason:
+            return self.line.expected(LAG).x
+        except FeatureNotFoundError as reason:
             where = f"{self.line.first:.4g} .. {self.line.last:.4g} rad/s"
             raise SetupError(f"formula (22) gives no lag of 90 deg in {where}: {reason}") from None
 
     @property
-    def there(self) -> Machine:
+    def tangent(self) -> Machine:
         """The machine with the slope at that speed."""
         return linearised(self.machine, self.start, self.nu_res)
 
@@ -121,34 +127,34 @@ class Motor(NamedTuple):
         first, last = self.line.first, self.line.last
         return brentq(behind, first, last) if behind(first) > 0 > behind(last) else math.nan
 
-    def setup(self, kloss: bool) -> Setup:
+    def runner(self, kloss: bool) -> OrbitRunner:
         """How it is run, or the linear motor of the machine in its place."""
         start = {x: y for x, y in self.start.items() if kloss or not x.startswith("motor.")}
-        return Setup(Bench(self.fmus), start, self.algorithm, self.steps_per_rev)
+        return OrbitRunner(Context(self.fmus), start, self.algorithm, self.steps_per_rev)
 
 
-Places = tuple[Figure, Figure]
+LagSpeeds = tuple[Figure, Figure]
 
 
-def located(motor: Motor) -> Places:
+def located(motor: Motor) -> LagSpeeds:
     """The speeds of 90 degrees lag with Kloss's characteristic, and with a line of the slope at the
     speed where formula (22) holds.
     """
-    there = motor.there
-    lines = {True: motor.line, False: replace(motor.line, at=lambda nu: (there, nu))}
-    found = []
+    tangent = motor.tangent
+    lines = {True: motor.line, False: replace(motor.line, at=lambda nu: (tangent, nu))}
+    speeds = []
     for kloss, line in lines.items():
-        setup, nus = motor.setup(kloss), np.linspace(line.first, line.last, KNOWN).tolist()
+        runner, nus = motor.runner(kloss), np.linspace(line.first, line.last, GUIDE_SPEEDS).tolist()
         for nu in (line.first, line.last):
-            setup.check(*line.at(nu), COARSER[-1])
-        known = list(zip(nus, setup.orbits([(*line.at(nu), 1) for nu in nus], "orbits")))
-        steady = [(nu, point) for nu, point in known if not point.problem]
-        ((figure, _),) = features.places([(line, LAG, steady)], COARSER, "rad/s", setup)
-        found.append(figure)
-    return found[0], found[1]
+            runner.check(*line.at(nu), STEP_MULTIPLES[-1])
+        guides = list(zip(nus, runner.orbits([line.point(nu) for nu in nus], "orbits")))
+        steady = [(nu, point) for nu, point in guides if not point.problem]
+        ((figure, _),) = locate([(line, LAG, steady)], STEP_MULTIPLES, "rad/s", runner)
+        speeds.append(figure)
+    return speeds[0], speeds[1]
 
 
-class Found(NamedTuple):
+class MotorData(NamedTuple):
     """The motor of the data sheet, how many rows follow it over the load before those over the
     breakdown slip, and rows over the speed.
     """
@@ -159,30 +165,30 @@ class Found(NamedTuple):
     speeds: Any
 
 
-def solve(o: Options, bench: Bench) -> Findings:
+def solve(o: Options, context: Context) -> Findings:
     """All motors, each a task, and the one of the data sheet over the speed."""
     start = {**KLOSS, **o.start, "motor.characteristic": 1}
 
     def motor(changed: Mapping[str, Value]) -> Motor:
-        given = {**start, **changed}
-        lag = 1 / (2 * math.pi * o.frequency * float(given["motor.kloss.s_b"]))
-        machine = replace(SETS["B"], T=lag).follow(given)
-        return Motor(bench.fmus, given, machine, o.algorithm, o.steps_per_rev)
+        start_ = {**start, **changed}
+        lag = 1 / (2 * math.pi * o.frequency * float(start_["motor.kloss.s_b"]))
+        machine = replace(SETS["B"], T=lag).follow(start_)
+        return Motor(context.fmus, start_, machine, o.algorithm, o.steps_per_rev)
 
-    followed(bench.fmus, SETS["B"], start)
+    followed(context.fmus, SETS["B"], start)
     sheet = motor({})
     loads = [motor({"conveyor.trough.d": d}) for d in o.resistances]
     slips = [motor({"motor.kloss.s_b": s}) for s in o.slips]
     each = [sheet, *loads, *slips]
-    places = list(bench.each(located, each, "motors"))
-    table = Table.of_rows([row(x, *found) for x, found in zip(each, places)], COLUMNS)
+    lag_speeds = list(context.each(located, each, "motors"))
+    table = Table.of_rows([row(x, *pair) for x, pair in zip(each, lag_speeds)], COLUMNS)
     speeds = swept(sheet)
-    heavy = max(zip(each, places), key=lambda it: it[0].machine.d)
-    small = min(zip(each, places), key=lambda it: it[0].breakdown)
+    heavy = max(zip(each, lag_speeds), key=lambda it: it[0].machine.d)
+    small = min(zip(each, lag_speeds), key=lambda it: it[0].breakdown)
     return Findings(
-        told(sheet, *places[0]) | extremes(heavy, small),
-        Found(sheet, len(loads), table.frame, speeds.frame),
-        conveyor_drive(bench.fmus, {**sheet.machine.start(sheet.nu_res), **sheet.start}),
+        sheet_figures(sheet, *lag_speeds[0]) | extremes(heavy, small),
+        MotorData(sheet, len(loads), table.frame, speeds.frame),
+        conveyor_drive(context.fmus, {**sheet.machine.start(sheet.nu_res), **sheet.start}),
         communication=f"{o.steps_per_rev} steps per revolution",
         algorithm=o.algorithm,
         tables={TABLE: table, SWEEP: speeds},
@@ -191,7 +197,7 @@ def solve(o: Options, bench: Bench) -> Findings:
 
 def row(motor: Motor, kloss: Figure, line: Figure) -> list[float]:
     """A motor in the table."""
-    nu, machine = motor.nu_res, motor.there
+    nu, machine = motor.nu_res, motor.tangent
     errors = [math.nan if x.error is None else x.error for x in (line, kloss)]
     return [
         machine.d, float(motor.start["motor.kloss.s_b"]), machine.load_slope * nu, motor.slip(nu),
@@ -202,26 +208,23 @@ def row(motor: Motor, kloss: Figure, line: Figure) -> list[float]:
 
 def swept(motor: Motor) -> Table:
     """Ripple and lag over the speed, with the characteristic and with the line of its slope."""
-    there = motor.there
-    nus = np.linspace(motor.line.first, motor.line.last, 2 * KNOWN + 1).tolist()
+    tangent = motor.tangent
+    nus = np.linspace(motor.line.first, motor.line.last, 2 * GUIDE_SPEEDS + 1).tolist()
     units, rows = {"nu": "rad/s"}, [[nu] for nu in nus]
     for name, kloss in (("kloss", True), ("linear", False)):
-        setup = motor.setup(kloss)
-        spots = [(motor.line.at(nu)[0] if kloss else there, nu) for nu in nus]
-        orbits = setup.orbits([(*spot, k) for spot in spots for k in COARSER], "orbits")
-        for cells, (machine, _) in zip(rows, spots):
-            points = list(islice(orbits, len(COARSER)))
-            seen = resonance.row(machine, points, CONVERGENCE_ORDERS[motor.algorithm])
-            cells += [seen[x][0] for x in ("tau2", "tau2_error", "lag", "lag_error")]
+        runner = motor.runner(kloss)
+        machines = [(motor.line.at(nu)[0] if kloss else tangent, nu) for nu in nus]
+        for cells, row in zip(rows, rows_of(machines, runner, STEP_MULTIPLES)):
+            cells += [row[column] for column in ("tau2", "tau2_error", "lag", "lag_error")]
         units |= {f"tau2_{name}{x}": "N.m" for x in ("", "_error")}
         units |= {f"lag_{name}{x}": "deg" for x in ("", "_error")}
     return Table.of_rows(rows, units)
 
 
-def told(motor: Motor, kloss: Figure, line: Figure) -> dict[str, Figure]:
+def sheet_figures(motor: Motor, kloss: Figure, line: Figure) -> dict[str, Figure]:
     """The figures of the motor of the data sheet."""
-    nu, machine = motor.nu_res, motor.there
-    shift = Figure.refused(
+    nu, machine = motor.nu_res, motor.tangent
+    shift = Figure.undetermined(
         "%", kloss.reason or line.reason, "shift due to the curvature of the characteristic"
     )
     if kloss.error is not None and line.error is not None:
@@ -243,16 +246,18 @@ def told(motor: Motor, kloss: Figure, line: Figure) -> dict[str, Figure]:
     }
 
 
-def extremes(heavy: tuple[Motor, Places], small: tuple[Motor, Places]) -> dict[str, Figure]:
+def extremes(heavy: tuple[Motor, LagSpeeds], small: tuple[Motor, LagSpeeds]) -> dict[str, Figure]:
     """The figures of the motors with the most load and with the least breakdown slip."""
     (loaded, (full, _)), (stiff, (sharp, _)) = heavy, small
     most, least = loaded.machine.d, float(stiff.start["motor.kloss.s_b"])
-    here = f"with {most:g} N.s/m"
+    condition = f"with {most:g} N.s/m"
     return {
         "most_resistance": Figure(most, "N.s/m", 0.0, "largest resistance of the trough"),
-        "heavy_res": Figure(loaded.nu_res, "rad/s", 0.0, f"resonance by formula (22), {here}"),
-        "heavy_flux": fluxed(loaded, here),
-        "heavy_kloss": full._replace(meaning=f"speed of 90 deg lag, full characteristic, {here}"),
+        "heavy_res": Figure(loaded.nu_res, "rad/s", 0.0, f"resonance by formula (22), {condition}"),
+        "heavy_flux": fluxed(loaded, condition),
+        "heavy_kloss": full._replace(
+            meaning=f"speed of 90 deg lag, full characteristic, {condition}"
+        ),
         "least_slip": Figure(least, "1", 0.0, "smallest breakdown slip"),
         "small_kloss": sharp._replace(
             meaning="speed of 90 deg lag, full characteristic, with that slip"
@@ -264,11 +269,11 @@ def fluxed(motor: Motor, where: str) -> Figure:
     """The speed of 90 degrees lag with the rotor's flux in the place of (2)."""
     nu, meaning = motor.flux(), f"speed of 90 deg lag, rotor flux instead of (2), {where}"
     if math.isnan(nu):
-        return Figure.refused("rad/s", "no speed near (22) has it", meaning)
+        return Figure.undetermined("rad/s", "no speed near (22) has it", meaning)
     return Figure(nu, "rad/s", 0.0, meaning)
 
 
-def verdict(o: Options, f: Mapping[str, Figure], r: Found) -> str:
+def verdict(o: Options, f: Mapping[str, Figure], r: MotorData) -> str:
     """Where the resonance is, how far the data sheet's formula is off, and what moves it."""
     text = {name: figure.brief() for name, figure in f.items()}
     name = "resonance" if f["zeta"].value <= OVERDAMPED else "90 degree lag"
@@ -281,7 +286,7 @@ def verdict(o: Options, f: Mapping[str, Figure], r: Found) -> str:
         lines.append(
             f"The {name} is at {text['nu_kloss']} with the full characteristic. The resonance formula (22) with "
             f"the motor lag of {text['motor_lag']} and the slope of {text['slope']} at the slip there puts it at "
-            f"{text['nu_res']}, {beside(f['nu_res'], f['nu_kloss'])}."
+            f"{text['nu_res']}, {deviation_text(f['nu_res'], f['nu_kloss'])}."
         )
     if name != "resonance":
         lines.append(
@@ -296,7 +301,7 @@ def verdict(o: Options, f: Mapping[str, Figure], r: Found) -> str:
     if f["heavy_kloss"].error is not None:
         lines.append(
             f"With a trough resistance of {text['most_resistance']} it is at {text['heavy_kloss']}; formula (22) is "
-            f"{beside(f['heavy_res'], f['heavy_kloss'])}{rotor_flux(f['heavy_flux'], f['heavy_kloss'])}."
+            f"{deviation_text(f['heavy_res'], f['heavy_kloss'])}{rotor_flux(f['heavy_flux'], f['heavy_kloss'])}."
         )
     if f["small_kloss"].error is not None:
         lines.append(
@@ -313,10 +318,10 @@ def rotor_flux(theory: Figure, truth: Figure) -> str:
     """How far the theory with the flux of the rotor as a state is off, in words."""
     if theory.error is None:
         return ""
-    return f", and theory with the flux of the rotor as a state is {beside(theory, truth)}"
+    return f", and theory with the flux of the rotor as a state is {deviation_text(theory, truth)}"
 
 
-def beside(theory: Figure, truth: Figure) -> str:
+def deviation_text(theory: Figure, truth: Figure) -> str:
     """How far a value is from another, in words, "0.7 % too high"."""
     share = theory.value / truth.value - 1.0
     error = (truth.error or 0.0) / truth.value
@@ -326,29 +331,29 @@ def beside(theory: Figure, truth: Figure) -> str:
     return f"{size} too {'high' if share > 0.0 else 'low'}"
 
 
-def show(o: Options, f: Mapping[str, Figure], r: Found) -> Show:
+def show(o: Options, f: Mapping[str, Figure], r: MotorData) -> Show:
     """What load and breakdown slip do, ripple and lag over the speed, a revolution at the resonance."""
     loads, slips = np.split(np.arange(1, len(r.rows)), [r.loads])
     charts = [
-        moved_by("load", "load", "mean load torque at the resonance [N.m]", r.rows.iloc[loads]),
-        moved_by("breakdown_slip", "breakdown slip", "breakdown slip [1]", r.rows.iloc[slips]),
+        dependence("load", "load", "mean load torque at the resonance [N.m]", r.rows.iloc[loads]),
+        dependence("breakdown_slip", "breakdown slip", "breakdown slip [1]", r.rows.iloc[slips]),
         over_speed(f, r),
     ]
-    case = r.motor.setup(True).case(r.motor.there, r.motor.nu_res)
+    case = r.motor.runner(True).task(r.motor.tangent, r.motor.nu_res)
     return Show(charts, *motion.revolution(case))
 
 
-def moved_by(column: str, name: str, x: str, rows: Any) -> Chart:
+def dependence(column: str, name: str, x: str, rows: Any) -> Chart:
     """The place of the resonance and its damping over what moves them."""
     rows = rows.sort_values(column)
     at = rows[column]
-    place = [
+    lag_curves = [
         Curve("formula (22), slope at the slip", at, rows["nu_res"], THEORY, "theory"),
         Curve("rotor flux instead of (2)", at, rows["nu_flux"], "black", "theory"),
     ]
     for key, (label, color) in MOTORS.items():
         nu = rows[f"nu_{key}"]
-        place.append(Curve(label, at, nu, color, "points", rows[f"nu_{key}_error"]))
+        lag_curves.append(Curve(label, at, nu, color, "points", rows[f"nu_{key}_error"]))
     damping = [Curve("formula", at, rows["zeta"], LIFT, "linked")]
     first, last = (float(rows["nu_kloss"].iloc[k]) for k in (0, -1))
     title = f"The 90 degree lag over the {name}"
@@ -358,17 +363,17 @@ def moved_by(column: str, name: str, x: str, rows: Any) -> Chart:
         title,
         x,
         [
-            Panel("speed of 90 deg lag", "rad/s", place),
+            Panel("speed of 90 deg lag", "rad/s", lag_curves),
             Panel("damping ratio", "1", damping, includes=(0.0,)),
         ],
     )
 
 
-def over_speed(f: Mapping[str, Figure], r: Found) -> Chart:
+def over_speed(f: Mapping[str, Figure], r: MotorData) -> Chart:
     """Ripple and lag of both motors, and first-order theory."""
-    nu, there = np.linspace(r.motor.line.first, r.motor.line.last, 300), r.motor.there
-    torque = there.torque_ripple(nu)
-    lag = np.angle(there.load_ripple(nu) / torque, deg=True) % 360.0
+    nu, tangent = np.linspace(r.motor.line.first, r.motor.line.last, 300), r.motor.tangent
+    torque = tangent.torque_ripple(nu)
+    lag = np.angle(tangent.load_ripple(nu) / torque, deg=True) % 360.0
     panels = []
     for name, quantity, unit, theory in (
         ("tau2", "torque ripple", "N.m", abs(torque)),

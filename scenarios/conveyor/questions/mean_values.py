@@ -19,24 +19,26 @@ from scipy.interpolate import CubicSpline
 
 import cosim
 from cosim import System
-from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, Table, option
-from workbench.charts.model import POWER, SPEED, THEORY, TORQUE, Second
+from workbench import Chart, Context, Curve, Figure, Findings, Mark, Panel, Show, Table, option
+from workbench.charts.model import POWER, SPEED, THEORY, TORQUE, SecondUnit
 from workbench.measure import Measured, Samples, largest, measured, smallest
-from workbench.periodic import TURN, NotSteady, Turns
+from workbench.periodic import TURN, NoOrbitError, Revolutions
 
-from .. import features, motion
-from ..features import EDGE, Case, converged
-from ..first_order import Machine, Means, drift, means, settling
+from .. import motion
+from ..features import converged
+from ..first_order import Machine
 from ..machine import PARTS as DRIVE
 from ..machine import WIRES, conveyor_drive
-from ..sweep import HELD, Sweep, Swept, begun
-from .resonance import SPEEDS
+from ..options import LINEAR_MOTOR_STARTS, SweepOptions, linear_runner, speeds_of
+from ..orbits import EDGE_ROWS, OrbitRunner, OrbitTask, run_to_orbit
+from ..rows import SPEEDS
+from ..second_order import Means, drift, means, settling
 
 PARTS = DRIVE
 PARALLEL = True
-OWN = HELD
+FIXED_STARTS = LINEAR_MOTOR_STARTS
 DECISIVE = ("torque", "supply_more")
-TABLE, COURSE = "mean_values.csv", "drift.csv"
+TABLE, STEP_TABLE = "mean_values.csv", "drift.csv"
 RECORD = ("motor.tau", "conveyor.phi", "conveyor.w", "conveyor.P_loss")
 MEANT = {
     "speed": ("rad/s", "mean speed over time"),
@@ -55,67 +57,71 @@ NO_OVERSHOOT = 1e-6
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options(Swept):
+class Options(SweepOptions):
     speed: float | None = option(
         None, "operating speed, the resonance (22) by default", "rad/s", above=0.0
     )
 
 
-class Found(NamedTuple):
-    """The sweep, the operating speed [rad/s], rows of both tables."""
+class MeanData(NamedTuple):
+    """The machine and how it is run, the operating speed [rad/s], rows of both tables."""
 
-    sweep: Sweep
+    machine: Machine
+    runner: OrbitRunner
     operating: float
     rows: Any
-    course: Any
+    step_response: Any
 
 
-def solve(o: Options, bench: Bench) -> Findings:
+def solve(o: Options, context: Context) -> Findings:
     """Orbits over the speed, and the drift to the operating speed; raises cosim.SetupError."""
-    machine, setup, nus, coarser = sweep = begun(o, bench, SPEEDS)
-    operating = o.speed or float(machine.nu_res)
-    setup.check(machine, operating, coarser[-1])
+    machine, runner = linear_runner(o, context)
+    nus, operating = o.speeds or speeds_of(SPEEDS[o.set]), o.speed or float(machine.nu_res)
+    for nu in nus:
+        runner.check(machine, nu)
+    multiples = runner.step_multiples(machine, nus[0])
+    runner.check(machine, operating, multiples[-1])
     wanted = sorted({*nus, operating})
-    cases = [setup.case(machine, nu, k) for nu in wanted for k in coarser]
-    orbits = bench.each(balance, cases, "orbits")
-    rows = {nu: told(list(islice(orbits, len(coarser))), o.algorithm) for nu in wanted}
+    cases = [runner.task(machine, nu, k) for nu in wanted for k in multiples]
+    orbits = context.each(balance, cases, "orbits")
+    rows = {nu: mean_figures(list(islice(orbits, len(multiples))), o.algorithm) for nu in wanted}
     units = {"nu": "rad/s"}
     for name, (unit, _) in MEANT.items():
         units |= {name: unit, f"{name}_error": unit, f"{name}_theory": unit, f"{name}_plain": unit}
     table = Table.of_rows([row(machine, nu, rows[nu]) for nu in nus], units)
-    course, figures = drifts(sweep, operating)
+    step_response, figures = drifts(machine, runner, multiples, operating)
     torque = rows[operating]["torque"]
     for name in DRIFT:
         if torque.error is None:  # nothing that the mean speed could settle at
-            figures[name] = Figure.refused("%", torque.reason, figures[name].meaning)
+            figures[name] = Figure.undetermined("%", torque.reason, figures[name].meaning)
     return Findings(
         compared(machine, operating, rows[operating]) | figures,
-        Found(sweep, operating, table.frame, course.frame),
-        conveyor_drive(bench.fmus, {**machine.start(operating), **o.start}),
+        MeanData(machine, runner, operating, table.frame, step_response.frame),
+        conveyor_drive(context.fmus, {**machine.start(operating), **o.start}),
         communication=f"{o.steps_per_rev} steps per revolution",
         algorithm=o.algorithm,
-        tables={TABLE: table, COURSE: course},
+        tables={TABLE: table, STEP_TABLE: step_response},
         facts={"operating_speed": operating},
         defaults={"speed": operating, "speeds": nus},
     )
 
 
-def balance(case: Case) -> dict[str, Measured] | str:
+def balance(task: OrbitTask) -> dict[str, Measured] | str:
     """The means of a steady orbit by name, with what rows and settling leave open, or why none is."""
     try:
-        turns = features.orbit(case, RECORD)
-    except NotSteady as problem:
+        turns = run_to_orbit(task, RECORD)
+    except NoOrbitError as problem:
         return str(problem)
-    now, before = (revolution(turns, case.start, back) for back in (0, 1))
-    left = {name: turns.remains(abs(now[name].value - before[name].value)) for name in now}
+    now, before = (revolution(turns, task.start, back) for back in (0, 1))
+    left = {name: turns.settling_error(abs(now[name].value - before[name].value)) for name in now}
     return {name: Measured(x, error + left[name]) for name, (x, error) in now.items()}
 
 
-def revolution(turns: Turns, start: Mapping[str, Any], back: int) -> dict[str, Measured]:
+def revolution(turns: Revolutions, start: Mapping[str, Any], back: int) -> dict[str, Measured]:
     """The means of the last revolution, or of one so many before it."""
-    whole, r = turns.window(back), turns.result
-    rows = slice(max(0, whole.start - EDGE), whole.stop + EDGE)
-    t, tau, phi, w, lost = (r[name][rows] for name in ("time", *RECORD))
+    second_order, r = turns.window(back), turns.result
+    rows = slice(max(0, second_order.start - EDGE_ROWS), second_order.stop + EDGE_ROWS)
+    t, tau, phi, w, loss = (r[name][rows] for name in ("time", *RECORD))
     B, times = float(start["motor.B"]), turns.times[[-2 - back, -1 - back]]
 
     def over(x: Samples, ends: Any, y: Samples) -> Measured:
@@ -128,12 +134,12 @@ def revolution(turns: Turns, start: Mapping[str, Any], back: int) -> dict[str, M
         "angle": over(phi, turns.ends[[-2 - back, -1 - back]], w),
         "torque": torque,
         "supply": Measured(field * torque.value, field * torque.error),
-        "trough": over(t, times, lost),
+        "trough": over(t, times, loss),
         "motor": over(t, times, tau**2 / B),
     }
 
 
-def told(runs: Sequence[dict[str, Measured] | str], algorithm: str) -> dict[str, Figure]:
+def mean_figures(runs: Sequence[dict[str, Measured] | str], algorithm: str) -> dict[str, Figure]:
     """The figures of orbits of one speed with N, N/2, N/4 steps."""
     return {
         name: converged(
@@ -158,49 +164,52 @@ def row(machine: Machine, nu: float, figures: Mapping[str, Figure]) -> list[floa
 def compared(machine: Machine, nu: float, figures: Mapping[str, Figure]) -> dict[str, Figure]:
     """The means at the operating speed, and how far they are from those without ripple."""
     plain: Means = means(machine, nu, False)
-    found = {name: figures[name] for name in ("speed", "angle", "torque")}
-    found["torque_plain"] = Figure(plain.torque, "N.m", 0.0, "mean torque by formula (24)")
+    all_figures = {name: figures[name] for name in ("speed", "angle", "torque")}
+    all_figures["torque_plain"] = Figure(plain.torque, "N.m", 0.0, "mean torque by formula (24)")
     torque = figures["torque"]
     above = "mean torque above that"
-    found["more"] = (
-        moved(torque, plain.torque, above, 100 / plain.torque, "%")
+    all_figures["more"] = (
+        excess(torque, plain.torque, above, 100 / plain.torque, "%")
         if plain.torque
-        else Figure.refused("%", "without resistance that torque is 0", above)
+        else Figure.undetermined("%", "without resistance that torque is 0", above)
     )
     for name in ("supply", "motor", "trough"):
         what = f"{MEANT[name][1]}, above that without ripple"
-        found[f"{name}_more"] = moved(figures[name], getattr(plain, name), what)
+        all_figures[f"{name}_more"] = excess(figures[name], getattr(plain, name), what)
     parts = [figures[name] for name in ("supply", "motor", "trough")]
     errors = [figure.error for figure in parts if figure.error is not None]
     gap = "power not accounted for"
-    found["missing"] = (
+    all_figures["missing"] = (
         Figure(parts[0].value - parts[1].value - parts[2].value, "W", sum(errors), gap)
         if len(errors) == len(parts)
-        else Figure.refused("W", torque.reason, gap)
+        else Figure.undetermined("W", torque.reason, gap)
     )
-    return found
+    return all_figures
 
 
-def moved(figure: Figure, plain: float, meaning: str, scale: float = 1.0, unit: str = "") -> Figure:
+def excess(
+    figure: Figure, plain: float, meaning: str, scale: float = 1.0, unit: str = ""
+) -> Figure:
     """How far a figure is above a value, perhaps in another unit."""
     unit = unit or figure.unit
     if figure.error is None:
-        return Figure.refused(unit, figure.reason, meaning)
+        return Figure.undetermined(unit, figure.reason, meaning)
     return Figure(scale * (figure.value - plain), unit, scale * figure.error, meaning)
 
 
-def drifts(sweep: Sweep, nu: float) -> tuple[Table, dict[str, Figure]]:
+def drifts(
+    machine: Machine, runner: OrbitRunner, multiples: Sequence[int], nu: float
+) -> tuple[Table, dict[str, Figure]]:
     """How the mean speed comes to nu from the orbit of a speed SLOWER, and what it makes of (16).
 
     The mean is that of STARTS at crank angles evenly spaced over a turn, which leaves out the ripple;
     how far it is from others is told in % of the way.
     """
-    machine, setup, _, coarser = sweep
     slow = (1.0 - SLOWER) * nu
-    W, M, way = machine.speed_ripple(slow), machine.torque_ripple(slow), nu - slow
+    W, M, step_size = machine.speed_ripple(slow), machine.torque_ripple(slow), nu - slow
     stop = drift_time(machine)
-    longest = coarser[-1] * TURN / (nu * setup.steps_per_rev)
-    count = coarser[-1] * math.ceil(stop / longest)
+    longest = multiples[-1] * TURN / (nu * runner.steps_per_rev)
+    count = multiples[-1] * math.ceil(stop / longest)
     h = stop / count
     systems = []
     for phi in TURN / STARTS * np.arange(STARTS):
@@ -210,43 +219,45 @@ def drifts(sweep: Sweep, nu: float) -> tuple[Table, dict[str, Figure]]:
             "conveyor.w": slow + (W * turned).imag,
             "motor.tau": machine.load_slope * slow + (M * turned).imag,
         }
-        start = {**machine.start(nu), **setup.start, **state}
-        systems.append(System(setup.bench.fmus, WIRES, start))
-    tasks = [(system, k * h, count // k) for k in coarser for system in systems]
-    runs = setup.bench.each(partial(speeds, setup.algorithm), tasks, "drift")
-    off: dict[str, list[Measured | str]] = {name: [] for name in DRIFT}
-    for k in coarser:
+        start = {**machine.start(nu), **runner.start, **state}
+        systems.append(System(runner.context.fmus, WIRES, start))
+    tasks = [(system, k * h, count // k) for k in multiples for system in systems]
+    runs = runner.context.each(partial(speeds, runner.algorithm), tasks, "drift")
+    deviations: dict[str, list[Measured | str]] = {name: [] for name in DRIFT}
+    for k in multiples:
         each = list(islice(runs, STARTS))
         t = np.linspace(0.0, count * h, count // k + 1)
         mean = np.mean(each, axis=0)
-        plain, whole = (nu - way * left for left in drift(machine, t))
-        for name, x in zip(off, (nu, plain, whole)):
-            share = (mean - x) / way
+        plain, second_order = (nu - step_size * left for left in drift(machine, t))
+        for name, x in zip(deviations, (nu, plain, second_order)):
+            share = (mean - x) / step_size
             above, below = largest(t, share), smallest(t, share)
             top = max(above, below, key=lambda it: abs(it.value))
             if name == "overshoot":  # none where the mean speed stays below that of the new supply
                 top = above._replace(value=max(above.value, 0.0))
-            off[name].append(Measured(100 * abs(top.value), 100 * top.error))
+            deviations[name].append(Measured(100 * abs(top.value), 100 * top.error))
         if k == 1:
-            cells = np.stack([t, mean, plain, whole, each[0]], axis=1)
+            cells = np.stack([t, mean, plain, second_order, each[0]], axis=1)
     meant = {
         "overshoot": "overshoot of the mean speed after a step of the supply",
         "off_16": "largest deviation of formula (16) from the mean speed in that step",
         "off_whole": "the same with the term that (16) neglects",
     }
-    order = cosim.CONVERGENCE_ORDERS[setup.algorithm]
-    found = {name: converged(runs, order, "%", meant[name]) for name, runs in off.items()}
-    found["settling_16"] = Figure(
+    order = cosim.CONVERGENCE_ORDERS[runner.algorithm]
+    all_figures = {
+        name: converged(runs, order, "%", meant[name]) for name, runs in deviations.items()
+    }
+    all_figures["settling_16"] = Figure(
         machine.J / machine.slope, "s", 0.0, "time constant of settling by formula (16)"
     )
-    found["settling"] = Figure(
+    all_figures["settling"] = Figure(
         float(-1 / settling(machine).real.max()),
         "s",
         0.0,
         "the same with the term that (16) neglects",
     )
     units = dict.fromkeys(("time", "mean", "mean_16", "mean_whole", "w"), "rad/s") | {"time": "s"}
-    return Table.of_rows(cells.tolist(), units), found
+    return Table.of_rows(cells.tolist(), units), all_figures
 
 
 def drift_time(machine: Machine) -> float:
@@ -269,7 +280,7 @@ def speeds(algorithm: str, task: tuple[System, float, int]) -> Samples:
     return run["conveyor.w"]
 
 
-def verdict(o: Options, f: Mapping[str, Figure], r: Found) -> str:
+def verdict(o: Options, f: Mapping[str, Figure], r: MeanData) -> str:
     """What the ripple costs, where the power goes, and how accurate (16) is."""
     text = {name: figure.brief() for name, figure in f.items()}
     overshoot, plain = f["overshoot"], "without overshoot"
@@ -315,17 +326,16 @@ def changed(figure: Figure) -> str:
     return f"{figure._replace(value=abs(figure.value)).brief()} {word}"
 
 
-def show(o: Options, f: Mapping[str, Figure], r: Found) -> Show:
+def show(o: Options, f: Mapping[str, Figure], r: MeanData) -> Show:
     """Means over the speed beside theory, the drift of the mean, one revolution."""
-    machine, setup, *_ = r.sweep
-    charts = [over_speed(f, r), course(f, r)]
-    return Show(charts, *motion.revolution(setup.case(machine, r.operating)))
+    charts = [over_speed(f, r), step_response(f, r)]
+    return Show(charts, *motion.revolution(r.runner.task(r.machine, r.operating)))
 
 
-def over_speed(f: Mapping[str, Figure], r: Found) -> Chart:
+def over_speed(f: Mapping[str, Figure], r: MeanData) -> Chart:
     """Mean torque, mean speeds from the nominal one, powers above those without ripple."""
     nu = np.linspace(r.rows["nu"].min(), r.rows["nu"].max(), 400)
-    theory, plain = means(r.sweep.machine, nu), means(r.sweep.machine, nu, False)
+    theory, plain = means(r.machine, nu), means(r.machine, nu, False)
 
     def pair(label: str, name: str, color: str, less: Any = None) -> list[Curve]:
         base = 0.0 if less is None else r.rows[less]
@@ -373,23 +383,23 @@ def over_speed(f: Mapping[str, Figure], r: Found) -> Chart:
             Panel("power above that without ripple", "W", power),
         ],
         [Mark(r.operating, f"operating speed {r.operating:g} rad/s")],
-        second=Second("rpm", 30 / math.pi),
+        second=SecondUnit("rpm", 30 / math.pi),
     )
 
 
-def course(f: Mapping[str, Figure], r: Found) -> Chart:
+def step_response(f: Mapping[str, Figure], r: MeanData) -> Chart:
     """The mean speed after a step of the supply, and what both equations make of it."""
-    t = 1e3 * r.course["time"]
+    t = 1e3 * r.step_response["time"]
     curves = [
-        Curve("one of the starts", t, r.course["w"], "sky"),
-        Curve(f"mean of {STARTS} starts", t, r.course["mean"], SPEED),
-        Curve("settling formula (16)", t, r.course["mean_16"], TORQUE, "theory"),
-        Curve("with the term it neglects", t, r.course["mean_whole"], "black", "theory"),
+        Curve("one of the starts", t, r.step_response["w"], "sky"),
+        Curve(f"mean of {STARTS} starts", t, r.step_response["mean"], SPEED),
+        Curve("settling formula (16)", t, r.step_response["mean_16"], TORQUE, "theory"),
+        Curve("with the term it neglects", t, r.step_response["mean_whole"], "black", "theory"),
     ]
-    off, whole = f["off_16"], f["off_whole"]
+    deviations, second_order = f["off_16"], f["off_whole"]
     title = f"Mean speed after the supply is raised for {r.operating:g} rad/s"
-    if off.error is not None and whole.error is not None:
-        title += f": the settling formula (16) is off by up to {off.brief()} of the step, "
-        title += f"with the term that it neglects by {whole.brief()}"
+    if deviations.error is not None and second_order.error is not None:
+        title += f": the settling formula (16) is off by up to {deviations.brief()} of the step, "
+        title += f"with the term that it neglects by {second_order.brief()}"
     level = Mark(r.operating, f"nominal {r.operating:g} rad/s")
     return Chart(title, "time [ms]", [Panel("crank speed", "rad/s", curves, [level])])

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
@@ -20,21 +20,33 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim import CONVERGENCE_ORDERS, SetupError
+from cosim import SetupError
 from cosim.result import partial
-from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, Table, option
+from workbench import Chart, Context, Curve, Figure, Findings, Mark, Panel, Show, Table, option
 from workbench.answer import stream
 from workbench.charts import model as colors
 from workbench.charts.model import Direction, Field, Level, Span
-from workbench.limit import coupling
-from workbench.options import refuse
+from workbench.options import check_fixed_starts
 
 from .. import motion
-from ..features import COARSER, LAG, TORQUE, Point, Ripple, Setup, places
+from ..features import LAG, TORQUE_PEAK, locate
 from ..first_order import FIELDS, SETS
 from ..machine import PARTS as DRIVE
 from ..machine import conveyor_drive, followed
-from ..parameter_plane import SPEED, Built, Plane, Sample, axis, interval, on_edge, shares, span
+from ..options import RippleOptions
+from ..orbits import STEP_MULTIPLES, OrbitRunner
+from ..parameter_plane import (
+    SPEED,
+    Built,
+    Plane,
+    Sample,
+    axis,
+    coupling_error,
+    interval,
+    on_edge,
+    shares,
+    span,
+)
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -52,22 +64,22 @@ TOLERANCES = {
     "conveyor.trough.m": 0.02,
     "conveyor.trough.d": 0.20,
 }
-SURE, SPEEDS, GRID = 0.01, 61, 5
+SURE, SPEEDS = 0.01, 61
 NEARLY_ALL = f"in at least {1 - SURE:.0%} of the machines"
 TABLE, ROWS_TABLE = "resonance_map.csv", "resonance_map_rows.csv"
 VALUES = {"ripple": "N.m", "gain": "1", "lag": "deg", "settling": "1", "ripple_theory": "N.m"}
 RIDGES = ("lag_90", "lag_90_error", "formula", "peak", "peak_error", "peak_theory")
-DRAWN = (
+RIDGE_STYLES = (
     ("formula", "formula (22)", "grey", "theory"),
     ("lag_90", "90 deg lag", "sky", "points"),
     ("peak", "largest torque ripple", "red", "points"),
 )
 RANGES = {"ripple_in_range": "N.m", "probability_in_range": "1"}
-OWN = ("motor.A", "motor.tau", "motor.characteristic", "conveyor.phi", "conveyor.w")
+FIXED_STARTS = ("motor.A", "motor.tau", "motor.characteristic", "conveyor.phi", "conveyor.w")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options(Ripple):
+class Options(RippleOptions):
     x: str = option(X, f"NAME=FROM:TO:NUMBER[:log] of `speed` [rad/s], {', '.join(FIELDS)}")
     y: str = option(Y, "the same for the other axis, without `speed`")
     speed: float | None = option(
@@ -83,7 +95,9 @@ class Options(Ripple):
         + " (repeatable)",
     )
     samples: int = option(4096, "machines per point, a power of 2", least=2)
-    checks: int = option(8, "points to check by co-simulation, and half as many rows", least=0)
+    checks: int = option(
+        8, "number of map points verified by co-simulation; rows are half as many", least=0
+    )
     check_runs: int = option(128, "machines to co-simulate at each check", least=1)
     steps_per_rev: int = option(256, "communication steps per revolution", least=1)
 
@@ -92,7 +106,7 @@ class Map(NamedTuple):
     """The machines, how they are run, the tables of their points and rows, the operating range [rad/s]."""
 
     plane: Plane
-    setup: Setup
+    runner: OrbitRunner
     points: DataFrame
     rows: DataFrame
     within: tuple[float, float] | None
@@ -108,10 +122,10 @@ class Map(NamedTuple):
     def ridges(self, along: str) -> list[Curve]:
         """The ridges of the rows that have them, their places on the axis "x" or "y" of a picture."""
         curves = []
-        for column, name, color, look in DRAWN:
-            there = self.rows[np.isfinite(self.rows[column])]
-            ends = there[column].to_numpy(), there[self.plane.y.name].to_numpy()
-            if len(there):
+        for column, name, color, look in RIDGE_STYLES:
+            present = self.rows[np.isfinite(self.rows[column])]
+            ends = present[column].to_numpy(), present[self.plane.y.name].to_numpy()
+            if len(present):
                 x, y = ends if along == "x" else ends[::-1]
                 curves.append(Curve(name, x, y, color, look))
         return curves
@@ -121,42 +135,44 @@ class Map(NamedTuple):
         return f"{np.nanmean(self.points['probability'] <= SURE):.0%}"
 
 
-def solve(o: Options, bench: Bench) -> Findings:
+def solve(o: Options, context: Context) -> Findings:
     """Run the map, find its ridges and its risk; rows of the map are kept on the way.
 
     Raises cosim.SetupError for settings that cannot give an answer.
     """
-    plane, within = planned(o, bench)
-    spread = shares(bench.fmus, "tolerance", o.tolerance, TOLERANCES)
+    plane, within = planned(o, context)
+    spread = shares(context.fmus, "tolerance", o.tolerance, TOLERANCES)
     if o.samples & (o.samples - 1):
         raise SetupError(f"samples = {o.samples} must be a power of 2, at least 2")
     if o.check_runs > o.samples:
         raise SetupError(f"check_runs = {o.check_runs} must be at most samples = {o.samples}")
-    beside = {key: value for key, value in o.start.items() if key not in FIELDS}
-    setup = Setup(bench, beside, o.algorithm, o.steps_per_rev)
-    machine, nu, _ = max(plane.spots(), key=lambda spot: spot[0].nu_res / spot[1])
-    setup.check(machine, nu, COARSER[-1])
+    other_starts = {key: value for key, value in o.start.items() if key not in FIELDS}
+    runner = OrbitRunner(context, other_starts, o.algorithm, o.steps_per_rev)
+    machine, nu, _ = max(plane.points(), key=lambda point: point.machine.nu_res / point.nu)
+    runner.check(machine, nu, STEP_MULTIPLES[-1])
 
-    points = swept(plane, setup, bench.out and bench.out / TABLE)
-    rows, error = ridges(plane, setup), coupling_error(plane, setup)
-    found = Map(plane, setup, points, rows.assign(**dict.fromkeys(RANGES, math.nan)), within)
-    ratio = found.field("ripple") / found.field("ripple_theory")
+    points = swept(plane, runner, context.out and context.out / TABLE)
+    rows, error = ridges(plane, runner), coupling_error(plane, runner)
+    map_ = Map(plane, runner, points, rows.assign(**dict.fromkeys(RANGES, math.nan)), within)
+    ratio = map_.field("ripple") / map_.field("ripple_theory")
     built = Built.within(plane, ratio, spread, o.samples)
-    checks = built.check(risk(found, built, o.checks, o.most), o.check_runs, o.most, setup)
+    checks = built.check(
+        risk(map_, built, o.checks, o.ripple_limit), o.check_runs, o.ripple_limit, runner
+    )
     y = {plane.y.name: plane.y.along.unit}
     return Findings(
         figures(points, rows, error) | judgement(checks, error),
-        found,
-        conveyor_drive(bench.fmus, {**plane.machine.start(plane.speed), **beside}),
+        map_,
+        conveyor_drive(context.fmus, {**plane.machine.start(plane.speed), **other_starts}),
         communication=f"{o.steps_per_rev} steps per revolution",
         algorithm=o.algorithm,
         tables={
             TABLE: Table(points, plane.units | VALUES | {"probability": "1"}),
-            ROWS_TABLE: Table(found.rows, y | dict.fromkeys(RIDGES, plane.x.along.unit) | RANGES),
+            ROWS_TABLE: Table(map_.rows, y | dict.fromkeys(RIDGES, plane.x.along.unit) | RANGES),
         },
         facts={
             "range": within,
-            "limit": o.most,
+            "limit": o.ripple_limit,
             "rated_torque": o.rated,
             "tolerances": spread,
             "distribution": "uniform within the tolerance, speed held",
@@ -174,13 +190,13 @@ def solve(o: Options, bench: Bench) -> Findings:
     )
 
 
-def planned(o: Options, bench: Bench) -> tuple[Plane, tuple[float, float] | None]:
+def planned(o: Options, context: Context) -> tuple[Plane, tuple[float, float] | None]:
     """The plane, and the operating range if x is the speed; raises SetupError."""
-    across, up = axis(bench.fmus, "x", o.x, 4), axis(bench.fmus, "y", o.y, 2)
+    across, up = axis(context.fmus, "x", o.x, 4), axis(context.fmus, "y", o.y, 2)
     if across.name == up.name:
         raise SetupError(f"--x and --y are both {up.name}")
-    refuse(o.start, (across.name, up.name))
-    plane = Plane(across, up, followed(bench.fmus, SETS[o.set], o.start), o.speed or FIXED)
+    check_fixed_starts(o.start, (across.name, up.name))
+    plane = Plane(across, up, followed(context.fmus, SETS[o.set], o.start), o.speed or FIXED)
     if across.name != SPEED:
         if o.range is not None:
             raise SetupError("--range is for maps whose x is the speed")
@@ -190,19 +206,19 @@ def planned(o: Options, bench: Bench) -> tuple[Plane, tuple[float, float] | None
     return plane, span("range", o.range or RANGE, across.along)
 
 
-def swept(plane: Plane, setup: Setup, path: Path | None) -> DataFrame:
+def swept(plane: Plane, runner: OrbitRunner, path: Path | None) -> DataFrame:
     """The rows of the table of all points, which are kept on the way, too.
 
     Raises SetupError where no orbit is steady.
     """
-    spots, units = plane.spots(), plane.units | VALUES
+    points_, units = plane.points(), plane.units | VALUES
     rows: list[tuple[float, ...]] = []
     try:
         with stream(path, list(units)) as keep:
-            for node, spot, orbit in zip(
-                plane.nodes(), spots, setup.each(spots, "map"), strict=True
+            for node, point, orbit in zip(
+                plane.nodes(), points_, runner.each(points_, "map"), strict=True
             ):
-                machine, nu, _ = spot
+                machine, nu, _ = point
                 load, ripple = machine.load_ripple(nu), abs(orbit.torque)
                 lag = float(np.angle(load / orbit.torque, deg=True)) % 360.0
                 theory, left = abs(machine.torque_ripple(nu)), orbit.torque_error / ripple
@@ -210,68 +226,40 @@ def swept(plane: Plane, setup: Setup, path: Path | None) -> DataFrame:
                 keep(rows[-1:])
     except KeyboardInterrupt:
         if not path:
-            raise KeyboardInterrupt(f"{len(rows)} of {len(spots)} points") from None
+            raise KeyboardInterrupt(f"{len(rows)} of {len(points_)} points") from None
         done = len(partial(path).read_text(encoding="utf-8").splitlines()) - 1
-        raise KeyboardInterrupt(f"{done} of {len(spots)} points in {partial(path)}") from None
+        raise KeyboardInterrupt(f"{done} of {len(points_)} points in {partial(path)}") from None
     points = Table.of_rows(rows, units).frame
     if points["ripple"].isna().all():
         raise SetupError("no orbit of the map is steady")
     for y, row in points.groupby(plane.y.name):
-        if (lost := row["ripple"].isna().to_numpy()).any():
-            place = f"{plane.y.name} = {y:.3g} {plane.y.along.unit}, {plane.x.name}"
+        if (unsteady := row["ripple"].isna().to_numpy()).any():
+            ridge_name = f"{plane.y.name} = {y:.3g} {plane.y.along.unit}, {plane.x.name}"
             logging.getLogger("cosim").warning(
-                f"No steady orbit at {place} of {stretches(plane.x.along, lost)}"
+                f"No steady orbit at {ridge_name} of {stretches(plane.x.along, unsteady)}"
             )
     return points
 
 
-def ridges(plane: Plane, setup: Setup) -> DataFrame:
+def ridges(plane: Plane, runner: OrbitRunner) -> DataFrame:
     """Where every row has its ridges, with their errors, beside formula (22) and theory; nan where it
     has none.
     """
     x, levels, sought = plane.x.along, plane.y.along.values.tolist(), []
-    orbits = setup.orbits(plane.spots(), "map")
+    orbits = runner.orbits(plane.points(), "map")
     for line in map(plane.line, levels):
-        known = [(at, point) for at, point in zip(x.values.tolist(), orbits) if not point.problem]
-        sought += [(line, place, known) for place in (LAG, TORQUE)]
-    found = [
-        (figure.value, math.nan if figure.error is None else figure.error, line.theory(place))
-        for (line, place, _), (figure, _) in zip(sought, places(sought, COARSER, x.unit, setup))
-    ]
-    rows = [(level, *lag, *peak) for level, lag, peak in zip(levels, found[::2], found[1::2])]
-    return Table.of_rows(rows, dict.fromkeys([plane.y.name, *RIDGES], x.unit)).frame
-
-
-def torque_ripple(point: Point) -> float:
-    """Of order 2 [N.m]."""
-    return abs(point.torque)
-
-
-def coupling_error(
-    plane: Plane,
-    setup: Setup,
-    told: Callable[[Point], float] = torque_ripple,
-    order: float | None = None,
-) -> float:
-    """The largest relative coupling error of what is told of orbits, by coarser runs all over the map.
-
-    It vanishes with the order of the algorithm, unless another one is given.
-    """
-    x, y = (
-        sorted({round(k) for k in np.linspace(0, len(axis.along.values) - 1, GRID).tolist()})
-        for axis in (plane.x, plane.y)
-    )
-    every, width = plane.spots(), len(plane.x.along.values)
-    spots = [(*every[n * width + k][:2], coarser) for n in y for k in x for coarser in COARSER]
-    found = [told(orbit) for orbit in setup.orbits(spots, "coupling error")]
-    runs = np.array(found).reshape(-1, len(COARSER))
-    runs = runs[np.isfinite(runs).all(axis=1)]
-    if not len(runs):
-        raise SetupError(
-            "no orbit is steady with a quarter of the steps per revolution: take more steps"
+        steady_orbits = [
+            (at, orbit) for at, orbit in zip(x.values.tolist(), orbits) if not orbit.problem
+        ]
+        sought += [(line, feature, steady_orbits) for feature in (LAG, TORQUE_PEAK)]
+    located = [
+        (figure.value, math.nan if figure.error is None else figure.error, line.theory(feature))
+        for (line, feature, _), (figure, _) in zip(
+            sought, locate(sought, STEP_MULTIPLES, x.unit, runner)
         )
-    order = order or CONVERGENCE_ORDERS[setup.algorithm]
-    return float(max(coupling(run, order) / run[0] for run in runs.tolist()))
+    ]
+    rows = [(level, *lag, *peak) for level, lag, peak in zip(levels, located[::2], located[1::2])]
+    return Table.of_rows(rows, dict.fromkeys([plane.y.name, *RIDGES], x.unit)).frame
 
 
 def risk(r: Map, built: Built, count: int, most: float) -> list[Sample]:
@@ -295,7 +283,7 @@ def figures(points: DataFrame, rows: DataFrame, error: float) -> dict[str, Figur
     """The largest gain and torque ripple, and how far theory and the ridges are off."""
     over = "torque ripple by co-simulation over that of first-order theory"
     ratio = points["ripple"] / points["ripple_theory"]
-    found = {
+    all_figures = {
         name: Figure(float(value), unit, error * float(value), meaning)
         for name, value, unit, meaning in (
             ("gain_max", points["gain"].max(), "1",
@@ -305,7 +293,7 @@ def figures(points: DataFrame, rows: DataFrame, error: float) -> dict[str, Figur
             ("ratio_max", ratio.max(), "1", f"largest at a point: {over}"),
         )
     }  # fmt: skip
-    for place, other, what in (
+    for ridge_name, other, what in (
         ("lag_90", "formula", "deviation of the 90 deg lag from formula (22)"),
         ("peak", "formula", "deviation of the largest torque ripple from formula (22)"),
         (
@@ -314,40 +302,42 @@ def figures(points: DataFrame, rows: DataFrame, error: float) -> dict[str, Figur
             "deviation of the largest torque ripple from that of first-order theory",
         ),
     ):
-        off = 100 * abs(rows[place] / rows[other] - 1.0).dropna()
-        if len(off):
-            left = float((100 * rows[f"{place}_error"] / rows[other]).max())
-            rms = math.sqrt((off**2).mean())
-            what = f"{what}, {len(off)} of {len(rows)} rows"
-            name = f"{place}_off_{other}"
-            found[f"{name}_max"] = Figure(float(off.max()), "%", left, f"{what}, at most")
-            found[f"{name}_rms"] = Figure(rms, "%", left, f"{what}, rms")
-    return found
+        deviations = 100 * abs(rows[ridge_name] / rows[other] - 1.0).dropna()
+        if len(deviations):
+            left = float((100 * rows[f"{ridge_name}_error"] / rows[other]).max())
+            rms = math.sqrt((deviations**2).mean())
+            what = f"{what}, {len(deviations)} of {len(rows)} rows"
+            name = f"{ridge_name}_off_{other}"
+            all_figures[f"{name}_max"] = Figure(
+                float(deviations.max()), "%", left, f"{what}, at most"
+            )
+            all_figures[f"{name}_rms"] = Figure(rms, "%", left, f"{what}, rms")
+    return all_figures
 
 
 def judgement(checks: Sequence[Mapping[str, Any]], error: float) -> dict[str, Figure]:
     """How far probabilities may be off, by the machines that were co-simulated."""
-    wrong, off, beside = (
+    wrong, deviations, other_starts = (
         "co-simulated machines that theory judges differently",
         "deviation of the torque ripple of these machines from theory, rms",
         "probability from these machines minus that of the map, at most",
     )
     if not checks:
-        return {"misjudged": Figure.refused("%", "no machine is co-simulated", wrong)}
-    told = Table.of_rows(
+        return {"misjudged": Figure.undetermined("%", "no machine is co-simulated", wrong)}
+    check_frame = Table.of_rows(
         [[*check.values()] for check in checks], dict.fromkeys(checks[0], "")
     ).frame
-    total = int(told["samples"].sum())
-    otherwise = int((told["judged_above"] + told["judged_below"]).sum())
+    total = int(check_frame["samples"].sum())
+    otherwise = int((check_frame["judged_above"] + check_frame["judged_below"]).sum())
     share, ends = otherwise / total, interval(otherwise, total)
-    rms = math.sqrt(np.average(told["off_rms"] ** 2, weights=told["samples"]))
+    rms = math.sqrt(np.average(check_frame["off_rms"] ** 2, weights=check_frame["samples"]))
     worst = max(checks, key=lambda check: abs(check["brute_force"] - check["probability"]))
     brute, chance = worst["brute_force"], worst["probability"]
     reach = max(abs(end - brute) for end in worst["interval"])
     return {
         "misjudged": Figure(100 * share, "%", 100 * max(abs(end - share) for end in ends), wrong),
-        "machines_off_rms": Figure(100 * rms, "%", 100 * error, off),
-        "probability_off_max": Figure(brute - chance, "1", reach, beside),
+        "machines_off_rms": Figure(100 * rms, "%", 100 * error, deviations),
+        "probability_off_max": Figure(brute - chance, "1", reach, other_starts),
     }
 
 
@@ -366,7 +356,7 @@ def stretches(along: Direction, good: NDArray[np.bool_]) -> str:
 
 def verdict(o: Options, f: Mapping[str, Figure], r: Map) -> str:
     """The answer in plain words."""
-    above = f"above {o.most:g} N.m ({o.most / o.rated:.0%} of the rated torque of {o.rated:g} N.m)"
+    above = f"above {o.ripple_limit:g} N.m ({o.ripple_limit / o.rated:.0%} of the rated torque of {o.rated:g} N.m)"
     built = "With every part within its tolerance,"
     if r.within is None:
         ripple = r.points["ripple"].dropna()
@@ -376,11 +366,14 @@ def verdict(o: Options, f: Mapping[str, Figure], r: Map) -> str:
                 f"the {len(ripple)} of {len(r.points)} points of the map that have a steady orbit"
             )
         return (
-            f"At {r.plane.speed:g} rad/s the torque ripple is {above} in {np.mean(ripple > o.most):.0%} of "
+            f"At {r.plane.speed:g} rad/s the torque ripple is {above} in {np.mean(ripple > o.ripple_limit):.0%} of "
             f"{where}. {built} {r.sure()} of the map stays clear {NEARLY_ALL}."
         )
     name, meaning = r.plane.y.name, r.plane.y.along.label.partition("\n")[0]
-    nominal, nearly_all = r.clear("ripple_in_range", o.most), r.clear("probability_in_range", SURE)
+    nominal, nearly_all = (
+        r.clear("ripple_in_range", o.ripple_limit),
+        r.clear("probability_in_range", SURE),
+    )
     span = f"The operating range {r.within[0]:g} .. {r.within[1]:g} rad/s"
     first = f"{span} stays clear of a torque ripple {above} with {name} of {nominal}."
     if not nominal:
@@ -396,16 +389,16 @@ def show(o: Options, f: Mapping[str, Figure], r: Map) -> Show:
     worst = r.plane.nodes()[int(r.points["ripple"].argmax())]
     title = (
         f"At {r.plane.speed:g} rad/s {r.sure()} of the map stays clear of a torque ripple above "
-        f"{o.most:g} N.m {NEARLY_ALL}"
+        f"{o.ripple_limit:g} N.m {NEARLY_ALL}"
     )
     if r.within is not None:
         values = r.clear("probability_in_range", SURE)
         title = (
-            f"{r.within[0]:g} .. {r.within[1]:g} rad/s stays clear of a torque ripple above {o.most:g} N.m "
+            f"{r.within[0]:g} .. {r.within[1]:g} rad/s stays clear of a torque ripple above {o.ripple_limit:g} N.m "
             f"{NEARLY_ALL} with {r.plane.y.name} of {values or 'no value on the map'}"
         )
-    turn = motion.revolution(r.setup.case(*r.plane.at(*worst)))
-    return Show([*maps(r, o.most), *chart_of_rows(r, o.most)], *turn, title)
+    turn = motion.revolution(r.runner.task(*r.plane.at(*worst)))
+    return Show([*maps(r, o.ripple_limit), *chart_of_rows(r, o.ripple_limit)], *turn, title)
 
 
 def maps(r: Map, limit: float) -> list[Field]:
@@ -419,7 +412,7 @@ def maps(r: Map, limit: float) -> list[Field]:
     bounds = [Span(*r.within, "operating range", "green")] if r.within else []
     formula = [curve for curve in over if curve.look == "theory"]
     return [
-        Field("How much the drive magnifies the load's ripple", x, y,
+        Field("Gain: torque ripple over load ripple", x, y,
               "torque ripple over load ripple", r.field("gain"), over, True, line, bounds),
         Field(f"Machines within tolerance whose torque ripple is above {limit:g} N.m", x, y,
               "share of the machines", r.field("probability"), formula, levels=line, spans=bounds,

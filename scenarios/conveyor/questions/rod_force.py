@@ -18,33 +18,34 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim import CONVERGENCE_ORDERS, SetupError
-from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, option
+from workbench import Chart, Context, Curve, Figure, Findings, Mark, Panel, Show, option
 from workbench.answer import parameters
 from workbench.charts import model as colors
-from workbench.charts.model import Direction, Field, Level, Picture, Second
+from workbench.charts.model import Direction, Field, Level, Picture, SecondUnit
 from workbench.figure import SHARE_DIGITS, concise, percent
 from workbench.limit import coupling
 
 from .. import motion
-from ..features import COARSER, LAG, TORQUE, Line, Point, Ripple, Setup, Spot, places
+from ..features import LAG, TORQUE_PEAK, ResponseLine, locate
 from ..first_order import ANGLES, FIELDS, SETS, Machine, rod_force
 from ..machine import PARTS as DRIVE
 from ..machine import conveyor_drive, followed
-from ..parameter_plane import SPEED, Axis, Plane
+from ..options import RippleOptions, by_set
+from ..orbits import STEP_MULTIPLES, OperatingPoint, Orbit, OrbitRunner, torque_amplitude
+from ..parameter_plane import SPEED, Axis, Plane, coupling_error
 from ..rod_waveform import (
     CLOSE,
     ORDER,
     around,
     between,
-    course,
-    largest,
+    largest_force_of,
     least,
     peak,
-    search,
     unloading,
+    unloading_points,
+    waveform,
 )
-from .resonance import OPERATING, OVERDAMPED, row, told
-from .resonance_map import coupling_error, torque_ripple
+from ..rows import OPERATING, OVERDAMPED, orbit_figure, speed_row
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -61,27 +62,25 @@ FEWEST, WELL = 4, 1.02
 #: Sampled coupling errors by which a point of the map may be below the largest deviation and still have it;
 #: a safety margin by convention, as a point's error may be larger than those of the sample.
 MARGIN = 3.0
-DRAWN = {"": ("machine's spring", "red"), "_unloaded": ("spring that unloads the rod", "blue")}
-OWN = ("motor.A", "motor.tau", "motor.characteristic", "conveyor.phi", "conveyor.w")
+SPRINGS = {"": ("machine's spring", "red"), "_unloaded": ("spring that unloads the rod", "blue")}
+FIXED_STARTS = ("motor.A", "motor.tau", "motor.characteristic", "conveyor.phi", "conveyor.w")
 DECISIVE = ("spring_unloaded",)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options(Ripple):
-    speed: float | None = option(
-        None, "operating speed, 40 in set A and 60 in set B by default", "rad/s", above=0.0
-    )
+class Options(RippleOptions):
+    speed: float | None = option(None, f"operating speed, {by_set(OPERATING)}", "rad/s", above=0.0)
     speeds: tuple[float, ...] = option("15:75:17", "speeds of the map", "rad/s", above=0.0)
     springs: tuple[float, ...] = option("0:1.2e6:11", "springs of the map", "N/m", least=0.0)
     steps_per_rev: int = option(256, "communication steps per revolution", least=1)
 
 
-class Found(NamedTuple):
+class RodForceData(NamedTuple):
     """How machines are run, the length of their rod, infinite if much longer than the crank [m]; the
     plane and its table; the machine with its spring and, if it is known, the one that unloads the rod.
     """
 
-    setup: Setup
+    runner: OrbitRunner
     length: float
     plane: Plane
     points: DataFrame
@@ -97,49 +96,54 @@ class Found(NamedTuple):
         values = self.points[column].to_numpy().reshape(-1, len(self.speeds))
         return np.where(values > 0.0, values, math.nan)
 
-    def sweep(self, machine: Machine) -> list[Point]:
+    def sweep(self, machine: Machine) -> list[Orbit]:
         """The orbits of a machine at the speeds of the plane."""
-        return list(self.setup.orbits([(machine, nu, 1) for nu in self.speeds], "speeds"))
+        return list(
+            self.runner.orbits([OperatingPoint(machine, nu) for nu in self.speeds], "speeds")
+        )
 
     def valley(self) -> list[tuple[float, float]]:
         """Speeds of the plane, and the springs of the plane that unload the rod there [N/m]."""
         springs, width = self.plane.y.along.values.tolist(), len(self.speeds)
-        points = list(self.setup.orbits(self.plane.spots(), "map"))
-        found = [between(springs, points[k::width]) for k in range(width)]
-        return [(nu, c) for nu, c in zip(self.speeds, found) if isinstance(c, float)]
+        points = list(self.runner.orbits(self.plane.points(), "map"))
+        optima = [between(springs, points[k::width]) for k in range(width)]
+        return [(nu, c) for nu, c in zip(self.speeds, optima) if isinstance(c, float)]
 
 
-def solve(o: Options, bench: Bench) -> Findings:
+def solve(o: Options, context: Context) -> Findings:
     """Run the plane, and more where the rod is unloaded; raises cosim.SetupError."""
     for name, unit in (("speeds", "rad/s"), ("springs", "N/m")):
         if len(values := getattr(o, name)) < FEWEST:
             raise SetupError(f"{name} = {values} {unit} must be {FEWEST} values or more")
-    own, nu = followed(bench.fmus, SETS[o.set], o.start), o.speed or OPERATING[o.set]
-    beside = {key: value for key, value in o.start.items() if key not in FIELDS}
-    system = conveyor_drive(bench.fmus, {**own.start(nu), **beside})
+    present, nu = followed(context.fmus, SETS[o.set], o.start), o.speed or OPERATING[o.set]
+    shifted_machine = {key: value for key, value in o.start.items() if key not in FIELDS}
+    system = conveyor_drive(context.fmus, {**present.start(nu), **shifted_machine})
     held = {key: one.value for key, one in parameters(system).items()}
     length = held["conveyor.rod.l"] if held["conveyor.rod.finite"] else math.inf
-    setup = Setup(bench, beside, o.algorithm, o.steps_per_rev)
-    setup.check(own, min(nu, *o.speeds), COARSER[-1])
+    runner = OrbitRunner(context, shifted_machine, o.algorithm, o.steps_per_rev)
+    runner.check(present, min(nu, *o.speeds), STEP_MULTIPLES[-1])
     across = Direction("Operating speed", "rad/s", np.array(o.speeds))
     up = Direction("Spring", "N/m", np.array(o.springs))
-    plane = Plane(Axis(SPEED, across), Axis(SPRING, up), own, nu)
+    plane = Plane(Axis(SPEED, across), Axis(SPRING, up), present, nu)
 
-    def runs(machine: Machine) -> list[Spot]:
-        return [*((machine, x, 1) for x in o.speeds), *((machine, nu, k) for k in COARSER)]
+    def runs(machine: Machine) -> list[OperatingPoint]:
+        return [
+            *(OperatingPoint(machine, x) for x in o.speeds),
+            *(OperatingPoint(machine, nu, k) for k in STEP_MULTIPLES),
+        ]
 
-    more = [*search(own, nu), *runs(own)]
-    table = bench.kept(TABLE, UNITS, rows(setup, length, plane, more))
+    more = [*unloading_points(present, nu), *runs(present)]
+    table = context.record_rows(TABLE, UNITS, rows(runner, length, plane, more))
     if table.frame["f_rod"].isna().all():
         raise SetupError("no orbit of the map is steady")
-    spring, machines = unloading(setup, own, nu), {"": own}
+    spring, machines = unloading(runner, present, nu), {"": present}
     if spring.error is not None:
-        machines["_unloaded"] = replace(own, c=spring.value)
-        setup.orbits(runs(machines["_unloaded"]), "unloaded")
-    found = Found(setup, length, plane, table.frame, machines)
+        machines["_unloaded"] = replace(present, c=spring.value)
+        runner.orbits(runs(machines["_unloaded"]), "unloaded")
+    data = RodForceData(runner, length, plane, table.frame, machines)
     return Findings(
-        {**springs(found, spring), **loads(found, spring), **agreement(found)},
-        found,
+        {**springs(data, spring), **loads(data, spring), **agreement(data)},
+        data,
         system,
         communication=f"{o.steps_per_rev} steps per revolution",
         algorithm=o.algorithm,
@@ -150,70 +154,84 @@ def solve(o: Options, bench: Bench) -> Findings:
 
 
 def rows(
-    setup: Setup, length: float, plane: Plane, more: Sequence[Spot]
+    runner: OrbitRunner, length: float, plane: Plane, more: Sequence[OperatingPoint]
 ) -> Iterator[Sequence[float]]:
     """Those of the table, one by one; `more` orbits are run with them."""
-    spots = plane.spots()
-    orbits = setup.each([*spots, *more], "map")
-    for (machine, nu, _), point in zip(spots, orbits):
-        force, ripple = largest(point), abs(point.torque)
-        formula, theory = abs(rod_force(machine, nu)), peak(course(machine, length, nu))
-        settling = point.torque_error / ripple if ripple else math.nan
+    points = plane.points()
+    orbits = runner.each([*points, *more], "map")
+    for (machine, nu, _), orbit in zip(points, orbits):
+        force, ripple = largest_force_of(orbit), torque_amplitude(orbit)
+        formula, theory = abs(rod_force(machine, nu)), peak(waveform(machine, length, nu))
+        settling = orbit.torque_error / ripple if ripple else math.nan
         expected = abs(machine.torque_ripple(nu))
         yield nu, machine.c, force, formula, theory, ripple, expected, settling
     list(orbits)
 
 
-def springs(r: Found, spring: Figure) -> dict[str, Figure]:
+def springs(r: RodForceData, spring: Figure) -> dict[str, Figure]:
     """The spring of the machine, and the one that unloads the rod: measured, by formula, by theory."""
-    own, nu = r.plane.machine, r.plane.speed
-    low, *_, high = around(own, nu)
-    theory = least(lambda c: course(replace(own, c=c), r.length, nu), low, high)
+    present, nu = r.plane.machine, r.plane.speed
+    low, *_, high = around(present, nu)
+    theory = least(lambda c: waveform(replace(present, c=c), r.length, nu), low, high)
     meaning = "that by theory to first order in the speed ripple"
     return {
-        "spring": Figure(own.c, "N/m", 0.0, "spring of the machine"),
+        "spring": Figure(present.c, "N/m", 0.0, "spring of the machine"),
         "spring_unloaded": spring,
-        "spring_formula": Figure(own.m * nu**2, "N/m", 0.0, "that by formula (17)"),
-        "spring_theory": Figure.refused("N/m", "it lies far from that of formula (17)", meaning)
+        "spring_formula": Figure(present.m * nu**2, "N/m", 0.0, "that by formula (17)"),
+        "spring_theory": Figure.undetermined(
+            "N/m", "it lies far from that of formula (17)", meaning
+        )
         if math.isnan(theory)
         else Figure(theory, "N/m", CLOSE * theory, meaning),
     }
 
 
-def loads(r: Found, spring: Figure) -> dict[str, Figure]:
+def loads(r: RodForceData, spring: Figure) -> dict[str, Figure]:
     """What rod and motor bear with either spring at the operating speed, and where it is resonant."""
-    nu, order, sought = r.plane.speed, CONVERGENCE_ORDERS[r.setup.algorithm], []
-    found: dict[str, Figure] = {}
-    span, moved = np.linspace(r.speeds[0], r.speeds[-1], 1000), []
+    nu, order, sought = r.plane.speed, CONVERGENCE_ORDERS[r.runner.algorithm], []
+    all_figures: dict[str, Figure] = {}
+    span, shifts = np.linspace(r.speeds[0], r.speeds[-1], 1000), []
     for name, machine in r.machines.items():
-        words = f"with the {DRAWN[name][0]}"
-        orbits = list(r.setup.orbits([(machine, nu, k) for k in COARSER], "operating speed"))
-        at = {key: value for key, (value, _) in row(machine, orbits, order).items()}
-        beside = replace(machine, c=machine.c + (spring.error or 0.0) * bool(name))
-        off = at["f_rod_peak_error"] + machine.r * (beside.c - machine.c)
-        unsure = at["tau2_error"] + abs(beside.torque_ripple(nu) - machine.torque_ripple(nu))
-        formula, other = (float(abs(rod_force(x, nu))) for x in (machine, beside))
-        expected = Figure(formula, "N", abs(other - formula), f"that by formula (17) {words}")
-        top, away = (float(abs(x.torque_ripple(span)).max()) for x in (machine, beside))
-        moved.append(abs(away - top))
-        found |= {
-            f"f_rod{name}": told(at["f_rod_peak"], off, "N", f"largest rod force {words}", nu),
-            f"f_rod_formula{name}": expected,
-            f"tau2{name}": told(at["tau2"], unsure, "N.m", f"torque ripple {words}", nu),
-        }
-        line = Line(partial(turning, machine), r.speeds[0], r.speeds[-1])
-        known = [one for one in zip(r.speeds, r.sweep(machine)) if abs(one[1].torque) > 0.0]
-        sought += [(line, place, known) for place in (LAG, TORQUE)]
-    places_found = places(sought, COARSER, "rad/s", r.setup)
-    lags, tops = places_found[::2], places_found[1::2]
-    for name, (lag, _), (_, high), more in zip(r.machines, lags, tops, moved):
-        words = f"with the {DRAWN[name][0]}"
-        found[f"nu_90{name}"] = lag._replace(meaning=f"{LAG.meaning} {words}")
-        error = None if high.error is None else high.error + more
-        found[f"tau2_peak{name}"] = high._replace(
-            error=error, meaning=f"largest torque ripple {words}"
+        label = f"with the {SPRINGS[name][0]}"
+        orbits = list(
+            r.runner.orbits(
+                [OperatingPoint(machine, nu, k) for k in STEP_MULTIPLES], "operating speed"
+            )
         )
-    return found
+        at = speed_row(machine, orbits, order)
+        shifted_machine = replace(machine, c=machine.c + (spring.error or 0.0) * bool(name))
+        force_error = at["f_rod_peak_error"] + machine.r * (shifted_machine.c - machine.c)
+        unsure = at["tau2_error"] + abs(
+            shifted_machine.torque_ripple(nu) - machine.torque_ripple(nu)
+        )
+        formula, other = (float(abs(rod_force(x, nu))) for x in (machine, shifted_machine))
+        expected = Figure(formula, "N", abs(other - formula), f"that by formula (17) {label}")
+        top, shifted_top = (
+            float(abs(x.torque_ripple(span)).max()) for x in (machine, shifted_machine)
+        )
+        shifts.append(abs(shifted_top - top))
+        all_figures |= {
+            f"f_rod{name}": orbit_figure(
+                at["f_rod_peak"], force_error, "N", f"largest rod force {label}", nu
+            ),
+            f"f_rod_formula{name}": expected,
+            f"tau2{name}": orbit_figure(at["tau2"], unsure, "N.m", f"torque ripple {label}", nu),
+        }
+        line = ResponseLine(partial(turning, machine), r.speeds[0], r.speeds[-1])
+        steady_orbits = [
+            (x, orbit) for x, orbit in zip(r.speeds, r.sweep(machine)) if abs(orbit.torque) > 0.0
+        ]
+        sought += [(line, feature, steady_orbits) for feature in (LAG, TORQUE_PEAK)]
+    located = locate(sought, STEP_MULTIPLES, "rad/s", r.runner)
+    lags, tops = located[::2], located[1::2]
+    for name, (lag, _), (_, high), more in zip(r.machines, lags, tops, shifts):
+        label = f"with the {SPRINGS[name][0]}"
+        all_figures[f"nu_90{name}"] = lag._replace(meaning=f"{LAG.meaning} {label}")
+        error = None if high.error is None else high.error + more
+        all_figures[f"tau2_peak{name}"] = high._replace(
+            error=error, meaning=f"largest torque ripple {label}"
+        )
+    return all_figures
 
 
 def turning(machine: Machine, nu: float) -> tuple[Machine, float]:
@@ -221,29 +239,36 @@ def turning(machine: Machine, nu: float) -> tuple[Machine, float]:
     return machine, nu
 
 
-def agreement(r: Found) -> dict[str, Figure]:
+def agreement(r: RodForceData) -> dict[str, Figure]:
     """How far formula and theory are off anywhere on the map."""
-    found = {}
-    for name, seen, theory, what, *tell in (
-        ("formula_off", "f_rod", "f_rod_formula", "rod force of formula (17)", largest, ORDER),
+    all_figures = {}
+    for name, simulated, theory, what, *quantity_args in (
+        (
+            "formula_off",
+            "f_rod",
+            "f_rod_formula",
+            "rod force of formula (17)",
+            largest_force_of,
+            ORDER,
+        ),
         (
             "theory_off",
             "f_rod",
             "f_rod_theory",
             "rod force of theory with the ripple",
-            largest,
+            largest_force_of,
             ORDER,
         ),
-        ("tau2_off", "tau2", "tau2_theory", "torque ripple of theory", torque_ripple),
+        ("tau2_off", "tau2", "tau2_theory", "torque ripple of theory", torque_amplitude),
     ):
-        ratio = (r.points[theory] / r.points[seen]).to_numpy()
+        ratio = (r.points[theory] / r.points[simulated]).to_numpy()
         meaning = f"largest deviation of the {what} from co-simulation on the map"
-        found[name] = deviation(r, ratio, *tell)._replace(meaning=meaning)
-    return found
+        all_figures[name] = deviation(r, ratio, *quantity_args)._replace(meaning=meaning)
+    return all_figures
 
 
 def deviation(
-    r: Found, ratio: Real, quantity: Callable[[Point], float], order: float | None = None
+    r: RodForceData, ratio: Real, quantity: Callable[[Orbit], float], order: float | None = None
 ) -> Figure:
     """The largest deviation of a `ratio` from 1 at the points of the map, in %, with its error.
 
@@ -253,16 +278,18 @@ def deviation(
     """
     sizes = np.abs(ratio - 1.0)
     top = float(np.nanmax(sizes))
-    margin = MARGIN * coupling_error(r.plane, r.setup, quantity, order)
+    margin = MARGIN * coupling_error(r.plane, r.runner, quantity, order)
     points = np.flatnonzero(sizes >= top - margin).tolist()
-    spots = r.plane.spots()
-    orbits = r.setup.orbits([(*spots[k][:2], n) for k in points for n in COARSER], "deviation")
-    runs = np.array([quantity(orbit) for orbit in orbits]).reshape(-1, len(COARSER))
+    every = r.plane.points()
+    orbits = r.runner.orbits(
+        [every[k]._replace(step_multiple=n) for k in points for n in STEP_MULTIPLES], "deviation"
+    )
+    runs = np.array([quantity(orbit) for orbit in orbits]).reshape(-1, len(STEP_MULTIPLES))
     if not np.isfinite(runs).all():
-        return Figure.refused(
+        return Figure.undetermined(
             "%", "the coupling error is not known; take more steps per revolution"
         )
-    vanishing = order or CONVERGENCE_ORDERS[r.setup.algorithm]
+    vanishing = order or CONVERGENCE_ORDERS[r.runner.algorithm]
     errors = [coupling(run, vanishing) / run[0] for run in runs.tolist()]
     ends = [sizes[k] + ratio[k] * error for k, error in zip(points, errors)]
     at = points.index(int(np.nanargmax(sizes)))
@@ -270,38 +297,38 @@ def deviation(
     return Figure(100 * top, "%", 100 * error)
 
 
-def verdict(o: Options, f: Mapping[str, Figure], r: Found) -> str:
+def verdict(o: Options, f: Mapping[str, Figure], r: RodForceData) -> str:
     """The advice, what formula (17) says, and the effect on the resonance."""
     at = f"at {r.plane.speed:g} rad/s ({r.plane.speed * 30 / math.pi:.0f} rpm)"
-    own, formula, spring = (f[f"spring{x}"] for x in ("", "_formula", "_unloaded"))
-    said = (
-        f"The rod-force formula (17), which takes the speed as constant, recommends {formula.brief()}. With {own.brief()} "
+    present, formula, spring = (f[f"spring{x}"] for x in ("", "_formula", "_unloaded"))
+    formula_text = (
+        f"The rod-force formula (17), which takes the speed as constant, recommends {formula.brief()}. With {present.brief()} "
         f"it gives a largest rod force of {f['f_rod_formula'].brief()}."
     )
     if spring.error is None:
         why = f"The spring that unloads the rod {at} is not determined: {spring.reason}."
-        return f"{why}\nWith {own.brief()} the largest rod force is {f['f_rod'].brief()}.\n{said}"
+        return f"{why}\nWith {present.brief()} the largest rod force is {f['f_rod'].brief()}.\n{formula_text}"
     force, ripple, lag, top = (
-        [f[f"{key}{name}"] for name in DRAWN] for key in ("f_rod", "tau2", "nu_90", "tau2_peak")
+        [f[f"{key}{name}"] for name in SPRINGS] for key in ("f_rod", "tau2", "nu_90", "tau2_peak")
     )
     if any(one.error is None for one in force):
         advice = (
-            f"Use a spring of {spring.brief()} instead of {own.brief()} {at}. With it the largest rod force is "
+            f"Use a spring of {spring.brief()} instead of {present.brief()} {at}. With it the largest rod force is "
             f"{force[1].brief()}; with the machine's spring it is {force[0].brief()}."
         )
     elif force[0].value <= WELL * force[1].value:
         advice = (
-            f"Keep the spring of {own.brief()}: {at} its largest rod force is {force[0].brief()}, and no "
+            f"Keep the spring of {present.brief()}: {at} its largest rod force is {force[0].brief()}, and no "
             f"spring gives less than {force[1].brief()}, which takes {spring.brief()}. The torque ripple is "
             f"{ripple[0].brief()}."
         )
     else:
         advice = (
-            f"Use a spring of {spring.brief()} instead of {own.brief()}: {at} it lowers the largest rod force "
+            f"Use a spring of {spring.brief()} instead of {present.brief()}: {at} it lowers the largest rod force "
             f"from {force[0].brief()} to {force[1].brief()}. The torque ripple changes from "
             f"{ripple[0].brief()} to {ripple[1].brief()}."
         )
-    lines = [advice, said]
+    lines = [advice, formula_text]
     if all(one.error is not None for one in lag):
         lines.append(shifted(r, *lag))
     if all(one.error is not None for one in top):
@@ -312,9 +339,9 @@ def verdict(o: Options, f: Mapping[str, Figure], r: Found) -> str:
     return "\n".join(lines)
 
 
-def shifted(r: Found, own: Figure, other: Figure) -> str:
+def shifted(r: RodForceData, present: Figure, other: Figure) -> str:
     """How far the spring that unloads the rod moves the resonance, whose places are determined."""
-    shift, error = other.value - own.value, (own.error or 0.0) + (other.error or 0.0)
+    shift, error = other.value - present.value, (present.error or 0.0) + (other.error or 0.0)
     name = (
         "resonance"
         if r.plane.machine.zeta <= OVERDAMPED
@@ -322,58 +349,70 @@ def shifted(r: Found, own: Figure, other: Figure) -> str:
     )
     if abs(shift) <= error:
         return (
-            f"The {name} stays at {own.brief()}: the other spring moves it by at most "
-            f"{percent((abs(shift) + error) / own.value)}."
+            f"The {name} stays at {present.brief()}: the other spring moves it by at most "
+            f"{percent((abs(shift) + error) / present.value)}."
         )
-    ends = [own.brief(), other.brief()]
+    ends = [present.brief(), other.brief()]
     if ends[0] == ends[1]:
-        ends = [own.text(), other.text()]
+        ends = [present.text(), other.text()]
     word = "up" if shift > 0.0 else "down"
     size = concise(
-        Figure(100.0 * abs(shift) / own.value, "%", 100.0 * error / own.value), SHARE_DIGITS
+        Figure(100.0 * abs(shift) / present.value, "%", 100.0 * error / present.value), SHARE_DIGITS
     )
     return f"The other spring moves the {name} {word} by {size}, from {ends[0]} to {ends[1]}."
 
 
-def show(o: Options, f: Mapping[str, Figure], r: Found) -> Show:
+def show(o: Options, f: Mapping[str, Figure], r: RodForceData) -> Show:
     """Force over crank angle and over speed, both maps, and one revolution with the best spring."""
     best, nu = list(r.machines.values())[-1], r.plane.speed
-    title = f"A spring of {1e-3 * best.c:.4g} kN/m unloads the rod at {nu:g} rad/s"
+    title = f"At {nu:g} rad/s the peak of the rod force is smallest with a spring of {1e-3 * best.c:.4g} kN/m"
     pictures: list[Picture] = [over_angle(r), over_speed(r), *maps(o, r)]
-    turn = motion.revolution(r.setup.case(best, nu))
+    turn = motion.revolution(r.runner.task(best, nu))
     return Show(pictures, *turn, title if len(r.machines) > 1 else "")
 
 
-def over_angle(r: Found) -> Chart:
+def over_angle(r: RodForceData) -> Chart:
     """The rod force over the crank angle at the operating speed: formula, theory, co-simulation."""
     nu, deg, panels = r.plane.speed, np.degrees(ANGLES), []
     for name, machine in r.machines.items():
-        (point,) = r.setup.orbits([(machine, nu, 1)], "operating speed")
-        steady, swinging = (1e-3 * course(machine, r.length, nu, kind) for kind in (True, False))
-        seen = 1e-3 * np.array(point.course[::2])
+        (orbit,) = r.runner.orbits([OperatingPoint(machine, nu)], "operating speed")
+        steady, swinging = (1e-3 * waveform(machine, r.length, nu, kind) for kind in (True, False))
+        simulated = 1e-3 * np.array(orbit.waveform[::2])
         curves = [
             Curve("constant speed, formula (17)", deg, steady, colors.THEORY, "theory"),
             Curve("with the speed ripple", deg, swinging, "green"),
-            Curve("co-simulation", deg[:: len(deg) // len(seen)], seen, DRAWN[name][1], "points"),
+            Curve(
+                "co-simulation",
+                deg[:: len(deg) // len(simulated)],
+                simulated,
+                SPRINGS[name][1],
+                "points",
+            ),
         ]
         panels.append(Panel(f"rod force, {1e-3 * machine.c:.4g} kN/m", "kN", curves))
     return Chart(f"Rod force over a revolution at {nu:g} rad/s", "crank angle [deg]", panels)
 
 
-def over_speed(r: Found) -> Chart:
+def over_speed(r: RodForceData) -> Chart:
     """Rod force and torque ripple over the speed with either spring, theory as lines."""
     fine, forces, ripples = np.linspace(r.speeds[0], r.speeds[-1], 121), [], []
     for name, machine in r.machines.items():
-        points, (words, color) = r.sweep(machine), DRAWN[name]
-        theory = [1e-3 * peak(course(machine, r.length, nu)) for nu in fine.tolist()]
-        ripple, line = abs(machine.torque_ripple(fine)), f"theory, {words}"
+        points, (label, color) = r.sweep(machine), SPRINGS[name]
+        theory = [1e-3 * peak(waveform(machine, r.length, nu)) for nu in fine.tolist()]
+        ripple, line = abs(machine.torque_ripple(fine)), f"theory, {label}"
         forces += [
             Curve(line, fine, theory, color, "theory"),
-            Curve(words, r.speeds, [1e-3 * largest(point) for point in points], color, "points"),
+            Curve(
+                label,
+                r.speeds,
+                [1e-3 * largest_force_of(point) for point in points],
+                color,
+                "points",
+            ),
         ]
         ripples += [
             Curve(line, fine, ripple, color, "theory"),
-            Curve(words, r.speeds, [torque_ripple(point) for point in points], color, "points"),
+            Curve(label, r.speeds, [torque_amplitude(point) for point in points], color, "points"),
         ]
     nu, nu_res = r.plane.speed, r.plane.machine.nu_res
     return Chart(
@@ -381,30 +420,30 @@ def over_speed(r: Found) -> Chart:
         [Panel("largest rod force", "kN", forces, includes=(0.0,)),
          Panel("torque ripple", "N.m", ripples, includes=(0.0,))],
         [Mark(nu, f"operating speed {nu:g} rad/s"), Mark(nu_res, f"resonance {nu_res:.4g} rad/s")],
-        second=Second("rpm", 30 / math.pi),
+        second=SecondUnit("rpm", 30 / math.pi),
     )  # fmt: skip
 
 
-def maps(o: Options, r: Found) -> list[Field]:
+def maps(o: Options, r: RodForceData) -> list[Field]:
     """Rod force and torque ripple over speed and spring, with the springs that unload the rod."""
-    x, own, title = r.plane.x.along, r.plane.machine, "The torque ripple"
+    x, present, title = r.plane.x.along, r.plane.machine, "The torque ripple"
     y = Direction("Spring", "kN/m", 1e-3 * r.plane.y.along.values)
     nu = np.linspace(x.values[0], x.values[-1], 121)
-    formula = 1e-3 * own.m * nu**2
+    formula = 1e-3 * present.m * nu**2
     inside = (y.values[0] <= formula) & (formula <= y.values[-1])
     curves = [Curve("formula (17)", nu[inside], formula[inside], "sky", "theory")]
     valley = r.valley()
     if valley:
-        speeds, found = zip(*valley)
-        curves.append(Curve("smallest rod force", speeds, 1e-3 * np.array(found), "sky", "points"))
+        speeds, optima = zip(*valley)
+        curves.append(Curve("smallest rod force", speeds, 1e-3 * np.array(optima), "sky", "points"))
     for name, machine in r.machines.items():
-        words, color = DRAWN[name]
-        curves.append(Curve(words, [r.plane.speed], [1e-3 * machine.c], color, "points"))
-    mark, ripple = [Mark(own.nu_res, f"resonance {own.nu_res:.4g} rad/s")], r.field("tau2")
-    reached = np.nanmin(ripple) < o.most < np.nanmax(ripple)
-    level = [Level(o.most, f"torque ripple of {o.most:g} N.m")] if reached else []
+        label, color = SPRINGS[name]
+        curves.append(Curve(label, [r.plane.speed], [1e-3 * machine.c], color, "points"))
+    mark, ripple = [Mark(present.nu_res, f"resonance {present.nu_res:.4g} rad/s")], r.field("tau2")
+    reached = np.nanmin(ripple) < o.ripple_limit < np.nanmax(ripple)
+    level = [Level(o.ripple_limit, f"torque ripple of {o.ripple_limit:g} N.m")] if reached else []
     if valley:
-        along = [float(abs(replace(own, c=c).torque_ripple(nu))) for nu, c in valley]
+        along = [float(abs(replace(present, c=c).torque_ripple(nu))) for nu, c in valley]
         title = f"With the springs that unload the rod the torque ripple is at most {max(along):.3g} N.m "
         title += f"by theory; on the map it is up to {np.nanmax(ripple):.3g} N.m"
     return [

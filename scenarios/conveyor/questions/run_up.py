@@ -15,10 +15,10 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from cosim import Result
-from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Run, Show, Table, option
-from workbench.charts.model import FORCE, SPEED, THEORY, TORQUE, recorded
+from workbench import Chart, Context, Curve, Figure, Findings, Mark, Panel, Run, Show, Table, option
+from workbench.charts.model import FORCE, SPEED, THEORY, TORQUE, result_panel
 from workbench.live import Live, LiveChart, LivePanel, LiveRun, Number, Reader, Slider
-from workbench.measure import Samples, crossing, largest, measured, passes, since, smallest
+from workbench.measure import Samples, crossing, crossing_times, largest, measured, since, smallest
 from workbench.periodic import TURN
 
 from .. import live_theory
@@ -26,13 +26,13 @@ from ..first_order import SETS, Machine
 from ..machine import PARTS as DRIVE
 from ..machine import conveyor_drive, followed
 from ..motion import live_motion, moving
-from .resonance import OVERDAMPED
+from ..rows import OVERDAMPED
 
 PARTS = DRIVE
-OWN = ("motor.characteristic",)
+FIXED_STARTS = ("motor.characteristic",)
 MOTORS = {"linear": 0, "kloss": 1}
-WORDS = {"linear": "linear motor", "kloss": "induction motor"}
-SHOWN = {"linear": ("linear motor", "purple"), "kloss": ("induction motor (Kloss)", "gold")}
+MOTOR_NAMES = {"linear": "linear motor", "kloss": "induction motor"}
+STYLES = {"linear": ("linear motor", "purple"), "kloss": ("induction motor (Kloss)", "gold")}
 RECORD = (
     "motor.tau", "motor.tau_static", "motor.P", "conveyor.phi", "conveyor.w", "conveyor.x",
     "conveyor.tau_load", "conveyor.f_rod", "conveyor.P_loss",
@@ -56,11 +56,11 @@ class Options(Run):
     speed: float = option(60.0, "mean speed of the linear motor", "rad/s", above=0.0)
 
 
-def solve(o: Options, bench: Bench) -> Findings:
+def solve(o: Options, context: Context) -> Findings:
     """Both motors, one after the other, the linear one set for its mean speed: a run for each."""
-    machine = followed(bench.fmus, SETS[o.set], o.start)
+    machine = followed(context.fmus, SETS[o.set], o.start)
     build_up = 1 / (4 * math.pi * machine.zeta)
-    found = {
+    all_figures = {
         "nu_res": Figure(machine.nu_res, "rad/s", 0.0, "resonance by formula (22)"),
         "zeta": Figure(machine.zeta, "1", 0.0, "damping ratio by formula"),
         "build_up": Figure(build_up, "1", 0.0, "revolutions in which a resonance builds up"),
@@ -69,12 +69,12 @@ def solve(o: Options, bench: Bench) -> Findings:
     for motor, characteristic in MOTORS.items():
         rest = {"motor.tau": 0.0, "conveyor.w": 0.0, "motor.characteristic": characteristic}
         start = machine.start(o.speed) | rest | dict(o.start)
-        systems[motor] = conveyor_drive(bench.fmus, start)
-        tell = partial(figures, machine, WORDS[motor])
-        runs[motor], mine = bench.certify(systems[motor], tell, o, RECORD, f"{motor}.csv")
-        found |= {f"{motor}_{name}": figure for name, figure in mine.items()}
+        systems[motor] = conveyor_drive(context.fmus, start)
+        figures_of = partial(figures, machine, MOTOR_NAMES[motor])
+        runs[motor], mine = context.certify(systems[motor], figures_of, o, RECORD, f"{motor}.csv")
+        all_figures |= {f"{motor}_{name}": figure for name, figure in mine.items()}
     return Findings(
-        found,
+        all_figures,
         runs,
         systems["linear"],
         runs["linear"].provenance,
@@ -89,27 +89,29 @@ def figures(machine: Machine, word: str, r: Result) -> dict[str, Figure]:
     t, w, second = r["time"], r["conveyor.w"], r.units["time"]
     meaning = f"time when the crank has passed the resonance, {word}"
     near = measured(partial(revolutions_near, machine.nu_res), t, w, r["conveyor.phi"])
-    found = {
-        "passing": Figure.refused(second, BELOW, meaning)
+    all_figures = {
+        "passing": Figure.undetermined(second, BELOW, meaning)
         if w[-1] < machine.nu_res
         else crossing(t, w, machine.nu_res, -1).figure(second, meaning),
         "revolutions_near": near.figure("1", f"revolutions within 10 % of the resonance, {word}"),
     }
     for name, (column, what) in LOADS.items():
         x, unit = r[column], r.units[column]
-        found[f"{name}_max"] = largest(t, np.abs(x)).figure(unit, f"largest {what}, {word}")
+        all_figures[f"{name}_max"] = largest(t, np.abs(x)).figure(unit, f"largest {what}, {word}")
         if name != "f_rod":
             end = since(t, x, END * t[-1])
             low, high = smallest(*end), largest(*end)
-            found[f"{name}_end_min"] = low.figure(unit, f"smallest {what} at the end, {word}")
-            found[f"{name}_end_max"] = high.figure(unit, f"largest {what} at the end, {word}")
-    return found
+            all_figures[f"{name}_end_min"] = low.figure(unit, f"smallest {what} at the end, {word}")
+            all_figures[f"{name}_end_max"] = high.figure(unit, f"largest {what} at the end, {word}")
+    return all_figures
 
 
 def revolutions_near(nu: float, t: Samples, w: Samples, phi: Samples) -> float:
     """Revolutions of the crank while its speed is within 10 % of nu."""
     speed = CubicSpline(t, w)
-    ends = np.sort(np.concatenate([t[:1], *(passes(t, w, x * nu) for x in (0.9, 1.1)), t[-1:]]))
+    ends = np.sort(
+        np.concatenate([t[:1], *(crossing_times(t, w, x * nu) for x in (0.9, 1.1)), t[-1:]])
+    )
     middle = np.abs(speed((ends[1:] + ends[:-1]) / 2) / nu - 1.0) < 0.1
     return float(np.diff(CubicSpline(t, phi)(ends))[middle].sum() / (2 * math.pi))
 
@@ -125,11 +127,11 @@ def stalls(r: Result) -> bool:
 
 def verdict(o: Options, f: Mapping[str, Figure], r: Mapping[str, Result]) -> str:
     """Whether each motor passes the resonance, and how large torque and rod force get."""
-    place, lines = f["nu_res"].brief(), []
-    name = f"resonance at {place} by formula (22)"
+    speed_text, lines = f["nu_res"].brief(), []
+    name = f"resonance at {speed_text} by formula (22)"
     if f["zeta"].value > OVERDAMPED:
-        name = f"90 degree lag at {place} by formula (22), which is no resonance with this damping,"
-    for motor, word in WORDS.items():
+        name = f"90 degree lag at {speed_text} by formula (22), which is no resonance with this damping,"
+    for motor, word in MOTOR_NAMES.items():
         passing = f[f"{motor}_passing"]
         if passing.error is not None:
             answer = f"has passed the {name} after {passing.brief()}"
@@ -157,14 +159,16 @@ def show(o: Options, f: Mapping[str, Figure], r: Mapping[str, Result]) -> Show:
 
     def panel(quantity: str, column: str, unit: str = "", *levels: Mark) -> Panel:
         each = [
-            recorded(quantity, result, result["time"], {column: SHOWN[motor]}, unit, levels=levels)
+            result_panel(
+                quantity, result, result["time"], {column: STYLES[motor]}, unit, levels=levels
+            )
             for motor, result in r.items()
         ]
-        return each[0]._replace(curves=[curve for one in each for curve in one.curves])
+        return each[0]._replace(curves=[curve for chart in each for curve in chart.curves])
 
     plane = []
     for motor, result in r.items():
-        (name, color), w = SHOWN[motor], result["conveyor.w"]
+        (name, color), w = STYLES[motor], result["conveyor.w"]
         order, static = np.argsort(w), result["motor.tau_static"]
         curves = [
             Curve("static characteristic", w[order], static[order], THEORY, "theory"),
@@ -179,7 +183,7 @@ def show(o: Options, f: Mapping[str, Figure], r: Mapping[str, Result]) -> Show:
     end = min(float(result["time"][-1]) for result in r.values())
     charts = [
         Chart("Run-up from rest", "time [s]", panels),
-        Chart("Torque over speed: the lag of the motor", "crank speed [rad/s]", plane),
+        Chart("Torque over speed", "crank speed [rad/s]", plane),
     ]
     return Show(charts, [moving("Both conveyors from rest", r, 0.0, end, 15.0)])
 
@@ -194,14 +198,14 @@ def live_part(o: Options, f: Mapping[str, Figure], r: Mapping[str, Result]) -> L
         LivePanel("rod force", {"conveyor.f_rod": FORCE}, "kN"),
     ]
     peaks = [
-        Number(f"{motor}_{name}_max", Reader("max", f"abs({column})", run=SHOWN[motor][0]))
+        Number(f"{motor}_{name}_max", Reader("max", f"abs({column})", run=STYLES[motor][0]))
         for motor in MOTORS
         for name, (column, _) in LOADS.items()
     ]
     ends = [
         Number(
             f"{motor}_w_end_{kind}",
-            Reader(kind, "conveyor.w", f"{END} * stop", run=SHOWN[motor][0]),
+            Reader(kind, "conveyor.w", f"{END} * stop", run=STYLES[motor][0]),
         )
         for motor in MOTORS
         for kind in ("min", "max")
@@ -217,7 +221,7 @@ def live_part(o: Options, f: Mapping[str, Figure], r: Mapping[str, Result]) -> L
         values=live_theory.values({}),
         start={"motor.A": live_theory.START["motor.A"]},
         runs=[
-            LiveRun(*SHOWN[motor], {"motor.characteristic": characteristic})
+            LiveRun(*STYLES[motor], {"motor.characteristic": characteristic})
             for motor, characteristic in MOTORS.items()
         ],
         numbers=[Number("nu_res", "nu_res"), *peaks, *ends],

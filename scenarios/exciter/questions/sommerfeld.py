@@ -17,7 +17,7 @@ import cosim
 import workbench
 from cosim import Result, SetupError, System
 from cosim.system import connect
-from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, Table, option
+from workbench import Chart, Context, Curve, Figure, Findings, Mark, Panel, Show, Table, option
 from workbench.answer import parameters
 from workbench.figure import listed
 from workbench.limit import coupling
@@ -28,11 +28,11 @@ from ..orbits import ROUNDING, STEPS_PER_REV, Averaged, Jump, averaged, constant
 
 PARTS = {"motor": "DCMotor", "exciter": "UnbalanceExciter"}
 WIRES = ("motor.tau -> exciter.tau", "exciter.w -> motor.w")
-OWN = ("motor.v",)
+FIXED_STARTS = ("motor.v",)
 STATES = ("motor.i", "exciter.phi", "exciter.w", "exciter.x", "exciter.v")
 POWERS = ("motor.P", "exciter.P_loss")
 UNITS = {"falling": "1", "supply": "V", "speed": "rad/s", "shake": "m"}
-WAYS = {"up": "supply raised", "down": "supply lowered"}
+DIRECTIONS = {"up": "supply raised", "down": "supply lowered"}
 MEANINGS = {
     "supply": ("V", "voltage at which the speed jumps"),
     "before": ("rad/s", "steady speed before the jump"),
@@ -47,7 +47,7 @@ MAX_HOLDS = 40
 #: Steps in a revolution at the no-load speed, which the motor does not reach.
 LEVEL_STEPS = 16
 #: Share of the resonance by which two speeds at one voltage must differ to count as two.
-APART = 0.02
+MIN_GAP = 0.02
 STARTS = (0.8, 1.05)
 
 
@@ -121,18 +121,18 @@ class Observed(NamedTuple):
         return self.levels[: len(self.levels) // 2 - 1 : -1]
 
 
-def solve(o: Options, bench: Bench) -> Findings:
+def solve(o: Options, context: Context) -> Findings:
     """The levels up and down, and the folds in three step sizes; raises SetupError for one level."""
     if len(o.supplies) < 2:
         raise SetupError(f"supplies = {o.supplies} V must be two levels or more")
-    system = System(bench.fmus, WIRES, {"motor.R": 5.0, "motor.v": o.supplies[0], **o.start})
+    system = System(context.fmus, WIRES, {"motor.R": 5.0, "motor.v": o.supplies[0], **o.start})
     connect(system)
     if constants(system)[1] == 0.0:
         raise SetupError("motor.k = 0 V.s/rad gives no torque; the motor needs a larger one")
     case, theory = Case(system, o.hold, o.step), averaged(system)
-    ((*levels,),) = bench.each(sweep, [(o.supplies, case)], "levels")
+    ((*levels,),) = context.each(sweep, [(o.supplies, case)], "levels")
     seeking = searches(system, theory, o.step)
-    jumps = [*bench.each(jump, [x for way in seeking for x in way], "folds")]
+    jumps = [*context.each(jump, [x for direction in seeking for x in direction], "folds")]
     observed = Observed(case, levels, theory)
     warn(levels, case)
     rows = [(int(k >= len(o.supplies)), *level[:3]) for k, level in enumerate(levels)]
@@ -140,13 +140,13 @@ def solve(o: Options, bench: Bench) -> Findings:
     figures = {
         "nu_res": Figure(theory.resonance, "rad/s", 0.0, "resonance of the mount by formula")
     }
-    for k, (way, word) in enumerate(WAYS.items()):
+    for k, (direction, word) in enumerate(DIRECTIONS.items()):
         count = len(seeking[k]) if theory.folds else 0
         mine = jumps[k * count : (k + 1) * count]
-        figures |= {f"{x}_{way}": figure(mine, x, word, observed) for x in MEANINGS}
+        figures |= {f"{x}_{direction}": figure(mine, x, word, observed) for x in MEANINGS}
         if theory.folds:
             meaning = f"voltage of the jump by averaged theory, {word}"
-            figures[f"theory_{way}"] = Figure(theory.folds[k][1], "V", 0.0, meaning)
+            figures[f"theory_{direction}"] = Figure(theory.folds[k][1], "V", 0.0, meaning)
     steps = f"steps of at most {o.step:g} s, in the folds at least {STEPS_PER_REV} in a revolution"
     data = (observed, table.frame)
     return Findings(figures, data, system, {}, steps, "strang", {"sommerfeld.csv": table})
@@ -162,15 +162,15 @@ def warn(levels: Sequence[Level], case: Case) -> None:
         )
 
 
-def figure(jumps: Sequence[Jump], name: str, way: str, observed: Observed) -> Figure:
+def figure(jumps: Sequence[Jump], name: str, direction: str, observed: Observed) -> Figure:
     """What the searches with falling numbers of steps state of a jump, where they all have one."""
-    unit, meaning = MEANINGS[name][0], f"{MEANINGS[name][1]}, {way}"
+    unit, meaning = MEANINGS[name][0], f"{MEANINGS[name][1]}, {direction}"
     if not jumps:
-        return Figure.refused(unit, no_jump(observed), meaning)
+        return Figure.undetermined(unit, no_jump(observed), meaning)
     values = [float(getattr(x, name)) for x in jumps]
     if not np.isfinite(values).all():
         reason = next(x.reason for x in jumps if x.reason)
-        return Figure.refused(unit, reason, meaning)
+        return Figure.undetermined(unit, reason, meaning)
     error = coupling(values, cosim.CONVERGENCE_ORDERS["strang"]) + ROUNDING * values[0]
     return Figure(values[0], unit, error, meaning)
 
@@ -187,8 +187,8 @@ def no_jump(observed: Observed) -> str:
 def two_speeds(observed: Observed) -> bool:
     """Whether a voltage has another speed when it is raised than when it is lowered."""
     pairs = zip(observed.raised, observed.lowered)
-    away = APART * observed.theory.resonance
-    return any(abs(up.speed - down.speed) > away for up, down in pairs)
+    gap = MIN_GAP * observed.theory.resonance
+    return any(abs(up.speed - down.speed) > gap for up, down in pairs)
 
 
 def sweep(task: tuple[Sequence[float], Case]) -> list[Level]:
@@ -216,7 +216,7 @@ def verdict(o: Options, f: Mapping[str, Figure], r: tuple[Observed, Any]) -> str
             )
         return f"The motor is not caught: {high} its speed does not jump."
     texts = {name: figure.text() for name, figure in f.items()}
-    said = (
+    raising = (
         f"When raised slowly, the supply must reach {texts['supply_up']} to pass the resonance. Below that "
         f"the motor is caught, finally at {texts['before_up']}; then its speed jumps to "
         f"{texts['after_up']}."
@@ -225,7 +225,7 @@ def verdict(o: Options, f: Mapping[str, Figure], r: tuple[Observed, Any]) -> str
         f"When lowered again, it keeps the motor above the resonance down to {texts['supply_down']}, where "
         f"the speed falls from {texts['before_down']} to {texts['after_down']}."
     )
-    return " ".join([*caught(o, f, observed), said, back])
+    return " ".join([*caught(o, f, observed), raising, back])
 
 
 def caught(o: Options, f: Mapping[str, Figure], observed: Observed) -> list[str]:
@@ -268,11 +268,11 @@ def show(o: Options, f: Mapping[str, Figure], r: tuple[Observed, Any]) -> Show:
     inside = (v >= o.supplies[0]) & (v <= o.supplies[-1]) & (w < 1.1 * fastest)
     steady = [Curve("averaged theory", v[inside], w[inside], "grey", "theory")]
     shakes = []
-    for falls, (word, color) in enumerate(zip(WAYS.values(), ("red", "blue"))):
+    for falls, (word, color) in enumerate(zip(DIRECTIONS.values(), ("red", "blue"))):
         x, y, shake = rows[rows["falling"] == falls][["supply", "speed", "shake"]].to_numpy().T
         steady.append(Curve(word, x, y, color, "linked"))
         shakes.append(Curve(word, x, 1e3 * shake, color, "linked"))
-    jumps = {word: f[f"supply_{way}"] for way, word in WAYS.items()}
+    jumps = {word: f[f"supply_{direction}"] for direction, word in DIRECTIONS.items()}
     marks = [
         Mark.of(word, jump)
         for word, jump in jumps.items()
@@ -280,7 +280,9 @@ def show(o: Options, f: Mapping[str, Figure], r: tuple[Observed, Any]) -> Show:
     ]
     level = Mark.of("resonance", f["nu_res"])
     panels = [Panel("steady speed", "rad/s", steady, [level]), Panel("displacement", "mm", shakes)]
-    charts = [Chart("Both branches of the steady motion", "supply [V]", panels, marks)]
+    charts = [
+        Chart("Steady motion while the supply is raised and lowered", "supply [V]", panels, marks)
+    ]
     takes = min(f["supply_up"].value, o.supplies[-1]) if marks else o.supplies[-1]
     runs = {f"{share:.0%}": case.run(share * takes, {}) for share in STARTS}
     title = f"Starts from rest at shares of {takes:.4g} V"

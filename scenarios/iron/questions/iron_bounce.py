@@ -15,17 +15,17 @@ import numpy as np
 import cosim
 import workbench
 from cosim import Result, System
-from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, Table, option
+from workbench import Chart, Context, Curve, Figure, Findings, Mark, Panel, Show, Table, option
 from workbench.answer import parameters
-from workbench.charts.model import FORCE, LIFT, POWER, SPEED, TORQUE, recorded
+from workbench.charts.model import FORCE, LIFT, POWER, SPEED, TORQUE, result_panel
 from workbench.live import REVOLUTION, Live, LiveChart, LivePanel, Number, Reader, Slider
-from workbench.measure import ROUNDING, largest, of_rows
+from workbench.measure import ROUNDING, largest, with_rows
 
 from .. import machine as iron
 from .. import motion
 
 PARTS = {"iron": "IronDrive"}
-OWN = (*iron.IMPOSED, "iron.follower.lifts", "iron.gap", "iron.w_gap")
+FIXED_STARTS = (*iron.IMPOSED, "iron.follower.lifts", "iron.gap", "iron.w_gap")
 TURNS, FINER = 3, 4
 TABLE = "iron_bounce.csv"
 UNITS = {
@@ -61,7 +61,7 @@ class Flight(NamedTuple):
     speed: float
     impulse: float
     loss: float
-    apart: bool
+    are_distinct: bool
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,38 +72,46 @@ class Options(workbench.Options):
     samples: int = option(1440, "rows per turn", least=360)
 
 
-def solve(o: Options, bench: Bench) -> Findings:
+def solve(o: Options, context: Context) -> Findings:
     """A sweep; and one speed, again with twice the rows and bounces that end four times as slow."""
-    system = System(bench.fmus, start=o.start)
+    system = System(context.fmus, start=o.start)
     e, v = (float(parameters(system)[f"iron.follower.{x}"].value) for x in ("e", "v"))
-    flights = bench.each(partial(last, system, o.samples), o.speeds, "speeds", probes=True)
-    table = bench.kept(TABLE, UNITS, (flight[:-1] for flight in flights))
+    flights = context.each(partial(last, system, o.samples), o.speeds, "speeds", probes=True)
+    table = context.record_rows(TABLE, UNITS, (flight[:-1] for flight in flights))
     result = flying(system, o.samples, o.speed)
-    before, own = (flight(result, o.samples, o.speed, turn) for turn in (TURNS - 2, TURNS - 1))
+    before, turn_figures = (
+        flight(result, o.samples, o.speed, turn) for turn in (TURNS - 2, TURNS - 1)
+    )
     finer = replace(system, start={**system.start, "iron.follower.v": v / FINER})
     other = last(finer, 2 * o.samples, o.speed)
-    reason = UNLIKE if own.landings != before.landings else "" if own.apart else HIDDEN
-    found = {x: y for x, y in iron.limits(system).items() if x.startswith("follower")}
+    reason = (
+        UNLIKE
+        if turn_figures.landings != before.landings
+        else ""
+        if turn_figures.are_distinct
+        else HIDDEN
+    )
+    all_figures = {x: y for x, y in iron.limits(system).items() if x.startswith("follower")}
     for name, meaning in MEANINGS.items():
-        x, earlier, fine = (getattr(turn, name) for turn in (own, before, other))
+        x, earlier, fine = (getattr(turn, name) for turn in (turn_figures, before, other))
         error = abs(x - earlier) + 2 * abs(x - fine) + ROUNDING * x
         if name == "landings":  # of which slower ends make more
             error = 0.0
-        told = Figure(x, UNITS[name], error, meaning)
-        found[name] = Figure.refused(told.unit, reason, meaning) if reason else told
-    found["force"] = force(found, e, o.stiffness)
-    found["cycles"] = Figure(o.speed * iron.PER_MINUTE, "1/min", 0.0, "cycles per minute")
-    turn = of_rows(result, result.data[(TURNS - 1) * o.samples :])
+        texts = Figure(x, UNITS[name], error, meaning)
+        all_figures[name] = Figure.undetermined(texts.unit, reason, meaning) if reason else texts
+    all_figures["force"] = force(all_figures, e, o.stiffness)
+    all_figures["cycles"] = Figure(o.speed * iron.PER_MINUTE, "1/min", 0.0, "cycles per minute")
+    turn = with_rows(result, result.data[(TURNS - 1) * o.samples :])
     step, data = f"{o.samples} steps in a turn", (turn, system, table)
-    return Findings(found, data, system, result.provenance, step, tables={TABLE: table})
+    return Findings(all_figures, data, system, result.provenance, step, tables={TABLE: table})
 
 
 def flying(system: System, samples: int, speed: float) -> Result:
     """Turns at constant speed [rad/s], from phi = 0, with a follower that may lift off."""
-    own = iron.imposed(system, speed)
-    own = replace(own, start={**own.start, "iron.follower.lifts": True})
+    turn_figures = iron.imposed(system, speed)
+    turn_figures = replace(turn_figures, start={**turn_figures.start, "iron.follower.lifts": True})
     h = 2 * math.pi / (speed * samples)
-    return cosim.run(own, stop=h * samples * TURNS, step=h)
+    return cosim.run(turn_figures, stop=h * samples * TURNS, step=h)
 
 
 def last(system: System, samples: int, speed: float) -> Flight:
@@ -119,10 +127,10 @@ def flight(r: Result, samples: int, speed: float, turn: int) -> Flight:
     new = np.diff(n)
     hardest, impulse = (float(x[1:][new > 0].max(initial=0.0)) for x in (v, S))
     e = r.provenance["parts"]["iron"]["parameters"]["follower.e"]
-    apart = not (v[1:][new > 1] > e * hardest / 2).any()
-    off, landings, loss = (float(x[-1] - x[0]) for x in (t, n, E))
+    are_distinct = not (v[1:][new > 1] > e * hardest / 2).any()
+    time_off, landings, loss = (float(x[-1] - x[0]) for x in (t, n, E))
     widest = largest(r["time"][rows], gap).value
-    return Flight(speed, off, landings, widest, hardest, impulse, loss, apart)
+    return Flight(speed, time_off, landings, widest, hardest, impulse, loss, are_distinct)
 
 
 def force(f: Mapping[str, Figure], e: float, stiffness: float) -> Figure:
@@ -133,7 +141,7 @@ def force(f: Mapping[str, Figure], e: float, stiffness: float) -> Figure:
         "force of the hardest landing on a contact of that stiffness",
     )
     if v.error is None or S.error is None:
-        return Figure.refused("N", v.reason, meaning)
+        return Figure.undetermined("N", v.reason, meaning)
     peak = math.sqrt(stiffness * v.value * S.value / (1 + e))
     share = (v.error / v.value + S.error / S.value) / 2 if peak else 0.0
     return Figure(peak, "N", peak * share, meaning)
@@ -141,23 +149,23 @@ def force(f: Mapping[str, Figure], e: float, stiffness: float) -> Figure:
 
 def verdict(o: Options, f: Mapping[str, Figure], r: object) -> str:
     """Where it lifts off, and what it does at the speed."""
-    told = {name: figure.text() for name, figure in f.items()}
-    answer = f"The follower leaves the cam at speeds above {told['follower_limit']}"
+    texts = {name: figure.text() for name, figure in f.items()}
+    answer = f"The follower leaves the cam at speeds above {texts['follower_limit']}"
     if "follower_limit_angle" in f:
-        answer += f", first at a cam angle of {told['follower_limit_angle']}"
+        answer += f", first at a cam angle of {texts['follower_limit_angle']}"
     answer += f". At {o.speed:.5g} rad/s ({f['cycles'].text('cycles/min')}) "
     if f["flight"].error is None:
         return f"{answer}{f['flight'].reason}."
     if not f["flight"].value:
         return f"{answer}it stays on the cam."
-    answer += f"it is off the cam for {told['flight']} of each turn and "
+    answer += f"it is off the cam for {texts['flight']} of each turn and "
     if not f["landings"].value:
         return f"{answer}does not land."
-    times = "once" if f["landings"].value == 1.0 else f"{told['landings']} times"
+    times = "once" if f["landings"].value == 1.0 else f"{texts['landings']} times"
     return (
-        f"{answer}lands {times}, at up to {told['speed']} and with an impulse of up to "
-        f"{told['impulse']}. A contact of {o.stiffness:g} N/m then carries {told['force']}. The landings of "
-        f"a turn cost {told['loss']} in all."
+        f"{answer}lands {times} (impact speed up to {texts['speed']}, impulse up to {texts['impulse']}). "
+        f"With a contact stiffness of {o.stiffness:g} N/m the peak force is {texts['force']}. Energy lost per "
+        f"turn: {texts['loss']}."
     )
 
 
@@ -166,7 +174,7 @@ def show(o: Options, f: Mapping[str, Figure], r: tuple[Result, System, Table]) -
     turn, system, table = r
     phi = np.degrees(turn["iron.phi"]) - 360.0 * (TURNS - 1)
     hit = np.append(False, np.diff(turn["iron.landings"]) > 0)
-    at = partial(recorded, result=turn, x=phi)
+    at = partial(result_panel, result=turn, x=phi)
     panels = [
         at("gap of the rocker", curves={"iron.gap": FORCE}, unit="deg"),
         at("force of the cam", curves={"iron.N": TORQUE}, includes=(0.0,)),

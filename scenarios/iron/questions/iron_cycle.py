@@ -13,8 +13,8 @@ import numpy as np
 
 import workbench
 from cosim import Result, System
-from workbench import Bench, Chart, Figure, Findings, Mark, Run, Show, Table, option
-from workbench.charts.model import FORCE, LIFT, SPEED, TORQUE, recorded
+from workbench import Chart, Context, Figure, Findings, Mark, Run, Show, Table, option
+from workbench.charts.model import FORCE, LIFT, SPEED, TORQUE, result_panel
 from workbench.live import Live, LiveChart, LivePanel, Number, Reader, Slider
 from workbench.measure import integral, largest, smallest
 
@@ -22,7 +22,7 @@ from .. import machine as iron
 from .. import motion
 
 PARTS = {"iron": "IronDrive"}
-OWN = iron.IMPOSED
+FIXED_STARTS = iron.IMPOSED
 FORCES = {
     "iron.N": ("cam on follower", TORQUE),
     "iron.T_span": ("chain at the link", SPEED),
@@ -43,20 +43,25 @@ class Options(workbench.Options):
     samples: int = option(1440, "rows per turn", least=180)
 
 
-def solve(o: Options, bench: Bench) -> Findings:
+def solve(o: Options, context: Context) -> Findings:
     """One turn at the speed, and two more for the limits."""
-    system, whole = iron.imposed(System(bench.fmus, start=o.start), o.speed), 2 * math.pi / o.speed
-    run = Run(stop=whole, step=whole / o.samples)
-    result, found = bench.certify(system, figures, run, None, "iron_cycle.csv")
-    found["cycles"] = Figure(o.speed * iron.PER_MINUTE, "1/min", 0.0, "cycles per minute")
-    found |= iron.limits(system)
-    (limit, _), meaning = iron.first(found), "speed as a share of the first limit"
-    found["share"] = Figure.refused("%", "the first limit is 0", meaning)
+    system, period = (
+        iron.imposed(System(context.fmus, start=o.start), o.speed),
+        2 * math.pi / o.speed,
+    )
+    run = Run(stop=period, step=period / o.samples)
+    result, all_figures = context.certify(system, figures, run, None, "iron_cycle.csv")
+    all_figures["cycles"] = Figure(o.speed * iron.PER_MINUTE, "1/min", 0.0, "cycles per minute")
+    all_figures |= iron.limits(system)
+    (limit, _), meaning = iron.first(all_figures), "speed as a share of the first limit"
+    all_figures["share"] = Figure.undetermined("%", "the first limit is 0", meaning)
     if limit.value:
         share = 100 * o.speed / limit.value
-        found["share"] = Figure(share, "%", share * (limit.error or 0.0) / limit.value, meaning)
+        all_figures["share"] = Figure(
+            share, "%", share * (limit.error or 0.0) / limit.value, meaning
+        )
     tables = {"iron_cycle.csv": Table.of(result)}
-    return Findings(found, (result, system), system, result.provenance, tables=tables)
+    return Findings(all_figures, (result, system), system, result.provenance, tables=tables)
 
 
 def figures(r: Result) -> dict[str, Figure]:
@@ -66,7 +71,7 @@ def figures(r: Result) -> dict[str, Figure]:
     low, high, motor = smallest(angle, torque), largest(angle, torque), abs(torque) / i_g
     friction, J = float(r["iron.E_friction"][-1]), r.units["iron.E_friction"]
     lift, stroke = largest(angle, r["iron.lift"]), "stroke of the iron"
-    found = {
+    all_figures = {
         "tau_cam_min": low.figure(unit, "smallest torque at the cam shaft"),
         "tau_cam_min_angle": low.at.figure("deg", "cam angle of the smallest torque"),
         "tau_cam_max": high.figure(unit, "largest torque at the cam shaft"),
@@ -78,22 +83,22 @@ def figures(r: Result) -> dict[str, Figure]:
     }
     for name, (force, _, meaning) in iron.LETS_GO.items():
         least, most = (end(angle, r[force]) for end in (smallest, largest))
-        found[f"{name}_force_min"] = least.figure(r.units[force], f"smallest {meaning}")
-        found[f"{name}_force_max"] = most.figure(r.units[force], f"largest {meaning}")
-    return found
+        all_figures[f"{name}_force_min"] = least.figure(r.units[force], f"smallest {meaning}")
+        all_figures[f"{name}_force_max"] = most.figure(r.units[force], f"largest {meaning}")
+    return all_figures
 
 
 def verdict(o: Options, f: Mapping[str, Figure], r: object) -> str:
     """Whether the speed is safe, and what the drive carries."""
-    told, (limit, event) = {name: figure.text() for name, figure in f.items()}, iron.first(f)
-    answer = f"is NOT possible: {event} at only {limit.text()}"
+    texts, (limit, event) = {name: figure.text() for name, figure in f.items()}, iron.first(f)
+    answer = f"exceeds the limit: {event} at {limit.text()}"
     if o.speed < limit.value:
-        answer = f"is safe: it is {told['share']} of {limit.text()}, where {event}"
+        answer = f"is safe: it is {texts['share']} of {limit.text()}, where {event}"
     return (
         f"{o.speed:.5g} rad/s ({f['cycles'].text('cycles/min')}) {answer}. The cam shaft carries "
-        f"between {told['tau_cam_min']} and {told['tau_cam_max']}, the motor up to "
-        f"{told['tau_motor_max']}, and the chain up to {told['run_force_max']}. The cam presses on its "
-        f"follower with up to {told['follower_force_max']}."
+        f"between {texts['tau_cam_min']} and {texts['tau_cam_max']}, the motor up to "
+        f"{texts['tau_motor_max']}, and the chain up to {texts['run_force_max']}. The cam presses on its "
+        f"follower with up to {texts['follower_force_max']}."
     )
 
 
@@ -101,7 +106,7 @@ def show(o: Options, f: Mapping[str, Figure], r: tuple[Result, System]) -> Show:
     """Forces, torque and motion over the cam angle, its phases as spans; the mechanism in motion."""
     (result, _), (limit, event) = r, iron.first(f)
     phi = np.degrees(result["iron.phi"])
-    panel = partial(recorded, result=result, x=phi)
+    panel = partial(result_panel, result=result, x=phi)
     zero = [Mark(0.0, "0: contact or chain lets go")]
     panels = [
         panel(quantity, curves=curves, unit="mm" if quantity == "lift" else "")

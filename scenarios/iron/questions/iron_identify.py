@@ -18,10 +18,10 @@ import numpy as np
 import cosim
 from cosim import Advice, Identified, SetupError, System
 from cosim.system import Value
-from workbench import Bench, Chart, Curve, Figure, Findings, Panel, Show, fitting, option
+from workbench import Chart, Context, Curve, Figure, Findings, Panel, Show, fitting, option
 from workbench.charts.model import SPEED as BLUE
 from workbench.charts.model import TORQUE as RED
-from workbench.fitting import Recorded, said
+from workbench.fitting import RecordOptions, figure_of
 from workbench.measure import Samples
 
 from .. import machine as iron
@@ -32,11 +32,11 @@ SPEED, TORQUE, SUPPLY = "iron.w", "motor.tau", "motor.A"
 STATES = ("iron.phi", "iron.w_cam", TORQUE)
 LOADS = ("iron.iron.m", "iron.spring.c", "iron.friction.K_up", "iron.friction.K_down")
 FREE = ("motor.B", "motor.T", *LOADS)
-OWN = (SUPPLY, *STATES[1:])
+FIXED_STARTS = (SUPPLY, *STATES[1:])
 EXACT = ("iron.reducer.J", "iron.reducer.i_g", "iron.spring.e_0")
 SAMPLES, FORESEEN = 360, 0.02
 ANGLES, TURN, LOAD = 256, 5e-3, 0.1
-ASKED = {
+DERIVED = {
     "mu": ("1", "guide friction over the pull of the chain"),
     "loss": ("J", "work of the guide friction per turn"),
     "follower_limit": ("rad/s", "cam speed where the follower lifts off"),
@@ -44,7 +44,7 @@ ASKED = {
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options(Recorded):
+class Options(RecordOptions):
     rated_torque: float = option(
         2.0,
         "rated torque of the motor, for the noise of a torque not yet measured",
@@ -53,7 +53,7 @@ class Options(Recorded):
     )
 
 
-class Told(NamedTuple):
+class IdentifiedIron(NamedTuple):
     """A fit, its drive with the values found, and what each further record would leave of mu."""
 
     fit: Identified
@@ -61,7 +61,7 @@ class Told(NamedTuple):
     advice: Sequence[Advice]
 
 
-def solve(o: Options, bench: Bench) -> Findings:
+def solve(o: Options, context: Context) -> Findings:
     """Fit, and ask the drive that fits."""
     record = o.columns(SPEED)
     if not o.priors.keys() & {*LOADS}:
@@ -69,18 +69,18 @@ def solve(o: Options, bench: Bench) -> Findings:
             f"{o.data}: the record shows only (1 + K) m and (1 + K) c; give what is known, as in "
             "--known iron.iron.m=4+-1%"
         )
-    system = guess(o, bench.fmus, record[SPEED])
+    system = guess(o, context.fmus, record[SPEED])
     free = [SUPPLY, *FREE, *STATES]
     fit = o.identify(system, record, free, first=("iron.phi", SUPPLY))
     machine = drive(fit, fit.model.values(fit.local.p))
-    told = Told(fit, machine, () if fit.misfit else advice(o, fit))
+    iron_data = IdentifiedIron(fit, machine, () if fit.misfit else advice(o, fit))
     return Findings(
-        figures(told),
-        told,
+        figures(iron_data),
+        iron_data,
         fit.model.system,
         fit.result.provenance,
-        tables=fitting.tables(fit, told.advice, "iron_identify", "1"),
-        facts=fitting.facts(fit, told.advice, EXACT),
+        tables=fitting.tables(fit, iron_data.advice, "iron_identify", "1"),
+        facts=fitting.facts(fit, iron_data.advice, EXACT),
     )
 
 
@@ -88,21 +88,21 @@ def guess(o: Options, fmus: Mapping[str, Path], speed: cosim.Table) -> System:
     """The drive near the motion of a record: fed for its mean speed, and as far in its turn as makes
     the last turn of the record most like one of the drive.
     """
-    own: dict[str, Any] = {"iron.on_invalid": 1, **iron.MOTOR, **o.start}
-    gear = float(own.get("iron.reducer.i_g", 36.0))
+    fixed: dict[str, Any] = {"iron.on_invalid": 1, **iron.MOTOR, **o.start}
+    gear = float(fixed.get("iron.reducer.i_g", 36.0))
     w, turned = o.turned(speed, "cam", gear)
     nu = float(np.median(w)) / gear
-    own |= {SUPPLY: float(own["motor.B"]) * gear * nu + LOAD, "iron.w_cam": nu, TORQUE: LOAD}
-    system = System(fmus, iron.WIRES, own)
+    fixed |= {SUPPLY: float(fixed["motor.B"]) * gear * nu + LOAD, "iron.w_cam": nu, TORQUE: LOAD}
+    system = System(fmus, iron.WIRES, fixed)
     run = cosim.run(system, stop=4 * math.pi / nu, step=TURN / nu)
     angles = np.linspace(0.0, 2 * math.pi, ANGLES, endpoint=False)
     theirs = np.interp(angles + run["iron.phi"][-1] - 2 * math.pi, run["iron.phi"], run[SPEED])
     ours = np.interp(angles + turned[-1] - 2 * math.pi, turned, w)
-    alike = np.fft.irfft(np.fft.rfft(theirs) * np.fft.rfft(ours).conj())
-    ahead = run["iron.phi"][-1] + angles[int(np.argmax(alike))] - turned[-1]
+    correlation = np.fft.irfft(np.fft.rfft(theirs) * np.fft.rfft(ours).conj())
+    ahead = run["iron.phi"][-1] + angles[int(np.argmax(correlation))] - turned[-1]
     phi = (ahead + math.pi) % (2 * math.pi) - math.pi
     first = max(0.0, float(np.median(w[:5]))) / gear
-    return replace(system, start={**own, "iron.phi": phi, "iron.w_cam": first})
+    return replace(system, start={**fixed, "iron.phi": phi, "iron.w_cam": first})
 
 
 def drive(fit: Identified, values: Mapping[str, float]) -> System:
@@ -115,7 +115,7 @@ def drive(fit: Identified, values: Mapping[str, float]) -> System:
 
 
 def follows(fit: Identified) -> dict[str, Callable[[Mapping[str, float]], float]]:
-    """What follows from the values found, by the names of ASKED."""
+    """What follows from the values found, by the names of DERIVED."""
 
     @cache
     def turned(system: tuple[tuple[str, Value], ...]) -> tuple[float, float]:
@@ -123,38 +123,42 @@ def follows(fit: Identified) -> dict[str, Callable[[Mapping[str, float]], float]
         loss = iron.turn(machine, 1.0, SAMPLES)["iron.E_friction"][-1]
         return float(loss), iron.limits(machine)["follower_limit"].value
 
-    def asked(which: int, v: Mapping[str, float]) -> float:
+    def derived(which: int, v: Mapping[str, float]) -> float:
         return turned(tuple(drive(fit, v).start.items()))[which]
 
     def mu(v: Mapping[str, float]) -> float:
         up, down = 1 + v["iron.friction.K_up"], 1 + v["iron.friction.K_down"]
         return (up - down) / (up + down)
 
-    return {"mu": mu, "loss": partial(asked, 0), "follower_limit": partial(asked, 1)}
+    return {"mu": mu, "loss": partial(derived, 0), "follower_limit": partial(derived, 1)}
 
 
-def figures(told: Told) -> dict[str, Figure]:
+def figures(iron_data: IdentifiedIron) -> dict[str, Figure]:
     """Friction, what it takes, the speed where the follower lifts off, how far the record is from it,
     and all values that were free.
     """
-    fit, away = told.fit, ("%", "cam speed where the follower lifts off, above that of the record")
+    fit, margin = (
+        iron_data.fit,
+        ("%", "cam speed where the follower lifts off, above that of the record"),
+    )
     if fit.misfit:
         why = "no drive of this kind fits the record"
-        each = {**ASKED, "away": away}
-        return {name: Figure.refused(unit, why, text) for name, (unit, text) in each.items()}
-    tell = follows(fit)
-    found = {
-        name: said(fit.interval(tell[name], unit), text) for name, (unit, text) in ASKED.items()
+        each = {**DERIVED, "away": margin}
+        return {name: Figure.undetermined(unit, why, text) for name, (unit, text) in each.items()}
+    quantities = follows(fit)
+    all_figures = {
+        name: figure_of(fit.interval(quantities[name], unit), text)
+        for name, (unit, text) in DERIVED.items()
     }
-    own = iron.limits(told.machine)["follower_limit"].error or 0.0
-    limit = found["follower_limit"]
-    found["follower_limit"] = limit._replace(error=(limit.error or 0.0) + own)
+    fixed = iron.limits(iron_data.machine)["follower_limit"].error or 0.0
+    limit = all_figures["follower_limit"]
+    all_figures["follower_limit"] = limit._replace(error=(limit.error or 0.0) + fixed)
     mean = pace(fit)
-    limit = found["follower_limit"]
-    found["away"] = Figure(
-        100 * (limit.value / mean - 1), away[0], 100 * (limit.error or 0.0) / mean, away[1]
+    limit = all_figures["follower_limit"]
+    all_figures["away"] = Figure(
+        100 * (limit.value / mean - 1), margin[0], 100 * (limit.error or 0.0) / mean, margin[1]
     )
-    return found | fitting.values(fit)
+    return all_figures | fitting.fitted_figures(fit)
 
 
 def pace(fit: Identified) -> float:
@@ -177,11 +181,11 @@ def advice(o: Options, fit: Identified) -> list[Advice]:
         "a step of the supply to 120 %": {**last, SUPPLY: 1.2 * values[SUPPLY]},
         "a step of the supply to half": {**last, SUPPLY: 0.5 * values[SUPPLY]},
     }
-    experiments = fitting.planned(kinds, SUPPLY, stop, noise, torque)
+    experiments = fitting.planned_experiments(kinds, SUPPLY, stop, noise, torque)
     return cosim.advise(fit, experiments, follows(fit)["mu"])
 
 
-def verdict(o: Options, f: Mapping[str, Figure], r: Told) -> str:
+def verdict(o: Options, f: Mapping[str, Figure], r: IdentifiedIron) -> str:
     """The answer in plain words."""
     if r.fit.misfit:
         return "\n".join(["No drive of this kind fits this record:", *r.fit.misfit])
@@ -196,14 +200,14 @@ def verdict(o: Options, f: Mapping[str, Figure], r: Told) -> str:
     ]
     lines += [f"The record cannot tell {' and '.join(g)} apart." for g in r.fit.alike]
     now = f["mu"].error or math.inf
-    return "\n".join([*lines, fitting.next_one(r.advice, now, "the friction", "")])
+    return "\n".join([*lines, fitting.next_record(r.advice, now, "the friction", "")])
 
 
-def show(o: Options, f: Mapping[str, Figure], r: Told) -> Show:
+def show(o: Options, f: Mapping[str, Figure], r: IdentifiedIron) -> Show:
     """The torque over the cam angle with its band; each column measured and fitted; the mechanism."""
-    drawn = {SPEED: ("speed of the motor", BLUE), "iron.w_cam": ("speed of the cam", BLUE),
+    styles = {SPEED: ("speed of the motor", BLUE), "iron.w_cam": ("speed of the cam", BLUE),
              TORQUE: ("torque of the motor", RED)}  # fmt: skip
-    charts = fitting.charts(r.fit, drawn)
+    charts = fitting.charts(r.fit, styles)
     if not r.fit.misfit:
         charts.insert(0, band(r))
     result = r.fit.result
@@ -211,7 +215,7 @@ def show(o: Options, f: Mapping[str, Figure], r: Told) -> Show:
     return Show(charts, [motion.motion("A turn of the fitted drive", result, r.machine, last, 4.0)])
 
 
-def band(r: Told) -> Chart:
+def band(r: IdentifiedIron) -> Chart:
     """The torque that turns the cam slowly, with the band of its interval."""
 
     @cache

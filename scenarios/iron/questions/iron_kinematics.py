@@ -17,7 +17,7 @@ from scipy.interpolate import CubicSpline
 import cosim
 import workbench
 from cosim import Result, SetupError, System
-from workbench import Bench, Chart, Curve, Figure, Findings, Panel, Show, Table, option
+from workbench import Chart, Context, Curve, Figure, Findings, Panel, Show, Table, option
 from workbench.answer import parameters
 from workbench.charts.model import FORCE, LIFT, POWER, SPEED, TORQUE
 from workbench.measure import Samples, largest
@@ -26,7 +26,7 @@ from .. import machine as iron
 from .. import motion
 
 PARTS = {"iron": "IronDrive"}
-OWN = iron.IMPOSED
+FIXED_STARTS = iron.IMPOSED
 FUNCTIONS = {
     "alpha_1": ("alpha'", SPEED), "alpha_2": ("alpha''", TORQUE), "beta_1": ("beta'", SPEED),
     "beta_2": ("beta''", TORQUE), "H_1": ("H'", SPEED), "H_2": ("H''", TORQUE),
@@ -62,38 +62,38 @@ class Options(workbench.Options):
     samples: int = option(720, "rows per turn", least=72)
 
 
-def solve(o: Options, bench: Bench) -> Findings:
+def solve(o: Options, context: Context) -> Findings:
     """A turn, and four more for each dimension: by 0.2 % and by 0.4 % longer and shorter."""
-    system = System(bench.fmus, start=o.start)
+    system = System(context.fmus, start=o.start)
     values = {x: float(parameters(system)[f"iron.{x}"].value) for x in DIMENSIONS}
     result, run = turn(system, o.samples), partial(varied, system, o.samples)
     cases = [(x, k * CHANGE * values[x]) for x in DIMENSIONS for k in (1, -1, 2, -2)]
-    turns = bench.each(run, cases, "dimensions", probes=True)
-    phi, whole = np.linspace(0.0, 360.0, o.samples + 1), functions(system, result)
-    tops = [largest(phi, abs(y)) for y in whole]
+    turns = context.each(run, cases, "dimensions", probes=True)
+    phi, function_values = np.linspace(0.0, 360.0, o.samples + 1), functions(system, result)
+    tops = [largest(phi, abs(y)) for y in function_values]
     if not all(top.value for top in tops):
         raise SetupError("iron.cam.h = 0 m: a cam without a rise moves nothing")
     shares = []
     for dimension in DIMENSIONS:
         near, far = (abs(next(turns) - next(turns)) / (2 * k * CHANGE) for k in (1, 2))
         for name, top, fine, coarse in zip(FUNCTIONS, tops, near, far):
-            share, rough = (largest(phi, y) for y in (fine, coarse))
-            error = abs(share.value - rough.value) + share.error
+            share, coarse_share = (largest(phi, y) for y in (fine, coarse))
+            error = abs(share.value - coarse_share.value) + share.error
             shares.append(Share(dimension, name, share.value / top.value, error / top.value))
-    units, found = {name: result.units[f"iron.{name}"] for name in FUNCTIONS}, {}
+    units, all_figures = {name: result.units[f"iron.{name}"] for name in FUNCTIONS}, {}
     for name, top in zip(FUNCTIONS, tops):
         key, what = name.lower(), f"largest absolute value of {FUNCTIONS[name][0]}"
-        found[f"{key}_max"] = top.figure(units[name], what)
-        found[f"{key}_angle"] = top.at.figure("deg", f"cam angle of the {what}")
-        found[f"{key}_change"] = change(shares, name, 0)
-    found["h_1_next"] = change(shares, "H_1", 1)
-    rows = Table.of_rows(np.column_stack([phi, *whole]).tolist(), {"phi": "deg"} | units)
+        all_figures[f"{key}_max"] = top.figure(units[name], what)
+        all_figures[f"{key}_angle"] = top.at.figure("deg", f"cam angle of the {what}")
+        all_figures[f"{key}_change"] = change(shares, name, 0)
+    all_figures["h_1_next"] = change(shares, "H_1", 1)
+    rows = Table.of_rows(np.column_stack([phi, *function_values]).tolist(), {"phi": "deg"} | units)
     tables = {
         "iron_kinematics.csv": rows,
         "iron_kinematics_shares.csv": Table.of_rows(shares, UNITS),
     }
-    step, data = f"{o.samples} steps in a turn", (result, system, phi, whole, shares)
-    return Findings(found, data, system, result.provenance, step, tables=tables)
+    step, data = f"{o.samples} steps in a turn", (result, system, phi, function_values, shares)
+    return Findings(all_figures, data, system, result.provenance, step, tables=tables)
 
 
 def turn(system: System, samples: int) -> Result:
@@ -124,36 +124,36 @@ def ranked(shares: Sequence[Share], name: str) -> list[Share]:
     return sorted((x for x in shares if x.function == name), key=lambda x: -x.change)
 
 
-def change(shares: Sequence[Share], name: str, place: int) -> Figure:
+def change(shares: Sequence[Share], name: str, rank: int) -> Figure:
     """The change of a function by the dimension at this place of the ranking."""
-    own, text = ranked(shares, name), FUNCTIONS[name][0]
-    meaning = f"largest change of {text} for 1 % of {own[place].dimension}"
-    return Figure(own[place].change, "%", own[place].error, meaning)
+    of_function, text = ranked(shares, name), FUNCTIONS[name][0]
+    meaning = f"largest change of {text} for 1 % of {of_function[rank].dimension}"
+    return Figure(of_function[rank].change, "%", of_function[rank].error, meaning)
 
 
 def verdict(o: Options, f: Mapping[str, Figure], r: Data) -> str:
     """How the iron follows the cam, and which dimension to make with care."""
-    told = {name: figure.text() for name, figure in f.items()}
+    texts = {name: figure.text() for name, figure in f.items()}
     first, second = ranked(r[4], "H_1")[:2]
     return (
-        f"A radian of the cam moves the iron by up to {told['h_1_max']}, at a cam angle of "
-        f"{told['h_1_angle']}, and turns the rocker by up to {told['alpha_1_max']} rad. The motion of the "
+        f"A radian of the cam moves the iron by up to {texts['h_1_max']}, at a cam angle of "
+        f"{texts['h_1_angle']}, and turns the rocker by up to {texts['alpha_1_max']} rad. The motion of the "
         f"iron depends most on {first.dimension}: 1 % of it changes the motion by up to "
-        f"{told['h_1_change']} of its largest value. Next is {second.dimension}, with {told['h_1_next']}."
+        f"{texts['h_1_change']} of its largest value. Next is {second.dimension}, with {texts['h_1_next']}."
     )
 
 
 def show(o: Options, f: Mapping[str, Figure], r: Data) -> Show:
     """The functions over the cam angle, the shares of the dimensions, the mechanism in motion."""
-    result, system, phi, whole, shares = r
-    rows, panels, bars = dict(zip(FUNCTIONS, whole)), [], []
+    result, system, phi, function_values, shares = r
+    rows, panels, bars = dict(zip(FUNCTIONS, function_values)), [], []
     for group, names in GROUPS.items():
         lines, columns = [], []
         for name in names:
             text, color = FUNCTIONS[name]
-            own = [x for x in shares if x.function == name]
-            where = [DIMENSIONS[x.dimension] for x in own]
-            changes, errors = [x.change for x in own], [x.error for x in own]
+            of_function = [x for x in shares if x.function == name]
+            where = [DIMENSIONS[x.dimension] for x in of_function]
+            changes, errors = [x.change for x in of_function], [x.error for x in of_function]
             lines.append(Curve(text, phi, rows[name], color))
             columns.append(Curve(text, where, changes, color, "bars", errors))
         panels.append(Panel(group, result.units[f"iron.{names[0]}"], lines))

@@ -18,21 +18,21 @@ import numpy as np
 import cosim
 import workbench
 from cosim import System, largest
-from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, Table, option
+from workbench import Chart, Context, Curve, Figure, Findings, Mark, Panel, Show, Table, option
 from workbench.answer import parameters
 from workbench.charts.model import SERIES
 from workbench.figure import listed, refusals
 from workbench.limit import coupling
 from workbench.measure import Measured, Samples, harmonics, measured
-from workbench.periodic import NotSteady, Turns, steady
-from workbench.run import hearing
+from workbench.periodic import NoOrbitError, Revolutions, periodic_orbit
+from workbench.run import captured_warnings
 
 from .. import machine as iron
 from .. import motion
 
 Frame = Any
 PARTS = iron.PARTS
-OWN = ("motor.A", "motor.T", "motor.tau", "iron.w_cam", "iron.phi")
+FIXED_STARTS = ("motor.A", "motor.T", "motor.tau", "iron.w_cam", "iron.phi")
 ORDERS, HIGHEST = 12, 60
 LAGS = (12, 80, 200)
 PER_REV = 1440
@@ -78,58 +78,58 @@ class Machine(NamedTuple):
 
     def excitation(self, nu: float, order: int) -> Measured:
         """What such a turn has of an order [N.m]."""
-        whole, *halves = (
+        full_inertia, *halves = (
             float(abs(harmonics(self.phi[rows], self.torque(nu)[rows], ORDERS)[order - 1]))
             for rows in (np.s_[:], np.s_[::2], np.s_[1::2])
         )
-        return Measured(whole, max(abs(whole - half) for half in halves))
+        return Measured(full_inertia, max(abs(full_inertia - half) for half in halves))
 
     def system(self, T: float, nu: float) -> System:
         """With the lag T [s] of a motor that is set for the mean speed nu [rad/s], turning from phi = 0."""
         mean = self.work / (2 * math.pi * self.i_g)
-        own = dict(zip(OWN, (self.slope * self.i_g * nu + mean, T, mean, nu, 0.0)))
-        return replace(self.drive, start={**self.drive.start, **own})
+        fixed = dict(zip(FIXED_STARTS, (self.slope * self.i_g * nu + mean, T, mean, nu, 0.0)))
+        return replace(self.drive, start={**self.drive.start, **fixed})
 
 
-def solve(o: Options, bench: Bench) -> Findings:
+def solve(o: Options, context: Context) -> Findings:
     """Sweep three motors; where the lag adds most, again with coarser steps."""
     start = iron.MOTOR | {"iron.on_invalid": 1} | dict(o.start)
-    machine = measure(System(bench.fmus, iron.WIRES, start))
+    machine = measure(System(context.fmus, iron.WIRES, start))
     run = partial(simulate, machine)
     cases = [(lag / 1e3, nu, PER_REV) for lag in LAGS for nu in o.speeds]
-    swept = chain.from_iterable(bench.each(run, cases, "sweep"))
-    orders = bench.kept("iron_orders.csv", UNITS, swept)
+    swept = chain.from_iterable(context.each(run, cases, "sweep"))
+    orders = context.record_rows("iron_orders.csv", UNITS, swept)
     worst = orders.frame.dropna().query("added > 0").sort_values("added").groupby("T").tail(1)
     again = [(x["T"], x["nu"], PER_REV // n) for n in (2, 4) for _, x in worst.iterrows()]
-    coarser = chain.from_iterable(bench.each(run, again, "coupling errors"))
+    repeated = chain.from_iterable(context.each(run, again, "coupling errors"))
     which = set(zip(worst["T"], worst["order"]))
-    runs = [*worst.itertuples(index=False), *(x for x in coarser if (x[0], x[2]) in which)]
-    found = figures(machine, orders.frame, Table.of_rows(runs, UNITS).frame)
-    w_n = {lag / 1e3: found[f"w_n_{lag}ms"].value for lag in LAGS}
-    meets = [(T, k, w / k) for T, w in w_n.items() for k in range(1, ORDERS + 1)]
+    runs = [*worst.itertuples(index=False), *(x for x in repeated if (x[0], x[2]) in which)]
+    all_figures = figures(machine, orders.frame, Table.of_rows(runs, UNITS).frame)
+    w_n = {lag / 1e3: all_figures[f"w_n_{lag}ms"].value for lag in LAGS}
+    crossings = [(T, k, w / k) for T, w in w_n.items() for k in range(1, ORDERS + 1)]
     units = {x: UNITS[x] for x in ("T", "order", "nu")}
-    tables = {"iron_orders.csv": orders, "iron_orders_meets.csv": Table.of_rows(meets, units)}
+    tables = {"iron_orders.csv": orders, "iron_orders_meets.csv": Table.of_rows(crossings, units)}
     system, steps = machine.system(*cases[0][:2]), f"{PER_REV} steps per revolution"
-    return Findings(found, (machine, orders.frame), system, {}, steps, ALGORITHM, tables)
+    return Findings(all_figures, (machine, orders.frame), system, {}, steps, ALGORITHM, tables)
 
 
 def measure(drive: System) -> Machine:
     """The mechanism from turns at constant speed, whose last rows are the first again: two tell the
     torque; the inertia, beside that of the rotor, is known to more digits with a light one.
     """
-    told, names = parameters(drive), ("motor.B", "iron.reducer.i_g", "iron.reducer.J")
-    slope, i_g, rotor = (float(told[x].value) for x in names)
-    one, two = (iron.turn(drive, w, PER_REV) for w in (1.0, 2.0))
-    moving = (two["iron.tau_cam"] - one["iron.tau_cam"])[:-1] / 3
-    still = one["iron.tau_cam"][:-1] - moving
-    light, work = iron.turn(drive, 1.0, PER_REV, LIGHT), float(one["iron.E_friction"][-1])
-    whole = (2 * light["iron.E_kin"] / light["iron.w_cam"] ** 2)[:-1]
-    theta = whole - (LIGHT - rotor) * i_g**2
+    of_lag, names = parameters(drive), ("motor.B", "iron.reducer.i_g", "iron.reducer.J")
+    slope, i_g, rotor = (float(of_lag[x].value) for x in names)
+    slow, two = (iron.turn(drive, w, PER_REV) for w in (1.0, 2.0))
+    moving = (two["iron.tau_cam"] - slow["iron.tau_cam"])[:-1] / 3
+    still = slow["iron.tau_cam"][:-1] - moving
+    light, work = iron.turn(drive, 1.0, PER_REV, LIGHT), float(slow["iron.E_friction"][-1])
+    full_inertia = (2 * light["iron.E_kin"] / light["iron.w_cam"] ** 2)[:-1]
+    theta = full_inertia - (LIGHT - rotor) * i_g**2
     fewer = [theta[first::n].mean() for n in (2, 3) for first in range(n)]
-    off = max(abs(float(theta.mean() - mean)) for mean in fewer)
-    off += 4 * math.ulp(LIGHT * i_g**2)
-    mean = Measured(float(theta.mean()), off)
-    return Machine(drive, slope, i_g, mean, work, one["iron.phi"][:-1], still, moving)
+    spread = max(abs(float(theta.mean() - mean)) for mean in fewer)
+    spread += 4 * math.ulp(LIGHT * i_g**2)
+    mean = Measured(float(theta.mean()), spread)
+    return Machine(drive, slope, i_g, mean, work, slow["iron.phi"][:-1], still, moving)
 
 
 def simulate(machine: Machine, case: tuple[float, float, int]) -> list[Sequence[float]]:
@@ -150,12 +150,12 @@ def simulate(machine: Machine, case: tuple[float, float, int]) -> list[Sequence[
     torque = speed = before = np.full(ORDERS, complex(math.nan, math.nan))
     left = 0.0
     try:
-        with hearing() as warnings:
-            turns = steady(at, states, "iron.phi", nu, per_rev, FORCES, ALGORITHM)
+        with captured_warnings() as warnings:
+            turns = periodic_orbit(at, states, "iron.phi", nu, per_rev, FORCES, ALGORITHM)
         warn(turns, T, nu, warnings())
         torque, before = (machine.i_g * amplitudes("motor.tau", back) for back in (0, 1))
-        speed, left = amplitudes("iron.w_cam"), turns.remains(1.0)
-    except NotSteady as problem:
+        speed, left = amplitudes("iron.w_cam"), turns.settling_error(1.0)
+    except NoOrbitError as problem:
         where = f"{nu:g} rad/s with a lag of {1e3 * T:g} ms"
         logging.getLogger("cosim").warning(f"no steady motion at {where}: {problem}")
     tau = harmonics(machine.phi, excitation, ORDERS)
@@ -167,7 +167,7 @@ def simulate(machine: Machine, case: tuple[float, float, int]) -> list[Sequence[
     return [(T, nu, k, *row) for k, row in enumerate(np.transpose(columns).tolist(), 1)]
 
 
-def warn(turns: Turns, T: float, nu: float, warnings: Sequence[str]) -> None:
+def warn(turns: Revolutions, T: float, nu: float, warnings: Sequence[str]) -> None:
     """Name what lets go in the steady motion of a lag [s] at a mean speed [rad/s], once; other warnings
     of the runs are passed on.
     """
@@ -197,8 +197,8 @@ def figures(machine: Machine, orders: Frame, runs: Frame) -> dict[str, Figure]:
         machine.i_g**2 * machine.slope,
         cosim.CONVERGENCE_ORDERS[ALGORITHM],
     )
-    limits, off = iron.limits(machine.drive), theta.error / (2 * theta.value)
-    found = {
+    limits, spread = iron.limits(machine.drive), theta.error / (2 * theta.value)
+    all_figures = {
         "theta": theta.figure("kg.m2", "mean inertia at the cam shaft"),
         "slope": Figure(B, "N.m.s/rad", 0.0, "slope of the motor line there"),
         **{name: x for name, x in limits.items() if name.startswith("follower")},
@@ -206,28 +206,29 @@ def figures(machine: Machine, orders: Frame, runs: Frame) -> dict[str, Figure]:
     share = "most that the lag adds to an order, over the largest torque"
     for lag in LAGS:
         T, mine = lag / 1e3, runs[runs["T"] == lag / 1e3]
-        known = orders[orders["T"] == T]["added"].notna().any()
-        why = "the lag adds to no order" if known else "there is no steady motion"
+        torque_figures = orders[orders["T"] == T]["added"].notna().any()
+        why = "the lag adds to no order" if torque_figures else "there is no steady motion"
         w_n, zeta = math.sqrt(B / (theta.value * T)), math.sqrt(theta.value / (B * T)) / 2
-        told = {
-            "w_n": Figure(w_n, "rad/s", w_n * off, "frequency of a lag of 90 deg, by formula"),
-            "zeta": Figure(zeta, "1", zeta * off, "damping ratio of the ripple"),
-            "added": Figure.refused("%", f"{why} at any speed of the sweep", share),
+        of_lag = {
+            "w_n": Figure(w_n, "rad/s", w_n * spread, "frequency of a lag of 90 deg, by formula"),
+            "zeta": Figure(zeta, "1", zeta * spread, "damping ratio of the ripple"),
+            "added": Figure.undetermined("%", f"{why} at any speed of the sweep", share),
         }
         for at in mine.head(1).itertuples():
             left, most = 2 * at.settling, machine.most(at.nu)
-            apart = machine.excitation(at.nu, at.order).error
+            row_error = machine.excitation(at.nu, at.order).error
             added = coupling(mine["added"].to_list(), order)
-            added += (100 * (left + apart) + at.added * most.error) / most.value
+            added += (100 * (left + row_error) + at.added * most.error) / most.value
             gain = (
-                coupling(mine["gain"].to_list(), order) + (left + at.gain * apart) / at.excitation
+                coupling(mine["gain"].to_list(), order)
+                + (left + at.gain * row_error) / at.excitation
             )
-            told["added"] = Figure(at.added, "%", added, share)
-            told["gain"] = Figure(at.gain, "1", gain, f"gain of order {at.order} there")
-            told["worst_speed"] = Figure(at.nu, "rad/s", 0.0, "speed of the sweep there")
-        for name, x in told.items():
-            found[f"{name}_{lag}ms"] = x._replace(meaning=f"{x.meaning}, lag {lag} ms")
-    return found
+            of_lag["added"] = Figure(at.added, "%", added, share)
+            of_lag["gain"] = Figure(at.gain, "1", gain, f"gain of order {at.order} there")
+            of_lag["worst_speed"] = Figure(at.nu, "rad/s", 0.0, "speed of the sweep there")
+        for name, x in of_lag.items():
+            all_figures[f"{name}_{lag}ms"] = x._replace(meaning=f"{x.meaning}, lag {lag} ms")
+    return all_figures
 
 
 def verdict(o: Options, f: Mapping[str, Figure], r: object) -> str:
@@ -238,16 +239,22 @@ def verdict(o: Options, f: Mapping[str, Figure], r: object) -> str:
         for lag, share in adds.items()
         if share.error is not None
     ]
-    matter = " and ".join(lag for lag, share in adds.items() if share.value > IMPORTANT)
-    which = "No resonance is of practical importance: no lag adds"
-    if matter:
-        which = f"A resonance is of practical importance with a lag of {matter}: such a lag adds"
-    answer = [
-        f"{which} more than {IMPORTANT:g} % of the largest torque to an order.",
-        f"The lag adds at most {listed(most)}.",
-    ]
     lift = f"The follower lifts off at {f['follower_limit'].text()}."
-    return " ".join([*(answer if most else []), *refusals(adds), lift])
+    highest = [f"The lag adds at most {listed(most)}."] if most else []
+    return " ".join([*importance(adds), *highest, *refusals(adds), lift])
+
+
+def importance(adds: Mapping[str, Figure]) -> list[str]:
+    """Say for which lags an order rises by more than IMPORTANT, where that holds within the error."""
+    stated = {lag: share for lag, share in adds.items() if share.error is not None}
+    matter = [lag for lag, x in stated.items() if x.value - (x.error or 0.0) > IMPORTANT]
+    below = [lag for lag, x in stated.items() if x.value + (x.error or 0.0) <= IMPORTANT]
+    rise = f"rises by more than {IMPORTANT:g} % of the largest torque"
+    if matter:
+        return [f"With a motor lag of {listed(matter)} a torque order {rise}."]
+    if below and len(below) == len(stated):
+        return [f"With a motor lag of {listed(below)} no torque order {rise}."]
+    return []
 
 
 def show(o: Options, f: Mapping[str, Figure], r: tuple[Machine, Frame]) -> Show:
@@ -273,8 +280,8 @@ def gain(f: Mapping[str, Figure], orders: Frame) -> Chart:
         if w[0] <= w_n <= w[-1]:
             marks.append(Mark(w_n, f"{name}: w_n {w_n:.1f} rad/s"))
     title = f"Gain of the orders whose excitation is above {SMALL:.0%} of the largest"
-    one = [Mark(1.0, "1: torque = excitation")]
-    panel = Panel("gain", "1", curves, one, includes=(0.0,))
+    slow = [Mark(1.0, "1: torque = excitation")]
+    panel = Panel("gain", "1", curves, slow, includes=(0.0,))
     return Chart(title, "frequency of the order [rad/s]", [panel], marks)
 
 
@@ -286,8 +293,9 @@ def torque(lag: int, f: Mapping[str, Figure], orders: Frame) -> Chart:
         nu, height = mine[mine["order"] == k][["nu", "torque"]].to_numpy().T
         curves.append(Curve(f"order {k}", nu, height, color, "linked"))
         marks.append(Mark(f[f"w_n_{lag}ms"].value / k, f"w_n / {k}"))
-    share = f"at most {adds.value:.1f} %" if adds.error is not None else "nothing"
-    title = f"A motor lag of {lag} ms adds {share} of the largest torque to an order"
+    title = f"What a motor lag of {lag} ms adds to the orders is not determined: {adds.reason}"
+    if adds.error is not None:
+        title = f"A motor lag of {lag} ms adds at most {adds.value:.1f} % of the largest torque to an order"
     inside = [mark for mark in marks if nu[0] <= mark.at <= nu[-1]]
     panel = Panel("amplitude", "N.m", curves, includes=(0.0,))
     return Chart(title, "cam speed [rad/s]", [panel], inside)

@@ -14,8 +14,8 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from cosim import Result, System
-from workbench import Bench, Chart, Figure, Findings, Run, Show, Table, option
-from workbench.charts.model import LIFT, POWER, SPEED, THEORY, TORQUE, recorded
+from workbench import Chart, Context, Figure, Findings, Run, Show, Table, option
+from workbench.charts.model import LIFT, POWER, SPEED, THEORY, TORQUE, result_panel
 from workbench.live import Live, LiveChart, LivePanel, Number, Reader, Slider
 from workbench.measure import Measured, Samples, extended, integral, largest, measured
 
@@ -39,15 +39,15 @@ class Options(Run):
     step: float = option("0.5ms", "finest of three communication steps", "s", above=0.0)
 
 
-def solve(o: Options, bench: Bench) -> Findings:
+def solve(o: Options, context: Context) -> Findings:
     """One start."""
     motor = iron.MOTOR | {"motor.A": o.motor_A, "motor.B": o.motor_B, "motor.T": o.motor_T}
-    system = System(bench.fmus, iron.WIRES, motor | dict(o.start))
-    result, found = bench.certify(system, figures, o, None, "iron_start.csv")
-    found |= needs(system, result)
-    whole = ledger(result)
-    tables = {"iron_start.csv": Table.of(whole)}
-    return Findings(found, (whole, system), system, result.provenance, tables=tables)
+    system = System(context.fmus, iron.WIRES, motor | dict(o.start))
+    result, all_figures = context.certify(system, figures, o, None, "iron_start.csv")
+    all_figures |= needs(system, result)
+    full = ledger(result)
+    tables = {"iron_start.csv": Table.of(full)}
+    return Findings(all_figures, (full, system), system, result.provenance, tables=tables)
 
 
 def ledger(r: Result) -> Result:
@@ -118,36 +118,36 @@ def stands(t: Samples, phi: Samples) -> bool:
 
 def verdict(o: Options, f: Mapping[str, Figure], r: tuple[Result, System]) -> str:
     """How the cam starts, how it goes on, and the ledger."""
-    told = {name: figure.text() for name, figure in f.items()}
+    texts = {name: figure.text() for name, figure in f.items()}
     starts = (
-        f"The cam shoots up to {told['w_cam_max']} after {told['w_cam_max_time']} and turns at "
-        f"{told['w_cam_mean']} ({f['cycles'].text('cycles/min')}) in the second half."
+        f"The cam peaks at {texts['w_cam_max']} after {texts['w_cam_max_time']}; its mean speed in the second "
+        f"half is {texts['w_cam_mean']} ({f['cycles'].text('cycles/min')})."
     )
     if stands(r[0]["time"], r[0]["iron.phi"]):
-        made = f"the cam has made {told['turns']} turns, at up to {told['w_cam_max']}"
-        starts = f"The motor stalls: {made}, and does not turn any further."
+        turned = f"the cam has made {texts['turns']} turns, at up to {texts['w_cam_max']}"
+        starts = f"The motor stalls: {turned}, and does not turn any further."
     elif abs(f["turns"].value) < 1.0:
-        so_far = f"Up to {o.stop:g} s it makes {told['turns']} turns."
+        so_far = f"Up to {o.stop:g} s it makes {texts['turns']} turns."
         starts = creeping(o, f) if is_weak(f) else f"{starts} {so_far}"
     if not stands(r[0]["time"], r[0]["iron.phi"]) and f["w_cam_mean"].value < 0.0:
         starts = (
-            f"The cam turns backwards, at {told['w_cam_mean']} in the second half; up to {o.stop:g} s it "
-            f"makes {told['turns']} turns."
+            f"The cam turns backwards, at {texts['w_cam_mean']} in the second half; up to {o.stop:g} s it "
+            f"makes {texts['turns']} turns."
         )
     return (
-        f"{starts} Of {told['energy_in']} from the motor, friction takes {told['energy_friction']}, "
-        f"and {told['energy_stored']} is stored at the end."
+        f"{starts} Of {texts['energy_in']} from the motor, friction takes {texts['energy_friction']}, "
+        f"and {texts['energy_stored']} is stored at the end."
     )
 
 
 def creeping(o: Options, f: Mapping[str, Figure]) -> str:
     """How far the cam comes of a motor that is too weak for a slow turn."""
-    told = {name: figure.text() for name, figure in f.items()}
+    texts = {name: figure.text() for name, figure in f.items()}
     return (
-        f"Within {o.stop:g} s the cam does not complete a turn: it makes {told['turns']} turns, at up to "
-        f"{told['w_cam_max']}, and its mean speed in the second half is {told['w_cam_mean']}. The motor "
-        f"gives {told['tau_cam_rest']} at the cam at the start, and a slow turn takes up to "
-        f"{told['tau_cam_max']}: it cannot turn the cam slowly through a whole turn."
+        f"Within {o.stop:g} s the cam does not complete a turn: it makes {texts['turns']} turns, at up to "
+        f"{texts['w_cam_max']}, and its mean speed in the second half is {texts['w_cam_mean']}. The motor "
+        f"gives {texts['tau_cam_rest']} at the cam at the start, and a slow turn takes up to "
+        f"{texts['tau_cam_max']}: it cannot turn the cam slowly through a whole turn."
     )
 
 
@@ -159,15 +159,15 @@ def is_weak(f: Mapping[str, Figure]) -> bool:
 
 def show(o: Options, f: Mapping[str, Figure], r: tuple[Result, System]) -> Show:
     """The first moments, the whole start with its ledger, and the mechanism in motion."""
-    whole = chart(r[0], "The start from the middle of the bottom dwell", slice(None))
+    full = chart(r[0], "The start from the middle of the bottom dwell", slice(None))
     first = chart(r[0], "The first moments", r[0]["time"] <= FIRST)
     moving = motion.motion("The start", *r, o.stop, 2.0)
-    return Show([first._replace(panels=first.panels[:3]), whole], [moving])
+    return Show([first._replace(panels=first.panels[:3]), full], [moving])
 
 
 def chart(r: Result, title: str, rows: Any) -> Chart:
     """Speed, torque, ledger and lift over time."""
-    panel = partial(recorded, result=r, x=r["time"][rows], rows=rows)
+    panel = partial(result_panel, result=r, x=r["time"][rows], rows=rows)
     energy = {
         "E_friction": ("friction", "grey", "area"),
         "E_stored": ("stored", "sky", "area"),

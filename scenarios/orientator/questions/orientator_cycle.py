@@ -13,7 +13,7 @@ from scipy.interpolate import CubicSpline
 
 from cosim import Result, System
 from workbench import Chart, Figure, Mark, Run, Show, option
-from workbench.charts.model import FORCE, SPEED, THEORY, TORQUE, recorded
+from workbench.charts.model import FORCE, SPEED, THEORY, TORQUE, result_panel
 from workbench.figure import listed
 from workbench.live import Live, LiveChart, LivePanel, Number, Reader, Slider
 from workbench.measure import Samples, measured
@@ -22,7 +22,7 @@ from .. import machine as orientator
 from .. import motion
 
 PARTS = orientator.PARTS
-OWN = ("orientator.release",)
+FIXED_STARTS = ("orientator.release",)
 STAGES = orientator.STAGES[: orientator.ORIENTED]
 IMPULSES = {
     "corner_impulse": ("S_y", "impulse of the landing on the catcher's corner, down", "falling"),
@@ -61,23 +61,23 @@ def figures(o: Options, r: Result) -> dict[str, Figure]:
 
     def last(name: str, meaning: str, reached: bool = True) -> Figure:
         value, unit = float(r[f"orientator.{name}"][-1]), r.units[f"orientator.{name}"]
-        told = Figure(value, unit, 0.0, meaning)
-        return told if reached else Figure.refused(unit, ending(r), meaning)
+        stage_text = Figure(value, unit, 0.0, meaning)
+        return stage_text if reached else Figure.undetermined(unit, ending(r), meaning)
 
     oriented = r["orientator.stage"][-1] == orientator.ORIENTED
-    found = {
+    all_figures = {
         "oriented": Figure(float(oriented), "1", 0.0, "1 if the product is oriented"),
         "orientation_time": last("orientation_time", "time from drop to end", oriented),
     }
     for x in STAGES:
         reached = r[f"orientator.t_{x}"][-1] > 0.0
-        found[f"t_{x}"] = last(f"t_{x}", f"duration of the stage {x}", reached)
+        all_figures[f"t_{x}"] = last(f"t_{x}", f"duration of the stage {x}", reached)
     for name, (column, meaning, landing) in IMPULSES.items():
         figure, landed = last(column, meaning), r[f"orientator.t_{landing}"][-1] > 0.0
         landed &= name != "hook_impulse" or int(r["orientator.reason"][-1]) != STOPPED
         why = f"it does not come to that: {ending(r)}"
-        found[name] = figure if landed else Figure.refused(figure.unit, why, meaning)
-    return found | {"wall_least": reaction(r)}
+        all_figures[name] = figure if landed else Figure.undetermined(figure.unit, why, meaning)
+    return all_figures | {"wall_least": reaction(r)}
 
 
 def reaction(r: Result) -> Figure:
@@ -94,12 +94,12 @@ def reaction(r: Result) -> Figure:
         ends = np.array([end, end + lasts if lasts else t.max(initial=end)])
         if ends[1] > end and len(t) < LEAST_ROWS:
             why = f"the stage {name} has fewer than {LEAST_ROWS} rows; a smaller step gives more"
-            return Figure.refused(unit, why, meaning)
+            return Figure.undetermined(unit, why, meaning)
         if ends[1] > end:
             least.append(measured(partial(lowest, ends=ends), t, force))
         end = float(ends[1])
     if not least:
-        return Figure.refused(unit, ending(r), meaning)
+        return Figure.undetermined(unit, ending(r), meaning)
     low = min(least, key=lambda x: x.value)
     error = max(x.error for x in least if x.value - x.error <= low.value + low.error)
     return Figure(low.value, unit, error, meaning)
@@ -126,7 +126,9 @@ def verdict(o: Options, f: Mapping[str, Figure], r: Result) -> str:
     """What becomes of the product, and how long each stage takes."""
     after = f" after {f['orientation_time'].text()}" if f["oriented"].value else ""
     stages = [f"{f[f't_{x}'].text()} ({x})" for x in STAGES if f[f"t_{x}"].error is not None]
-    told = f"Its stages take {listed(stages)}" if stages else "None of its stages came to an end"
+    stage_text = (
+        f"Its stages take {listed(stages)}" if stages else "None of its stages came to an end"
+    )
     wall = f["wall_least"]
     pulls = ""
     if wall.error is not None and wall.value + wall.error < 0.0:
@@ -134,20 +136,20 @@ def verdict(o: Options, f: Mapping[str, Figure], r: Result) -> str:
             f" The reaction of the wall falls to {wall.text()}: the wall would have to pull, a real cup leaves "
             "it there, and what follows is not valid for it."
         )
-    return f"{ending(r).capitalize()}{after}. {told}.{pulls}"
+    return f"{ending(r).capitalize()}{after}. {stage_text}.{pulls}"
 
 
 def show(o: Options, f: Mapping[str, Figure], r: Result) -> Show:
     """Angles, speeds and velocities over time, the stages as spans, and the cup in motion."""
-    course = orientator.shortened(r)
-    stages, last = orientator.stages(course), float(course["time"][-1])
-    panel = partial(recorded, result=course, x=1e3 * course["time"])
+    until_end = orientator.shortened(r)
+    stages, last = orientator.stages(until_end), float(until_end["time"][-1])
+    panel = partial(result_panel, result=until_end, x=1e3 * until_end["time"])
     zero = Mark(0.0, "below 0 a real cup leaves the wall")
     panels = [panel(x, curves=CURVES[x], unit="deg" if x == "angle" else "") for x in CURVES]
     panels.append(panel("reaction of the wall", curves=WALL, levels=[zero], includes=(0.0,)))
     spans = [x._replace(first=1e3 * x.first, last=1e3 * x.last) for x in stages]
     chart = Chart("Angles, speeds and the wall", "time [ms]", panels, spans=spans)
-    moving = motion.motion("One product", {"": course}, last, stages)
+    moving = motion.motion("One product", {"": until_end}, last, stages)
     return Show([chart], [moving], title=verdict(o, f, r).partition(". ")[0])
 
 

@@ -16,31 +16,30 @@ import cosim
 from cosim import Advice, Experiment, Identified, SetupError, System
 from cosim import Table as Measured
 from cosim.units import multiples
-from workbench import Bench, Chart, Curve, Figure, Findings, Panel, Show, fitting
+from workbench import Chart, Context, Curve, Figure, Findings, Panel, Show, fitting
 from workbench.charts.model import SERIES
-from workbench.fitting import Recorded
+from workbench.fitting import RecordOptions
 from workbench.measure import Samples
 
 from .. import machine as orientator
 from .. import motion
-from .orientation_time import run as product
-from .orientator_limit import limit as simulated
+from ..products import run_product, simulated_limit
 
 PARTS = orientator.PARTS
 SPEED, DROP, FRICTION = "orientator.w", "orientator.release", "orientator.chute.mu"
 TIMES = ("t_falling", "t_joint", "t_turning", "t_released", "orientation_time")
-OWN = (SPEED, DROP, FRICTION)
+FIXED_STARTS = (SPEED, DROP, FRICTION)
 EXACT = ("orientator.chute.H", "orientator.chute.R", "orientator.cup.m")
 PERIOD, BEFORE, LEAST = 1.6, 0.25, 1e-3
 FRICTIONS, NEXT = np.linspace(0.0, 1.0, 21), (0.5, 0.8, 0.9, 0.95)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options(Recorded):
+class Options(RecordOptions):
     pass
 
 
-class Told(NamedTuple):
+class IdentifiedOrientator(NamedTuple):
     """A fit, the machine it found, the speeds of its products [rpm], and what each further record would
     leave of the friction.
     """
@@ -51,7 +50,7 @@ class Told(NamedTuple):
     advice: Sequence[Advice]
 
 
-def solve(o: Options, bench: Bench) -> Findings:
+def solve(o: Options, context: Context) -> Findings:
     """Fit, and ask the machine that fits."""
     record = o.columns(SPEED, timed=False)
     w = record.pop(SPEED)
@@ -67,30 +66,35 @@ def solve(o: Options, bench: Bench) -> Findings:
         )
     speeds = [scale * x for x in w.values]
     data = {name: dropped(name, table) for name, table in record.items()}
-    system = System(bench.fmus, start={**o.start}, inputs=products(speeds))
-    given = [fitting.noise(system, text)[0] for text in o.noise]
+    system = System(context.fmus, start={**o.start}, inputs=products(speeds))
+    with_noise = [fitting.noise(system, text)[0] for text in o.noise]
     for name, table in data.items():
-        if name not in given:
+        if name not in with_noise:
             raise SetupError(
                 f"{table.source}: give the noise of its times, as in --noise {name}=1ms"
             )
-    found = guess(system, data)
-    fit = o.identify(found, data, [FRICTION], begin=0.0, step=PERIOD * BEFORE)
+    nearest_system = guess(system, data)
+    fit = o.identify(nearest_system, data, [FRICTION], begin=0.0, step=PERIOD * BEFORE)
     mine = {name: x for name, x in fit.model.values(fit.local.p).items() if "(" not in name}
     machine = replace(fit.model.system, start={**fit.model.system.start, **mine}, inputs={})
     rpm = [30 / math.pi * x for x in speeds]
     limit = (
-        Figure.refused("rpm", "no friction fits the record") if fit.misfit else top(fit, machine)
+        Figure.undetermined("rpm", "no friction fits the record")
+        if fit.misfit
+        else top(fit, machine)
     )
     tried = [round(share * limit.value) for share in NEXT if limit.error is not None]
-    told = Told(fit, machine, rpm, () if fit.misfit else advice(fit, tried, len(speeds)))
+    product_data = IdentifiedOrientator(
+        fit, machine, rpm, () if fit.misfit else advice(fit, tried, len(speeds))
+    )
     return Findings(
-        figures(told, limit),
-        told,
+        figures(product_data, limit),
+        product_data,
         fit.model.system,
         fit.result.provenance,
-        tables=fitting.tables(fit, told.advice, "orientator_identify", "1"),
-        facts={"products": len(rpm), "tried": tried} | fitting.facts(fit, told.advice, EXACT),
+        tables=fitting.tables(fit, product_data.advice, "orientator_identify", "1"),
+        facts={"products": len(rpm), "tried": tried}
+        | fitting.facts(fit, product_data.advice, EXACT),
     )
 
 
@@ -116,7 +120,7 @@ def dropped(name: str, table: Measured) -> Measured:
 def guess(system: System, data: Mapping[str, Measured]) -> System:
     """The machine with the friction whose times are nearest."""
 
-    def off(machine: System) -> float:
+    def deviation(machine: System) -> float:
         stop = max(table.times[-1] for table in data.values())
         with cosim.quiet():
             run = cosim.run(machine, stop=stop, step=PERIOD * BEFORE)
@@ -129,7 +133,7 @@ def guess(system: System, data: Mapping[str, Measured]) -> System:
         return float(np.nansum(np.square(each)))
 
     machines = [replace(system, start={FRICTION: mu, **system.start}) for mu in FRICTIONS.tolist()]
-    return min(machines, key=off)
+    return min(machines, key=deviation)
 
 
 def top(fit: Identified, machine: System) -> Figure:
@@ -137,28 +141,30 @@ def top(fit: Identified, machine: System) -> Figure:
 
     mu = fit.values[FRICTION]
     with cosim.quiet():
-        here, *ends = (simulated(machine, max(x, LEAST))[1] for x in (mu.value, mu.low, mu.high))
-    refused = next((x for x in (here, *ends) if x.error is None), None)
+        best, *ends = (
+            simulated_limit(machine, max(x, LEAST))[1] for x in (mu.value, mu.low, mu.high)
+        )
+    refused = next((x for x in (best, *ends) if x.error is None), None)
     if refused:
         return refused
-    off = max(abs(x.value - here.value) + (x.error or 0.0) for x in ends)
-    return here._replace(error=off)
+    deviation = max(abs(x.value - best.value) + (x.error or 0.0) for x in ends)
+    return best._replace(error=deviation)
 
 
-def figures(told: Told, limit: Figure) -> dict[str, Figure]:
+def figures(product_data: IdentifiedOrientator, limit: Figure) -> dict[str, Figure]:
     """The fastest rotor that orients, how far the record is from it, and all values that were free."""
     meaning = "largest rotor speed that works"
-    fast = max(told.speeds)
+    fast = max(product_data.speeds)
     room = "margin of that speed over the fastest product of the record"
     if limit.error is None:
-        away = Figure.refused("%", limit.reason, room)
+        reserve = Figure.undetermined("%", limit.reason, room)
     else:
-        away = Figure(100 * (limit.value / fast - 1), "%", 100 * limit.error / fast, room)
-    found = {"limit": limit._replace(meaning=meaning), "away": away}
-    if told.fit.misfit:
-        refused = Figure.refused("1", "no friction fits the record", f"{FRICTION}, fitted")
-        return {fitting.key(FRICTION): refused, **found}
-    return fitting.values(told.fit) | found
+        reserve = Figure(100 * (limit.value / fast - 1), "%", 100 * limit.error / fast, room)
+    nearest_system = {"limit": limit._replace(meaning=meaning), "away": reserve}
+    if product_data.fit.misfit:
+        refused = Figure.undetermined("1", "no friction fits the record", f"{FRICTION}, fitted")
+        return {fitting.figure_name(FRICTION): refused, **nearest_system}
+    return fitting.fitted_figures(product_data.fit) | nearest_system
 
 
 def advice(fit: Identified, tried: Sequence[int], count: int) -> list[Advice]:
@@ -172,11 +178,11 @@ def advice(fit: Identified, tried: Sequence[int], count: int) -> list[Advice]:
     return cosim.advise(fit, experiments, lambda v: v[FRICTION])
 
 
-def verdict(o: Options, f: Mapping[str, Figure], r: Told) -> str:
+def verdict(o: Options, f: Mapping[str, Figure], r: IdentifiedOrientator) -> str:
     """The answer in plain words."""
     if r.fit.misfit:
         return "\n".join(["No friction explains these stage times:", *misfits(r)])
-    mu, limit = f[fitting.key(FRICTION)], f["limit"]
+    mu, limit = f[fitting.figure_name(FRICTION)], f["limit"]
     lines = [f"The friction between cup and wall is {mu.text()}."]
     if limit.error is None:
         lines.append(f"The largest rotor speed is {limit.text()}.")
@@ -187,39 +193,39 @@ def verdict(o: Options, f: Mapping[str, Figure], r: Told) -> str:
         )
     lines += [f"The record cannot tell {' and '.join(g)} apart." for g in r.fit.alike]
     now = mu.error or math.inf
-    return "\n".join([*lines, fitting.next_one(r.advice, now, "the friction", "")])
+    return "\n".join([*lines, fitting.next_record(r.advice, now, "the friction", "")])
 
 
-def misfits(r: Told) -> list[str]:
+def misfits(r: IdentifiedOrientator) -> list[str]:
     """Why no friction fits, by stages and products."""
-    fit, said = r.fit, []
+    fit, sentences = r.fit, []
     (low, high), sum = fit.band, fit.chi2
     if not low <= sum <= high:
         side = "above" if sum > high else "below"
-        said.append(
+        sentences.append(
             f"chi2 = {sum:.4g} of {fit.dof} lies {side} its 99.9 % band, {low:.4g} to {high:.4g}."
         )
-    for name, seen in fit.residuals.items():
-        off = (seen.measured - seen.fitted) / seen.sigma
-        k = int(np.argmax(abs(off)))
-        row = round(seen.times[k] / PERIOD) - 1
-        said.append(
-            f"{name}: off by {math.sqrt(float(np.mean(off**2))):.1f} times the noise, rms, and at "
-            f"most by {off[k]:+.1f} times, at {r.speeds[row]:.4g} rpm, row {row + 2}."
+    for name, residual in fit.residuals.items():
+        deviation = (residual.measured - residual.fitted) / residual.sigma
+        k = int(np.argmax(abs(deviation)))
+        row = round(residual.times[k] / PERIOD) - 1
+        sentences.append(
+            f"{name}: off by {math.sqrt(float(np.mean(deviation**2))):.1f} times the noise, rms, and at "
+            f"most by {deviation[k]:+.1f} times, at {r.speeds[row]:.4g} rpm, row {row + 2}."
         )
-    return said
+    return sentences
 
 
-def show(o: Options, f: Mapping[str, Figure], r: Told) -> Show:
+def show(o: Options, f: Mapping[str, Figure], r: IdentifiedOrientator) -> Show:
     """Stage times over the speed, measured and fitted; what is between them; the fastest product."""
     panels = []
-    for (name, seen), color in zip(r.fit.residuals.items(), SERIES * len(r.fit.residuals)):
-        rows = np.round(seen.times / PERIOD).astype(int) - 1
+    for (name, residual), color in zip(r.fit.residuals.items(), SERIES * len(r.fit.residuals)):
+        rows = np.round(residual.times / PERIOD).astype(int) - 1
         n = np.array(r.speeds)[rows]
         order = np.argsort(n)
-        ms: list[Samples] = [1e3 * x[order] for x in (seen.measured, seen.fitted)]
+        ms: list[Samples] = [1e3 * x[order] for x in (residual.measured, residual.fitted)]
         what = name.removeprefix("orientator.").removeprefix("t_").replace("_", " ")
-        wide = [2e3 * seen.sigma] * len(n)
+        wide = [2e3 * residual.sigma] * len(n)
         curves = [
             Curve("measured", n[order], ms[0], "grey", "points", wide),
             Curve("fitted", n[order], ms[1], color, "linked"),
@@ -229,6 +235,6 @@ def show(o: Options, f: Mapping[str, Figure], r: Told) -> Show:
     chart = Chart(title, "rotor speed [rpm]", panels)
     n = max(r.speeds)
     with cosim.quiet():
-        run = product(r.machine, r.fit.local.p[r.fit.names.index(FRICTION)], n, 1e-3)
+        run = run_product(r.machine, r.fit.local.p[r.fit.names.index(FRICTION)], n, 1e-3)
     last = float(orientator.shortened(run)["time"][-1])
     return Show([chart], [motion.motion(f"The fitted machine at {n:.4g} rpm", {"": run}, last)])

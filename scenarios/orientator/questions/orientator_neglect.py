@@ -15,7 +15,7 @@ import numpy as np
 import workbench
 from cosim import System
 from cosim.system import Value, connect
-from workbench import Bench, Chart, Curve, Figure, Findings, Mark, Panel, Show, option
+from workbench import Chart, Context, Curve, Figure, Findings, Mark, Panel, Show, option
 from workbench.answer import parameters
 from workbench.charts.model import SERIES
 from workbench.figure import refusals
@@ -25,17 +25,17 @@ from workbench.measure import ROUNDING, Measured
 from .. import machine as orientator
 from .. import motion
 from ..limit_formula import Machine, rpm
-from .orientation_time import STEP, fastest, run, simulate
+from ..products import STEP, fastest, run_product, simulate
 
 PARTS = orientator.PARTS
 NEGLECTED = "orientator.neglected."
 CREEP = f"{NEGLECTED}creep"
-OWN = (
+FIXED_STARTS = (
     "orientator.chute.mu", "orientator.w", "orientator.release", f"{NEGLECTED}mu_side",
     f"{NEGLECTED}mu_catcher", f"{NEGLECTED}rim", f"{NEGLECTED}anchored", f"{NEGLECTED}length",
 )  # fmt: skip
-TABLE, PLAIN, SPACING, BESIDE = "orientator_neglect.csv", "paper", 0.03, (0.98, 1.02, 3)
-WORDS = {
+TABLE, PLAIN, SPACING, NEAR_LIMIT = "orientator_neglect.csv", "paper", 0.03, (0.98, 1.02, 3)
+EFFECTS = {
     "coriolis": "Coriolis forces",
     "hook": "friction on the hook",
     "corner": "friction in the corner",
@@ -54,45 +54,48 @@ class Options(workbench.Options):
     length: float = option("100mm", "length of the spring at the stop", "m", above=0.0)
 
 
-def machines(o: Options, bench: Bench) -> dict[str, System]:
+def machines(o: Options, context: Context) -> dict[str, System]:
     """The machine of the paper, and with each of what it neglects; "corner" has the hook's friction."""
-    base = orientator.system(bench.fmus, 0.0, o.friction, o.start)
+    base = orientator.system(context.fmus, 0.0, o.friction, o.start)
     connect(base)
     sides: dict[str, Value] = {"mu_side": o.friction}
     hook: dict[str, Value] = {"mu_catcher": o.catcher}
     corner: dict[str, Value] = {**hook, "rim": o.rim}
     spring: dict[str, Value] = {"anchored": True, "length": o.length}
-    whole = {**sides, **corner, **spring}
-    made = dict(zip((PLAIN, *WORDS), ({}, sides, hook, corner, spring, whole)))
+    all_effects = {**sides, **corner, **spring}
+    settings = dict(zip((PLAIN, *EFFECTS), ({}, sides, hook, corner, spring, all_effects)))
     return {
         name: replace(
-            base, start={**base.start, **{NEGLECTED + key: x for key, x in given.items()}}
+            base, start={**base.start, **{NEGLECTED + key: x for key, x in values_of.items()}}
         )
-        for name, given in made.items()
+        for name, values_of in settings.items()
     }
 
 
-def solve(o: Options, bench: Bench) -> Findings:
+def solve(o: Options, context: Context) -> Findings:
     """All machines at all speeds, and where each of them jams."""
-    kinds = machines(o, bench)
+    kinds = machines(o, context)
     speeds = [round(w * 30 / math.pi, 9) for w in (o.speed, *o.speeds)]
     cases = [(system, n) for system in kinds.values() for n in speeds]
-    told = [*bench.each(partial(takes, o.friction), cases, "speeds", probes=True)]
-    taken = {name: told[k * len(speeds) : (k + 1) * len(speeds)] for k, name in enumerate(kinds)}
+    orientation_times = [*context.each(partial(takes, o.friction), cases, "speeds", probes=True)]
+    taken = {
+        name: orientation_times[k * len(speeds) : (k + 1) * len(speeds)]
+        for k, name in enumerate(kinds)
+    }
     rows = ([n, *(times[k].value for times in taken.values())] for k, n in enumerate(speeds) if k)
-    table = bench.kept(TABLE, {"n": "rpm", **dict.fromkeys(kinds, "s")}, rows)
-    found = figures({name: times[0] for name, times in taken.items()})
-    ends = bench.each(partial(ending, o.friction), [*kinds.values()], "limits", probes=True)
+    table = context.record_rows(TABLE, {"n": "rpm", **dict.fromkeys(kinds, "s")}, rows)
+    all_figures = figures({name: times[0] for name, times in taken.items()})
+    ends = context.each(partial(ending, o.friction), [*kinds.values()], "limits", probes=True)
     for name, limit in zip(kinds, ends):
         which = (
-            f"largest rotor speed with {WORDS[name]}"
-            if name in WORDS
+            f"largest rotor speed with {EFFECTS[name]}"
+            if name in EFFECTS
             else "largest rotor speed of the paper"
         )
-        found[f"limit_{name}"] = limit._replace(meaning=which)
+        all_figures[f"limit_{name}"] = limit._replace(meaning=which)
     base = kinds[PLAIN]
     return Findings(
-        found, (kinds, table.frame), base, {}, f"steps of {STEP} s", tables={TABLE: table}
+        all_figures, (kinds, table.frame), base, {}, f"steps of {STEP} s", tables={TABLE: table}
     )
 
 
@@ -100,10 +103,10 @@ def creeping(system: System) -> list[System]:
     """The machine with a quarter, a half and all of the speed below which what would stick creeps; the
     machine alone where nothing does.
     """
-    told = parameters(system)
-    if not any(told[f"{NEGLECTED}{mu}"].value for mu in ("mu_side", "mu_catcher")):
+    orientation_times = parameters(system)
+    if not any(orientation_times[f"{NEGLECTED}{mu}"].value for mu in ("mu_side", "mu_catcher")):
         return [system]
-    creeps = (float(told[CREEP].value) / n for n in (4, 2, 1))
+    creeps = (float(orientation_times[CREEP].value) / n for n in (4, 2, 1))
     return [replace(system, start={**system.start, CREEP: creep}) for creep in creeps]
 
 
@@ -116,8 +119,8 @@ def takes(mu: float, case: tuple[System, float]) -> Measured:
     """A time of orientation; its error is what half the step changes, and what is left of the creep."""
     system, n = case
     machines = creeping(system)
-    times = [simulate(machine, mu, n)[4] for machine in machines]
-    halved = simulate(machines[0], mu, n, STEP / 2)[4]
+    times = [simulate(machine, mu, n).orientation_time for machine in machines]
+    halved = simulate(machines[0], mu, n, STEP / 2).orientation_time
     if not np.isfinite([*times, halved]).all():
         return Measured(math.nan, math.nan)
     return Measured(times[0], crept(times) + abs(times[0] - halved) + ROUNDING)
@@ -127,34 +130,44 @@ def ending(mu: float, system: System) -> Figure:
     """The fastest rotor that orients, sought below where friction holds cups in the chute; its error
     is the bracket, and what is left of the creep.
     """
-    first, *others = creeping(system)
+    first, *more_machines = creeping(system)
     speeds = np.arange(0.3, 1.0, SPACING) * rpm(Machine.of(system).sticks)
-    found = fastest(first, speeds.tolist(), mu)
-    near = (np.linspace(*BESIDE) * found.value).tolist()
-    ends = [found, *(fastest(machine, near, mu) for machine in others if found.error)]
+    fastest_rotor = fastest(first, speeds.tolist(), mu)
+    near = (np.linspace(*NEAR_LIMIT) * fastest_rotor.value).tolist()
+    ends = [
+        fastest_rotor,
+        *(fastest(machine, near, mu) for machine in more_machines if fastest_rotor.error),
+    ]
     for end in ends:
         if end.error is None:
             return end
-    return found._replace(error=(found.error or 0.0) + crept([end.value for end in ends]))
+    return fastest_rotor._replace(
+        error=(fastest_rotor.error or 0.0) + crept([end.value for end in ends])
+    )
 
 
-def figures(told: Mapping[str, Measured]) -> dict[str, Figure]:
+def figures(orientation_times: Mapping[str, Measured]) -> dict[str, Figure]:
     """The time of orientation, and what each effect adds to it."""
-    plain = told[PLAIN]
+    plain = orientation_times[PLAIN]
     meaning = "orientation time of the paper"
-    jams = Figure.refused("s", "a product jams", meaning)
-    found = {"orientation_time": jams if math.isnan(plain.value) else plain.figure("s", meaning)}
-    for name, words in WORDS.items():
-        base, more = told["hook" if name == "corner" else PLAIN], told[name]
-        cost, off = more.value - base.value, more.error + base.error
+    jams = Figure.undetermined("s", "a product jams", meaning)
+    all_figures = {
+        "orientation_time": jams if math.isnan(plain.value) else plain.figure("s", meaning)
+    }
+    for name, label in EFFECTS.items():
+        base, more = (
+            orientation_times["hook" if name == "corner" else PLAIN],
+            orientation_times[name],
+        )
+        cost, uncertainty = more.value - base.value, more.error + base.error
         for key, unit, scale in ((name, "ms", 1e3), (f"{name}_share", "%", 100 / plain.value)):
-            meaning = f"change of the orientation time due to {words}"
-            found[key] = (
-                Figure.refused(unit, "a product jams", meaning)
+            meaning = f"change of the orientation time due to {label}"
+            all_figures[key] = (
+                Figure.undetermined(unit, "a product jams", meaning)
                 if math.isnan(cost)
-                else Figure(scale * cost, unit, abs(scale) * off, meaning)
+                else Figure(scale * cost, unit, abs(scale) * uncertainty, meaning)
             )
-    return found
+    return all_figures
 
 
 def verdict(o: Options, f: Mapping[str, Figure], r: object) -> str:
@@ -162,13 +175,13 @@ def verdict(o: Options, f: Mapping[str, Figure], r: object) -> str:
     if f["orientation_time"].error is None:
         return " ".join(refusals({"the equations of the paper": f["orientation_time"]}))
     costs = [
-        f"{words}: {f[name].text()} ({f[f'{name}_share'].text()})"
-        for name, words in reversed(WORDS.items())
+        f"{label}: {f[name].text()} ({f[f'{name}_share'].text()})"
+        for name, label in reversed(EFFECTS.items())
         if f[name].error is not None
     ]
     limits = [
-        f"{words}: {f[f'limit_{name}'].text()}"
-        for name, words in {PLAIN: "none of them", **WORDS}.items()
+        f"{label}: {f[f'limit_{name}'].text()}"
+        for name, label in {PLAIN: "none of them", **EFFECTS}.items()
         if f[f"limit_{name}"].error is not None and name not in ("hook", "corner")
     ]
     lines = [
@@ -188,14 +201,14 @@ def show(o: Options, f: Mapping[str, Figure], r: tuple[Mapping[str, System], Any
     panels = []
     for unit, scale in (("ms", 1e3), ("%", 100 / table[PLAIN])):
         curves = []
-        for (name, words), color in zip(WORDS.items(), SERIES):
+        for (name, label), color in zip(EFFECTS.items(), SERIES):
             base = table["hook" if name == "corner" else PLAIN]
             cost = (scale * (table[name] - base)).to_numpy()
-            curves.append(Curve(words, table["n"].to_numpy(), cost, color, "linked"))
+            curves.append(Curve(label, table["n"].to_numpy(), cost, color, "linked"))
         panels.append(Panel("added time", unit, curves, includes=(0.0,)))
     n = o.speed * 30 / math.pi
     chart = Chart("What the paper neglects", "rotor speed [rpm]", panels, [Mark(n, f"{n:g} rpm")])
     names = {PLAIN: "paper", "together": "all"}
-    runs = {word: run(kinds[name], o.friction, n, 1e-3) for name, word in names.items()}
+    runs = {word: run_product(kinds[name], o.friction, n, 1e-3) for name, word in names.items()}
     last = max(float(orientator.shortened(x)["time"][-1]) for x in runs.values())
     return Show([chart], [motion.motion("Without and with the neglected effects", runs, last)])

@@ -17,9 +17,9 @@ from scipy.interpolate import CubicSpline
 
 import cosim
 from cosim import Result, SetupError, System
-from workbench import Bench, Chart, Figure, Findings, Mark, Panel, Run, Show, Table, option
-from workbench.charts.model import LIFT, POWER, Lanes, Span, recorded
-from workbench.charts.motion import Motion, moved, rows
+from workbench import Chart, Context, Figure, Findings, Mark, Panel, Run, Show, Table, option
+from workbench.charts.model import LIFT, POWER, Lanes, Span, result_panel
+from workbench.charts.motion import Motion, rows, shifted
 from workbench.live import (
     REVOLUTION,
     Caption,
@@ -31,14 +31,14 @@ from workbench.live import (
     Reader,
     Slider,
 )
-from workbench.measure import extended, harmonics, of_rows, over_rows
+from workbench.measure import extended, harmonics, with_row_errors, with_rows
 from workbench.options import Start
 
 from ...conveyor.first_order import SETS
 from ...iron import machine as iron
-from ...iron import motion as iron_mechanism
+from ...iron import motion as iron_motion
 from ...orientator import machine as orientator
-from ...orientator import motion as orientator_mechanism
+from ...orientator import motion as orientator_motion
 
 PARTS = {
     "iron_motor": "DriveMotor",
@@ -56,9 +56,9 @@ WIRES = (
 )
 I_G = 36.0
 RECORD = (
-    "iron_motor.P", "iron_motor.tau", *(f"iron.{x}" for x in iron_mechanism.SEEN), "iron.w_cam",
+    "iron_motor.P", "iron_motor.tau", *(f"iron.{x}" for x in iron_motion.COLUMNS), "iron.w_cam",
     "iron.top_dwell", "iron.E_kin", "iron.E_pot", "iron.E_friction",
-    *(f"orientator.{x}" for x in orientator_mechanism.SEEN), "orientator.reason",
+    *(f"orientator.{x}" for x in orientator_motion.COLUMNS), "orientator.reason",
     "orientator.orientation_time", "orientator.oriented", "orientator.jammed", "orientator.missed",
     "conveyor_motor.P", "conveyor_motor.tau", "conveyor.phi", "conveyor.w", "conveyor.x",
     "conveyor.E_kin", "conveyor.E_pot", "conveyor.P_loss",
@@ -68,7 +68,7 @@ POWERS = {
     "conveyor": ("conveyor_motor.P", "the conveyor's motor", "sky"),
     "supply": ("P_supply", "the supply", POWER),
 }
-TOLD = {
+STATISTICS = {
     "mean": "mean power",
     "rms": "ripple of the power",
     "least": "smallest power",
@@ -101,23 +101,25 @@ def system(o: Options, fmus: Mapping[str, Path]) -> System:
         "iron_motor.T": iron.MOTOR["motor.T"],
         "iron.reducer.i_g": ratio,
     }
-    own = {name.replace("conveyor_motor.", "motor."): value for name, value in o.start.items()}
-    for name, value in SETS[o.set].follow(own).start(o.speed).items():
+    order_power = {
+        name.replace("conveyor_motor.", "motor."): value for name, value in o.start.items()
+    }
+    for name, value in SETS[o.set].follow(order_power).start(o.speed).items():
         if name not in ("motor.tau", "conveyor.phi", "conveyor.w"):
             values[name.replace("motor.", "conveyor_motor.")] = value
     wires = [*WIRES, f"iron.w_cam * {o.gear!r} -> orientator.w"]
     return System(fmus, wires, {**values, **o.start})
 
 
-def solve(o: Options, bench: Bench) -> Findings:
+def solve(o: Options, context: Context) -> Findings:
     """The line, with its rows, its orders and its SSP."""
-    line = system(o, bench.fmus)
-    result, found = bench.certify(line, figures, o, RECORD, "packing_line.csv")
+    line = system(o, context.fmus)
+    result, all_figures = context.certify(line, figures, o, RECORD, "packing_line.csv")
     r = supplied(result)
     orders = Table.of_rows(ripple(drives(r)), UNITS)
     tables = {"packing_line.csv": Table.of(r), "packing_line_orders.csv": orders}
     files = {"line.ssp": partial(cosim.write_ssp, line, stop=o.stop)}
-    return Findings(found, (r, line), line, r.provenance, tables=tables, files=files)
+    return Findings(all_figures, (r, line), line, r.provenance, tables=tables, files=files)
 
 
 def supplied(r: Result) -> Result:
@@ -135,8 +137,8 @@ def releases(r: Result) -> list[int]:
             f"the cam stops or turns back, and ends at iron.phi = {phi[-1]:.4g} rad: at this "
             "speed its motor cannot lift the iron"
         )
-    found: list[int] = (np.flatnonzero(np.diff(r["iron.top_dwell"]) > 0.5) + 1).tolist()
-    return found
+    all_figures: list[int] = (np.flatnonzero(np.diff(r["iron.top_dwell"]) > 0.5) + 1).tolist()
+    return all_figures
 
 
 class Order(NamedTuple):
@@ -146,7 +148,7 @@ class Order(NamedTuple):
     drive: str
     order: int
     frequency: float
-    own: float
+    order_power: float
     supply: float
 
 
@@ -195,23 +197,25 @@ def figures(r: Result) -> dict[str, Figure]:
             f"releases needed. The figures are those of the last {MEASURED} cycles, and the cycle before "
             "them shows how settled they are"
         )
-    whole = slice(begins[0], begins[-1] + 1)
+    window = slice(begins[0], begins[-1] + 1)
     counts = {
         "released": (len(begins) - 1, "products released in the whole cycles"),
-        "oriented": (np.ptp(r["orientator.oriented"][whole]), "products oriented among these"),
+        "oriented": (np.ptp(r["orientator.oriented"][window]), "products oriented among these"),
         "missed": (
-            r["orientator.missed"][whole][-2],
+            r["orientator.missed"][window][-2],
             "products released while another was under way",
         ),
     }
-    found = {name: Figure(float(x), "1", 0.0, meaning) for name, (x, meaning) in counts.items()}
-    before = cycles(of_rows(r, r.data[: begins[-2] + 1]))
-    for name, figure in over_rows(cycles, r).items():
-        found[name] = figure
+    all_figures = {
+        name: Figure(float(x), "1", 0.0, meaning) for name, (x, meaning) in counts.items()
+    }
+    before = cycles(with_rows(r, r.data[: begins[-2] + 1]))
+    for name, figure in with_row_errors(cycles, r).items():
+        all_figures[name] = figure
         if figure.error is not None:
-            moved = abs(figure.value - before[name].value)
-            found[name] = figure._replace(error=figure.error + moved)
-    return found
+            shifted = abs(figure.value - before[name].value)
+            all_figures[name] = figure._replace(error=figure.error + shifted)
+    return all_figures
 
 
 def cycles(r: Result) -> dict[str, Figure]:
@@ -222,7 +226,7 @@ def cycles(r: Result) -> dict[str, Figure]:
     """
     begins, (iron, conveyor) = releases(r), drives(r)
     orders, cycle = ripple([iron, conveyor]), iron.lasted / iron.number
-    told: dict[str, tuple[float, str, str]] = {
+    quantities: dict[str, tuple[float, str, str]] = {
         "cycle": (cycle, "s", "mean time from release to release"),
         "cam": (TURN / cycle, "rad/s", "mean speed of the cam"),
     }
@@ -231,36 +235,44 @@ def cycles(r: Result) -> dict[str, Figure]:
     ends = {"iron": iron.power, "conveyor": conveyor.power, "supply": supply}
     for name, values in ends.items():
         who = POWERS[name][1]
-        for (word, meaning), value in zip(TOLD.items(), values):
-            told[f"{word}_{name}"] = value, "W", f"{meaning} of {who}"
+        for (word, meaning), value in zip(STATISTICS.items(), values):
+            quantities[f"{word}_{name}"] = value, "W", f"{meaning} of {who}"
     for drive in sorted(HIGHEST):
         main, who = largest_order(orders, drive), POWERS[drive][1]
-        told[f"main_{drive}"] = main.own, "W", f"largest order in the power of {who}"
+        quantities[f"main_{drive}"] = main.order_power, "W", f"largest order in the power of {who}"
         meaning = f"frequency of that order of {who}"
-        told[f"main_{drive}_frequency"] = main.frequency, "Hz", meaning
+        quantities[f"main_{drive}_frequency"] = main.frequency, "Hz", meaning
     x, y = nearest(orders)
     gap = abs(x.frequency - y.frequency)
     orientation, reason = (
         r[f"orientator.{x}"][begins[-1] - 1] for x in ("orientation_time", "reason")
     )
-    made = np.ptp(r["orientator.oriented"][begins[0] : begins[-1] + 1]) / (len(begins) - 1)
-    told |= {
+    oriented_share = np.ptp(r["orientator.oriented"][begins[0] : begins[-1] + 1]) / (
+        len(begins) - 1
+    )
+    quantities |= {
         "orientation": (orientation, "s", "orientation time of the last product"),
         "spare": (cycle - orientation, "s", "time to spare in a cycle"),
-        "products": (60 / cycle * made, "1/min", "oriented products"),
-        "lost": (60 / cycle * (1 - made), "1/min", "products lost to jams"),
-        "work": (told["mean_supply"][0] * cycle, "J", "work of the supply in a cycle"),
+        "products": (60 / cycle * oriented_share, "1/min", "oriented products"),
+        "lost": (60 / cycle * (1 - oriented_share), "1/min", "products lost to jams"),
+        "work": (quantities["mean_supply"][0] * cycle, "J", "work of the supply in a cycle"),
         "gap": (gap, "Hz", "distance between the nearest main orders of cam and crank"),
         "beat": (60 * gap, "1/min", "beats of these two orders"),
-        "together": (x.own + y.own, "W", "amplitude of these two orders together, at worst"),
+        "together": (
+            x.order_power + y.order_power,
+            "W",
+            "amplitude of these two orders together, at worst",
+        ),
     }
-    found = {name: Figure(float(x), unit, 0.0, what) for name, (x, unit, what) in told.items()}
+    all_figures = {
+        name: Figure(float(x), unit, 0.0, what) for name, (x, unit, what) in quantities.items()
+    }
     why = f"the orientator jams: {orientator.REASONS[int(reason)]}"
     if not reason:
         why = "a product is still under way when the next is released"
-    for name in ("orientation", "spare") if made < 1.0 else ():
-        found[name] = Figure.refused("s", why, found[name].meaning)
-    return found
+    for name in ("orientation", "spare") if oriented_share < 1.0 else ():
+        all_figures[name] = Figure.undetermined("s", why, all_figures[name].meaning)
+    return all_figures
 
 
 def drives(r: Result) -> list[Turns]:
@@ -272,7 +284,10 @@ def ripple(both: Sequence[Turns]) -> list[Order]:
     """The orders of cam and crank."""
     orders = [x for drive in both for x in drive.orders]
     return [
-        x._replace(supply=x.own + sum(y.own for y in orders if y.drive != x.drive and meet(x, y)))
+        x._replace(
+            supply=x.order_power
+            + sum(y.order_power for y in orders if y.drive != x.drive and meet(x, y))
+        )
         for x in orders
     ]
 
@@ -285,12 +300,14 @@ def meet(x: Order, y: Order) -> bool:
 
 def largest_order(orders: Sequence[Order], drive: str) -> Order:
     """The order of a drive that its motor feels most."""
-    return max((x for x in orders if x.drive == drive), key=lambda x: x.own)
+    return max((x for x in orders if x.drive == drive), key=lambda x: x.order_power)
 
 
 def nearest(orders: Sequence[Order]) -> tuple[Order, Order]:
     """Of the strong orders of cam and crank the two nearest in frequency."""
-    strong = [x for x in orders if x.own > MAIN * largest_order(orders, x.drive).own]
+    strong = [
+        x for x in orders if x.order_power > MAIN * largest_order(orders, x.drive).order_power
+    ]
     cam, crank = ([x for x in strong if x.drive == drive] for drive in HIGHEST)
     return min(
         ((x, y) for x in cam for y in crank),
@@ -300,19 +317,19 @@ def nearest(orders: Sequence[Order]) -> tuple[Order, Order]:
 
 def verdict(o: Options, f: Mapping[str, Figure], r: tuple[Result, System]) -> str:
     """Whether the line keeps pace, what a jam costs, and what the supply gives."""
-    told = {name: figure.text() for name, figure in f.items()}
+    quantities = {name: figure.text() for name, figure in f.items()}
     pace = (
-        f"The line keeps pace: every product is oriented in {told['orientation']}, and the next "
-        f"comes after {told['cycle']}, which leaves {told['spare']} to spare."
+        f"The line keeps pace: every product is oriented in {quantities['orientation']}, and the next "
+        f"comes after {quantities['cycle']}, which leaves {quantities['spare']} to spare."
     )
     if f["oriented"].value < f["released"].value:
         pace = (
-            f"The line does not keep pace: {told['oriented']} of {told['released']} products are "
+            f"The line does not keep pace: {quantities['oriented']} of {quantities['released']} products are "
             f"oriented, because {f['orientation'].reason}."
         )
-    (cam, crank), meets = nearest(ripple(drives(r[0]))), ""
+    (cam, crank), beat_text = nearest(ripple(drives(r[0]))), ""
     if meet(cam, crank):
-        meets = (
+        beat_text = (
             f", where order {cam.order} of the cam and order {crank.order} of the crank "
             f"meet and beat {f['beat'].text('times a minute')}"
         )
@@ -322,30 +339,30 @@ def verdict(o: Options, f: Mapping[str, Figure], r: tuple[Result, System]) -> st
     share = 100 * f["mean_conveyor"].value / f["mean_supply"].value
     return (
         f"{pace} It makes {f['products'].text('products/min')}. {jams} A cycle without a product takes "
-        f"{told['work']} from the supply as well, {share:.3g} % of it for the conveyor. The supply gives {told['mean_supply']} with a ripple of {told['rms_supply']} rms, between "
-        f"{told['least_supply']} and {told['most_supply']}{meets}."
+        f"{quantities['work']} from the supply as well, {share:.3g} % of it for the conveyor. The supply gives {quantities['mean_supply']} with a ripple of {quantities['rms_supply']} rms, between "
+        f"{quantities['least_supply']} and {quantities['most_supply']}{beat_text}."
     )
 
 
 def show(o: Options, f: Mapping[str, Figure], r: tuple[Result, System]) -> Show:
     """The last whole cycle from release to release: cam, orientator, powers; and in motion."""
-    whole, line = r
-    first, last = releases(whole)[-2:]
-    data = whole.data.copy()
+    window, line = r
+    first, last = releases(window)[-2:]
+    data = window.data.copy()
     data[:, 0] -= data[first, 0]
-    result = of_rows(whole, data)
+    result = with_rows(window, data)
     t, bars = result["time"], lanes(result, first, last)
     period = float(t[last])
-    seen = (t >= -AROUND * period) & (t <= (1 + AROUND) * period)
-    panel = partial(recorded, result=result, x=t[seen], rows=seen)
+    in_window = (t >= -AROUND * period) & (t <= (1 + AROUND) * period)
+    panel = partial(result_panel, result=result, x=t[in_window], rows=in_window)
     lift = panel("lift of the iron", curves={"iron.lift": ("iron", LIFT)}, unit="mm")
     panels: list[Panel | Lanes] = [lift, Lanes(bars)]
     for name in ("supply", "iron", "conveyor"):
         column, _, color = POWERS[name]
         mean = [Mark.of("mean", f[f"mean_{name}"])]
         panels.append(panel(f"power, {name}", curves={column: (name, color)}, levels=mean))
-    told = ", ".join(bar.text for bar in bars["pace"])
-    title = f"One cycle of {period:.3f} s, {60 / period:.2f} releases/min: {told}"
+    quantities = ", ".join(bar.text for bar in bars["pace"])
+    title = f"One cycle of {period:.3f} s, {60 / period:.2f} releases/min: {quantities}"
     marks = [Mark(0.0, "release"), Mark(period, "next release")]
     dwell = first + np.flatnonzero(result["iron.top_dwell"][first : last + 1] < 0.5)[0]
     spans = [Span(0.0, float(t[dwell]), "top dwell", "green")]
@@ -369,12 +386,14 @@ def lanes(r: Result, first: int, last: int) -> dict[str, list[Span]]:
 def motion(r: Result, line: System, first: int, last: int) -> Motion:
     """Iron and orientator side by side between two rows."""
     picked = rows(r["time"], float(r["time"][first]), float(r["time"][last]), 360)
-    shapes, captions = iron_mechanism.drawn(r, line, picked)
-    more, stages = orientator_mechanism.drawn(r, picked)
+    shapes, captions = iron_motion.draw_rows(r, line, picked)
+    more, stages = orientator_motion.draw_rows(r, picked)
     captions = [f"{caption}; orientator {stage}" for caption, stage in zip(captions, stages)]
     title = "One cycle: the iron drive and the orientator it releases"
-    note = "The conveyor, which shakes too fast to be seen here, is left out."
-    return Motion(title, r["time"][picked], 4.0, captions, [*shapes, *moved(more, 0.5, 0.2)], note)
+    note = "The conveyor is left out."
+    return Motion(
+        title, r["time"][picked], 4.0, captions, [*shapes, *shifted(more, 0.5, 0.2)], note
+    )
 
 
 def live_part(o: Options, f: Mapping[str, Figure], r: tuple[Result, System]) -> Live:
@@ -386,7 +405,7 @@ def live_part(o: Options, f: Mapping[str, Figure], r: tuple[Result, System]) -> 
         "supply": "iron_motor.P + conveyor_motor.P",
     }
     cycle = "2 * pi / iron_speed"
-    late = f"stop - {MEASURED} * {cycle}"
+    measured_from = f"stop - {MEASURED} * {cycle}"
     panels = [
         LivePanel("lift of the iron", {"iron.lift": ("iron", LIFT)}, "mm"),
         LivePanel(
@@ -402,19 +421,19 @@ def live_part(o: Options, f: Mapping[str, Figure], r: tuple[Result, System]) -> 
             for name, column in powers.items()
         ),
     ]
-    draw_iron = iron_mechanism.live_shapes(result, line)
-    draw_orientator = orientator_mechanism.live_shapes(result)
+    draw_iron = iron_motion.live_shapes(result, line)
+    draw_orientator = orientator_motion.live_shapes(result)
     crank = "conveyor.crank.r**2 / 2"
     motion = LiveMotion(
         "The last cycle: the iron drive and the orientator it releases",
-        lambda at: [*draw_iron(at), *moved(draw_orientator(at), 0.5, 0.2)],
-        [*iron_mechanism.coordinates(result), *orientator_mechanism.coordinates(result)],
+        lambda at: [*draw_iron(at), *shifted(draw_orientator(at), 0.5, 0.2)],
+        [*iron_motion.coordinates(result), *orientator_motion.coordinates(result)],
         [
-            *iron_mechanism.CAPTIONS,
+            *iron_motion.CAPTIONS,
             Caption("orientator", "orientator.stage", texts=orientator.STAGES),
         ],
         4.0,
-        "The conveyor, which shakes too fast to be seen here, is left out.",
+        "The conveyor is left out.",
         f"stop - {cycle}",
     )
     return Live(
@@ -458,7 +477,10 @@ def live_part(o: Options, f: Mapping[str, Figure], r: tuple[Result, System]) -> 
                 for name in HIGHEST
             ),
             Number("mean_supply", "figures.mean_iron + figures.mean_conveyor"),
-            *(Number(f"most_{name}", Reader("max", POWERS[name][0], late)) for name in HIGHEST),
+            *(
+                Number(f"most_{name}", Reader("max", POWERS[name][0], measured_from))
+                for name in HIGHEST
+            ),
         ],
         charts=[LiveChart("The whole run", "time [s]", panels)],
         motion=motion,

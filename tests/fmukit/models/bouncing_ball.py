@@ -27,9 +27,9 @@ def derivatives(p: Parameters, t: float, x: State, u: tuple[()]) -> State:
     return State(h=x.v, v=-p.g)
 
 
-def guard(p: Parameters, t: float, x: State, u: tuple[()]) -> tuple[float]:
+def event_indicators(p: Parameters, t: float, x: State, u: tuple[()]) -> tuple[float]:
     return (x.h if x.v < 0.0 else 1.0,)
 
 
-def jump(p: Parameters, t: float, x: State, u: tuple[()], which: int) -> State:
+def event_update(p: Parameters, t: float, x: State, u: tuple[()], which: int) -> State:
     return replace(x, h=0.0, v=-p.e * x.v)

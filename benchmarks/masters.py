@@ -1,0 +1,361 @@
+"""Error and time of co-simulation masters over the step size: python benchmarks/masters.py
+
+Five systems of FMUs run in the masters of the package index, each in an environment of its own that uv makes
+(`--environments` takes ready ones instead). All get the same FMUs, start values, wires and steps, and hold
+their inputs over a step unless their name says otherwise. The truth is one differential equation, made of the
+model-exchange sides of all FMUs and integrated by `oracle`.
+
+The error of a run is the largest difference from the truth of any exchanged signal at any row, as a share of
+the signal's range. Some masters label a row with the time at which its step began: rows are taken as labelled
+or one step later, whichever is closer to the truth. The time is that of the processor for the steps alone.
+Writes results/masters.json, results/masters.png, and a table for each system.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import subprocess
+import sys
+import time
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT))
+
+from cosim import Result, SimulationError, System, certify, oracle, run, write_ssp
+from fmukit.fmu.make import make_all
+
+CLIENTS = Path(__file__).with_name("masters_clients.py")
+#: what uv installs for each master; FMPy is needed in the version that CoFMuPy asks for
+REQUIREMENTS = {
+    "fmpy": ("fmpy==0.3.32",),
+    "pathsim-cs": ("pathsim==0.27.1", "pathsim-fmi==0.1.1"),
+    "pathsim-me": ("pathsim==0.27.1", "pathsim-fmi==0.1.1"),
+    "cofmupy-jacobi": ("cofmupy==1.0.0",),
+    "cofmupy-gauss-seidel": ("cofmupy==1.0.0",),
+    "ecos": ("ecospy==0.7.2", "tbb"),
+    "libcosim": ("libcosimpy==0.0.6",),
+}
+#: algorithms of the master of this project, by what the table calls them
+OURS: dict[str, dict[str, Any]] = {
+    "cosim-jacobi": {"algorithm": "jacobi"},
+    "cosim-gauss-seidel": {"algorithm": "gauss-seidel"},
+    "cosim-strang": {"algorithm": "strang"},
+    "cosim-gauss-seidel-order-2": {"algorithm": "gauss-seidel", "input_order": 2},
+}
+TITLES = {
+    "fmpy": "FMPy, SSP", "pathsim-cs": "PathSim, co-simulation",
+    "pathsim-me": "PathSim, model exchange (RK4)", "cofmupy-jacobi": "CoFMuPy, Jacobi",
+    "cofmupy-gauss-seidel": "CoFMuPy, Gauss-Seidel", "ecos": "Ecos", "libcosim": "libcosim",
+    "cosim-jacobi": "this project, Jacobi", "cosim-gauss-seidel": "this project, Gauss-Seidel",
+    "cosim-strang": "this project, Strang",
+    "cosim-gauss-seidel-order-2": "this project, Gauss-Seidel, inputs of order 2",
+}  # fmt: skip
+#: the step that the short table shows [s]
+SHOWN = 1e-3
+#: errors above this many ranges are called "grows": the run has nothing to do with the system any more
+LOST = 10.0
+#: how many times as long a second run is, whose longer time tells what the steps take without the set-up
+LONGER = 20
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Case:
+    """A system, for how long it runs, with which steps [s], and a signal whose end is certified."""
+
+    title: str
+    system: System
+    stop: float
+    figure: str
+    steps: tuple[float, ...] = (4e-3, 2e-3, 1e-3, 5e-4, 2.5e-4)
+
+
+@dataclass(frozen=True)
+class Point:
+    """One run: its error in ranges of the signals, the processor time of its steps [s], or why not."""
+
+    system: str
+    master: str
+    step: float
+    error: float = math.nan
+    seconds: float = math.nan
+    failure: str = ""
+    versions: Mapping[str, str] = field(default_factory=dict)
+
+
+def cases(models: Path) -> dict[str, Case]:
+    """The five systems; `models` is a folder for FMUs that are made here."""
+    native = ROOT / "fmus" / "native"
+    made = models / "native"
+    turn = ["motor.tau -> conveyor.tau", "conveyor.w -> motor.w"]
+    conveyor = {"motor": native / "DriveMotor.fmu", "conveyor": native / "CrankConveyor.fmu"}
+    inertia = {"i": 1.0, "eta": 1.0}
+    masses = {f"{part}.{x}": y for part in ("first", "second") for x, y in inertia.items()}
+    return {
+        "drive A": Case(
+            "conveyor with a stiff drive", System(conveyor, turn), 0.5, "motor.tau"
+        ),
+        "drive B": Case(
+            "conveyor with a soft drive",
+            System(conveyor, turn, {"motor.A": 1440.0, "motor.B": 35.8, "motor.T": 0.02}),
+            0.5,
+            "motor.tau",
+        ),
+        "two masses": Case(
+            "two masses on an elastic shaft",
+            System(
+                {"first": native / "Gearbox.fmu", "shaft": native / "ShaftLink.fmu",
+                 "second": native / "Gearbox.fmu"},
+                ["first.w_b -> shaft.w_a", "shaft.tau_a -> first.tau_b",
+                 "second.w_a -> shaft.w_b", "shaft.tau_b -> second.tau_a"],
+                masses | {"first.J": 1.1, "second.J": 2.2, "first.tau_a": 0.0,
+                          "second.tau_b": 0.0, "first.w_a": 10.0, "second.w_a": 10.0,
+                          "shaft.b": 0.0, "shaft.c": 1e4, "shaft.d": 1.0, "shaft.twist": 0.01},
+            ),
+            1.0,
+            "shaft.twist",
+        ),
+        "controlled": Case(
+            "direct-current motor with controller, gearbox and elastic shaft",
+            System(
+                {"controller": native / "SpeedController.fmu", "motor": native / "DCMotor.fmu",
+                 "gear": native / "Gearbox.fmu", "shaft": native / "ShaftLink.fmu",
+                 "conveyor": native / "CrankConveyor.fmu"},
+                ["controller.tau => motor.v", "gear.w_a -> motor.w", "gear.w_a -> controller.w",
+                 "motor.tau -> gear.tau_a", "shaft.tau_a -> gear.tau_b", "gear.w_b -> shaft.w_a",
+                 "conveyor.w -> shaft.w_b", "shaft.tau_b -> conveyor.tau"],
+                {"controller.K": 5.0, "controller.tau_max": 75.0, "controller.w_ref": 150.0,
+                 "shaft.b": 0.0, "shaft.c": 4000.0, "shaft.twist": 0.0, "conveyor.w": 20.0},
+            ),
+            1.0,
+            "conveyor.w",
+        ),
+        "quarter car": Case(
+            "quarter car on a step of the road",
+            System(
+                {"wheel": made / "Wheel.fmu", "chassis": made / "Chassis.fmu"},
+                ["wheel.z -> chassis.z_w", "wheel.v -> chassis.v_w", "chassis.z -> wheel.z_c",
+                 "chassis.v -> wheel.v_c"],
+            ),
+            2.0,
+            "chassis.z",
+        ),
+    }  # fmt: skip
+
+
+class Client:
+    """A program that runs a master of others, as long as the benchmark needs it."""
+
+    def __init__(self, tool: str, environments: Path | None) -> None:
+        if environments:
+            python = [str(environments / REQUIREMENTS[tool][0].split("==")[0] / "bin" / "python")]
+        else:
+            packages = [x for name in REQUIREMENTS[tool] for x in ("--with", name)]
+            uv = [sys.executable, "-m", "uv", "run", "-q", "--no-project", "--isolated"]
+            python = [*uv, "--python", "3.11", *packages, "python"]
+        self.program = subprocess.Popen(
+            [*python, str(CLIENTS), tool], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL, text=True,
+        )  # fmt: skip
+
+    def ask(self, task: Mapping[str, Any]) -> dict[str, Any]:
+        """The answer to a task; a failure where the program ended."""
+        assert self.program.stdin and self.program.stdout
+        try:
+            print(json.dumps(task), file=self.program.stdin, flush=True)
+        except BrokenPipeError:
+            return {"failure": "the program ended"}
+        for line in self.program.stdout:
+            if line.startswith("ANSWER "):
+                answer: dict[str, Any] = json.loads(line.removeprefix("ANSWER "))
+                return answer
+        return {"failure": "the program ended"}
+
+    def close(self) -> None:
+        """End the program."""
+        assert self.program.stdin
+        self.program.stdin.close()
+        self.program.wait()
+
+
+def ends(system: System) -> list[tuple[str, str]]:
+    """Source and target of each wire; the wires here have no factors."""
+    return [(a, b) for a, _, b in (str(wire).split() for wire in system.wires)]
+
+
+def exchanged(system: System) -> list[str]:
+    """The outputs that others take, in the order of the wires."""
+    return list(dict.fromkeys(source for source, _ in ends(system)))
+
+
+def distance(rows: Array, step: float, truth: Result, ports: list[str]) -> float:
+    """The largest error of the rows in ranges of the signals, as labelled or one step later."""
+
+    def off(shift: int) -> float:
+        at = np.rint(rows[:, 0] / step).astype(int) + shift
+        inside = (at >= 0) & (at < len(truth.data))
+        differences = [
+            np.abs(rows[inside, 1 + k] - truth[port][at[inside]]).max() / np.ptp(truth[port])
+            for k, port in enumerate(ports)
+        ]
+        return float(max(differences))
+
+    return min(off(0), off(1)) if np.isfinite(rows).all() else math.inf
+
+
+def ours(name: str, case: Case, step: float) -> tuple[Array, float]:
+    """The rows of a run with this project's master, and the processor time of its steps, without the set-up."""
+    ports = exchanged(case.system)
+
+    def measured(stop: float) -> tuple[Result, float]:
+        began = time.process_time()
+        result = run(case.system, stop=stop, step=step, record=ports, **OURS[name])
+        return result, time.process_time() - began
+
+    result, once = measured(case.stop)
+    try:
+        _, longer = measured(LONGER * case.stop)
+    except SimulationError:  # a coupling that grows lets an FMU refuse its step in the end
+        longer = math.nan
+    columns = [result[port] for port in ports]
+    return np.column_stack([result["time"], *columns]), (longer - once) / (LONGER - 1)
+
+
+def points(key: str, case: Case, clients: Mapping[str, Client], folder: Path) -> Iterable[Point]:
+    """All runs of a system."""
+    ports = exchanged(case.system)
+    ssp = folder / f"{key.replace(' ', '_')}.ssp"
+    write_ssp(case.system, ssp, stop=case.stop, step=SHOWN)
+    for step in case.steps:
+        number = round(case.stop / step)
+        truth = oracle(case.system, stop=case.stop, output_step=step, record=ports)
+        for name in OURS:
+            try:
+                rows, seconds = ours(name, case, step)
+                yield Point(key, name, step, distance(rows, step, truth, ports), seconds)
+            except SimulationError as failure:
+                yield Point(key, name, step, failure=str(failure))
+        start = {target: float(truth[source][0]) for source, target in ends(case.system)}
+        task = {
+            "inputs": start,
+            "parts": {part: str(fmu) for part, fmu in case.system.parts.items()},
+            "wires": ends(case.system),
+            "start": dict(case.system.start),
+            "step": step, "steps": number, "record": ports, "ssp": str(ssp),
+        }  # fmt: skip
+        for name, client in clients.items():
+            answer = client.ask(task)
+            if "failure" in answer:
+                yield Point(key, name, step, failure=answer["failure"])
+                continue
+            error = distance(np.array(answer["rows"]), step, truth, ports)
+            yield Point(key, name, step, error, answer["seconds"], versions=answer["versions"])
+
+
+def certified(case: Case) -> dict[str, float]:
+    """What `certify` states for the signal at the end with SHOWN, and how far that is from the truth."""
+    port = case.figure
+
+    def last(result: Result) -> dict[str, float]:
+        return {"last": float(result[port][-1])}
+
+    estimate = certify(
+        case.system, last, step=SHOWN, stop=case.stop, record=[port], algorithm="strang"
+    ).figures["last"]
+    truth = oracle(case.system, stop=case.stop, record=[port])
+    return {
+        "value": estimate.value, "stated": estimate.error, "true": float(truth[port][-1]),
+        "range": float(np.ptp(truth[port])),
+    }  # fmt: skip
+
+
+def told(point: Point) -> str:
+    """The cell of a table."""
+    if point.failure:
+        return "refused" if point.master.startswith("cosim") else "fails"
+    return f"{100 * point.error:.2g} %" if point.error < LOST else "grows"
+
+
+def table(found: list[Point], systems: Iterable[str]) -> str:
+    """Masters by systems at the step SHOWN."""
+    names = list(systems)
+    lines = [
+        f"| master, step {1e3 * SHOWN:g} ms | {' | '.join(names)} |",
+        "|---" * (len(names) + 1) + "|",
+    ]
+    for master, title in TITLES.items():
+        cells = {p.system: told(p) for p in found if p.master == master and p.step == SHOWN}
+        if cells:
+            row = " | ".join(cells.get(name, "") for name in names)
+            lines.append(f"| {title} | {row} |")
+    return "\n".join(lines)
+
+
+def draw(found: list[Point], systems: Mapping[str, Case], path: Path) -> None:
+    """Error over step, a picture for each system."""
+    figure = Figure(figsize=(15, 6), layout="constrained")
+    axes = figure.subplots(2, 3).ravel()
+    for axis, (key, case) in zip(axes, systems.items()):
+        for k, (master, title) in enumerate(TITLES.items()):
+            mine = [p for p in found if (p.system, p.master) == (key, master) and p.error < LOST]
+            style = "-o" if master in OURS else "--s"
+            axis.loglog(
+                [1e3 * p.step for p in mine], [100 * p.error for p in mine], style,
+                color=f"C{k % 10}", markersize=3, label=title,
+            )  # fmt: skip
+        axis.set(title=case.title, xlabel="step (ms)", ylabel="largest error (% of range)")
+        axis.grid(alpha=0.3)
+    axes[-1].axis("off")
+    axes[-1].legend(*axes[0].get_legend_handles_labels(), loc="center")
+    figure.savefig(path, dpi=110)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description="Compare co-simulation masters.")
+    parser.add_argument("--environments", type=Path, help="folder of ready environments by package")
+    parser.add_argument("--masters", default=",".join(REQUIREMENTS), help="which of the others")
+    parser.add_argument("--systems", default="", help="which systems (default: all)")
+    parser.add_argument("--steps", default="", help="steps in ms (default: 4,2,1,0.5,0.25)")
+    parser.add_argument("--out", type=Path, default=ROOT / "results")
+    options = parser.parse_args()
+    options.out.mkdir(parents=True, exist_ok=True)
+    masters = [name for name in options.masters.split(",") if name]
+    clients = {name: Client(name, options.environments) for name in masters}
+    found: list[Point] = []
+    stated = {}
+    with TemporaryDirectory() as folder:
+        models = Path(__file__).with_name("models")
+        make_all([models / "wheel.py", models / "chassis.py"], "native", Path(folder))
+        wanted = [name for name in options.systems.split(",") if name]
+        systems = {k: x for k, x in cases(Path(folder)).items() if not wanted or k in wanted}
+        for key, case in systems.items():
+            if options.steps:
+                chosen = tuple(1e-3 * float(x) for x in options.steps.split(","))
+                case = Case(case.title, case.system, case.stop, case.figure, chosen)
+            for point in points(key, case, clients, Path(folder)):
+                found.append(point)
+                print(f"{key:12} {point.master:28} {1e3 * point.step:5g} ms {told(point):>9} "
+                      f"{1e3 * point.seconds:8.2f} ms {point.failure}", flush=True)  # fmt: skip
+            stated[key] = certified(case)
+            print(f"{key:12} certify, {case.figure}: {stated[key]}", flush=True)
+    for client in clients.values():
+        client.close()
+    report = {"points": [asdict(point) for point in found], "certified": stated}
+    (options.out / "masters.json").write_text(json.dumps(report, indent=1), encoding="utf-8")
+    draw(found, systems, options.out / "masters.png")
+    print(f"\n{table(found, systems)}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,37 @@
+"""Clocks with an interval, and when they tick."""
+
+from __future__ import annotations
+
+import math
+
+from ..system.description import Variable
+from .times import coincide
+
+
+def is_reached(time: float, t: float) -> bool:
+    """Whether a time [s] is not after t, but for rounding."""
+    return time <= t or (time < math.inf and coincide(time, t))
+
+
+class IntervalClock:
+    """A clock with an interval, and the time at which it ticks next [s]."""
+
+    def __init__(self, variable: Variable, begin: float, interval: float) -> None:
+        self.variable, self.interval = variable, interval
+        self.kind = variable.intervalVariability
+        self.begin, self.count = begin, 0
+
+    @property
+    def due(self) -> float:
+        return self.begin + self.count * self.interval if self.count else self.begin
+
+    def tick(self) -> None:
+        """Go on to the next tick; a countdown waits for a new interval."""
+        if self.kind == "countdown":
+            self.begin = math.inf
+        else:
+            self.count += 1
+
+    def restart(self, t: float, interval: float) -> None:
+        """Tick an interval [s] after the time t [s], and from there on."""
+        self.begin, self.interval, self.count = t, interval, 1

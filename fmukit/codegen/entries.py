@@ -1,0 +1,213 @@
+"""The C source of a component: its traced functions, and its variables as a table for the runtime."""
+
+from __future__ import annotations
+
+import json
+import sys
+from functools import cache
+from types import ModuleType
+from typing import Any, NamedTuple
+
+from ..declare import bounds
+from ..declare.interface import Interface, Variable, class_name, co_simulation_only_reason
+from ..declare.record import Value, start
+from ..runtime import direction, hybrid, jet, ode
+from ..trace import feedthrough, purity, tangents
+from ..trace.graph import Function, size, symbol
+from ..trace.tracer import Tracer, note
+from . import c, python
+
+BOUNDARIES = {
+    hybrid: (
+        "input_trajectory",
+        "inputs_at",
+        "triggered_indicator",
+        "slope",
+        "smaller",
+        "announce_change",
+        "integrate_through_events",
+    ),
+    ode: ("clip_to_stop", "next_size"),
+    bounds: ("require_bounds",),
+    direction: ("rotated",),
+    jet: (),
+}
+
+
+SLAVE = (
+    "model_check", "model_initial", "model_begin", "model_input_trajectory", "model_step", "model_outputs"
+)  # fmt: skip
+
+
+class GeneratedSources(NamedTuple):
+    """The sources of a model: C without guid, and the functions of a slave in Python.
+
+    `indicators` are the event indicators; `run_to_event` is the C that FMI 3.0 needs to end at an event;
+    `warnings` are sentences about the model.
+    """
+
+    c: str
+    python: str
+    indicators: int
+    run_to_event: str
+    warnings: tuple[str, ...]
+
+
+@cache
+def generate(model: ModuleType) -> GeneratedSources:
+    """Trace and print a model, once in a process; raises TypeError for undeclared feedthrough."""
+    interface = Interface(model)
+    functions = traced(interface)
+    outputs = next(f for f in functions if f.name == "model_outputs")
+    feedthrough.require(interface, outputs)
+    warnings = tuple(feedthrough.superfluous_declarations(interface, outputs))
+    indicators = next(size(f.shape) for f in functions if f.name == "model_event_indicators")
+    last = next(n for n, f in enumerate(functions, 1) if f.name == "model_tangents")
+    code = source(interface, functions[:last], indicators)
+    more = "\n".join(map(c.definition, functions[last:]))
+    return GeneratedSources(code, python.module(functions, SLAVE), indicators, more, warnings)
+
+
+def source(interface: Interface, functions: list[Function], indicators: int) -> str:
+    """The C file to compile; it includes `fmi2.c`."""
+    names = ("inputs", "states", "outputs", "derivatives")
+    width = {name: getattr(interface, name) for name in names}
+    defined = {
+        "IDENTIFIER": json.dumps(class_name(interface.model)),
+        "GUID": '""',
+        "VARIABLES": interface.derivatives.stop,
+        "INPUT_HOLD": interface.input_hold,
+        "HIGHEST_DEGREE": hybrid.HIGHEST_DEGREE,
+        "MODEL_EXCHANGE": int(not co_simulation_only_reason(interface.model)),
+        "INDICATORS": indicators,
+        "MOST_EVENTS": hybrid.MOST_EVENTS,
+        **{f"FIRST_{name[:-1].upper()}": part.start for name, part in width.items()},
+        **{name.upper(): part.stop - part.start for name, part in width.items()},
+    }
+    return "\n".join(
+        [
+            f"/* {class_name(interface.model)}: written by build_fmus.py. */",
+            *(f"#define {name} {value}" for name, value in defined.items()),
+            '#include "fmi2.c"\n',
+            *map(c.definition, functions),
+            f"static const Variable variables[VARIABLES] = {{\n{table(interface)}\n}};\n",
+            f"static const Continuous continuous[] = {{{nominals(interface)}}};\n",
+        ]
+    )
+
+
+def table(interface: Interface) -> str:
+    """The variables as the runtime reads them."""
+    variables = interface.variables + interface.rates
+    return ",\n".join(f"    {{{', '.join(row(variable))}}}" for variable in variables)
+
+
+def nominals(interface: Interface) -> str:
+    """Place and nominal of each continuous state; C wants at least one."""
+    rows = [
+        f"{{{v.reference - interface.states.start}, {c.real(v.declaration.nominal or 1.0)}}}"
+        for v in interface.continuous
+    ]
+    return ", ".join(rows) or "{0, 1.0}"
+
+
+def row(v: Variable) -> list[str]:
+    texts = (v.name, v.unit, v.declaration.kind, v.causality, v.variability)
+    settable = str(int(v.settable_before_start))
+    items = v.declaration.items
+    most = float(max(items)) if items else MOST[v.declaration.kind]
+    return [*map(json.dumps, texts), settable, c.real(float(v.declaration.start)), c.real(most)]
+
+
+MOST = {"Real": sys.float_info.max, "Integer": 2.0**31 - 1, "Boolean": 1.0}
+
+
+def traced(interface: Interface) -> list[Function]:
+    """The functions in the order in which C needs them."""
+    model = interface.model
+    purity.require(model, Tracer(model, BOUNDARIES))
+    tracer = Tracer(model, BOUNDARIES)
+    p, x, u = (start(cls) for cls in (model.Parameters, model.State, model.Inputs))
+    inputs = hybrid.InputTrajectory(u, u, 0.0, 1, (u,) * (hybrid.HIGHEST_DEGREE - 1))
+
+    def check(p: Any) -> None:
+        values: list[Value] = [
+            symbol("element", "p", v.reference, kind=v.kind)  # type: ignore[misc]
+            for v in interface.variables
+        ]
+        for sentence in bounds.check_start_values(interface, p, values):
+            note(sentence)
+
+    def begin(p: Any, t: Any, x: Any, now: Any) -> Any:
+        return hybrid.sample(model, p, t, x, None, now, note)
+
+    def input_trajectory(hold: Any, before: Any, now: Any, past: Any, h: Any) -> Any:
+        return hybrid.input_trajectory(hold, before, now, past, h)
+
+    def step(p: Any, t: Any, x: Any, before: Any, now: Any, inputs: Any) -> Any:
+        return hybrid.step(model, p, t, x, before, now, inputs, note)
+
+    def outputs(p: Any, t: Any, x: Any, u: Any) -> Any:
+        return model.outputs(p, t, x, u)
+
+    def initial(p: Any, t: Any, x: Any, u: Any) -> Any:
+        settled = hybrid.settle(model, p, x)
+        return settled, model.outputs(p, t, settled, u)
+
+    def derivatives(p: Any, t: Any, x: Any, u: Any) -> Any:
+        return hybrid.continuous_values(
+            model.derivatives(p, t, x, u), hybrid.continuous_indices(model.State)
+        )
+
+    def indicators(p: Any, t: Any, x: Any, u: Any) -> list[Any]:
+        return (
+            list(model.event_indicators(p, t, x, u)) if hasattr(model, "event_indicators") else []
+        )
+
+    def count(p: Any, t: Any, x: Any, u: Any) -> None:
+        counts.append(len(indicators(p, t, x, u)))
+
+    def event_indicators(p: Any, t: Any, x: Any, u: Any) -> Any:
+        values = indicators(p, t, x, u)
+        return values + [1.0] * (max(counts) - len(values))
+
+    def run_to_event(p: Any, t: Any, x: Any, inputs: Any) -> Any:
+        return hybrid.run_to_event(model, p, t, x, inputs)
+
+    def event(p: Any, t: Any, x: Any, before: Any, now: Any, which: Any) -> Any:
+        if not hasattr(model, "event_indicators") or which < 0.0:
+            return hybrid.sample(model, p, t, x, before, now, note)
+        new = model.event_update(p, t, x, now, which)
+        hybrid.announce_change(model, p, t, x, new, now, note)
+        return new
+
+    def initial_values(p: Any, t: Any, x: Any, u: Any) -> Any:
+        settled = hybrid.settle(model, p, x)
+        return settled, model.outputs(p, t, settled, u), derivatives(p, t, settled, u)
+
+    def present_values(p: Any, t: Any, x: Any, u: Any) -> Any:
+        return x, model.outputs(p, t, x, u), derivatives(p, t, x, u)
+
+    counts: list[int] = []
+
+    tracer.entry("model_check", check, p=p)
+    tracer.entry("model_begin", begin, p=p, t=0.0, x=x, now=u)
+    tracer.entry(
+        "model_input_trajectory", input_trajectory, hold=0, before=u, now=u, past=0.0, h=0.0
+    )
+    tracer.entry("model_step", step, p=p, t=0.0, x=x, before=u, now=u, inputs=inputs)
+    tracer.entry("model_outputs", outputs, p=p, t=0.0, x=x, u=u)
+    tracer.entry("model_initial", initial, p=p, t=0.0, x=x, u=u)
+    tracer.entry("model_derivatives", derivatives, p=p, t=0.0, x=x, u=u)
+    tracer.trace("count", count, p=p, t=0.0, x=x, u=u)
+    tracer.entry("model_event_indicators", event_indicators, p=p, t=0.0, x=x, u=u)
+    tracer.entry("model_event", event, p=p, t=0.0, x=x, before=u, now=u, which=0.0)
+    for name, run in (("model_directional", initial_values), ("model_tangents", present_values)):
+        with tracer.patched():
+            primal = tracer.trace(name, run, p=p, t=0.0, x=x, u=u)
+            derivative = tangents.derived(tracer, primal, ("p", "t", "x", "u"))
+        tracer.functions = {k: v for k, v in tracer.functions.items() if v is not derivative}
+        tracer.functions[name] = derivative._replace(name=name, entry=True)
+    if hasattr(model, "event_indicators"):
+        tracer.entry("model_run_to_event", run_to_event, p=p, t=0.0, x=x, inputs=inputs)
+    return [function for function in tracer.functions.values() if function]

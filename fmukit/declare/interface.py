@@ -1,0 +1,209 @@
+"""The FMI variables of a component; their order is both XML index and value reference."""
+
+from __future__ import annotations
+
+from collections import Counter
+from enum import IntEnum
+from inspect import Signature, signature
+from math import inf
+from types import ModuleType
+from typing import Any, NamedTuple
+
+from ..si import Quantity, per_second
+from .record import Declaration, declarations, discrete, record
+
+
+class InputHold(IntEnum):
+    """What an input does between two communication points."""
+
+    zero = 0
+    extrapolate = 1
+    interpolate = 2
+
+
+INPUT_HOLD: Declaration = discrete(
+    InputHold.zero,
+    "Inputs over a communication step: held at the value set (0), extrapolated through the "
+    "last two values (1), interpolated from the previous value to the one just set (2)",
+)
+
+
+class Experiment(NamedTuple):
+    """Default experiment: stop time and preferred communication step, in s."""
+
+    stop: float
+    step: float
+
+
+class Variable(NamedTuple):
+    """One FMI variable: its declaration and its role."""
+
+    name: str
+    reference: int
+    causality: str
+    variability: str
+    initial: str
+    declaration: Declaration
+
+    @property
+    def settable_before_start(self) -> bool:
+        """Inputs, parameters and exact outputs may be set until initialisation ends."""
+        return self.initial == "exact" or self.causality == "input"
+
+    @property
+    def kind(self) -> str:
+        """The FMI type that gets and sets it: an Enumeration is an Integer there."""
+        kind = self.declaration.kind
+        return "Integer" if kind == "Enumeration" else kind
+
+    @property
+    def unit(self) -> str:
+        """The unit, or an empty string if there is none."""
+        return self.declaration.quantity.unit if self.declaration.quantity else ""
+
+
+RECORDS = ("Parameters", "Inputs", "State", "Outputs")
+FUNCTIONS = {
+    "derivatives": "p, t, x, u", "outputs": "p, t, x, u", "event_indicators": "p, t, x, u",
+    "event_update": "p, t, x, u, which", "prepare": "p, x", "settle": "p, x",
+}  # fmt: skip
+"""The arguments of a model's functions."""
+
+
+def complete_model(model: Any) -> None:
+    """Add the records that a model lacks, empty; raises TypeError for a missing part that it must have."""
+    for name in RECORDS:
+        if not hasattr(model, name):
+            setattr(model, name, record(type(name, (), {"__module__": model.__name__})))
+        if not hasattr(getattr(model, name), "_declared"):
+            raise TypeError(f"class {name} needs @record above it")
+    if not hasattr(model, "derivatives") and not model.State._declared:
+        model.derivatives = lambda p, t, x, u: x
+    if not hasattr(model, "outputs") and not model.Outputs._declared:
+        empty = model.Outputs()
+        model.outputs = lambda p, t, x, u: empty
+    needed = {
+        "__doc__": 'write """One line that says what it is""" at the top of the file',
+        "EXPERIMENT": "write EXPERIMENT = Experiment(stop=10.0, step=0.01)",
+        "derivatives": "write def derivatives(p, t, x, u), which returns the State of slopes",
+        "outputs": "write def outputs(p, t, x, u), which returns the Outputs",
+    }
+    if hasattr(model, "event_indicators") or hasattr(model, "event_update"):
+        needed["event_indicators"] = (
+            "write def event_indicators(p, t, x, u), which returns a tuple of values that stay above 0"
+        )
+        needed["event_update"] = (
+            "write def event_update(p, t, x, u, which), which returns the State after the event"
+        )
+    for name, form in needed.items():
+        if not getattr(model, name, None):
+            raise TypeError(f"{'the docstring' if name == '__doc__' else name} is missing: {form}")
+    stop, step = model.EXPERIMENT
+    if not 0.0 < step <= stop < inf:
+        raise ValueError(
+            f"EXPERIMENT has stop = {stop!r} s and step = {step!r} s: 0 < step <= stop must hold"
+        )
+    for name, expected in FUNCTIONS.items():
+        if hasattr(model, name):
+            _require_arguments(name, signature(getattr(model, name)), expected.split(", "))
+
+
+def _require_arguments(name: str, actual: Signature, expected: list[str]) -> None:
+    names = list(actual.parameters)
+    swapped = names[: len(expected)] != expected and sorted(names[: len(expected)]) == sorted(
+        expected
+    )
+    try:
+        actual.bind(*expected)
+    except TypeError:
+        swapped = True
+    if swapped:
+        raise TypeError(f"{name} takes {', '.join(names)}: write def {name}({', '.join(expected)})")
+
+
+class Interface:
+    """All variables of a component and where each kind starts in the list of values."""
+
+    def __init__(self, model: ModuleType) -> None:
+        self.model = model
+        self.variables: list[Variable] = []
+        self.parameters = self._add(model.Parameters, "parameter", "exact")
+        self.input_hold = len(self.variables)
+        self._append("input_hold", "parameter", "exact", INPUT_HOLD)
+        self.inputs = self._add(model.Inputs, "input", "")
+        self.states = self._add(model.State, "output", "exact")
+        self.outputs = self._add(model.Outputs, "output", "calculated")
+        self.continuous = [v for v in self.variables[self.states] if v.variability == "continuous"]
+        first = len(self.variables)
+        self.derivatives = slice(first, first + len(self.continuous))
+        self.by_name = {v.name: v for v in self.variables}
+        for name, times in Counter(v.name for v in self.variables).items():
+            if times > 1:
+                raise ValueError(f"{name} is declared twice: every state is also an output")
+
+    def _add(self, cls: Any, causality: str, initial: str) -> slice:
+        first = len(self.variables)
+        for name, declaration in declarations(cls):
+            start_kind = "calculated" if declaration.follows else initial
+            self._append(name, causality, start_kind, declaration)
+        return slice(first, len(self.variables))
+
+    def _append(self, name: str, causality: str, initial: str, declaration: Declaration) -> None:
+        variability = "fixed" if causality == "parameter" else "discrete"
+        if causality != "parameter" and declaration.kind == "Real" and not declaration.held:
+            variability = "continuous"
+        self.variables.append(
+            Variable(name, len(self.variables), causality, variability, initial, declaration)
+        )
+
+    @property
+    def rates(self) -> list[Variable]:
+        """The derivatives of the continuous states, which a native FMU has after all others."""
+        return [
+            Variable(
+                f"der({state.name})",
+                self.derivatives.start + index,
+                "local",
+                "continuous",
+                "calculated",
+                Declaration(
+                    0.0, f"Derivative of {state.name}", quantity=rate_quantity(state.declaration)
+                ),
+            )
+            for index, state in enumerate(self.continuous)
+        ]
+
+    def feedthrough(self, variable: Variable) -> list[Variable]:
+        """The inputs that act on an output without delay, in index order."""
+        names = variable.declaration.feedthrough
+        return [v for v in self.variables[self.inputs] if v.name in names]
+
+
+def rate_quantity(declaration: Declaration) -> Quantity | None:
+    """The quantity of a derivative by time."""
+    return per_second(declaration.quantity) if declaration.quantity else None
+
+
+def co_simulation_only_reason(model: ModuleType) -> str:
+    """Why a model can only be stepped, not integrated by others; empty if it can be integrated."""
+    declared = [d for _, d in declarations(model.State)]
+    discrete = all(d.kind != "Real" or d.held for d in declared)
+    if discrete and (hasattr(model, "sample") or hasattr(model, "exact")):
+        return "it has no continuous state and changes only at communication points"
+    return getattr(model, "CO_SIMULATION_ONLY", "")
+
+
+def title(model: ModuleType) -> str:
+    """The first line of a component's docstring."""
+    return (model.__doc__ or "").strip().splitlines()[0].rstrip(".")
+
+
+def component_name(model: ModuleType) -> str:
+    """The name of a model: drive_motor for the file drive_motor.py or drive_motor/model.py."""
+    parent, name = ("", *model.__name__.split("."))[-2:]
+    return parent if name == "model" else name
+
+
+def class_name(model: ModuleType) -> str:
+    """drive_motor -> DriveMotor, DC_motor -> DCMotor, the FMU's name."""
+    return "".join(word[:1].upper() + word[1:] for word in component_name(model).split("_"))

@@ -1,0 +1,1 @@
+"""modelDescription.xml of either version of FMI."""

@@ -1,0 +1,234 @@
+"""A native FMU of FMI 2.0 or 3.0: the C of a component, compiled for every platform with Zig."""
+
+import importlib.metadata
+import struct
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache
+from pathlib import Path
+from types import ModuleType
+from typing import NamedTuple
+from xml.etree import ElementTree
+from xml.etree.ElementTree import SubElement
+
+import fmpy
+
+from ...codegen.entries import generate
+from ...declare.interface import Interface, class_name, co_simulation_only_reason
+from .. import page, plot, reference, terminals
+from ..archive import LICENSE, digest_of, guid_of, write_archive
+from ..description.fmi2 import NATIVE, to_xml
+from ..description.fmi3 import to_fmi3
+
+RUNTIMES = sorted(Path(__file__).parent.glob("fmi*.c"))
+NAMES = ("fmi2FunctionTypes", "fmi2TypesPlatform", "fmi3FunctionTypes", "fmi3PlatformTypes")
+HEADERS = [Path(fmpy.__file__).with_name("c-code") / f"{name}.h" for name in NAMES]
+TARGETS = {
+    "linux64/{}.so": "x86_64-linux-gnu.2.17",
+    "aarch64-linux/{}.so": "aarch64-linux-gnu.2.17",
+    "win64/{}.dll": "x86_64-windows-gnu",
+    "x86_64-darwin/{}.dylib": "x86_64-macos",
+    "aarch64-darwin/{}.dylib": "aarch64-macos",
+}
+PLATFORMS = {"linux64": "x86_64-linux", "win64": "x86_64-windows"}
+BUILD_DESCRIPTION = """\
+<?xml version="1.0" encoding="UTF-8"?>
+<fmiBuildDescription fmiVersion="3.0">
+  <BuildConfiguration modelIdentifier="{0}">
+    <SourceFileSet language="C99"><SourceFile name="{0}.c"/></SourceFileSet>
+  </BuildConfiguration>
+</fmiBuildDescription>
+"""
+OPTIONS = (
+    "-std=c99", "-O2", "-ffp-contract=off", "-fno-math-errno", "-fno-slp-vectorize",
+    "-fvisibility=hidden", "-s",
+)  # fmt: skip
+LIBRARY_FLAGS = ("-shared", "-fPIC", "-rtlib=none")
+WINDOWS_LAYER = Path(__file__).with_name("windows.c")
+UCRT = [
+    f"-lapi-ms-win-crt-{part}-l1-1-0"
+    for part in ("convert", "heap", "math", "private", "stdio", "string", "utility")
+]
+WASM_LAYER = Path(__file__).with_name("wasm.c")
+WASM_FLAGS = ("-mexec-model=reactor", "-Wl,--strip-all")
+WASM_FOLDER = "extra/org.webassembly.wasm32"
+DEPENDENCIES = """\
+The binaries for linux64 and aarch64-linux (glibc 2.17 or newer), win64 and darwin64 (universal)
+need the C library and its mathematics, nothing else. They are built from sources/, which any C99
+compiler accepts.
+"""
+
+
+class NativeBuild(NamedTuple):
+    """A component to compile for a version of FMI, and the hash of all it is made from."""
+
+    model: ModuleType
+    fmi: int
+    digest: str
+
+    @property
+    def name(self) -> str:
+        return class_name(self.model)
+
+    @property
+    def guid(self) -> str:
+        return guid_of(self.digest)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Sentences about the model."""
+        return generate(self.model).warnings
+
+    @property
+    def source(self) -> str:
+        """Its C but for the guid."""
+        generated = generate(self.model)
+        if self.fmi == 2:
+            return generated.c
+        return (
+            generated.c.replace('#include "fmi2.c"', '#include "fmi3.c"') + generated.run_to_event
+        )
+
+    @property
+    def indicators(self) -> int | None:
+        """The number of its event indicators; None if it is not for model exchange."""
+        return None if co_simulation_only_reason(self.model) else generate(self.model).indicators
+
+
+def collect(model: ModuleType, fmi: int = 2) -> NativeBuild:
+    """Hash everything that the native FMU of a model is made from."""
+    flavour = f"native {fmi}, Zig {importlib.metadata.version('ziglang')}"
+    return NativeBuild(model, fmi, digest_of(Interface(model), flavour, HEADERS))
+
+
+def sources_of(build: NativeBuild) -> dict[str, bytes]:
+    """All that is compiled, by file name."""
+    source = build.source.replace('#define GUID ""', f'#define GUID "{build.guid}"')
+    files = {file.name: file.read_bytes() for file in source_files(build.fmi)}
+    return {f"{build.name}.c": source.encode(), **files}
+
+
+def pack(build: NativeBuild, fmu: Path) -> None:
+    """Write the FMU; raises RuntimeError with the words of the compiler if it fails."""
+    interface, sources = Interface(build.model), sources_of(build)
+    rows = reference.experiment(build.model)
+    licence = f"{LICENSE.read_text()}\nThe FMI headers in sources/ carry their own licence.\n"
+    libraries = binaries(build.name, sources, build.fmi)
+    build_description = {
+        "sources/buildDescription.xml": BUILD_DESCRIPTION.format(build.name).encode()
+    }
+    contents = {
+        "modelDescription.xml": description(interface, build),
+        "documentation/index.html": page.html(interface, plot.svg(interface, rows)).encode(),
+        "documentation/externalDependencies.txt": DEPENDENCIES.encode(),
+        "documentation/licenses/license.txt": licence.encode(),
+        **{f"sources/{name}": content for name, content in sources.items()},
+        **reference.entries(interface, rows),
+        **terminals.entries(interface),
+        **{f"binaries/{path}": content for path, content in libraries},
+        **(
+            build_description
+            if build.fmi == 3
+            else {f"{WASM_FOLDER}/{build.name}.wasm": wasm_module(build)}
+        ),
+    }
+    write_archive(contents, fmu)
+
+
+def source_files(fmi: int) -> list[Path]:
+    """The files of ours and of the standard that go with the C of a component."""
+    return [
+        file
+        for file in (*RUNTIMES, *HEADERS, WASM_LAYER)
+        if (file != WASM_LAYER if fmi == 3 else "fmi3" not in file.name)
+    ]
+
+
+def description(interface: Interface, build: NativeBuild) -> bytes:
+    """modelDescription.xml; of FMI 2.0 with the list of sources."""
+    root = to_xml(interface, build.guid, NATIVE, build.indicators)
+    if build.fmi == 3:
+        root = to_fmi3(root)
+    kinds = [*root.iter("ModelExchange"), *root.iter("CoSimulation")]
+    for kind in kinds if build.fmi == 2 else ():
+        SubElement(SubElement(kind, "SourceFiles"), "File", name=f"{build.name}.c")
+    ElementTree.indent(root)
+    text: bytes = ElementTree.tostring(root, encoding="UTF-8", xml_declaration=True)
+    return text
+
+
+def binaries(name: str, sources: dict[str, bytes], fmi: int) -> Iterator[tuple[str, bytes]]:
+    """The shared libraries by their place in an FMU of this version of the standard."""
+    with tempfile.TemporaryDirectory(prefix="native_") as temporary, ThreadPoolExecutor() as pool:
+        folder = Path(temporary)
+        for file, content in sources.items():
+            (folder / file).write_bytes(content)
+        paths = [path.format(name) for path in TARGETS]
+        outcomes = pool.map(
+            lambda target, platform_name: compile_for(target, platform_name, name, folder),
+            TARGETS.values(),
+            paths,
+        )
+        libraries = dict(zip(paths, outcomes))
+    if fmi == 3:
+        for path, code in libraries.items():
+            platform_name, file = path.split("/")
+            yield f"{PLATFORMS.get(platform_name, platform_name)}/{file}", code
+        return
+    yield from ((path, code) for path, code in libraries.items() if "darwin" not in path)
+    slices = [code for path, code in libraries.items() if path.endswith(".dylib")]
+    yield f"darwin64/{name}.dylib", universal(slices)
+
+
+def compile_for(target: str, path: str, name: str, folder: Path) -> bytes:
+    """The shared library for one target of Zig."""
+    library = folder / path
+    library.parent.mkdir()
+    if "windows" in target:
+        object_file = f"{name}.obj"
+        run_compiler(
+            target, str(WINDOWS_LAYER), object_file, folder, ["-c", "-I.", f'-DMODEL="{name}.c"']
+        )
+        return run_compiler(
+            target, object_file, path, folder, ["-shared", "-nostdlib", "-Wl,--no-entry", *UCRT]
+        )
+    options = [*LIBRARY_FLAGS, "-lm"]
+    options += (
+        [f"-Wl,-install_name,@rpath/{library.name}"] if "macos" in target else ["-Wl,-z,defs"]
+    )
+    return run_compiler(target, f"{name}.c", path, folder, options)
+
+
+@cache
+def wasm_module(build: NativeBuild) -> bytes:
+    """The module for WebAssembly, which needs no imports; `wasm.c` says what it exports."""
+    with tempfile.TemporaryDirectory(prefix="wasm_") as temporary:
+        folder = Path(temporary)
+        for file, content in sources_of(build).items():
+            (folder / file).write_bytes(content)
+        options = [*WASM_FLAGS, f'-DMODEL="{build.name}.c"']
+        return run_compiler("wasm32-wasi", WASM_LAYER.name, f"{build.name}.wasm", folder, options)
+
+
+def run_compiler(target: str, source: str, output: str, folder: Path, options: list[str]) -> bytes:
+    """What the compiler makes of a source in a folder; raises RuntimeError with its words."""
+    command = [sys.executable, "-m", "ziglang", "cc", "-target", target, *OPTIONS, *options]
+    command += ["-o", output, source]
+    process = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    if process.returncode:
+        raise RuntimeError(f"{Path(output).stem} does not compile for {target}:\n{process.stderr}")
+    return (folder / output).read_bytes()
+
+
+def universal(slices: list[bytes]) -> bytes:
+    """One library for several processors of a Mac: a table of offsets before the libraries."""
+    align = 14
+    offset, table, body = 1 << align, struct.pack(">2I", 0xCAFEBABE, len(slices)), b""
+    for code in slices:
+        cpu, subtype = struct.unpack_from("<2I", code, 4)
+        table += struct.pack(">5I", cpu, subtype, offset + len(body), len(code), align)
+        body += code + bytes(-len(code) % (1 << align))
+    return table.ljust(offset, b"\0") + body

@@ -1,0 +1,161 @@
+"""Follow functions with symbols for numbers, once for every answer that their conditions allow.
+
+A condition on a symbol ends the run, which then starts again once for either answer.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
+
+from ..declare.record import Declaration
+from .graph import PATHS, Branch, Leaf, Node, Tree, Untraceable, symbol
+from .merge import merge_arms
+
+#: Limit of the conditions on one path: tracing doubles with each, so that more can only be a loop that does not end.
+MOST_CONDITIONS = 100
+
+
+class Fork(BaseException):
+    """The end of a run at a condition that is still open."""
+
+    def __init__(self, condition: Node) -> None:
+        self.condition = condition
+
+
+class Static:
+    """Something without numbers, the same wherever it is the same object or text."""
+
+    def __init__(self, value: Any) -> None:
+        self.value = value
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Static) and hash(self) == hash(other)
+
+    def __hash__(self) -> int:
+        return hash(self.value) if isinstance(self.value, str) else id(self.value)
+
+
+class Path:
+    """What is known on the way through a function: answers given, and nodes already computed."""
+
+    def __init__(self, answers: tuple[bool, ...], outer: Path | None, token: tuple[Any, ...]):
+        self.answers, self.token, self.decided, self.marks = answers, token, 0, 0
+        self.visited: set[int] = set(outer.visited) if outer else set()
+        self.facts: dict[int, bool] = dict(outer.facts) if outer else {}
+        self.choices: dict[int, list[int]] = dict(outer.choices) if outer else {}
+        self.nodes: list[Node] = []
+
+    def mark(self) -> tuple[Any, ...]:
+        """A name for a place on this path, the same whenever it is run through."""
+        self.marks += 1
+        return (*self.token, self.answers[: self.decided], self.marks)
+
+    def visit(self, node: Node) -> Node:
+        if node.number not in self.visited:
+            self.visited.add(node.number)
+            self.nodes.append(node)
+        return node
+
+    def decide(self, condition: Node) -> bool:
+        if condition.number not in self.facts:
+            if self.decided == MOST_CONDITIONS:
+                raise Untraceable(
+                    "a loop whose end is known only at run time: write repeat(body, x)"
+                )
+            if self.decided == len(self.answers):
+                raise Fork(condition)
+            self.learn(condition, self.answers[self.decided])
+            self.decided += 1
+            self.nodes = []
+        return self.facts[condition.number]
+
+    def learn(self, condition: Node, answer: bool) -> None:
+        self.facts[condition.number] = answer
+        left, right = condition.args
+        if condition.op == "==" and left.items and not isinstance(right, Node):
+            possible = self.choices.get(left.number, left.items)
+            self.choices[left.number] = [item for item in possible if (item == right) == answer]
+
+
+def flatten(value: Any) -> tuple[Any, list[Any]]:
+    """The arrangement of a value, and its numbers in order."""
+    if isinstance(value, (Node, int, float)):
+        return "number", [value]
+    if isinstance(value, (tuple, list)):
+        shapes, numbers = [], []
+        for item in value:
+            shape, some = flatten(item)
+            shapes.append(shape)
+            numbers += some
+        shape = (type(value), tuple(shapes))
+        if not has_static(shape) or any(isinstance(number, Node) for number in numbers):
+            return shape, numbers
+    return ("static", Static(value)), []
+
+
+def has_static(shape: Any) -> bool:
+    if shape == "number":
+        return False
+    return shape[0] == "static" or any(map(has_static, shape[1]))
+
+
+def arranged(shape: Any, numbers: Iterator[Any]) -> Any:
+    """The value of this arrangement with these numbers."""
+    if shape == "number":
+        return next(numbers)
+    cls, parts = shape
+    if cls == "static":
+        return parts.value
+    values = [arranged(part, numbers) for part in parts]
+    return cls._make(values) if hasattr(cls, "_make") else cls(values)
+
+
+def kinds(shape: Any) -> Iterator[tuple[str, Sequence[int]]]:
+    """The type of each number of a shape, with all its values if it is an enumeration."""
+    if shape == "number":
+        yield "Real", ()
+    elif shape[0] != "static":
+        declared = getattr(shape[0], "_declared", {}).values()
+        for part, field in zip(shape[1], declared or shape[1]):
+            if part == "number" and isinstance(field, Declaration):
+                yield field.kind, tuple(field.items or ())
+            else:
+                yield from kinds(part)
+
+
+def symbols(shape: Any, name: Callable[[int], tuple[Any, ...]]) -> Any:
+    """A value of this shape made of symbols, each named by its place."""
+    numbers = (
+        symbol(*name(index), kind=kind, items=items)
+        for index, (kind, items) in enumerate(kinds(shape))
+    )
+    return arranged(shape, iter(list(numbers)))
+
+
+def explore(run: Callable[[], Any], token: tuple[Any, ...], answers: tuple[bool, ...] = ()) -> Tree:
+    """All paths through `run` that begin with these answers, joined where they do the same."""
+    path = Path(answers, PATHS[-1] if PATHS else None, token)
+    PATHS.append(path)
+    try:
+        shape, values = flatten(run())
+        return Leaf(path.nodes, values, shape, None)
+    except (ValueError, ArithmeticError) as error:
+        return Leaf(path.nodes, [], None, str(error))
+    except LookupError as error:
+        return Leaf(path.nodes, [], None, type(error).__name__)
+    except Fork as fork:
+        condition = fork.condition
+    finally:
+        PATHS.pop()
+    true, false = (explore(run, token, (*answers, answer)) for answer in (True, False))
+    return merge_arms(path.nodes, condition, true, false)
+
+
+def leaves(tree: Tree) -> Iterator[Leaf]:
+    """The ends of all paths."""
+    if isinstance(tree, Branch):
+        yield from leaves(tree.true)
+        yield from leaves(tree.false)
+    else:
+        yield tree

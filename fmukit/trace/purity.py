@@ -1,0 +1,88 @@
+"""What an FMU needs of a model's functions: they must be pure and return records of numbers."""
+
+from __future__ import annotations
+
+import ast
+import inspect
+from collections.abc import Callable
+from types import ModuleType
+from typing import Any
+
+from ..declare.record import start
+from .execute import leaves
+from .graph import Node, Tree, Untraceable, key
+from .tracer import Tracer
+
+REFUSED: dict[type[ast.AST], str] = {
+    ast.Try: "try cannot go into the FMU, where nothing is raised: test with if",
+    ast.Global: "global cannot go into the FMU: what a function keeps must be in the State",
+    ast.MatchSingleton: "case True, False or None cannot go into the FMU: write if",
+    ast.Assert: "assert cannot go into the FMU: write if not ...: raise ValueError(...)",
+}
+
+
+def require(model: ModuleType, tracer: Tracer) -> None:
+    """Raise SyntaxError or Untraceable for a function that the FMU could not repeat: one that catches
+    errors, returns something that is not a number, or returns another value for the same numbers.
+    """
+    source_nodes = ast.walk(ast.parse(inspect.getsource(model)))
+    for node in (
+        inner
+        for outer in source_nodes
+        if isinstance(outer, ast.FunctionDef)
+        for inner in ast.walk(outer)
+    ):
+        if isinstance(node, ast.stmt | ast.pattern) and (reason := REFUSED.get(type(node))):
+            raise SyntaxError(reason, (model.__file__, node.lineno, None, None))
+    p, x, u = (start(cls) for cls in (model.Parameters, model.State, model.Inputs))
+    results = {"derivatives": model.State, "outputs": model.Outputs}
+    if hasattr(model, "event_indicators"):
+        results |= {"event_indicators": tuple, "event_update": model.State}
+    for name, result in results.items():
+        checked_function = checked(model, name, result)
+        examples = {"p": p, "t": 0.0, "x": x, "u": u} | (
+            {"which": 0} if name == "event_update" else {}
+        )
+        try:
+            once, again = (tracer.trace(name, checked_function, **examples) for _ in range(2))
+        except RecursionError as error:
+            raise Untraceable(f"{name} calls itself without end") from error
+        if ends(once.tree) != ends(again.tree):
+            raise Untraceable(
+                f"{name} returns another value when it is called again with the same numbers: "
+                "it may only use its arguments and constants"
+            )
+
+
+def checked(model: ModuleType, name: str, result: Any) -> Callable[..., Any]:
+    """A function of a model that refuses to return anything but its record of numbers."""
+
+    def call(**arguments: Any) -> Any:
+        returned = getattr(model, name)(*arguments.values())
+        if not isinstance(returned, result):
+            form = "(..., ...)" if result is tuple else f"{result.__name__}(...)"
+            raise Untraceable(f"{name} returns {_describe(returned)}: write return {form}")
+        for field, declared in getattr(result, "_declared", {}).items():
+            value = getattr(returned, field)
+            is_boolean = isinstance(value, bool) and declared.kind == "Real"
+            if is_boolean or not isinstance(value, (Node, float, int)):
+                raise Untraceable(
+                    f"in {name} {result.__name__}.{field} is {_describe(value)}, which is not a number"
+                    + (": write 1.0 if ... else 0.0" if is_boolean else "")
+                )
+        return (
+            0.0 if result is tuple else returned
+        )  # the number of indicators may depend on the state
+
+    return call
+
+
+def _describe(value: Any) -> str:
+    if value is None or isinstance(value, bool):
+        return repr(value)
+    return "a number" if isinstance(value, Node) else f"a {type(value).__name__}"
+
+
+def ends(tree: Tree) -> list[tuple[Any, ...]]:
+    """What tells the values at the ends of all paths apart."""
+    return [(leaf.error, *map(key, leaf.values)) for leaf in leaves(tree)]

@@ -1,0 +1,408 @@
+"""The referee's verdicts agree with independent integrations, and it names the mistakes that are put in."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from cosim import SetupError, System, oracle, referee, run, write_ssp
+from cosim.accuracy.referee.signals import Verdict
+from cosim.accuracy.referee.table import read_foreign
+from tests.cosim.conftest import Said
+from tests.oracle import monolithic
+
+DRIVE_START = {
+    "conveyor.phi": 0.3,
+    "conveyor.w": 38.0,
+    "motor.tau": 12.0,
+    "motor.A": 7000.0,
+    "motor.T": 0.05,
+}
+CHAIN_WIRES = (
+    "controller.tau * 2.5 => motor.v",
+    "gear.w_a -> motor.w",
+    "gear.w_a -> controller.w",
+    "motor.tau -> gear.tau_a",
+    "shaft.tau_a -> gear.tau_b",
+    "gear.w_b -> shaft.w_a",
+    "load.w -> shaft.w_b",
+    "shaft.tau_b -> load.tau",
+)
+CHAIN_START = {
+    "controller.T_i": 0.2, "controller.w_ref": 100.0, "gear.i": 5.0, "gear.w_a": 0.0, "shaft.b": 0.002,
+    "shaft.twist": 0.0, "load.crank.r": 0.004, "load.w": 0.0,
+}  # fmt: skip
+
+
+def drive(native: Path, **changes: Any) -> System:
+    """The motor and the conveyor, all of whose important values are set."""
+    parts = {"motor": native / "DriveMotor.fmu", "conveyor": native / "CrankConveyor.fmu"}
+    wires = ["motor.tau -> conveyor.tau", "conveyor.w -> motor.w"]
+    return replace(System(parts, wires, DRIVE_START), **changes)
+
+
+def chain(native: Path, **changes: Any) -> System:
+    """Controller, motor, gearbox, elastic shaft and a load, with a factor on a wire."""
+    names = {
+        "controller": "SpeedController", "motor": "DCMotor", "gear": "Gearbox", "shaft": "ShaftLink",
+        "load": "SlottedLink",
+    }  # fmt: skip
+    parts = {name: native / f"{fmu}.fmu" for name, fmu in names.items()}
+    return replace(System(parts, CHAIN_WIRES, CHAIN_START), **changes)
+
+
+def orientator(native: Path, **changes: Any) -> System:
+    """A hybrid machine: a product falls, tips and slides, one event after the other."""
+    return replace(System({"orientator": native / "GravityOrientator.fmu"}), **changes)
+
+
+def exact(system: System, stop: float, output_step: float = 1e-3) -> pd.DataFrame:
+    """What a master without any error writes."""
+    return oracle(system, stop=stop, output_step=output_step, tolerance=1e-11).frame
+
+
+def swap(frame: pd.DataFrame, first: str, second: str) -> pd.DataFrame:
+    """The table with two columns crossed."""
+    return frame.rename(columns={first: second, second: first})
+
+
+def delayed(frame: pd.DataFrame, name: str, rows: int) -> pd.DataFrame:
+    """The table with a column that is some rows late."""
+    values = frame[name].to_numpy()
+    return frame.assign(**{name: np.concatenate([np.full(rows, values[0]), values[:-rows]])})
+
+
+def without(system: System, name: str) -> System:
+    """The system without a start value."""
+    return replace(system, start={k: v for k, v in system.start.items() if k != name})
+
+
+def rewired(system: System, old: str, new: str) -> System:
+    """The system with another wire in place of one."""
+    assert old in system.wires
+    return replace(system, wires=[new if wire == old else wire for wire in system.wires])
+
+
+@dataclass(frozen=True)
+class Mistake:
+    """A mistake of a stranger: the system that he meant, what he got, and the words that name the mistake."""
+
+    system: Callable[[Path], System]
+    result: Callable[[System], pd.DataFrame]
+    kind: str
+    words: str
+
+
+def coupled(
+    algorithm: str, step: float, stop: float = 0.5, **settings: Any
+) -> Callable[[System], Any]:
+    """A master that couples like this."""
+    return lambda s: (
+        run(
+            s, stop=stop, step=step, output_step=max(step, 1e-3), algorithm=algorithm, **settings
+        ).frame
+    )
+
+
+CHANGED = {"changes": ["0.1 controller.w_ref = 140"]}
+MISTAKES = {
+    "Jacobi": Mistake(drive, coupled("jacobi", 1e-3), "held inputs", "0.001 s"),
+    "Jacobi with short steps": Mistake(drive, coupled("jacobi", 2e-4), "held inputs", "0.0002 s"),
+    "Jacobi in a chain": Mistake(chain, coupled("jacobi", 5e-4, 0.3), "held inputs", "0.0005 s"),
+    "Gauss-Seidel": Mistake(
+        drive, coupled("gauss-seidel", 2e-3, order=["conveyor", "motor"]), "step too long", "conveyor, motor"
+    ),
+    "Strang with long steps": Mistake(drive, coupled("strang", 5e-3), "step too long", "0.005 s"),
+    "speed in rpm": Mistake(
+        drive, lambda s: exact(s, 0.3).assign(**{"conveyor.w": lambda f: f["conveyor.w"] * 30 / math.pi}),
+        "unit", "rpm",
+    ),
+    "torque in kN.m": Mistake(
+        drive, lambda s: exact(s, 0.3).assign(**{"motor.tau": lambda f: f["motor.tau"] / 1000}),
+        "unit", "kN.m",
+    ),
+    "opposite sign": Mistake(
+        drive, lambda s: exact(s, 0.3).assign(**{"motor.tau": lambda f: -f["motor.tau"]}), "sign", "motor.tau",
+    ),
+    "crossed columns": Mistake(
+        drive, lambda s: swap(exact(s, 0.3), "motor.tau", "conveyor.tau_load"), "columns crossed",
+        "conveyor.tau_load",
+    ),
+    "late column": Mistake(
+        drive, lambda s: delayed(exact(s, 0.3), "conveyor.v", 4), "delay", "4 rows"
+    ),
+    "lost parameter": Mistake(
+        drive, lambda s: exact(without(s, "motor.T"), 0.3), "lost start value", "motor.T"
+    ),
+    "lost state": Mistake(
+        drive, lambda s: exact(without(s, "conveyor.phi"), 0.3), "lost start value", "conveyor.phi"
+    ),
+    "lost parameter set": Mistake(
+        drive, lambda s: exact(replace(s, start={}), 0.3), "lost start value", "all start values"
+    ),
+    "lost parameter in a chain": Mistake(
+        chain, lambda s: exact(without(s, "controller.T_i"), 0.3), "lost start value", "controller.T_i"
+    ),
+    "lost factor": Mistake(
+        chain, lambda s: exact(rewired(s, CHAIN_WIRES[0], "controller.tau => motor.v"), 0.3), "lost factor",
+        "2.5",
+    ),
+    "wires crossed": Mistake(
+        chain,
+        lambda s: exact(
+            rewired(rewired(s, "motor.tau -> gear.tau_a", "shaft.tau_a -> gear.tau_a"),
+                    "shaft.tau_a -> gear.tau_b", "motor.tau -> gear.tau_b"), 0.3),
+        "wires crossed", "gear.tau_a",
+    ),
+    "wire of the opposite sign": Mistake(
+        chain, lambda s: exact(rewired(s, CHAIN_WIRES[0], "controller.tau * -2.5 => motor.v"), 0.3),
+        "lost factor", "opposite sign",
+    ),
+    "lost wire": Mistake(
+        chain,
+        lambda s: exact(replace(s, wires=[w for w in s.wires if not w.startswith("shaft.tau_a")]), 0.3),
+        "lost wire", "shaft.tau_a",
+    ),
+    "missed change": Mistake(
+        lambda native: chain(native, **CHANGED), lambda s: exact(replace(s, changes=()), 0.3), "lost input",
+        "controller.w_ref",
+    ),
+    "constant offset": Mistake(
+        drive, lambda s: exact(s, 0.3).assign(**{"conveyor.phi": lambda f: f["conveyor.phi"] - 0.3}), "offset",
+        "-0.3",
+    ),
+    "lost parameter and Jacobi": Mistake(
+        drive, lambda s: coupled("jacobi", 1e-3)(without(s, "motor.T")), "lost start value", "motor.T"
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", MISTAKES)
+def test_a_mistake_is_named(native: Path, name: str) -> None:
+    mistake = MISTAKES[name]
+    system = mistake.system(native)
+    report = referee(system, mistake.result(system))
+    assert report.verdict is Verdict.DIFFERS
+    assert report.causes, report.text()
+    cause = report.causes[0]
+    assert cause.kind == mistake.kind and mistake.words in cause.text, report.text()
+    assert cause.reduction >= 10.0
+
+
+def independent(stop: float, rows: int) -> pd.DataFrame:
+    """The drive as one system of differential equations, written without any FMU."""
+    t = np.linspace(0.0, stop, rows)
+    phi, w, tau, *_ = monolithic(DRIVE_START, stop, t).y
+    return pd.DataFrame({"time": t, "conveyor.phi": phi, "conveyor.w": w, "motor.tau": tau})
+
+
+@pytest.mark.parametrize("rows", [61, 301, 997])
+def test_an_independent_solution_agrees(native: Path, rows: int) -> None:
+    """Its rows need not be where those of any master are."""
+    report = referee(drive(native), independent(0.3, rows))
+    assert report.verdict is Verdict.AGREES, report.text()
+    assert report.causes == () and report.exit_status == 0
+    for signal in report.signals:
+        assert signal.deviation <= signal.error + 1e-7 * signal.scale
+
+
+@pytest.mark.parametrize("step", [5e-4, 1e-3, 2e-3])
+@pytest.mark.parametrize("algorithm", ["jacobi", "gauss-seidel", "strang"])
+def test_what_is_off_is_off_by_that_much(native: Path, algorithm: str, step: float) -> None:
+    """The difference that is reported is that from the independent solution."""
+    result = run(drive(native), stop=0.3, step=step, algorithm=algorithm)
+    report = referee(drive(native), result)
+    phi, w, tau, *_ = monolithic(DRIVE_START, 0.3, result["time"]).y
+    for name, exact_values in (("conveyor.phi", phi), ("conveyor.w", w), ("motor.tau", tau)):
+        signal = report[name]
+        true = np.abs(result[name] - exact_values)
+        assert signal.deviation == pytest.approx(true.max(), rel=1e-3, abs=signal.error)
+        wrong = true.max() > 0.01 * np.ptp(exact_values)
+        assert (signal.verdict is Verdict.DIFFERS) == wrong
+        end = signal.figures[0]
+        assert abs(end.reference - exact_values[-1]) <= end.error + 1e-9 * abs(exact_values[-1])
+
+
+CORRECT: dict[str, tuple[Callable[[Path], System], float]] = {
+    "drive": (drive, 0.2), "chain": (chain, 0.1), "orientator": (orientator, 0.3),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("step", [5e-4, 1e-3, 2.5e-3, 1e-2])
+@pytest.mark.parametrize("digits", [6, 9, 17])
+@pytest.mark.parametrize("name", CORRECT)
+def test_a_correct_result_is_not_blamed(native: Path, name: str, digits: int, step: float) -> None:
+    """Whatever its step between rows, and with as few digits as masters print."""
+    make, stop = CORRECT[name]
+    system = make(native)
+    frame = exact(system, stop, step)
+    printed = frame.map(lambda value: float(f"{value:.{digits}g}"))
+    report = referee(system, printed)
+    assert report.verdict is Verdict.AGREES, report.text()
+    assert report.causes == ()
+
+
+@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("amount", [0.03, 0.3])
+def test_noise_has_no_cause(native: Path, amount: float, seed: int) -> None:
+    """A column that is noisy or distorted differs, and no cause is invented."""
+    frame = independent(0.3, 301)
+    draw = np.random.default_rng(seed)
+    name = ["conveyor.phi", "conveyor.w", "motor.tau"][seed % 3]
+    extent = np.ptp(frame[name])
+    shape = draw.normal(size=301) if seed % 2 else np.sin(draw.uniform(20, 60) * frame["time"])
+    frame[name] = frame[name] + 2.0 * amount * extent * shape
+    report = referee(drive(native), frame)
+    assert report.verdict is Verdict.DIFFERS
+    assert report.causes == (), report.text()
+    assert "cause not found" in report.sentence()
+
+
+HEADINGS: dict[str, Callable[[str], str]] = {
+    "OMSimulator": "model.root.{}".format,
+    "Ecos": lambda name: f"{name.replace('.', '::', 1)}[REAL]",
+    "MasterSim": "{} [-]".format,
+    "Simulink": lambda name: name.replace(".", "_"),
+    "bare": lambda name: name.partition(".")[2],
+    "libcosim": lambda name: f"{name.partition('.')[2]} [7 real output]",
+}
+
+
+@pytest.mark.parametrize("master", HEADINGS)
+def test_columns_are_recognised_by_the_names_that_masters_write(
+    native: Path, tmp_path: Path, master: str
+) -> None:
+    frame = independent(0.1, 101)
+    names = {name: HEADINGS[master](name) for name in frame.columns[1:]}
+    if master == "MasterSim":
+        units = {"conveyor.phi": "rad", "conveyor.w": "rad/s", "motor.tau": "N.m"}
+        names = {name: f"{name} [{units[name]}]" for name in names}
+    path = tmp_path / "result.csv"
+    frame = frame.rename(columns=names)
+    if master == "Ecos":
+        frame.insert(0, "iterations", range(101))
+    frame.to_csv(path, index=False, sep="\t" if master == "MasterSim" else ",")
+    if master == "MasterSim":
+        path.write_text(path.read_text().replace("time", "time [s]", 1))
+    if master == "OMSimulator":
+        path.write_text('"sep=,"\n' + path.read_text())
+    report = referee(drive(native), path)
+    assert {signal.name for signal in report.signals} == {*names}
+    assert report.verdict is Verdict.AGREES
+
+
+def test_units_of_headings_are_converted(native: Path) -> None:
+    frame = independent(0.1, 101)
+    frame["conveyor.w"] *= 30.0 / math.pi
+    frame = frame.rename(columns={"conveyor.w": "conveyor.w [rpm]"})
+    assert referee(drive(native), frame).verdict is Verdict.AGREES
+    frame = frame.rename(columns={"conveyor.w [rpm]": "n"})
+    report = referee(drive(native), frame, columns={"conveyor.w": "n:rpm"})
+    assert report["conveyor.w"].verdict is Verdict.AGREES
+
+
+def test_times_in_ms_are_noticed(native: Path) -> None:
+    frame = independent(0.3, 301)
+    frame["time"] *= 1000.0
+    report = referee(drive(native), frame, stop=0.3)
+    assert (report.verdict, report.causes[0].kind) == (Verdict.DIFFERS, "time unit")
+    assert all(signal.verdict is Verdict.AGREES for signal in report.signals)
+    assert (
+        referee(drive(native), frame.rename(columns={"time": "time [ms]"}), stop=0.3).exit_status
+        == 0
+    )
+
+
+def test_parts_without_model_exchange_are_judged_by_finer_runs(fmus: Path) -> None:
+    """The Python FMUs offer co-simulation only; the error of the reference is stated nevertheless."""
+    system = drive(fmus)
+    stop = 0.1
+    good, bad = (
+        run(system, stop=stop, step=1e-4, output_step=1e-3),
+        run(system, stop=stop, step=2e-3, algorithm="jacobi"),
+    )
+    report = referee(system, good)
+    assert report.verdict is Verdict.AGREES and "no model exchange" in report.method
+    t = report["motor.tau"].t
+    true = monolithic(DRIVE_START, stop, t).y[2]
+    signal = report["motor.tau"]
+    assert (np.abs(signal.reference - true) <= signal.errors + 1e-9 * signal.scale).all()
+    report = referee(system, bad)
+    assert (report.verdict, report.causes[0].kind) == (Verdict.DIFFERS, "held inputs")
+
+
+def test_the_command_judges_files(native: Path, tmp_path: Path, said: Said) -> None:
+    system = drive(native)
+    package, good, bad = tmp_path / "drive.ssp", tmp_path / "good.csv", tmp_path / "bad.csv"
+    write_ssp(system, package, stop=0.2)
+    independent(0.2, 201).to_csv(good, index=False)
+    run(system, stop=0.2, step=1e-3, algorithm="jacobi").write(bad)
+    assert "good.csv agrees" in said("referee", package, "--result", good)
+    reports = [
+        tmp_path / f"report{suffix}" for suffix in (".json", ".xml", ".html", ".png", ".txt")
+    ]
+    outputs = [text for path in reports for text in ("--out", path)]
+    text = said("referee", package, "--result", bad, *outputs, code=1)
+    assert "bad.csv differs" in text and "inputs that are one step old" in text
+    content = json.loads(reports[0].read_text())
+    assert content["verdict"] == "differs" and content["causes"][0]["kind"] == "held inputs"
+    suite = ElementTree.parse(reports[1]).getroot()
+    assert int(suite.attrib["failures"]) == sum(
+        s["verdict"] == "differs" for s in content["signals"]
+    )
+    assert content["sentence"].replace("'", "&#x27;") in reports[2].read_text()
+    assert reports[3].read_bytes().startswith(b"\x89PNG")
+    assert text.strip() == reports[4].read_text().strip()
+
+
+def test_what_cannot_be_judged_is_refused_or_not_told(
+    native: Path, tmp_path: Path, said: Said
+) -> None:
+    system = drive(native)
+    with pytest.raises(SetupError, match="no column of the system"):
+        referee(system, pd.DataFrame({"time": [0.0, 0.1], "speed": [1.0, 2.0]}))
+    with pytest.raises(SetupError, match="must not fall"):
+        referee(system, pd.DataFrame({"time": [0.1, 0.0], "conveyor.w": [1.0, 2.0]}))
+    with pytest.raises(SetupError, match="tolerance"):
+        referee(system, independent(0.1, 11), tolerance=1.5)
+    with pytest.raises(SetupError, match="cannot be judged in kg"):
+        referee(system, independent(0.1, 11).rename(columns={"conveyor.w": "conveyor.w [kg]"}))
+    result = oracle(system, stop=0.1, output_step=1e-2, tolerance=1e-10)
+    report = referee(system, result, tolerance=1e-13)
+    assert report.verdict is Verdict.UNDECIDED and report.exit_status == 2
+    assert "cannot be told" in report.sentence()
+
+
+def test_a_modelica_result_is_read(tmp_path: Path) -> None:
+    """The transposed binary form: names in columns, constants in one matrix, curves in the other."""
+    from scipy.io import savemat
+
+    def letters(texts: list[str]) -> Any:
+        width = max(map(len, texts))
+        return np.array(["".join(row) for row in zip(*(text.ljust(width) for text in texts))])
+
+    t = np.linspace(0.0, 1.0, 5)
+    path = tmp_path / "result.mat"
+    content = {
+        "Aclass": letters(["Atrajectory", "1.1", "", "binTrans"]),
+        "name": letters(["time", "motor.tau", "motor.neg", "motor.J"]),
+        "description": letters(["Time in [s]", "torque [N.m]", "minus", "inertia [kg.m2]"]),
+        "dataInfo": np.array([[0, 2, 2, 1], [1, 2, -2, 2], [0, 0, 0, 0], [-1, -1, -1, 0]]),
+        "data_1": np.array([[0.0, 1.0], [0.5, 0.5]]),
+        "data_2": np.stack([t, t**2]),
+    }  # fmt: skip
+    savemat(path, content, format="4")
+    table = read_foreign(path)
+    assert table.time.tolist() == t.tolist()
+    assert table.columns["motor.neg"].tolist() == (-(t**2)).tolist()
+    assert table.columns["motor.J"].tolist() == [0.5] * 5
+    assert table.units["motor.tau"] == "N.m"

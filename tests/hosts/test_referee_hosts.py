@@ -1,0 +1,66 @@
+"""The referee judges results of masters that are not ours, and its verdicts agree with an independent integration."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+import fmpy
+import numpy as np
+import pandas as pd
+import pytest
+
+from cosim import referee
+from cosim.accuracy.referee.signals import Verdict
+from tests.cosim.test_referee import DRIVE_START, drive
+from tests.hosts.test_hosts import HOSTS, finish
+from tests.oracle import monolithic
+
+STOP = 0.2
+STATES = ("conveyor.phi", "conveyor.w", "motor.tau")
+
+
+def hosted(program: str, folder: Path, step: float) -> pd.DataFrame:
+    """What another master makes of the drive."""
+    system = drive(folder)
+    task = {
+        "parts": {name: str(path) for name, path in system.parts.items()},
+        "wires": [["motor.tau", "conveyor.tau"], ["conveyor.w", "motor.w"]],
+        "start": dict(system.start),
+        "record": STATES,
+        "step": step,
+        "steps": round(STOP / step),
+    }
+    done = finish(sys.executable, HOSTS / program, json.dumps(task))
+    rows = np.array(json.loads(done.stdout.splitlines()[-1]))
+    rows[:, 0] *= 1e-9 if program.startswith("libcosim") else 1.0
+    return pd.DataFrame(rows, columns=["time", *STATES])
+
+
+@pytest.mark.parametrize("step", [2e-4, 1e-3, 4e-3])
+@pytest.mark.parametrize("program", ["libcosim_system.py", "ecos_system.py"])
+def test_masters_that_hold_inputs_are_found_out(native: Path, program: str, step: float) -> None:
+    frame = hosted(program, native, step)
+    report = referee(drive(native), frame)
+    true = monolithic(DRIVE_START, STOP, frame["time"].to_numpy()).y[:3]
+    for name, values in zip(STATES, true, strict=True):
+        off, signal = np.abs(frame[name] - values).max(), report[name]
+        assert signal.deviation == pytest.approx(off, rel=1e-3, abs=signal.error)
+        assert (signal.verdict is Verdict.DIFFERS) == (off > 0.01 * np.ptp(values))
+    assert report.verdict is Verdict.DIFFERS
+    assert report.causes[0].kind == "held inputs" and f"{step:g} s" in report.causes[0].text
+
+
+def test_fmpy_steps_a_single_fmu_rightly(native: Path) -> None:
+    """By co-simulation and by model exchange."""
+    fmu = native / "CrankConveyor.fmu"
+    system = drive(native, parts={"conveyor": fmu}, wires=(), start={"conveyor.tau": 20.0})
+    for kind in ("CoSimulation", "ModelExchange"):
+        rows = fmpy.simulate_fmu(
+            fmu, fmi_type=kind, stop_time=STOP, output_interval=1e-3, start_values={"tau": 20.0},
+            relative_tolerance=1e-9,
+        )  # fmt: skip
+        report = referee(system, pd.DataFrame(rows))
+        assert report.verdict is Verdict.AGREES, report.text()
+        assert len(report.signals) == len(rows.dtype.names) - 1
