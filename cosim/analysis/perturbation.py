@@ -132,7 +132,7 @@ class PerturbedRuns:
                 for offsets in directions
                 for sign in (1.0, -1.0)
             ]
-        return _deviations(h, runner.times * gap, unperturbed, runs)
+        return _deviations(h, runner.times * gap + runner.memory, unperturbed, runs)
 
 
 class _Runner:
@@ -148,7 +148,9 @@ class _Runner:
         self.discrete = [p for p in ports if p.type not in ("Real", "String", "Binary")]
         wires = sum(wire.source.type == "Real" for wire in network.wires)
         self.times = math.ceil(MIN_PERTURBATIONS / wires)
-        self.count = self.times * gap + count
+        # Values that are handed on from part to part, and nodes of moving inputs, die out in so many steps.
+        self.memory = len(experiment.sequence) * (1 + experiment.settings.input_order) + 1
+        self.count = self.times * gap + self.memory + count
         self.settled_steps = round(experiment.settle / h)
         self._saves = not parts_without(network.descriptions, STATE)
         if self._saves:

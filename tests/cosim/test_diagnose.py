@@ -165,7 +165,8 @@ def test_loop_delay_of_the_conveyor_drive_on_its_orbit(algorithm: str, delay: fl
     assert got.damping == pytest.approx(machine.zeta, rel=2e-3)
     assert got.delay / got.step == pytest.approx(delay, abs=0.02)
     if delay:
-        assert got.recommended_step == pytest.approx(0.9 * 0.05 * machine.J / machine.B, rel=0.05)
+        longest = 0.05 * machine.J / machine.B
+        assert 0.75 * longest < got.recommended_step < longest
     else:
         assert got.recommended_step == got.step
 
@@ -203,7 +204,9 @@ def test_an_undamped_system_has_no_share_to_keep(fmus: Path) -> None:
     got = diagnose(coupled(fmus, OSCILLATOR), step=0.01, algorithm="jacobi")
     assert got.trusted
     assert abs(got.damping) <= got.error < 1e-4
-    assert got.damping_seen == pytest.approx(0.062894, rel=1e-4)
+    s = rates(OSCILLATOR, Scheme("jacobi"), 0.01)
+    growing = min(s[s.imag > 0.0], key=lambda s: -s.real / abs(s))
+    assert got.damping_seen == pytest.approx(-growing.real / abs(growing), rel=1e-6)
     assert got.recommended_step is None
     assert "does not damp it" in got.text()
 
