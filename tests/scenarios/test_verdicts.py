@@ -207,8 +207,8 @@ def test_no_option_is_left_without_the_value_that_was_used(name: str) -> None:
 def test_an_answer_hangs_on_what_its_question_declares_or_on_all_that_is_no_formula() -> None:
     known, formula = Figure(1.0, "N", 0.1), Figure(1.0, "N", 0.0)
     unknown = Figure.undetermined("N", "it stuck")
-    declared = SimpleNamespace(DECISIVE=("a",), __file__="mine.py")
-    free = SimpleNamespace(__file__="mine.py")
+    declared = SimpleNamespace(decisive=("a",), path="mine.py")
+    free = SimpleNamespace(decisive=(), path="mine.py")
     for page, figures, wanted in (
         (declared, {"a": known, "b": unknown}, False),
         (declared, {"a": unknown, "b": known}, True),

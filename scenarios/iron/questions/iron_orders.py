@@ -22,10 +22,10 @@ from cosim.accuracy.extrapolation import bound_coupling_error
 from workbench import Chart, Context, Curve, Figure, Findings, Mark, Panel, Show, Table, option
 from workbench.answer import parameters
 from workbench.charts.model import SERIES
+from workbench.context import captured_warnings
 from workbench.figure import listed, refusals
 from workbench.measure import Measured, Samples, harmonics, measured
 from workbench.periodic import NoOrbitError, Revolutions, periodic_orbit
-from workbench.run import captured_warnings
 
 from .. import machine as iron
 from .. import motion
