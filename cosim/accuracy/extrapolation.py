@@ -32,15 +32,14 @@ UNCONFIRMED_FACTOR = 3.0
 CONFIRMED_DISTANCE = 0.1
 #: Lowest order with which differences may fall: convention of Oberkampf and Roy, and of Eca and Hoekstra.
 LOWEST_ORDER = 0.5
-#: An order so far above that of the algorithm is an accident. Measured in benchmarks/certify.py: no
-#: estimate with a lower one exceeded the share ACCIDENTAL_SHARE of its value.
+#: An order so far above that of the algorithm is an accident: a convention of this project, not derived.
 ACCIDENTAL_EXCESS = 1.5
 #: Largest error of a number without an order, as a share of it: convention, a number without one digit
 #: is none.
 ACCIDENTAL_SHARE = 0.15
-#: Factor on the data range of runs that come closer to each other from both sides. Measured in
-#: benchmarks/certify.py: 1.13 is the largest ratio of the true error to the range. Eca and Hoekstra use 3
-#: for runs that do not come closer; those are refused.
+#: Factor on the data range of runs that come closer to each other from both sides: a convention of this project. One
+#: draw of benchmarks/certify.py has a figure that is off by 1.13 times this error. Eca and Hoekstra use 3 for runs
+#: that do not come closer; those are refused here.
 RANGE_FACTOR = 1.5
 #: Differences below this share of a value are rounding: derived, 10^6 operations of relative error 1e-16.
 ROUNDING_SHARE = 1e-10
@@ -56,17 +55,16 @@ DISTANT_SHARE = 0.1
 NEIGHBOURS = 2
 #: Runs from which an order is observed: derived, two differences need three.
 RUNS = 3
-#: Differences that do not fall by this factor show no order that can be extrapolated: measured in
-#: benchmarks/resonance.py, features of 200 drives; half of the factor 2 of order 1 lies at sqrt(2).
+#: Differences that do not fall by this factor are not extrapolated: a convention of this project, not derived.
 SLOWEST_FALL = 1.5
-#: Differences below this share of a value are those of a settled orbit: measured in benchmarks/resonance.py.
+#: Differences below this share of a value are those of a settled orbit: a convention of this project.
 SETTLED_SHARE = 1e-9
 #: Differences in no order up to this share of a value still give an error: convention, three digits.
 UNORDERED_SHARE = 1e-3
 #: Factor on such differences: convention, twice the spread for each of two runs.
 UNORDERED_FACTOR = 4.0
-#: Smallest error of an extrapolated value as a share of the last difference: measured in
-#: benchmarks/resonance.py, where the limits of both pairs agree by accident.
+#: Smallest error of an extrapolated value as a share of the last difference, for limits of both pairs that agree by
+#: accident: a convention of this project, not derived.
 EXTRAPOLATION_SHARE = 0.02
 #: Factor on the spread of runs that show no order: convention, the truth is as far again on either side.
 SPREAD_FACTOR = 2.0
